@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar
 
 from brickhub.cli.options import JsonFlag, option
 from brickhub.cli.terminal import print_findings
-from brickhub.errors import DescriptionError
+from brickhub.errors import BluetoothUnavailableError, DescriptionError
 from brickhub.finding import Finding, Outcome
 
 _SCAN_S = 1.0
@@ -78,7 +78,6 @@ def check_compiler() -> Answer:
 
 def check_bluetooth() -> Answer:
     """Check that hubs can be scanned for; on Linux also why not."""
-    from brickhub.errors import BluetoothUnavailableError
     from brickhub.hub.transports.ble import bluetooth_problem, scan
 
     fault = bluetooth_problem()

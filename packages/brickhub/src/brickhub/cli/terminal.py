@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from brickhub.finding import Finding
+from brickhub.finding import Finding, Outcome
 
 
 class Interrupted(Exception):
@@ -34,8 +32,6 @@ def print_note(line: str) -> None:
 def print_findings(findings: Iterable[Finding], widths: tuple[int, int], *, as_json: bool = False, **about: str) -> int:
     """Print each finding as it is made, in columns of these ``widths``, or all as one JSON object with the names and values in
     ``about``. Returns the exit code: 1 if a finding is an error, else 0."""
-    from brickhub.finding import Outcome
-
     found = []
     for finding in findings:
         found.append(finding)

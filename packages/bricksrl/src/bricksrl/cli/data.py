@@ -10,8 +10,9 @@ from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import print_line
-from brickhub.files import folder_with, quoted
+from brickhub.files import folder_with, only_writer, quoted
 from bricksrl.cli.terminal import load_learning
+from bricksrl.data.schema import FILES
 from bricksrl.errors import DataError, counted
 
 if TYPE_CHECKING:
@@ -87,11 +88,9 @@ class Repair:
     """Folder for the intact episodes of a damaged dataset, which must not exist."""
 
     def execute(self) -> int:
-        from brickhub.files import only_writer
         from bricksrl.data.dataset import dataset_folder
         from bricksrl.data.edit import salvage
         from bricksrl.data.integrity import check, recover
-        from bricksrl.data.schema import FILES
 
         root = dataset_folder(self.dataset)
         if self.out is not None:

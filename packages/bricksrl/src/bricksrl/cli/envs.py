@@ -5,16 +5,16 @@ from __future__ import annotations
 import dataclasses
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import print_findings, print_line
+from bricksrl import agents, envs, robots
 from bricksrl.cli.terminal import load_learning
-
-if TYPE_CHECKING:
-    from bricksrl.envs.task import Task
+from bricksrl.envs.arenas import ARENAS
+from bricksrl.envs.task import Task
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,6 @@ class List:
     """Print one JSON object instead of a table."""
 
     def execute(self) -> None:
-        from bricksrl import agents, envs, robots
-        from bricksrl.envs.arenas import ARENAS
-
         names: dict[str, Any] = {
             "environments": [_environment(envs.get_task(env_id), summary) for env_id, summary in envs.list_envs().items()],
             "arenas": list(ARENAS),

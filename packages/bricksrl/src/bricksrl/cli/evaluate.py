@@ -14,8 +14,11 @@ from tyro.conf import Positional
 from brickhub.cli.options import Flag, JsonFlag, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.seed import check_seed
-from bricksrl.cli.terminal import load_learning
+from brickhub.user_files import without_folder
+from bricksrl.cli.terminal import EmergencyStop, load_learning
 from bricksrl.errors import StoppedError, TwinError, counted, percent
+from bricksrl.plotting import check_picture, number
+from bricktwin.twin.physics import read_physics
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
@@ -63,9 +66,7 @@ class Evaluate:
     json: JsonFlag = False
 
     def execute(self) -> None:
-        from bricksrl.cli.terminal import EmergencyStop
         from bricksrl.training.run_folder import RunFolder
-        from bricktwin.twin.physics import read_physics
 
         check_seed(self.seed)
         given = {name: getattr(self, name) for name in ("hub", "link") if getattr(self, name) is not None}
@@ -147,7 +148,6 @@ class Compare:
 
     def execute(self) -> None:
         from bricksrl.evaluation.comparison import compare, draw
-        from bricksrl.plotting import check_picture
 
         if self.out is not None:
             check_picture(self.out)
@@ -178,7 +178,6 @@ class Plot:
 
     def execute(self) -> None:
         from bricksrl.evaluation.comparison import compare, draw
-        from bricksrl.plotting import check_picture
 
         check_picture(self.out)
         draw(self.out, compare(self.runs).groups)
@@ -189,9 +188,6 @@ def print_comparison(comparison: Comparison) -> None:
     """Print the table of a comparison, and the probabilities of improvement."""
     from rich.console import Console
     from rich.table import Table
-
-    from brickhub.user_files import without_folder
-    from bricksrl.plotting import number
 
     table = Table("environment", "agent", "seeds", "episodes", "robot steps", "score", "95 % interval", box=None, pad_edge=False)
     for group in comparison.groups:
@@ -211,8 +207,6 @@ def print_comparison(comparison: Comparison) -> None:
 
 
 def _interval(group: Group) -> str:
-    from bricksrl.plotting import number
-
     interval = group.interval
     return "needs 5 seeds" if interval is None else f"{number(interval.low)} to {number(interval.high)}"
 

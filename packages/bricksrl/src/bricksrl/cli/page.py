@@ -20,10 +20,16 @@ from brickhub.cli.options import option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import check_count
 from brickhub.files import folder_with
-from bricksrl.cli.terminal import load_learning, place_robot
+from brickhub.hub.transports.address import parse_hub
+from brickhub.user_files import is_reference
+from bricksrl.cli.teleop import driving
+from bricksrl.cli.terminal import EmergencyStop, load_learning, place_robot
+from bricksrl.envs import get_task
 from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.registry import make_robot
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.page.server import LOOPBACK, PageOptions
+from bricksrl.policies import config_of
 from bricktwin.cli.plan_commands import PlanArgument, read_named_plan
 
 if TYPE_CHECKING:
@@ -124,7 +130,6 @@ class Demo:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        from bricksrl.envs.registry import make_robot
         from bricksrl.page.robot_play import play_robot
 
         check_count("episodes", self.episodes)
@@ -164,10 +169,6 @@ class Play:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        from brickhub.hub.transports.address import parse_hub
-        from brickhub.user_files import is_reference
-        from bricksrl.envs.registry import make_robot
-
         address = shown(self.live_page, self.page)
         check_count("episodes", self.episodes)
         folder = Path(self.target)
@@ -243,7 +244,6 @@ class DriveRobot:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        from bricksrl.envs.registry import make_robot
         from bricksrl.page.robot_play import play_robot
 
         robot = None if self.device else make_robot(self.env, self.robot, seed=self.seed, place=place_robot)
@@ -251,7 +251,6 @@ class DriveRobot:
             with closing(robot):
                 _on_page(self.live_page, robot, self.env, play_robot, {}, subtitle="driven by hand", in_charge=True)
             return
-        from bricksrl.cli.teleop import driving
         from bricksrl.page.play import play_on_page, resting_player
 
         load_learning()
@@ -267,7 +266,6 @@ class DriveRobot:
 def _environment(flags: Play | DriveRobot, target: str, run: Path | None) -> Iterator[tuple[EnvBase, str]]:
     """The named environment, or that of a run, open inside this context, and its id."""
     from bricksrl.envs import make
-    from bricksrl.policies import config_of
 
     env_id, options = target, flags.robot
     if run is not None:
@@ -298,8 +296,6 @@ def _on_page(
 
 def play_until_stopped(env: Any, page: LivePage, play: Callable[[threading.Event], list[float]]) -> None:
     """Serve a page while an environment is played on it; Ctrl-C, or the event that ``play`` is given, ends it."""
-    from bricksrl.cli.terminal import EmergencyStop
-
     try:
         with page, EmergencyStop(stop := threading.Event(), print_note) as emergency_stop:
             announce(page.url)
@@ -312,7 +308,6 @@ def play_until_stopped(env: Any, page: LivePage, play: Callable[[threading.Event
 
 def _in_terminal(env: EnvBase, player: Player, episodes: int | None, seed: int) -> None:
     """Play without a page, and print a line for each whole episode."""
-    from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.envs.rollout import play_episodes
 
     try:
@@ -338,7 +333,6 @@ def run_on_page(
     if address is None:
         yield None
         return
-    from bricksrl.envs import get_task
     from bricksrl.page.live import LivePage
 
     task = get_task(env_id, **options)

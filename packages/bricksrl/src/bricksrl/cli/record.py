@@ -18,10 +18,13 @@ from brickhub.files import quoted
 from brickhub.seed import check_seed
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
 from bricksrl.cli.teleop import DEVICES, Device, driving, quiet, with_human
-from bricksrl.cli.terminal import load_learning
+from bricksrl.cli.terminal import EmergencyStop, load_learning
+from bricksrl.data.schema import describe
+from bricksrl.envs import get_task, make
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DataError, DescriptionError, RunError, StoppedError, counted, hint
 from bricksrl.page.server import PageOptions
+from bricksrl.policies import config_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -70,10 +73,7 @@ class Record:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        from bricksrl.cli.terminal import EmergencyStop
         from bricksrl.data.recorder import Recorder
-        from bricksrl.data.schema import describe
-        from bricksrl.envs import get_task
 
         check_count("episodes", self.episodes)
         check_seed(self.seed)
@@ -137,9 +137,6 @@ class Record:
         print_note(f"{self.out} has {counted(len(recorder.rows), 'episode')} already, which are kept; this adds to them")
 
     def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> EnvBase:
-        from bricksrl.envs import make
-        from bricksrl.policies import config_of
-
         if self.policy != "random" and self.policy not in DEVICES:  # a run, whose policy acts behind its transforms
             options = options.changed(**config_of(Path(self.policy)).transforms)
 

@@ -17,6 +17,7 @@ from brickhub.cli.key_listener import can_listen, interrupt_main, keys_heard
 from brickhub.cli.terminal import print_error, print_line
 from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.errors import BricksError, RunError
+from bricktwin.twin.make_body import check_mujoco
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,8 +39,6 @@ def place_robot(_rng: np.random.Generator | None = None) -> None:
 
 def load_learning() -> None:
     """Import torch and TorchRL; a Ctrl-C meanwhile is raised afterwards, because these modules may ignore it."""
-    from bricktwin.twin.make_body import check_mujoco
-
     interrupted = False
 
     def remember(_signum: int, _frame: FrameType | None) -> None:

@@ -14,6 +14,7 @@ from brickhub.cli.options import Flag, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import quoted
 from bricksrl.cli.terminal import load_learning
+from bricksrl.errors import RunError
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,6 @@ class Tune:
     """Train the seeds of a trial in parallel: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
 
     def execute(self) -> None:
-        from bricksrl.errors import RunError
         from bricksrl.evaluation.tuning import BEST, STUDY, Tuning, tune
         from bricksrl.training.run_folder import file_name
 
@@ -122,8 +122,6 @@ class StudyCommand:
 
 def _found(named: Path | None) -> Path:
     """The folder of the benchmarks. Raises RunError if there is none."""
-    from bricksrl.errors import RunError
-
     above = [*Path(__file__).resolve().parents, Path.cwd(), *Path.cwd().parents]
     for folder in [named.resolve()] if named else (path / "benchmarks" for path in above):
         if folder.name == "benchmarks" and (folder / "registry.py").exists():

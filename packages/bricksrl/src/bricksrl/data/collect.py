@@ -6,10 +6,13 @@ import dataclasses
 from collections.abc import Callable
 from datetime import UTC, datetime
 from importlib import metadata
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import EnvBase
 
 from brickhub import HOUSES
 from brickhub.seed import check_seed
@@ -17,11 +20,6 @@ from bricksrl.data.dataset import About, EpisodeRow
 from bricksrl.data.recorder import Recorder, Step
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import Driver, Policy, Rollout, play
-
-if TYPE_CHECKING:
-    from tensordict import TensorDictBase
-    from torch import Tensor
-    from torchrl.envs import EnvBase
 
 _VERSIONS = {name: metadata.version(name) for name in (*HOUSES, "torch", "torchrl", "mujoco")}
 

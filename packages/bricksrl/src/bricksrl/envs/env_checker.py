@@ -9,6 +9,7 @@ from contextlib import closing
 import torch
 
 from brickhub.finding import Finding, Outcome
+from brickhub.hub.program.compile import check_program
 from brickhub.user_files import line_of_user
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task, make
@@ -105,8 +106,6 @@ def _number(cell: str) -> float | str:
 
 
 def _program(task: Task) -> str:
-    from brickhub.hub.program.compile import check_program
-
     if not task.robot.hub.model.runs_programs:
         raise Skip(f"a {task.robot.hub.value} runs no programs")
     size = check_program(task.hub_program, task.robot.hub)

@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,11 +26,9 @@ from bricksrl.evaluation.statistics import (
 )
 from bricksrl.plotting import PALETTE, check_picture, finish, new_figure, save, style
 from bricksrl.training.callbacks import WINDOW
+from bricksrl.training.config import TrainConfig
 from bricksrl.training.curve import moving_mean
 from bricksrl.training.run_folder import RunFolder
-
-if TYPE_CHECKING:
-    from bricksrl.training.config import TrainConfig
 
 _COLUMNS = 2
 _NOT_COMPARED = ("seed", "episodes", "device", "log", "record")

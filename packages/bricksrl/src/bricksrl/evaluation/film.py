@@ -12,7 +12,11 @@ from typing import TYPE_CHECKING
 
 from brickhub.files import check_writable
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.registry import make_env
 from bricksrl.errors import TwinError
+from bricksrl.evaluation.evaluator import evaluation_options
+from bricksrl.training.run_folder import RunFolder
+from bricktwin.twin.make_body import lies_on_bench
 
 if TYPE_CHECKING:
     from tensordict.nn import TensorDictModuleBase
@@ -55,8 +59,6 @@ def check_film(path: Path) -> None:
 
 def check_filmable(env: EnvBase) -> None:
     """Raise TwinError unless an environment has a virtual robot with a body that can be seen."""
-    from bricktwin.twin.make_body import lies_on_bench
-
     if interface_of(env).robots != 1:
         raise TwinError(f"{env.task.id} has no virtual robot to film; choose an environment with a hub")
     if lies_on_bench(env.task.robot, env.task.scene):
@@ -159,11 +161,8 @@ def film_run(
 ) -> Film:
     """Film an episode of a policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. Raises RunError or
     CheckpointError if there is no such run or policy, RenderingUnavailableError or TwinError as `filmed_env`."""
-    from bricksrl.envs.registry import make_env
     from bricksrl.envs.rollout import play_episodes
-    from bricksrl.evaluation.evaluator import evaluation_options
     from bricksrl.policies.policy import named_policies
-    from bricksrl.training.run_folder import RunFolder
 
     origin = RunFolder(run_dir).origin()
     with closing(make_env(origin.env, evaluation_options(origin, origin.env, hub="virtual"), seed=origin.seed)) as env:

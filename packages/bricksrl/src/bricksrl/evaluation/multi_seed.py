@@ -23,18 +23,18 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from brickhub.files import TEMPORARY_PREFIX, write_durably, writing
 from brickhub.seed import check_seed
+from brickhub.user_files import failure_of_user
 from bricksrl.child_process import END, ChildProcess, Message, leave, parent_channel
 from bricksrl.errors import BricksError, RunError
 from bricksrl.evaluation.cluster import RETRIES, connected, parse_on
 from bricksrl.evaluation.comparison import Group, compare, draw
+from bricksrl.evaluation.evaluator import evaluate
 from bricksrl.training.callbacks import Callback, Episode, Progress
-
-if TYPE_CHECKING:
-    from bricksrl.training.config import TrainConfig
+from bricksrl.training.config import TrainConfig
 
 MAX_SEEDS = 1000
 """Maximum number of seeds of one command."""
@@ -114,8 +114,6 @@ def train_and_evaluate(
 ) -> str | None:
     """Train into a folder, or resume the run in it, evaluate, and report; returns the error, if any, also one of the user's code.
     Raises KeyboardInterrupt if ``stop`` is set meanwhile."""
-    from brickhub.user_files import failure_of_user
-    from bricksrl.evaluation.evaluator import evaluate
     from bricksrl.training import RunFolder, TrainConfig, resume, train
 
     try:

@@ -8,19 +8,17 @@ from collections.abc import Iterable, Sequence
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from brickhub.files import quoted, write_durably
 from bricksrl.envs.reference_returns import REFERENCES, reference_lines
 from bricksrl.envs.registry import is_simulation
 from bricksrl.errors import RenderingUnavailableError, TwinError, counted, percent
+from bricksrl.evaluation.evaluator import EvaluationResult
 from bricksrl.evaluation.film import Film, film_run, side_by_side
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.curve import draw_learning_curve
 from bricksrl.training.run_folder import Origin, RunFolder
-
-if TYPE_CHECKING:
-    from bricksrl.evaluation.evaluator import EvaluationResult
 
 FILM_BUDGET_S = 10.0
 """Approximate drawing time of each film of a run."""

@@ -21,11 +21,16 @@ from typing import TYPE_CHECKING, Any
 
 from brickhub.files import serialized, write_durably
 from brickhub.seed import LARGEST_SEED, check_seed
+from bricksrl.agents import make_learner
 from bricksrl.agents.settings import Range
+from bricksrl.envs import make
+from bricksrl.envs.registry import get_task
 from bricksrl.errors import DivergedError, RunError, message_of
 from bricksrl.evaluation.cluster import connected, map_on_cluster, parse_on
+from bricksrl.evaluation.evaluator import evaluate
 from bricksrl.training.callbacks import Callback, Episode, Progress
 from bricksrl.training.config import TrainConfig, settings_for
+from bricksrl.training.run import train
 
 if TYPE_CHECKING:
     import optuna
@@ -143,8 +148,6 @@ def tune(
         DescriptionError: the seed is invalid.
         UnknownNameError: there is no such environment or agent.
     """
-    from bricksrl.envs.registry import get_task
-
     try:
         import optuna
     except ImportError:
@@ -222,9 +225,6 @@ def _storage(path: Path) -> Iterator[None]:
 
 def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
     """Mean return of a trained agent; not a number if it diverged."""
-    from bricksrl.evaluation.evaluator import evaluate
-    from bricksrl.training.run import train
-
     stop = threading.Event()
 
     class StopAtSteps(Callback):
@@ -248,9 +248,6 @@ def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
 
 def _check_trains(tuning: Tuning) -> None:
     """Raise RunError for an agent that does not learn online."""
-    from bricksrl.agents import make_learner
-    from bricksrl.envs import make
-
     with closing(make(tuning.env)) as env:
         learner = make_learner(tuning.agent, env)
     if learner.imitates or learner.loss is None:

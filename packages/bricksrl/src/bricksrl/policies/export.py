@@ -13,11 +13,12 @@ import warnings
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
+from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from brickhub.files import check_writable, refuse_existing, write_durably
@@ -25,12 +26,8 @@ from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.transforms import layout_of
 from bricksrl.errors import RunError, message_of
 from bricksrl.policies import load_policy, make_env_of
+from bricksrl.policies.policy import Policy
 from bricksrl.training.restore import Which
-
-if TYPE_CHECKING:
-    from torchrl.envs import EnvBase
-
-    from bricksrl.policies.policy import Policy
 
 Format = Literal["torch-export", "onnx"]
 """File format: a program of ``torch.export``, or ONNX."""

@@ -8,13 +8,15 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import fmean, median
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
+from tensordict import TensorDictBase
 
 from brickhub.files import check_writable, refuse_existing, write_durably
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.program.generate import generate_alone
+from brickhub.hub.transport import HubProgram
 from brickhub.seed import derive_seed
 from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import Machine
@@ -24,18 +26,13 @@ from bricksrl.agents.search.structures import Oscillators, StructuredActor
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.odometry import TrueOdometer
 from bricksrl.envs.rollout import play_episodes
+from bricksrl.envs.task import Task
 from bricksrl.envs.transforms import base_of
 from bricksrl.errors import RunError
 from bricksrl.policies import load_policy, make_env_of
 from bricksrl.policies.hub_network import HIDDEN, HubNetwork, distil
 from bricksrl.training.restore import Which, reproducible
 from bricktwin.twin.make_body import make_body
-
-if TYPE_CHECKING:
-    from tensordict import TensorDictBase
-
-    from brickhub.hub.transport import HubProgram
-    from bricksrl.envs.task import Task
 
 EPISODES = 5
 """Of the comparison, on seeds that the policy never saw."""

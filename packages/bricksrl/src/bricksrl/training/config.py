@@ -17,6 +17,7 @@ from brickhub.seed import check_seed
 from brickhub.user_files import with_absolute_file, without_folder
 from bricksrl.agents import algorithm, preset
 from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.registry import get_task
 from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError, counted
 from bricktwin.twin.physics import Physics
 
@@ -223,8 +224,6 @@ def settings_from(agent: str, given: dict[str, Any]) -> Any:
 
 def settings_for(env: str, name: str, agent: str) -> Any:
     """Settings of a preset for an agent in an environment. Raises UnknownNameError if there is no such agent or preset."""
-    from bricksrl.envs.registry import get_task
-
     try:
         images = bool(get_task(env).images)
     except BricksError:

@@ -14,9 +14,11 @@ from tyro.conf import Positional
 from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import confirm, print_line, print_note
 from brickhub.errors import TwinError, counted
+from brickhub.files import check_writable
 from brickhub.seed import check_seed
 from brickhub.target import find, whole_interface
-from bricktwin.twin.physics import FITTED, Physics
+from bricktwin import robots
+from bricktwin.twin.physics import FITTED, PARAMETERS, Physics, read_physics, write_physics
 
 if TYPE_CHECKING:
     from brickhub.hub.interface import Interface
@@ -60,7 +62,6 @@ class RecordMotion:
     def execute(self) -> None:
         import numpy as np
 
-        from brickhub.files import check_writable
         from bricktwin.twin.motion_log import identification_commands, record, write_log
 
         if self.steps < 1:
@@ -95,7 +96,6 @@ class RecordMotion:
 def _hub(name: str, physics: Path | None) -> tuple[Transport | None, Physics | None]:
     """An unopened transport to a real robot, or ``None`` and the physics of a virtual one, if a file has them."""
     from brickhub.hub.transports.address import parse_hub
-    from bricktwin.twin.physics import read_physics
 
     address = parse_hub(name)
     if address.is_virtual:
@@ -129,11 +129,9 @@ class Measure:
     """Physics of a virtual robot: a JSON file such as `bricktwin twin fit` writes."""
 
     def execute(self) -> None:
-        from brickhub.files import check_writable
         from bricktwin.measure.report import HEAD, lines, write_report
         from bricktwin.measure.results import compare
         from bricktwin.measure.session import measure, write_log
-        from bricktwin.twin.physics import write_physics
 
         check_seed(self.seed)
         robot = find(self.robot).robot
@@ -202,10 +200,7 @@ class FitTwin:
     """File for the physics; by default the log's name with the suffix .physics.json."""
 
     def execute(self) -> None:
-        from brickhub.files import check_writable
-        from bricktwin import robots
         from bricktwin.twin.motion_log import read_log
-        from bricktwin.twin.physics import write_physics
         from bricktwin.twin.system_id import fit
 
         def report(replay: int, error: float) -> None:
@@ -237,8 +232,6 @@ def _bench_scene(scene: Scene | None) -> Scene | None:
 
 
 def _print(result: FittedPhysics) -> None:
-    from bricktwin.twin.physics import PARAMETERS
-
     print_line("error of the twin (root mean square)")
     for name, before in result.error_before.items():
         print_line(f"  {name:24}{before:8.3g} -> {result.error_after[name]:.3g}")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from brickhub.robot import Robot
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
@@ -56,8 +58,6 @@ class BaseEnv:
 
     def read_from_hub(self) -> np.ndarray[Any, Any]:
         """The client's answer ``[1, n]``: to the last action, or at a reset to zeros. Raises HubError if none comes in time."""
-        import numpy as np
-
         self.state = self.state or self.link().receive().values
         return np.array([self.state], np.float32)
 

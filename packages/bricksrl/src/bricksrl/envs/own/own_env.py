@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 
+from brickhub.hub.link.own_client import ClientLink
+from brickhub.hub.link.robot_link import Reading
 from bricksrl.envs.env import HubEnv
+from bricksrl.envs.own.base_env import BaseEnv
 from bricksrl.envs.robot_env import EpisodeState, Floats
 from bricksrl.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from brickhub.hub.link.own_client import ClientLink
-    from brickhub.hub.link.robot_link import Reading
-    from bricksrl.envs.own.base_env import BaseEnv
 
 
 class OwnEnv(HubEnv):

@@ -5,16 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tensordict import TensorDict
 
 from bricksrl.errors import HubError, RunError
 from bricksrl.training.callbacks import Episode, Phase, RobotState
+from bricksrl.training.fleet.fleet_robots import Event, Fleet, Member
 from bricksrl.training.sources import Ended, Moved, Source
-
-if TYPE_CHECKING:
-    from bricksrl.training.fleet.fleet_robots import Event, Fleet, Member
 
 _POLL_S = 0.1
 

@@ -16,7 +16,10 @@ from typing import TYPE_CHECKING, Any
 from brickhub.user_files import line_of_user
 from bricksrl.child_process import END, Message, leave, parent_channel
 from bricksrl.envs.env_interface import BricksEnv, interface_of
+from bricksrl.envs.registry import make
 from bricksrl.errors import StoppedError, message_of
+from bricksrl.training.config import TrainConfig
+from bricksrl.training.restore import make_learner_for
 
 if TYPE_CHECKING:
     import numpy as np
@@ -81,10 +84,6 @@ class Worker:
 
     def _prepare(self, begin: dict[str, Any]) -> tuple[EnvBase, Learner]:
         import torch
-
-        from bricksrl.envs.registry import make
-        from bricksrl.training.config import TrainConfig
-        from bricksrl.training.restore import make_learner_for
 
         torch.set_num_threads(1)
         config = TrainConfig.from_dict(begin["config"])

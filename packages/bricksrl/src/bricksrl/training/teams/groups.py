@@ -9,21 +9,20 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import NormalParamExtractor, TensorDictModule, TensorDictSequential
 from torch import Tensor, nn
 from torchrl.data import Bounded, Composite, Unbounded
+from torchrl.envs import EnvBase
 from torchrl.modules import MultiAgentMLP, ProbabilisticActor, TanhNormal
+from torchrl.objectives import IPPOLoss, MAPPOLoss
 
 from bricksrl.agents.learner import Learner
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from torchrl.envs import EnvBase
 
 TeamAgent = Literal["mappo", "ippo", "sac"]
 TEAM_AGENTS: tuple[TeamAgent, ...] = ("mappo", "ippo", "sac")
@@ -92,7 +91,6 @@ class PPOGroup:
     """
 
     def __init__(self, group: str, robots: int, scale: Tensor, size: int, settings: TeamSettings, *, central: bool) -> None:
-        from torchrl.objectives import IPPOLoss, MAPPOLoss
         from torchrl.objectives.value import GAE
 
         self._group, self._settings, n = group, settings, len(scale)

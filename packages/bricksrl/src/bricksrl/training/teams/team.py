@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brickhub.seed import check_seed, derive_seed
+from bricksrl.envs.arenas import make_arena
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.errors import CheckpointError, RunError, message_of
+from bricksrl.training.restore import reproducible
 
 if TYPE_CHECKING:
     from tensordict.nn import TensorDictModuleBase
@@ -78,7 +80,6 @@ class Team:
 
 def load_team(path: Path | str, scripts: Mapping[str, str] | None = None) -> Team:
     """Load a team, optionally against other scripts. Raises CheckpointError if it is damaged or no team."""
-    from bricksrl.envs.arenas import make_arena
     from bricksrl.training.checkpoint import load_checkpoint
     from bricksrl.training.teams.groups import TeamSettings
 
@@ -110,8 +111,6 @@ def train_team(
 ) -> Team:
     """Train the groups of a config; reproducible. Ends after the round in which ``stop`` is set. Raises UnknownNameError or
     DescriptionError if there is no such arena, group, agent or script."""
-    from bricksrl.envs.arenas import make_arena
-    from bricksrl.training.restore import reproducible
     from bricksrl.training.teams.groups import TeamSettings
 
     settings = settings or TeamSettings()
