@@ -15,7 +15,7 @@ from ble_world import World, bounded
 from brickhub.errors import HubNotFoundError, HubTakenError, Reason
 from brickhub.finding import Outcome
 from brickhub.hub.diagnostics.preflight import check_hub
-from brickhub.hub.transports import profile, pybricks_service
+from brickhub.hub.transports import ble, profile
 from brickhub.hub.transports.ble import find
 from brickhub.robot import HubKind
 
@@ -50,7 +50,7 @@ def service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The socket on which Pybricks' service listens."""
     monkeypatch.setenv("PB_RUNTIME_DIR", str(tmp_path))
     with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)) as listener:
-        listener.bind(str(pybricks_service.socket_path()))
+        listener.bind(str(ble.socket_path()))
         listener.listen()
         yield
 
@@ -69,7 +69,7 @@ def test_missing_hub_may_be_with_the_service(world: World, service: None) -> Non
 
 def test_without_the_service_nothing_is_said_of_it(world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PB_RUNTIME_DIR", str(tmp_path))
-    assert not pybricks_service.is_running()
+    assert not ble.service_is_running()
     assert "service" not in str(bounded(lambda: asyncio.run(find("Rover", None, 0.3, world.radio.backend())), HubNotFoundError))
 
 
@@ -77,6 +77,6 @@ def test_socket_is_where_pybricks_core_has_it(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.delenv("PB_RUNTIME_DIR", raising=False)
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/1000")
-    assert pybricks_service.socket_path() == Path("/run/user/1000/pybricks/pb-service.sock")
+    assert ble.socket_path() == Path("/run/user/1000/pybricks/pb-service.sock")
     monkeypatch.setattr("sys.platform", "darwin")
-    assert pybricks_service.socket_path().parent.name.startswith("pybricks-")
+    assert ble.socket_path().parent.name.startswith("pybricks-")

@@ -23,8 +23,7 @@ from bricksrl.envs.connection import Connection, Placement
 from bricksrl.envs.host_sensors.host_sensor import World, reader_of
 from bricksrl.envs.options import TRANSFORMS, EnvOptions
 from bricksrl.envs.own.base_env import BaseEnv
-from bricksrl.envs.own.base_task import task_of
-from bricksrl.envs.task import Kinematics, Task
+from bricksrl.envs.task import Kinematics, Task, task_of
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK
 from bricksrl.envs.tasks.robo_arm import robo_arm

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from brickhub.entry import Entry
 from brickhub.fields import check_arguments, check_fields, check_value
-from brickhub.hub.interface import Interface
+from brickhub.hub.interface import ClientChannel, ClientCommand, Interface, UntilDone
 from brickhub.hub.link.own_client import OwnClient
 from brickhub.hub.program.generate import generate
 from brickhub.hub.transport import HubProgram
@@ -301,3 +301,32 @@ def _mirror(task: Task, names: Sequence[str], images: Sequence[tuple[str, int]],
     if missing:
         raise DescriptionError(f"{task.id} is symmetric and lacks {', '.join(sorted(missing))}; add them, or omit symmetric")
     return Mirror(tuple(names.index(name) for name, _ in images), tuple(sign for _, sign in images), tuple(wraps))
+
+
+def task_of(env: BaseEnv) -> Task:
+    """What everybody asks of an environment. Raises DescriptionError if a part of it is missing."""
+    try:
+        action, state = env.action_spec.space, env.observation_spec[env.observation_key].space
+        commands = zip(action.low.flatten().tolist(), action.high.flatten().tolist(), strict=True)
+        channels = zip(state.low.flatten().tolist(), state.high.flatten().tolist(), strict=True)
+        return Task(
+            id=f"{type(env).__name__}-v0",
+            doc=type(env).__doc__ or "An environment with resets and steps of its own.",
+            robot=env.robot,
+            interface=Interface(
+                tuple(ClientCommand(f"action_{i}", *ends) for i, ends in enumerate(commands)),
+                tuple(ClientChannel(f"state_{i}", *ends) for i, ends in enumerate(channels)),
+                UntilDone(),
+            ),
+            max_steps=env.max_episode_steps,
+            reward=lambda previous, action, observation: observation.new_zeros((*observation.shape[:-1], 1)),
+            success=lambda observations: observations.new_zeros(observations.shape[:-2]).bool(),
+            metrics=lambda observations: {},
+            scene=env.scene,
+            program=env.program,
+            commands="!" + "f" * env.action_dim,
+            answer="!" + "f" * env.state_dim,
+            base_env=env,
+        )
+    except (AttributeError, KeyError) as error:
+        raise DescriptionError(f"{type(env).__name__}: {error}; set robot, program and specs, and call __init__") from None

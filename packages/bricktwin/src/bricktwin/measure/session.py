@@ -16,7 +16,7 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.transport import Transport
 from brickhub.robot import Robot
 from bricktwin.measure.hands import Deed, Person
-from bricktwin.twin.log_file import read_lines, write_lines
+from bricktwin.twin.motion_log import read_lines, write_lines
 
 TURNED_DEG = 1260.0
 WALL_MM = 300.0

@@ -9,21 +9,23 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import inspect
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from brickhub.errors import DescriptionError
+from brickhub.errors import DescriptionError, TwinError
 from brickhub.fields import check_fields
+from brickhub.files import write_durably
 from brickhub.hub.interface import Channel, Command, Interface, UntilDone, Wait
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import Robot
-from bricktwin.twin.log_file import read_lines, write_lines
 
+_Log = TypeVar("_Log")
 _FORMAT = 1
 _REST_STEPS, _RUN_STEPS = 16, 16
 _RUN_SHARE = 0.6
@@ -163,3 +165,27 @@ def _part(data: dict[str, Any]) -> Any:
     with contextlib.suppress(NameError):  # annotations of a user's kind may name what only its type checker imports
         check_fields(kinds[-1], fields)
     return kinds[-1](**fields)
+
+
+def write_lines(path: Path, lines: Iterable[dict[str, Any]]) -> None:
+    """Write a log, replacing an existing one; its folder is created. Raises WriteError if that is impossible."""
+    write_durably(path, "".join(json.dumps(line) + "\n" for line in lines).encode())
+
+
+def read_lines(path: Path, make: Callable[[dict[str, Any], list[dict[str, Any]]], _Log], writer: str) -> _Log:
+    """What is made of the header and the other lines of a file. Raises TwinError if the file cannot be read, or is no such log.
+
+    Args:
+        make: may raise what the content of another file causes, and DescriptionError with what is wrong with it.
+        writer: the command that writes such files.
+    """
+    try:
+        header, *lines = [json.loads(line) for line in path.read_bytes().splitlines() if line]
+        return make(header, lines)
+    except OSError as error:
+        reason = error.strerror
+    except DescriptionError as error:
+        reason = str(error)
+    except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
+        reason = "it is another file, or damaged"
+    raise TwinError(f"cannot read the log {path} ({reason}); give a file that `{writer}` wrote")

@@ -6,7 +6,9 @@ import asyncio
 import contextlib
 import logging
 import os
+import socket
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -14,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from brickhub import errors
-from brickhub.hub.transports import profile, pybricks_service
+from brickhub.hub.transports import profile
 from brickhub.hub.transports.connection import Port
 from brickhub.hub.transports.profile import PNP_ID_UUID, SERVICE_UUID, parse_hub_kind, refusal
 from brickhub.hub.transports.pybricks_hub import EventLoopThread, ProfileTransport
@@ -47,6 +49,10 @@ _REMEDIES = {
     "darwin": "switch Bluetooth on, and allow the terminal to use it (System Settings, Privacy & Security, Bluetooth)",
     "win32": "switch Bluetooth on (Settings, Bluetooth & devices)",
 }
+
+
+_SERVICE_PATIENCE_S = 0.2
+_RELEASE = "release the hub with `pb disconnect`, or end the service with `pb service stop`"
 
 
 def bluetooth_problem() -> tuple[errors.Reason, str] | None:
@@ -168,9 +174,9 @@ async def find(name: str | None, address: str | None, timeout_s: float, backend:
     seen: _Seen = {}
     for device in await _still_connected(backend):
         seen[device.address] = (device, FoundHub(device.name or "", device.address, 0))
-    if (matches := _matches(seen, name, address)) and pybricks_service.is_running():
+    if (matches := _matches(seen, name, address)) and service_is_running():
         what = f"{_listed(matches)} is connected to Pybricks' own background service"
-        raise errors.HubTakenError(f"the hub {what}; {pybricks_service.RELEASE}")
+        raise errors.HubTakenError(f"the hub {what}; {_RELEASE}")
     if not _matches(seen, name, address):
         await _listen(seen, lambda: bool(_matches(seen, name, address)), timeout_s, backend)
     if address is None and len(_matches(seen, name, None)) == 1:  # check that there are no others
@@ -181,8 +187,8 @@ async def find(name: str | None, address: str | None, timeout_s: float, backend:
     if not matches:
         what = "no hub" if name is None and address is None else f"no hub '{name or address}'"
         others = f"; others are: {_listed(seen.values())}" if seen else ""
-        is_served = pybricks_service.is_running()
-        remedy = f"Pybricks' own background service runs, and may have it: {pybricks_service.RELEASE}" if is_served else _REMEDY
+        is_served = service_is_running()
+        remedy = f"Pybricks' own background service runs, and may have it: {_RELEASE}" if is_served else _REMEDY
         raise errors.HubNotFoundError(f"{what} with Pybricks was found within {timeout_s:g} s{others}; {remedy}")
     device, hub = matches[0]
     _log.info("found the hub '%s' (%s)", hub.name, hub.address)
@@ -293,3 +299,25 @@ class BlePort:
 
     def _errors(self) -> AbstractContextManager[None]:
         return bleak_errors(f"connect to the hub '{self.name}'", errors.HubDisconnectedError)
+
+
+def socket_path() -> Path:
+    """The socket of Pybricks' background service (``pb_core/paths.py`` of pybricks-core 1.0)."""
+    given = os.environ.get("PB_RUNTIME_DIR")
+    runtime = os.environ.get("XDG_RUNTIME_DIR") if sys.platform == "linux" else None
+    own = Path(runtime) / "pybricks" if runtime else Path(tempfile.gettempdir()) / f"pybricks-{os.getuid()}"
+    return (Path(given) if given else own) / "pb-service.sock"
+
+
+def service_is_running() -> bool:
+    """Whether Pybricks' background service (``pybricks-service``, 2026) of this user answers, which keeps the link to a hub after
+    its programs have ended; never on Windows, where it has a named pipe."""
+    if not hasattr(socket, "AF_UNIX"):
+        return False
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.settimeout(_SERVICE_PATIENCE_S)
+        try:
+            probe.connect(str(socket_path()))
+        except OSError:
+            return False
+    return True

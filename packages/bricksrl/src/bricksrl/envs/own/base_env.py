@@ -11,7 +11,6 @@ from brickhub.robot import Robot
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 if TYPE_CHECKING:
-    import numpy as np
     from tensordict import TensorDictBase
     from torch import Tensor
 
