@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     import numpy as np
     from torchrl.envs import EnvBase
 
-    from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.data.dataset import EpisodeRow
     from bricksrl.data.recorder import Recorder
     from bricksrl.envs.rollout import Driver

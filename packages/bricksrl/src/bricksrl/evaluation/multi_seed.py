@@ -33,8 +33,8 @@ from bricksrl.errors import BricksError, RunError
 from bricksrl.evaluation.cluster import RETRIES, connected, parse_on
 from bricksrl.evaluation.comparison import Group, compare, draw
 from bricksrl.evaluation.evaluator import evaluate
+from bricksrl.training import RunFolder, TrainConfig, resume, train
 from bricksrl.training.callbacks import Callback, Episode, Progress
-from bricksrl.training.config import TrainConfig
 
 MAX_SEEDS = 1000
 """Maximum number of seeds of one command."""
@@ -81,8 +81,8 @@ def train_seeds(
     try:
         with writing(folder):
             folder.mkdir(parents=True)
-        train = _train_in_processes if on is None else partial(train_on_cluster, address)
-        results = train(configs, jobs, on_line)
+        train_all = _train_in_processes if on is None else partial(train_on_cluster, address)
+        results = train_all(configs, jobs, on_line)
     except BaseException:
         with contextlib.suppress(OSError):
             folder.rmdir()  # fails if anything was written
@@ -114,8 +114,6 @@ def train_and_evaluate(
 ) -> str | None:
     """Train into a folder, or resume the run in it, evaluate, and report; returns the error, if any, also one of the user's code.
     Raises KeyboardInterrupt if ``stop`` is set meanwhile."""
-    from bricksrl.training import RunFolder, TrainConfig, resume, train
-
     try:
         if RunFolder(run_dir).checkpoint_path.exists():
             result = resume(run_dir, reporter, stop=stop)
