@@ -6,13 +6,14 @@ Modules of commands are imported when they are needed, so that help is printed a
 from __future__ import annotations
 
 import atexit
+import importlib
 import os
 import signal
 import sys
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
 
 _MIN_COLUMNS = 20
@@ -20,19 +21,12 @@ _MIN_COLUMNS = 20
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command of ``brickhub`` and return its exit code, as `start`."""
-
-    def run(words: Sequence[str]) -> int:
-        from brickhub.cli import app
-        from brickhub.cli import command_table as commands
-
-        return app.run(commands.LINE, words)
-
-    return start(run, arguments)
+    return start("brickhub.cli.command_table", arguments)
 
 
-def start(run: Callable[[Sequence[str]], int], arguments: Sequence[str] | None = None) -> int:
-    """Run one command in a terminal of any kind, and return its exit code: 0, 1 for a hub program that failed, 2 for an error,
-    130 for Ctrl-C. ``arguments`` are those of the process by default."""
+def start(table: str, arguments: Sequence[str] | None = None) -> int:
+    """Run one command of a module's ``LINE`` in a terminal of any kind, and return its exit code: 0, 1 for a hub program that
+    failed, 2 for an error, 130 for Ctrl-C. ``arguments`` are those of the process by default."""
     if sys.flags.optimize > 1:  # the help texts need docstrings
         sys.stderr.write("error: Python leaves docstrings out (-OO); unset PYTHONOPTIMIZE or set it to 1\n")
         return 2
@@ -46,7 +40,9 @@ def start(run: Callable[[Sequence[str]], int], arguments: Sequence[str] | None =
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # for terminals that lack a character
     try:
-        return run(sys.argv[1:] if arguments is None else arguments)
+        from brickhub.cli import app
+
+        return app.run(importlib.import_module(table).LINE, sys.argv[1:] if arguments is None else arguments)
     except KeyboardInterrupt:
         sys.stderr.write("interrupted: nothing was saved\n")
         return 130

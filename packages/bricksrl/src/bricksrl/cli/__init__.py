@@ -17,10 +17,4 @@ if TYPE_CHECKING:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0, 1 for a hub program that failed, 2 for an error, 130 for Ctrl-C."""
     os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # hide TorchRL's notes about its buffers
-
-    def run(words: Sequence[str]) -> int:
-        from bricksrl.cli import app
-
-        return app.run(words)
-
-    return start(run, arguments)
+    return start("bricksrl.cli.app", arguments)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import partial
 
 from brickhub.cli import app, command_table
-from brickhub.cli.app import CommandLine, ParsedCommand
+from brickhub.cli.app import CommandLine
 from bricksrl import __version__
 from bricktwin.cli import command_table as of_twins
 
@@ -94,12 +94,5 @@ Examples:
     },
 )
 
-
-def run(arguments: Sequence[str]) -> int:
-    """Run the command that these arguments name; returns its exit code."""
-    return app.run(LINE, arguments)
-
-
-def parse(arguments: Sequence[str]) -> ParsedCommand:
-    """Parse the arguments into a command; exits like argparse for help and for invalid arguments."""
-    return app.parse(LINE, arguments)
+run, parse = partial(app.run, LINE), partial(app.parse, LINE)
+"""Run, and parse, the command that these arguments name."""

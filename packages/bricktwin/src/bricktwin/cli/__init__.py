@@ -11,11 +11,4 @@ if TYPE_CHECKING:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0, 1 for a hub program that failed, 2 for an error, 130 for Ctrl-C."""
-
-    def run(words: Sequence[str]) -> int:
-        from brickhub.cli import app
-        from bricktwin.cli import command_table as commands
-
-        return app.run(commands.LINE, words)
-
-    return start(run, arguments)
+    return start("bricktwin.cli.command_table", arguments)
