@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -127,22 +127,12 @@ class _Author:
         """The instructions of a step of the plan."""
         after = self.plan.present_parts(step)
         moves, _ = moves_of(step, after, self.occupancy, self.links)
-        before = after - {part for move in moves for part in move.parts}
-        note = step.note
+        before, note = after - {part for move in moves for part in move.parts}, step.note
         for few in self._split(moves, len(step.assembly), before):
             for instruction in self._shown(few, frozenset(before), step, times):
                 turned = instruction.scene.view != self.view
                 self.view = instruction.scene.view
-                yield Instruction(
-                    instruction.moves,
-                    instruction.before,
-                    step.assembly,
-                    times,
-                    note,
-                    instruction.scene,
-                    turned,
-                    instruction.inset,
-                )
+                yield replace(instruction, note=note, is_turned=turned)
                 note = ""
             before |= {part for move in few for part in move.parts}
 
