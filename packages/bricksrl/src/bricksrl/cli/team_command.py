@@ -23,7 +23,7 @@ from bricksrl.page.server import PageOptions
 if TYPE_CHECKING:
     from tensordict.nn import TensorDictModuleBase
 
-    from bricksrl.training.teams.team import Team, TeamProgress
+    from bricksrl.training.teams.team import Team, TeamConfig, TeamProgress
 
 TEAM_FILE, FILM_FILE = "team.bin", "film.mp4"
 _SIMULATED_FRAMES, _ARENA_FRAMES = 300_000, 10_000
