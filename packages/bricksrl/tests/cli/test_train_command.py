@@ -122,7 +122,7 @@ def test_record_asks_user_to_place_robot(tmp_path, monkeypatch, capsys):
         place(np.random.default_rng())
         raise HubNotFoundError(f"no hub at {options.hub}; switch it on")
 
-    monkeypatch.setattr("bricksrl.envs.make", make)
+    monkeypatch.setattr("bricksrl.cli.record.make", make)
     for answer, says in (("", "nobody can be asked"), ("\n", "no hub at usb:COM3")):
         monkeypatch.setattr("sys.stdin", io.StringIO(answer))
         assert main(("record", "Spinning-v0", "--hub", "usb:COM3", "--out", str(tmp_path / "data"))) == 2
