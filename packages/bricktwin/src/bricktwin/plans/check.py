@@ -97,7 +97,7 @@ def _check_connections(plan: Plan, structure: Structure, guesses: Sequence[froze
             yield male.line, "half-held", text
     connected = {part for members in structure.bodies.members for part in members}
     if guesses:
-        connected |= reached(min(connected), neighbours(structure.connections, guesses))
+        connected |= reached([min(connected)], neighbours(structure.connections, guesses))
     for placed in plan.parts:
         if placed.index not in connected and not placed.part.is_loose:
             yield placed.line, "loose", f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"

@@ -206,7 +206,8 @@ class _Builder:
     def _join(self, reference: Reference, model: Model, assembly: tuple[str, ...]) -> tuple[int, ...]:
         self._count(reference)
         if reference.is_stretched:  # so would be all of its parts
-            raise self._fault(reference, _STRETCHED.format(reference.name))
+            self.faults.append(LineFault(reference.line, _STRETCHED.format(reference.name)))
+            return ()
         inner = (*assembly, f"{model.name}:{reference.line}")
         parts = self.build(model, reference, inner)
         if reference.is_free or reference.is_fixed or reference.ball is not None:
