@@ -119,7 +119,7 @@ def test_what_hangs_on_an_unconnected_part_is_no_finding_of_its_own(findings):
 
 
 def test_pin_with_a_bush_may_spin(findings):
-    """One pin with a bush through two beams that a second pin holds together; with a gear on an axle in its bush, it is a shaft."""
+    """Through two beams that other pins hold together; with a gear on an axle in its bush, it is a shaft."""
     bush = "1 0 0 0 40 0 1 0 1 0 0 0 0 -1 32054.dat"
     held = [BEAM, line("32316", 0, 20, 0), pin(0, 10, 0), pin(0, 10, 20), bush]
     assert findings(*held) == []
