@@ -297,7 +297,7 @@ def test_rest_of_a_damaged_file_is_read(findings):
         planned(plan)
 
 
-@pytest.mark.parametrize("kind", ["!LDRAW_ORG Unofficial_Part", "UNOFFICIAL PART", "Unofficial Part"])
+@pytest.mark.parametrize("kind", ["!LDRAW_ORG Unofficial_Part", "UNOFFICIAL PART", "Unofficial Part", "No header"])
 def test_embedded_part_files_may_repeat(kind):
     plate = ["0 FILE 99999.dat", f"0 {kind}", "1 16 0 0 0 1 0 0 0 1 0 0 0 1 box.dat"]
     plan = plan_of("0 FILE a.ldr", BEAM, BEAM.replace("32316", "99999"), *plate, *plate)
@@ -314,6 +314,7 @@ SEGMENT = "1 16 0 0 0 1 0 0 0 1 0 0 0 1 u9218.dat"
         ["1 16 0 0 0 1 0 0 0 9 0 0 0 1 4-4cyli.dat"] * 40,
         ["0 !LDCAD GENERATED [generator=LDCad 1.6] [master=a.ldr]", *[SEGMENT] * 40],
         ["0 !LDCAD GENERATED [generator=LDCad 1.6]", "0 UNOFFICIAL PART", *[SEGMENT] * 40],
+        ["0 !LDCAD GENERATED [generator=LDCad 1.6]", *[SEGMENT] * 40, "0 FILE u9218.dat", "3 16 0 0 0 1 0 0 0 1 0"],
     ],
 )
 def test_segmented_hose_is_one_piece(segments):

@@ -210,8 +210,8 @@ class Document:
                 self._buffers[buffer] = len(self._current(number).references)
             case ["0", "BUFEXCH", buffer, "RETRIEVE"]:  # what was placed in between only showed a way
                 del self._current(number).references[self._buffers.get(buffer, MAX_LINES) :]
-            case ["0", "!LDRAW_ORG" | "UNOFFICIAL" | "Unofficial", kind, *_]:
-                self._current(number).is_shape |= kind.removeprefix("Unofficial_").title() in _LIBRARY_TYPES
+            case ["0", "!LDRAW_ORG", kind, *_]:
+                self._current(number).is_shape |= kind.removeprefix("Unofficial_") in _LIBRARY_TYPES
             case ["0", "!LDCAD", "GENERATED", *_]:  # the segments of a cable or hose of LDCad, and parts at its ends
                 self._current(number).is_drawn = True
             case ["0", "SYNTH", "BEGIN", kind, *_]:  # what follows are the segments of a cable or hose of LSynth
