@@ -60,7 +60,7 @@ def look(path: Path) -> dict[str, Any]:
         way += without_way(plan, step, occupancy)
         after = step.before | {part for move in step.moves for part in move.parts}
         graph = neighbours([link for link in links if link.male in after and link.female in after])
-        loose += len((after - step.before) - reached(min(after), graph)) if len(after) > 1 else 0
+        loose += len((after - step.before) - reached([min(after)], graph)) if len(after) > 1 else 0
     return {
         "parts": len(plan.parts),
         "steps_of_author": len(plan.steps),

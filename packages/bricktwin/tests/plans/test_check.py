@@ -112,6 +112,23 @@ def test_unconnected_part_is_found(findings):
     assert [(one.name, one.line) for one in found] == [("step", 3)]
 
 
+def test_what_hangs_on_an_unconnected_part_is_no_finding_of_its_own(findings):
+    far = [line("3001", 400, -24 * level, 0) for level in range(5)]
+    found = findings(*"\n0 STEP\n".join([BEAM, *far]).splitlines())
+    assert [one.line for one in found if one.name == "step"] == [3]
+
+
+def test_pin_with_a_bush_may_spin(findings):
+    """Through two beams that other pins hold together; with a gear on an axle in its bush, it is a shaft."""
+    bush = "1 0 0 0 40 0 1 0 1 0 0 0 0 -1 32054.dat"
+    held = [BEAM, line("32316", 0, 20, 0), pin(0, 10, 0), pin(0, 10, 20), bush]
+    assert findings(*held) == []
+    axle = "1 0 0 -30 40 0 1 0 1 0 0 0 0 -1 3704.dat"
+    assert findings(*held, axle) == []
+    gear = "1 0 0 -40 40 1 0 0 0 0 1 0 -1 0 10928.dat"
+    assert {one.name for one in findings(*held, axle, gear)} == {"half-held"}
+
+
 @pytest.mark.parametrize("number", ["67718", "2780", "3648b"])
 def test_a_thousand_parts_in_one_place_are_found_in_seconds(findings, number):
     started = time.process_time()

@@ -48,8 +48,13 @@ def test_title_is_no_other_line_of_the_header() -> None:
 
 
 def test_colour_with_a_leading_zero_is_decimal():
-    colours = [placed.colour for placed in plan_of(BEAM.replace("1 4", "1 014"), BEAM.replace("1 4", "1 0x2FF0000")).parts]
-    assert colours == [14, 0x2FF0000]
+    colours = [
+        placed.colour
+        for placed in plan_of(
+            BEAM.replace("1 4", "1 014"), BEAM.replace("1 4", "1 0x2FF0000"), BEAM.replace("1 4", "1 #2FF0000")
+        ).parts
+    ]
+    assert colours == [14, 0x2FF0000, 0x2FF0000]
 
 
 def test_time_grows_linearly_with_notes():
@@ -104,6 +109,7 @@ def test_unknown_parts_are_kept_with_their_lines():
         (["1 4 0 0 1e30 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: cannot place a part"),
         (["1 red 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: cannot place a part"),
         (["1 4 0 0 0 2 0 0 0 1 0 0 0 1 32316.dat"], "line 1: '32316.dat' is stretched; place it without scaling"),
+        (["1 4 0 0 0 0 0 0 0 1 0 0 0 1 a.ldr", "0 FILE a.ldr", BEAM], "line 1: 'a.ldr' is stretched; place it without scaling"),
         (["0 !BRICKSRL PORT"], "line 1: 'PORT' is not understood; write ROBOT NAME"),
         (["0 !BRICKSRL"], "line 1: '' is not understood"),
         (["0 FILE a.ldr", "0 FILE A.LDR"], "line 2: 'A.LDR' is the name of two models; give each one its own"),
@@ -157,6 +163,35 @@ def test_studio_file_is_a_zip(tmp_path):
     path = tmp_path / "robot.io"
     path.write_bytes(_zipped("model.ldr", (PLANS / "two_wheeler.ldr").read_bytes()))
     assert len(read_plan(path).parts) == len(read_plan(PLANS / "two_wheeler.ldr").parts)
+
+
+@pytest.mark.parametrize("member", ["Model.ldr", "robot/model.ldr", "my car.mpd"])
+def test_model_of_a_zip_may_have_another_name(tmp_path, member):
+    path = tmp_path / "robot.io"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("a.png", b"")
+        archive.writestr(member, BEAM)
+    assert len(read_plan(path).parts) == 1
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
+def test_text_may_have_other_encodings_and_ends_of_lines(tmp_path, encoding):
+    path = tmp_path / "robot.ldr"
+    path.write_bytes(f"0 Größe\r\n{BEAM}\r\n".encode(encoding))
+    assert len(read_plan(path).parts) == 1
+
+
+def test_quoted_name_with_spaces():
+    plan = plan_of("0 FILE a.ldr", '1 16 0 0 0 1 0 0 0 1 0 0 0 1 "my car.ldr"', "0 FILE my car.ldr", BEAM)
+    assert [placed.line for placed in plan.parts] == [4]
+
+
+def test_parts_in_a_buffer_only_show_a_way():
+    plan = plan_of(
+        BEAM, "0 BUFEXCH A STORE", pin(0, -90, 0), "0 STEP", "0 BUFEXCH A RETRIEVE", pin(0, 10, 0), "0 BUFEXCH B RETRIEVE"
+    )
+    assert [(placed.line, placed.step) for placed in plan.parts] == [(1, 0), (6, 1)]
+    assert plan.title == "try"
 
 
 def test_malicious_zip_raises(tmp_path):
@@ -262,8 +297,9 @@ def test_rest_of_a_damaged_file_is_read(findings):
         planned(plan)
 
 
-def test_embedded_part_files_may_repeat():
-    plate = ["0 FILE 99999.dat", "0 !LDRAW_ORG Unofficial_Part", "1 16 0 0 0 1 0 0 0 1 0 0 0 1 box.dat"]
+@pytest.mark.parametrize("kind", ["!LDRAW_ORG Unofficial_Part", "UNOFFICIAL PART", "Unofficial Part", "No header"])
+def test_embedded_part_files_may_repeat(kind):
+    plate = ["0 FILE 99999.dat", f"0 {kind}", "1 16 0 0 0 1 0 0 0 1 0 0 0 1 box.dat"]
     plan = plan_of("0 FILE a.ldr", BEAM, BEAM.replace("32316", "99999"), *plate, *plate)
     assert len(plan.parts) == 1
     assert [(one.number, len(one.lines)) for one in plan.unknown] == [("99999", 1)]
@@ -278,6 +314,7 @@ SEGMENT = "1 16 0 0 0 1 0 0 0 1 0 0 0 1 u9218.dat"
         ["1 16 0 0 0 1 0 0 0 9 0 0 0 1 4-4cyli.dat"] * 40,
         ["0 !LDCAD GENERATED [generator=LDCad 1.6] [master=a.ldr]", *[SEGMENT] * 40],
         ["0 !LDCAD GENERATED [generator=LDCad 1.6]", "0 UNOFFICIAL PART", *[SEGMENT] * 40],
+        ["0 !LDCAD GENERATED [generator=LDCad 1.6]", *[SEGMENT] * 40, "0 FILE u9218.dat", "3 16 0 0 0 1 0 0 0 1 0"],
     ],
 )
 def test_segmented_hose_is_one_piece(segments):

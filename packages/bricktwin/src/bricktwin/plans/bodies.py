@@ -227,12 +227,12 @@ def _is_coaxial(first: Connection, second: Connection) -> bool:
 
 
 def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> None:
-    """Join each pin, and each axle to which nothing is fixed, to a part around it: its own rotation does not matter."""
+    """Join each pin, and each axle or bush with a pin to which nothing is fixed, to a part around it: it may spin."""
     fixed = {node for link in links if link.connection.is_rigid for node in (link.male, link.female)}
     for link in links:
         sites = parts[link.connection.male].part.sites
-        is_alone = len({(site.centre[1], site.centre[2]) for site in sites}) == 1
-        if is_alone and all(site.fit.is_male for site in sites) and link.male not in fixed and not link.connection.is_ball:
+        is_alone = len({(site.axis, site.centre[1], site.centre[2]) for site in sites}) == 1
+        if is_alone and link.male not in fixed and not link.connection.is_ball:
             _join(groups, link.male, link.female)
             fixed.add(link.male)
 
@@ -292,7 +292,7 @@ def _ordered(parts: Sequence[Placed], motors: Sequence[int], links: Sequence[_Li
         neighbours[groups[first]].add(groups[second])
         neighbours[groups[second]].add(groups[first])
     start = max(masses, key=lambda root: masses[root])
-    return [start, *sorted(reached(start, neighbours) - {start})]
+    return [start, *sorted(reached([start], neighbours) - {start})]
 
 
 def _sliding(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> set[frozenset[int]]:

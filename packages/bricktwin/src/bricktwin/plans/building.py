@@ -146,9 +146,9 @@ def step_faults(
         before = built[step.assembly]
         new = [part for item in (step.new, *step.joined) for part in item]
         built[step.assembly] = after = before | set(new)
-        start = min(before) if before else max(new, key=lambda part: plan.parts[part].part.mass_g)
+        starts = before or [max(new, key=lambda part: plan.parts[part].part.mass_g)]
         nodes = after | set(range(-len(groups), 0))
-        held = reached(start, {node: [other for other in graph[node] if other in nodes] for node in nodes})
+        held = reached(starts, {node: [other for other in graph[node] if other in nodes] for node in nodes})
         loose = tuple(part for part in new if part not in held and not plan.parts[part].part.is_loose)
         if loose:
             yield StepFault(step, loose, Fault.UNCONNECTED)

@@ -19,6 +19,8 @@ from bricktwin.plans.plan import Placed, Plan, Unknown
 
 _MAX_NAMES = 5
 _MIN_RATE = 0.02
+_SPINNING = ("axles", "pins", "bushes")
+"""Families whose spin about their own axis moves nothing; those with an axis along x first."""
 _REACH = 40.0
 """Distance at which an unknown part may hold others, LDU: half of a Brick 2 x 4."""
 _SLACK_MM = 30.0
@@ -97,7 +99,7 @@ def _check_connections(plan: Plan, structure: Structure, guesses: Sequence[froze
             yield male.line, "half-held", text
     connected = {part for members in structure.bodies.members for part in members}
     if guesses:
-        connected |= reached(min(connected), neighbours(structure.connections, guesses))
+        connected |= reached([min(connected)], neighbours(structure.connections, guesses))
     for placed in plan.parts:
         if placed.index not in connected and not placed.part.is_loose:
             yield placed.line, "loose", f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
@@ -142,11 +144,12 @@ def _check_motions(plan: Plan, structure: Structure, guesses: Sequence[frozenset
 
 
 def _remove_spin(plan: Plan, members: tuple[int, ...], rates: Floats) -> Floats:
-    """Rates [6, n] of a body; an axle with bushes may spin, so its spin is removed."""
-    axles = [plan.parts[part] for part in members if plan.parts[part].part.family == "axles"]
-    if not axles or any(plan.parts[part].part.family not in ("axles", "bushes") for part in members):
+    """Rates [6, n] of a body; an axle with bushes may spin, and so may a pin, so their spin is removed."""
+    placed = [plan.parts[part] for part in members]
+    bars = [one for family in _SPINNING[:2] for one in placed if one.part.family == family]
+    if not bars or any(one.part.family not in _SPINNING for one in placed):
         return rates
-    axis, point = axles[0].rotation[:, 0], axles[0].position / RATE_LENGTH
+    axis, point = bars[0].rotation[:, 0], bars[0].position / RATE_LENGTH
     angular = rates[3:]
     return np.concatenate([rates[:3] + np.cross(angular, point, axis=0), angular - np.outer(axis, axis @ angular)])
 

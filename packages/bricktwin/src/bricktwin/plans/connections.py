@@ -132,9 +132,10 @@ def neighbours(connections: Iterable[Connection], groups: Sequence[frozenset[int
     return graph_of([*pairs, *((-1 - number, part) for number, group in enumerate(groups) for part in group)])
 
 
-def reached(start: int, graph: Mapping[int, Iterable[int]]) -> set[int]:
-    """All nodes of a graph that are connected to ``start``, and that."""
-    found, waiting = {start}, [start]
+def reached(starts: Iterable[int], graph: Mapping[int, Iterable[int]]) -> set[int]:
+    """All nodes of a graph that are connected to one of ``starts``, and these."""
+    found = set(starts)
+    waiting = list(found)
     while waiting:
         unseen = set(graph[waiting.pop()]) - found
         found |= unseen

@@ -5,6 +5,7 @@ Source: LDraw.org's file format specification and its multi-part documents. All 
 
 from __future__ import annotations
 
+import codecs
 import io
 import math
 import zipfile
@@ -21,8 +22,11 @@ from bricktwin.plans.geometry import Floats, Triple
 
 MAX_BYTES, MAX_LINES = 8_000_000, 100_000
 _STUDIO_MODELS = ("model.ldr", "model2.ldr")
-_NO_TITLES = ("Name:", "Author:", "BFC", "ROTATION")
-"""First words of lines of a header that are not the title."""
+_NO_TITLES = (
+    *("Name:", "Author:", "BFC", "ROTATION", "CLEAR", "PAUSE", "SAVE", "WRITE", "PRINT", "GROUP", "MLCAD", "GHOST", "SYNTH"),
+    *("CustomBrick", "FlexibleBrickControlPointUnitLength", "NumOfBricks:"),
+)
+"""First words of lines that are not the title: of LDraw and its editors, and of Studio."""
 _LIBRARY_TYPES = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
 _STRETCH_TOLERANCE = 0.02
 _MAIN_COLOUR = 16
@@ -109,22 +113,25 @@ def read_text(path: Path) -> str:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise PlanError(f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)") from None
-    if data[:4] == b"PK\x03\x04" and len(data) <= MAX_BYTES:
+    if data[:2] == b"PK" and len(data) <= MAX_BYTES:
         data = _unzipped(path, data)
     if len(data) > MAX_BYTES:
         raise PlanError(
             f"{path} has more than {MAX_BYTES // 1_000_000} MB; a plan is smaller, so give the model without its renderings"
         )
-    if b"\0" in data[:4096]:
+    is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    text = data.decode("utf-16" if is_wide else "utf-8-sig", errors="replace")
+    if "\0" in text[:4096]:
         raise PlanError(f"{path} is not a text file; export the model as an LDraw file (.ldr or .mpd)")
-    return data.decode("utf-8-sig", errors="replace")
+    return text
 
 
 def _unzipped(path: Path, data: bytes) -> bytes:
     """The model inside a Studio file."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            name = next((name for name in _STUDIO_MODELS if name in archive.namelist()), None)
+            names = [name for name in archive.namelist() if name.lower().endswith((".ldr", ".mpd"))]
+            name = min(names, key=_rank, default=None)
             if name is not None and not archive.getinfo(name).flag_bits & 1:
                 with archive.open(name) as file:
                     return file.read(MAX_BYTES + 1)
@@ -133,6 +140,12 @@ def _unzipped(path: Path, data: bytes) -> bytes:
     if name is None:
         raise PlanError(f"{path} has no model.ldr; export the model from Studio as an LDraw file")
     raise PlanError(f"{path} is encrypted by Studio; open it there and export it as an LDraw file")
+
+
+def _rank(member: str) -> int:
+    """Place of a member of a Studio file among those that may be the model."""
+    name = key_of(member).rpartition("/")[2]
+    return (*_STUDIO_MODELS, name).index(name)
 
 
 def parse(text: str, path: str) -> Document:
@@ -170,6 +183,7 @@ class Document:
         self.faults: list[LineFault] = []
         self._drawn: Model | None = None
         self._model: Model | None = None
+        self._buffers: dict[str, int] = {}
         self._marks: dict[str, Any] = {}
         self._marks_line = 0
 
@@ -182,7 +196,7 @@ class Document:
         """Parse one line, split into words."""
         match words:
             case ["0", "FILE", *name]:
-                self._file(number, " ".join(name))
+                self._file(number, _unquoted(name))
             case ["0", "NOFILE", *_]:  # what follows, up to the next model, belongs to none
                 self.begin(Model("", number))
             case ["0", "STEP" | "ROTSTEP", *_]:
@@ -192,6 +206,10 @@ class Document:
                 model.notes.setdefault(model.step, []).extend(note)
             case ["0", "!BRICKSRL", *comment]:
                 self._own_comment(number, comment)
+            case ["0", "BUFEXCH", buffer, "STORE"]:
+                self._buffers[buffer] = len(self._current(number).references)
+            case ["0", "BUFEXCH", buffer, "RETRIEVE"]:  # what was placed in between only showed a way
+                del self._current(number).references[self._buffers.get(buffer, MAX_LINES) :]
             case ["0", "!LDRAW_ORG", kind, *_]:
                 self._current(number).is_shape |= kind.removeprefix("Unofficial_") in _LIBRARY_TYPES
             case ["0", "!LDCAD", "GENERATED", *_]:  # the segments of a cable or hose of LDCad, and parts at its ends
@@ -221,7 +239,7 @@ class Document:
             raise self._error(self._marks_line, "no part follows this comment", "move it before the part it describes")
         if self._drawn is not None:
             raise self._error(self._drawn.line, "no 0 SYNTH END follows", "write it after the last segment of the cable or hose")
-        self._model = model
+        self._model, self._buffers = model, {}
 
     def _file(self, number: int, name: str) -> None:
         key, model = key_of(name), Model(name, number)
@@ -253,7 +271,7 @@ class Document:
                 )
 
     def _reference(self, number: int, words: list[str]) -> None:
-        drawn, name = colour_and_numbers(words, 12, _MAX_COORDINATE), " ".join(words[14:])
+        drawn, name = colour_and_numbers(words, 12, _MAX_COORDINATE), _unquoted(words[14:])
         if self._drawn is not None:
             return
         if drawn is None or not name:
@@ -274,11 +292,11 @@ class Document:
 def colour_and_numbers(words: list[str], count: int, limit: float = math.inf) -> tuple[int, tuple[float, ...]] | None:
     """Colour and ``count`` numbers, all finite and below a limit, of a line that draws something; ``None`` if one is invalid.
 
-    A colour is hexadecimal after 0x, else decimal, also with leading zeros.
+    A colour is hexadecimal after 0x or #, else decimal, also with leading zeros.
     """
     numbers = numbers_of(words[2 : 2 + count], limit)
     try:
-        colour = int(words[1], 16 if words[1].lower().startswith("0x") else 10)
+        colour = int(words[1].replace("#", "0x"), 16 if words[1].lower().startswith(("0x", "#")) else 10)
     except (ValueError, IndexError):
         return None
     return (colour, numbers) if len(numbers) == count else None
@@ -291,6 +309,11 @@ def numbers_of(words: Sequence[str], limit: float = math.inf) -> tuple[float, ..
     except ValueError:
         return ()
     return numbers if all(abs(value) < limit for value in numbers) else ()
+
+
+def _unquoted(words: Sequence[str]) -> str:
+    """The name of a file; some editors quote names with spaces."""
+    return " ".join(words).strip('"')
 
 
 def key_of(name: str) -> str:

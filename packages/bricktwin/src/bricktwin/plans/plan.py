@@ -194,19 +194,28 @@ class _Builder:
     def _assembly(self, reference: Reference) -> Model | None:
         """The sub-model of a reference, or ``None`` for a part."""
         model = self.document.models.get(ldraw_file.key_of(reference.name))
-        return None if model is None or model.is_shape or catalogue.find(reference.name) or self._is_drawn(model) else model
+        if model is None or model.is_shape or catalogue.find(reference.name) or self._is_drawn(model):
+            return None
+        is_part = reference.name.lower().endswith(".dat") and not self._holds_parts(model)  # of primitives, without a header
+        return None if is_part else model
 
     def _is_drawn(self, model: Model | None) -> bool:
         """Whether a model is one drawn cable or hose, without parts of the catalogue; others draw them as stretched pieces."""
-        if model is None or not (model.is_drawn or any(reference.is_stretched for reference in model.references)):
+        is_stretched = model is not None and not model.is_shape and any(one.is_stretched for one in model.references)
+        if model is None or not (model.is_drawn or is_stretched):
             return False
-        models = self.document.models
-        return not any(catalogue.find(part.name) or ldraw_file.key_of(part.name) in models for part in model.references)
+        return not self._holds_parts(model)
+
+    def _holds_parts(self, model: Model) -> bool:
+        """Whether a model has parts of the catalogue, or sub-models that are no embedded shapes."""
+        inner = [self.document.models.get(ldraw_file.key_of(part.name)) for part in model.references]
+        return any(one and not one.is_shape for one in inner) or any(catalogue.find(part.name) for part in model.references)
 
     def _join(self, reference: Reference, model: Model, assembly: tuple[str, ...]) -> tuple[int, ...]:
         self._count(reference)
         if reference.is_stretched:  # so would be all of its parts
-            raise self._fault(reference, _STRETCHED.format(reference.name))
+            self.faults.append(LineFault(reference.line, _STRETCHED.format(reference.name)))
+            return ()
         inner = (*assembly, f"{model.name}:{reference.line}")
         parts = self.build(model, reference, inner)
         if reference.is_free or reference.is_fixed or reference.ball is not None:

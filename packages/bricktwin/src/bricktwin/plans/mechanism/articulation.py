@@ -198,7 +198,7 @@ class _Simplifier:
         """Whether the link's neighbours are connected without it."""
         neighbours = graph_of(self._ends(self.hinges[number]) for number in self.hinges.keys() - set(numbers))
         start, end = (next(other for other in self._ends(self.hinges[number]) if other != link) for number in numbers)
-        return end in reached(start, neighbours)
+        return end in reached([start], neighbours)
 
     def _ends(self, hinge: Hinge) -> tuple[int, int]:
         """The two links of a hinge."""

@@ -310,7 +310,7 @@ def _weight(mechanism: Mechanism, number: int) -> tuple[bool, float]:
     for hinge in mechanism.hinges:
         if not hinge.closes_loop:
             children[hinge.parent].append(hinge.child)
-    carried = reached(mechanism.hinges[number].child, children)
+    carried = reached([mechanism.hinges[number].child], children)
     mass_kg = sum(mechanism.links[link].mass_kg for link in carried)
     return any(wheel.link in carried for wheel in mechanism.wheels), round(mass_kg, 6)
 
