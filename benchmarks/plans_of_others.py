@@ -55,7 +55,8 @@ def look(path: Path) -> dict[str, Any]:
     try:
         plan = read_plan(path)
     except PlanError as error:
-        return {"read": False, "reason": str(error).rpartition("; ")[0].rpartition(": ")[2].rpartition(" is ")[2][:60]}
+        said = str(error).replace(f"{path} ", "").rpartition("; ")[0]
+        return {"read": False, "reason": said.rpartition(": ")[2].rpartition(" is ")[2][:60]}
     unknown = sum(len(unknown_part.lines) for unknown_part in plan.unknown)
     counts: dict[str, Any] = {"read": True, "parts": len(plan.parts) + unknown, "known": len(plan.parts)}
     found = Counter(finding.name for finding in check(plan))
@@ -95,6 +96,7 @@ def main(session: Session) -> None:
         "files_whose_motors_all_turn": sum(0 < file_counts["motors"] == file_counts["motors_turning"] for file_counts in read),
         "files_with_motors_and_wheels": sum(file_counts["motors"] > 0 and file_counts["wheels"] > 0 for file_counts in read),
         "files_whose_motors_turn_wheels": sum(file_counts["wheels_driven"] > 0 for file_counts in read),
+        "listed_before": session.known().get("listed_before", {}),  # of 24 November, before strangers' plans were an issue
         "listed": listed,
         "each": [{name: file_counts[name] for name in _COLUMNS} for file_counts in read],
     }
