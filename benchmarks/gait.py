@@ -100,7 +100,7 @@ def on_hub(env_id: str, agent: str, episodes: int) -> dict[str, Any]:
 
 
 def draw(path: Path, searches: list[dict[str, Any]]) -> None:
-    """Draw what the Gaussian process of all trials knows of two phases, at full speed; a dot for each trial."""
+    """Draw what the Gaussian process of all trials knows of speed and phase; a dot for each trial."""
     from bricksrl.agents.search.structures import oscillators
     from bricksrl.envs import make
     from bricksrl.plotting import new_figure, save
@@ -112,15 +112,14 @@ def draw(path: Path, searches: list[dict[str, Any]]) -> None:
     scores = torch.tensor([score for one in searches for score in one["trials"]["scores"]])
     low, high = bounds(entries)
     axis = torch.linspace(0.0, 1.0, 61)
-    across, along = (low[i] + axis * (high[i] - low[i]) for i in (1, 2))
-    grid = torch.stack((low[0].expand(61, 61), *torch.meshgrid(across, along, indexing="xy")), -1).view(-1, 3)
+    across, along = (low[i] + axis * (high[i] - low[i]) for i in (0, 1))
+    grid = torch.stack(torch.meshgrid(across, along, indexing="xy"), -1).view(-1, 2)
     means, _ = Posterior(embedded(numbers, entries), scores, torch.zeros(len(scores))).at(embedded(grid, entries))
     figure = new_figure(6.4, 5.2)
     axes = figure.subplots()
     image = axes.pcolormesh(across, along, means.view(61, 61), cmap="viridis", shading="gouraud")
-    fast = numbers[:, 0] < low[0] / 2
-    axes.scatter(numbers[fast, 1], numbers[fast, 2], s=6, c="white", linewidths=0)
-    axes.set_xlabel("the right side lags behind the left by / degrees")
+    axes.scatter(numbers[:, 0], numbers[:, 1], s=6, c="white", linewidths=0)
+    axes.set_xlabel("speed / share of the largest")
     axes.set_ylabel("the back lags behind the front by / degrees")
     figure.colorbar(image, label="reward of a step")
     save(figure, path, 110)

@@ -1,4 +1,4 @@
-"""Six legs from a building plan learn to walk in 90 seconds, by four numbers: a speed and three phases (docs/gait.md).
+"""Six legs from a building plan learn to walk in 90 seconds, by three numbers: a speed and two phases (docs/gait.md).
 bricksrl train examples/15_six_legs.py --agent gait --episodes 3
 """
 

@@ -30,6 +30,8 @@ CANDIDATES = 2000
 """Numbers among which the next ones are chosen: as many drawn anywhere, and as many near the best known."""
 NEAR = 0.2
 """Standard deviation of the latter, as a share of half the range; of an angle that wraps, in radians."""
+REACH, LEVEL = 0.3, 0.5
+"""Of what is peculiar to a later world: its lengths as a share of those that all worlds share; its level, of the amplitude."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,6 @@ class GaitSettings:
     """Trials spread over all numbers before the first proposal."""
     optimism: Annotated[float, NotNegative] = 2.0
     """Standard deviations by which an unknown score is taken to be better than expected."""
-    optimism_elsewhere: Annotated[float, NotNegative] = 0.7
-    """The same in another world, of which the earlier trials tell."""
     caution: Annotated[float, NotNegative] = 0.3
     """Standard deviations by which other numbers must be better than the best known to replace them."""
     tilt_deg: Annotated[float, Positive] = 35.0
@@ -62,9 +62,9 @@ class GaitSettings:
 class Posterior:
     """A Gaussian process given scores ``[k]`` of points ``[k, p, 2]``, see `embedded`; its scales are the most probable ones.
 
-    The kernel is the squared exponential of the distance, for angles the periodic kernel (MacKay, 1998). What is peculiar
-    to the present one of several ``worlds`` ``[k]``, that of the last score, is a process of its own on top of what they share.
-    The scales are log-normal beforehand, for scores of variance 1.
+    The kernel is the squared exponential of the distance, for angles the periodic kernel (MacKay, 1998). All ``worlds`` ``[k]``
+    share the process of the first one, 0; a later one has a level and a process of its own on top, which varies faster. The
+    present world is that of the last score. The scales are log-normal beforehand, for scores of variance 1.
     """
 
     MEDIAN = (1.7, 0.2, 1.0, 0.3)
@@ -101,7 +101,8 @@ class Posterior:
         lengths = self.scales[:-3].exp()[:, None]
         a, b = ((points / lengths).flatten(1) for points in (a, b))
         near = (-torch.cdist(a, b, compute_mode="donot_use_mm_for_euclid_dist").square() / 2).exp()
-        covariance: Tensor = amplitude**2 * near * (1.0 + peculiar**2 * (a_world[:, None] == b_world))
+        own = (a_world[:, None] == b_world) & (b_world > 0)
+        covariance: Tensor = amplitude**2 * (near + own * (LEVEL**2 + peculiar**2 * near ** (1.0 / REACH**2)))
         return covariance
 
     def _factorise(self) -> None:
@@ -201,21 +202,20 @@ class PolicySearch(Learner):
             return {}
         self.updates = len(self.scores)
         entries = self.actor.structure.numbers
-        points = embedded(self.numbers, entries)
+        points, here = embedded(self.numbers, entries), self.worlds == self.world
         posterior = Posterior(points, self.scores, self.worlds)
-        means, _ = posterior.at(points)
-        likeliest = self.numbers[means.argmax()]
+        means, _ = posterior.at(points[here])
+        likeliest = self.numbers[here][means.argmax()]
         gain, deviation = posterior.gain(*embedded(torch.stack((likeliest, self.actor.best)), entries))
         if self.updates == 1 or gain > self.settings.caution * deviation:
             self.actor.best.copy_(likeliest)
-        tried = int((self.worlds == self.world).sum())
+        tried = int(here.sum())
         if tried < len(self.start):
             self.actor.trial.copy_(self.start[tried])
         else:
             candidates = self._candidates(entries, likeliest)
             means, deviations = posterior.at(embedded(candidates, entries))
-            optimism = self.settings.optimism_elsewhere if self.world else self.settings.optimism
-            self.actor.trial.copy_(candidates[(means + optimism * deviations).argmax()])
+            self.actor.trial.copy_(candidates[(means + self.settings.optimism * deviations).argmax()])
         best, _ = posterior.at(embedded(self.actor.best[None], entries))
         return {"trial_reward": self.scores[-1], "best_reward": best[0], "noise": posterior.noise}
 

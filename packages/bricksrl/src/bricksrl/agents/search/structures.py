@@ -23,8 +23,8 @@ from bricksrl.agents.settings import Settings
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.errors import DescriptionError
 
-TURN_DEG, STEERING_DEG = 360.0, 20.0
-"""A turn; largest difference of the sides from half a turn."""
+TURN_DEG = 360.0
+"""A turn."""
 
 
 class Structure(Protocol):
@@ -40,13 +40,13 @@ class Oscillators(nn.Module):
     """Legs that turn endlessly, each held at its phase: a central pattern generator (Ijspeert, 2008) without states of its own.
 
     All legs turn at one speed, a share of the largest; one that is ahead of its phase is commanded to fall back to it within the
-    step. The legs of one side lag behind their mirror images by the same phase, so that a robot of ``k`` mirrored pairs has
-    ``k + 1`` numbers. The sides alternate (a symmetrical gait, Hildebrand, 1965), up to `STEERING_DEG`, which steers.
+    step. The legs of one side lag behind their mirror images by half a turn (a symmetrical gait, Hildebrand, 1965), so that a
+    robot of ``k`` mirrored pairs has ``k`` numbers, and walks straight: how far it turns shows in no trial of a few steps.
 
     Args:
         legs: of each leg the index of its angle, that of its action, and the factor of both.
         numbers: the speed, then the phases.
-        lags: of each leg the phases that add up to its own, bool ``[legs, phases]``.
+        lags: of each leg half a turn or none, in degrees, then the phases that add to it, 1 or 0 ``[legs, 1 + phases]``.
         actions_per_deg: change of an action that turns its leg one degree further in a step ``[legs]``.
     """
 
@@ -56,18 +56,22 @@ class Oscillators(nn.Module):
         super().__init__()
         self.numbers, self.size = numbers, size
         self.angles, self.actions, self.signs = (nn.Buffer(column, persistent=False) for column in torch.tensor(legs).T)
-        self.lags, self.gains = nn.Buffer(lags.float(), persistent=False), nn.Buffer(actions_per_deg, persistent=False)
+        self.lags, self.gains = nn.Buffer(lags, persistent=False), nn.Buffer(actions_per_deg, persistent=False)
 
     def forward(self, observation: Tensor, numbers: Tensor) -> Tensor:
-        error_rad = (observation[..., self.angles] * self.signs - numbers[..., 1:] @ self.lags.T).deg2rad()
+        error_rad = (observation[..., self.angles] * self.signs - self._phases(numbers)).deg2rad()
         mean_rad = torch.atan2(error_rad.sin().mean(-1, keepdim=True), error_rad.cos().mean(-1, keepdim=True))
         ahead_deg = torch.remainder((error_rad - mean_rad).rad2deg() + TURN_DEG / 2, TURN_DEG) - TURN_DEG / 2
         turns = self.signs * (numbers[..., :1] - ahead_deg * self.gains).clamp(-1.0, 1.0)
         return turns.new_zeros(*turns.shape[:-1], self.size).index_copy(-1, self.actions, turns)
 
+    def _phases(self, numbers: Tensor) -> Tensor:
+        """Phases of the legs ``[*batch, legs]``, in degrees."""
+        return self.lags[:, 0] + numbers[..., 1:] @ self.lags[:, 1:].T
+
     def hub_source(self, numbers: Tensor) -> str:
         """MicroPython that acts by these numbers ``[p]``: ``act(observed)``, as `forward`."""
-        phases = (numbers[1:] @ self.lags.T).tolist()
+        phases = self._phases(numbers).tolist()
         rows = zip(self.angles.tolist(), self.actions.tolist(), self.signs.tolist(), phases, self.gains.tolist(), strict=True)
         legs = "".join(f"    ({a}, {b}, {sign}, {phase:.5g}, {gain:.5g}),\n" for a, b, sign, phase, gain in rows)
         return f"SPEED = {float(numbers[0]):.5g}\nSIZE = {self.size}\nLEGS = (  # {_LEG}\n{legs})\n{_HUB_SOURCE}"
@@ -108,17 +112,15 @@ def oscillators(env: EnvBase) -> Oscillators:
     pairs = [pair for pair in task.robot.mirrored if set(pair) <= set(legs) and pair[0] != pair[1]]
     paired = set(itertools.chain(*pairs))
     groups = [*pairs, *((name,) for name in legs if name not in paired)]
-    phases = (["side"] if pairs else []) + [group[0] for group in groups[1:]]
-    lags = torch.zeros(len(legs), len(phases), dtype=torch.bool)
+    lags = torch.zeros(len(legs), len(groups))
     order, rows = [name for group in groups for name in group], []
     for index, (place, name) in enumerate((place, name) for group in groups for place, name in enumerate(group)):
         sign = task.robot.in_mirror(name)[1] if place else 1
         rows.append((*legs[name][:2], sign))
-        own = next(group[0] for group in groups if name in group)
-        lags[index] = torch.tensor([(phase == "side" and place == 1) or phase == own for phase in phases])
-    side = [Entry("side_phase", TURN_DEG / 2 - STEERING_DEG, TURN_DEG / 2 + STEERING_DEG, "deg")] if pairs else []
-    others = [Entry(f"{phase}_phase", 0.0, TURN_DEG, "deg", wraps=True) for phase in phases[len(side) :]]
-    numbers = Entry("speed", -1.0, 1.0), *side, *others
+        lags[index, next(number for number, group in enumerate(groups) if name in group)] = 1.0
+        lags[index, 0] = place * TURN_DEG / 2  # the first group has no phase of its own
+    phases = [Entry(f"{group[0]}_phase", 0.0, TURN_DEG, "deg", wraps=True) for group in groups[1:]]
+    numbers = Entry("speed", -1.0, 1.0), *phases
     gains = torch.tensor([1.0 / legs[name][2] for name in order])
     return Oscillators(rows, numbers, lags, gains, action_size(env))
 
