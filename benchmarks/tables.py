@@ -640,7 +640,10 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "kit_programs": ("Virtual devices of LEGO's kits, behind LEGO's package", kit_programs),
 }
 
-COMMANDS = {"offline_default": "offline --preset default", "transforms_camera": "transforms --camera --seeds 3 --episodes 100"}
+COMMANDS = {
+    "offline_default": "offline --preset default",
+    "transforms_camera": "transforms --camera --seeds 3 --episodes 100 --camera-episodes 100",
+}
 """Benchmarks of sections that have another name."""
 
 
