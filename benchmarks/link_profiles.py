@@ -17,7 +17,7 @@ from brickhub.hub.link.profiles import PROFILES
 
 TASKS: dict[str, tuple[str, dict[str, Any]]] = {
     **{env_id: (env_id, {}) for env_id in EPISODES if env_id != "RoboArm_mixed-v0"},
-    "Walker-v1, 150 ms": ("Walker-v1", {"step_ms": 150}),
+    **{f"Walker-v1, {step_ms} ms": ("Walker-v1", {"step_ms": step_ms}) for step_ms in (150, 100, 60)},
 }
 """Environment and its options, by the name of the row."""
 

@@ -109,7 +109,7 @@ def test_camera(main, capsys, monkeypatch) -> None:
     said = capsys.readouterr().out
     assert "on the robot: torch.uint8 [64, 64, 3]" in said
     assert "stacked: [6, 6, 64, 64]" in said
-    assert "encoded: no, r3m needs torchvision" in said
+    assert "encoded: no, r3m needs a torchvision" in said
 
 
 def test_hub_program() -> None:

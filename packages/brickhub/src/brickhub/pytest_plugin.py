@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from brickhub.errors import DescriptionError
-
 if TYPE_CHECKING:
     from brickhub.robot import Robot
     from brickhub.virtual.body import Body
@@ -121,6 +119,7 @@ class PybricksHub:
     ) -> Body | None:
         """Body of a robot, however it is given; ``None`` for the bench that adapts to the program. Raises DescriptionError if the
         readings or end stops are not those of its kind."""
+        from brickhub.errors import DescriptionError
         from brickhub.robot import BENCH, Robot
         from brickhub.target import find
         from brickhub.virtual.bench_body import BenchBody

@@ -20,7 +20,7 @@ from bricksrl.agents.sac import SACSettings
 from bricksrl.cli.evaluate import describe
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.task import Entry
-from bricksrl.errors import CheckpointError, RenderingUnavailableError, RunError
+from bricksrl.errors import CheckpointError, DescriptionError, RenderingUnavailableError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.evaluation.comparison import compare
 from bricksrl.evaluation.film import film_run, filmed_env, side_by_side
@@ -143,7 +143,7 @@ def test_mismatched_environment_raises(run_dir: Path) -> None:
 def test_missing_run_or_no_episodes_raise(run_dir: Path, tmp_path: Path) -> None:
     with pytest.raises(RunError, match="no run in"):
         evaluate(tmp_path)
-    with pytest.raises(RunError, match="at least 1"):
+    with pytest.raises(DescriptionError, match="give 1 or more"):
         evaluate(run_dir, Cart(), episodes=0)
 
 

@@ -163,7 +163,7 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     with a range in their units, see `bricksrl.envs.transforms.KeepUnits`. Raises UnknownNameError if there is no such algorithm,
     DescriptionError if the settings are of another algorithm or do not suit the environment, or a user's code raised."""
     from bricksrl.agents.learner import Learner
-    from bricksrl.agents.replay.buffer import augmentations
+    from bricksrl.agents.replay.augmentation import augmentations
     from bricksrl.agents.settings import OffPolicySettings
     from bricksrl.envs.transforms import layout_of, prepare, with_unit_actions
 

@@ -75,7 +75,7 @@ def _project(value: _Vector, axis: Any) -> float:
 
 
 def _dot(a: _Vector, b: _Vector) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return 0.0 + a[0] * b[0] + a[1] * b[1] + a[2] * b[2]  # no -0.0
 
 
 class IMU(Native):

@@ -6,7 +6,7 @@ Reward and termination are pure functions of the observation, and goals do not a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -16,11 +16,9 @@ from torchrl.data import LazyMemmapStorage, LazyTensorStorage, TensorDictReplayB
 from torchrl.envs import EnvBase, Transform
 
 from bricksrl.agents.settings import OffPolicySettings
-from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.goals import GoalRelabelling, relabelling
 from bricksrl.envs.rollout import lost_links, with_outcome
 from bricksrl.envs.specs import ImageShape
-from bricksrl.envs.task import Mirror, mirrors
 from bricksrl.envs.transforms import layout_of
 from bricksrl.envs.vision.image_networks import shift_images
 from bricksrl.errors import DescriptionError
@@ -205,30 +203,3 @@ def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.
     args = (settings.buffer_size, settings.batch_size, layout.keys, settings.memory_mapped, device)
     kwargs: dict[str, Any] = {"gamma": settings.gamma, "n_step": settings.n_step, "goals": goals}
     return TransitionReplayBuffer(*args, **kwargs, shift_px=settings.shift_px, images=layout.images)
-
-
-class MirrorRows(Transform):  # type: ignore[misc]
-    """Mirrors each row of a batch with a probability of 1/2: on a symmetric robot a mirrored step is a step too."""
-
-    def __init__(self, observation: Mirror, action: Mirror) -> None:
-        super().__init__()
-        self.observation, self.action = observation, action
-
-    def forward(self, batch: TensorDictBase) -> TensorDictBase:
-        """The batch, with new tensors for what is mirrored."""
-        drawn = torch.rand(len(batch), 1, device=batch["action"].device) < 0.5
-        for part, name, mirror in (
-            (batch, "observation", self.observation),
-            (batch["next"], "observation", self.observation),
-            (batch, "action", self.action),
-        ):
-            part[name] = torch.where(drawn, mirror(part[name]), part[name])
-        return batch
-
-
-def augmentations(env: EnvBase, settings: OffPolicySettings) -> Iterator[Transform]:
-    """The augmentations of the settings for an environment."""
-    task, layout = interface_of(env).task, layout_of(env)
-    is_own = task is not None and layout.names == tuple(entry.name for entry in task.entries) and not layout.scale
-    if settings.mirror and task is not None and task.symmetric and is_own:  # not what transforms have made of it
-        yield MirrorRows(*mirrors(task))
