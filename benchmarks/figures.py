@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks import paper
 from benchmarks.session import RESULTS, Session
-from bricksrl.evaluation.statistics import seeds_interval
+from bricksrl.evaluation.statistics import ends, seeds_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,7 +69,7 @@ def curve(column: str, measure: str = "return", rows: Sequence[str] = tuple(AGEN
         reference = paper.RETURNS.get(column, {}).get("random")
         if measure == "return" and reference is not None:
             axes.axhline(reference[0], color=COLORS["random"], linestyle=":", linewidth=1, label="random, in the paper")
-        axes.set(title=column, xlabel="episode", ylabel=_NAMES[measure])
+        axes.set(title=column.rpartition(" from ")[2], xlabel="episode", ylabel=_NAMES[measure])
         return bool(found)
 
     return draw
@@ -114,7 +114,7 @@ def transfer(columns: Mapping[str, str]) -> Callable[[Axes, Cells], bool]:
                 axes.errorbar(x + 0.2, mean, deviation, color="black", marker="_", capsize=3)
                 labels.append(f"{AGENTS[cell['row']]}\n{columns[cell['column']]}")
         axes.set_xticks(range(len(labels)), labels, fontsize=7)
-        axes.set(ylabel="return on the robot", title="from simulation: dots are seeds, bars the paper's")
+        axes.set(ylabel="return on the robot", title="dots: seeds; bars: the paper")
         return bool(labels)
 
     return draw
@@ -125,9 +125,9 @@ def _line(axes: Axes, seeds: Sequence[np.ndarray], label: str, color: str) -> No
     values = np.stack([one[:shortest] for one in seeds])
     episodes = np.arange(1, shortest + 1)
     axes.plot(episodes, values.mean(0), color=color, label=label)
-    intervals = [seeds_interval(column) for column in values.T]
-    if all(interval is not None for interval in intervals):
-        low, high = np.array(intervals, float).T
+    intervals = [interval for column in values.T if (interval := seeds_interval(column)) is not None]
+    if len(intervals) == shortest:
+        low, high = np.array([ends(interval) for interval in intervals]).T
         axes.fill_between(episodes, low, high, color=color, alpha=0.2, linewidth=0)
 
 
