@@ -100,7 +100,8 @@ def _solids(part: Part) -> Iterator[Piece]:
         cuts = _cuts(number, part.notches)
         if part.family == "gears" and number == 0 and part.gears[0].form not in (GearForm.RACK, GearForm.WORM):
             root = min(solid.half[0], _root(part.gears[0]))
-            yield Piece(Solid(solid.form, solid.centre, (root, root, solid.half[2]), solid.axes), Tint.MAIN, cuts)
+            half = root, min(root, solid.half[1]), solid.half[2]
+            yield Piece(Solid(solid.form, solid.centre, half, solid.axes), Tint.MAIN, cuts)
         elif solid not in bars:
             is_rubber = solid.form is Form.RING and solid.half[0] > rubber
             yield Piece(solid, Tint.DARK if is_rubber else Tint.MAIN, cuts)
@@ -167,6 +168,8 @@ def _teeth(part: Part) -> Iterator[Solid]:
     gear = part.gears[0]
     width = min(gear.width, 2 * part.solids[0].half[2]) if part.family == "gears" else gear.width
     root, tip = _root(gear), gear.pitch_radius + _TOOTH_HEIGHT
+    if gear.form is GearForm.CROWN:  # its teeth stand on the rim, along the axis
+        root, tip = part.solids[0].half[0] - _TOOTH_HEIGHT - _TOOTH_DEPTH, part.solids[0].half[0]
     if part.family == "gears":
         yield ring(gear.centre, gear.axis, width, root, max(root - 4.0, 5.0))
     first, second, axis = (np.array(direction) for direction in frame_of(gear.axis))
