@@ -156,7 +156,7 @@ def test_paused_page_ends_at_sigterm(words):
 
 @pytest.mark.realtime
 def test_demo_walks_in_the_browser():
-    """From the command to a robot that has moved; the time is measured by `python -m benchmarks startup`."""
+    """From the command to a robot that has moved."""
     with chromium() as browser, command("demo") as (_, url), tab(browser, url) as page:
         page.locator("[data-fact=distance]").filter(has_text=re.compile(r"0\.(0[3-9]|[1-9])")).wait_for()
         page.locator("#policy").select_option("random")
