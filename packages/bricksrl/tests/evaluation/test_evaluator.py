@@ -189,7 +189,7 @@ def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning
 
 def test_film_shows_the_evaluated_episodes(spinning: Path, tmp_path: Path) -> None:
     path, small, seen = tmp_path / "film.mp4", {"size": (64, 48), "budget_s": 0.2}, []
-    for changes in ({}, {"randomize": True}):
+    for changes in ({}, {"physics": Physics(friction_scale=0.1, slope_deg=10.0)}, {"randomize": True}):
         with ExitStack() as films:
             on_env = partial(lambda films, env: films.enter_context(filmed_env(env, path, "spins", **small)), films)
             try:
@@ -198,7 +198,7 @@ def test_film_shows_the_evaluated_episodes(spinning: Path, tmp_path: Path) -> No
                 pytest.skip(str(error))
         assert path.stat().st_size > 0
         path.unlink()
-    assert len(set(seen)) == 2
+    assert len(set(seen)) == 3
     assert evaluate(spinning, episodes=1, save=False).returns == seen[0], "to film changes nothing"
     assert film_run(spinning, "last", path, "spins", **small).return_ == pytest.approx(seen[0][0])
 
