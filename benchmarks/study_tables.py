@@ -94,7 +94,7 @@ ON_THE_ROBOT = ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0", "RoboArm
 IN_SIMULATION = {"WalkerSim-v0": "Walker-v0", "RoboArmSim-v0": "RoboArm-v0"}
 PAPER_AGENTS = ("td3", "sac", "droq", "random")
 DROQ_EPISODES = {"Walker-v0": 27, "WalkerSim-v0": 27, "RoboArm-v0": 40, "RoboArmSim-v0": 40}
-"""Episodes of DroQ with the paper's settings where the paper's would take hours; its curve is flat before they end."""
+"""Episodes of DroQ with the paper's settings where the paper's would take hours; on the Walker its curve is flat by then."""
 
 
 def _episodes(env: str, quick: bool) -> int:
