@@ -152,6 +152,7 @@ def test_copies_of_an_own_environment(tmp_path: Path) -> None:
     assert evaluate(tmp_path / "run", copies(), episodes=3, save=False).episodes == 3
 
 
+@pytest.mark.usefixtures("forked_children")
 def test_copies_and_other_processes_have_the_transforms(tmp_path: Path) -> None:
     copies = train(config(tmp_path / "copies", num_envs=3, frame_stack=2))
     assert [episode.length for episode in copies.episodes] == [100] * 2

@@ -100,10 +100,11 @@ def filmed_env(
             raise TwinError(f"{task.id} has no virtual robot to film; leave out --video")
         end_episode()
         room = Room(body, task.goal([0.0] * len(task.entries)))  # until one is drawn
-        limit_s = budget_s * speed / (expected_s * _FPS)  # at 25 images/s, an image covers 40 ms at speed 1
+        # At 25 images/s, an image covers 40 ms at speed 1; if it takes too long to draw, each is held for longer.
+        limit_s = budget_s * speed / (expected_s * _FPS)
         renderer, cost_s = _renderer(body, room, size, limit_s)
         renderers.callback(renderer.close)
-        hold = next((n for n in _HOLDS if cost_s <= n * limit_s), _HOLDS[-1])  # what cannot be drawn so quickly is held for longer
+        hold = next((n for n in _HOLDS if cost_s <= n * limit_s), _HOLDS[-1])
         number, machine = number + 1, connection.twin.machine
 
         def render() -> Image:
