@@ -221,7 +221,6 @@ def test_warm_start_of_other_settings_raises(config: TrainConfig, tmp_path: Path
     assert names(tmp_path) == ["run"]
 
 
-@pytest.mark.usefixtures("forked_children")
 def test_asynchronous_learner_uses_dataset(config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """ACT needs the dataset, and its actor needs resets."""
     starts: list[ChunkPolicy] = []
