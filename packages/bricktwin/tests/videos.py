@@ -19,7 +19,7 @@ def read_video(path: Path) -> NDArray[np.uint8]:
     command = [
         imageio_ffmpeg.get_ffmpeg_exe(),
         "-i",
-        str(path),
+        f"file:{path}",  # a colon in a name ends no protocol
         "-f",
         "rawvideo",
         "-pix_fmt",

@@ -29,7 +29,7 @@ from bricksrl.envs import make
 from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
-from bricksrl.evaluation.film import film_run, filmed_env
+from bricksrl.evaluation.film import film_run, filmed_env, side_by_side
 from bricksrl.evaluation.report import write_report
 from bricksrl.training import RunFolder
 
@@ -70,6 +70,7 @@ def test_report_without_videos(trained):
 def test_report_with_videos(trained, tmp_path, monkeypatch):
     monkeypatch.setattr("bricksrl.evaluation.report.FILM_BUDGET_S", 0.5)
     monkeypatch.setattr("bricksrl.evaluation.report.film_run", partial(film_run, size=(320, 180)))
+    monkeypatch.setattr("bricksrl.evaluation.report.side_by_side", partial(side_by_side, height=90))
     run_dir = tmp_path / "run"
     shutil.copytree(trained[0], run_dir)
     path, said = write_report(run_dir, RunFolder(run_dir).read_episodes(), evaluate(run_dir, episodes=1, save=False))
@@ -78,7 +79,7 @@ def test_report_with_videos(trained, tmp_path, monkeypatch):
     images = {}
     for name in ("before", "after", "before_after"):
         frames = read_video(run_dir / f"{name}.mp4")
-        assert frames.shape[1:] == ((540, 1920, 3) if name == "before_after" else (180, 320, 3))
+        assert frames.shape[1:] == ((90, 320, 3) if name == "before_after" else (180, 320, 3))
         assert imageio_ffmpeg.count_frames_and_secs(str(run_dir / f"{name}.mp4"))[1] >= 1
         images[name] = frames[:: max(1, len(frames) // 10)].astype(int)
     assert images["after"][0].std() > 5

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy  # its parts are imported when they are used
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 
 from bricksrl.errors import DescriptionError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, stratified_bootstrap_interval, wilson_interval
@@ -14,7 +14,7 @@ SCORES = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=40)
 
 @given(SCORES)
 def test_interquartile_mean_equals_scipy_trim_mean(scores: list[float]) -> None:
-    assert float(interquartile_mean(np.array(scores))) == pytest.approx(float(stats.trim_mean(scores, 0.25)), abs=1e-6)
+    assert float(interquartile_mean(np.array(scores))) == pytest.approx(float(scipy.stats.trim_mean(scores, 0.25)), abs=1e-6)
 
 
 @given(SCORES)
@@ -32,7 +32,7 @@ def test_interquartile_mean_ignores_one_outlier_of_five() -> None:
 def test_wilson_interval_equals_scipy(trials: int, share: float, confidence: float) -> None:
     successes = round(share * trials)
     ours = wilson_interval(successes, trials, confidence=confidence)
-    theirs = stats.binomtest(successes, trials).proportion_ci(confidence, method="wilson")
+    theirs = scipy.stats.binomtest(successes, trials).proportion_ci(confidence, method="wilson")
     assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
 
 
@@ -53,7 +53,7 @@ def test_bootstrap_interval_is_bounded_and_reproducible(strata: list[list[float]
 def test_bootstrap_interval_is_close_to_scipys() -> None:
     scores = np.random.default_rng(0).normal(10.0, 2.0, 50)
     ours = stratified_bootstrap_interval([scores.tolist()], mean, resamples=20_000)
-    theirs = stats.bootstrap((scores,), np.mean, method="percentile", n_resamples=20_000, rng=1).confidence_interval
+    theirs = scipy.stats.bootstrap((scores,), np.mean, method="percentile", n_resamples=20_000, rng=1).confidence_interval
     assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), abs=0.03)
 
 

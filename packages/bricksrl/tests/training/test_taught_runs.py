@@ -84,11 +84,11 @@ def test_taught_runs_are_resumed_to_the_last_digit(iql: str, tmp_path: Path, mon
     """Teacher and anchor are in the checkpoint, and demonstrations are not imitated twice."""
     monkeypatch.setattr("bricksrl.agents.teachers.UPDATES", 50)
     for teacher in ("demonstrations", "base"):
-        whole = taught(tmp_path / f"{teacher}-whole", episodes=4, **{teacher: iql})
+        whole = taught(tmp_path / f"{teacher}-whole", episodes=2, **{teacher: iql})
         train(whole)
         part = tmp_path / f"{teacher}-part"
-        train(replace(whole, run_dir=part, episodes=2))
-        resume(part, episodes=4)
+        train(replace(whole, run_dir=part, episodes=1))
+        resume(part, episodes=2)
         one, other = (load_checkpoint(path / "checkpoint.bin")["agent"] for path in (whole.run_dir, part) if path)
         assert one["updates"] > 0
         assert_equal(one, other)

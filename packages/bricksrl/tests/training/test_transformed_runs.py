@@ -40,8 +40,12 @@ def transform(env):
 """
 
 
+SHORT = {"env": "WalkerSim-v0", "options": {"max_steps": 40}}
+
+
 def config(run_dir: Path, **named: Any) -> TrainConfig:
-    return TrainConfig(**{"env": "WalkerSim-v0", "episodes": 2, "settings": SMALL, "run_dir": run_dir, **named})
+    task = {} if "env" in named else SHORT
+    return TrainConfig(**{**task, "episodes": 2, "settings": SMALL, "run_dir": run_dir, **named})
 
 
 @pytest.fixture(params=["stacked", "own", "drawn", "normalized"])
@@ -61,9 +65,9 @@ def test_runs_carry_their_transforms(tmp_path: Path, options: dict[str, Any]) ->
     train(config(tmp_path / "part", **options))
     resumed = resume(tmp_path / "part", episodes=3)
     assert [episode.return_ for episode in resumed.episodes] == [episode.return_ for episode in whole.episodes]
-    assert [episode.length for episode in whole.episodes] == [100] * 3  # steps of the robot
+    assert [episode.length for episode in whole.episodes] == [40] * 3  # steps of the robot
     data = load(tmp_path / "whole")
-    assert data.observation.shape == (300, 7)  # its own observations and rewards
+    assert data.observation.shape == (120, 7)  # its own observations and rewards
     returns = torch.stack([data.reward[data.episode == number].sum() for number in range(3)])
     torch.testing.assert_close(returns, torch.tensor([episode.return_ for episode in whole.episodes]), atol=1e-2, rtol=0)
     judged = evaluate(tmp_path / "whole", episodes=2, save=False)
@@ -86,7 +90,7 @@ def test_data_goes_through_the_transforms(tmp_path: Path, options: dict[str, Any
 
 def test_an_environment_with_transforms_is_trained_and_evaluated(tmp_path: Path) -> None:
     def made() -> TransformedEnv:
-        return TransformedEnv(bricksrl.make("WalkerSim-v0", seed=0), CatFrames(2, -1, in_keys=["observation"]))
+        return TransformedEnv(bricksrl.make("WalkerSim-v0", seed=0, max_steps=40), CatFrames(2, -1, in_keys=["observation"]))
 
     train(config(tmp_path / "run"), env=made())
     assert evaluate(tmp_path / "run", made(), episodes=1, save=False).episodes == 1
@@ -152,9 +156,10 @@ def test_copies_of_an_own_environment(tmp_path: Path) -> None:
     assert evaluate(tmp_path / "run", copies(), episodes=3, save=False).episodes == 3
 
 
+@pytest.mark.usefixtures("forked_children")
 def test_copies_and_other_processes_have_the_transforms(tmp_path: Path) -> None:
     copies = train(config(tmp_path / "copies", num_envs=3, frame_stack=2))
-    assert [episode.length for episode in copies.episodes] == [100] * 2
+    assert [episode.length for episode in copies.episodes] == [40] * 2
     apart = train(config(tmp_path / "apart", asynchronous=True, frame_stack=2))
     assert RunFolder(apart.run_dir).read_config().frame_stack == 2
 

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 SIZE, BUDGET_S = (1280, 720), 15.0
 """Width and height in px, and the approximate time for drawing an episode; a small one reduces the frame rate."""
-QUICK_S = 0.03
-"""Longest time to draw an image without shadows for shadows to be tried."""
 _FPS, _LAST_S = 25, 0.8
 """Images a second, and how long the last one of an episode is shown."""
 _HOLDS = (1, 2, 3, 4)
@@ -102,10 +100,11 @@ def filmed_env(
             raise TwinError(f"{task.id} has no virtual robot to film; leave out --video")
         end_episode()
         room = Room(body, task.goal([0.0] * len(task.entries)))  # until one is drawn
-        renderer, cost_s = _renderer(body, room, size)
+        # At 25 images/s, an image covers 40 ms at speed 1; if it takes too long to draw, each is held for longer.
+        limit_s = budget_s * speed / (expected_s * _FPS)
+        renderer, cost_s = _renderer(body, room, size, limit_s)
         renderers.callback(renderer.close)
-        # At 25 images/s, an image covers 40 ms at speed 1; if that is too many to draw in the budget, each is held for longer.
-        hold = next((n for n in _HOLDS if expected_s * _FPS / (n * speed) <= max(1.0, budget_s / cost_s)), _HOLDS[-1])
+        hold = next((n for n in _HOLDS if cost_s <= n * limit_s), _HOLDS[-1])
         number, machine = number + 1, connection.twin.machine
 
         def render() -> Image:
@@ -136,8 +135,8 @@ def filmed_env(
         yield
 
 
-def _renderer(body: MujocoBody, room: Room, size: tuple[int, int]) -> tuple[Renderer, float]:
-    """A renderer, with shadows if they are fast enough, and its time per image."""
+def _renderer(body: MujocoBody, room: Room, size: tuple[int, int], limit_s: float) -> tuple[Renderer, float]:
+    """A renderer, with shadows if it draws an image with them in ``limit_s``, and its time per image."""
     from bricktwin.twin.render.opengl import Renderer
 
     def make(*, shadows: bool) -> tuple[Renderer, float]:
@@ -148,10 +147,10 @@ def _renderer(body: MujocoBody, room: Room, size: tuple[int, int]) -> tuple[Rend
         return renderer, time.perf_counter() - start_s
 
     plain, cost_s = make(shadows=False)
-    if cost_s > QUICK_S:
+    if 2 * cost_s > limit_s:
         return plain, cost_s
     shaded, shaded_s = make(shadows=True)
-    chosen, other = ((shaded, shaded_s), plain) if shaded_s <= 2 * QUICK_S else ((plain, cost_s), shaded)
+    chosen, other = ((shaded, shaded_s), plain) if shaded_s <= limit_s else ((plain, cost_s), shaded)
     other.close()
     return chosen
 
