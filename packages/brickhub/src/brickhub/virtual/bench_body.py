@@ -252,8 +252,7 @@ class FittedBench(BenchBody):
         self._devices[port] = device
         self._kinds[port] = SensorKind(device)
         for reading in self._given_readings[port]:
-            sense = self._sense_of(reading, device)
-            reading.check(sense, device)
+            sense = reading.sense_of(device)
             self._readings.setdefault((port, sense), lambda _, at=reading.at: at(self._time_ms / 1000))  # type: ignore[misc]
 
     def block(self, port: str, direction: int) -> None:
@@ -334,14 +333,3 @@ class FittedBench(BenchBody):
     def _about_vertical(self, clockwise: float) -> tuple[float, float, float]:
         x, y, z = self._up
         return -clockwise * x, -clockwise * y, -clockwise * z
-
-    @staticmethod
-    def _sense_of(reading: GivenReading, device: str) -> Sense:
-        """Sense of a reading. Raises TwinError if the device has no such sense."""
-        available = SensorKind(device).model.senses
-        if reading.sense is None and available:
-            return available[0]
-        if reading.sense not in available:
-            names = " or ".join(available) or "nothing"
-            raise TwinError(f"the {device} on port {reading.port} senses {names}, not {reading.sense}; give such a reading")
-        return reading.sense
