@@ -88,7 +88,7 @@ class BenchBody:
         self.motor_friction_scale = 1.0
         self.link = PROFILES[DEFAULT_LINK]
         self._readings = _readings_by_sense(robot, readings)
-        self._ultrasonic_ports = {sensor.port for sensor in robot.sensors if sensor.kind.model.range_mm is not None}
+        self._kinds = {sensor.port: sensor.kind for sensor in robot.sensors}
         self._outputs = [(motor.name, motor.port, 1000.0 * motor.shaft_turns) for motor in robot.motors]
         stops = _end_stops_mdeg(robot, end_stops)
         self._motors = {motor.port: BenchMotor(stops.get(motor.port)) for motor in robot.motors}
@@ -116,7 +116,8 @@ class BenchBody:
         """Stimulus of a sensor at the present angles. Raises SceneError if its reading raises."""
         reading = self._readings.get((port, sense))
         if reading is None:
-            return _FARTHEST_MM if port in self._ultrasonic_ports else DEFAULT_STIMULI[sense]
+            range_mm = self._kinds[port].model.range_mm
+            return _DEFAULTS[sense] if range_mm is None else range_mm[1]
         try:
             return reading({name: self.angle_mdeg(p) / scale for name, p, scale in self._outputs})
         except Exception as error:
@@ -249,8 +250,10 @@ class FittedBench(BenchBody):
 
     def _add_sensor(self, port: str, device: str) -> None:
         self._devices[port] = device
+        self._kinds[port] = SensorKind(device)
         for reading in self._given_readings[port]:
-            reading.check(self._sense_of(reading, device), device)
+            sense = reading.sense_of(device)
+            self._readings.setdefault((port, sense), lambda _, at=reading.at: at(self._time_ms / 1000))  # type: ignore[misc]
 
     def block(self, port: str, direction: int) -> None:
         """Something is in the way of a motor that runs until it stalls, clockwise (1) or counterclockwise (-1)."""
@@ -327,26 +330,6 @@ class FittedBench(BenchBody):
         """Class name of the device on a port."""
         return self._devices.get(port)
 
-    def sensed(self, port: str, sense: Sense) -> Sensed:
-        """The given reading at the current time."""
-        device = self._devices[port]
-        for reading in self._given_readings[port]:
-            if self._sense_of(reading, device) is sense:
-                return reading.at(self._time_ms / 1000)
-        range_mm = SensorKind(device).model.range_mm
-        return _DEFAULTS[sense] if range_mm is None else range_mm[1]
-
     def _about_vertical(self, clockwise: float) -> tuple[float, float, float]:
         x, y, z = self._up
         return -clockwise * x, -clockwise * y, -clockwise * z
-
-    @staticmethod
-    def _sense_of(reading: GivenReading, device: str) -> Sense:
-        """Sense of a reading. Raises TwinError if the device has no such sense."""
-        available = SensorKind(device).model.senses
-        if reading.sense is None and available:
-            return available[0]
-        if reading.sense not in available:
-            names = " or ".join(available) or "nothing"
-            raise TwinError(f"the {device} on port {reading.port} senses {names}, not {reading.sense}; give such a reading")
-        return reading.sense

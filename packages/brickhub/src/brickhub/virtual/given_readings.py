@@ -41,13 +41,20 @@ class GivenReading:
         """The value at a simulated time."""
         return self.values[max(0, bisect.bisect_right(self.times_s, time_s) - 1)]
 
-    def check(self, sense: Sense, device: str) -> None:
-        """Raise TwinError unless the values suit the sense."""
+    def sense_of(self, device: str) -> Sense:
+        """What a device of a class of ``pybricks.pupdevices`` senses by it. Raises TwinError if it has no such sense, or if the
+        values do not suit that."""
+        available = SensorKind(device).model.senses
+        sense = self.sense or next(iter(available), None)
+        if sense not in available:
+            names = " or ".join(available) or "nothing"
+            raise TwinError(f"the {device} on port {self.port} senses {names}, not {sense}; give such a reading")
         for value in self.values:
             if (len(value) if isinstance(value, tuple) else 1) not in _VALUE_COUNTS.get(sense, (1,)):
                 raise TwinError(
                     f"--reading {self.port}: {value} is not a {sense} for the {device} there; give one such as {_EXAMPLES}"
                 )
+        return sense
 
 
 def parse_reading(text: str, folder: Path = Path()) -> GivenReading:

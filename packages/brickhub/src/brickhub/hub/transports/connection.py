@@ -19,7 +19,10 @@ from brickhub.robot import HubKind
 
 
 class Output:
-    """Standard output of a program, and its end: after that the rest can be read, and then reading raises its reason."""
+    """Standard output of a program, and its end: after that the rest can be read, and then reading raises its reason.
+
+    A reader waits in its own thread; through that of the event loop, each exchange takes milliseconds longer on a busy computer.
+    """
 
     def __init__(self) -> None:
         self._changed = threading.Condition()

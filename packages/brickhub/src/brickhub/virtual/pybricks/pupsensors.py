@@ -181,10 +181,10 @@ class _ColorDevice(Device):
         full = 12 * 100 if self._is_boost else 3 * 1024
         return self._measure("RGB I", lambda: sum(self._plug.raw_rgb(self._is_boost)) * 100 // full, "reflection_pct")
 
-    def _hsv(self, surface: Any = True) -> Any:
+    def hsv(self, surface: Any = True) -> Any:
         return self._measure("RGB I" if surface else "SHSV", lambda: Color(*self._seen(surface)), *_HSV)
 
-    def _color(self, surface: Any = True) -> Any:
+    def color(self, surface: Any = True) -> Any:
         def detected() -> Any:
             index = nearest(self._seen(surface), [(color.h, color.s, color.v) for color in self._detectable])
             return None if index is None else self._detectable[index]
@@ -206,12 +206,6 @@ class ColorSensor(_ColorDevice):
         super().__init__(port)
         self.lights = LightArray(self, 3)
 
-    def hsv(self, surface: Any = True) -> Any:
-        return self._hsv(surface)
-
-    def color(self, surface: Any = True) -> Any:
-        return self._color(surface)
-
     ambient = _reading("SHSV", lambda self: to_single(round(self._plug.ambient_pct() * 10) / 100), "ambient_pct")
     """Of what the sensor sends, tenths of a percent, the firmware makes a tenth."""
 
@@ -226,11 +220,11 @@ class ColorDistanceSensor(_ColorDevice):
         super().__init__(port)
         self.light = ColorLight(self, lambda: self._write("COL O"))
 
-    def hsv(self) -> Any:
-        return self._hsv()
+    def hsv(self) -> Any:  # type: ignore[override]  # of surfaces only
+        return super().hsv()
 
-    def color(self) -> Any:
-        return self._color()
+    def color(self) -> Any:  # type: ignore[override]
+        return super().color()
 
     ambient = _reading("AMBI", lambda self: round(self._plug.ambient_pct()), "ambient_pct")
     distance = _reading("PROX", lambda self: self._plug.proximity() * 10, "distance_pct")
