@@ -15,6 +15,7 @@ from brickhub.user_files import without_folder
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.live import LivePage
+from bricksrl.teleoperation import at_rest
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RunResult
 
 if TYPE_CHECKING:
@@ -81,11 +82,12 @@ class PageCallback(Callback):
 
 def resting_player(env: EnvBase, driver: Driver | None = None) -> Player:
     """Player that moves no motor, except as its driver says."""
+    import torch
+
     from bricksrl.data.schema import describe_task
     from bricksrl.policies.policy import Player
-    from bricksrl.teleoperation import rest_action
 
-    resting = rest_action(describe_task(env.task).action)
+    resting = torch.tensor(at_rest(describe_task(env.task).action))
 
     def act(state: TensorDictBase) -> TensorDictBase:
         action = None if driver is None else driver(state["observation"])
