@@ -34,12 +34,10 @@ def variants(env: str, agent: str) -> dict[str, tuple[str, dict[str, Any]]]:
 def main(session: Session) -> None:
     """Train all and write the results."""
     parser = session.parser
-    parser.add_argument("--envs", nargs="+", default=list(STEPS), choices=list(STEPS))
     parser.add_argument("--agent", default="sac", choices=AGENTS)
-    parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--only", nargs="+", help="variants to train")
     parser.add_argument("--steps", type=int, help="robot steps, in place of those of each environment")
-    args = session.parse()
+    args = session.parse(envs=list(STEPS), seeds=5)
     agent, known = args.agent, session.known().get("environments", {})
     cells: dict[str, tuple[Any, ...]] = {}
     settings: list[tuple[dict[str, Any], str, Any]] = []

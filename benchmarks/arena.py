@@ -90,11 +90,8 @@ def scripts(episodes: int) -> dict[str, Any]:
 def main(session: Session) -> None:
     """Measure all and write the results."""
     parser = session.parser
-    parser.add_argument("--agents", nargs="+", choices=list(SETTINGS), default=list(SETTINGS))
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--episodes", type=int, default=20)
     parser.add_argument("--film", type=Path)
-    args = session.parse()
+    args = session.parse(agents=list(SETTINGS), seeds=5, episodes=20)
     torch.set_num_threads(1)
     agents: dict[str, Any] = session.known().get("agents", {})
     for agent in args.agents:

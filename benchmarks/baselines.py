@@ -74,10 +74,7 @@ def paper_of(env_id: str) -> dict[str, Any] | None:
 
 def main(session: Session) -> None:
     """Measure and write; results of other environments stay in the result."""
-    parser = session.parser
-    parser.add_argument("--envs", nargs="+", default=list(CONTROLLERS), choices=list(CONTROLLERS))
-    parser.add_argument("--episodes", type=int, default=50)
-    args = session.parse()
+    args = session.parse(envs=list(CONTROLLERS), episodes=50)
     torch.set_num_threads(1)
     table: dict[str, Any] = {}
     for env_id in args.envs:

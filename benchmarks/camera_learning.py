@@ -36,10 +36,8 @@ def main(session: Session) -> None:
     """Train all and write the results."""
     parser = session.parser
     parser.add_argument("--agents", nargs="+", default=["sac"], choices=["sac", "td3"])
-    parser.add_argument("--preset", default="default")
-    parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--marks", type=int, nargs="+", default=[10, 25, 50, 100])
-    args = session.parse()
+    args = session.parse(preset="default", seeds=3)
     results: dict[str, Any] = {}
     ends = sorted(args.marks)
     for agent in args.agents:

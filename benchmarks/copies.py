@@ -56,10 +56,8 @@ def run(agent: str, seed: int, limit_s: float) -> list[list[float]]:
 def main(session: Session) -> None:
     """Run all seeds and write the results."""
     parser = session.parser
-    parser.add_argument("--agents", nargs="+", default=list(GOALS), choices=list(GOALS))
-    parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--limit", type=float, default=120.0, help="CPU seconds of a run at most")
-    args = session.parse()
+    args = session.parse(agents=list(GOALS), seeds=5)
     agents: dict[str, Any] = {}
     for agent in args.agents:
         copies, goal = GOALS[agent]

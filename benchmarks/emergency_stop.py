@@ -68,8 +68,7 @@ def trial(world: World, link: HubLink, rng: random.Random) -> tuple[float, int]:
 
 def main(session: Session) -> None:
     """Measure, print, and write the results."""
-    session.parser.add_argument("--trials", type=int, default=TRIALS)
-    trials = session.parse().trials
+    trials = session.parse(trials=TRIALS).trials
     rng, results = random.Random(0), []
     for interval_ms in INTERVALS_MS:
         for moment, step_ms in MOMENTS.items():

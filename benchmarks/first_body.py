@@ -56,9 +56,7 @@ def measure(robot: str, cache: str) -> tuple[float, float, float]:
 
 def main(session: Session) -> None:
     """Measure all robots and write the medians."""
-    parser = session.parser
-    parser.add_argument("--runs", type=int, default=15)
-    args = session.parse()
+    args = session.parse(runs=15)
     results: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         for robot in ROBOTS:

@@ -183,11 +183,10 @@ def races(session: Session, seeds: int, episodes: int, *, realtime: bool) -> dic
 def main(session: Session) -> None:
     """Measure all and write the results."""
     parser = session.parser
-    parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--episodes", type=int, default=60, help="at most, of each run")
     parser.add_argument("--cut-episodes", type=int, default=150, help="at most, of the run with a cut")
     parser.add_argument("--simulated", action="store_true", help="in simulated time: the steps only, added to the results")
-    args = session.parse()
+    args = session.parse(seeds=10)
     known = session.known()
     if args.simulated:
         session.write({**known, "simulated": {**races(session, args.seeds, args.episodes, realtime=False), **describe()}})

@@ -127,10 +127,8 @@ def draw(path: Path, searches: list[dict[str, Any]]) -> None:
 
 def main(session: Session) -> None:
     """Measure, and write."""
-    session.parser.add_argument("--seeds", type=int, default=10)
-    session.parser.add_argument("--six-legs-seeds", type=int, default=3)
     session.parser.add_argument("--on-hub", nargs="*", default=list(ON_HUB), choices=list(ON_HUB), metavar="KIND")
-    args = session.parse()
+    args = session.parse(seeds=10, six_legs_seeds=3)
     (reference,) = session.outcomes(trot, {"trot": ()})
     walkers, sixes = (range(FIRST_SEED, FIRST_SEED + count) for count in (args.seeds, args.six_legs_seeds))
     walker = list(session.outcomes(search, {f"walker-{seed}": (WALKER, seed) for seed in walkers}))

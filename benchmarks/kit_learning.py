@@ -50,10 +50,8 @@ def by_hand(robot: str, env_id: str) -> dict[str, Any]:
 def main(session: Session) -> None:
     """Train all and write the results."""
     parser = session.parser
-    parser.add_argument("--envs", nargs="+", default=list(EPISODES), choices=list(EPISODES))
-    parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--episodes", type=int, help="instead of 20, and 15 of Spinning-v0")
-    args = session.parse()
+    args = session.parse(envs=list(EPISODES), seeds=5)
     counts = {env_id: args.episodes or EPISODES[env_id] for env_id in args.envs}
     parts = list(itertools.product(range(args.seeds), counts, ROBOTS))
     jobs = {f"{env}-{robot}-{counts[env]}-{seed}": (robot, env, counts[env], seed) for seed, env, robot in parts}

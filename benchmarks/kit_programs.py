@@ -67,8 +67,7 @@ def main(session: Session) -> None:
     """Run all and write the results."""
     parser = session.parser
     parser.add_argument("--lego", type=Path, metavar="DIR", help="a clone of LEGO's repository")
-    parser.add_argument("--faults", type=int, default=200)
-    args = session.parse()
+    args = session.parse(faults=200)
     sys.path.insert(0, str(TESTS))
     sources = importlib.import_module("lego_programs")
     programs = {f"own: {name}": sources.own(name) for name in sources.OWN}

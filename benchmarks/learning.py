@@ -128,10 +128,8 @@ def main(session: Session) -> None:
     parser = session.parser
     parser.add_argument("--envs", nargs="+", default=["WalkerSim-v0", "RoboArmSim-v0"], choices=list(MARKS))
     parser.add_argument("--agents", nargs="+", default=["sac"], choices=AGENTS)
-    parser.add_argument("--preset", default="default")
-    parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--episodes", type=int, default=25, help=f"as many times {LENGTH} steps, those of the start included")
-    args = session.parse()
+    args = session.parse(preset="default", seeds=10)
     end = args.episodes * LENGTH
     cells: dict[str, tuple[Any, ...]] = {
         f"{env}-{agent}-{args.preset}-{end}": (env, agent, args.preset, marks, "steps", {})

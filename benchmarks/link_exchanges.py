@@ -53,8 +53,7 @@ def measure(name: str, exchanges: int, pauses: int) -> dict[str, Any]:
 
 def main(session: Session) -> None:
     """Measure all links and write."""
-    session.parser.add_argument("--exchanges", type=int, default=10_000)
-    args = session.parse()
+    args = session.parse(exchanges=10_000)
     parts = {f"{name}-{args.exchanges}": (name, args.exchanges, args.exchanges // 10) for name in PROFILES}
     measured = dict(zip(PROFILES, session.outcomes(measure, parts), strict=True))
     session.write({"links": {name: found | {"expected": EXPECTED[name]} for name, found in measured.items()}})

@@ -49,11 +49,8 @@ def course(faults: int, seed: int, end_ms: int) -> dict[str, Any]:
 def main(session: Session) -> None:
     """Run the courses and write their summary."""
     parser = session.parser
-    parser.add_argument("--faults", type=int, default=1000)
     parser.add_argument("--course", type=int, default=25, help="consecutive faults on one hub")
-    parser.add_argument("--end-ms", type=int, default=500)
-    parser.add_argument("--seed", type=int, default=0)
-    args = session.parse()
+    args = session.parse(faults=1000, end_ms=500, seed=0)
     sizes = [min(args.course, args.faults - start) for start in range(0, args.faults, args.course)]
     jobs = {
         f"{args.seed + number}-{size}-{args.end_ms}": (size, args.seed + number, args.end_ms) for number, size in enumerate(sizes)

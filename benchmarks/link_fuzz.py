@@ -104,10 +104,7 @@ def fuzz_profile(rng: random.Random, counts: Counter[str]) -> None:
 
 def main(session: Session) -> None:
     """Fuzz for some time."""
-    parser = session.parser
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--seed", type=int, default=0)
-    args = session.parse()
+    args = session.parse(seconds=60.0, seed=0)
     rng, counts = random.Random(args.seed), Counter[str]()
     end_s = time.monotonic() + args.seconds
     while time.monotonic() < end_s:

@@ -25,11 +25,8 @@ TASKS: dict[str, tuple[str, dict[str, Any]]] = {
 def main(session: Session) -> None:
     """Train all and write the results."""
     parser = session.parser
-    parser.add_argument("--envs", nargs="+", default=list(TASKS), choices=list(TASKS))
-    parser.add_argument("--links", nargs="+", default=list(PROFILES), choices=list(PROFILES))
-    parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--episodes", type=int, help="instead of those of the benchmark robots")
-    args = session.parse()
+    args = session.parse(envs=list(TASKS), links=list(PROFILES), seeds=5)
     cells = list(itertools.product(args.envs, args.links))
     parts = {}
     for row, link in cells:

@@ -332,11 +332,9 @@ def report(result: dict[str, Any]) -> str:
 def main(session: Session) -> None:
     """Judge the mutants that have no verdict yet, or print the table."""
     parser = session.parser
-    parser.add_argument("--count", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=36)
     parser.add_argument("--only", type=int, nargs="+", default=[])
     parser.add_argument("--table", action="store_true")
-    args = session.parse()
+    args = session.parse(count=60, seed=36)
     setup, result = {"seed": args.seed, "count": args.count}, session.known()
     if args.table:
         print(report(session.known() or read_result(session.published())))

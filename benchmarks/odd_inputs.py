@@ -350,9 +350,8 @@ KINDS = {options: 250, files: 140, mutants: 60, environments: 30, signals: 20}
 def main(session: Session) -> int:
     """Try all inputs, print faults, write the result."""
     parser = session.parser
-    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--scale", type=float, default=1.0, help="share of the 500 inputs")
-    args = session.parse()
+    args = session.parse(seed=0)
     os.environ["MUJOCO_GL"] = "disable"
     tried: Counter[str] = Counter()
     faults: list[dict[str, str]] = []

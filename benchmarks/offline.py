@@ -74,13 +74,10 @@ def main(session: Session) -> None:
     """Run all jobs and write the table."""
     parser = session.parser
     parser.add_argument("--data", type=Path, help=f"folder with the datasets <env>-<kind> (default: {datasets.FOLDER})")
-    parser.add_argument("--envs", nargs="+", default=list(OFFLINE_UPDATES), choices=list(OFFLINE_UPDATES))
     parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
     parser.add_argument("--agents", nargs="+", default=AGENTS, choices=AGENTS)
-    parser.add_argument("--preset", default="paper")
-    parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--share", type=float, default=1.0, help="share of the updates, for a quick look")
-    args = session.parse()
+    args = session.parse(envs=list(OFFLINE_UPDATES), preset="paper", seeds=5)
     data = (args.data or session.place_of(datasets.FOLDER)).absolute()
     missing = [env for env in args.envs if not all((data / f"{env}-{kind}").exists() for kind in args.kinds)]
     datasets.made(data, missing, quick=session.is_quick, processes=session.jobs)

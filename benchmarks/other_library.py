@@ -54,10 +54,8 @@ def learned(way: str, seed: int, steps: int) -> dict[str, Any]:
 
 def main(session: Session) -> None:
     """Train all of them and write the returns."""
-    session.parser.add_argument("--seeds", type=int, default=3)
-    session.parser.add_argument("--steps", type=int, default=2000)
     session.parser.add_argument("--ways", nargs="+", default=list(WAYS), choices=WAYS)
-    args = session.parse()
+    args = session.parse(seeds=3, steps=2000)
     trot = REFERENCES[ENV]["by hand"]
     parts = {f"{way}-{seed}-{args.steps}": (way, seed, args.steps) for way in args.ways for seed in range(args.seeds)}
     outcomes = session.outcomes(learned, parts)

@@ -69,10 +69,7 @@ def run(episodes: int, folder: Path, kind: str) -> dict[str, float]:
 
 
 def main(session: Session) -> None:
-    parser = session.parser
-    parser.add_argument("--episodes", type=int, default=4)
-    parser.add_argument("--repeats", type=int, default=5)
-    args = session.parse()
+    args = session.parse(episodes=4, repeats=5)
     os.environ["OMP_NUM_THREADS"] = "1"
     kinds = ("without", "unwatched", "watched")
     runs: dict[str, list[dict[str, float]]] = {kind: [] for kind in kinds}

@@ -40,10 +40,7 @@ def resident_mb() -> float:
 
 
 def main(session: Session) -> None:
-    parser = session.parser
-    parser.add_argument("--minutes", type=float, default=10.0)
-    parser.add_argument("--env", default="Walker-v1")
-    args = session.parse()
+    args = session.parse(minutes=10.0, env="Walker-v1")
     env, stop = bricksrl.make(args.env, seed=0), threading.Event()
     page = LivePage(args.env, task=env.task, policies=("random",), speed="1x")
     rows: list[tuple[float, float, float, int]] = []

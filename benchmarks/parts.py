@@ -18,7 +18,7 @@ import benchmarks
 from benchmarks.machine import ONE_THREAD
 from brickhub.files import write_durably
 from bricksrl.errors import BricksError, RunError
-from bricksrl.evaluation.cluster import map_on_cluster
+from bricksrl.evaluation.multi_seed import map_on_cluster
 from bricksrl.training.signals import StopSignals
 
 

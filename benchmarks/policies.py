@@ -19,8 +19,7 @@ import numpy as np
 from benchmarks.session import Session
 from bricksrl.agents import preset
 from bricksrl.errors import DescriptionError
-from bricksrl.policies.by_name import FOLDER, TRAINED, path_of
-from bricksrl.policies.plain import PlainPolicy
+from bricksrl.policies.by_name import FOLDER, TRAINED, PlainPolicy, path_of
 
 if TYPE_CHECKING:
     from bricksrl.policies.policy import Policy
@@ -107,9 +106,8 @@ def run(env: str, episodes: int, out: str) -> dict[str, Any]:
 
 def main(session: Session) -> None:
     """Train, and write the files and their table; policies of other environments stay."""
-    session.parser.add_argument("--envs", nargs="+", default=list(EPISODES), choices=list(EPISODES))
     session.parser.add_argument("--episodes", type=int, help="of each training (default: those of the table)")
-    args = session.parse()
+    args = session.parse(envs=list(EPISODES))
     place = session.place_of(FOLDER)
     jobs = {env: (env, args.episodes or EPISODES[env], str(place / path_of(env).name)) for env in args.envs}
     rows: dict[str, Any] = {} if session.is_apart else dict(TRAINED)

@@ -79,8 +79,7 @@ def main(session: Session) -> None:
     """Measure all and write the results."""
     parser = session.parser
     parser.add_argument("--agents", nargs="+", default=list(AGENTS))
-    parser.add_argument("--episodes", type=int, default=4)
-    args = session.parse()
+    args = session.parse(episodes=4)
     motion = motion_s()
     agents: dict[str, Any] = {}
     for agent in args.agents:

@@ -208,10 +208,8 @@ def _of(lerobot: LeRobot, results: list[dict[str, Any]]) -> dict[str, Any]:
 def main(session: Session) -> None:
     """Run from the command line."""
     parser = session.parser
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--lerobot", metavar="PYTHON", help="the Python of an environment that has LeRobot")
-    args = session.parse()
+    args = session.parse(kills=200, seed=0)
     with LeRobot(args.lerobot) if args.lerobot else nullcontext() as lerobot:
         session.write(measure(args.kills, args.seed, lerobot))
 

@@ -89,11 +89,8 @@ def paper_of(env_id: str) -> dict[str, Any] | None:
 def main(session: Session) -> None:
     """Train all and write the results."""
     parser = session.parser
-    parser.add_argument("--envs", nargs="+", default=list(EPISODES), choices=list(EPISODES))
-    parser.add_argument("--agent", default="sac")
-    parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--episodes", type=int, help="instead of the paper's")
-    args = session.parse()
+    args = session.parse(envs=list(EPISODES), agent="sac", seeds=5)
     variant = "" if args.agent == "sac" else f"_{args.agent}"
     episodes = {env_id: args.episodes or EPISODES[env_id] for env_id in args.envs}
     cells: dict[str, tuple[Any, ...]] = {

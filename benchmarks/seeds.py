@@ -76,9 +76,7 @@ def processes(jobs: int, episodes: int) -> float:
 
 def main(session: Session) -> None:
     """Measure both and write the results."""
-    parser = session.parser
-    parser.add_argument("--episodes", type=int, default=10)
-    args = session.parse()
+    args = session.parse(episodes=10)
     cores = os.cpu_count() or 1
     updates: dict[str, Any] = {f"{threads}_threads": stacked_or_not(threads) for threads in sorted({1, cores})}
     wall_s = {f"{jobs}_at_a_time_s": round(processes(jobs, args.episodes), 1) for jobs in sorted({1, cores})}

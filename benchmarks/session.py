@@ -91,8 +91,12 @@ class Session:
         self.folder: Path = given.folder or Path("studies") / f"{benchmark.name}{'-quick' if given.quick else ''}"
         self.parser = Arguments(prog=prog, description=description, parents=[common], formatter_class=RawDescriptionHelpFormatter)
 
-    def parse(self) -> Namespace:
-        """The options, those of the quick form unless they are given."""
+    def parse(self, **defaults: Any) -> Namespace:
+        """The options, those of the quick form unless they are given. ``defaults`` are further options: numbers, texts, and lists
+        of which some may be chosen."""
+        for name, default in defaults.items():
+            kind: dict[str, Any] = {"nargs": "+", "choices": default} if isinstance(default, list) else {"type": type(default)}
+            self.parser.add_argument(f"--{name.replace('_', '-')}", default=default, **kind)
         return self.parser.parse_args([*(shlex.split(self.benchmark.quick) if self.is_quick else ()), *self.words])
 
     def place_of(self, folder: Path) -> Path:

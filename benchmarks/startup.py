@@ -51,9 +51,7 @@ def _children_s() -> float:
 
 def main(session: Session) -> None:
     """Measure all commands and write the medians."""
-    parser = session.parser
-    parser.add_argument("--runs", type=int, default=7)
-    args = session.parse()
+    args = session.parse(runs=7)
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "main.py"
         program.write_text("print('hello')\n")

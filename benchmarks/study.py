@@ -26,7 +26,7 @@ from benchmarks.study_tables import Cell, Condition, Study
 from brickhub.files import write_durably
 from bricksrl.cli.terminal import load_learning
 from bricksrl.errors import DataError, RunError
-from bricksrl.evaluation.cluster import connected, parse_on
+from bricksrl.evaluation.multi_seed import connected, parse_on
 from bricksrl.evaluation.statistics import ends, interquartile_mean, probability_of_improvement, seeds_interval, wilson_interval
 
 if TYPE_CHECKING:

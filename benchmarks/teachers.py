@@ -72,9 +72,6 @@ def taught(way: str, seed: int, episodes: int) -> dict[str, Any]:
 
 def main(session: Session) -> None:
     """Measure, and write."""
-    session.parser.add_argument("--seeds", type=int, default=5)
-    session.parser.add_argument("--episodes", type=int, default=10)
-    session.parser.add_argument("--ways", nargs="+", default=list(WAYS), choices=list(WAYS))
-    args = session.parse()
+    args = session.parse(seeds=5, episodes=10, ways=list(WAYS))
     parts = {f"{way}-{seed}-{args.episodes}": (way, seed, args.episodes) for way in args.ways for seed in range(args.seeds)}
     session.write({"env": WALKER, "runs": list(session.outcomes(taught, parts))})

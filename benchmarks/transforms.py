@@ -132,13 +132,8 @@ def difference(values: list[float], plain: list[float]) -> tuple[float, float, f
 
 def main(session: Session) -> None:
     """Run all and write the results."""
-    session.parser.add_argument("--transforms", nargs="+", default=list(TRANSFORMS), choices=list(TRANSFORMS))
-    session.parser.add_argument("--seeds", type=int, default=10)
-    session.parser.add_argument("--steps", type=int, default=1000)
-    session.parser.add_argument("--episodes", type=int, default=20)
     session.parser.add_argument("--camera", action="store_true", help="measure the camera task instead")
-    session.parser.add_argument("--camera-episodes", type=int, default=250)
-    args = session.parse()
+    args = session.parse(transforms=list(TRANSFORMS), seeds=10, steps=1000, episodes=20, camera_episodes=250)
     if args.camera:
         trained = args.camera_episodes
         cells = {f"{name}-{trained}-{args.episodes}": (name, trained, args.episodes) for name in CAMERA_TRANSFORMS}

@@ -129,8 +129,7 @@ def main(session: Session) -> None:
     parser = session.parser
     parser.add_argument("--agents", nargs="+", default=AGENTS, choices=AGENTS)
     parser.add_argument("--contestants", nargs="+", help="all that can run here, unless given")
-    parser.add_argument("--rounds", type=int, default=9)
-    args = session.parse()
+    args = session.parse(rounds=9)
     os.environ.update(ONE_THREAD)  # before torch or JAX is loaded, here and in the processes
     from benchmarks.contestants import ACTION, BATCH, HIDDEN, OBSERVATION
 

@@ -21,7 +21,7 @@ from benchmarks.session import RESULTS
 from brickhub.cli.terminal import Interrupted
 from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError
-from bricksrl.evaluation.cluster import connected
+from bricksrl.evaluation.multi_seed import connected
 
 ROOT = Path(__file__).parents[2]
 MARK = {"mark": 100, "return": 2.5, "success_rate": 0.5, "steps": 100, "episodes": 1, "cpu_s": 1.0, "wall_s": 1.0}

@@ -10,7 +10,7 @@ from lerobot.utils.errors import DeviceNotConnectedError
 
 from bricksrl.envs import get_task
 from bricksrl.errors import DataError
-from bricksrl.teleoperation import GamepadDriver, KeyboardDriver, rest_action
+from bricksrl.teleoperation import GamepadDriver, KeyboardDriver, at_rest
 from lerobot_robot_bricksrl.config import BricksGamepadConfig, BricksKeyboardConfig, BricksRandomConfig
 
 
@@ -68,7 +68,7 @@ class _Hand(Teleoperator):
         if self._driver is None:
             raise DeviceNotConnectedError(f"{self} is not connected; run connect() first")
         action = self._driver(torch.empty(0))
-        shares = (rest_action([command.entry for command in self.commands]) if action is None else action).tolist()
+        shares = at_rest([command.entry for command in self.commands]) if action is None else action.tolist()
         return {
             command.name: command.low + (share + 1.0) / 2.0 * (command.high - command.low)
             for command, share in zip(self.commands, shares, strict=True)

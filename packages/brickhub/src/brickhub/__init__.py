@@ -1,7 +1,5 @@
 """brickhub: Pybricks robots and hubs, real and virtual."""
 
-from __future__ import annotations
-
 import time
 
 LOADED_NS = time.time_ns()

@@ -1,7 +1,5 @@
 """``python -m brickhub``: the command ``brickhub``."""
 
-from __future__ import annotations
-
 import sys
 
 from brickhub.cli import main

@@ -31,7 +31,7 @@ def test_scan_shows_the_virtual_hub(told) -> None:
 
 
 def test_scan_without_hub_gives_remedy(told, monkeypatch) -> None:
-    monkeypatch.setattr("brickhub.hub.transports.ble.scan", lambda seconds: [])
+    monkeypatch.setattr("brickhub.cli.hub_tools.scan", lambda seconds: [])
     code, out = told("scan")
     assert code == 1 and "switch one on" in out
     assert told("scan", "--json") == (1, "[]\n")

@@ -1,7 +1,5 @@
 """``python -m bricksrl``: the command ``bricksrl``."""
 
-from __future__ import annotations
-
 import sys
 
 from bricksrl.cli import main

@@ -1,7 +1,5 @@
 """Exceptions of learning, and those of hubs and twins, all derived from `BricksError`."""
 
-from __future__ import annotations
-
 from brickhub.errors import *
 from brickhub.errors import BricksError, HubError
 

@@ -7,15 +7,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from brickhub.files import write_durably
 from bricksrl.errors import DescriptionError
 from bricktwin.drawing import import_matplotlib
 
 if TYPE_CHECKING:
-    import numpy as np
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
 INK, MUTED, GRID = "#1f2430", "#6b7280", "#e5e7eb"
 """Colours of text, axes and grid."""
@@ -91,7 +92,6 @@ def finish(axes: Axes, lines: Mapping[str, float] | None = None, *, legend: bool
         lines: values of reference lines by their labels.
         legend: whether to draw a legend; not if the figure gets one for all its axes.
     """
-    import numpy as np
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     for line in axes.lines:

@@ -48,13 +48,6 @@ def pushed(pushes: Sequence[float], rest: Sequence[float]) -> list[float]:
     return [still + (push * (1.0 - still) if push > 0.0 else push * (1.0 + still)) for push, still in ways]
 
 
-def rest_action(commands: Sequence[Entry]) -> Tensor:
-    """`at_rest` as a tensor."""
-    import torch
-
-    return torch.tensor(at_rest(commands))
-
-
 def _action(pushes: Sequence[float], rest: Sequence[float]) -> Tensor:
     import torch
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import torch
 
-from bricksrl import training
 from bricksrl.cli import main
 from bricksrl.envs.registry import make_env
 from bricksrl.envs.vision.camera import VideoCamera
@@ -40,7 +39,7 @@ def test_calibrate_camera_then_train(tmp_path: Path, capsys: pytest.CaptureFixtu
         told.append(config)
         raise RunError("this is enough")
 
-    monkeypatch.setattr(training, "train", note)
+    monkeypatch.setattr("bricksrl.cli.train.train", note)
     assert main(["train", ID, "--option", f"calibration={path}", "--option", "sparse=true"]) == 2
     assert told[0].options == {"calibration": str(path), "sparse": True}
     assert TrainConfig.from_dict(json.loads(json.dumps(told[0].to_dict()))).options == told[0].options

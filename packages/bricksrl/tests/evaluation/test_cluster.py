@@ -14,8 +14,7 @@ import ray
 
 from bricksrl.cli.new import write_template
 from bricksrl.errors import RunError
-from bricksrl.evaluation.cluster import parse_on
-from bricksrl.evaluation.multi_seed import Keeper, changed_files, train_on_cluster, train_on_worker, train_seeds
+from bricksrl.evaluation.multi_seed import Keeper, changed_files, parse_on, train_on_cluster, train_on_worker, train_seeds
 from bricksrl.training import TrainConfig
 
 pytestmark = pytest.mark.realtime

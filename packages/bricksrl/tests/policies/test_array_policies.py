@@ -14,8 +14,7 @@ from benchmarks.policies import plain_of, save
 from bricksrl.agents import make_learner, preset
 from bricksrl.envs import get_task
 from bricksrl.errors import DescriptionError
-from bricksrl.policies.by_name import FOLDER, TRAINED, array_policies, path_of
-from bricksrl.policies.plain import PlainPolicy
+from bricksrl.policies.by_name import FOLDER, TRAINED, PlainPolicy, array_policies, path_of
 from bricksrl.policies.policy import Policy
 
 

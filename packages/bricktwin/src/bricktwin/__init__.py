@@ -1,7 +1,5 @@
 """bricktwin: bodies with physics, and building plans, for Pybricks robots."""
 
-from __future__ import annotations
-
 import time
 
 LOADED_NS = time.time_ns()

@@ -1,7 +1,5 @@
 """``python -m bricktwin``: the command ``bricktwin``."""
 
-from __future__ import annotations
-
 import sys
 
 from bricktwin.cli import main

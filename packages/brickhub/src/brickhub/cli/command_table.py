@@ -1,7 +1,5 @@
 """Commands of ``brickhub``."""
 
-from __future__ import annotations
-
 from brickhub import __version__
 from brickhub.cli.app import CommandLine
 

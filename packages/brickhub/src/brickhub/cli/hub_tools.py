@@ -6,19 +6,27 @@ import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, JsonFlag, option, refuse_ignored
 from brickhub.cli.terminal import confirm, is_terminal, print_findings, print_line, print_note
-from brickhub.errors import DescriptionError, counted, percent
-
-if TYPE_CHECKING:
-    from brickhub.hub.diagnostics.calibration import Calibration
-    from brickhub.hub.transport import Transport
-    from brickhub.robot import Robot
-    from brickhub.target import Target
+from brickhub.errors import DescriptionError, HubNotFoundError, counted, percent
+from brickhub.files import write_durably
+from brickhub.hub.diagnostics import calibration as kept
+from brickhub.hub.diagnostics.calibration import Calibration, CalibrationError, calibrated, calibration_of, zero_between
+from brickhub.hub.diagnostics.preflight import advice, check_kit, check_robot, measure
+from brickhub.hub.diagnostics.survey import find_stops, survey
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.profiles import profile
+from brickhub.hub.program.generate import generate
+from brickhub.hub.transport import Transport
+from brickhub.hub.transports.address import parse_hub
+from brickhub.hub.transports.ble import FoundHub, scan
+from brickhub.hub.transports.profile import Status
+from brickhub.robot import HubKind, Robot
+from brickhub.target import Target, find
 
 _SCAN_S = 5.0
 
@@ -58,9 +66,6 @@ class Scan:
 
     def execute(self) -> int:
         """Scan and print; exit code 1 if no hub was found."""
-        from brickhub.hub.transports.ble import FoundHub, scan
-        from brickhub.robot import HubKind
-
         if self.hub not in ("ble", "virtual"):
             raise DescriptionError(f"nothing can be scanned for on '{self.hub}'; choose ble or virtual")
         if not 0 < self.seconds <= 600:
@@ -93,9 +98,6 @@ class Program:
     """The .py file to write; by default the program is printed."""
 
     def execute(self) -> None:
-        from brickhub.files import write_durably
-        from brickhub.hub.program.generate import generate
-
         target = _find(self.target)
         if target.note:
             print_note(target.note)
@@ -123,10 +125,6 @@ class Stop:
     hub: Hub = "ble"
 
     def execute(self) -> None:
-        from brickhub.errors import HubNotFoundError
-        from brickhub.hub.transports.address import parse_hub
-        from brickhub.hub.transports.profile import Status
-
         address = parse_hub(self.hub)
         if address.is_virtual:
             print_line("a virtual hub lives in the command that uses it; none runs here")
@@ -162,9 +160,6 @@ class MeasureLatency:
     json: JsonFlag = False
 
     def execute(self) -> None:
-        from brickhub.hub.diagnostics.preflight import advice, measure
-        from brickhub.hub.link.lockstep import HubLink
-
         if self.exchanges < 1:
             raise DescriptionError(f"exchanges is {self.exchanges}; measure at least 1")
         target = _find(self.target)
@@ -203,9 +198,6 @@ class Check:
     json: JsonFlag = False
 
     def execute(self) -> int:
-        from brickhub.hub.diagnostics.calibration import calibration_of
-        from brickhub.hub.diagnostics.preflight import check_kit, check_robot
-
         target = _find(self.target)
         is_watched = not self.yes and is_terminal()
 
@@ -257,8 +249,6 @@ class Calibrate:
     """Folder to write to; by default that in your settings folder."""
 
     def execute(self) -> None:
-        from brickhub.hub.diagnostics import calibration as kept
-
         for flag, alone in (("--forget", self.forget), ("--reverse", self.reverse)):
             if alone:
                 refuse_ignored(self, ("--target", "--hub", "--yes", "--calibrations", flag), f"with {flag}")
@@ -289,9 +279,6 @@ class Calibrate:
         print_line(f"saved    {path}")
 
     def _zeros_deg(self, transport: Transport, robot: Robot, saved: Calibration) -> dict[str, int]:
-        from brickhub.hub.diagnostics.calibration import CalibrationError, calibrated, zero_between
-        from brickhub.hub.diagnostics.survey import find_stops, survey
-
         uncalibrated = calibrated(robot, dataclasses.replace(saved, zeros_deg={}))
         joints = [motor for motor in uncalibrated.motors if motor.range_deg is not None]
         if not joints and not self.by_hand:
@@ -312,16 +299,12 @@ class Calibrate:
 
 
 def _find(name: str) -> Target:
-    from brickhub.target import find
-
     return find(name)
 
 
 def _reach(hub: str, target: Target, link: str | None) -> Any:
     """An unopened transport to a hub, or a radio to devices of LEGO's kits. ``link``: that of a virtual one, by name. Raises
     DescriptionError if a real one is given a link."""
-    from brickhub.hub.link.profiles import profile
-    from brickhub.hub.transports.address import parse_hub
     from brickhub.virtual.virtual_kit import virtual_robot
 
     address, chosen = parse_hub(hub), None if link is None else profile(link)

@@ -1,7 +1,5 @@
 """Descriptions of robots: the single source of their ports, motors and sensors."""
 
-from __future__ import annotations
-
 from brickhub.robot.hardware import AnyHub, HubKind, HubModel, KitKind, MotorKind, Sense, SensorKind
 from brickhub.robot.spec import (
     BENCH,

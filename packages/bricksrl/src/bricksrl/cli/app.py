@@ -1,7 +1,5 @@
 """Commands of ``bricksrl``."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from brickhub.cli import app, command_table

@@ -11,7 +11,13 @@ from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, option, refuse_ignored
 from brickhub.cli.terminal import print_line
+from bricksrl.envs.registry import get_task
+from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
+from bricksrl.envs.vision.color_calibration import FoundRed, calibrate_red, picture, saved_path, spanning, write_red
+from bricksrl.envs.vision.frames import find_red
 from bricksrl.errors import CameraError
+from bricksrl.plotting import save_image
+from bricktwin.twin.make_body import make_body
 
 
 @dataclass(frozen=True)
@@ -42,13 +48,6 @@ class CalibrateCamera:
     """File to write; by default the camera's file in your settings folder, which environments read."""
 
     def execute(self) -> None:
-        from bricksrl.envs.registry import get_task
-        from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
-        from bricksrl.envs.vision.color_calibration import FoundRed, calibrate_red, picture, saved_path, spanning, write_red
-        from bricksrl.envs.vision.frames import find_red
-        from bricksrl.plotting import save_image
-        from bricktwin.twin.make_body import make_body
-
         if self.frames < 1:
             raise CameraError(f"frames is {self.frames}; look at 1 or more")
         if self.twin and self.out is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
@@ -12,11 +12,13 @@ from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import print_line
 from brickhub.files import folder_with, only_writer, quoted
 from bricksrl.cli.terminal import load_learning
+from bricksrl.data.dataset import Dataset, dataset_folder
+from bricksrl.data.edit import merge, salvage, split
+from bricksrl.data.formats import export_minari, export_numpy, export_parquet, import_paper
+from bricksrl.data.integrity import check, recover
 from bricksrl.data.schema import FILES
+from bricksrl.data.summary import plot, summarise
 from bricksrl.errors import DataError, counted
-
-if TYPE_CHECKING:
-    from bricksrl.data.dataset import Dataset
 
 DatasetArgument = Annotated[Positional[Path], option(metavar="DIR", help="Folder of the dataset.")]
 
@@ -38,8 +40,6 @@ class Info:
     """Print one JSON object per dataset and line."""
 
     def execute(self) -> None:
-        from bricksrl.data.summary import summarise
-
         for path in _not_empty(self.datasets):
             summary = summarise(path)
             if self.json:
@@ -63,8 +63,6 @@ class CheckData:
     dataset: DatasetArgument
 
     def execute(self) -> int:
-        from bricksrl.data.integrity import check
-
         faults = check(self.dataset)
         for line in [fault.detail for fault in faults] or ["all is well"]:
             print_line(line)
@@ -88,10 +86,6 @@ class Repair:
     """Folder for the intact episodes of a damaged dataset, which must not exist."""
 
     def execute(self) -> int:
-        from bricksrl.data.dataset import dataset_folder
-        from bricksrl.data.edit import salvage
-        from bricksrl.data.integrity import check, recover
-
         root = dataset_folder(self.dataset)
         if self.out is not None:
             dataset, lost = salvage(root, self.out)
@@ -128,8 +122,6 @@ class Merge:
     """Folder of the new dataset, which must not exist."""
 
     def execute(self) -> None:
-        from bricksrl.data.edit import merge
-
         dataset = merge(_not_empty(self.datasets), self.out)
         print_line(f"{_size(dataset)}: {self.out}")
 
@@ -153,8 +145,6 @@ class Split:
     """Seed of the random split."""
 
     def execute(self) -> None:
-        from bricksrl.data.edit import split
-
         parts = split(self.dataset, self.out, self.rest, self.share, self.seed)
         for dataset, path in zip(parts, (self.out, self.rest), strict=True):
             print_line(f"{_size(dataset)}: {path}")
@@ -173,8 +163,6 @@ class PlotData:
     """PNG file to write."""
 
     def execute(self) -> None:
-        from bricksrl.data.summary import plot
-
         plot(self.dataset, self.out)
         print_line(f"picture  {self.out}")
 
@@ -196,8 +184,6 @@ class Import:
     """Environment of the datasets; by default inferred from the names of the folders."""
 
     def execute(self) -> None:
-        from bricksrl.data.formats import import_paper
-
         for source, dataset in import_paper(self.source, self.out, env=self.env):
             print_line(f"{source}: {dataset.description.env}, {_size(dataset)}: {dataset.root}")
 
@@ -219,8 +205,6 @@ class ExportData:
     """File or folder to write, which must not exist."""
 
     def execute(self) -> None:
-        from bricksrl.data.formats import export_minari, export_numpy, export_parquet
-
         load_learning()
         {"numpy": export_numpy, "parquet": export_parquet, "minari": export_minari}[self.format](self.dataset, self.out)
         print_line(f"{self.format}  {self.out}")

@@ -15,6 +15,7 @@ from typing import ClassVar
 from brickhub.cli import doctor
 from brickhub.cli.doctor import Answer
 from brickhub.finding import Outcome
+from bricktwin.twin.make_body import check_mujoco
 
 _LOW_SPACE_GB, _NO_SPACE_GB = 5.0, 0.5
 _DRAW = """
@@ -28,8 +29,6 @@ _DRAW_S = 45.0
 
 def check_physics() -> Answer:
     """Check that MuJoCo simulates a falling body."""
-    from bricktwin.twin.make_body import check_mujoco
-
     check_mujoco()
     import mujoco
 

@@ -7,11 +7,14 @@ import json
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+from rich.console import Console
+from rich.table import Column, Table
 from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import print_findings, print_line
 from bricksrl import agents, envs, robots
+from bricksrl.agents import preset
 from bricksrl.cli.terminal import load_learning
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.task import Task
@@ -61,9 +64,6 @@ _WIDE = 60
 
 
 def _print_table(names: dict[str, Any]) -> None:
-    from rich.console import Console
-    from rich.table import Column, Table
-
     console = Console()
     is_wide = console.width >= _WIDE
     columns = [Column("environment", no_wrap=True), *(("robot", "steps") if is_wide else ()), "what to learn"]
@@ -94,14 +94,10 @@ class ShowSettings:
     """Print one JSON object of names and values, for `bricksrl train --settings`, instead of a table."""
 
     def execute(self) -> None:
-        from bricksrl.agents import preset
-
         settings = preset(self.preset, self.agent)
         if self.json:
             print_line(json.dumps(dataclasses.asdict(settings), indent=2))
             return
-        from rich.console import Console
-        from rich.table import Table
 
         table = Table("setting", "value", "meaning", box=None, pad_edge=False)
         meanings = field_docs(type(settings))

@@ -16,15 +16,18 @@ from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.seed import check_seed
 from brickhub.user_files import without_folder
 from bricksrl.cli.terminal import EmergencyStop, load_learning
+from bricksrl.envs.trust import trust
 from bricksrl.errors import StoppedError, TwinError, counted, percent
+from bricksrl.evaluation import EvaluationResult, evaluate
+from bricksrl.evaluation.comparison import Comparison, Group, compare, draw
+from bricksrl.evaluation.film import check_film, filmed_env
+from bricksrl.evaluation.report import rows
 from bricksrl.plotting import check_picture, number
+from bricksrl.training.run_folder import RunFolder
 from bricktwin.twin.physics import read_physics
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
-
-    from bricksrl.evaluation import EvaluationResult
-    from bricksrl.evaluation.comparison import Comparison, Group
 
 
 _FILMED_EPISODES = 3
@@ -66,22 +69,16 @@ class Evaluate:
     json: JsonFlag = False
 
     def execute(self) -> None:
-        from bricksrl.training.run_folder import RunFolder
-
         check_seed(self.seed)
         given = {name: getattr(self, name) for name in ("hub", "link") if getattr(self, name) is not None}
         options: dict[str, Any] = {"realtime": self.realtime, "randomize": self.randomize, **given}
         options |= {} if self.physics is None else {"physics": read_physics(self.physics)}
         if self.video is not None:
-            from bricksrl.evaluation.film import check_film
-
             check_film(self.video)
         origin = RunFolder(self.run).origin()  # before torch is loaded, which takes long
         if self.video is not None and options.get("hub", origin.options.hub) != "virtual":
             raise TwinError("only a virtual robot can be filmed; give --hub virtual, or no --video")
         load_learning()
-        from bricksrl.evaluation import evaluate
-        from bricksrl.evaluation.film import filmed_env
 
         def report(episode: int, return_: float) -> None:
             if not self.json:
@@ -118,8 +115,6 @@ class Evaluate:
 
 def describe(result: EvaluationResult) -> Iterator[str]:
     """Text lines of an evaluation."""
-    from bricksrl.evaluation.report import rows
-
     trained = counted(result.trained_episodes, "episode")
     yield f"{result.env}, {counted(result.episodes, 'episode')} of {result.agent} after {trained} of training:"
     for label, text in rows(result):
@@ -147,8 +142,6 @@ class Compare:
     json: JsonFlag = False
 
     def execute(self) -> None:
-        from bricksrl.evaluation.comparison import compare, draw
-
         if self.out is not None:
             check_picture(self.out)
         comparison = compare(self.runs)
@@ -177,8 +170,6 @@ class Plot:
     """PNG file to write."""
 
     def execute(self) -> None:
-        from bricksrl.evaluation.comparison import compare, draw
-
         check_picture(self.out)
         draw(self.out, compare(self.runs).groups)
         print_line(f"picture  {self.out}")
@@ -268,7 +259,5 @@ class Trust:
     """Folder of the run or of the policy."""
 
     def execute(self) -> None:
-        from bricksrl.envs.trust import trust
-
         files = trust(self.run)
         print_line(f"{self.run} may run {', '.join(files)}" if files else f"{self.run} names no code; it needs no trust")

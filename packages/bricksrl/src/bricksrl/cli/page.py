@@ -22,20 +22,21 @@ from brickhub.fields import check_count
 from brickhub.files import folder_with
 from brickhub.hub.transports.address import parse_hub
 from brickhub.user_files import is_reference
-from bricksrl.cli.teleop import driving
-from bricksrl.cli.terminal import EmergencyStop, load_learning, place_robot
-from bricksrl.envs import get_task
+from bricksrl.cli.terminal import EmergencyStop, driving, load_learning, place_robot
+from bricksrl.envs import get_task, make
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import make_robot
+from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.page.server import LOOPBACK, PageOptions
+from bricksrl.page.start import StartPage
 from bricksrl.policies import config_of
+from bricksrl.policies.by_name import array_policies
 from bricktwin.cli.plan_commands import PlanArgument, read_named_plan
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
-    from bricksrl.envs.task import Task
     from bricksrl.envs.tasks.scripted import ArrayPolicy
     from bricksrl.page.live import LivePage
     from bricksrl.policies.policy import Player
@@ -97,8 +98,6 @@ class ShowStart:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        from bricksrl.page.start import StartPage
-
         try:
             with StartPage(Path.cwd(), self.live_page) as page:
                 announce(page.url)
@@ -198,8 +197,6 @@ class Play:
 
 
 def _array_policies(env_id: str, task: Task, policy: str | None, seed: int) -> dict[str, Callable[[], ArrayPolicy]]:
-    from bricksrl.policies.by_name import array_policies
-
     return _beginning_with(policy, array_policies(env_id, task, seed), env_id)
 
 
@@ -265,8 +262,6 @@ class DriveRobot:
 @contextmanager
 def _environment(flags: Play | DriveRobot, target: str, run: Path | None) -> Iterator[tuple[EnvBase, str]]:
     """The named environment, or that of a run, open inside this context, and its id."""
-    from bricksrl.envs import make
-
     env_id, options = target, flags.robot
     if run is not None:
         config = config_of(run)

@@ -14,16 +14,19 @@ from rich.progress import Progress as Bars
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.files import quoted
 from brickhub.user_files import without_folder
+from bricksrl.cli.evaluate import print_comparison
 from bricksrl.cli.terminal import place_robot
 from bricksrl.errors import counted
+from bricksrl.evaluation import multi_seed
+from bricksrl.evaluation.comparison import compare
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RobotState, RunResult
+from bricksrl.training.config import TrainConfig
 
 if TYPE_CHECKING:
     import numpy as np
     from torchrl.envs import EnvBase
 
     from bricksrl.errors import BricksError
-    from bricksrl.training.config import TrainConfig
 
 
 _BARS = "▁▂▃▄▅▆▇█"
@@ -185,9 +188,6 @@ class SeedsProgress(Bars):
 
 def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> None:
     """Train ``count`` seeds and print their summary."""
-    from bricksrl.evaluation import multi_seed
-    from bricksrl.evaluation.comparison import compare
-
     multi_seed.check_count(count)
     try:
         with SeedsProgress(range(config.seed, config.seed + count), config.episodes) as progress:
@@ -198,7 +198,6 @@ def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> None:
             raise Interrupted("no seed had started, so nothing was saved") from None
         resumes = f"`bricksrl resume {quoted(folder)}/seed-...` resumes a seed"
         raise Interrupted(f"what was trained is in {folder}; {resumes}") from None
-    from bricksrl.cli.evaluate import print_comparison
 
     print_comparison(compare(config.run_dir or ""))
     print_line(f"summary          {config.run_dir}/summary.json")

@@ -17,21 +17,23 @@ from brickhub.fields import check_count
 from brickhub.files import quoted
 from brickhub.seed import check_seed
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
-from bricksrl.cli.teleop import DEVICES, Device, driving, quiet, with_human
-from bricksrl.cli.terminal import EmergencyStop, load_learning
+from bricksrl.cli.terminal import DEVICES, Device, EmergencyStop, driving, load_learning, quiet, with_human
+from bricksrl.data.dataset import EpisodeRow
+from bricksrl.data.integrity import check
+from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
 from bricksrl.envs import get_task, make
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DataError, DescriptionError, RunError, StoppedError, counted, hint
+from bricksrl.evaluation.film import filmed_env
 from bricksrl.page.server import PageOptions
 from bricksrl.policies import config_of
+from bricksrl.training import load_learner
 
 if TYPE_CHECKING:
     import numpy as np
     from torchrl.envs import EnvBase
 
-    from bricksrl.data.dataset import EpisodeRow
-    from bricksrl.data.recorder import Recorder
     from bricksrl.envs.rollout import Driver
     from bricksrl.page.live import LivePage
     from bricksrl.policies.policy import Player
@@ -72,15 +74,12 @@ class Record:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        from bricksrl.data.recorder import Recorder
-
         check_count("episodes", self.episodes)
         check_seed(self.seed)
         self._check_policy()
         task = get_task(self.env, **self.robot.options)
         address = shown(self.live_page, self.page)
         load_learning()
-        from bricksrl.evaluation.film import filmed_env
 
         count = 0
 
@@ -126,8 +125,6 @@ class Record:
 
     def _check_dataset(self, recorder: Recorder) -> None:
         """Say that a dataset is extended. Raises DataError if it is damaged."""
-        from bricksrl.data.integrity import check
-
         if not recorder.rows:
             return
         if faults := check(self.out):
@@ -168,7 +165,6 @@ class Record:
         from bricksrl.page.play import resting_player
         from bricksrl.policies.policy import Player, random_player
         from bricksrl.policies.sharing import is_policy, load_shared
-        from bricksrl.training import load_learner
 
         if self.policy == "random":
             return random_player(env, self.seed)

@@ -1,4 +1,4 @@
-"""Terminal of a command that learns: slow imports, the robot that is placed by hand, keys and signals that stop it."""
+"""Terminal of a command that learns: slow imports, the robot that is placed or driven by hand, keys and signals that stop it."""
 
 from __future__ import annotations
 
@@ -10,19 +10,27 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 from types import FrameType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self, get_args
 
 from brickhub.cli.key_listener import can_listen, interrupt_main, keys_heard
 from brickhub.cli.terminal import print_error, print_line
 from bricksrl.envs.env_interface import BricksEnv, interface_of
+from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.registry import is_simulation
 from bricksrl.errors import BricksError, RunError
+from bricksrl.teleoperation import DRIVERS, KeyboardDriver, Paced, legend
 from bricktwin.twin.make_body import check_mujoco
 
 if TYPE_CHECKING:
     import numpy as np
     from prompt_toolkit.input import Input
     from torchrl.envs import EnvBase
+
+    from bricksrl.envs.rollout import Driver
+    from bricksrl.envs.task import Task
 
 
 _SLOW_IMPORTS = ("torch", "torchrl.data", "torchrl.envs")
@@ -61,7 +69,7 @@ def load_learning() -> None:
 _TELL_S = 8.0
 
 
-@contextlib.contextmanager
+@contextmanager
 def telling(what: str) -> Iterator[None]:
     """Print what is done at the start of this context, and from time to time while it lasts."""
     ended, start_s = threading.Event(), time.monotonic()
@@ -135,7 +143,7 @@ class EmergencyStop:
         self._requests.put("end")
         self._worker.join(_JOIN_TIMEOUT_S)
 
-    @contextlib.contextmanager
+    @contextmanager
     def quiet(self) -> Iterator[None]:
         """Ignore keys inside this context, so that they can answer a question on the terminal."""
         self._listener.close()
@@ -181,3 +189,33 @@ class EmergencyStop:
         else:
             env.pause()
             self._notify("pauses after this step; p lets it go on")
+
+
+Device = Literal["keyboard", "gamepad", "controller"]
+DEVICES = get_args(Device)
+
+
+def with_human(options: EnvOptions, env: str) -> EnvOptions:
+    """Options of an environment in which a human drives: a virtual robot moves in real time. A real one does anyway, and for a
+    simulation `driving` keeps the pace."""
+    return replace(options, realtime=True) if options.hub == "virtual" and not is_simulation(env) else options
+
+
+@contextmanager
+def driving(device: str | None, env: str, task: Task, *, in_charge: bool) -> Iterator[Driver | None]:
+    """The driver of a keyboard, a gamepad or a Controller of LEGO's kits, after printing the keys' meanings; ``None`` for no
+    device. Raises DataError if the device is not available."""
+    if device is None:
+        yield None
+        return
+    commands = [command.entry for command in task.interface.commands]
+    with DRIVERS[device](commands, in_charge=in_charge) as driver:
+        if device == "keyboard":
+            for line in legend(commands):
+                print_line(line)
+        yield Paced(driver, task.rate_hz) if is_simulation(env) else driver
+
+
+def quiet(driver: object) -> AbstractContextManager[None]:
+    """Context in which the driver ignores keys, so that they can answer a question on the terminal."""
+    return driver.quiet() if isinstance(driver, KeyboardDriver) else nullcontext()

@@ -14,24 +14,33 @@ from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction
 
 from brickhub.cli.options import Flag, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
+from brickhub.fields import check_count
 from brickhub.files import only_writer, quoted, remove_unfinished
-from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
-from bricksrl.cli.teleop import Device
-from bricksrl.cli.terminal import load_learning, telling
+from brickhub.hub.transports.address import parse_hub
+from brickhub.seed import check_seed
+from bricksrl.agents import check_agent
+from bricksrl.cli.evaluate import describe
+from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, show_file, shown
+from bricksrl.cli.progress import RunProgress, train_seeds
+from bricksrl.cli.terminal import Device, EmergencyStop, driving, load_learning, quiet, telling, with_human
 from bricksrl.envs.options import EnvOptions, TransformOptions
+from bricksrl.envs.registry import get_task, training_episodes
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
+from bricksrl.evaluation import evaluate
+from bricksrl.evaluation.report import write_report
+from bricksrl.evaluation.settings_text import read_settings, with_changes
 from bricksrl.page.server import PageOptions
-from bricksrl.training.config import RunOptions, TrainConfig
+from bricksrl.training import RunFolder, RunResult, resume, train
+from bricksrl.training.callbacks import Callback, CallbackList
+from bricksrl.training.config import SCRIPTED, RunOptions, TrainConfig, settings_for
+from bricksrl.training.run_folder import file_name
 
 if TYPE_CHECKING:
     import numpy as np
     from torchrl.envs import EnvBase
 
-    from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.envs.rollout import Driver
     from bricksrl.page.live import LivePage
-    from bricksrl.training import RunResult
-    from bricksrl.training.callbacks import Callback
 
 _EVALUATED_EPISODES = 5
 
@@ -127,32 +136,19 @@ class Train:
         load_learning()  # algorithms are registered when their modules are imported
         config = self.config(self.env)
         if self.seeds is not None:
-            from bricksrl.cli.progress import train_seeds
-
             train_seeds(config, self.seeds, self.on)
             return
         if self.on is not None:
             raise DescriptionError("a single run needs no cluster; give --seeds, or omit --on")
-        from bricksrl.training import train
-
         if self.take_over is None:
             run_training(partial(train, config), config, address, film=self.film)
             return
-        from bricksrl.cli.teleop import driving
-        from bricksrl.envs import get_task
-
         keys = False if self.take_over == "keyboard" else None  # all keys of a keyboard are for driving
         with driving(self.take_over, self.env, get_task(self.env, **config.options), in_charge=False) as driver:
             run_training(partial(train, config), config, address, driver=driver, keys=keys, film=self.film)
 
     def _check(self, env: str) -> None:
         """Refuse what is wrong before torch is loaded, which takes seconds."""
-        from brickhub.fields import check_count
-        from brickhub.hub.transports.address import parse_hub
-        from brickhub.seed import check_seed
-        from bricksrl.agents import check_agent
-        from bricksrl.envs.registry import get_task
-
         check_seed(self.seed)
         get_task(env, **self.robot.options)
         if self.agent is not None:
@@ -165,12 +161,6 @@ class Train:
 
     def config(self, env: str) -> TrainConfig:
         """Configuration of the run from the flags."""
-        from bricksrl.cli.teleop import with_human
-        from bricksrl.envs.registry import training_episodes
-        from bricksrl.evaluation.settings_text import read_settings, with_changes
-        from bricksrl.training import RunFolder
-        from bricksrl.training.config import SCRIPTED, settings_for
-
         if self.asynchronous and self.synchronous:
             raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")
         source = None if self.start is None else RunFolder(self.start).read_config()
@@ -216,8 +206,6 @@ class Resume:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        from bricksrl.training import RunFolder, resume
-
         address, config = shown(self.live_page, self.page), RunFolder(self.run).read_config()
         run_training(partial(resume, self.run, episodes=self.episodes), config, address, film=self.film)
 
@@ -257,9 +245,6 @@ class TrainOffline:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        from bricksrl.training import train
-        from bricksrl.training.config import settings_for
-
         address = shown(self.live_page, self.page)
         if self.updates < 1:
             raise RunError(f"updates is {self.updates}; make at least 1")
@@ -280,8 +265,6 @@ class TrainOffline:
 
 def run_folder(named: Path | None, env: str, agent: str, seed: int) -> Path:
     """The folder that the user has named for a run; by default one with the run's and the time's name."""
-    from bricksrl.training.run_folder import file_name
-
     time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
     return named or Path("runs") / f"{file_name(env)}-{file_name(agent)}-{seed}-{time}"
 
@@ -305,10 +288,6 @@ def run_training(
         can_drive: whether a human at the page may drive.
         film: whether to film the robot, before and after.
     """
-    from bricksrl.cli.progress import RunProgress
-    from bricksrl.cli.teleop import quiet
-    from bricksrl.cli.terminal import EmergencyStop
-
     progress, stop = RunProgress(config.hub), threading.Event()
     can_drive = can_drive and driver is None and config.num_envs == len(config.hubs) == 1
 
@@ -326,7 +305,6 @@ def run_training(
             callback: Callback = progress
             if page is not None:
                 from bricksrl.page.play import PageCallback
-                from bricksrl.training.callbacks import CallbackList
 
                 callback, driver = CallbackList(progress, PageCallback(page, stop)), driver or page.driver
             result = run(callback, place=place, stop=stop, driver=driver)
@@ -344,12 +322,6 @@ def run_training(
 
 def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | None, *, film: bool) -> None:
     """Evaluate, film, and print the paths of the results."""
-    from bricksrl.cli.evaluate import describe
-    from bricksrl.cli.page import show_file
-    from bricksrl.evaluation import evaluate
-    from bricksrl.evaluation.report import write_report
-    from bricksrl.training import RunFolder
-
     last = result.episodes[-1]
     print_line(f"trained {counted(last.episode, 'episode')}, {counted(last.steps, 'step')}, in {last.seconds:.0f} s")
     if result.caught_up:

@@ -15,10 +15,12 @@ from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import quoted
 from bricksrl.cli.terminal import load_learning
 from bricksrl.errors import RunError
+from bricksrl.evaluation.tuning import BEST, STUDY, Tuning, tune
+from bricksrl.training.run_folder import file_name
 
 
 @dataclass(frozen=True)
-class Tune:
+class Tune(Tuning):
     """Tune the hyperparameters of an agent for a fixed number of robot steps.
 
     Optuna proposes settings; each is trained with some seeds and evaluated in simulation. The folder gets the study and best.json
@@ -29,18 +31,8 @@ class Tune:
       bricksrl train WalkerSim-v0 --settings tuning/WalkerSim-v0-sac/best.json
     """
 
-    env: Annotated[Positional[str], option(metavar="ENV")]
-    """Environment; `bricksrl list` shows them. Kinematic simulations are the fastest."""
-    agent: Annotated[str, option(metavar="NAME")] = "sac"
-    """Agent; `bricksrl list` shows them."""
     trials: Annotated[int, option(metavar="N")] = 20
     """Trials to run with this command."""
-    steps: Annotated[int, option(metavar="N")] = 2000
-    """Robot steps of each training."""
-    seeds: Annotated[int, option(metavar="N")] = 2
-    """Trainings per trial; bad trials are pruned early."""
-    episodes: Annotated[int, option(metavar="N")] = 10
-    """Episodes of each evaluation."""
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of the proposals."""
     folder: Annotated[Path | None, option(metavar="DIR")] = None
@@ -49,9 +41,6 @@ class Tune:
     """Train the seeds of a trial in parallel: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
 
     def execute(self) -> None:
-        from bricksrl.evaluation.tuning import BEST, STUDY, Tuning, tune
-        from bricksrl.training.run_folder import file_name
-
         if self.trials < 1:
             raise RunError(f"trials is {self.trials}; give 1 or more")
         tuning = Tuning(self.env, self.agent, self.steps, self.seeds, self.episodes)

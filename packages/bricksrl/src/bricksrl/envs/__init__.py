@@ -1,7 +1,5 @@
 """Environments: tasks as data and pure functions, and the one environment that runs them over a link to a hub."""
 
-from __future__ import annotations
-
 from brickhub.entry import Entry
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task, list_envs, make, register

@@ -1,7 +1,5 @@
 """Evaluation of trained agents."""
 
-from __future__ import annotations
-
 from bricksrl.evaluation.evaluator import EvaluationResult, evaluate
 from bricksrl.evaluation.statistics import Interval
 

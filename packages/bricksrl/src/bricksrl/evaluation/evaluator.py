@@ -14,14 +14,14 @@ import numpy as np
 
 from brickhub.fields import check_count
 from brickhub.files import write_durably
-from brickhub.seed import check_seed
+from brickhub.seed import check_seed, derive_seed
 from brickhub.user_files import is_reference, with_absolute_file
 from bricksrl.agents import algorithm
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import is_simulation, make_env, options_of
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
-from bricksrl.training.restore import Which, load_learner
+from bricksrl.training.restore import Which, load_learner, reproducible
 from bricksrl.training.run_folder import Origin, RunFolder
 
 if TYPE_CHECKING:
@@ -144,10 +144,8 @@ def evaluate(
     """
     check_count("episodes", episodes)
     check_seed(seed)
-    from brickhub.seed import derive_seed
     from bricksrl.envs.rollout import play_episodes
     from bricksrl.envs.transforms import with_unit_actions
-    from bricksrl.training.restore import reproducible
 
     origin = RunFolder(run_dir).origin()
     env_id, hub = origin.env, origin.options.hub

@@ -17,8 +17,11 @@ from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import starmap
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+from tyro.conf import Positional
+
+from brickhub.cli.options import option
 from brickhub.files import serialized, write_durably
 from brickhub.seed import LARGEST_SEED, check_seed
 from bricksrl.agents import make_learner
@@ -26,8 +29,8 @@ from bricksrl.agents.settings import Range
 from bricksrl.envs import make
 from bricksrl.envs.registry import get_task
 from bricksrl.errors import DivergedError, RunError, message_of
-from bricksrl.evaluation.cluster import connected, map_on_cluster, parse_on
 from bricksrl.evaluation.evaluator import evaluate
+from bricksrl.evaluation.multi_seed import connected, map_on_cluster, parse_on
 from bricksrl.training.callbacks import Callback, Episode, Progress
 from bricksrl.training.config import TrainConfig, settings_for
 from bricksrl.training.run import train
@@ -69,19 +72,18 @@ _ONLY_WITH_GOALS = ("hindsight", "new_goals")
 
 @dataclass(frozen=True)
 class Tuning:
-    """Definition of a tuning study.
+    """Definition of a tuning study."""
 
-    Attributes:
-        steps: robot steps of each training, which ends with the episode that reaches them.
-        seeds: trainings per trial; the objective is the mean of their evaluations.
-        episodes: episodes of each evaluation.
-    """
-
-    env: str
-    agent: str
-    steps: int = 2000
-    seeds: int = 2
-    episodes: int = 10
+    env: Annotated[Positional[str], option(metavar="ENV")]
+    """Environment; `bricksrl list` shows them. Kinematic simulations are the fastest."""
+    agent: Annotated[str, option(metavar="NAME")] = "sac"
+    """Agent; `bricksrl list` shows them."""
+    steps: Annotated[int, option(metavar="N")] = 2000
+    """Robot steps of each training, which ends with the episode that reaches them."""
+    seeds: Annotated[int, option(metavar="N")] = 2
+    """Trainings per trial, the mean of whose evaluations is its value; bad trials are pruned early."""
+    episodes: Annotated[int, option(metavar="N")] = 10
+    """Episodes of each evaluation."""
 
     def __post_init__(self) -> None:
         for name in ("steps", "seeds", "episodes"):

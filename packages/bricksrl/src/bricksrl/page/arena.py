@@ -6,9 +6,8 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.errors import StoppedError
-from bricksrl.page.endless import play_endlessly
 from bricksrl.page.live import LivePage, PageDriver
+from bricksrl.page.play import Steps, play_endlessly
 from bricksrl.page.robot_view import Mirror
 from bricksrl.page.scene import View
 from bricksrl.page.server import PageOptions
@@ -86,17 +85,16 @@ class ArenaPage(LivePage):
 def play_arena(
     env: ArenaEnv, page: ArenaPage, policy: TensorDictModuleBase, *, episodes: int | None = None, stop: threading.Event
 ) -> list[float]:
-    """Play as `bricksrl.page.play.play_on_page`; returns the mean returns of the first group's robots."""
+    """Play as `play_endlessly`; returns the mean returns of the first group's robots."""
     import torch
     from torchrl.envs.utils import ExplorationType, set_exploration_type
 
     group = next(iter(env.task.groups))
 
-    def episode(number: str) -> float | None:
-        state, total, steps = env.reset(), 0.0, 0
-        page.note(episode=number)
-        page.hold(stop.is_set)
-        while not page.is_stopped and not stop.is_set():
+    def episode(number: str) -> Steps:
+        state, total, steps, is_over = env.reset(), 0.0, 0, False
+        yield
+        while not is_over:
             frame = env.step(page.steered(policy(state)))
             after = frame["next"]
             if bool(after["link_lost"]):
@@ -104,15 +102,11 @@ def play_arena(
             reward, steps = float(after[group, "reward"].mean()), steps + 1
             total += reward
             page.show_outcome([], reward, total)
-            page.hold(stop.is_set)
-            if page.is_reset_requested:
-                return None
-            if bool(after["done"]):
-                outcome = f"succeeds after {steps} steps" if bool(after["success"]) else "does not succeed"
-                page.board.update_status(note=f"Episode {number}: {group} {outcome}.")
-                return total
-            state = env.step_mdp(frame)
-        raise StoppedError("the robots were stopped by hand")
+            yield
+            state, is_over = env.step_mdp(frame), bool(after["done"])
+        outcome = f"succeeds after {steps} steps" if bool(after["success"]) else "does not succeed"
+        page.board.update_status(note=f"Episode {number}: {group} {outcome}.")
+        return total
 
     with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
         return play_endlessly(env, page, episode, episodes=episodes, stop=stop)

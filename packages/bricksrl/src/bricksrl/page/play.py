@@ -1,21 +1,21 @@
-"""Episodes on the page: of a training run, or by the selected policy or a human until they are ended."""
+"""Episodes on the page: of a training run, or by the selected policy or a human until they are ended, through emergency stops,
+resets and lost links."""
 
 from __future__ import annotations
 
 import functools
 import threading
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from brickhub.files import quoted
 from brickhub.user_files import without_folder
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.rollout import link_lost, play
 from bricksrl.errors import BricksError, StoppedError
-from bricksrl.page.endless import play_endlessly
 from bricksrl.page.live import LivePage
-from bricksrl.policies.policy import Player
+from bricksrl.teleoperation import at_rest
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RunResult
 
 if TYPE_CHECKING:
@@ -23,8 +23,13 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.rollout import Driver
+    from bricksrl.policies.policy import Player
     from bricksrl.training.config import TrainConfig
 
+Steps = Generator[None, None, float | None]
+"""An episode: it is reset first, and moves and is shown at each further step; its return, ``None`` if it was cut short."""
+_COAST_MS = 500
+"""Simulated time for which the coasting motors are shown after a stop."""
 _PHASES = {Phase.PREFILL: "random start", Phase.TRAIN: "learning", Phase.OFFLINE: "learning from data"}
 
 
@@ -77,10 +82,12 @@ class PageCallback(Callback):
 
 def resting_player(env: EnvBase, driver: Driver | None = None) -> Player:
     """Player that moves no motor, except as its driver says."""
-    from bricksrl.data.schema import describe_task
-    from bricksrl.teleoperation import rest_action
+    import torch
 
-    resting = rest_action(describe_task(env.task).action)
+    from bricksrl.data.schema import describe_task
+    from bricksrl.policies.policy import Player
+
+    resting = torch.tensor(at_rest(describe_task(env.task).action))
 
     def act(state: TensorDictBase) -> TensorDictBase:
         action = None if driver is None else driver(state["observation"])
@@ -97,38 +104,84 @@ def play_on_page(
     episodes: int | None = None,
     stop: threading.Event | None = None,
 ) -> list[float]:
+    """Play as `play_endlessly`, with the player that is selected at each step.
+
+    Args:
+        players: players by name; each is created when it is first selected.
+    """
+    from bricksrl.envs.rollout import link_lost, play
+
+    player = functools.cache(lambda name: players[name]())
+
+    def episode(_number: str) -> Steps:
+        start, total = env.reset(), 0.0
+        yield
+        policy, again = (lambda s: player(page.policy).act(s)), (lambda: player(page.policy).reset())
+        for frame in play(env, policy, start, driver=page.driver, reset_policy=again, goes_on=lambda: page.is_driven):
+            if link_lost(frame):
+                raise interface_of(env).link_error
+            page.show_step(frame)
+            total += float(frame["next", "reward"])
+            yield
+        return None if interface_of(env).is_cut else total
+
+    return play_endlessly(env, page, episode, episodes=episodes, stop=stop)
+
+
+def play_endlessly(
+    env: Any, page: LivePage, episode: Callable[[str], Steps], *, episodes: int | None = None, stop: threading.Event | None = None
+) -> list[float]:
     """Play a number of episodes, or endlessly; returns the returns of the complete ones. Raises StoppedError if the robot was
     stopped, and ``stop`` is set.
 
     An emergency stop or an unreachable robot ends the episode; the next one begins after a reset on the page.
 
     Args:
-        players: players by name; each is created when it is first selected.
+        episode: the steps of an episode, given its number.
         stop: set if a stop is to end the playing, as by a key in the terminal.
     """
-    stop = stop or threading.Event()
-    player = functools.cache(lambda name: players[name]())
-    episode = functools.partial(_episode, env, page, lambda: player(page.policy), stop)
-    return play_endlessly(env, page, episode, episodes=episodes, stop=stop)
+    returns, stop = list[float](), stop or threading.Event()
+    page.attach(env)
+    while episodes is None or len(returns) < episodes:
+        number = f"{len(returns) + 1}"
+        try:
+            page.begin()
+            return_ = _watched(page, episode(number), number, stop)
+            if return_ is not None:
+                returns.append(return_)
+                page.end(return_, number)
+        except BricksError as error:
+            message = f"{error}. Reset tries again."
+            if isinstance(error, StoppedError):
+                if stop.is_set():
+                    raise
+                message = "The robot was stopped by hand. Reset lets it start again."
+                page.mark_stopped()
+                env.close(raise_if_closed=False)  # a virtual hub ends its program in this thread only
+                if (twin := interface_of(env).twin) is not None:
+                    for _ in range(_COAST_MS // 10):
+                        twin.machine.advance(10)
+                        time.sleep(0.01)
+            page.board.update_status(message=message)
+            page.wait_for_reset(stop.is_set)
+            if stop.is_set():
+                raise StoppedError("the robot was stopped by hand") from error
+            page.release()
+            page.board.update_status(message="")
+    return returns
 
 
-def _episode(env: EnvBase, page: LivePage, player: Callable[[], Player], stop: threading.Event, number: str) -> float | None:
-    """Play an episode with the player selected at each step; returns its return, or ``None`` if it was cut short."""
-    total = 0.0
-    start = env.reset()
-    page.note(episode=number)
-    page.hold(stop.is_set)
-    policy, again = (lambda s: player().act(s)), (lambda: player().reset())
-    for frame in play(env, policy, start, driver=page.driver, reset_policy=again, goes_on=lambda: page.is_driven):
-        if link_lost(frame):
-            raise interface_of(env).link_error
-        page.show_step(frame)
-        total += float(frame["next", "reward"])
+def _watched(page: LivePage, steps: Steps, number: str, stop: threading.Event) -> float | None:
+    """Take the steps of an episode, each when the page lets the robot go on; its return, ``None`` if it was cut short."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return_: float | None = end.value
+            return return_
+        page.note(episode=number)
         page.hold(stop.is_set)
-        if page.is_reset_requested or page.is_stopped or stop.is_set():
-            break
-    else:
-        return None if interface_of(env).is_cut else total
-    if page.is_stopped or stop.is_set():
-        raise StoppedError("the robot was stopped by hand")
-    return None
+        if page.is_stopped or stop.is_set():
+            raise StoppedError("the robot was stopped by hand")
+        if page.is_reset_requested:
+            return None

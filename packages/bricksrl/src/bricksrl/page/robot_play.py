@@ -11,9 +11,8 @@ import numpy as np
 from bricksrl.envs.robot_env import RobotEnv
 from bricksrl.envs.task import Task
 from bricksrl.envs.tasks.scripted import ArrayPolicy
-from bricksrl.errors import StoppedError
-from bricksrl.page.endless import play_endlessly
 from bricksrl.page.live import LivePage
+from bricksrl.page.play import Steps, play_endlessly
 
 
 class Judge:
@@ -75,8 +74,8 @@ def play_robot(
     episodes: int | None = None,
     stop: threading.Event | None = None,
 ) -> list[float]:
-    """Play as `bricksrl.page.play.play_on_page`, with policies of arrays. While a human drives, only a reset ends an episode."""
-    stop, judge, made = stop or threading.Event(), Judge(env.task), dict[str, ArrayPolicy]()
+    """Play as `play_endlessly`, with policies of arrays. While a human drives, only a reset ends an episode."""
+    judge, made = Judge(env.task), dict[str, ArrayPolicy]()
     seen = slice(len(env.task.entries))  # without what only the task's functions get
 
     def action_of(inputs: Mapping[str, Any]) -> Any:
@@ -86,25 +85,19 @@ def play_robot(
             made[page.policy] = policies[page.policy]()
         return made[page.policy](inputs)
 
-    def episode(number: str) -> float | None:
+    def episode(_number: str) -> Steps:
         observation, steps = env.begin().observation, 0
         judge.begin()
-        page.note(episode=number)
-        page.hold(stop.is_set)
-        while not page.is_stopped and not stop.is_set():
+        yield
+        while page.is_driven or not (judge.is_over or steps >= env.task.max_steps):
             action = np.clip(action_of({"observation": observation[seen].copy()} | env.image()), -1.0, 1.0)
             previous, observation = observation, env.move(action.tolist())
             judge.see(previous, action, observation)
             steps += 1
-            page.show_outcome(
-                observation[seen].tolist(), judge.rewards[-1] if judge.rewards else None, judge.total, **env.image()
-            )
-            page.hold(stop.is_set)
-            if page.is_reset_requested:
-                return None
-            if not page.is_driven and (judge.is_over or steps >= env.task.max_steps):
-                return judge.end()
-        raise StoppedError("the robot was stopped by hand")
+            reward = judge.rewards[-1] if judge.rewards else None
+            page.show_outcome(observation[seen].tolist(), reward, judge.total, **env.image())
+            yield
+        return judge.end()
 
     try:
         return play_endlessly(env, page, episode, episodes=episodes, stop=stop)

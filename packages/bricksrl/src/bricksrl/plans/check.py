@@ -1,5 +1,3 @@
 """Checks of building plans, of `bricktwin.plans.check`."""
 
-from __future__ import annotations
-
 from bricktwin.plans.check import *

@@ -1,5 +1,3 @@
 """Building plans, of `bricktwin.plans.plan`."""
 
-from __future__ import annotations
-
 from bricktwin.plans.plan import *

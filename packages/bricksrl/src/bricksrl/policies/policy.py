@@ -15,9 +15,14 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from bricksrl.data.collect import random_policy
 from bricksrl.envs import rollout
 from bricksrl.envs.transforms import Playback, base_of, layout_of, one_step, over, still
 from bricksrl.errors import DescriptionError
+from bricksrl.policies import load_policy
+from bricksrl.policies.sharing import is_policy
+from bricksrl.training.restore import untrained_learner
+from bricksrl.training.run_folder import RunFolder
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
@@ -121,10 +126,6 @@ def named_policies(run_dir: Path, env: EnvBase, seed: int) -> dict[str, Callable
 
     ``best`` exists only if the run was evaluated during training. ``seed`` is that of the random actions.
     """
-    from bricksrl.policies import load_policy
-    from bricksrl.policies.sharing import is_policy
-    from bricksrl.training.restore import untrained_learner
-    from bricksrl.training.run_folder import RunFolder
 
     def player(policy: Policy) -> Player:
         return Player(policy, policy.reset)
@@ -154,6 +155,4 @@ def array_player(make: Callable[[], ArrayPolicy]) -> Player:
 
 def random_player(env: EnvBase, seed: int) -> Player:
     """Player of uniform random actions."""
-    from bricksrl.data.collect import random_policy
-
     return Player(random_policy(env, seed))

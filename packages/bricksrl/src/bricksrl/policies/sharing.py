@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from brickhub.files import atomic_folder, folder_with, refuse_existing, write_durably
 from bricksrl.data.share import CARD, downloaded, hub_client
+from bricksrl.envs.registry import make_env
 from bricksrl.envs.trust import remember, require_trusted
 from bricksrl.errors import CheckpointError, RunError, counted
 from bricksrl.training.config import TrainConfig, portable
+from bricksrl.training.restore import load_learner, make_learner_for, one_robot
 from bricksrl.training.run_folder import RunFolder
 
 if TYPE_CHECKING:
@@ -35,9 +37,7 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     exists or cannot be written, or there is no run, CheckpointError if the run's checkpoint is damaged."""
     from safetensors.torch import save
 
-    from bricksrl.envs.registry import make_env
     from bricksrl.envs.transforms import prepare, transform_state
-    from bricksrl.training.restore import load_learner, one_robot
 
     refuse_existing(out, RunError)
     folder = RunFolder(run_dir)
@@ -95,8 +95,6 @@ def read_policy(path: Path) -> tuple[TrainConfig, dict[str, Any]]:
 def load_shared(path: Path, env: EnvBase) -> Learner:
     """A learner with a shared policy, to act in ``env``; its other training state is not restored. Raises CheckpointError if
     there is no policy, it is damaged, or ``env`` has other observations or actions."""
-    from bricksrl.training.restore import make_learner_for
-
     config, tensors = read_policy(path)
     learner = make_learner_for(config, env, device="cpu")
     shapes, given = ({name: tensor.shape for name, tensor in state.items()} for state in (learner.policy_state(), tensors))

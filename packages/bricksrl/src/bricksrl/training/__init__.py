@@ -1,7 +1,5 @@
 """Training: runs from a config to a folder of results. Importing this loads no torch."""
 
-from __future__ import annotations
-
 from bricksrl.training.callbacks import Callback, CallbackList, Episode, Phase, Progress, RobotState, RunResult
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.restore import load_learner

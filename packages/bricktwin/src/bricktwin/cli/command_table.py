@@ -1,7 +1,5 @@
 """Commands of ``bricktwin``."""
 
-from __future__ import annotations
-
 from brickhub.cli.app import CommandLine
 from bricktwin import __version__
 

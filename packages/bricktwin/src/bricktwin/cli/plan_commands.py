@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
 from brickhub.cli.options import option, refuse_ignored
 from brickhub.cli.terminal import print_line
 from brickhub.errors import PlanError, counted
-
-if TYPE_CHECKING:
-    from bricktwin.plans.plan import Plan
+from brickhub.files import write_durably
+from bricktwin import robots
+from bricktwin.plans import catalogue
+from bricktwin.plans.check import check
+from bricktwin.plans.parts_list import as_text, owned, parts_list, purchases, still_needed
+from bricktwin.plans.plan import Plan, read_plan
+from bricktwin.robots.planned import check_named, plan_file
 
 _ROBOTS = "two-wheeler, walker, robo-arm"
 _PLAN = f"An LDraw file (.ldr, .mpd), Studio's .io, or a robot: {_ROBOTS}."
@@ -22,10 +26,6 @@ PlanArgument = Annotated[Positional[Path], option(metavar="FILE", help=_PLAN)]
 
 def read_named_plan(path: Path) -> Plan:
     """The plan in a file, or that of a robot of this package."""
-    from bricktwin import robots
-    from bricktwin.plans.plan import read_plan
-    from bricktwin.robots.planned import plan_file
-
     if path.is_dir() and str(path) not in robots.ROBOTS:
         raise PlanError(f"{path} is a folder; name an LDraw file in it (.ldr, .mpd or .io), or a robot: {_ROBOTS}")
     if path.is_file() or path.suffix:
@@ -56,9 +56,6 @@ class CheckPlan:
     plan: PlanArgument
 
     def execute(self) -> int:
-        from bricktwin.plans.check import check
-        from bricktwin.robots.planned import check_named
-
         plan = read_named_plan(self.plan)
         findings = check(plan) + check_named(plan)
         for finding in findings:
@@ -94,10 +91,6 @@ class PlanParts:
     """LEGO sets that you have, such as 45678,45681: list what is missing, with the numbers of shops."""
 
     def execute(self) -> None:
-        from brickhub.files import write_durably
-        from bricktwin.plans import catalogue
-        from bricktwin.plans.parts_list import as_text, owned, parts_list, purchases, still_needed
-
         if self.out is None:
             refuse_ignored(self, ("--plan", "--own"), "without --out")
         if self.plan is None:

@@ -5,8 +5,6 @@ rounding decides at which 5 ms tick a move ends. Internal units: position mdeg, 
 voltage mV, time in ticks of 0.1 ms. ``trunc(a / b)`` is C's division, exact below 2**53 and faster than ``int(a / b)``.
 """
 
-from __future__ import annotations
-
 
 class RefusedError(ValueError):
     """A value that the firmware refuses."""
