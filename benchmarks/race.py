@@ -21,6 +21,7 @@ from collections.abc import Callable
 from typing import Any
 
 from benchmarks.session import Session
+from brickhub.cli import collect_rarely
 
 ENV, ACTIONS, GOAL, EVALUATED = "WalkerSim-v0", 4, -20.0, 40
 CONTESTANTS = {
@@ -169,6 +170,8 @@ def run(name: str, seed: int, limit: int, every: int) -> list[tuple[int, float, 
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # what starts threads all the same shares one core with them
     package, agent = CONTESTANTS[name]
+    if not package:
+        collect_rarely()  # as the command does
     race = Race(limit, every)
     if package:
         run_other(package, agent, seed, race, like_ours=name.endswith("like_ours"))
