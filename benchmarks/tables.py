@@ -341,7 +341,7 @@ def race(result: Result) -> str:
                 settings,
                 f"{entry['there']} of {len(times)}",
                 f"{entry['steps']:.0f} (every {entry.get('every', 100)})",
-                f"{entry['cpu_s']:.0f} s [{min(times):.0f} to {max(times):.0f}]",
+                f"{entry['cpu_s']:.1f} s [{min(times):.1f} to {max(times):.1f}]",
             ]
         )
     head = [
