@@ -16,19 +16,25 @@ from benchmarks.learning import EVALUATED_EPISODES, run, summary
 from benchmarks.session import Session
 from bricksrl.agents import AGENTS, preset
 
-STEPS = {"WalkerSim-v0": 1000, "RoboArmSim-v0": 400}
+STEPS = {"WalkerSim-v0": 1000, "RoboArmSim-v0": 400, "Walker-v1": 1000}
 FOR_GOALS = ("goals", "hindsight", "new_goals")
 """Settings without effect in a task without goals."""
 FOR_IMAGES = ("encoder",)
 """Settings without effect in a task without images, as all of these are."""
 
 
+PRODUCTS: dict[str, Any] = {"batch_size": 256, "actor_delay": 1, "mirror": False}
+"""The settings that make SAC's updates cheaper, all set back at once."""
+
+
 def variants(env: str, agent: str) -> dict[str, tuple[str, dict[str, Any]]]:
-    """Preset and changes by variant: default, default with one value of the paper, paper."""
+    """Preset and changes by variant: default, default with one value of the paper, or with `PRODUCTS`, paper."""
     default, paper = (asdict(preset(name, agent)) for name in ("default", "paper"))
-    without_effect = FOR_IMAGES + FOR_GOALS * (env == "WalkerSim-v0")
+    without_effect = FOR_IMAGES + FOR_GOALS * env.startswith("Walker")
     differ = [name for name in paper if paper[name] != default[name] and name not in without_effect]
-    return {"default": ("default", {}), **{name: ("default", {name: paper[name]}) for name in differ}, "paper": ("paper", {})}
+    one = {name: ("default", {name: paper[name]}) for name in differ}
+    together = {"products": ("default", PRODUCTS)} if agent == "sac" else {}
+    return {"default": ("default", {}), **one, **together, "paper": ("paper", {})}
 
 
 def main(session: Session) -> None:

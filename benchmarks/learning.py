@@ -31,7 +31,8 @@ MARKS = {
     "WalkerSim-v1": (300, 500, 1000, 1500, 2000, 2500, 5000, 7500),
     "RoboArmSim-v0": (100, 250, 500, 750, 1000, 2000, 4000),
 }
-EVALUATED_EPISODES = 40
+EVALUATED_EPISODES, ON_TWIN = 40, 5
+"""Episodes of an evaluation, and those on a virtual robot, which takes longer and varies less."""
 
 
 def has_made(count: int, unit: str, episode: Episode) -> bool:
@@ -60,7 +61,7 @@ def run(
                 config = TrainConfig(env, agent, marks[-1], seed, settings=settings, record=False, run_dir=folder)
                 result = train(config, callback, stop=callback.stop)
             cpu_s, wall_s = cpu_s + time.process_time() - started[0], wall_s + time.perf_counter() - started[1]
-            outcome = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
+            outcome = evaluate(folder, episodes=EVALUATED_EPISODES if "Sim" in env else ON_TWIN, save=False)
             last = result.episodes[-1]
             results.append(
                 {

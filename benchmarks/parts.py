@@ -106,10 +106,7 @@ def _worker_outcome(*order: Any) -> Any:
 
 
 def _start_worker() -> None:
-    """Compute on one thread, and end as soon as the parent process does, however it ends."""
-    import torch
-
-    torch.set_num_threads(1)
+    """End as soon as the parent process does, however it ends."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

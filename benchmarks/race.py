@@ -1,13 +1,14 @@
 """A race to a return of -20 on WalkerSim-v0: our agents, Stable-Baselines3 and SBX, in robot steps and CPU seconds.
 
-    python -m benchmarks race [--seeds 5] [--limit 4000]
+    python -m benchmarks race [--seeds 5] [--first-seed 0] [--every 100] [--limit 4000]
 
-Each contestant trains in its own process with one thread, start-up (imports, compilation) included, and is evaluated after every
-100 steps on 40 deterministic episodes, whose time is not included; it has reached the goal once their mean return is -20. The
-others run twice: with our features and the values of our default settings (learning rate, discount, temperature, networks, layer
-normalisation where they have it, updates per step, initial random episodes), and with their own defaults on raw observations. The
-contestants take turns seed by seed, so that all run under the same load; the result is the median over the seeds. A contestant
-that does not reach the goal within ``--limit`` steps counts with this limit. Other contestants stay in the result.
+Each contestant trains in its own process with one thread, start-up (imports, compilation) included, and is evaluated after
+every ``--every`` steps on 40 deterministic episodes, whose time is not included; it has reached the goal once their mean return
+is -20. The others run twice: with our features and the values of our default settings (learning rate, discount, temperature,
+networks, layer normalisation where they have it, updates per step, initial random episodes), and with their own defaults on raw
+observations; a delayed actor and mirrored batches only we have. The contestants take turns seed by seed, so that all run under
+the same load; the result is the median over the seeds. A contestant that does not reach the goal within ``--limit`` steps
+counts with this limit. Other contestants stay in the result.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from collections.abc import Callable
 from typing import Any
 
 from benchmarks.session import Session
+from brickhub.cli import collect_rarely
 
-ENV, ACTIONS, GOAL, EVERY, EVALUATED = "WalkerSim-v0", 4, -20.0, 100, 40
+ENV, ACTIONS, GOAL, EVALUATED = "WalkerSim-v0", 4, -20.0, 40
 CONTESTANTS = {
     "ours_sac": ("", ""),
     "ours_td3": ("", ""),
@@ -38,15 +40,15 @@ CONTESTANTS = {
 
 
 class Race:
-    """Evaluations of one contestant after every hundred steps, with the clock stopped meanwhile."""
+    """Evaluations of one contestant after ``every`` steps, with the clock stopped meanwhile."""
 
-    def __init__(self, limit: int) -> None:
+    def __init__(self, limit: int, every: int) -> None:
         import torch
 
         import bricksrl
 
         torch.set_num_threads(1)
-        self.limit, self._paused_s = limit, 0.0
+        self.limit, self.every, self._paused_s = limit, every, 0.0
         self.returns: list[tuple[int, float, float]] = []
         self._env = bricksrl.make(ENV, batch_size=EVALUATED, seed=1000)
 
@@ -67,7 +69,7 @@ class Race:
         return value >= GOAL or steps >= self.limit
 
 
-def run_ours(agent: str, seed: int, limit: int) -> Race:
+def run_ours(agent: str, seed: int, race: Race) -> None:
     """Our agent, as `bricksrl train` runs it."""
     import tempfile
     import threading
@@ -80,7 +82,7 @@ def run_ours(agent: str, seed: int, limit: int) -> Race:
     from bricksrl.agents.learner import Learner
     from bricksrl.training import Callback, Phase, TrainConfig, train
 
-    race, stop = Race(limit), threading.Event()
+    stop = threading.Event()
 
     class Judge(Callback):
         """Evaluates the learner in mid-run."""
@@ -92,7 +94,7 @@ def run_ours(agent: str, seed: int, limit: int) -> Race:
 
         def on_step(self, episode: int, step: int, phase: Phase) -> None:
             self.steps += 1
-            if self.steps % EVERY == 0 and not stop.is_set():
+            if self.steps % race.every == 0 and not stop.is_set():
                 state = torch.get_rng_state()
                 if race.is_over(self.steps, act):
                     stop.set()
@@ -104,15 +106,14 @@ def run_ours(agent: str, seed: int, limit: int) -> Race:
 
     judge = Judge()
     with tempfile.TemporaryDirectory() as parent:
-        episodes = limit // 100 + 1
+        episodes = race.limit // 100 + 1
         config = TrainConfig(
             ENV, agent, episodes, seed, settings=preset("default", agent), record=False, run_dir=Path(parent) / "run"
         )
         train(config, judge, stop=stop)
-    return race
 
 
-def run_other(package: str, agent: str, seed: int, limit: int, *, like_ours: bool) -> Race:
+def run_other(package: str, agent: str, seed: int, race: Race, *, like_ours: bool) -> None:
     """The agent of Stable-Baselines3 or SBX, with our features and settings or with its own."""
     import gymnasium
     import numpy as np
@@ -123,7 +124,6 @@ def run_other(package: str, agent: str, seed: int, limit: int, *, like_ours: boo
     from bricksrl.agents.encoder import ObservationEncoder
     from bricksrl.envs.transforms import layout_of
 
-    race = Race(limit)
     env = gymnasium.make(f"bricksrl/{ENV}")
     encoder = ObservationEncoder(layout_of(bricksrl.make(ENV)))
 
@@ -160,40 +160,47 @@ def run_other(package: str, agent: str, seed: int, limit: int, *, like_ours: boo
         """Evaluates the model in mid-run."""
 
         def _on_step(self) -> bool:
-            return self.num_timesteps % EVERY != 0 or not race.is_over(self.num_timesteps, act)
+            return self.num_timesteps % race.every != 0 or not race.is_over(self.num_timesteps, act)
 
-    model.learn(limit, callback=Judge())
-    return race
+    model.learn(race.limit, callback=Judge())
 
 
-def run(name: str, seed: int, limit: int) -> list[tuple[int, float, float]]:
+def run(name: str, seed: int, limit: int, every: int) -> list[tuple[int, float, float]]:
     """Evaluations of a contestant: steps, CPU seconds, return."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # what starts threads all the same shares one core with them
     package, agent = CONTESTANTS[name]
+    if not package:
+        collect_rarely()  # as the command does
+    race = Race(limit, every)
     if package:
-        return run_other(package, agent, seed, limit, like_ours=name.endswith("like_ours")).returns
-    return run_ours(name.removeprefix("ours_"), seed, limit).returns
+        run_other(package, agent, seed, race, like_ours=name.endswith("like_ours"))
+    else:
+        run_ours(name.removeprefix("ours_"), seed, race)
+    return race.returns
 
 
 def main(session: Session) -> None:
     """Race all of them and write the medians."""
     parser = session.parser
     parser.add_argument("--seeds", type=int, choices=range(1, 101), metavar="N", default=5)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--every", type=int, default=100, help="robot steps between evaluations")
     parser.add_argument("--limit", type=int, default=4000, help="robot steps at most")
     parser.add_argument("--contestants", nargs="+", default=list(CONTESTANTS), choices=list(CONTESTANTS))
     args = session.parse()
     names = [name for name in args.contestants if not CONTESTANTS[name][0] or importlib.util.find_spec(CONTESTANTS[name][0])]
     for name in set(args.contestants) - set(names):
         print(f"{name} is left out: {CONTESTANTS[name][0]} is missing; pip install 'bricksrl[benchmarks]'")
-    jobs = {f"{name}-{seed}-{args.limit}": (name, seed, args.limit) for seed in range(args.seeds) for name in names}
+    seeds = range(args.first_seed, args.first_seed + args.seeds)
+    jobs = {f"{name}-{seed}-{args.every}-{args.limit}": (name, seed, args.limit, args.every) for seed in seeds for name in names}
     runs: dict[str, list[Any]] = {}
     for (name, *_), evaluations in zip(jobs.values(), session.outcomes(run, jobs, processes=1, fresh=True), strict=True):
         runs.setdefault(name, []).append(evaluations)
     known = session.known()
     setup = {"env": ENV, "goal": GOAL, "limit": args.limit, "evaluated_episodes": EVALUATED}
     results: dict[str, Any] = known["contestants"] if known.get("setup") == setup else {}
-    results |= {name: summary(runs_of) for name, runs_of in runs.items()}
+    results |= {name: summary(runs_of) | {"every": args.every, "seeds": list(seeds)} for name, runs_of in runs.items()}
     for name, result in results.items():
         reached = f"{result['there']} of {len(result['runs'])} there"
         print(f"{name:22} {result['steps']:6} steps {result['cpu_s']:7.1f} s CPU, {reached}")

@@ -55,7 +55,7 @@ def race(result: Result) -> str:
     parts = []
     for key, name in names.items():
         entry = result["contestants"][key]
-        parts.append(f"{name} {entry['cpu_s']:.0f} s, {entry['steps']:.0f} steps (n={len(entry['runs'])})")
+        parts.append(f"{name} {entry['cpu_s']:.1f} s, {entry['steps']:.0f} steps (n={len(entry['runs'])})")
     return f"{'; '.join(parts[:2])}; with the same features and settings {'; '.join(parts[2:])}"
 
 

@@ -202,11 +202,13 @@ def ablation(result: Result) -> str:
     for env, agents in result["environments"].items():
         for agent, entry in agents.items():
             for name, variant in entry["variants"].items():
-                label = f"`{name}`" if name in ("default", "paper") else f"`{name}={variant['setting'][name]}`"
+                is_preset = name in ("default", "paper")
+                label = f"`{name}`" if is_preset else " ".join(f"`{key}={value}`" for key, value in variant["setting"].items())
                 cell = within(variant["return_mean"], variant["return_interval"], len(variant["returns"]))
                 success = percent(variant["success_mean"]) if env.startswith("RoboArm") else ""
-                rows.append([f"`{env}`", agent, str(len(variant["returns"])), str(entry["steps"]), label, cell, success])
-    return table(["environment", "agent", "seeds", "robot steps", "settings", "return", "success"], rows)
+                seeds, cpu = str(len(variant["returns"])), f"{variant['cpu_s']:.0f} s" if "cpu_s" in variant else ""
+                rows.append([f"`{env}`", agent, seeds, str(entry["steps"]), label, cell, success, cpu])
+    return table(["environment", "agent", "seeds", "robot steps", "settings", "return", "success", "CPU time"], rows)
 
 
 def literature(result: Result) -> str:
@@ -338,11 +340,18 @@ def race(result: Result) -> str:
                 agent,
                 settings,
                 f"{entry['there']} of {len(times)}",
-                f"{entry['steps']:.0f}",
-                f"{entry['cpu_s']:.0f} s [{min(times):.0f} to {max(times):.0f}]",
+                f"{entry['steps']:.0f} (every {entry.get('every', 100)})",
+                f"{entry['cpu_s']:.1f} s [{min(times):.1f} to {max(times):.1f}]",
             ]
         )
-    head = ["package", "agent", "settings", "seeds that reach it", "robot steps, median", "CPU time, median [min to max]"]
+    head = [
+        "package",
+        "agent",
+        "settings",
+        "seeds that reach it",
+        "robot steps, median (evaluated)",
+        "CPU time, median [min to max]",
+    ]
     return table(head, rows)
 
 

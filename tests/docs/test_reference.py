@@ -28,7 +28,19 @@ OF_USERS = (
     "bricksrl.twin.scene",
 )
 """Modules that files of users import from."""
-INTERNAL = {"Critic", "Dropout", "Encoder", "HubModel", "Sense", "Sensor", "WireNumber", "drive_base", "drive_base_setup", "get"}
+INTERNAL = {
+    "Critic",
+    "Dropout",
+    "Encoder",
+    "HubModel",
+    "Keyed",
+    "Sense",
+    "Sensor",
+    "WireNumber",
+    "drive_base",
+    "drive_base_setup",
+    "get",
+}
 """Public names of these modules that no file of a user needs."""
 
 

@@ -1,10 +1,13 @@
-"""Dropout of the critics: what it drops, its scale and its gradients."""
+"""Networks: dropout of the critics, what it drops, its scale and its gradients; what a policy does not import."""
 
 from __future__ import annotations
 
 import pytest
 import torch
+from tensordict import TensorDict
 
+import bricksrl
+from bricksrl.agents import make_learner
 from bricksrl.agents.networks import Dropout, mlp
 
 
@@ -56,3 +59,11 @@ def test_seed_repeats_and_evaluation_drops_nothing() -> None:
 
 def test_nearly_everything_dropped_stays_finite() -> None:
     assert torch.isfinite(Dropout(1.0 - 1e-9)(torch.ones(1000))).all()
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3"])
+def test_a_policy_does_not_ask_whether_tensors_are_tables(monkeypatch: pytest.MonkeyPatch, agent: str) -> None:
+    env = bricksrl.make("WalkerSim-v0", seed=0)
+    learner, state = make_learner(agent, env), env.reset()
+    monkeypatch.setattr(TensorDict, "from_any", None)  # it imports pandas
+    assert learner.explore(state)["action"].shape == learner.exploit(state)["action"].shape == (4,)

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
 from torch import Tensor
+from torchrl.data import Unbounded
+from torchrl.envs import CatFrames, ObservationNorm, ObservationTransform, RewardScaling, Transform, TransformedEnv
 
 import bricksrl
 from brickhub.hub.interface import Curve, Distance, DriveSpeed, DriveTurnRate, Heading, Interface, MotorAngle, RunAngle, Wait
 from brickhub.robot import Direction
 from bricksrl.agents import make_learner, preset
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task
-from bricksrl.envs.task import mirrors
+from bricksrl.envs.task import Kinematics, mirrors
+from bricksrl.envs.transforms import layout_of
 from bricksrl.errors import DescriptionError
 from bricktwin.robots import TWO_WHEELER, WALKER
 from bricktwin.twin.physics import Physics
@@ -76,6 +81,75 @@ def test_half_of_each_batch_is_mirrored() -> None:
     assert on.dataset is not None
     stored = on.memory[:]
     assert torch.equal(stored["action"][0], frame["action"])
+
+
+def test_a_mirrored_step_of_the_simulation_is_the_steps_mirror() -> None:
+    env = bricksrl.make("WalkerSim-v0", batch_size=64, kinematics=Kinematics(noise=0.0), seed=0)
+    (observation, action), start = mirrors(env.task), env.rand_action(env.reset())
+    step, env._state = env.step(start.clone())["next"], observation(start["observation"]).t().clone()
+    mirrored = env.step(start.update({"action": action(start["action"])}))["next"]
+    assert torch.equal(observation(step["observation"]), mirrored["observation"])
+    assert torch.equal(step["reward"], mirrored["reward"])
+
+
+@pytest.mark.parametrize(
+    "transform",
+    [
+        CatFrames(3, -1, in_keys=["observation"]),
+        ObservationNorm(3.0 * torch.arange(7), 1.0 + torch.arange(7), in_keys=["observation"]),
+        RewardScaling(0.0, 0.1),
+    ],
+)
+def test_batches_are_mirrored_behind_transforms(transform: Transform) -> None:
+    env = TransformedEnv(bricksrl.make("WalkerSim-v0", seed=0), transform)
+    torch.manual_seed(0)
+    learner = make_learner("sac", env)
+    memory, task = learner.memory, interface_of(env).task
+    assert memory is not None
+    assert task is not None
+    frames = env.rollout(6)
+    learner.remember(frames)
+    layout, (entries, action) = layout_of(env), mirrors(task)
+    scale, offset = torch.tensor(layout.scale or (1.0,)), torch.tensor(layout.offset or (0.0,))
+    images = [frames, frames.clone()]
+    images[1]["action"] = action(frames["action"])
+    for part in (images[1], images[1]["next"]):
+        units = ((part["observation"] - offset) / scale).unflatten(-1, (-1, 7))
+        part["observation"] = entries(units).flatten(-2) * scale + offset
+    (batch,) = learner.batches(1)
+    found = [0, 0]
+    for row in batch:
+        for which, expected in enumerate(images):
+            same = (row["action"] - expected["action"]).abs().amax(-1) < 1e-6
+            for part, wanted in ((row, expected[same]), (row["next"], expected["next"][same])):
+                torch.testing.assert_close(part["observation"].expand_as(wanted["observation"]), wanted["observation"])
+            found[which] += int(same.any())
+    assert min(found) > 40
+    assert sum(found) == len(batch)
+
+
+def test_what_a_transform_mixes_is_not_mirrored() -> None:
+    env = TransformedEnv(bricksrl.make("WalkerSim-v0", seed=0), RandomProjection())
+    memory: Any = make_learner("sac", env).memory
+    assert memory._augment == []
+
+
+class RandomProjection(ObservationTransform):  # type: ignore[misc]
+    """Numbers that are no entries."""
+
+    def __init__(self) -> None:
+        super().__init__(in_keys=["observation"], out_keys=["observation"])
+        self.matrix = torch.rand(7, 7)
+
+    def _apply_transform(self, observation: Tensor) -> Tensor:
+        return observation @ self.matrix
+
+    def _reset(self, _tensordict: Any, tensordict_reset: Any) -> Any:
+        return self._call(tensordict_reset)
+
+    def transform_observation_spec(self, observation_spec: Any) -> Any:
+        observation_spec["observation"] = Unbounded(7)
+        return observation_spec
 
 
 def test_the_papers_walker_is_as_it_was() -> None:

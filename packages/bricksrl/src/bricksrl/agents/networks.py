@@ -7,7 +7,8 @@ import itertools
 from typing import Any
 
 import torch
-from tensordict.nn import NormalParamExtractor, TensorDictModule, TensorDictSequential
+from tensordict import TensorDictBase
+from tensordict.nn import NormalParamExtractor, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 from torchrl.data import Composite, TensorSpec
 from torchrl.envs import EnvBase
@@ -82,6 +83,21 @@ class Actor(nn.Module):
         return self.head(self.body(self.encoder(*inputs)))
 
 
+class Keyed(TensorDictModuleBase):  # type: ignore[misc]
+    """A module of tensors between keys: a ``TensorDictModule`` that does not import pandas to see whether a tensor is a table,
+    which takes as long as the first 30 updates."""
+
+    def __init__(self, module: nn.Module, in_keys: list[str], out_keys: list[str]) -> None:
+        super().__init__()
+        self.module, self.in_keys, self.out_keys = module, in_keys, out_keys
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        out = self.module(*(tensordict[key] for key in self.in_keys))
+        for key, value in zip(self.out_keys, out if isinstance(out, tuple) else (out,), strict=True):
+            tensordict[key] = value
+        return tensordict
+
+
 def action_size(env: EnvBase) -> int:
     """Size of one robot's action."""
     return int(env.full_action_spec_unbatched["action"].shape[-1])
@@ -99,7 +115,7 @@ def gaussian_policy(
     standard deviation before the tanh; ``log_prob``: write the action's log-probability too."""
     actor = Actor(encoder, body, NormalParamExtractor(scale_lb=min_scale))
     return ProbabilisticActor(
-        TensorDictModule(actor, in_keys=encoder_keys(encoder), out_keys=["loc", "scale"]),
+        Keyed(actor, encoder_keys(encoder), ["loc", "scale"]),
         in_keys=["loc", "scale"],
         distribution_class=TanhNormal,
         spec=Composite(action=spec),
@@ -109,8 +125,8 @@ def gaussian_policy(
 
 def deterministic_policy(
     encoder: nn.Module, body: nn.Module, spec: TensorSpec, *, noise: float
-) -> tuple[TensorDictModule, TensorDictSequential]:
+) -> tuple[Keyed, TensorDictSequential]:
     """A deterministic actor ``tanh(body)``, and the policy that adds normal exploration noise."""
-    actor = TensorDictModule(Actor(encoder, body, nn.Tanh()), in_keys=encoder_keys(encoder), out_keys=["action"])
+    actor = Keyed(Actor(encoder, body, nn.Tanh()), encoder_keys(encoder), ["action"])
     exploration = AdditiveGaussianModule(spec, sigma_init=noise, sigma_end=noise, annealing_num_steps=1)
     return actor, TensorDictSequential(actor, exploration)

@@ -155,7 +155,7 @@ class OneRobot(Source):
         self.playing[0], phase = playing, playing.phase
         if self.is_recorded:
             playing.about = about(self.env, playing.policy, seed=playing.seed, hub=self.hub)
-        rollout, random = Rollout(), RandomPolicy(self.env.full_action_spec)
+        rollout, random = Rollout(), RandomPolicy(self.env.action_spec)
         policy = {Phase.PREFILL: random, Phase.TRAIN: self.actor.explore, Phase.OFFLINE: self.actor.exploit}[phase]
         is_cut = False
         for frame in play(self.env, policy, start, driver=self.driver, reset_policy=self.actor.reset_policy):
@@ -186,7 +186,7 @@ class Copies(Source):
 
     def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
         ended, lengths, returns = (torch.zeros((), device=self.env.device) for _ in range(3))
-        policy = RandomPolicy(self.env.full_action_spec) if playing.phase is Phase.PREFILL else self.actor.acting
+        policy = RandomPolicy(self.env.action_spec) if playing.phase is Phase.PREFILL else self.actor.acting
         for frames in collect_round(self.env, policy, longest_of(self.env), self.actor.frames_per_batch):
             playing.length += frames.shape[-1]
             yield Moved(playing, frames, frames)

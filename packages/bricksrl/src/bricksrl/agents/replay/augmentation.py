@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from math import inf
 
 import torch
 from tensordict import TensorDictBase
@@ -10,32 +12,57 @@ from torchrl.envs import EnvBase, Transform
 
 from bricksrl.agents.settings import OffPolicySettings
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.task import Mirror, mirrors
 from bricksrl.envs.transforms import layout_of
 
 
 class MirrorRows(Transform):  # type: ignore[misc]
-    """Mirrors each row of a batch with a probability of 1/2: on a symmetric robot a mirrored step is a step too."""
+    """Mirrors each row of a batch with a probability of 1/2: on a symmetric robot a mirrored step is a step too.
+    ``observation``: of the layout's vector, in physical units."""
 
-    def __init__(self, observation: Mirror, action: Mirror) -> None:
+    def __init__(self, layout: ObservationLayout, observation: Mirror, action: Mirror) -> None:
         super().__init__()
-        self.observation, self.action = observation, action
+        self.key, self.observation, self.action = layout.keys[0], observation, action
+        self.scale, self.offset = torch.tensor(layout.scale or (1.0,)), torch.tensor(layout.offset or (0.0,))
 
     def forward(self, batch: TensorDictBase) -> TensorDictBase:
         """The batch, with new tensors for what is mirrored."""
         drawn = torch.rand(len(batch), 1, device=batch["action"].device) < 0.5
-        for part, name, mirror in (
-            (batch, "observation", self.observation),
-            (batch["next"], "observation", self.observation),
-            (batch, "action", self.action),
-        ):
-            part[name] = torch.where(drawn, mirror(part[name]), part[name])
+        for part in (batch, batch["next"]):
+            seen = part[self.key].flatten(1)
+            scale, offset = self.scale.to(seen), self.offset.to(seen)
+            image = self.observation((seen - offset) / scale) * scale + offset
+            part[self.key] = torch.where(drawn, image, seen).view_as(part[self.key])
+        batch["action"] = torch.where(drawn, self.action(batch["action"]), batch["action"])
         return batch
 
 
 def augmentations(env: EnvBase, settings: OffPolicySettings) -> Iterator[Transform]:
     """The augmentations of the settings for an environment."""
     task, layout = interface_of(env).task, layout_of(env)
-    is_own = task is not None and layout.names == tuple(entry.name for entry in task.entries) and not layout.scale
-    if settings.mirror and task is not None and task.symmetric and is_own:  # not what transforms have made of it
-        yield MirrorRows(*mirrors(task))
+    if settings.mirror and task is not None and task.symmetric:
+        observation, action = mirrors(task)
+        seen = behind_transforms(observation, [entry.name for entry in task.entries], layout)
+        if seen is not None:
+            yield MirrorRows(layout, seen, action)
+
+
+def behind_transforms(mirror: Mirror, names: Sequence[str], layout: ObservationLayout) -> Mirror | None:
+    """The mirror of entries with ``names`` for what transforms make of them: the n-th number of an entry changes places with the
+    n-th of its image, as in frames that follow one another. ``None`` where a number has no image, or an unknown scale."""
+    numbers, is_own = defaultdict[str, list[int]](list), layout.names == tuple(names)
+    for index, name in enumerate(layout.names):
+        numbers[name].append(index)
+    places, signs = [], []
+    for index, name in enumerate(layout.names):
+        if len(layout.keys) > 1 or name not in names:
+            return None
+        entry, nth = names.index(name), numbers[name].index(index)
+        images, sign = numbers[names[mirror.places[entry]]], mirror.signs[entry]
+        has_unit = is_own or layout.wraps[index] or layout.high[index] - layout.low[index] < inf
+        if nth >= len(images) or not (has_unit or (images[nth] == index and sign > 0)):
+            return None
+        places.append(images[nth])
+        signs.append(sign)
+    return Mirror(tuple(places), tuple(signs), layout.wraps)

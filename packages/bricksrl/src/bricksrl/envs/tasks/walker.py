@@ -178,4 +178,5 @@ def walker(
         terminated=has_fallen,
         blocked=blocked,
         walks=True,
+        symmetric=env_id != "Walker-v0",  # agents learn there as in the paper
     )

@@ -110,7 +110,7 @@ class Worker:
         state = env.reset()
         description = about(env, order["policy"], seed=order["seed"], hub=begin["config"]["hub"])
         self.send("begun", description)
-        policy = RandomPolicy(env.full_action_spec) if is_random else actor.explore
+        policy = RandomPolicy(env.action_spec) if is_random else actor.explore
         for frame in play(env, policy, state, reset_policy=actor.reset_policy):
             before = len(rollout.rewards)
             own = rollout.add(frame, env)
