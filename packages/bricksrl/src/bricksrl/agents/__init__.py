@@ -56,6 +56,7 @@ _PAPER: dict[str, Any] = {
     "alpha_init": 1.0,
     "tau": 0.005,
     "critic_layer_norm": False,
+    "scale_rewards": False,
     "start_value": False,
     "exploration_noise": 0.1,
     "target_noise": 0.2,

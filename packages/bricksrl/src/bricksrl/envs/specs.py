@@ -246,6 +246,7 @@ class ObservationLayout:
         vectors: key and shape of each vector; their numbers follow one another.
         scale, offset: a number is ``scale * entry + offset``; empty where all are the entries themselves.
         names: of the entries.
+        newest: for each number the index of its entry in the newest frame that has it; empty if all have their own.
     """
 
     low: tuple[float, ...]
@@ -257,6 +258,7 @@ class ObservationLayout:
     scale: tuple[float, ...] = ()
     offset: tuple[float, ...] = ()
     names: tuple[str, ...] = ()
+    newest: tuple[int, ...] = ()
 
     @property
     def keys(self) -> list[str]:
@@ -285,7 +287,17 @@ class ObservationLayout:
             tuple(zip(vectors, shapes, strict=True)),
             *((tuple(scale for scale, _ in maps), tuple(offset for _, offset in maps)) if is_scaled else ((), ())),
             names=tuple(e.name for e in entries),
+            newest=_newest(numbers),
         )
+
+
+def _newest(numbers: Sequence[Number]) -> tuple[int, ...]:
+    """For each number the index of its entry in the newest frame that has it; its own there."""
+    newest: dict[str, int] = {}
+    for index in sorted(range(len(numbers)), key=lambda i: numbers[i].frame):
+        newest.setdefault(numbers[index].entry.name, index)
+    pairs = [(i, newest[number.entry.name]) for i, number in enumerate(numbers)]
+    return tuple(new if numbers[i].frame > numbers[new].frame else i for i, new in pairs)
 
 
 def _goal_pairs(numbers: Sequence[Number]) -> tuple[tuple[int, int], ...]:
