@@ -66,7 +66,10 @@ def test_goal_difference_takes_shorter_way(angle: float, goal: float, joint: flo
     assert float(features[0, 5]) * 50.0 == pytest.approx(joint_goal - joint, abs=0.01)
 
 
-STACKED = ObservationLayout(MIXED.low[:3] * 2, MIXED.high[:3] * 2, MIXED.wraps[:3] * 2, newest=(3, 4, 5) * 2)
+NAMES, FRAMES = ("angle", "tilt", "distance"), (2, 2, 2, 0, 0, 0)
+STACKED = ObservationLayout(
+    MIXED.low[:3] * 2, MIXED.high[:3] * 2, MIXED.wraps[:3] * 2, names=NAMES * 2, frames=(2,) * 3 + (0,) * 3
+)
 """An older frame of an angle, a tilt and a distance, then the newest one."""
 
 

@@ -117,7 +117,7 @@ class ObservationEncoder(nn.Module):
         bounded = torch.isfinite(low) & torch.isfinite(high) & (high > low)
         scale = torch.where(bounded, 2.0 / (high - low), 1.0)
         offset = torch.where(bounded, -(high + low) / (high - low), 0.0)
-        past = {old: new for old, new in enumerate(layout.newest) if old != new}
+        past = layout.past
         pairs = [pair for pair in layout.goals if pair[0] not in past and goals == "difference"]
         goal_index = {goal for goal, _ in layout.goals}
         own = [i for i in angle_index if i not in goal_index and i not in past and angles == "phases"]

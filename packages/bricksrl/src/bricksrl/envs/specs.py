@@ -246,7 +246,7 @@ class ObservationLayout:
         vectors: key and shape of each vector; their numbers follow one another.
         scale, offset: a number is ``scale * entry + offset``; empty where all are the entries themselves.
         names: of the entries.
-        newest: for each number the index of its entry in the newest frame that has it; empty if all have their own.
+        frames: of several observations the one that each number is of, 0 for the newest; empty if there is one.
     """
 
     low: tuple[float, ...]
@@ -258,12 +258,21 @@ class ObservationLayout:
     scale: tuple[float, ...] = ()
     offset: tuple[float, ...] = ()
     names: tuple[str, ...] = ()
-    newest: tuple[int, ...] = ()
+    frames: tuple[int, ...] = ()
 
     @property
     def keys(self) -> list[str]:
         """Keys of vectors and images."""
         return [key for key, _ in self.vectors] + [image.key for image in self.images]
+
+    @property
+    def past(self) -> dict[int, int]:
+        """Numbers of older frames, each with that of its entry in the newest frame that has it."""
+        newest: dict[str, int] = {}
+        for index in sorted(range(len(self.frames)), key=self.frames.__getitem__):
+            newest.setdefault(self.names[index], index)
+        latest = [newest[name] for name in self.names[: len(self.frames)]]
+        return {old: new for old, new in enumerate(latest) if self.frames[old] > self.frames[new]}
 
     @classmethod
     def of_numbers(
@@ -287,17 +296,8 @@ class ObservationLayout:
             tuple(zip(vectors, shapes, strict=True)),
             *((tuple(scale for scale, _ in maps), tuple(offset for _, offset in maps)) if is_scaled else ((), ())),
             names=tuple(e.name for e in entries),
-            newest=_newest(numbers),
+            frames=tuple(n.frame for n in numbers),
         )
-
-
-def _newest(numbers: Sequence[Number]) -> tuple[int, ...]:
-    """For each number the index of its entry in the newest frame that has it; its own there."""
-    newest: dict[str, int] = {}
-    for index in sorted(range(len(numbers)), key=lambda i: numbers[i].frame):
-        newest.setdefault(numbers[index].entry.name, index)
-    pairs = [(i, newest[number.entry.name]) for i, number in enumerate(numbers)]
-    return tuple(new if numbers[i].frame > numbers[new].frame else i for i, new in pairs)
 
 
 def _goal_pairs(numbers: Sequence[Number]) -> tuple[tuple[int, int], ...]:
