@@ -42,8 +42,8 @@ class MirrorRows(Transform):  # type: ignore[misc]
 
 
 def mirror_through(layout: ObservationLayout, mirror: Mirror, names: Sequence[str]) -> Mirror | None:
-    """The mirror of the numbers of a layout, frame by frame, from that of the entries with these names; ``None`` if one of them is
-    no such entry, or its image is missing."""
+    """The mirror of the numbers of a layout, frame by frame, from that of entries with ``names``; ``None`` if it has others, or
+    lacks an image."""
     images = {name: (names[place], sign) for name, place, sign in zip(names, mirror.places, mirror.signs, strict=True)}
     places = defaultdict[tuple[str, int], list[int]](list)
     for index, number in enumerate(zip(layout.names, layout.frames, strict=True)):
