@@ -268,11 +268,10 @@ class ObservationLayout:
     @property
     def past(self) -> dict[int, int]:
         """Numbers of older frames, each with that of its entry in the newest frame that has it."""
-        newest: dict[str, int] = {}
-        for index in sorted(range(len(self.frames)), key=self.frames.__getitem__):
-            newest.setdefault(self.names[index], index)
-        latest = [newest[name] for name in self.names[: len(self.frames)]]
-        return {old: new for old, new in enumerate(latest) if self.frames[old] > self.frames[new]}
+        numbers, newest = list(zip(self.frames, self.names, strict=False)), dict[str, int]()
+        for _, name, index in sorted((*number, index) for index, number in enumerate(numbers)):
+            newest.setdefault(name, index)
+        return {old: newest[name] for old, (frame, name) in enumerate(numbers) if frame > self.frames[newest[name]]}
 
     @classmethod
     def of_numbers(

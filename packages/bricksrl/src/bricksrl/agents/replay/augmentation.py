@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from math import inf
 
@@ -45,17 +45,15 @@ def mirror_through(layout: ObservationLayout, mirror: Mirror, names: Sequence[st
     """The mirror of the numbers of a layout, frame by frame, from that of entries with ``names``; ``None`` if it has others, or
     lacks an image."""
     images = {name: (names[place], sign) for name, place, sign in zip(names, mirror.places, mirror.signs, strict=True)}
-    places = defaultdict[tuple[str, int], list[int]](list)
-    for index, number in enumerate(zip(layout.names, layout.frames, strict=True)):
-        places[number].append(index)
-    found = dict[int, tuple[int, int]]()
-    for (name, frame), indices in places.items():
-        image, sign = images.get(name, ("", 1))
-        found |= {index: (place, sign) for index, place in zip(indices, places.get((image, frame), ()), strict=False)}
-    if len(found) < len(layout.names):
+    numbers, count = list[tuple[str, int, int]](), Counter[tuple[str, int]]()
+    for number in zip(layout.names, layout.frames, strict=True):
+        numbers.append((*number, count[number]))  # a frame that is there several times has others like it
+        count[number] += 1
+    found = [(*images.get(name, ("", 1)), frame, nth) for name, frame, nth in numbers]
+    places = [(image, frame, nth) for image, _, frame, nth in found]
+    if not set(places) <= set(numbers):
         return None
-    ordered = [found[index] for index in range(len(found))]
-    return Mirror(tuple(place for place, _ in ordered), tuple(sign for _, sign in ordered), layout.wraps)
+    return Mirror(tuple(map(numbers.index, places)), tuple(sign for _, sign, _, _ in found), layout.wraps)
 
 
 def augmentations(env: EnvBase, settings: OffPolicySettings) -> Iterator[Transform]:
