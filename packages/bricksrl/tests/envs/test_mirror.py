@@ -6,47 +6,17 @@ from dataclasses import replace
 
 import pytest
 import torch
-from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import Composite
-from torchrl.envs import (
-    CatFrames,
-    Compose,
-    ObservationNorm,
-    ObservationTransform,
-    RenameTransform,
-    RewardScaling,
-    TransformedEnv,
-)
 
 import bricksrl
 from brickhub.hub.interface import Curve, Distance, DriveSpeed, DriveTurnRate, Heading, Interface, MotorAngle, RunAngle, Wait
 from brickhub.robot import Direction
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.replay.augmentation import augmentations
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.task import mirrors
 from bricksrl.errors import DescriptionError
 from bricktwin.robots import TWO_WHEELER, WALKER
 from bricktwin.twin.physics import Physics
-
-
-class Half(ObservationTransform):
-    """Leaves the legs of one side."""
-
-    def __init__(self) -> None:
-        super().__init__(in_keys=["observation"], out_keys=["observation"])
-
-    def _apply_transform(self, observation: Tensor) -> Tensor:
-        return observation[..., ::2]
-
-    def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
-        return self._call(tensordict_reset)
-
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        observation_spec["observation"] = observation_spec["observation"][..., ::2]
-        return observation_spec
-
 
 QUIET = Physics(tilt_noise_deg=0.0, distance_noise_mm=0.0, distance_noise_ratio=0.0)
 TASK = get_task("Walker-v1")
@@ -106,33 +76,6 @@ def test_half_of_each_batch_is_mirrored() -> None:
     assert on.dataset is not None
     stored = on.memory[:]
     assert torch.equal(stored["action"][0], frame["action"])
-
-
-def test_mirrored_through_transforms_is_transformed_from_the_mirror() -> None:
-    env = TransformedEnv(
-        bricksrl.make("Walker-v1", seed=0),
-        Compose(
-            CatFrames(3, -1, in_keys=["observation"]),
-            ObservationNorm(torch.arange(24.0), torch.arange(1.0, 25.0), ["observation"]),
-            RenameTransform(["observation"], ["seen"]),
-            RewardScaling(0.0, 0.1),
-        ),
-    )
-    batch = env.fake_tensordict()[None].clone()
-    frames, (observation, action) = torch.rand(3, 8) * 90.0, mirrors(TASK)
-    given, mirrored = (frame.flatten() * torch.arange(1.0, 25.0) + torch.arange(24.0) for frame in (frames, observation(frames)))
-    batch["seen"], batch["next", "seen"], batch["action"] = given[None], given[None] + 0.0, torch.rand(1, 4)
-    (rows,) = augmentations(env, preset("default", "sac"))
-    torch.manual_seed(0)
-    found = [rows(batch.clone()) for _ in range(8)]
-    turned = [not torch.equal(one["action"], batch["action"]) for one in found]
-    assert True in turned and False in turned
-    for one, is_mirrored in zip(found, turned, strict=True):
-        for part in (one, one["next"]):
-            torch.testing.assert_close(part["seen"][0], mirrored if is_mirrored else given)
-        assert torch.equal(one["action"], action(batch["action"]) if is_mirrored else batch["action"])
-    half = TransformedEnv(bricksrl.make("Walker-v1", seed=0), Half())
-    assert list(augmentations(half, preset("default", "sac"))) == []  # a leg's image is missing
 
 
 def test_the_papers_walker_is_as_it_was() -> None:
