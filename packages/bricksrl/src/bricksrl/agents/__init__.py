@@ -56,7 +56,6 @@ _PAPER: dict[str, Any] = {
     "alpha_init": 1.0,
     "tau": 0.005,
     "critic_layer_norm": False,
-    "scale_rewards": False,
     "start_value": False,
     "exploration_noise": 0.1,
     "target_noise": 0.2,
@@ -65,6 +64,7 @@ _PAPER: dict[str, Any] = {
     "hindsight": 0.0,
     "new_goals": 0.0,
     "mirror": False,
+    "scale_rewards": False,
     "encoder": "convolutions",
 }
 _PAPER_BY_AGENT: dict[str, dict[str, Any]] = {
