@@ -280,6 +280,7 @@ ELSEWHERE = (
     "shift_px",
     "mirror",
     "memory_mapped",
+    "scale_rewards",
     "executed",
     "ensemble",
 )

@@ -14,6 +14,7 @@ from toys import Cart
 
 from brickhub.entry import Entry
 from bricksrl.agents.encoder import Encoder, ObservationEncoder, encoder_keys, make_encoder
+from bricksrl.agents.networks import mlp
 from bricksrl.envs.specs import ImageShape, NominalBounded, ObservationLayout
 from bricksrl.envs.transforms import layout_of
 from bricksrl.envs.vision.image_networks import Convolutions, Keypoints, shift_images
@@ -63,6 +64,39 @@ def test_goal_difference_takes_shorter_way(angle: float, goal: float, joint: flo
     assert abs(way) <= 180.001
     assert abs(((angle + way - goal) + 180.0) % 360.0 - 180.0) < 0.01
     assert float(features[0, 5]) * 50.0 == pytest.approx(joint_goal - joint, abs=0.01)
+
+
+NAMES, FRAMES = ("angle", "tilt", "distance"), (2, 2, 2, 0, 0, 0)
+STACKED = ObservationLayout(
+    MIXED.low[:3] * 2, MIXED.high[:3] * 2, MIXED.wraps[:3] * 2, names=NAMES * 2, frames=(2,) * 3 + (0,) * 3
+)
+"""An older frame of an angle, a tilt and a distance, then the newest one."""
+
+
+def test_older_frames_are_differences_to_the_newest_which_is_as_if_alone() -> None:
+    alone = ObservationLayout(MIXED.low[:3], MIXED.high[:3], MIXED.wraps[:3])
+    before, now = torch.tensor([350.0, 9.0, 500.0]), torch.tensor([20.0, -9.0, 600.0])
+    older, tilt, sine, cosine = ObservationEncoder(STACKED)(torch.cat((before, now))).split((2, 2, 2, 2))
+    torch.testing.assert_close(older, torch.tensor([0.2, -0.1]))
+    torch.testing.assert_close(torch.cat((tilt, sine[1:], cosine[1:])), ObservationEncoder(alone)(now))
+    assert [math.degrees(math.atan2(sine[0], cosine[0]))] == pytest.approx([-30.0], abs=1e-3)
+    still = ObservationEncoder(STACKED)(torch.cat((now, now)))
+    assert still[:2].tolist() == [0.0, 0.0] and (still[4], still[6]) == (0.0, 1.0)
+
+
+def test_a_hidden_speed_is_learned_from_stacked_frames() -> None:
+    torch.manual_seed(0)
+    encoder = ObservationEncoder(STACKED)
+    network = mlp(encoder.size, 1, (32,))
+    adam = torch.optim.Adam(network.parameters(), 1e-2)
+    for _ in range(200):
+        frame, speed = torch.rand(256, 3) * torch.tensor([360.0, 90.0, 2000.0]), 50.0 * torch.randn(256, 3)
+        target = speed[:, [2]] / 50.0  # mm in a step; one frame does not tell
+        loss = (network(encoder(torch.cat((frame - speed, frame), -1))) - target).square().mean()
+        adam.zero_grad()
+        loss.backward()
+        adam.step()
+    assert loss < 0.05
 
 
 @pytest.mark.parametrize("angles", ["phases", "sincos", "raw"])

@@ -12,7 +12,7 @@ from torchrl.data import LazyTensorStorage, SamplerWithoutReplacement, TensorDic
 from torchrl.objectives.common import LossModule
 
 import bricksrl
-from bricksrl.agents.learner import Learner
+from bricksrl.agents.learner import ENOUGH, Learner, reward_unit
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer
 from bricksrl.agents.td3 import TD3Loss
 
@@ -290,6 +290,32 @@ def test_learns_rewarded_action(agent: str) -> None:
     best = learner.exploit(frames)["action"]
     assert best[:, 0].mean() > 0.6
     assert best[:, 1].mean() < -0.6
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3", "crossq", "tqc"])
+def test_small_rewards_are_learned_like_ordinary_ones(agent: str) -> None:
+    def learner_after(size: float, **changes: object) -> Learner:
+        learner, frames = make(agent, hindsight=0.0, new_goals=0.0, **changes), steps(40)
+        frames["next", "reward"] *= size
+        learner.remember(frames)
+        torch.manual_seed(3)
+        learner.learn(4)
+        return learner
+
+    ordinary, small, as_given = learner_after(1.0), learner_after(1e-3), learner_after(1e-3, scale_rewards=False)
+    assert (ordinary.reward_unit, small.reward_unit, as_given.reward_unit) == (1.0, 1e-3, 1.0)
+    pairs = [zip(weights(ordinary), weights(other), strict=True) for other in (small, as_given)]
+    assert [all(torch.allclose(a, b, rtol=1e-3, atol=1e-4) for a, b in pair) for pair in pairs] == [True, False]
+    resumed = make(agent, hindsight=0.0, new_goals=0.0)
+    resumed.load_state_dict(small.state_dict())
+    assert resumed.reward_unit == 1e-3
+
+
+def test_few_greater_or_no_rewards_are_learned_as_they_are() -> None:
+    unit = torch.full((ENOUGH,), 0.2)
+    assert reward_unit(unit) == pytest.approx(0.1)
+    assert reward_unit(torch.cat((unit / 2, torch.zeros(500)))) == pytest.approx(0.1)  # what is seldom paid is no less
+    assert [reward_unit(one) for one in (unit[1:], unit * 300.0, unit * 0.0)] == [1.0] * 3
 
 
 @pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])

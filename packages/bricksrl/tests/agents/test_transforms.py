@@ -153,6 +153,7 @@ def test_stacked_frames_are_stacked_entries() -> None:
     assert layout.goals == tuple((8 * frame + goal, 8 * frame + goal - 4) for frame in range(3) for goal in range(4, 8))
     angles = [index for index, wraps in enumerate(layout.wraps) if wraps]
     assert angles == [0, 4, 8, 12, 16, 20]
+    assert layout.past == {index: 16 + index % 8 for index in range(16)}
     sines = made[18 : 18 + 6]  # after the linear entries
     torch.testing.assert_close(sines[4], torch.sin(own[0] * math.pi / 180), atol=1e-5, rtol=0)
 

@@ -64,6 +64,7 @@ _PAPER: dict[str, Any] = {
     "hindsight": 0.0,
     "new_goals": 0.0,
     "mirror": False,
+    "scale_rewards": False,
     "encoder": "convolutions",
 }
 _PAPER_BY_AGENT: dict[str, dict[str, Any]] = {

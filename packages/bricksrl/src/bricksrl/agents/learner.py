@@ -26,6 +26,8 @@ from bricksrl.errors import CheckpointError, message_of
 
 MAX_ROWS = 8192
 """Maximum number of transitions drawn at once for several updates."""
+ENOUGH = 20
+"""Minimum number of transitions that tell how great rewards are."""
 ACTOR_LOSSES = ("loss_actor", "loss_alpha")
 """Losses omitted in updates without the actor."""
 
@@ -42,6 +44,13 @@ def means(metrics: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
     updates = list(metrics)
     names = dict.fromkeys(name for update in updates for name in update)
     return {name: torch.stack([update[name] for update in updates if name in update]).mean() for name in names}
+
+
+def reward_unit(rewards: Tensor) -> float:
+    """The power of ten nearest to the root mean square of rewards ``[n]`` other than 0, at most 1; 1 for fewer than `ENOUGH`."""
+    paid = rewards[rewards != 0.0]
+    size = float(paid.square().mean().sqrt()) if len(paid) and len(rewards) >= ENOUGH else 1.0
+    return min(1.0, 10.0 ** round(math.log10(size)))
 
 
 @dataclass
@@ -64,6 +73,7 @@ class Learner:
         target_delay: every n-th update moves the targets.
         reset_every: updates after which networks, targets and optimiser start anew; 0 for never.
         descend: losses to minimise; ``None`` for all names that begin with "loss".
+        scale_rewards: the rewards of the initial random episodes define the unit of those that are learned (`reward_unit`).
         clip_norm: limit of the gradient's norm.
         imitates: learns from a dataset only.
         chunk: length of predicted action chunks; 0 for single actions.
@@ -88,6 +98,7 @@ class Learner:
     target_delay: int = 1
     reset_every: int = 0
     descend: tuple[str, ...] | None = None
+    scale_rewards: bool = False
     clip_norm: float | None = None
     imitates: bool = False
     chunk: int = 0
@@ -98,6 +109,7 @@ class Learner:
     base: nn.Module | None = field(default=None, init=False)
     weights: deque[dict[str, Tensor]] = field(default_factory=lambda: deque(maxlen=1), init=False)
     due: float = field(default=0.0, init=False)
+    reward_unit: float = field(default=1.0, init=False)
     _copy: TensorDictModuleBase | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
@@ -181,6 +193,8 @@ class Learner:
             metrics = self.make_updates(int(self.updates_per_step * math.ceil(len(self.memory) / size)))
             self.memory.empty()
             return metrics
+        if self.scale_rewards and not self.updates and self.memory is not None and len(self.memory):
+            self.reward_unit = reward_unit(self.memory[:]["next", "reward"])
         self.due, count = math.modf(self.due + self.updates_per_step * steps)
         return self.make_updates(int(count))
 
@@ -190,7 +204,7 @@ class Learner:
         if self.loss is None or not sources:
             return {}
         if self.begin is not None and not self.updates:
-            self.begin(sources[0][:])
+            self.begin(self.in_units(sources[0][:]))
         metrics = means(map(self.update, self.batches(count)))
         if self._copy is not None:
             self._copy.load_state_dict(self.policy.state_dict())
@@ -209,7 +223,12 @@ class Learner:
             n = min(at_once, count - start)
             shares = [(source, share) for source, share in zip(sources, (size - half, half), strict=False) if share]
             parts = [source.sample(n * share, batches=n).view(n, share) for source, share in shares]
-            yield from (parts[0] if len(parts) == 1 else torch.cat(parts, 1)).unbind(0)
+            yield from self.in_units(parts[0] if len(parts) == 1 else torch.cat(parts, 1)).unbind(0)
+
+    def in_units(self, rows: TensorDictBase) -> TensorDictBase:
+        """Transitions ``[*batch]`` with rewards in the unit that they are learned in."""
+        rows["next", "reward"] = rows["next", "reward"] / self.reward_unit
+        return rows
 
     def update(self, batch: TensorDictBase) -> dict[str, Tensor]:
         """One gradient step on a batch. Returns detached losses and metrics."""
@@ -255,6 +274,7 @@ class Learner:
     def state_dict(self) -> dict[str, Any]:
         """Everything that learning changes: nested tensors, numbers, strings, lists."""
         state: dict[str, Any] = {"policy": dict(self.policy.state_dict()), "updates": self.updates, "due": self.due}
+        state["reward_unit"] = self.reward_unit
         if self.loss is not None and self.optimizer is not None:
             state |= {"loss": dict(self.loss.state_dict()), "optimizer": self.optimizer.state_dict()}
         if self.memory is not None and not self.on_policy and len(self.memory):
@@ -266,6 +286,7 @@ class Learner:
         try:
             self.policy.load_state_dict(state["policy"])
             self.updates, self.due = int(state["updates"]), float(state["due"])
+            self.reward_unit = float(state.get("reward_unit", 1.0))  # older ones had none
             if self.loss is not None and self.optimizer is not None:
                 load_loss(self.loss, state["loss"])
                 self.optimizer.load_state_dict(state["optimizer"])
@@ -318,6 +339,7 @@ def off_policy_learner(
     """A learner with the optimiser and replay buffer of the settings."""
     learned = list(loss.parameters())
     memory = make_replay_buffer(env, settings, learned[0].device)
-    options |= {name: getattr(settings, name) for name in ("updates_per_step", "prefill_episodes", "actor_delay")}
+    names = ("updates_per_step", "prefill_episodes", "actor_delay", "scale_rewards")
+    options |= {name: getattr(settings, name) for name in names}
     options["reset_every"] = settings.reset_every if isinstance(settings, CriticSettings) else 0
     return Learner(policy, loss, adam(learned, settings), memory, target, **options)

@@ -72,6 +72,8 @@ class OffPolicySettings(Settings):
     """Keep the replay buffer in a temporary file rather than in memory."""
     n_step: Annotated[int, Range(1, 64)] = 1
     """Steps whose rewards are summed before a value is bootstrapped (n-step returns)."""
+    scale_rewards: bool = True
+    """Where the rewards of the initial random episodes are small, learn them in the power of ten that is nearest to them."""
     hindsight: Annotated[float, Share] = 0.3
     """In a task with goals: share of each batch whose goal is replaced by what was reached a few steps later."""
     new_goals: Annotated[float, Share] = 0.3

@@ -100,6 +100,7 @@ class ObservationEncoder(nn.Module):
     cosine; ``angles="phases"`` adds sine and cosine of the differences between angles, goals excluded (the phases of a gait).
     With ``goals="difference"`` each goal adds its difference to the current value, for wrapping angles the shorter way. What a
     transform has scaled comes back to its unit first. ``normalize``: linear entries by the mean and deviation of what was seen.
+    Of stacked frames the newest is as if it were alone; older ones are differences to it.
     """
 
     def __init__(
@@ -116,14 +117,19 @@ class ObservationEncoder(nn.Module):
         bounded = torch.isfinite(low) & torch.isfinite(high) & (high > low)
         scale = torch.where(bounded, 2.0 / (high - low), 1.0)
         offset = torch.where(bounded, -(high + low) / (high - low), 0.0)
-        pairs = layout.goals if goals == "difference" else ()
+        past = layout.past
+        pairs = [pair for pair in layout.goals if pair[0] not in past and goals == "difference"]
         goal_index = {goal for goal, _ in layout.goals}
-        own = [i for i in angle_index if i not in goal_index and angles == "phases"]
+        own = [i for i in angle_index if i not in goal_index and i not in past and angles == "phases"]
         first, second = torch.combinations(torch.tensor(own, dtype=torch.int64)).T
-        one_rad = torch.eye(len(layout.low)) * (math.pi / 180.0)
+        less_newest = torch.eye(len(wraps))
+        less_newest[list(past), list(past.values())] = -1.0
+        one_rad = less_newest * (math.pi / 180.0)
         angle_matrix = torch.cat((one_rad[angle_index], one_rad[first] - one_rad[second])).T.contiguous()  # one column per angle
         self.angle_matrix, self.linear = _constant(angle_matrix), _constant(linear_index, torch.int64)
         self.scale, self.offset = _constant(scale[self.linear]), _constant(offset[self.linear])
+        self.has_past = bool(past)
+        self.past_matrix = _constant(less_newest[linear_index][:, linear_index].T.contiguous())
         self.goal = _constant([goal for goal, _ in pairs], torch.int64)
         self.reached = _constant([reached for _, reached in pairs], torch.int64)
         self.period = _constant([360.0 if layout.wraps[goal] else math.inf for goal, _ in pairs])
@@ -135,7 +141,8 @@ class ObservationEncoder(nn.Module):
         observation = self.seen(self.in_units(observation))
         linear = self.seen.normalised(observation) if self.normalize else observation
         linear = linear.index_select(-1, self.linear)
-        parts = [linear if self.normalize else torch.addcmul(self.offset, linear, self.scale)]
+        linear = linear if self.normalize else torch.addcmul(self.offset, linear, self.scale)
+        parts = [linear @ self.past_matrix if self.has_past else linear]
         if self.angle_matrix.shape[1]:
             angle_rad = observation @ self.angle_matrix
             parts += [angle_rad.sin(), angle_rad.cos()]

@@ -246,6 +246,7 @@ class ObservationLayout:
         vectors: key and shape of each vector; their numbers follow one another.
         scale, offset: a number is ``scale * entry + offset``; empty where all are the entries themselves.
         names: of the entries.
+        frames: of several observations the one that each number is of, 0 for the newest; empty if there is one.
     """
 
     low: tuple[float, ...]
@@ -257,11 +258,20 @@ class ObservationLayout:
     scale: tuple[float, ...] = ()
     offset: tuple[float, ...] = ()
     names: tuple[str, ...] = ()
+    frames: tuple[int, ...] = ()
 
     @property
     def keys(self) -> list[str]:
         """Keys of vectors and images."""
         return [key for key, _ in self.vectors] + [image.key for image in self.images]
+
+    @property
+    def past(self) -> dict[int, int]:
+        """Numbers of older frames, each with that of its entry in the newest frame that has it."""
+        numbers, newest = list(zip(self.frames, self.names, strict=False)), dict[str, int]()
+        for _, name, index in sorted((*number, index) for index, number in enumerate(numbers)):
+            newest.setdefault(name, index)
+        return {old: newest[name] for old, (frame, name) in enumerate(numbers) if frame > self.frames[newest[name]]}
 
     @classmethod
     def of_numbers(
@@ -285,6 +295,7 @@ class ObservationLayout:
             tuple(zip(vectors, shapes, strict=True)),
             *((tuple(scale for scale, _ in maps), tuple(offset for _, offset in maps)) if is_scaled else ((), ())),
             names=tuple(e.name for e in entries),
+            frames=tuple(n.frame for n in numbers),
         )
 
 
