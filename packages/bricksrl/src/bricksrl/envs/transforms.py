@@ -237,8 +237,8 @@ class Playback(SpecsEnv):
         return self.played[-1].clone()
 
 
-def over(env: EnvBase, playback: Playback, *, is_tried: bool = False) -> EnvBase:
-    """A playback behind copies of an environment's transforms, in their state."""
+def over(env: EnvBase, base: EnvBase, *, is_tried: bool = False) -> EnvBase:
+    """A base, such as a playback, behind copies of an environment's transforms, in their state."""
     chain, memo = transforms_of(env), dict[int, Any]()
     while isinstance(env, TransformedEnv):  # they are copied without the environment
         memo[id(env)] = None
@@ -254,7 +254,7 @@ def over(env: EnvBase, playback: Playback, *, is_tried: bool = False) -> EnvBase
         transform.reset_parent()
         if isinstance(transform, KeepUnits):
             transform.is_tried = is_tried
-    return TransformedEnv(playback, Compose(*copied)) if copied else playback
+    return TransformedEnv(base, Compose(*copied)) if copied else base
 
 
 def numbers_of(env: EnvBase) -> dict[str, list[Number]]:
@@ -267,22 +267,62 @@ def numbers_of(env: EnvBase) -> dict[str, list[Number]]:
     return {key: _numbers(given, values, entries, key) for key, values in seen.items()}
 
 
-def changes_nothing(env: EnvBase) -> bool:
-    """Whether an agent gets observations and rewards as the environment gives them."""
+def keeps_vectors(env: EnvBase) -> bool:
+    """Whether an agent observes the vectors of the environment as they are, and its actions are the environment's."""
     base = base_of(env)
     if base is env:
         return True
-    paid, steps = one_step(env)
-    return numbers_of(env) == numbers_of(base) and bool((paid == 1.0).all()) and steps == 1
+    is_same = numbers_of(env) == numbers_of(base) and layout_of(env).vectors == layout_of(base).vectors
+    return is_same and one_step(env)[2]
 
 
-def one_step(env: EnvBase) -> tuple[Tensor, int]:
-    """What a step behind the transforms pays where each of the environment's own pays 1, and the number of these."""
+def changes_nothing(env: EnvBase) -> bool:
+    """Whether an agent gets observations and rewards as the environment gives them, which gets its actions."""
+    if base_of(env) is env:
+        return True
+    paid, steps, _ = one_step(env)
+    return keeps_vectors(env) and steps == 1 and bool((paid == 1.0).all())
+
+
+def one_step(env: EnvBase) -> tuple[Tensor, int, bool]:
+    """What a step behind the transforms pays where each of the environment's own pays 1, the number of these, and whether their
+    action is the agent's. Raises DescriptionError if a transform fails."""
     base = base_of(env)
     playback = Playback(base, lambda _: still(base).set("reward", torch.ones_like(base.reward_spec.zero())))
-    view = over(env, playback)
-    paid: Tensor = view.step(view.reset().update(view.full_action_spec.zero()))["next", "reward"]
-    return paid, len(playback.played) - 1
+    try:
+        view = over(env, playback)
+        start = view.reset().update(view.full_action_spec.zero())
+        start["action"] += torch.linspace(-0.9, 0.7, start["action"].shape[-1])  # no two are equal
+        paid: Tensor = view.step(start.clone())["next", "reward"]
+    except Exception as error:
+        raise transform_failure(error) from error
+    acted, action = playback.acted[0], start["action"]
+    is_same = acted.shape == action.shape and torch.allclose(acted, action, atol=_TOLERANCE)
+    return paid, len(playback.played) - 1, is_same
+
+
+def runs_on(env: EnvBase) -> bool:
+    """Whether what transforms keep depends on the episodes before, such as running statistics."""
+    base = base_of(env)
+    ends, generator = {key: _ends(spec) for key, spec in given_specs(base).items()}, torch.Generator().manual_seed(0)
+    playback = Playback(base, partial(_random_outcome, base, ends, generator))
+    with torch.random.fork_rng(devices=[]), torch.no_grad():
+        try:
+            view, kept = over(env, playback), list[dict[str, Any]]()
+            for _ in range(2):
+                torch.manual_seed(0)
+                state = view.reset()
+                kept.append(transform_state(view))
+                view.step(view.rand_action(state))
+        except Exception as error:
+            raise transform_failure(error) from error
+    return not _equal(*kept)
+
+
+def _equal(one: Any, other: Any) -> bool:
+    if isinstance(one, dict | TensorDictBase):
+        return one.keys() == other.keys() and all(_equal(one[key], other[key]) for key in one)
+    return torch.equal(one, other) if isinstance(one, Tensor) else bool(one == other)
 
 
 def still(env: EnvBase) -> TensorDictBase:

@@ -12,6 +12,7 @@ from brickhub.files import quoted
 from brickhub.user_files import without_folder
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import link_lost, play
+from bricksrl.envs.transforms import own_frames
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.endless import play_endlessly
 from bricksrl.page.live import LivePage
@@ -120,10 +121,11 @@ def _episode(env: EnvBase, page: LivePage, player: Callable[[], Player], stop: t
     page.hold(stop.is_set)
     policy, again = (lambda s: player().act(s)), (lambda: player().reset())
     for frame in play(env, policy, start, driver=page.driver, reset_policy=again, goes_on=lambda: page.is_driven):
-        if link_lost(frame):
-            raise interface_of(env).link_error
-        page.show_step(frame)
-        total += float(frame["next", "reward"])
+        for step in own_frames(env, frame):
+            if link_lost(step):
+                raise interface_of(env).link_error
+            page.show_step(step)
+            total += float(step["next", "reward"])
         page.hold(stop.is_set)
         if page.is_reset_requested or page.is_stopped or stop.is_set():
             break

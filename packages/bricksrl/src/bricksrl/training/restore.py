@@ -13,6 +13,7 @@ from brickhub.fields import check_fields
 from brickhub.files import quoted
 from brickhub.seed import derive_seed
 from bricksrl.agents import make_learner
+from bricksrl.agents.settings import with_present_names
 from bricksrl.errors import BricksError, CheckpointError, DataError, DescriptionError, DivergedError, RunError
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.config import SCRIPTED, TrainConfig, portable
@@ -68,6 +69,18 @@ def check_weights(learner: Learner) -> None:
 def one_robot(config: TrainConfig) -> TrainConfig:
     """The config for a single robot, the first, on the CPU."""
     return replace(config, num_envs=1, robots=1, hub=config.hubs[0], device="cpu")
+
+
+def stand_in(config: TrainConfig) -> EnvBase:
+    """The environment of the config with a virtual robot that nobody uses: its specs, and its transforms with what they draw."""
+    from bricksrl.envs.options import EnvOptions
+    from bricksrl.envs.registry import make
+    from bricksrl.envs.transforms import prepare
+
+    env = make(config.env, EnvOptions(options=config.options, **config.transforms), seed=config.seed)
+    prepare(env)
+    env.close(raise_if_closed=False)
+    return env
 
 
 def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = None) -> Learner:
@@ -147,7 +160,7 @@ def _differences(saved: Any, identity: dict[str, Any], config: TrainConfig) -> s
     """Names of the values that differ in a checkpoint, where settings that are newer than it have their defaults."""
     with contextlib.suppress(DescriptionError, LookupError, TypeError):
         defaults = TrainConfig(config.env, config.agent, settings=type(config.settings)()).to_dict()["settings"]
-        saved = {**saved, "settings": {**defaults, **saved["settings"]}}
+        saved = {**saved, "settings": {**defaults, **with_present_names(saved["settings"])}}
     with contextlib.suppress(LookupError, TypeError):  # of a layout what it had then
         layout = {key: value for key, value in identity["layout"].items() if key in saved["layout"]}
         identity, saved = {**identity, "layout": layout}, {**saved, "layout": {key: saved["layout"][key] for key in layout}}

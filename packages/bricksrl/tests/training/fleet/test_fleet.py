@@ -26,7 +26,7 @@ from bricksrl.errors import HubError, RunError, UnknownNameError
 from bricksrl.training import Callback, Episode, Phase, Progress, RobotState, RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.fleet import fleet_robots as robots
-from bricksrl.training.fleet.fleet_robots import Fleet, Member, members_of
+from bricksrl.training.fleet.fleet_robots import Member, make_fleet, members_of
 from bricksrl.training.fleet.schedule import FleetRobots
 from bricksrl.training.sources import Ended, Playing
 
@@ -215,7 +215,7 @@ def test_first_episodes_start_together(tmp_path: Path) -> None:
 
 
 def test_starting_process_gets_no_weights(tmp_path: Path) -> None:
-    fleet = Fleet(config(tmp_path / "run"))
+    fleet: Any = make_fleet(config(tmp_path / "run"))
     sent: list[tuple[int, str]] = []
     for member in fleet.members:
         send = partial(lambda number, kind, _content: sent.append((number, kind)), member.number)
@@ -248,7 +248,7 @@ def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
 
 
 def test_pause_reaches_robots_that_are_starting(tmp_path: Path) -> None:
-    fleet = Fleet(config(tmp_path / "run"))
+    fleet: Any = make_fleet(config(tmp_path / "run"))
     sent: list[str] = []
     fleet.members[0].process = cast("Any", SimpleNamespace(send=lambda kind, _content: sent.append(kind)))
     for control, expected in ((fleet.pause, ["pause"]), (fleet.resume, []), (fleet.stop, ["stop"])):
@@ -375,6 +375,6 @@ def test_real_robots_are_named_by_hub(tmp_path: Path) -> None:
     named = config(tmp_path / "run", robots=1, hub="ble:A, ble:B")
     assert [(member.name, member.number) for member in members_of(named)] == [("ble:A", 0), ("ble:B", 1)]
     with pytest.raises(UnknownNameError, match="no hub 'tin:B'"):
-        Fleet(replace(named, hub="ble:A,tin:B"))
+        make_fleet(replace(named, hub="ble:A,tin:B"))
     with pytest.raises(RunError, match="num_envs"):
-        Fleet(replace(named, env="WalkerSim-v0"))
+        make_fleet(replace(named, env="WalkerSim-v0"))

@@ -11,7 +11,7 @@ from torchrl.envs import EnvBase, Transform
 from bricksrl.agents.settings import OffPolicySettings
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.task import Mirror, mirrors
-from bricksrl.envs.transforms import layout_of
+from bricksrl.envs.transforms import keeps_vectors
 
 
 class MirrorRows(Transform):  # type: ignore[misc]
@@ -35,7 +35,6 @@ class MirrorRows(Transform):  # type: ignore[misc]
 
 def augmentations(env: EnvBase, settings: OffPolicySettings) -> Iterator[Transform]:
     """The augmentations of the settings for an environment."""
-    task, layout = interface_of(env).task, layout_of(env)
-    is_own = task is not None and layout.names == tuple(entry.name for entry in task.entries) and not layout.scale
-    if settings.mirror and task is not None and task.symmetric and is_own:  # not what transforms have made of it
+    task = interface_of(env).task
+    if settings.mirror and task is not None and task.symmetric and keeps_vectors(env):  # not what transforms have made of it
         yield MirrorRows(*mirrors(task))
