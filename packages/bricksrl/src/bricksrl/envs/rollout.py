@@ -15,6 +15,7 @@ from brickhub.seed import derive_seed
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.task import metrics_of, success_of
 from bricksrl.envs.transforms import changes_nothing, own_frames, own_state
+from bricksrl.errors import DescriptionError
 
 TRIES = 5
 """Tries of an evaluated episode in which the link may break."""
@@ -129,6 +130,8 @@ class Rollout:
             self.rewards.append(float(step["next", "reward"]))
             self.action_sizes.append(float(step["action"].abs().mean()))
             self.observations.append(step["next"].get("observation", None))
+        if bool(own[-1]["next", "done"]) and not bool(frame["next", "done"]):
+            raise DescriptionError("a transform hides the end of the episode; let it pass 'done' on")
         return own
 
     @property

@@ -73,16 +73,11 @@ def layout_of(env: EnvBase) -> ObservationLayout:
     that no agent can read."""
     if isinstance(env, SpecsEnv) and env.layout is not None:
         return env.layout
-    chain, known = transforms_of(env), env.__dict__.get("_known", ())
-    if chain and chain in known:  # to try them takes time
-        return known[1]  # type: ignore[no-any-return]
     specs, vectors = observed_specs(env), numbers_of(env)
     if not specs:
         raise DescriptionError("there is nothing that an agent observes; leave a vector or an image")
     images = tuple(ImageShape.of(key, spec) for key, spec in specs.items() if key not in vectors)
-    layout = ObservationLayout.of_numbers(vectors, [tuple(specs[key].shape) for key in vectors], images)
-    env.__dict__["_known"] = chain, layout
-    return layout
+    return ObservationLayout.of_numbers(vectors, [tuple(specs[key].shape) for key in vectors], images)
 
 
 class Tap(Transform):  # type: ignore[misc]
@@ -263,8 +258,12 @@ def numbers_of(env: EnvBase) -> dict[str, list[Number]]:
     vectors = _vectors(observed_specs(env))
     if not isinstance(env, TransformedEnv) or not vectors:
         return {key: [Number(entry) for entry in entries] for key, entries in vectors.items()}
-    given, seen, entries = _tried(env, list(vectors))
-    return {key: _numbers(given, values, entries, key) for key, values in seen.items()}
+    chain, known = transforms_of(env), env.__dict__.get("_known", ([], {}))
+    if known[0] != chain:  # to try them takes time
+        given, seen, entries = _tried(env, list(vectors))
+        known = env.__dict__["_known"] = chain, {key: _numbers(given, values, entries, key) for key, values in seen.items()}
+    numbers: dict[str, list[Number]] = known[1]
+    return numbers
 
 
 def keeps_vectors(env: EnvBase) -> bool:

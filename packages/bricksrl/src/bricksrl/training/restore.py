@@ -238,6 +238,8 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
     for key, spec in given.items():
         if key not in frames or frames[key].shape[1:] != spec.shape:
             raise DataError(f"no data hold the '{key}' {list(spec.shape)} that {config.env} observes; learn without data")
+    if (teacher := teacher_of(config, learner)) is not None:  # whose policy knows its statistics
+        load_state(teacher, one_robot(teacher.read_config()), env)
     frames = through(env, frames)
     learner.see(frames)
     if isinstance(learner.memory, TransitionReplayBuffer):
@@ -249,6 +251,14 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
         size, keys = getattr(config.settings, "batch_size", 256), learner.policy.in_keys
         learner.dataset = recorded_memory(frames, size, keys, chunk=learner.chunk, device=learner.device)
     return frames
+
+
+def teacher_of(config: TrainConfig, learner: Learner) -> RunFolder | None:
+    """The run of the demonstrations whose policy a new learner imitates, if there is one."""
+    if config.demonstrations is None or config.start is not None or learner.imitates:
+        return None
+    folder = RunFolder(config.demonstrations)
+    return folder if folder.config_path.exists() else None
 
 
 def warm_start(config: TrainConfig, learner: Learner, env: EnvBase, frames: TensorDict | None) -> None:
@@ -274,7 +284,7 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase, frames: Tens
         learner.begin_elsewhere()  # episodes that ran in a fleet do not go on
     elif frames is not None and config.demonstrations is not None and not learner.imitates:
         actions = frames["action"]
-        if RunFolder(config.demonstrations).config_path.exists():
+        if teacher_of(config, learner) is not None:
             teacher = load_learner(config.demonstrations, env).learner
             teacher.reset_policy()
             actions = teacher.exploit(frames.select(*teacher.policy.in_keys))["action"]
@@ -287,10 +297,13 @@ def base_for(config: TrainConfig, env: EnvBase) -> Base:
     from bricksrl.agents.teachers import Base, Scripted
     from bricksrl.envs.specs import observed_specs
     from bricksrl.envs.tasks.scripted import CONTROLLERS
+    from bricksrl.envs.transforms import keeps_vectors
 
     if config.base == SCRIPTED:
         if config.env not in CONTROLLERS:
             raise RunError(f"{config.env} has no hand-written controller; give the folder of a run as base")
+        if not keeps_vectors(env):
+            raise RunError("the hand-written controller acts on what the robot itself observes; omit the transforms")
         return Base(Scripted(CONTROLLERS[config.env], list(observed_specs(env))))
     policy = load_learner(str(config.base), env).learner.policy
     if hasattr(policy, "reset"):

@@ -139,6 +139,33 @@ def test_fleet_resumes_and_stops_without_robots(run: tuple[Path, Harm]) -> None:
     check_successors(path)
 
 
+DRAWN = """
+from torchrl.envs import Compose, ObservationNorm, RenameTransform, RewardScaling, TransformedEnv
+
+def transform(env):
+    statistics = ObservationNorm(in_keys=["observation"], standard_normal=True)
+    env = TransformedEnv(env, Compose(statistics, RewardScaling(0.0, 0.1), RenameTransform(["observation"], ["seen"])))
+    statistics.init_stats(8)
+    return env
+"""
+
+
+def test_statistics_are_drawn_once_for_all_robots(tmp_path: Path) -> None:
+    file, data = tmp_path / "drawn.py", tmp_path / "data"
+    file.write_text(DRAWN)
+    train(config(data, episodes=2, transform=str(file)))
+    train(config(tmp_path / "run", transform=str(file), demonstrations=str(data)))
+    state = load_checkpoint(tmp_path / "run" / "checkpoint.bin")
+    loc, scale = (next(value for name, value in state["transforms"].items() if name.endswith(end)) for end in (".loc", ".scale"))
+    rows, recorded = state["agent"]["memory"]["rows"], load(tmp_path / "run")
+    assert {row.about.robot for row in read_dataset(tmp_path / "run" / "data").rows} == {"virtual-1", "virtual-2"}
+    distances = torch.cdist(rows["seen"] * scale + loc, recorded.observation, compute_mode="donot_use_mm_for_euclid_dist")
+    assert float(distances.min(1).values.max()) < 0.01, "both see with the statistics of the checkpoint"
+    resume(tmp_path / "run", episodes=6)
+    again = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["transforms"]
+    assert all(torch.equal(value, again[name]) for name, value in state["transforms"].items())
+
+
 def test_rows_of_different_robots_are_not_linked() -> None:
     buffer = TransitionReplayBuffer(8, 2, ("observation",), n_step=2)
 

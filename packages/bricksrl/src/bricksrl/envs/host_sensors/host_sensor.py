@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from brickhub.entry import Entry
-from brickhub.fields import check_fields
+from brickhub.fields import check_arguments, check_fields
 from bricksrl.errors import DescriptionError, SensorError, message_of
 from bricktwin.twin.scene import Scene
 
@@ -85,6 +85,9 @@ class HostSensor:
             raise DescriptionError(f"sensor '{self.name}': give a name of letters and digits, and either entries or image_px")
         if not (self.rate_hz > 0 and self.patience_s > 0):
             raise DescriptionError(f"sensor '{self.name}': give a rate and a patience above 0")
+        check_arguments(f"open of sensor '{self.name}'", self.open, ())
+        if self.twin is not None:
+            check_arguments(f"twin of sensor '{self.name}'", self.twin, ("world",))
 
     @property
     def observed_entries(self) -> tuple[Entry, ...]:
@@ -99,7 +102,7 @@ class HostSensor:
                 raise SensorError(f"sensor '{self.name}' gives no image of {self.image_px} x {self.image_px} px in three colors")
             return reading
         try:
-            values = tuple(map(float, reading))
+            values = () if isinstance(reading, str | bytes) else tuple(map(float, reading))
         except (TypeError, ValueError):
             values = ()
         if len(values) != len(self.entries) or not all(map(math.isfinite, values)):
