@@ -170,3 +170,5 @@ def test_what_cannot_be_honoured_is_refused(tmp_path: Path) -> None:
     file.write_text(TRANSFORM)
     with pytest.raises(RunError, match="different statistics"):
         train(config(tmp_path / "run", env="RunAway-v0", robots=2, transform=str(file)))
+    with pytest.raises(RunError, match="acts on what the robot itself observes; omit the transforms"):
+        train(config(tmp_path / "run", base="scripted", frame_stack=2))
