@@ -258,7 +258,7 @@ def numbers_of(env: EnvBase) -> dict[str, list[Number]]:
     vectors = _vectors(observed_specs(env))
     if not isinstance(env, TransformedEnv) or not vectors:
         return {key: [Number(entry) for entry in entries] for key, entries in vectors.items()}
-    chain, known = transforms_of(env), env.__dict__.get("_known", ([], {}))
+    chain, known = transforms_of(env), env.__dict__.get("_known", ([None], {}))
     if known[0] != chain:  # to try them takes time
         given, seen, entries = _tried(env, list(vectors))
         known = env.__dict__["_known"] = chain, {key: _numbers(given, values, entries, key) for key, values in seen.items()}
@@ -497,6 +497,7 @@ def transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
             torch.manual_seed(0)  # what it draws, such as a frozen network, is the same wherever it is made
             found = load_object(options.transform, "transform")
             try:
+                found = found() if isinstance(found, type) and issubclass(found, Transform) else found
                 env = TransformedEnv(env, found) if isinstance(found, Transform) else found(env)
             except Exception as error:
                 what = f"{message_of(error, typed=True)}{line_of_user(error)}"
