@@ -235,12 +235,13 @@ class Playback(SpecsEnv):
 def over(env: EnvBase, base: EnvBase, *, is_tried: bool = False) -> EnvBase:
     """A base, such as a playback, behind copies of an environment's transforms, in their state."""
     chain, memo = transforms_of(env), dict[int, Any]()
-    while isinstance(env, TransformedEnv):  # they are copied without the environment
-        memo[id(env)] = None
-        if isinstance(env.transform, Compose):
-            memo[id(env.transform)] = None
-        env.transform.empty_cache()
-        env = env.base_env
+    level = env
+    while isinstance(level, TransformedEnv):  # they are copied without the environment
+        memo[id(level)] = None
+        if isinstance(level.transform, Compose):
+            memo[id(level.transform)] = None
+        level.transform.empty_cache()
+        level = level.base_env
     for buffer in (buffer for transform in chain for buffer in transform.buffers() if is_lazy(buffer)):
         empty = UninitializedBuffer(False, buffer.device, buffer.dtype)  # type: ignore[arg-type]  # its stub is wrong
         memo[id(buffer)] = empty  # it cannot be copied

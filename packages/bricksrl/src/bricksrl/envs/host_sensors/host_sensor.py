@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from brickhub.entry import Entry
 from brickhub.fields import check_arguments, check_fields
+from brickhub.user_files import line_of_user
 from bricksrl.errors import DescriptionError, SensorError, message_of
 from bricktwin.twin.scene import Scene
 
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
     import numpy as np
 
     from bricktwin.twin.mujoco_body import Pose
+
+
+_LARGEST = 3.4e38
+"""Of single precision."""
 
 
 class Device(Protocol):
@@ -105,7 +110,7 @@ class HostSensor:
             values = () if isinstance(reading, str | bytes) else tuple(map(float, reading))
         except (TypeError, ValueError):
             values = ()
-        if len(values) != len(self.entries) or not all(map(math.isfinite, values)):
+        if len(values) != len(self.entries) or not all(abs(value) <= _LARGEST for value in values):
             expected = ", ".join(entry.name for entry in self.entries)
             given = list(values) or reprlib.repr(reading)
             raise SensorError(f"sensor '{self.name}' gives {given}; let it give a number each for {expected}")
@@ -189,7 +194,8 @@ class ThreadReader:
         except SensorError as error:
             self._error = error
         except BaseException as error:  # noqa: BLE001 - a device of the user's may raise anything
-            self._error = SensorError(f"sensor '{self.sensor.name}' failed ({message_of(error, typed=True)}); plug it in")
+            what = f"{message_of(error, typed=True)}{line_of_user(error)}"
+            self._error = SensorError(f"sensor '{self.sensor.name}' failed ({what}); plug it in, or correct it")
         is_over.set()
         has_come.set()
 
