@@ -28,6 +28,7 @@ from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.fleet import fleet_robots as robots
 from bricksrl.training.fleet.fleet_robots import Member, make_fleet, members_of
 from bricksrl.training.fleet.schedule import FleetRobots
+from bricksrl.training.restore import attach_dataset, make_learner_for
 from bricksrl.training.sources import Ended, Playing
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("forked_children")]
@@ -151,19 +152,20 @@ def transform(env):
 
 
 def test_statistics_are_drawn_once_for_all_robots(tmp_path: Path) -> None:
-    file, data = tmp_path / "drawn.py", tmp_path / "data"
+    file, run = tmp_path / "drawn.py", str(tmp_path / "run")
     file.write_text(DRAWN)
-    train(config(data, episodes=2, transform=str(file)))
-    train(config(tmp_path / "run", transform=str(file), demonstrations=str(data)))
+    train(config(tmp_path / "run", episodes=3, transform=str(file)))
     state = load_checkpoint(tmp_path / "run" / "checkpoint.bin")
     loc, scale = (next(value for name, value in state["transforms"].items() if name.endswith(end)) for end in (".loc", ".scale"))
     rows, recorded = state["agent"]["memory"]["rows"], load(tmp_path / "run")
     assert {row.about.robot for row in read_dataset(tmp_path / "run" / "data").rows} == {"virtual-1", "virtual-2"}
     distances = torch.cdist(rows["seen"] * scale + loc, recorded.observation, compute_mode="donot_use_mm_for_euclid_dist")
     assert float(distances.min(1).values.max()) < 0.01, "both see with the statistics of the checkpoint"
-    resume(tmp_path / "run", episodes=6)
-    again = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["transforms"]
-    assert all(torch.equal(value, again[name]) for name, value in state["transforms"].items())
+    other = config(tmp_path / "other", seed=9, transform=str(file), demonstrations=run)
+    fleet = make_fleet(other)
+    frames = attach_dataset(other, make_learner_for(other, fleet), fleet)
+    assert frames is not None
+    torch.testing.assert_close(frames["seen"] * scale + loc, recorded.observation, msg="and so does whom the first run teaches")
 
 
 def test_rows_of_different_robots_are_not_linked() -> None:
