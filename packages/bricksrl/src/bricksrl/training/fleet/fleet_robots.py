@@ -82,13 +82,14 @@ def make_fleet(config: TrainConfig, place: Placement | None = None) -> EnvBase:
     UnknownNameError if there is no such environment or hub."""
     from brickhub.hub.transports.address import parse_hub
     from bricksrl.envs.registry import is_simulation
-    from bricksrl.envs.transforms import over, runs_on
+    from bricksrl.envs.transforms import layout_of, over, runs_on
 
     if is_simulation(config.env):
         raise RunError(f"{config.env} is a simulation without a robot; train copies of it with num_envs")
     for hub in config.hubs:
         parse_hub(hub)
     env = stand_in(config)
+    layout_of(env)  # raises where a transform fails
     if runs_on(env):
         raise RunError("the robots of a fleet would have different statistics; give --normalize, or omit the transform")
     return over(env, Fleet(config, env, place))
