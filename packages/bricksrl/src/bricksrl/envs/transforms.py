@@ -268,11 +268,13 @@ def numbers_of(env: EnvBase) -> dict[str, list[Number]]:
 
 
 def keeps_vectors(env: EnvBase) -> bool:
-    """Whether an agent observes the vectors of the environment as they are, and its actions are the environment's."""
+    """Whether an agent observes the vectors of the environment as they are, and nothing made of them, and its actions are the
+    environment's."""
     base = base_of(env)
     if base is env:
         return True
-    is_same = numbers_of(env) == numbers_of(base) and layout_of(env).vectors == layout_of(base).vectors
+    own, seen = layout_of(base), layout_of(env)
+    is_same = numbers_of(env) == numbers_of(base) and (seen.vectors, seen.keys) == (own.vectors, own.keys)
     return is_same and one_step(env)[2]
 
 
