@@ -18,7 +18,7 @@ MARKS = {"WalkerSim-v0": (500, 1000), "RoboArmSim-v0": (175, 400)}
 NETWORKS = Path(__file__).with_name("networks.py")
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "SAC with its default settings": ("sac", {}),
-    "without layer normalisation": ("sac", {"critic_layer_norm": False}),
+    "without layer normalisation": ("sac", {"critic_norm": "none"}),
     "layer normalisation in the critics' first layer only": ("sac", {"network": f"{NETWORKS}:first_normalized"}),
     "layer normalisation in the critics' last layer only": ("sac", {"network": f"{NETWORKS}:last_normalized"}),
     "weight and layer normalisation": ("sac", {"network": f"{NETWORKS}:weight_normalized"}),

@@ -142,7 +142,7 @@ def run_other(package: str, agent: str, seed: int, race: Race, *, like_ours: boo
         settings |= {"ent_coef": f"auto_{ours.alpha_init}", "target_entropy": ours.target_entropy * ACTIONS}
         policy = {"net_arch": list(ours.hidden)}
         if package == "sbx" and agent == "sac":
-            policy["layer_norm"] = ours.critic_layer_norm
+            policy["layer_norm"] = ours.critic_norm == "layer"
     if agent == "droq":
         policy |= {"dropout_rate": 0.01, "layer_norm": True}
         settings |= {"gradient_steps": 20, "policy_delay": 20}

@@ -19,8 +19,8 @@ class Settings(settings.OffPolicySettings):
 
 def build(env, settings: Settings, device="cpu"):
     features, m = encoder.make_encoder(env, settings), networks.action_size(env)
-    body = networks.make_body(settings, features.size, m, layer_norm=True)
-    critic = operators.critic_operator(features, networks.make_body(settings, features.size + m, 1, layer_norm=True))
+    body = networks.make_body(settings, features.size, m, norm="layer")
+    critic = operators.critic_operator(features, networks.make_body(settings, features.size + m, 1, norm="layer"))
     actor, policy = networks.deterministic_policy(features, body, networks.action_spec(env), noise=settings.noise)
     loss = DDPGLoss(actor, critic, delay_actor=True, delay_value=True).to(device)
     loss.make_value_estimator(gamma=settings.gamma)

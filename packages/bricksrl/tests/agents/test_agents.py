@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import copy
 import functools
+import itertools
 import pickle
 from dataclasses import fields
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 import torch
@@ -32,7 +33,8 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.agents import AGENTS, make_learner
 from bricksrl.agents.learner import Learner
-from bricksrl.errors import CheckpointError
+from bricksrl.agents.settings import Norm
+from bricksrl.errors import CheckpointError, DescriptionError
 
 
 def restarted(learner: Learner) -> Learner:
@@ -271,8 +273,10 @@ CHANGES: dict[str, Any] = {
     "weight_decay": 0.5,
     "denoising_steps": 5,
 }
-OPPOSITE = ("normalize", "critic_layer_norm", "actor_layer_norm", "start_value")
+OPPOSITE = ("normalize", "start_value")
+NORMS = ("critic_norm", "actor_norm")
 ELSEWHERE = (
+    *NORMS,
     "prefill_episodes",
     "exploration_noise",
     "network",
@@ -305,6 +309,20 @@ def test_every_setting_has_an_effect(agent: str, name: str) -> None:
         value = "min" if name == "actor_q" else value * 0.5
     assert value != usual
     assert not same(_usual(agent), _with(agent, **{name: value}))
+
+
+@pytest.mark.parametrize(
+    ("agent", "name"), [(agent, name) for agent in LEARNING for name in NORMS if hasattr(settings(agent), name)]
+)
+def test_each_normalisation_learns_otherwise(agent: str, name: str) -> None:
+    learned = [_with(agent, **{name: norm}) for norm in get_args(Norm)]
+    assert not any(itertools.starmap(same, itertools.combinations(learned, 2)))
+    assert not any(bool(tensor.isnan().any()) for of_one in learned for tensor in of_one)
+
+
+def test_batch_of_one_is_not_normalised_by_itself() -> None:
+    with pytest.raises(DescriptionError, match="a batch of 1 has no statistics; give a batch_size of 2 or more"):
+        make("td3", critic_norm="batch", batch_size=1)
 
 
 @pytest.mark.parametrize("agent", LEARNING)

@@ -68,6 +68,11 @@ def test_other_algorithms_cannot_be_compiled(agent: str) -> None:
         compile_updates(make(agent))
 
 
+def test_running_statistics_cannot_be_compiled() -> None:
+    with pytest.raises(RunError, match="batch normalisation cannot be compiled; choose layer or rms"):
+        compile_updates(make("sac", critic_norm="batch"))
+
+
 def test_anchored_policy_cannot_be_compiled() -> None:
     learner = make("sac")
     hold(learner)

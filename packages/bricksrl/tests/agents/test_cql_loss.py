@@ -15,7 +15,7 @@ from bricksrl.agents.sac import Batch
 
 
 def make(**changes: Any) -> CQLLoss:
-    kind = {key: changes.pop(key) for key in ("layer_norm", "hidden") if key in changes}
+    kind = {key: changes.pop(key) for key in ("norm", "hidden") if key in changes}
     settings = CQLSettings(gamma=GAMMA, alpha_init=0.3, **changes)
     loss: CQLLoss = moved(CQLLoss(nn.Identity(), actor(2 * ACTION), critics(**kind), settings))
     return loss
@@ -147,7 +147,7 @@ def test_drawn_gradient_is_unbiased() -> None:
 
 @pytest.mark.parametrize("sampled", [1, 2, 100])
 def test_scores_equal_critic_values(sampled: int) -> None:
-    loss = make(sampled_actions=sampled, layer_norm=True)
+    loss = make(sampled_actions=sampled, norm="layer")
     data = encoded(loss, 8)
     actions, _ = loss.sample_actions(data)
     expected = [loss.critics(data.features, action) for action in actions]

@@ -37,7 +37,7 @@ pytestmark = pytest.mark.usefixtures("double")
 
 
 def make(**changes: Any) -> SACLoss:
-    kind = {key: changes.pop(key) for key in ("layer_norm", "dropout", "hidden", "count") if key in changes}
+    kind = {key: changes.pop(key) for key in ("norm", "dropout", "hidden", "count") if key in changes}
     settings = SACSettings(gamma=GAMMA, alpha_init=0.3, num_qs=kind.get("count", 2), **changes)
     loss: SACLoss = moved(SACLoss(nn.Identity(), actor(2 * ACTION), critics(**kind), settings))
     return loss
@@ -52,11 +52,11 @@ def oracle_of(loss: SACLoss, tau: float = 0.5) -> tuple[TorchRLSACLoss, SoftUpda
     "options",
     [
         {},
-        {"layer_norm": True},
+        {"norm": "layer"},
         {"count": 3, "num_min_qs": 3},
         {"count": 1, "num_min_qs": 1},
         {"hidden": (8,), "min_scale": 0.8},
-        {"hidden": (12, 10, 8), "layer_norm": True},
+        {"hidden": (12, 10, 8), "norm": "layer"},
     ],
 )
 @pytest.mark.parametrize("steps", [False, True])
@@ -87,9 +87,9 @@ def masked(layer: Dropout, x: Tensor) -> Tensor:
 
 
 def test_droq_equals_torchrls_with_dropout(monkeypatch: pytest.MonkeyPatch) -> None:
-    loss, data, noise = make(dropout=0.2, layer_norm=True), batch(N), draws()
+    loss, data, noise = make(dropout=0.2, norm="layer"), batch(N), draws()
     oracle, _ = oracle_of(loss)
-    plain, _ = oracle_of(make(layer_norm=True))
+    plain, _ = oracle_of(make(norm="layer"))
     monkeypatch.setattr(Dropout, "forward", masked)
     noise.for_ours(monkeypatch, "after", "now")
     ours = loss(data)
@@ -129,7 +129,7 @@ def test_target_critics_are_redrawn_each_update() -> None:
 def test_whole_updates_equal_torchrl(delay: int, monkeypatch: pytest.MonkeyPatch) -> None:
     from bricksrl.agents.learner import Learner
 
-    loss = make(layer_norm=True)
+    loss = make(norm="layer")
     oracle, targets = oracle_of(loss, tau=0.2)
     learner = Learner(
         policy=their_gaussian(loss.actor, 0.1),

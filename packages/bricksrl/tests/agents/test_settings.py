@@ -237,7 +237,7 @@ def test_paper_preset_equals_paper() -> None:
         paper = preset("paper", agent)
         assert (paper.learning_rate, paper.batch_size, paper.gamma, paper.tau) == (3e-4, 256, 0.99, 0.005)
         assert (paper.hidden, paper.prefill_episodes, paper.updates_per_step) == ((256, 256), 10, 1.0)
-        assert (paper.angles, paper.goals, paper.critic_layer_norm) == ("raw", "plain", False)
+        assert (paper.angles, paper.goals, paper.critic_norm) == ("raw", "plain", "none")
         assert (paper.hindsight, paper.new_goals, paper.n_step) == (0.0, 0.0, 1)
         assert paper.buffer_size == 1_000_000
     assert (preset("paper", "sac").alpha_init, preset("paper", "sac").actor_delay) == (1.0, 1)
@@ -248,14 +248,14 @@ def test_paper_td3_equals_its_authors_and_droq_what_was_released() -> None:
     assert isinstance(td3, TD3Settings)
     assert (td3.actor_delay, td3.exploration_noise, td3.target_noise, td3.target_noise_clip) == (2, 0.1, 0.2, 0.5)
     assert isinstance(droq, SACSettings)
-    assert (droq.updates_per_step, droq.actor_delay, droq.dropout, droq.critic_layer_norm) == (20.0, 1, 0.01, True)
-    assert (droq.actor_dropout, droq.actor_layer_norm) == (0.01, True)
+    assert (droq.updates_per_step, droq.actor_delay, droq.dropout, droq.critic_norm) == (20.0, 1, 0.01, "layer")
+    assert (droq.actor_dropout, droq.actor_norm) == (0.01, "layer")
     assert (droq.num_qs, droq.num_min_qs, droq.actor_q) == (2, 2, "mean")
 
 
 def test_paper_offline_agents_equal_paper() -> None:
     bc, iql, cql = (preset("paper", name) for name in ("bc", "iql", "cql"))
-    assert (bc.hidden, bc.learning_rate, bc.batch_size, bc.actor_layer_norm, bc.dropout) == ((256, 256), 3e-4, 256, True, 0.01)
+    assert (bc.hidden, bc.learning_rate, bc.batch_size, bc.actor_norm, bc.dropout) == ((256, 256), 3e-4, 256, "layer", 0.01)
     assert (iql.temperature, iql.expectile) == (1.0, 0.5)
     assert (cql.min_q_weight, cql.sampled_actions, cql.lagrange_threshold, cql.imitation_updates) == (1.0, 10, 5.0, 1000)
 
@@ -272,7 +272,7 @@ def test_act_values_equal_its_authors() -> None:
 def test_redq_has_ten_critics_two_for_targets(name: str) -> None:
     redq = preset(name, "redq")
     assert (redq.num_qs, redq.num_min_qs, redq.actor_q) == (10, 2, "mean")
-    assert (redq.critic_layer_norm, redq.dropout) == (False, 0.0)
+    assert (redq.critic_norm, redq.dropout) == ("none", 0.0)
     assert redq.updates_per_step == redq.actor_delay == 20
 
 

@@ -31,7 +31,7 @@ pytestmark = pytest.mark.usefixtures("double")
 
 def make() -> TD3Loss:
     settings = TD3Settings(gamma=GAMMA, target_noise=0.5, target_noise_clip=0.4)
-    loss: TD3Loss = moved(TD3Loss(nn.Identity(), actor(ACTION), critics(layer_norm=True), settings))
+    loss: TD3Loss = moved(TD3Loss(nn.Identity(), actor(ACTION), critics(norm="layer"), settings))
     return loss
 
 

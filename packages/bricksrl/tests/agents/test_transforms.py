@@ -42,8 +42,9 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 import bricksrl
 from bricksrl.agents import make_learner, preset
 from bricksrl.agents.encoder import Encoder, encode, make_encoder
+from bricksrl.envs.rollout import play_episodes
 from bricksrl.envs.specs import ObservationLayout
-from bricksrl.envs.transforms import changes_nothing, layout_of, own_frames, prepare
+from bricksrl.envs.transforms import changes_nothing, keeps_vectors, layout_of, own_frames, prepare, runs_on
 from bricksrl.errors import DescriptionError
 
 KEYS = ["observation"]
@@ -95,6 +96,23 @@ class Noisy(ObservationTransform):
 
     def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
         return self._call(tensordict_reset)
+
+
+class Swapped(Transform):
+    """Exchanges the joints that an action moves."""
+
+    def __init__(self) -> None:
+        super().__init__(in_keys_inv=["action"], out_keys_inv=["action"])
+
+    def _inv_apply_transform(self, action: Tensor) -> Tensor:
+        return action.flip(-1)
+
+
+class Endless(Transform):
+    """Goes on after the end of an episode."""
+
+    def _step(self, _tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return next_tensordict.update({name: torch.zeros(1, dtype=torch.bool) for name in ("done", "terminated", "truncated")})
 
 
 class Forgetful(Noisy):
@@ -250,6 +268,22 @@ def test_goals_are_replaced_only_where_the_task_observes_and_pays() -> None:
     assert changes_nothing(arm(DoubleToFloat()))
     assert not changes_nothing(arm(CatFrames(2, -1, in_keys=KEYS)))
     assert not changes_nothing(arm(RewardScaling(0.0, 2.0)))
+    assert keeps_vectors(arm(RewardScaling(0.0, 2.0)))
+    for transform in (Swapped(), RenameTransform(KEYS, ["joints"]), UnsqueezeTransform(-1, in_keys=KEYS)):
+        assert not changes_nothing(arm(transform))
+        assert not keeps_vectors(arm(transform)), "a mirrored batch would be wrong"
+
+
+def test_what_depends_on_the_episodes_before_is_known() -> None:
+    statistics = ObservationNorm(torch.zeros(8), torch.ones(8), KEYS)
+    assert not runs_on(arm(statistics, CatFrames(2, -1, in_keys=KEYS), StepCounter(), Noisy()))
+    assert runs_on(arm(VecNormV2(in_keys=KEYS)))
+
+
+def test_a_hidden_end_is_refused() -> None:
+    env = arm(Endless())
+    with pytest.raises(DescriptionError, match="a transform hides the end of the episode"):
+        next(play_episodes(env, lambda state: state.set("action", torch.zeros(4)), 1, 0))
 
 
 def test_an_acting_agent_is_held_within_what_it_learned_on(caplog: pytest.LogCaptureFixture) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import re
 import statistics
 import threading
 import time
@@ -187,7 +189,8 @@ def test_sensor_that_dies_ends_the_step_as_lost_and_may_come_back() -> None:
         time.sleep(0.1)
         lost = env.step(state.set("action", action(env)))["next"]
         assert bool(lost["link_lost"]) and lost["observation"].equal(state["observation"])
-        assert str(env.link_error) == "sensor 'clock' failed (OSError: it was unplugged); plug it in"
+        told = r"sensor 'clock' failed \(OSError: it was unplugged, test_host_sensors.py, line \d+\); plug it in, or correct it"
+        assert re.fullmatch(told, str(env.link_error))
         with pytest.raises(SensorError, match="OSError: no such device"):
             env.reset()
         device.is_broken = False
@@ -294,6 +297,13 @@ def test_check_reads_the_sensors() -> None:
     assert found["sensors"] == "tick 42" and found["determinism"] == "clock is a real sensor beside the virtual robot"
 
 
+@pytest.mark.parametrize("reading", ["7", b"7", 7.0, None, (), (1.0, 2.0), ("warm",), (math.nan,), (1e300,)])
+def test_what_is_no_number_each_is_refused(reading: Any) -> None:
+    sensor = HostSensor("clock", (Entry("tick", 0, 1),), Clock())
+    with pytest.raises(SensorError, match="let it give a number each for tick"):
+        sensor.checked(reading)
+
+
 @pytest.mark.parametrize(
     ("fields", "problem"),
     [
@@ -301,6 +311,9 @@ def test_check_reads_the_sensors() -> None:
         ({"name": "my sensor"}, "give a name of letters"),
         ({"rate_hz": 0.0}, "give a rate and a patience above 0"),
         ({"image_px": 8}, "either entries or image_px"),
+        ({"open": "COM3"}, "open is 'COM3'; give a function"),
+        ({"open": lambda port: port}, "open of sensor 'clock' takes other arguments"),
+        ({"twin": lambda: (1.0,)}, "twin of sensor 'clock' takes other arguments"),
     ],
 )
 def test_inconsistent_description_is_refused(fields: dict[str, Any], problem: str) -> None:

@@ -143,6 +143,7 @@ def test_sampled_entries_are_drawn_from_their_whole_range() -> None:
         ({"max_steps": 0}, "max_steps"),
         ({"interface": Interface((), RUN_AWAY.interface.channels, RUN_AWAY.interface.settle)}, "command"),
         ({"sampled_entries": (SampledEntry("distance", 0, 1),)}, "twice"),
+        ({"sampled_entries": (SampledEntry("wind", 5, 1),)}, "the range of wind ends below its start"),
         ({"max_steps": None}, "max_steps is None; give a whole number"),
         ({"camera": True}, "camera is True; give CameraView"),
         ({"reward": 1.0}, "reward is 1.0; give a function"),

@@ -18,7 +18,8 @@ from bricksrl.evaluation.settings_text import read_settings, with_changes
 def test_numbers_lists_and_flags_are_parsed(rate: float, hidden: list[int], layer_norm: bool) -> None:
     text = ",".join(map(str, hidden))
     changed = with_changes(SACSettings(), [f"learning_rate={rate!r}", f"hidden={text}", f"critic-layer-norm={layer_norm}"])
-    assert (changed.learning_rate, changed.hidden, changed.critic_layer_norm) == (rate, tuple(hidden), layer_norm)
+    norm = "layer" if layer_norm else "none"
+    assert (changed.learning_rate, changed.hidden, changed.critic_norm) == (rate, tuple(hidden), norm)
 
 
 @pytest.mark.parametrize("agent", [agent for agent in AGENTS if agent != "random"])
@@ -43,7 +44,7 @@ def test_every_setting_can_be_given(agent: str, tmp_path: Path) -> None:
         ("learning_rate=fast", "give a number"),
         ("batch_size=1.5", "whole number"),
         ("hidden=a,b", "whole number"),
-        ("critic_layer_norm=perhaps", "True or False"),
+        ("mirror=perhaps", "True or False"),
         ("angles=round", "choose "),
         ("gamma=7", "gamma"),
     ],

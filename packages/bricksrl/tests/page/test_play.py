@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import threading
 from contextlib import closing
+from pathlib import Path
 
 import pytest
+from tensordict import TensorDictBase
 
 import bricksrl
 from bricksrl.errors import PageError, StoppedError
 from bricksrl.page.live import LivePage
 from bricksrl.page.play import play_on_page, resting_player
 from bricksrl.page.program import ProgramPage
-from bricksrl.policies.policy import Player
+from bricksrl.policies.policy import Player, random_player
 
 
 @pytest.mark.parametrize("value", [[], {}, {"speed": []}, None, 1, "warp", ["x"] * 1000])
@@ -45,6 +47,20 @@ def test_reset_pressed_before_a_stop_does_not_start_the_robot_again() -> None:
         with pytest.raises(StoppedError):
             play_on_page(env, page, {"": lambda: Player(act)}, stop=over)
         timers[0].join()
+
+
+def test_page_shows_the_robots_own_steps(tmp_path: Path) -> None:
+    file, shown = tmp_path / "mine.py", list[TensorDictBase]()
+    file.write_text(
+        "from torchrl.envs import Compose, RenameTransform, RewardScaling\n"
+        "transform = Compose(RenameTransform(['observation'], ['seen']), RewardScaling(0.0, 0.1))\n"
+    )
+    with closing(bricksrl.make("WalkerSim-v0", seed=0, transform=str(file), frame_skip=2)) as env:
+        page = LivePage("WalkerSim-v0", task=env.task, speed="max")
+        page.show_step = shown.append
+        returns = play_on_page(env, page, {"": lambda: random_player(env, 0)}, episodes=1)
+    assert [frame["next", "observation"].shape for frame in shown] == [(7,)] * 100
+    assert returns == [pytest.approx(sum(float(frame["next", "reward"]) for frame in shown), rel=1e-4)]
 
 
 def test_nothing_resets_while_a_human_drives() -> None:

@@ -40,7 +40,7 @@ def test_numbers_of_an_agent_act_as_it(env_id, agent, tmp_path):
 
 def test_agent_with_other_layers_has_no_plain_numbers():
     with closing(bricksrl.make("WalkerSim-v0", seed=0)) as env:
-        learner = make_learner("sac", env, replace(preset("default", "sac"), hidden=(8,), actor_layer_norm=True))
+        learner = make_learner("sac", env, replace(preset("default", "sac"), hidden=(8,), actor_norm="layer"))
         with pytest.raises(DescriptionError, match="only linear layers"):
             plain_of(Policy(learner.policy, env))
 

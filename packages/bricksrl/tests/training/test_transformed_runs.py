@@ -164,6 +164,12 @@ def test_copies_and_other_processes_have_the_transforms(tmp_path: Path) -> None:
     assert RunFolder(apart.run_dir).read_config().frame_stack == 2
 
 
+def test_a_transform_may_be_named_by_its_class(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("from torchrl.envs import StepCounter\n")
+    assert "step_count" in bricksrl.make("WalkerSim-v0", transform=f"{file}:StepCounter").reset()
+
+
 def test_what_cannot_be_honoured_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text("def transform(env):\n    return 3\n")
@@ -175,3 +181,5 @@ def test_what_cannot_be_honoured_is_refused(tmp_path: Path) -> None:
     file.write_text(TRANSFORM)
     with pytest.raises(RunError, match="different statistics"):
         train(config(tmp_path / "run", env="RunAway-v0", robots=2, transform=str(file)))
+    with pytest.raises(RunError, match="acts on what the robot itself observes; omit the transforms"):
+        train(config(tmp_path / "run", base="scripted", frame_stack=2))

@@ -76,7 +76,7 @@ def test_silence_ends_the_step_as_lost(tmp_path: Path) -> None:
     link, _ = linked(tmp_path, LOOP.replace("motor.run", "wait(9000 if count == 3 else 0)\n    motor.run"))
     link.open()
     link.read()
-    with pytest.raises(HubTimeoutError, match=r"client.py sent 0 bytes and no answer '!fb' within 3 s"):
+    with pytest.raises(HubTimeoutError, match=r"client.py sent 0 bytes and no answer '!fb' within 3 s; let it answer each"):
         link.act([1.0, 3])
     assert link.state is LinkState.FAULT
     link.open()
@@ -102,6 +102,10 @@ def test_what_is_no_number_and_an_end_are_told(tmp_path: Path) -> None:
     link.act([1.0, 1])
     with pytest.raises(ProgramStoppedError, match="client.py has ended; let it answer in a loop without end"):
         link.act([1.0, 1])
+    link, _ = linked(tmp_path, LOOP.replace("motor.run", "raise SystemExit\n    motor.run"))
+    link.open()
+    with pytest.raises(ProgramStoppedError, match="client.py has ended"):
+        link.read()
 
 
 def test_error_of_the_program_is_told_with_its_line(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ PRESETS = ("default", "paper")
 algorithm's authors (with the paper's networks) for what the paper does not state. Other settings keep their defaults."""
 
 _DROQ: dict[str, Any] = {"dropout": 0.01, "updates_per_step": 20.0, "actor_delay": 20, "actor_q": "mean"}
-_REDQ: dict[str, Any] = {**_DROQ, "critic_layer_norm": False, "dropout": 0.0, "num_qs": 10}
+_REDQ: dict[str, Any] = {**_DROQ, "critic_norm": "none", "dropout": 0.0, "num_qs": 10}
 _DEFAULT_BY_AGENT: dict[str, dict[str, Any]] = {"droq": {**_DROQ, "alpha_init": 0.2}, "redq": {**_REDQ, "alpha_init": 0.2}}
 _VECTORS: dict[str, dict[str, Any]] = {"sac": {"batch_size": 128, "actor_delay": 2}}
 """Without a camera: what gives as much for fewer products (`python -m benchmarks ablation`)."""
@@ -55,7 +55,7 @@ _PAPER: dict[str, Any] = {
     "prefill_episodes": 10,
     "alpha_init": 1.0,
     "tau": 0.005,
-    "critic_layer_norm": False,
+    "critic_norm": "none",
     "start_value": False,
     "exploration_noise": 0.1,
     "target_noise": 0.2,
@@ -69,7 +69,7 @@ _PAPER: dict[str, Any] = {
 }
 _PAPER_BY_AGENT: dict[str, dict[str, Any]] = {
     # as released with the paper: its actor is like its critics, and learns with them
-    "droq": {**_DROQ, "critic_layer_norm": True, "actor_layer_norm": True, "actor_dropout": 0.01, "actor_delay": 1},
+    "droq": {**_DROQ, "critic_norm": "layer", "actor_norm": "layer", "actor_dropout": 0.01, "actor_delay": 1},
     "redq": _REDQ,
     "crossq": {"learning_rate": 1e-3, "momentum": 0.01},
     "iql": {"expectile": 0.5, "temperature": 1.0},

@@ -16,7 +16,7 @@ from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, adam
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer
-from bricksrl.agents.settings import Positive, Settings, ShareBelowOne
+from bricksrl.agents.settings import Norm, Positive, Settings, ShareBelowOne
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class BCSettings(Settings):
 
     updates_per_step: Annotated[float, Positive] = 2.0
     """Updates for each robot step."""
-    actor_layer_norm: bool = True
-    """Layer normalisation in the actor."""
+    actor_norm: Norm = "layer"
+    """Normalisation in the actor, before each ReLU."""
     dropout: Annotated[float, ShareBelowOne] = 0.01
     """Dropout rate in the actor during training."""
 
@@ -40,7 +40,7 @@ class ImitationLoss(BCLoss):  # type: ignore[misc]
 def build(env: EnvBase, settings: BCSettings, device: torch.device | str = "cpu") -> Learner:
     """Behaviour cloning for an environment. Initialized from torch's global generator."""
     encoder = make_encoder(env, settings)
-    body = make_body(settings, encoder.size, action_size(env), layer_norm=settings.actor_layer_norm, dropout=settings.dropout)
+    body = make_body(settings, encoder.size, action_size(env), norm=settings.actor_norm, dropout=settings.dropout)
     actor, _ = deterministic_policy(encoder, body, action_spec(env), noise=0.0)
     loss = ImitationLoss(actor.to(device), loss_function="l2").to(device)
     loss.set_keys(action="action")

@@ -86,6 +86,8 @@ def compile_updates(learner: Learner) -> None:
     loss = learner.loss
     if not isinstance(loss, ActorCriticLoss) or isinstance(loss, CrossQLoss | CQLLoss):
         raise RunError("only SAC, DroQ, REDQ and TD3 can be compiled; omit --compile")
+    if any(isinstance(module, nn.BatchNorm1d) for module in loss.modules()):  # a graph of gradients changes no running statistics
+        raise RunError("batch normalisation cannot be compiled; choose layer or rms, or omit --compile")
     if loss.anchor is not None:
         raise RunError("an anchored policy cannot be compiled; omit --compile")
     learner.gradients = CompiledGradients(loss, learner.device)

@@ -11,7 +11,7 @@ from torchrl.envs import EnvBase
 
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
-from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
+from bricksrl.agents.networks import BatchNorm, action_size, action_spec, gaussian_policy, make_body
 from bricksrl.agents.sac import Batch, Critics, EntropySettings, SACLoss
 from bricksrl.agents.settings import Positive, Range, ShareBelowOne
 
@@ -57,13 +57,6 @@ class CrossQLoss(SACLoss):
         losses = super().actor_loss(batch)
         self.actor.eval()
         return losses
-
-
-class BatchNorm(nn.BatchNorm1d):
-    """Batch normalisation of the last dimension of ``[*batch, size]``; in evaluation mode by running statistics."""
-
-    def forward(self, x: Tensor) -> Tensor:
-        return super().forward(x.reshape(-1, x.shape[-1])).view(x.shape)
 
 
 def batch_normalised(network: nn.Module, momentum: float) -> nn.Sequential:

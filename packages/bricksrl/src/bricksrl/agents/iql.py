@@ -50,7 +50,7 @@ class StateIndependentScale(nn.Module):
 def build(env: EnvBase, settings: IQLSettings, device: torch.device | str = "cpu") -> Learner:
     """IQL for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
-    kwargs = {"layer_norm": settings.critic_layer_norm}
+    kwargs = {"norm": settings.critic_norm}
     actor = ProbabilisticActor(
         TensorDictModule(
             Actor(encoder, make_body(settings, encoder.size, m), StateIndependentScale(m)),

@@ -16,7 +16,7 @@ from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor, TanhNorm
 
 from brickhub.user_files import load_object
 from bricksrl.agents.encoder import encoder_keys
-from bricksrl.agents.settings import Settings
+from bricksrl.agents.settings import Norm, Settings
 from bricksrl.errors import DescriptionError, message_of
 
 
@@ -32,14 +32,24 @@ class Dropout(nn.Dropout):
         return x * bits.to(x.dtype).ge_(dropped * 2**16 - 2**31).mul_(2**16 / (2**16 - dropped))
 
 
-def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
-    """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU. ``layer_norm, dropout``: after each
-    hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022)."""
+class BatchNorm(nn.BatchNorm1d):
+    """Batch normalisation of the last dimension of ``[*batch, size]``; in evaluation mode by running statistics."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        return super().forward(x.reshape(-1, x.shape[-1])).view(x.shape)
+
+
+_NORMS: dict[str, type[nn.Module]] = {"layer": nn.LayerNorm, "rms": nn.RMSNorm, "batch": BatchNorm}
+
+
+def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, norm: Norm = "none", dropout: float = 0.0) -> nn.Sequential:
+    """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU. ``norm, dropout``: after each hidden
+    layer, before its ReLU, as in DroQ (Hiraoka et al., 2022)."""
     sizes, layers = (in_size, *hidden), list[nn.Module]()
     for size, units in itertools.pairwise(sizes):
         layers.append(nn.Linear(size, units))
         layers += [Dropout(dropout)] if dropout else []
-        layers += [nn.LayerNorm(units)] if layer_norm else []
+        layers += [_NORMS[norm](units)] if norm != "none" else []
         layers.append(nn.ReLU(inplace=True))
     return nn.Sequential(*layers, nn.Linear(sizes[-1], out_size))
 
@@ -48,6 +58,10 @@ def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) ->
     """The network of the settings: an `mlp`, or the result of the user's factory, tried once before it learns. Raises
     DescriptionError if that cannot be loaded, raises, or returns no network of these sizes."""
     reference = settings.network
+    if kwargs.pop("layer_norm", False):  # as agents of users say
+        kwargs["norm"] = "layer"
+    if kwargs.get("norm") == "batch" and settings.batch_size < 2:
+        raise DescriptionError("a batch of 1 has no statistics; give a batch_size of 2 or more, or another norm")
     if not reference:
         return mlp(in_size, out_size, settings.hidden, **kwargs)
     factory = load_object(reference, default="make_network")

@@ -24,7 +24,7 @@ from torchrl.objectives.utils import hold_out_net
 from bricksrl.agents.encoder import encode, encoder_keys, make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
-from bricksrl.agents.settings import CriticSettings, OffPolicySettings, Positive, Range, ShareBelowOne
+from bricksrl.agents.settings import CriticSettings, Norm, OffPolicySettings, Positive, Range, ShareBelowOne
 from bricksrl.errors import DescriptionError
 
 LEAST_SCALE = 0.01
@@ -49,8 +49,8 @@ class SACSettings(EntropySettings, CriticSettings):
     """Settings of SAC, DroQ and REDQ."""
 
     alpha_init: Annotated[float, Positive] = 0.1
-    actor_layer_norm: bool = False
-    """Layer normalisation in the actor."""
+    actor_norm: Norm = "none"
+    """Normalisation in the actor, before each ReLU."""
     actor_dropout: Annotated[float, ShareBelowOne] = 0.0
     """Dropout rate in the actor."""
     dropout: Annotated[float, ShareBelowOne] = 0.0
@@ -250,8 +250,8 @@ class PolyakUpdate:
 def build(env: EnvBase, settings: SACSettings, device: torch.device | str = "cpu", make_loss: type[SACLoss] = SACLoss) -> Learner:
     """SAC, or an algorithm with another loss, for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
-    actor = make_body(settings, encoder.size, 2 * m, layer_norm=settings.actor_layer_norm, dropout=settings.actor_dropout)
-    kwargs = {"layer_norm": settings.critic_layer_norm, "dropout": settings.dropout}
+    actor = make_body(settings, encoder.size, 2 * m, norm=settings.actor_norm, dropout=settings.actor_dropout)
+    kwargs = {"norm": settings.critic_norm, "dropout": settings.dropout}
     critics = Critics([make_body(settings, encoder.size + m, 1, **kwargs) for _ in range(settings.num_qs)])
     policy = gaussian_policy(encoder, actor, action_spec(env), min_scale=settings.min_scale)
     loss = make_loss(encoder, actor, critics, settings).to(device)

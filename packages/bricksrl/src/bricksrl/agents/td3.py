@@ -15,7 +15,7 @@ from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
 from bricksrl.agents.sac import ActorCriticLoss, Batch, Critics, PolyakUpdate, on_base
-from bricksrl.agents.settings import CriticSettings, NotNegative, Positive, Range, TargetSettings
+from bricksrl.agents.settings import CriticSettings, Norm, NotNegative, Positive, Range, TargetSettings
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class DeterministicSettings(TargetSettings):
     learning_rate: Annotated[float, Positive] = 5e-4
     updates_per_step: Annotated[float, Positive] = 4.0
     actor_delay: Annotated[int, Range(1)] = 2
-    actor_layer_norm: bool = False
-    """Layer normalisation in the actor."""
+    actor_norm: Norm = "none"
+    """Normalisation in the actor, before each ReLU."""
     exploration_noise: Annotated[float, NotNegative] = 0.3
     """Standard deviation of the noise on the actions while exploring; actions are in -1..1."""
     target_noise: Annotated[float, NotNegative] = 0.1
@@ -85,8 +85,8 @@ class TD3Loss(ActorCriticLoss):
 def build(env: EnvBase, settings: TD3Settings, device: torch.device | str = "cpu") -> Learner:
     """TD3 for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
-    body = make_body(settings, encoder.size, m, layer_norm=settings.actor_layer_norm)
-    critics = Critics([make_body(settings, encoder.size + m, 1, layer_norm=settings.critic_layer_norm) for _ in range(2)])
+    body = make_body(settings, encoder.size, m, norm=settings.actor_norm)
+    critics = Critics([make_body(settings, encoder.size + m, 1, norm=settings.critic_norm) for _ in range(2)])
     _, policy = deterministic_policy(encoder, body, action_spec(env), noise=settings.exploration_noise)
     loss = TD3Loss(encoder, body, critics, settings).to(device)
     target = PolyakUpdate((loss.critics, loss.target_critics), (loss.actor, loss.target_actor), tau=settings.tau)

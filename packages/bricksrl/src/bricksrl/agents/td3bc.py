@@ -28,9 +28,9 @@ class TD3BCSettings(DeterministicSettings):
 def build(env: EnvBase, settings: TD3BCSettings, device: torch.device | str = "cpu") -> Learner:
     """TD3+BC for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
-    body = make_body(settings, encoder.size, m, layer_norm=settings.actor_layer_norm)
+    body = make_body(settings, encoder.size, m, norm=settings.actor_norm)
     actor, policy = deterministic_policy(encoder, body, action_spec(env), noise=settings.exploration_noise)
-    critic = critic_operator(encoder, make_body(settings, encoder.size + m, 1, layer_norm=settings.critic_layer_norm))
+    critic = critic_operator(encoder, make_body(settings, encoder.size + m, 1, norm=settings.critic_norm))
     loss = TD3BCLoss(
         actor.to(device),
         critic.to(device),

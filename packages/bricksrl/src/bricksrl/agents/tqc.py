@@ -39,7 +39,7 @@ def build(env: EnvBase, settings: TQCSettings, device: torch.device | str = "cpu
     """TQC for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
     policy = gaussian_policy(encoder, make_body(settings, encoder.size, 2 * m), action_spec(env), min_scale=settings.min_scale)
-    body = make_body(settings, encoder.size + m, settings.quantiles, layer_norm=settings.critic_layer_norm)
+    body = make_body(settings, encoder.size + m, settings.quantiles, norm=settings.critic_norm)
     loss = TQCLoss(
         policy.to(device),
         critic_operator(encoder, body).to(device),

@@ -43,7 +43,7 @@ class TransformOptions:
     frame_skip: Annotated[int, Range(1, 1000), option(metavar="N")] = 1
     """Repeat each action for N steps of the robot; their rewards are summed."""
     transform: Annotated[str | None, option(metavar="FILE")] = None
-    """Your own transform: FILE.py[:NAME], one of TorchRL's or a function of the environment that returns it transformed."""
+    """Your own transform: FILE.py[:NAME], a transform, its class, or a function from an environment to a TransformedEnv."""
 
 
 TRANSFORMS: dict[str, Any] = vars(TransformOptions())

@@ -14,7 +14,8 @@ from torchrl.envs import EnvBase
 from brickhub.seed import derive_seed
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.task import metrics_of, success_of
-from bricksrl.envs.transforms import own_frames, own_state
+from bricksrl.envs.transforms import changes_nothing, own_frames, own_state
+from bricksrl.errors import DescriptionError
 
 TRIES = 5
 """Tries of an evaluated episode in which the link may break."""
@@ -129,6 +130,8 @@ class Rollout:
             self.rewards.append(float(step["next", "reward"]))
             self.action_sizes.append(float(step["action"].abs().mean()))
             self.observations.append(step["next"].get("observation", None))
+        if bool(own[-1]["next", "done"]) and not bool(frame["next", "done"]):
+            raise DescriptionError("a transform hides the end of the episode; let it pass 'done' on")
         return own
 
     @property
@@ -193,10 +196,11 @@ def longest_of(env: EnvBase) -> int:
 def _play_copies(
     env: EnvBase, policy: Policy, episodes: int, seed: int, reset_policy: Callable[[], None]
 ) -> Iterator[EpisodeScore]:
-    """The first episode of each copy, repeated until ``episodes`` are played. A task that judges more than the agent sees, such
-    as the true pose of a robot in another process, gives no success and no metrics."""
+    """The first episode of each copy, repeated until ``episodes`` are played, by return and length of the environment itself
+    where it counts them. A task that judges more than the agent sees, such as the true pose of a robot in another process, or
+    what it sees through transforms, gives no success and no metrics."""
     copies, task = env.batch_size.numel(), interface_of(env).task
-    judge = None if task is None or task.has_hidden_entries else task
+    judge = None if task is None or task.has_hidden_entries or not changes_nothing(env) else task
     for start in range(0, episodes, copies):
         seed_episode(env, derive_seed(seed, "evaluation", 1 + start))
         reset_policy()
@@ -209,4 +213,6 @@ def _play_copies(
             success = None if judge is None else success_of(judge, episode["observation"])
             numbers = {} if judge is None else metrics_of(judge, episode["observation"])
             size = float(sizes[copy, : len(episode)].mean())
-            yield EpisodeScore(float(episode["reward"].sum()), len(episode), size, success, numbers)
+            return_ = float(episode["episode_reward"][-1] if "episode_reward" in episode else episode["reward"].sum())
+            length = int(episode["step_count"][-1]) if "step_count" in episode else len(episode)
+            yield EpisodeScore(return_, length, size, success, numbers)

@@ -134,6 +134,8 @@ class Task:
         names = [entry.name for entry in self.entries] + [sensor.name for sensor in self.sensors if sensor.image_px]
         if len(set(names)) < len(names):
             raise DescriptionError(f"task {self.id}: the observation {', '.join(names)} names an entry twice; rename one")
+        if backwards := [entry.name for entry in self.entries if not entry.low <= entry.high]:
+            raise DescriptionError(f"task {self.id}: the range of {', '.join(backwards)} ends below its start; exchange the two")
         if self.symmetric:
             mirrors(self)  # raises where something has no mirror image
 

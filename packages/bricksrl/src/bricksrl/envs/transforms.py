@@ -73,16 +73,11 @@ def layout_of(env: EnvBase) -> ObservationLayout:
     that no agent can read."""
     if isinstance(env, SpecsEnv) and env.layout is not None:
         return env.layout
-    chain, known = transforms_of(env), env.__dict__.get("_known", ())
-    if chain and chain in known:  # to try them takes time
-        return known[1]  # type: ignore[no-any-return]
     specs, vectors = observed_specs(env), numbers_of(env)
     if not specs:
         raise DescriptionError("there is nothing that an agent observes; leave a vector or an image")
     images = tuple(ImageShape.of(key, spec) for key, spec in specs.items() if key not in vectors)
-    layout = ObservationLayout.of_numbers(vectors, [tuple(specs[key].shape) for key in vectors], images)
-    env.__dict__["_known"] = chain, layout
-    return layout
+    return ObservationLayout.of_numbers(vectors, [tuple(specs[key].shape) for key in vectors], images)
 
 
 class Tap(Transform):  # type: ignore[misc]
@@ -237,15 +232,16 @@ class Playback(SpecsEnv):
         return self.played[-1].clone()
 
 
-def over(env: EnvBase, playback: Playback, *, is_tried: bool = False) -> EnvBase:
-    """A playback behind copies of an environment's transforms, in their state."""
+def over(env: EnvBase, base: EnvBase, *, is_tried: bool = False) -> EnvBase:
+    """A base, such as a playback, behind copies of an environment's transforms, in their state."""
     chain, memo = transforms_of(env), dict[int, Any]()
-    while isinstance(env, TransformedEnv):  # they are copied without the environment
-        memo[id(env)] = None
-        if isinstance(env.transform, Compose):
-            memo[id(env.transform)] = None
-        env.transform.empty_cache()
-        env = env.base_env
+    level = env
+    while isinstance(level, TransformedEnv):  # they are copied without the environment
+        memo[id(level)] = None
+        if isinstance(level.transform, Compose):
+            memo[id(level.transform)] = None
+        level.transform.empty_cache()
+        level = level.base_env
     for buffer in (buffer for transform in chain for buffer in transform.buffers() if is_lazy(buffer)):
         empty = UninitializedBuffer(False, buffer.device, buffer.dtype)  # type: ignore[arg-type]  # its stub is wrong
         memo[id(buffer)] = empty  # it cannot be copied
@@ -254,7 +250,7 @@ def over(env: EnvBase, playback: Playback, *, is_tried: bool = False) -> EnvBase
         transform.reset_parent()
         if isinstance(transform, KeepUnits):
             transform.is_tried = is_tried
-    return TransformedEnv(playback, Compose(*copied)) if copied else playback
+    return TransformedEnv(base, Compose(*copied)) if copied else base
 
 
 def numbers_of(env: EnvBase) -> dict[str, list[Number]]:
@@ -263,26 +259,71 @@ def numbers_of(env: EnvBase) -> dict[str, list[Number]]:
     vectors = _vectors(observed_specs(env))
     if not isinstance(env, TransformedEnv) or not vectors:
         return {key: [Number(entry) for entry in entries] for key, entries in vectors.items()}
-    given, seen, entries = _tried(env, list(vectors))
-    return {key: _numbers(given, values, entries, key) for key, values in seen.items()}
+    chain, known = transforms_of(env), env.__dict__.get("_known", ([None], {}))
+    if known[0] != chain:  # to try them takes time
+        given, seen, entries = _tried(env, list(vectors))
+        known = env.__dict__["_known"] = chain, {key: _numbers(given, values, entries, key) for key, values in seen.items()}
+    numbers: dict[str, list[Number]] = known[1]
+    return numbers
 
 
-def changes_nothing(env: EnvBase) -> bool:
-    """Whether an agent gets observations and rewards as the environment gives them."""
+def keeps_vectors(env: EnvBase) -> bool:
+    """Whether an agent observes the vectors of the environment as they are, and nothing made of them, and its actions are the
+    environment's."""
     base = base_of(env)
     if base is env:
         return True
-    paid, steps = one_step(env)
-    return numbers_of(env) == numbers_of(base) and bool((paid == 1.0).all()) and steps == 1
+    own, seen = layout_of(base), layout_of(env)
+    is_same = numbers_of(env) == numbers_of(base) and (seen.vectors, seen.keys) == (own.vectors, own.keys)
+    return is_same and keeps_actions(env)
 
 
-def one_step(env: EnvBase) -> tuple[Tensor, int]:
-    """What a step behind the transforms pays where each of the environment's own pays 1, and the number of these."""
+def keeps_actions(env: EnvBase) -> bool:
+    """Whether an agent's actions are the environment's."""
+    return base_of(env) is env or one_step(env)[2]
+
+
+def changes_nothing(env: EnvBase) -> bool:
+    """Whether an agent gets observations and rewards as the environment gives them, which gets its actions."""
+    if base_of(env) is env or not keeps_vectors(env):
+        return base_of(env) is env
+    paid, steps, _ = one_step(env)
+    return steps == 1 and bool((paid == 1.0).all())
+
+
+def one_step(env: EnvBase) -> tuple[Tensor, int, bool]:
+    """What a step behind the transforms pays where each of the environment's own pays 1, the number of these, and whether their
+    action is the agent's."""
     base = base_of(env)
     playback = Playback(base, lambda _: still(base).set("reward", torch.ones_like(base.reward_spec.zero())))
     view = over(env, playback)
-    paid: Tensor = view.step(view.reset().update(view.full_action_spec.zero()))["next", "reward"]
-    return paid, len(playback.played) - 1
+    start = view.reset().update(view.full_action_spec.zero())
+    start["action"] += torch.linspace(-0.9, 0.7, start["action"].shape[-1], device=start["action"].device)  # no two are equal
+    paid: Tensor = view.step(start.clone())["next", "reward"]
+    acted, action = playback.acted[0], start["action"]
+    is_same = acted.shape == action.shape and torch.allclose(acted, action, atol=_TOLERANCE)
+    return paid, len(playback.played) - 1, is_same
+
+
+def runs_on(env: EnvBase) -> bool:
+    """Whether what transforms keep depends on the episodes before, such as running statistics."""
+    base = base_of(env)
+    ends = {key: _ends(spec) for key, spec in given_specs(base).items()}
+    playback = Playback(base, partial(_random_outcome, base, ends, torch.Generator().manual_seed(0)))
+    view, kept = over(env, playback), list[dict[str, Any]]()
+    with torch.random.fork_rng(devices=[]), torch.no_grad():
+        for _ in range(2):
+            torch.manual_seed(0)
+            state = view.reset()
+            kept.append(transform_state(view))
+            view.step(view.rand_action(state))
+    return not _equal(*kept)
+
+
+def _equal(one: Any, other: Any) -> bool:
+    if isinstance(one, dict | TensorDictBase):
+        return one.keys() == other.keys() and all(_equal(one[key], other[key]) for key in one)
+    return torch.equal(one, other) if isinstance(one, Tensor) else bool(one == other)
 
 
 def still(env: EnvBase) -> TensorDictBase:
@@ -458,6 +499,7 @@ def transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
             torch.manual_seed(0)  # what it draws, such as a frozen network, is the same wherever it is made
             found = load_object(options.transform, "transform")
             try:
+                found = found() if isinstance(found, type) and issubclass(found, Transform) else found
                 env = TransformedEnv(env, found) if isinstance(found, Transform) else found(env)
             except Exception as error:
                 what = f"{message_of(error, typed=True)}{line_of_user(error)}"

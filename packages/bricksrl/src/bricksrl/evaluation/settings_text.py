@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from brickhub.fields import check_fields
+from bricksrl.agents.settings import with_present_names
 from bricksrl.errors import DescriptionError, hint
 
 S = TypeVar("S")
@@ -46,6 +47,7 @@ def read_settings(path: Path, settings: S) -> S:
 
 def _changed(settings: S, values: Mapping[str, Any]) -> S:
     """A copy of the settings with other values, which may be texts."""
+    values = with_present_names(values)
     hints, names = typing.get_type_hints(type(settings)), [field.name for field in dataclasses.fields(settings)]  # type: ignore[arg-type]
     for name in values:
         if name not in names:

@@ -63,7 +63,7 @@ _SPACE: _Space = {
     "actor_delay": [1, 2, 3],
     "prefill_episodes": [1, 2, 3],
     "adam_beta": [0.5, 0.9],
-    "critic_layer_norm": [True, False],
+    "critic_norm": ["layer", "none"],
     "n_step": [1, 3],
 }
 """A user's other floats are tuned around their default."""

@@ -110,6 +110,7 @@ def play_on_page(
         players: players by name; each is created when it is first selected.
     """
     from bricksrl.envs.rollout import link_lost, play
+    from bricksrl.envs.transforms import own_frames
 
     player = functools.cache(lambda name: players[name]())
 
@@ -118,10 +119,11 @@ def play_on_page(
         yield
         policy, again = (lambda s: player(page.policy).act(s)), (lambda: player(page.policy).reset())
         for frame in play(env, policy, start, driver=page.driver, reset_policy=again, goes_on=lambda: page.is_driven):
-            if link_lost(frame):
-                raise interface_of(env).link_error
-            page.show_step(frame)
-            total += float(frame["next", "reward"])
+            for step in own_frames(env, frame):
+                if link_lost(step):
+                    raise interface_of(env).link_error
+                page.show_step(step)
+                total += float(step["next", "reward"])
             yield
         return None if interface_of(env).is_cut else total
 

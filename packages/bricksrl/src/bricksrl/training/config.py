@@ -16,6 +16,7 @@ from brickhub.fields import LARGEST, check_fields
 from brickhub.seed import check_seed
 from brickhub.user_files import with_absolute_file, without_folder
 from bricksrl.agents import algorithm, preset
+from bricksrl.agents.settings import with_present_names
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task
 from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError, counted
@@ -217,7 +218,7 @@ def portable(data: dict[str, Any]) -> dict[str, Any]:
 def settings_from(agent: str, given: dict[str, Any]) -> Any:
     """Settings of an agent from plain values. Raises BricksError or TypeError if the agent or its settings are invalid."""
     settings_type = algorithm(agent).settings
-    values = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
+    values = {key: tuple(value) if isinstance(value, list) else value for key, value in with_present_names(given).items()}
     check_fields(settings_type, values)
     return settings_type(**values)
 

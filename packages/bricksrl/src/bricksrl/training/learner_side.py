@@ -26,14 +26,14 @@ from bricksrl.agents.learner import Learner, means
 from bricksrl.agents.teachers import restore
 from bricksrl.child_process import END, ChildProcess, Message, Send, leave, parent_channel
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.registry import get_task, make
+from bricksrl.envs.registry import get_task
 from bricksrl.envs.rollout import lost_links, with_outcome
 from bricksrl.envs.specs import SPECS, SpecsEnv
-from bricksrl.envs.transforms import layout_of
+from bricksrl.envs.transforms import changes_nothing, layout_of, load_transform_state
 from bricksrl.errors import BricksError, LearnerError, message_of
 from bricksrl.training.checkpoint import save_checkpoint
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.restore import attach_dataset, make_learner_for
+from bricksrl.training.restore import attach_dataset, make_learner_for, stand_in
 
 _CHECK_S = 0.1
 _END_TIMEOUT_S, _INTERRUPTED_TIMEOUT_S = 120.0, 5.0
@@ -119,10 +119,10 @@ class AsyncLearner:
         except OSError as error:
             raise LearnerError(f"cannot start the learner's process ({error.strerror}); train synchronously") from None
         specs, layout = {name: getattr(env, name).cpu() for name in SPECS}, layout_of(env)
-        has_task = interface_of(env).task is not None
+        has_task = interface_of(env).task is not None and changes_nothing(env)  # of which it would think that it fits
         if config.dataset is not None and isinstance(env, TransformedEnv) and not config.is_transformed:
             raise LearnerError("the learner's process does not know this environment's transforms; train synchronously")
-        own = {name: state[name] for name in ("agent", "pace", "collected")}
+        own = {name: state[name] for name in ("agent", "pace", "collected", "transforms")}
         self._send("begin", {"config": config.to_dict(), "specs": specs, "layout": layout, "has_task": has_task, "state": own})
 
     def __enter__(self) -> Self:
@@ -249,8 +249,9 @@ def serve(begin: dict[str, Any], inbox: Inbox, send: Send) -> None:
     asked, done = begin["state"]["pace"]["asked"], begin["state"]["pace"]["done"]
     config = TrainConfig.from_dict(begin["config"])
     torch.manual_seed(derive_seed(config.seed, "learner", asked))
-    if config.dataset is not None and config.is_transformed:  # the data goes through the transforms
-        env = make(config.env, config.robot)
+    if config.is_transformed:
+        env = stand_in(config)
+        load_transform_state(env, begin["state"]["transforms"])
     else:
         env = SpecsEnv(begin["specs"], get_task(config.env, **config.options) if begin["has_task"] else None, begin["layout"])
     learner = make_learner_for(config, env)

@@ -61,7 +61,7 @@ class Loop:
         self.episodes = [Episode.from_dict(data) for data in state["episodes"]]  # complete ones
         self.best: float | None = state["best"]  # mean return of the best evaluation
         is_held = "observation" in given_specs(base_of(self.env))  # by a dataset
-        make = FleetRobots if isinstance(self.env, Fleet) else Copies if self.env.batch_size else OneRobot
+        make = FleetRobots if isinstance(base_of(self.env), Fleet) else Copies if self.env.batch_size else OneRobot
         self.source: Source = make(
             env=self.env,
             learner=self.learner,

@@ -13,6 +13,7 @@ from brickhub.fields import check_fields
 from brickhub.files import quoted
 from brickhub.seed import derive_seed
 from bricksrl.agents import make_learner
+from bricksrl.agents.settings import with_present_names
 from bricksrl.errors import BricksError, CheckpointError, DataError, DescriptionError, DivergedError, RunError
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.config import SCRIPTED, TrainConfig, portable
@@ -68,6 +69,18 @@ def check_weights(learner: Learner) -> None:
 def one_robot(config: TrainConfig) -> TrainConfig:
     """The config for a single robot, the first, on the CPU."""
     return replace(config, num_envs=1, robots=1, hub=config.hubs[0], device="cpu")
+
+
+def stand_in(config: TrainConfig) -> EnvBase:
+    """The environment of the config with a virtual robot that nobody uses: its specs, and its transforms with what they draw."""
+    from bricksrl.envs.options import EnvOptions
+    from bricksrl.envs.registry import make
+    from bricksrl.envs.transforms import prepare
+
+    env = make(config.env, EnvOptions(options=config.options, **config.transforms), seed=config.seed)
+    prepare(env)
+    env.close(raise_if_closed=False)
+    return env
 
 
 def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = None) -> Learner:
@@ -147,7 +160,7 @@ def _differences(saved: Any, identity: dict[str, Any], config: TrainConfig) -> s
     """Names of the values that differ in a checkpoint, where settings that are newer than it have their defaults."""
     with contextlib.suppress(DescriptionError, LookupError, TypeError):
         defaults = TrainConfig(config.env, config.agent, settings=type(config.settings)()).to_dict()["settings"]
-        saved = {**saved, "settings": {**defaults, **saved["settings"]}}
+        saved = {**saved, "settings": {**defaults, **with_present_names(saved["settings"])}}
     with contextlib.suppress(LookupError, TypeError):  # of a layout what it had then
         layout = {key: value for key, value in identity["layout"].items() if key in saved["layout"]}
         identity, saved = {**identity, "layout": layout}, {**saved, "layout": {key: saved["layout"][key] for key in layout}}
@@ -225,6 +238,8 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
     for key, spec in given.items():
         if key not in frames or frames[key].shape[1:] != spec.shape:
             raise DataError(f"no data hold the '{key}' {list(spec.shape)} that {config.env} observes; learn without data")
+    if (teacher := teacher_of(config, learner)) is not None:  # whose policy knows its statistics
+        load_state(teacher, one_robot(teacher.read_config()), env)
     frames = through(env, frames)
     learner.see(frames)
     if isinstance(learner.memory, TransitionReplayBuffer):
@@ -236,6 +251,14 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
         size, keys = getattr(config.settings, "batch_size", 256), learner.policy.in_keys
         learner.dataset = recorded_memory(frames, size, keys, chunk=learner.chunk, device=learner.device)
     return frames
+
+
+def teacher_of(config: TrainConfig, learner: Learner) -> RunFolder | None:
+    """The run of the demonstrations whose policy a new learner imitates, if there is one."""
+    if config.demonstrations is None or config.start is not None or learner.imitates:
+        return None
+    folder = RunFolder(config.demonstrations)
+    return folder if folder.config_path.exists() else None
 
 
 def warm_start(config: TrainConfig, learner: Learner, env: EnvBase, frames: TensorDict | None) -> None:
@@ -261,7 +284,7 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase, frames: Tens
         learner.begin_elsewhere()  # episodes that ran in a fleet do not go on
     elif frames is not None and config.demonstrations is not None and not learner.imitates:
         actions = frames["action"]
-        if RunFolder(config.demonstrations).config_path.exists():
+        if teacher_of(config, learner) is not None:
             teacher = load_learner(config.demonstrations, env).learner
             teacher.reset_policy()
             actions = teacher.exploit(frames.select(*teacher.policy.in_keys))["action"]
@@ -274,10 +297,13 @@ def base_for(config: TrainConfig, env: EnvBase) -> Base:
     from bricksrl.agents.teachers import Base, Scripted
     from bricksrl.envs.specs import observed_specs
     from bricksrl.envs.tasks.scripted import CONTROLLERS
+    from bricksrl.envs.transforms import keeps_vectors
 
     if config.base == SCRIPTED:
         if config.env not in CONTROLLERS:
             raise RunError(f"{config.env} has no hand-written controller; give the folder of a run as base")
+        if not keeps_vectors(env):
+            raise RunError("the hand-written controller acts on what the robot itself observes; omit the transforms")
         return Base(Scripted(CONTROLLERS[config.env], list(observed_specs(env))))
     policy = load_learner(str(config.base), env).learner.policy
     if hasattr(policy, "reset"):

@@ -187,8 +187,8 @@ def _learning(
 
 def _make_env(config: TrainConfig, place: Placement | None) -> EnvBase:
     from bricksrl.envs.registry import make_env
-    from bricksrl.training.fleet.fleet_robots import Fleet
+    from bricksrl.training.fleet.fleet_robots import make_fleet
 
     if len(config.hubs) > 1:
-        return Fleet(config, place if config.hub != "virtual" else None)
+        return make_fleet(config, place if config.hub != "virtual" else None)
     return make_env(config.env, config.robot, config.num_envs, seed=config.seed, device=config.device, place=place)

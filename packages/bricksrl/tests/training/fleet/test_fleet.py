@@ -26,8 +26,9 @@ from bricksrl.errors import HubError, RunError, UnknownNameError
 from bricksrl.training import Callback, Episode, Phase, Progress, RobotState, RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.fleet import fleet_robots as robots
-from bricksrl.training.fleet.fleet_robots import Fleet, Member, members_of
+from bricksrl.training.fleet.fleet_robots import Member, make_fleet, members_of
 from bricksrl.training.fleet.schedule import FleetRobots
+from bricksrl.training.restore import attach_dataset, make_learner_for
 from bricksrl.training.sources import Ended, Playing
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("forked_children")]
@@ -139,6 +140,34 @@ def test_fleet_resumes_and_stops_without_robots(run: tuple[Path, Harm]) -> None:
     check_successors(path)
 
 
+DRAWN = """
+from torchrl.envs import Compose, ObservationNorm, RenameTransform, RewardScaling, TransformedEnv
+
+def transform(env):
+    statistics = ObservationNorm(in_keys=["observation"], standard_normal=True)
+    env = TransformedEnv(env, Compose(statistics, RewardScaling(0.0, 0.1), RenameTransform(["observation"], ["seen"])))
+    statistics.init_stats(8)
+    return env
+"""
+
+
+def test_statistics_are_drawn_once_for_all_robots(tmp_path: Path) -> None:
+    file, run = tmp_path / "drawn.py", str(tmp_path / "run")
+    file.write_text(DRAWN)
+    train(config(tmp_path / "run", episodes=3, transform=str(file)))
+    state = load_checkpoint(tmp_path / "run" / "checkpoint.bin")
+    loc, scale = (next(value for name, value in state["transforms"].items() if name.endswith(end)) for end in (".loc", ".scale"))
+    rows, recorded = state["agent"]["memory"]["rows"], load(tmp_path / "run")
+    assert {row.about.robot for row in read_dataset(tmp_path / "run" / "data").rows} == {"virtual-1", "virtual-2"}
+    distances = torch.cdist(rows["seen"] * scale + loc, recorded.observation, compute_mode="donot_use_mm_for_euclid_dist")
+    assert float(distances.min(1).values.max()) < 0.01, "both see with the statistics of the checkpoint"
+    other = config(tmp_path / "other", seed=9, transform=str(file), demonstrations=run)
+    fleet = make_fleet(other)
+    frames = attach_dataset(other, make_learner_for(other, fleet), fleet)
+    assert frames is not None
+    torch.testing.assert_close(frames["seen"] * scale + loc, recorded.observation, msg="and so does whom the first run teaches")
+
+
 def test_rows_of_different_robots_are_not_linked() -> None:
     buffer = TransitionReplayBuffer(8, 2, ("observation",), n_step=2)
 
@@ -215,7 +244,7 @@ def test_first_episodes_start_together(tmp_path: Path) -> None:
 
 
 def test_starting_process_gets_no_weights(tmp_path: Path) -> None:
-    fleet = Fleet(config(tmp_path / "run"))
+    fleet: Any = make_fleet(config(tmp_path / "run"))
     sent: list[tuple[int, str]] = []
     for member in fleet.members:
         send = partial(lambda number, kind, _content: sent.append((number, kind)), member.number)
@@ -248,7 +277,7 @@ def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
 
 
 def test_pause_reaches_robots_that_are_starting(tmp_path: Path) -> None:
-    fleet = Fleet(config(tmp_path / "run"))
+    fleet: Any = make_fleet(config(tmp_path / "run"))
     sent: list[str] = []
     fleet.members[0].process = cast("Any", SimpleNamespace(send=lambda kind, _content: sent.append(kind)))
     for control, expected in ((fleet.pause, ["pause"]), (fleet.resume, []), (fleet.stop, ["stop"])):
@@ -375,6 +404,6 @@ def test_real_robots_are_named_by_hub(tmp_path: Path) -> None:
     named = config(tmp_path / "run", robots=1, hub="ble:A, ble:B")
     assert [(member.name, member.number) for member in members_of(named)] == [("ble:A", 0), ("ble:B", 1)]
     with pytest.raises(UnknownNameError, match="no hub 'tin:B'"):
-        Fleet(replace(named, hub="ble:A,tin:B"))
+        make_fleet(replace(named, hub="ble:A,tin:B"))
     with pytest.raises(RunError, match="num_envs"):
-        Fleet(replace(named, env="WalkerSim-v0"))
+        make_fleet(replace(named, env="WalkerSim-v0"))

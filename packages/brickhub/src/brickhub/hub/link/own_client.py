@@ -5,16 +5,17 @@ The program waits for a command, acts, and answers; nothing is numbered, so that
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 import struct
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from brickhub.errors import DescriptionError, HubProtocolError, ProgramStoppedError
+from brickhub.errors import DescriptionError, HubProtocolError, HubTimeoutError, ProgramStoppedError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.robot_link import Reading
@@ -148,11 +149,16 @@ class ClientLink(HubLink):
     def _send(self, frame: bytes) -> None:
         self._require_no_more()
         self._sent_s = self.now_s()
-        try:
-            for start in range(0, len(frame), WRITE_BYTES):
-                self._transport.write(frame[start : start + WRITE_BYTES])
-        except ProgramStoppedError:
-            raise ProgramStoppedError(f"{self.program.name} has ended; let it answer in a loop without end") from None
+        for start in range(0, len(frame), WRITE_BYTES):
+            self._transport.write(frame[start : start + WRITE_BYTES])
+
+    @contextlib.contextmanager
+    def _fault_with_cause(self) -> Iterator[None]:
+        with super()._fault_with_cause():
+            try:
+                yield
+            except ProgramStoppedError:
+                raise ProgramStoppedError(f"{self.program.name} has ended; let it answer in a loop without end") from None
 
     def _require_no_more(self) -> None:
         if self._frames or self._answers.rest:
@@ -163,8 +169,9 @@ class ClientLink(HubLink):
         limit_s = longest_move_s + self._timeout_s
         answer = self._wait_for(lambda _: True, self._sent_s + limit_s - self.now_s())
         if not isinstance(answer, DataFrame):
-            problem = f"{self.program.name} sent {len(self._answers.rest)} bytes and no answer '{self._client.answer}'"
-            raise self._timeout_error(problem, limit_s)
+            sent = f"{len(self._answers.rest)} bytes and no answer '{self._client.answer}'"
+            remedy = "let it answer each command, and look whether the hub is on and near"
+            raise HubTimeoutError(f"{self.program.name} sent {sent} within {limit_s:g} s; {remedy}")
         self._require_no_more()
         round_trip_s, running_s = self.now_s() - self._sent_s, self.now_s() - self._started_s
         self.statistics.record(round_trip_s, 0.0)

@@ -14,7 +14,7 @@ from bricksrl.agents.settings import OffPolicySettings
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.task import Mirror, mirrors
-from bricksrl.envs.transforms import layout_of
+from bricksrl.envs.transforms import keeps_actions, layout_of
 
 
 class MirrorRows(Transform):  # type: ignore[misc]
@@ -41,7 +41,7 @@ class MirrorRows(Transform):  # type: ignore[misc]
 def augmentations(env: EnvBase, settings: OffPolicySettings) -> Iterator[Transform]:
     """The augmentations of the settings for an environment."""
     task, layout = interface_of(env).task, layout_of(env)
-    if settings.mirror and task is not None and task.symmetric:
+    if settings.mirror and task is not None and task.symmetric and keeps_actions(env):
         observation, action = mirrors(task)
         seen = behind_transforms(observation, [entry.name for entry in task.entries], layout)
         if seen is not None:

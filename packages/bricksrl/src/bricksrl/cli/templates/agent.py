@@ -28,8 +28,8 @@ def build(env: EnvBase, settings: Settings, device: str = "cpu") -> learner.Lear
     """The algorithm in an environment: networks, loss, optimiser, replay buffer."""
     # Networks: features of the observation, the actor, and a critic of observation and action.
     features, actions = encoder.make_encoder(env, settings), networks.action_size(env)
-    body = networks.make_body(settings, features.size, actions, layer_norm=True)
-    critic = operators.critic_operator(features, networks.make_body(settings, features.size + actions, 1, layer_norm=True))
+    body = networks.make_body(settings, features.size, actions, norm="layer")
+    critic = operators.critic_operator(features, networks.make_body(settings, features.size + actions, 1, norm="layer"))
     actor, policy = networks.deterministic_policy(features, body, networks.action_spec(env), noise=settings.noise)
 
     # The loss is any LossModule of TorchRL's or of your own; the target networks follow slowly.

@@ -15,7 +15,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from brickhub.entry import Entry
-from brickhub.fields import check_fields
+from brickhub.fields import check_arguments, check_fields
+from brickhub.user_files import line_of_user
 from bricksrl.errors import DescriptionError, SensorError, message_of
 from bricktwin.twin.scene import Scene
 
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
     import numpy as np
 
     from bricktwin.twin.mujoco_body import Pose
+
+
+_LARGEST = 3.4e38
+"""Of single precision."""
 
 
 class Device(Protocol):
@@ -85,6 +90,9 @@ class HostSensor:
             raise DescriptionError(f"sensor '{self.name}': give a name of letters and digits, and either entries or image_px")
         if not (self.rate_hz > 0 and self.patience_s > 0):
             raise DescriptionError(f"sensor '{self.name}': give a rate and a patience above 0")
+        check_arguments(f"open of sensor '{self.name}'", self.open, ())
+        if self.twin is not None:
+            check_arguments(f"twin of sensor '{self.name}'", self.twin, ("world",))
 
     @property
     def observed_entries(self) -> tuple[Entry, ...]:
@@ -99,10 +107,10 @@ class HostSensor:
                 raise SensorError(f"sensor '{self.name}' gives no image of {self.image_px} x {self.image_px} px in three colors")
             return reading
         try:
-            values = tuple(map(float, reading))
+            values = () if isinstance(reading, str | bytes) else tuple(map(float, reading))
         except (TypeError, ValueError):
             values = ()
-        if len(values) != len(self.entries) or not all(map(math.isfinite, values)):
+        if len(values) != len(self.entries) or not all(abs(value) <= _LARGEST for value in values):
             expected = ", ".join(entry.name for entry in self.entries)
             given = list(values) or reprlib.repr(reading)
             raise SensorError(f"sensor '{self.name}' gives {given}; let it give a number each for {expected}")
@@ -186,7 +194,8 @@ class ThreadReader:
         except SensorError as error:
             self._error = error
         except BaseException as error:  # noqa: BLE001 - a device of the user's may raise anything
-            self._error = SensorError(f"sensor '{self.sensor.name}' failed ({message_of(error, typed=True)}); plug it in")
+            what = f"{message_of(error, typed=True)}{line_of_user(error)}"
+            self._error = SensorError(f"sensor '{self.sensor.name}' failed ({what}); plug it in, or correct it")
         is_over.set()
         has_come.set()
 

@@ -14,13 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 from brickhub.seed import derive_seed
 from bricksrl.child_process import ChildProcess, Message
-from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.specs import SPECS, SpecsEnv
 from bricksrl.errors import LearnerError, RunError
 from bricksrl.training.callbacks import RobotState
+from bricksrl.training.restore import stand_in
 
 if TYPE_CHECKING:
     from torch import Tensor
+    from torchrl.envs import EnvBase
 
     from bricksrl.envs.connection import Placement
     from bricksrl.training.config import TrainConfig
@@ -74,6 +76,25 @@ def members_of(config: TrainConfig) -> list[Member]:
     return [Member(name, number, hub) for number, (name, hub) in enumerate(zip(names, hubs, strict=True))]
 
 
+def make_fleet(config: TrainConfig, place: Placement | None = None) -> EnvBase:
+    """The robots of a config, behind its transforms: what these draw, such as statistics, is drawn once, on a virtual robot.
+    ``place``: as of `Fleet`. Raises RunError if robots of this kind, or with these transforms, cannot learn together,
+    UnknownNameError if there is no such environment or hub."""
+    from brickhub.hub.transports.address import parse_hub
+    from bricksrl.envs.registry import is_simulation
+    from bricksrl.envs.transforms import layout_of, over, runs_on
+
+    if is_simulation(config.env):
+        raise RunError(f"{config.env} is a simulation without a robot; train copies of it with num_envs")
+    for hub in config.hubs:
+        parse_hub(hub)
+    env = stand_in(config)
+    layout_of(env)  # raises where a transform fails
+    if runs_on(env):
+        raise RunError("the robots of a fleet would have different statistics; give --normalize, or omit the transform")
+    return over(env, Fleet(config, env, place))
+
+
 class Fleet(SpecsEnv):
     """Several robots of one kind: common specs and task, and their processes.
 
@@ -81,29 +102,18 @@ class Fleet(SpecsEnv):
 
     Args:
         config: of the run.
+        env: environment of one of them.
         place: places a real robot at the start position; called for one robot at a time.
 
-    Raises:
-        RunError: robots of this kind cannot learn together.
-        UnknownNameError: there is no such environment or hub.
+    Attributes:
+        kept: what the transforms of the run keep, for the processes.
     """
 
-    def __init__(self, config: TrainConfig, place: Placement | None = None) -> None:
-        from brickhub.hub.transports.address import parse_hub
-        from bricksrl.envs.registry import is_simulation, make
-        from bricksrl.envs.transforms import RUNNING, layout_of, prepare, transforms_of
+    def __init__(self, config: TrainConfig, env: EnvBase, place: Placement | None = None) -> None:
+        from bricksrl.envs.transforms import base_of
 
-        if is_simulation(config.env):
-            raise RunError(f"{config.env} is a simulation without a robot; train copies of it with num_envs")
-        for hub in config.hubs:
-            parse_hub(hub)
-        env = make(config.env, replace(EnvOptions(), options=config.options, **config.transforms))
-        prepare(env)
-        if any(isinstance(transform, RUNNING) and not transform.frozen for transform in transforms_of(env)):
-            raise RunError("the robots of a fleet would have different statistics; give --normalize, or omit the transform")
-        super().__init__({name: getattr(env, name).clone() for name in SPECS}, env.task, layout_of(env))
-        env.close(raise_if_closed=False)
-        self.config, self.members = config, members_of(config)
+        super().__init__({name: getattr(base_of(env), name).clone() for name in SPECS}, interface_of(env).task)
+        self.config, self.members, self.kept = config, members_of(config), dict[str, Any]()
         self.robots = len(self.members)
         self.events: SimpleQueue[Event] = SimpleQueue()
         self.is_paced = config.hub == "virtual" and not config.realtime
@@ -163,6 +173,7 @@ class Fleet(SpecsEnv):
         begin = {
             "config": robot_config.to_dict(),
             "seed": derive_seed(self.config.seed, f"robot {member.name}", member.deaths),
+            "transforms": self.kept,
             "is_recorded": self.config.record,
             "is_paced": self.is_paced,
             "is_placed": self._place is not None,

@@ -9,6 +9,7 @@ from typing import Any
 
 from tensordict import TensorDict
 
+from bricksrl.envs.transforms import base_of, transform_state
 from bricksrl.errors import HubError, RunError
 from bricksrl.training.callbacks import Episode, Phase, RobotState
 from bricksrl.training.fleet.fleet_robots import Event, Fleet, Member
@@ -41,7 +42,9 @@ class FleetRobots(Source):
             return
         self._is_started = True
         self.learner.end_episodes()  # those that ran when the fleet was stopped do not go on
-        self.env.start()
+        robots = base_of(self.env)
+        robots.kept = transform_state(self.env)
+        robots.start()
         self._send_weights()
 
     def events(self) -> Iterator[Moved | Ended | None]:

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 from brickhub.user_files import line_of_user
 from bricksrl.child_process import END, Message, leave, parent_channel
-from bricksrl.envs.env_interface import BricksEnv, interface_of
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.registry import make
+from bricksrl.envs.transforms import load_transform_state, over
 from bricksrl.errors import StoppedError, message_of
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.restore import make_learner_for
+from bricksrl.training.restore import make_learner_for, stand_in
 
 if TYPE_CHECKING:
     import numpy as np
@@ -88,10 +89,11 @@ class Worker:
         torch.set_num_threads(1)
         config = TrainConfig.from_dict(begin["config"])
         torch.manual_seed(begin["seed"])
-        env = make(config.env, config, seed=config.seed, place=self._place if begin["is_placed"] else None)
+        robot: Any = make(config.env, config.as_it_is(), seed=config.seed, place=self._place if begin["is_placed"] else None)
+        env = over(stand_in(config), robot) if config.is_transformed else robot  # what is drawn, no real robot is moved for
+        load_transform_state(env, begin["transforms"])
         actor = make_learner_for(config, env, device="cpu")
         actor.weights = self._weights
-        robot: Any = interface_of(env)  # none of a transform's attributes
         robot.reconnect.patience_s, robot.reconnect.wait = float("inf"), self._wait
         robot.reconnect.on_error = lambda error: self.send("out", str(error))
         robot.in_reach = lambda: time.monotonic() >= self._cut_until_s
