@@ -58,7 +58,7 @@ from bricktwin.twin.system_id import fit
 EPISODES, LATER = 5, 2
 """Episodes of an evaluation; of 100 steps, in a world after the nominal twin."""
 SAC_EPISODES, COMMANDS = 40, 160
-"""Episodes of SAC in drawn worlds; commands of the motion to which a twin is fitted, in 12 s of the robot's time."""
+"""Episodes of SAC in drawn worlds; commands of the motion to which a twin is fitted, in 22 s of the robot's time."""
 DRAWN = {f"drawn {number}": physics for number, physics in enumerate(drawn_twins(3), 1)}
 WORLDS = OUTSIDE | DRAWN
 SPREAD, HOPES, HOPE = 300, 100, 1.0
