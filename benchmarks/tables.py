@@ -279,17 +279,17 @@ def teachers(result: Result) -> str:
 
 
 def worlds(result: Result) -> str:
-    """Gaits in other worlds, and the time of a step."""
-    rows = [
-        [
-            *(name, number(row["best"]), number(statistics.fmean(row["before"])), number(statistics.fmean(row["after"]))),
-            f"{row['gain']:+.1f} ± {row['standard_error']:.1f}",
-        ]
-        for name, row in result["worlds"].items()
-    ]
-    share = result["regained"] / result["lost"] if result["lost"] else 1.0
-    rows.append(["all: lost, regained", f"{result['lost']:.1f}", "", f"{result['regained']:.1f}", percent(share)])
-    found = table(["world", "best of 400 trials there", "nominal gait", "after 60 s there", "gain"], rows)
+    """What each way makes of other worlds, and the time of a step."""
+    names = {"gait": "gait", "sac": "SAC", "conditioned": "SAC, told the physics", "fitted": "gait, in a fitted twin"}
+    measured = {**result["worlds"], **result["drawn"]}
+    ways = [way for way in names if any(_adapted(_part(row, way)) for row in measured.values())]
+    rows = [[name, number(row["best"]), *(_adapted(_part(row, way)) for way in ways)] for name, row in measured.items()]
+    sums = [f"{part['lost']:.1f} lost, {part['regained']:.1f} regained" if part else "" for part in map(result["ways"].get, ways)]
+    rows.insert(len(result["worlds"]), ["these in all", "", *sums])
+    seeds = {way: max(len(_part(row, way).get("before", ())) for row in measured.values()) for way in ways}
+    heads = [f"{names[way]}, {seeds[way]} seeds" for way in ways]
+    found = table(["world", "best of 400 trials there", *heads], rows)
+    found = f"Returns before and after 60 s there, and the gain with its standard error, over the seeds:\n\n{found}"
     if not result["steps"]:
         return found
     times = list(dict.fromkeys(row["step_ms"] for row in result["steps"]))
@@ -297,6 +297,20 @@ def worlds(result: Result) -> str:
     links = dict.fromkeys(row["link"] for row in result["steps"])
     steps = table(["link", *(f"{ms} ms" for ms in times)], [[link, *(speeds[link, ms] for ms in times)] for link in links])
     return f"{found}\nSpeed in mm/s of a gait by the time of a step, `--option step_ms=...`, over each link:\n\n{steps}"
+
+
+def _part(row: Result, way: str) -> Result:
+    """The results of a way in a world; those of the gait are in the row itself."""
+    part: Result = row if way == "gait" else row.get(way, {})
+    return part
+
+
+def _adapted(part: Result) -> str:
+    """The mean returns before and after, and the gain; empty where nothing was measured."""
+    if "gain" not in part:
+        return ""
+    before, after = (number(statistics.fmean(part[when])) for when in ("before", "after"))
+    return f"{before} → {after} ({part['gain']:+.1f} ± {part['standard_error']:.1f})"
 
 
 def updates(result: Result) -> str:
@@ -624,7 +638,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "race": ("Race to a return of -20 on WalkerSim-v0, start-up included", race),
     "other_library": ("Stable-Baselines3's SAC on Walker-v1, by the example of the page on other libraries", other_library),
     "gait": ("Gaits by policy search, and policies on the hub alone", gait),
-    "worlds": ("Gaits in other worlds, and the time of a step", worlds),
+    "worlds": ("A minute in other worlds, and the time of a step", worlds),
     "camera_learning": ("The camera task", camera),
     "transforms_camera": ("The camera task through 64 numbers of a random convolution", transforms_camera),
     "seeds": ("Five seeds at once: parallel processes or stacked networks", seeds),

@@ -1,38 +1,66 @@
-"""Other worlds: gaits found on the nominal twin, in worlds outside of all drawn ones, and after a minute of search there.
+"""Other worlds: what was learned on the twin, in worlds outside of all drawn ones and in drawn ones, and after a minute there.
 
     python -m benchmarks worlds
+    python -m benchmarks worlds --ways sac conditioned --steps-ms
 
-Each seed searches for 300 robot steps on the nominal twin, and goes on from there for 60 s of robot time in each world, as
-`bricksrl train Walker-v1 --agent gait --from RUN` does. What can be had in a world is the best of 400 trials there: three
-quarters spread over all numbers, the others where the Gaussian process of the first ones has its highest hopes. All gaits are
-evaluated in the same five episodes.
+Each seed of a way learns once, and goes on from there for 60 s of robot time in each world, as `bricksrl train --from RUN` does:
+
+==============  ========================================  =====================================================================
+way             learns before                             in a world
+==============  ========================================  =====================================================================
+gait            300 robot steps on the nominal twin       searches on
+sac             40 episodes in drawn worlds               learns on
+conditioned     40 episodes in drawn worlds, told their   searches the numbers of the physics that the policy is told, after
+                physics, see `benchmarks.conditioned`     300 robot steps of that on the nominal twin
+fitted          as gait                                   fits a twin to its motion there, and searches on in that twin
+==============  ========================================  =====================================================================
+
+What can be had in a world is the best of 400 trials of gaits there: three quarters spread over all numbers, the others where the
+Gaussian process of the first ones has its highest hopes. All are evaluated in the same five episodes. Earlier results of other
+ways and worlds stay.
 
 And which time of a step suits which Bluetooth link: the speed of gaits that were searched for 75 s of robot time.
 """
 
 from __future__ import annotations
 
+import shutil
 import tempfile
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from statistics import fmean, stdev
 from typing import Any
 
+import numpy as np
 from tensordict.nn import TensorDictModule
 
 import bricksrl
+from benchmarks.conditioned import conditioned
 from benchmarks.gait import SEED, STEPS, WALKER
 from benchmarks.session import Session
-from benchmarks.study_tables import OUTSIDE
+from benchmarks.study_tables import OUTSIDE, drawn_twins
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.target import whole_interface
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.agents import make_learner, preset
 from bricksrl.agents.search.gait import Posterior, embedded
+from bricksrl.envs.registry import get_task
 from bricksrl.envs.rollout import play, play_episodes, seed_episode
 from bricksrl.evaluation import evaluate
-from bricksrl.training import TrainConfig, train
+from bricksrl.training import RunFolder, TrainConfig, train
+from bricktwin.twin.make_body import make_body
+from bricktwin.twin.motion_log import identification_commands, record
+from bricktwin.twin.physics import Physics
+from bricktwin.twin.system_id import fit
 
 EPISODES, LATER = 5, 2
 """Episodes of an evaluation; of 100 steps, in a world after the nominal twin."""
+SAC_EPISODES, COMMANDS = 40, 160
+"""Episodes of SAC in drawn worlds; commands of the motion to which a twin is fitted, in 22 s of the robot's time."""
+DRAWN = {f"drawn {number}": physics for number, physics in enumerate(drawn_twins(3), 1)}
+WORLDS = OUTSIDE | DRAWN
 SPREAD, HOPES, HOPE = 300, 100, 1.0
 """Trials in a world that are spread over all numbers, and those where the process hopes; standard deviations of hope."""
 LINKS, STEPS_MS = ("mac", "linux", "bad-room"), (250, 150, 100, 60)
@@ -40,24 +68,63 @@ SEARCH_MS, TRIAL_MS, SETTLE_MS = 75_000, 2_500, 1_000
 """Time of a search, of a trial, and of its first part, which does not count."""
 
 
-def adapted(seed: int) -> dict[str, tuple[float, float]]:
-    """Return in each world of the gait of the nominal twin, and of the one after a minute there."""
-    found = {}
+def gait(seed: int, *_: Any) -> TrainConfig:
+    """A gait of the nominal twin."""
+    return TrainConfig(WALKER, "gait", STEPS // 100, seed, record=False)
+
+
+def sac(seed: int, episodes: int, _: Path) -> TrainConfig:
+    """SAC in drawn worlds."""
+    return TrainConfig(WALKER, "sac", episodes, seed, randomize=True, record=False)
+
+
+WAYS: dict[str, Callable[[int, int, Path], TrainConfig]] = {"gait": gait, "sac": sac, "conditioned": conditioned, "fitted": gait}
+"""What a way learns before: the run of a seed, with so many episodes of SAC; the folder is for what comes before it."""
+
+
+def prepared(way: str, runs: str, episodes: int, seed: int) -> str:
+    """The run of a seed from which a way goes on, in a folder of ``runs``."""
+    folder = Path(runs) / f"{way}-{seed}"
+    shutil.rmtree(folder, ignore_errors=True)  # of an interrupted run
+    folder.mkdir(parents=True)
+    train(replace(WAYS[way](seed, episodes, folder), run_dir=folder / "run"))
+    return str(folder / "run")
+
+
+def adapted(way: str, runs: str, world: str, twin: dict[str, float] | None, seed: int) -> tuple[float, float]:
+    """Return in a world of a seed's run, and of the same after a minute there, or after as many steps in a twin of it."""
+    start, physics = Path(runs) / f"{way}-{seed}" / "run", WORLDS[world]
+    place = physics if twin is None else Physics(**twin)
+    config = replace(RunFolder(start).read_config(), episodes=LATER, randomize=False, physics=place, start=str(start))
     with tempfile.TemporaryDirectory() as parent:
-        nominal = Path(parent) / "nominal"
-        train(TrainConfig(WALKER, "gait", STEPS // 100, seed, record=False, run_dir=nominal))
-        for number, (world, physics) in enumerate(OUTSIDE.items()):
-            run = Path(parent) / str(number)
-            train(TrainConfig(WALKER, "gait", LATER, seed, physics=physics, start=str(nominal), record=False, run_dir=run))
-            before, after = (evaluate(path, episodes=EPISODES, seed=SEED, save=False, physics=physics) for path in (nominal, run))
-            found[world] = before.return_mean, after.return_mean
-    return found
+        run = Path(parent) / "run"
+        train(replace(config, run_dir=run))
+        before, after = (evaluate(path, episodes=EPISODES, seed=SEED, save=False, physics=physics) for path in (start, run))
+    return before.return_mean, after.return_mean
+
+
+def fitted_twin(world: str) -> dict[str, float]:
+    """Physics of a twin that is fitted to the motion of a robot in a world, as `bricktwin twin record` and `twin fit` do it."""
+    robot = get_task(WALKER).robot
+    interface = whole_interface(robot)
+    commands = identification_commands(interface, COMMANDS, np.random.default_rng(SEED))
+    with HubLink(VirtualHub(make_body(robot, physics=WORLDS[world], seed=SEED)), robot, interface) as link:
+        log = record(link, robot, interface, commands)
+    return asdict(fit(log, robot=robot).physics)
+
+
+def gains(seeds: Sequence[tuple[float, float]]) -> dict[str, Any]:
+    """The returns before and after of each seed, the mean gain and its standard error."""
+    differences = [after - before for before, after in seeds]
+    error = stdev(differences) / len(differences) ** 0.5 if len(differences) > 1 else 0.0
+    before, after = ([pair[place] for pair in seeds] for place in (0, 1))
+    return {"before": before, "after": after, "gain": fmean(differences), "standard_error": error}
 
 
 def best_of_many(world: str) -> float:
     """Return of the best of 400 trials in a world."""
     settings = replace(preset("default", "gait"), random_trials=SPREAD)
-    with closing(bricksrl.make(WALKER, seed=0, physics=OUTSIDE[world])) as env:
+    with closing(bricksrl.make(WALKER, seed=0, physics=WORLDS[world])) as env:
         search: Any = make_learner("gait", env, settings)
         entries, plan, episode = search.actor.structure.numbers, list(search.start), 0
         while len(search.scores) < SPREAD + HOPES:
@@ -99,20 +166,45 @@ def stepped(link: str, step_ms: int) -> dict[str, Any]:
 def main(session: Session) -> None:
     """Measure, and write."""
     session.parser.add_argument("--seeds", type=int, default=5)
-    session.parser.add_argument("--worlds", nargs="+", default=list(OUTSIDE), choices=list(OUTSIDE), metavar="WORLD")
+    session.parser.add_argument("--ways", nargs="+", default=list(WAYS), choices=list(WAYS))
+    session.parser.add_argument("--episodes", type=int, default=SAC_EPISODES, help="of SAC in drawn worlds")
+    session.parser.add_argument("--worlds", nargs="+", default=list(WORLDS), choices=list(WORLDS), metavar="WORLD")
     session.parser.add_argument("--steps-ms", type=int, nargs="*", default=list(STEPS_MS))
     args = session.parse()
-    bests = list(session.outcomes(best_of_many, {f"best-{world.replace(' ', '-')}": (world,) for world in args.worlds}))
-    seeds = list(session.outcomes(adapted, {f"seed-{seed}": (seed,) for seed in range(args.seeds)}))
-    rows = {}
-    for world, best in zip(args.worlds, bests, strict=True):
-        before, after = ([one[world][place] for one in seeds] for place in (0, 1))
-        gains = [late - early for early, late in zip(before, after, strict=True)]
-        error = stdev(gains) / len(gains) ** 0.5 if len(gains) > 1 else 0.0
-        rows[world] = {"best": best, "before": before, "after": after, "gain": fmean(gains), "standard_error": error}
-    lost = sum(row["best"] - fmean(row["before"]) for row in rows.values())
-    gained = sum(row["gain"] for row in rows.values())
+    known = session.known()
+    rows: dict[str, Any] = {**known.get("worlds", {}), **known.get("drawn", {})}
+    unknown = [world for world in args.worlds if "gait" in args.ways or world not in rows]
+    bests = session.outcomes(best_of_many, {f"best-{_name(world)}": (world,) for world in unknown})
+    for world, best in zip(unknown, bests, strict=True):
+        rows[world] = {**rows.get(world, {}), "best": best}
+    runs = str(session.folder / "runs")
+    for way in args.ways:
+        session.by_seed(prepared, {way: (way, runs, args.episodes)}, args.seeds)
+        fits = {f"fit-{_name(world)}": (world,) for world in args.worlds if way == "fitted"}
+        twins = list(session.outcomes(fitted_twin, fits)) or [None] * len(args.worlds)
+        cells = {f"{way}-{_name(one)}": (way, runs, one, twin) for one, twin in zip(args.worlds, twins, strict=True)}
+        for world, seeds in zip(args.worlds, session.by_seed(adapted, cells, args.seeds).values(), strict=True):
+            rows[world] |= gains(seeds) if way == "gait" else {way: gains(seeds)}
     links = {f"step-{link}-{step_ms}": (link, step_ms) for link in LINKS for step_ms in args.steps_ms}
-    session.write(
-        {"env": WALKER, "worlds": rows, "lost": lost, "regained": gained, "steps": list(session.outcomes(stepped, links))}
-    )
+    outside = {world: row for world, row in rows.items() if world in OUTSIDE}
+    steps = list(session.outcomes(stepped, links)) or known.get("steps", [])
+    drawn = {world: row for world, row in rows.items() if world in DRAWN}
+    ways = {way: totals(outside.values(), way) for way in WAYS if all(_of(row, way) for row in outside.values())}
+    session.write({"env": WALKER, "worlds": outside, **ways.get("gait", {}), "ways": ways, "drawn": drawn, "steps": steps})
+
+
+def totals(rows: Iterable[dict[str, Any]], way: str) -> dict[str, float]:
+    """What a way loses in worlds, beside the best of them, and what it regains."""
+    parts = [(row["best"], _of(row, way)) for row in rows]
+    lost = sum(best - fmean(part["before"]) for best, part in parts)
+    return {"lost": lost, "regained": sum(part["gain"] for _, part in parts)}
+
+
+def _of(row: dict[str, Any], way: str) -> dict[str, Any]:
+    """The results of a way in a world, empty if there are none; those of the gait are in the row itself."""
+    part: dict[str, Any] = row.get(way, {}) if way != "gait" else row if "gain" in row else {}
+    return part
+
+
+def _name(world: str) -> str:
+    return world.replace(" ", "-")
