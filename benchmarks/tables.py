@@ -313,6 +313,24 @@ def _adapted(part: Result) -> str:
     return f"{before} → {after} ({part['gain']:+.1f} ± {part['standard_error']:.1f})"
 
 
+def step_times(result: Result) -> str:
+    """Gaits by the time of a step, streamed or not, and SAC after five minutes."""
+    times, rows = list(dict.fromkeys(row["step_ms"] for row in result["gaits"])), []
+    for streaming, way in ((False, "with an exchange for each"), (True, "streamed")):
+        found = [row for row in result["gaits"] if row["streaming"] is streaming]
+        rows.append([way, *(f"{1000 * row['speed_m_s']:.0f} ({row['really_ms']:.0f})" for row in found)])
+    gaits = table(["steps", *(f"{ms} ms" for ms in times)], rows)
+    learned = []
+    for marks in zip(*(run["marks"] for run in result["sac"]), strict=True):
+        walked_s, whole_s, speeds = ([mark[key] for mark in marks] for key in ("walked_s", "with_resets_s", "speed_m_s"))
+        spread = f"{1000 * statistics.fmean(speeds):.0f} ({1000 * min(speeds):.0f} to {1000 * max(speeds):.0f})"
+        times_s = (f"{statistics.fmean(each):.0f} s" for each in (walked_s, whole_s))
+        learned.append([str(marks[0]["steps"]), *times_s, str(len(marks)), spread])
+    after = table(["robot steps", "walked for", "with resets", "seeds", "mm/s: mean (range)"], learned)
+    told = f"SAC from nothing, streamed steps of {result['step_ms']} ms, heading and last commands observed"
+    return f"Gaits, mm/s (and ms that a step really takes):\n\n{gaits}\n{told}:\n\n{after}"
+
+
 def updates(result: Result) -> str:
     """CPU milliseconds per update."""
     rows = []
@@ -639,6 +657,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "other_library": ("Stable-Baselines3's SAC on Walker-v1, by the example of the page on other libraries", other_library),
     "gait": ("Gaits by policy search, and policies on the hub alone", gait),
     "worlds": ("A minute in other worlds, and the time of a step", worlds),
+    "step_times": ("Streamed steps: gaits, and SAC after five minutes", step_times),
     "camera_learning": ("The camera task", camera),
     "transforms_camera": ("The camera task through 64 numbers of a random convolution", transforms_camera),
     "seeds": ("Five seeds at once: parallel processes or stacked networks", seeds),
