@@ -1,7 +1,5 @@
 """Entries of vectors: single numbers of an observation or an action."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Exceptions, all derived from one. Each message is one line: what happened, and what to do."""
 
-from __future__ import annotations
-
 import difflib
 import enum
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Checks of a user's values: dataclass fields against their annotations, functions against the arguments that they get."""
 
-from __future__ import annotations
-
 import enum
 import inspect
 import math

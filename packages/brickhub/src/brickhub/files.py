@@ -1,7 +1,5 @@
 """Durable files: written completely or not at all, and on the disk when the call returns. Locks of folders."""
 
-from __future__ import annotations
-
 import contextlib
 import difflib
 import errno

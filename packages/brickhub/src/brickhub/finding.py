@@ -1,7 +1,5 @@
 """Findings of checks of a hub program, a building plan, a robot, an environment or this computer."""
 
-from __future__ import annotations
-
 import enum
 from dataclasses import dataclass
 

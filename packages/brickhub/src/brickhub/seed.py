@@ -1,7 +1,5 @@
 """Seeds: the range that all random generators accept, and derived seeds."""
 
-from __future__ import annotations
-
 import hashlib
 
 from brickhub.errors import DescriptionError

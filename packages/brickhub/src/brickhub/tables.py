@@ -1,7 +1,5 @@
 """Tables of this package: CSV files with comments."""
 
-from __future__ import annotations
-
 import csv
 from importlib import resources
 

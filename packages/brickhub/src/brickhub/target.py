@@ -4,8 +4,6 @@ A house to the right that knows more names than the user's files (robots, plans,
 point of the group ``brickhub.target``, and asks the one of the house before for what it does not know.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass

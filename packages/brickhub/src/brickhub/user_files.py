@@ -1,7 +1,5 @@
 """Loading of objects from the user's code: ``my_robot.py``, ``my_robot.py:ROBOT``, ``package.module:ROBOT``."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import importlib.util

@@ -1,7 +1,5 @@
 """Child processes, with messages over a pipe in each direction. Importing this loads no torch."""
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import io

@@ -1,7 +1,5 @@
 """Matplotlib without a window."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import os

@@ -4,8 +4,6 @@ A result is made anew when anything of that changes: its sources, a line of our 
 the kind of processor, on which the last digits depend. Where nothing can be written, it is made each time.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import enum

@@ -1,7 +1,5 @@
 """Targets with a body: our robots, robots in the user's files, and building plans."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

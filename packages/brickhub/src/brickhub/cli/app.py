@@ -1,7 +1,5 @@
 """Tree of commands, their errors, and the words of argument errors."""
 
-from __future__ import annotations
-
 import ast
 import errno
 import importlib.util

@@ -1,7 +1,5 @@
 """``brickhub doctor``: check of this computer for everything that a hub needs."""
 
-from __future__ import annotations
-
 import itertools
 import platform
 import threading

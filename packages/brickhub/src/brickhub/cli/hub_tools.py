@@ -1,7 +1,5 @@
 """Tools for a hub, real or virtual: scan, program, stop, latency, check, calibrate."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from dataclasses import dataclass

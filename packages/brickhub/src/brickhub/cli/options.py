@@ -1,7 +1,5 @@
 """Command-line options, for all commands: their annotations, the refusal of ignored options."""
 
-from __future__ import annotations
-
 import dataclasses
 import typing
 from collections.abc import Callable, Container, Iterator

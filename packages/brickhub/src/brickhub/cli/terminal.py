@@ -1,7 +1,5 @@
 """Terminal: results on standard output, all other lines and questions on standard error."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterable

@@ -4,8 +4,6 @@ An ``Interface`` and a ``Robot`` determine the hub program, the wire format and 
 the units of their names; the wire carries int16 fixed-point numbers.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import ClassVar

@@ -6,8 +6,6 @@ one at a time, whose number is that of the command plus 1, or a notification, wh
 estimated, as docs/kits.md tells.
 """
 
-from __future__ import annotations
-
 import enum
 import struct
 from collections.abc import Iterable, Iterator

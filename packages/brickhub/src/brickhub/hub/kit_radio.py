@@ -3,8 +3,6 @@
 The package ``legoeducation`` is optional: its licence, BUSL-1.1, permits non-commercial use.
 """
 
-from __future__ import annotations
-
 import concurrent.futures
 import importlib
 import logging

@@ -6,8 +6,6 @@ Control frame: ``A5 00 kind payload crc8``, ``kind`` one ASCII byte with a fixed
 data frames follow from the ``Interface``. ``program/generate.py`` generates the hub's side from these definitions.
 """
 
-from __future__ import annotations
-
 import enum
 import operator
 import struct

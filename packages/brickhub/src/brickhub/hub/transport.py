@@ -1,7 +1,5 @@
 """Transport: the byte stream between this computer and a program on a hub."""
 
-from __future__ import annotations
-
 import enum
 from dataclasses import dataclass
 from typing import Protocol

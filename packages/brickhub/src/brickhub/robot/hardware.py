@@ -4,8 +4,6 @@ Sources: Pybricks 4, its documentation, the configurations of its firmware (``br
 (``lego_device_type_id_t``); sizes of stacks and frames from the firmware compiled for each hub with GCC 12 and ``-fstack-usage``.
 """
 
-from __future__ import annotations
-
 import enum
 from dataclasses import dataclass, replace
 from typing import Any, Self

@@ -1,7 +1,5 @@
 """Description of a LEGO robot: hub, ports, motors, sensors, drive base. Pure, frozen, validated data."""
 
-from __future__ import annotations
-
 import enum
 import functools
 import math

@@ -4,8 +4,6 @@ The motor model is that of the firmware's test build (``motor_driver_virtual_sim
 of 1 ms with the states angle, speed and current, used for every kind of motor. It brakes also when it should coast.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping

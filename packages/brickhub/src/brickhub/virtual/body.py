@@ -1,7 +1,5 @@
 """Body of a virtual robot: the interface between hub and physics."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 from brickhub.hub.link.profiles import LinkProfile

@@ -1,8 +1,6 @@
 """Text of what is on the bench: sensor readings (``B=red``, ``B=200mm``), constant or over time from a file, end stops
 (``C=-90..120``), and the devices on the ports (``A=interactive``)."""
 
-from __future__ import annotations
-
 import bisect
 import math
 import re

@@ -1,7 +1,5 @@
 """Interpreter of hub programs on CPython, with the behaviour of a hub's MicroPython."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from types import MappingProxyType, ModuleType
 from typing import Any

@@ -3,8 +3,6 @@
 Motors are controlled as the firmware of a hub does. What LEGO does not publish is estimated, as docs/kits.md tells.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass

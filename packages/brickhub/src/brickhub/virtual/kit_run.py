@@ -1,7 +1,5 @@
 """Running programs for LEGO's package ``legoeducation`` on virtual devices."""
 
-from __future__ import annotations
-
 import sys
 import time
 import traceback

@@ -4,8 +4,6 @@ Importing this module needs the package (extra ``legoeducation``; BUSL-1.1), whi
 once this transport is registered. Its coroutines run in the package's own thread.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, ClassVar
 

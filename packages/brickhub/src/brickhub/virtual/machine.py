@@ -4,8 +4,6 @@ Time is a whole number of milliseconds and passes only in methods of :class:`Mac
 time.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable, Iterator

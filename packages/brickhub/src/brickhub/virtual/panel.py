@@ -3,8 +3,6 @@
 Buttons are pressed by a script (``Press``, at a simulated time), or from Python and by keys while the program runs.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """Running program files on a virtual hub."""
 
-from __future__ import annotations
-
 import ast
 import re
 import signal

@@ -1,7 +1,5 @@
 """Log of a run: what each motor and sensor of a virtual hub did over time."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

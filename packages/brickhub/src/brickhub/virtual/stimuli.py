@@ -1,7 +1,5 @@
 """Stimuli: what sensors sense, before the firmware turns it into values."""
 
-from __future__ import annotations
-
 import colorsys
 from collections.abc import Callable, Mapping
 

@@ -5,8 +5,6 @@ in the thread that calls :meth:`VirtualKit.run` or :meth:`VirtualKit.sleep`. Sim
 for a command or in a sleep. So a run is reproducible; a program that does neither for a while sees time pass as in reality.
 """
 
-from __future__ import annotations
-
 import asyncio
 import concurrent.futures
 import threading
@@ -36,7 +34,7 @@ class Peer:
     They travel at connection events. ``lost_ms``: simulated time since which nothing gets through. ``seed``: of their delays.
     """
 
-    def __init__(self, kit: VirtualKit, device: KitDevice, seed: int) -> None:
+    def __init__(self, kit: "VirtualKit", device: KitDevice, seed: int) -> None:
         self.device, self.name, self.address = device, device.name, device.address
         self._kit, self._radio = kit, Radio(seed)
         self._down: deque[tuple[float, bytes]] = deque()

@@ -4,8 +4,6 @@ The program is a greenlet that runs only while the host waits: no threads, repro
 body's link says: at connection events, as over Bluetooth.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import random
@@ -90,7 +88,7 @@ class Radio:
 class _Wire:
     """Standard streams of the program, with bytes in transit to the host."""
 
-    def __init__(self, hub: VirtualHub) -> None:
+    def __init__(self, hub: "VirtualHub") -> None:
         model = hub.robot.hub.model
         self._hub = hub
         self._capacity = max(model.stdin_bytes, model.packet_bytes) if hub.machine.firmware.takes_packets else model.stdin_bytes

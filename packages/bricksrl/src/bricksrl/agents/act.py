@@ -3,8 +3,6 @@
 A chunk is the actions of several steps, predicted together; the diffusion policy has the same.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Any
 

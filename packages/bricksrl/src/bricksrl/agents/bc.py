@@ -1,7 +1,5 @@
 """Behaviour cloning with TorchRL's loss."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated

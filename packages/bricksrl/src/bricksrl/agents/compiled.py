@@ -5,8 +5,6 @@ CUDA the graph is a CUDA graph. On the CPU noise comes from torch's generator, w
 reproducible, but differ from eager ones.
 """
 
-from __future__ import annotations
-
 import traceback
 from typing import Any
 

@@ -9,8 +9,6 @@ gradient. The gradient of a soft maximum is the mean of gradients under its weig
 an unbiased estimate at less than half of the cost.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated

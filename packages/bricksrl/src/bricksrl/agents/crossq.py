@@ -1,7 +1,5 @@
 """CrossQ (Bhatt et al., 2024): SAC with batch normalisation instead of target critics."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 

@@ -1,7 +1,5 @@
 """Diffusion policy (Chi et al., 2023): imitation by denoising action chunks, with TorchRL's actor and loss."""
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Annotated

@@ -1,7 +1,5 @@
 """Encoders: vectors and images to features; the first module of each network."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Implicit Q-learning (Kostrikov et al., 2021) with TorchRL's loss: only values of the data's actions are used."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Learner: an algorithm assembled from TorchRL's parts, and its update."""
 
-from __future__ import annotations
-
 import copy
 import math
 from collections import deque

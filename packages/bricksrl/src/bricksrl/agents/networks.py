@@ -1,7 +1,5 @@
 """Networks and policies: multilayer perceptrons or the user's networks, and actors."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 from typing import Any

@@ -1,7 +1,5 @@
 """Operators: encoders and networks as values of states and actions, for TorchRL's losses."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 from torchrl.modules import ValueOperator

@@ -1,7 +1,5 @@
 """Proximal policy optimisation (Schulman et al., 2017) with TorchRL's loss, for many simulated copies."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Uniformly random actions: a baseline, and a source of random data."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 

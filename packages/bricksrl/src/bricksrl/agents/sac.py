@@ -4,8 +4,6 @@ DroQ: dropout and layer normalisation in the critics, 20 updates per step (Hirao
 two random ones (Chen et al., 2021). TD3, CrossQ and CQL share `ActorCriticLoss`.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from abc import abstractmethod

@@ -3,8 +3,6 @@
 Field docstrings are the help of ``bricksrl settings AGENT``. Importing this loads no torch.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass

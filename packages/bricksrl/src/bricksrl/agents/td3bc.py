@@ -1,7 +1,5 @@
 """TD3+BC (Fujimoto and Gu, 2021): TD3 with an actor close to the data, with TorchRL's loss."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

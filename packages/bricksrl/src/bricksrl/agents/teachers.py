@@ -6,8 +6,6 @@ An anchor therefore pulls the actor back to the policy that it began with, less 
 the reward scale.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Sequence

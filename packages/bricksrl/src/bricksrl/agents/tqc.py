@@ -1,7 +1,5 @@
 """Truncated quantile critics (Kuznetsov et al., 2020), with TorchRL's loss."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

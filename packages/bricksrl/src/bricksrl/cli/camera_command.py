@@ -1,7 +1,5 @@
 """``bricksrl camera``: color calibration of a camera."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path

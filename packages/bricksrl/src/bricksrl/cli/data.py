@@ -1,7 +1,5 @@
 """``bricksrl data``: inspect, check, repair, merge, split, plot, import, export and share datasets."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal

@@ -1,7 +1,5 @@
 """``bricksrl doctor``: check of this computer for everything that BricksRL needs."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Environments, agents and settings: ``bricksrl list``, ``settings`` and ``check``."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """``bricksrl new``: templates of a task, a robot and an algorithm."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from importlib import resources

@@ -1,7 +1,5 @@
 """Many trainings: ``bricksrl tune``, and ``bricksrl study``, the door to the benchmarks of the repository."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from importlib import import_module

@@ -1,7 +1,5 @@
 """Data collection: recording of episodes of a policy, a human, or both; transitions as recorded steps, and their provenance."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from datetime import UTC, datetime

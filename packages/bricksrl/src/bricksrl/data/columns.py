@@ -1,7 +1,5 @@
 """Columns of steps as bytes: Parquet files, lossless videos of images (H.264 in RGB), and LeRobot's statistics."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import subprocess

@@ -3,8 +3,6 @@
 The datasets written here have few large files, as LeRobot prefers, where a recording has one file per episode.
 """
 
-from __future__ import annotations
-
 import itertools
 import shutil
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """Integrity of a dataset: check of every file, digest and step, and repair after its writer was killed."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Recorder of episodes, each of which is committed durably to the disk."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

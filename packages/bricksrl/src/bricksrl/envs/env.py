@@ -1,7 +1,5 @@
 """The environment: one task, run over one link to a hub."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable

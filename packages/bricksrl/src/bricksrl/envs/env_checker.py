@@ -1,7 +1,5 @@
 """Checker of environments and tasks: one finding for each part of an environment's contract."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import closing

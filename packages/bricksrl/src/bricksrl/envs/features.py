@@ -3,8 +3,6 @@
 An agent that acts holds what it observes within the range that it has learned on, so that an input that never varied where it
 learned decides nothing where it acts."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Sequence

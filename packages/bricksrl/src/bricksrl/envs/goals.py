@@ -1,7 +1,5 @@
 """Goals of past transitions, replaced by others: of a task whose agent observes what its reward is computed from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

@@ -4,8 +4,6 @@ They are declared here for Python, the command line, Gymnasium and the configura
 docstring the help.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
@@ -101,7 +99,7 @@ class EnvOptions(TransformOptions):
             raise DescriptionError(reason)
 
     @property
-    def env_options(self) -> EnvOptions:
+    def env_options(self) -> "EnvOptions":
         """These options alone, for a subclass with further fields."""
         return EnvOptions(**{option.name: getattr(self, option.name) for option in fields(EnvOptions)})
 

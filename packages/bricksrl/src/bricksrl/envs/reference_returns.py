@@ -4,8 +4,6 @@ The first two are from `benchmarks/results/baselines.json`, over 20 to 50 episod
 of its SAC on real robots (BricksRL, arXiv:2406.17490), as in `benchmarks/results/robots.json`.
 """
 
-from __future__ import annotations
-
 from brickhub.tables import read_table
 
 _LABELS = {"random": "random", "scripted": "by hand", "paper": "paper's SAC"}

@@ -1,7 +1,5 @@
 """Rollout: the one episode loop of training, evaluation, recording and filming."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Protocol

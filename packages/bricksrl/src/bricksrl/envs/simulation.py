@@ -12,8 +12,6 @@ The state is stored as ``[n, copies]``, so that all arithmetic runs along contig
 transposed views.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

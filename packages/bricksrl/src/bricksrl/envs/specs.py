@@ -1,7 +1,5 @@
 """Specs: entries with nominal bounds, the layout of all that is observed, and an environment that consists of its specs only."""
 
-from __future__ import annotations
-
 import traceback
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -60,7 +58,7 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         self.nominal = torch.zeros(self.shape, dtype=torch.bool) if nominal is None else nominal.expand(self.shape).clone()
 
     @classmethod
-    def of(cls, entries: Sequence[Entry], batch: Sequence[int] = (), device: torch.device | None = None) -> NominalBounded:
+    def of(cls, entries: Sequence[Entry], batch: Sequence[int] = (), device: torch.device | None = None) -> "NominalBounded":
         """Spec of a vector of ``entries``, with leading dimensions ``batch``."""
         low, high = (torch.tensor([getattr(e, end) for e in entries], device=device) for end in ("low", "high"))
         nominal = torch.tensor([e.bounds != (e.low, e.high) for e in entries], device=device)
@@ -90,39 +88,39 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
             mask = mask.new_ones(())
         return mask.to(val.device)
 
-    def _with(self, spec: Any, nominal: Tensor) -> NominalBounded:
+    def _with(self, spec: Any, nominal: Tensor) -> "NominalBounded":
         if not isinstance(spec, NominalBounded):  # ``Bounded.to`` makes a plain ``Bounded``
             spec = NominalBounded(spec.low, spec.high, spec.shape, spec.device, spec.dtype)
         result: NominalBounded = spec
         result.nominal, result.entries = nominal.clone(), self.entries
         return result
 
-    def clone(self) -> NominalBounded:
+    def clone(self) -> "NominalBounded":
         return self._with(super().clone(), self.nominal)
 
-    def to(self, dest: Any) -> NominalBounded:
+    def to(self, dest: Any) -> "NominalBounded":
         return self._with(super().to(dest), self.nominal)
 
-    def expand(self, *shape: Any) -> NominalBounded:
+    def expand(self, *shape: Any) -> "NominalBounded":
         spec = super().expand(*shape)
         return self._with(spec, self.nominal.expand(spec.shape))
 
-    def squeeze(self, dim: int | None = None) -> NominalBounded:
+    def squeeze(self, dim: int | None = None) -> "NominalBounded":
         return self._with(super().squeeze(dim), self.nominal.squeeze() if dim is None else self.nominal.squeeze(dim))
 
-    def unsqueeze(self, dim: int) -> NominalBounded:
+    def unsqueeze(self, dim: int) -> "NominalBounded":
         return self._with(super().unsqueeze(dim), self.nominal.unsqueeze(dim))
 
-    def unbind(self, dim: int = 0) -> tuple[NominalBounded, ...]:
+    def unbind(self, dim: int = 0) -> "tuple[NominalBounded, ...]":
         return tuple(self._with(spec, mask) for spec, mask in zip(super().unbind(dim), self.nominal.unbind(dim), strict=True))
 
-    def _reshape(self, shape: Any) -> NominalBounded:
+    def _reshape(self, shape: Any) -> "NominalBounded":
         return self._with(super()._reshape(shape), self.nominal.reshape(shape))
 
-    def _unflatten(self, dim: int, sizes: Any) -> NominalBounded:
+    def _unflatten(self, dim: int, sizes: Any) -> "NominalBounded":
         return self._with(super()._unflatten(dim, sizes), torch.unflatten(self.nominal, dim, sizes))
 
-    def __getitem__(self, idx: Any) -> NominalBounded:
+    def __getitem__(self, idx: Any) -> "NominalBounded":
         spec = super().__getitem__(idx)
         return self._with(spec, self._mask(self.nominal).expand(self.shape)[idx].expand(spec.shape))
 
@@ -182,7 +180,7 @@ class ImageShape:
     high: float = 1.0
 
     @classmethod
-    def of(cls, key: str, spec: Any) -> ImageShape:
+    def of(cls, key: str, spec: Any) -> "ImageShape":
         """The image of a spec ``[side, side, channels]`` or ``[channels, side, side]``. Raises DescriptionError for another."""
         shape = tuple(spec.shape)
         is_last = shape[-1] < shape[0]
@@ -276,7 +274,7 @@ class ObservationLayout:
     @classmethod
     def of_numbers(
         cls, vectors: Mapping[str, Sequence[Number]], shapes: Sequence[tuple[int, ...]], images: tuple[ImageShape, ...]
-    ) -> ObservationLayout:
+    ) -> "ObservationLayout":
         """The layout of vectors with known numbers, and of images."""
         numbers = [number for numbers in vectors.values() for number in numbers]
         goals = _goal_pairs(numbers)

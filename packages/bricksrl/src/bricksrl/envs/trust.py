@@ -5,8 +5,6 @@ on this computer, or declared trusted, are therefore kept in the user's settings
 many schools, in a folder of the user's among the temporary files.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

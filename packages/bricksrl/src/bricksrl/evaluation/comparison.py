@@ -1,7 +1,5 @@
 """Comparison of runs by agent, seed and environment, as a table and a plot."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json
@@ -133,7 +131,7 @@ class _Run:
     evaluation: float | None
 
     @classmethod
-    def read(cls, path: Path) -> _Run:
+    def read(cls, path: Path) -> "_Run":
         folder = RunFolder(path)
         config, episodes = folder.read_config(), folder.read_episodes()
         if not episodes:

@@ -9,8 +9,6 @@ changed files to an actor on this computer, which mirrors the folder. Where a wo
 gets its folder back from the actor and resumes.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import platform

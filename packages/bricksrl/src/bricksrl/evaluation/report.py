@@ -1,7 +1,5 @@
 """Report of a run: one HTML file with results, learning curve and films."""
 
-from __future__ import annotations
-
 import base64
 import html
 from collections.abc import Iterable, Sequence

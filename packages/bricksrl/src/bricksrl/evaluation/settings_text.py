@@ -1,7 +1,5 @@
 """Parsing of an agent's settings, from the command line or a JSON file. Importing this loads no torch."""
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import json

@@ -1,7 +1,5 @@
 """Statistics of few runs: robust means, confidence intervals, probability of improvement."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import sqrt

@@ -4,8 +4,6 @@ A write is an assignment or an append, so that it does not delay the thread that
 thread may write and read.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import struct

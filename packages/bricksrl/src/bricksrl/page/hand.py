@@ -1,7 +1,5 @@
 """Hand at the page: it pulls a body of a virtual robot's world towards a point, for as long as it is held."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Building plan in the browser, with sliders for its step and for each motor and free joint."""
 
-from __future__ import annotations
-
 import math
 import threading
 from dataclasses import replace

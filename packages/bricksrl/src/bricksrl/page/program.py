@@ -1,7 +1,5 @@
 """Live page of a program on a virtual hub: the robot, its hub, what the program prints, and a stop button."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 import time

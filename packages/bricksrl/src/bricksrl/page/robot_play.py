@@ -1,7 +1,5 @@
 """Robots on the page at once: a policy of arrays, or a human, moves one without TorchRL, which takes seconds to load."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -3,8 +3,6 @@
 A press starts the command of its row in a process of its own. Values of presses are only chosen from names that the page knows.
 """
 
-from __future__ import annotations
-
 import contextlib
 import re
 import shutil

@@ -1,8 +1,6 @@
 """Policies that an environment of ours has, by name: random, scripted, and best, which comes with it, trained by ``python -m
 benchmarks policies``. Importing this loads no torch."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -69,7 +67,7 @@ class PlainPolicy:
         return np.concatenate((linear, np.sin(angle_rad), np.cos(angle_rad), difference), -1)
 
     @classmethod
-    def load(cls, path: Path) -> PlainPolicy:
+    def load(cls, path: Path) -> "PlainPolicy":
         """Read it from a file ``.npz``, whose arrays are ``NAME``, and ``weights_0``, ``biases_0`` and so on."""
         with np.load(path) as file:
             values: dict[str, Any] = {field.name: file[field.name] for field in fields(cls) if field.name not in _LAYERS}

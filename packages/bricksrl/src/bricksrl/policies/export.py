@@ -3,8 +3,6 @@
 A policy that learned behind transforms takes what they made: whoever runs the file stacks frames or skips steps.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import io
 import logging

@@ -1,7 +1,5 @@
 """Export of a policy as a program with which the hub acts by itself, tried on the virtual hub."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from contextlib import closing

@@ -4,8 +4,6 @@ Their features need no more than sines: what is observed, scaled to -1..1; of an
 differences. The student acts, the policy says what it would have done (DAgger, Ross et al., 2011).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 Format: a magic line, the SHA-256 digest of the rest, and nested tensors, numbers, strings and lists as written by `torch.save`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import pickle

@@ -1,7 +1,5 @@
 """Configuration of training runs: plain data. Importing this loads no torch."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from collections.abc import Callable
@@ -140,7 +138,7 @@ class TrainConfig(RunOptions, EnvOptions):
         return data
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any], run_dir: Path | None = None) -> TrainConfig:
+    def from_dict(cls, data: dict[str, Any], run_dir: Path | None = None) -> "TrainConfig":
         """Inverse of `to_dict`. Raises RunError if a name or type is invalid."""
         values = data.get("settings")
         if not isinstance(values, dict | None):

@@ -5,8 +5,6 @@ steps; on a slow processor it falls behind and catches up during resets. It is a
 interpreter lock, and as its death does not stop the robot's process. It ends with the robot's process.
 """
 
-from __future__ import annotations
-
 import contextlib
 import threading
 from collections.abc import Callable

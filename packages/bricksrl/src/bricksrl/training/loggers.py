@@ -1,7 +1,5 @@
 """Experiment trackers by TorchRL's loggers for the columns of `metrics.csv`. None requires an account."""
 
-from __future__ import annotations
-
 import importlib.util
 import netrc
 import os

@@ -3,8 +3,6 @@
 Where a step comes from is `sources`' and `fleet`'s matter, where an update is made `learner_side`'s.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import InitVar, dataclass, replace

@@ -1,7 +1,5 @@
 """Folder of a run: config, metrics, checkpoint, learning curve, evaluation. Never overwritten by another run."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools
@@ -52,7 +50,7 @@ class RunFolder:
         self.curve_path, self.evaluation_path = path / "learning_curve.png", path / "evaluation.json"
 
     @classmethod
-    def create(cls, config: TrainConfig, state: dict[str, Any]) -> RunFolder:
+    def create(cls, config: TrainConfig, state: dict[str, Any]) -> "RunFolder":
         """Create a folder with config and first checkpoint, atomically. Raises RunError if it exists, or WriteError."""
         from bricksrl.training.checkpoint import save_checkpoint
 

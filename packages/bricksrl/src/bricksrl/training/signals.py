@@ -1,7 +1,5 @@
 """Ctrl-C handling: stop a run at the next safe place."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Iterator

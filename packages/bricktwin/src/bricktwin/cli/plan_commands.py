@@ -1,7 +1,5 @@
 """``bricktwin plan``: check a building plan, list its parts, draw its booklet."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal

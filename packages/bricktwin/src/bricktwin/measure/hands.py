@@ -1,7 +1,5 @@
 """Hands: a person who puts, turns, lifts and holds a robot when told to, and a simulated one for a virtual robot."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

@@ -4,8 +4,6 @@ A number of a robot depends on a parameter of its twin linearly, near enough. So
 how much each parameter is off.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace

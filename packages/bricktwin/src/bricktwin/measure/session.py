@@ -3,8 +3,6 @@
 A log has one JSON object per line: a header with the robot, then the hub's answers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path

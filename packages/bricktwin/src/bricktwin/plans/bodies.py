@@ -4,8 +4,6 @@ A motion is six rates per body (linear at the plan's origin, angular). Each join
 the rates; the motions are the null space.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

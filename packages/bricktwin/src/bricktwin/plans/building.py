@@ -5,8 +5,6 @@ and for nothing else. A step is tried backwards: its parts are removed one
 after the other, each along a straight line.
 """
 
-from __future__ import annotations
-
 import enum
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence

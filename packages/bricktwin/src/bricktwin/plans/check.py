@@ -1,7 +1,5 @@
 """Check of a plan: mistakes with their lines in the file and what to do."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 LDraw units, plan frame.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence

@@ -3,8 +3,6 @@
 A :class:`Piece` is a set of coloured shapes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -34,11 +32,11 @@ class Piece:
 
     shapes: tuple[tuple[str, Shape], ...]
 
-    def at(self, x: float, y: float, z: float) -> Piece:
+    def at(self, x: float, y: float, z: float) -> "Piece":
         """The part, translated."""
         return Piece(tuple((colour, shape.at(x, y, z)) for colour, shape in self.shapes))
 
-    def turned(self, axis: Triple, angle_deg: float) -> Piece:
+    def turned(self, axis: Triple, angle_deg: float) -> "Piece":
         """The part, rotated about an axis through the origin."""
         return Piece(tuple((colour, shape.turned(axis, angle_deg)) for colour, shape in self.shapes))
 

@@ -1,7 +1,5 @@
 """Solids and directions in LDraw units (LDU): 0.4 mm, y downwards. A module, the distance between holes, is 20 LDU."""
 
-from __future__ import annotations
-
 import enum
 import math
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A step of the plan is split where it has too many parts for one picture. What is
 an arrow; the view is turned, or all that hides a part is left out of a smaller picture, until a quarter of each part can be seen.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence

@@ -3,8 +3,6 @@
 Source: LDraw.org's file format specification and its multi-part documents. All sizes are bounded.
 """
 
-from __future__ import annotations
-
 import codecs
 import io
 import math
@@ -148,7 +146,7 @@ def _rank(member: str) -> int:
     return (*_STUDIO_MODELS, name).index(name)
 
 
-def parse(text: str, path: str) -> Document:
+def parse(text: str, path: str) -> "Document":
     """Parse a document. Raises PlanError if it places no part, or a comment or a name is invalid."""
     lines = text.splitlines()
     if len(lines) > MAX_LINES:

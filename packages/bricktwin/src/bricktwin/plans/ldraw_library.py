@@ -4,8 +4,6 @@ It implements the LDraw.org file format with its colour definition (``LDConfig.l
 a tree of files; what is missing or malformed is left out.
 """
 
-from __future__ import annotations
-
 import functools
 import logging
 import os

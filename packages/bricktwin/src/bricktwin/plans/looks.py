@@ -3,8 +3,6 @@
 Two drawings follow from it: the pictures of a booklet (`picture`, by rays) and the meshes of a twin (`meshes`, by triangles).
 """
 
-from __future__ import annotations
-
 import enum
 import functools
 import math

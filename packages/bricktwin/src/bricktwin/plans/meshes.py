@@ -1,7 +1,5 @@
 """Meshes of parts for moving robots: triangles of the solids of `looks`, without those that other solids hide. LDraw units."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

@@ -1,7 +1,5 @@
 """Kinds of parts: connection sites, solids, masses and numbers in shops. LDraw units."""
 
-from __future__ import annotations
-
 import enum
 import functools
 from collections.abc import Iterable

@@ -3,8 +3,6 @@
 Parts have LDraw's numbers; the shops number some of them otherwise. Colours have the shops' numbers.
 """
 
-from __future__ import annotations
-
 import csv
 import functools
 import io

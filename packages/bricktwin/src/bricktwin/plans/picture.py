@@ -4,8 +4,6 @@ A part looks the same wherever it stands, so that each kind is drawn once for a 
 is put together from sprites by their depths. It needs no OpenGL and no display.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Building plans: placed parts in building order."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Looks of a plan's parts: our meshes or those of an installed LDraw library, also of shafts that turn visually only."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Iterable
 from pathlib import Path

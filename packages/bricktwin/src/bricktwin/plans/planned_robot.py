@@ -1,7 +1,5 @@
 """Robot of a plan: the mechanism that is derived from its parts, the wheels that motors drive, and end stops."""
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Shapes: triangle meshes with smooth normals, of primitives and of the triangles of solids. No MuJoCo, no OpenGL."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence
@@ -34,16 +32,16 @@ class Shape:
     normals: Floats
     faces: NDArray[np.int32]
 
-    def at(self, x: float, y: float, z: float) -> Shape:
+    def at(self, x: float, y: float, z: float) -> "Shape":
         """The shape, translated."""
         return Shape(self.points + np.array([x, y, z]), self.normals, self.faces)
 
-    def turned(self, axis: Triple, angle_deg: float) -> Shape:
+    def turned(self, axis: Triple, angle_deg: float) -> "Shape":
         """The shape, rotated about an axis through the origin."""
         turn = rotation(axis, math.radians(angle_deg))
         return Shape(self.points @ turn.T, self.normals @ turn.T, self.faces)
 
-    def along(self, axis: Triple) -> Shape:
+    def along(self, axis: Triple) -> "Shape":
         """The shape, rotated so that its z axis points along another axis."""
         if axis == X_AXIS:
             return self.turned(Y_AXIS, 90.0)

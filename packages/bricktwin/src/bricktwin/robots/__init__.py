@@ -1,7 +1,5 @@
 """Robots of this package, each with its building plan."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from brickhub.errors import UnknownNameError

@@ -5,8 +5,6 @@ to that time: a hub that lets time pass first runs the other hubs, so that each 
 that it acts in. The simulation is deterministic, bit for bit.
 """
 
-from __future__ import annotations
-
 import copy
 import functools
 import math

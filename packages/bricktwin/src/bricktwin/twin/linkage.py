@@ -2,8 +2,6 @@
 sensors: joints from motor angles, chassis from the tilt, feet or wheels on the floor; and of a ghost at its goal.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

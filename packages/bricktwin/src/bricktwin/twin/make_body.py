@@ -1,7 +1,5 @@
 """Factory of virtual robots' bodies: the robot's MuJoCo model or a generated driving robot, else the bench."""
 
-from __future__ import annotations
-
 import importlib
 import logging
 import os

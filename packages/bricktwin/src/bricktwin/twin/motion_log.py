@@ -4,8 +4,6 @@ A file has one JSON object per line: first a header with robot, interface and pr
 reading without a command. Times are those of the hub's clock, and so free of the link's jitter.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import inspect

@@ -1,7 +1,5 @@
 """Body simulated by MuJoCo: voltages in, angles and sensor readings out, with the physics of the twin."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import functools

@@ -4,8 +4,6 @@ Positions are millimetres on the floor, ``(x, y)``: a robot that starts at the o
 its left. Headings are degrees, clockwise seen from above. Lines and fields affect colour sensors only.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

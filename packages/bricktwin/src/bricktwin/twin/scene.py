@@ -1,7 +1,5 @@
 """Scene of a virtual robot: surroundings, and start pose of the robot."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

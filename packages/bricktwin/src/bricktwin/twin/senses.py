@@ -4,8 +4,6 @@ Estimates, where LEGO gives no data: the spot that a colour sensor sees widens w
 light is reflected (LEGO's technical sheet gives 16 mm as the best distance).
 """
 
-from __future__ import annotations
-
 import colorsys
 import math
 from abc import ABC, abstractmethod

@@ -1,7 +1,5 @@
 """Stance of a robot at its start: feet that touch a flat floor, the resulting pose, and no overlap with an obstacle."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from functools import cache

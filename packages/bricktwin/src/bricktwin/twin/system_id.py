@@ -5,8 +5,6 @@ the best agreement of the channels. Sensor noise is estimated from the rest at t
 not identify keeps its default, and is reported as such.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ A calibration belongs to a hub, by its address, and to the robot built around it
 program is made.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

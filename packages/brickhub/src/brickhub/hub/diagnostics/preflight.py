@@ -1,7 +1,5 @@
 """Preflight check of a robot, with a hub or of LEGO's kits: ports, battery, latency, sensors, motors against the description."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence

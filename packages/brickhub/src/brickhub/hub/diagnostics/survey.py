@@ -3,8 +3,6 @@
 Each runs once and prints what it found; it begins with a HELLO frame with its hash, by which a transport identifies it.
 """
 
-from __future__ import annotations
-
 import ast
 import hashlib
 import io

@@ -5,8 +5,6 @@ the step. Speeds are whole percents there. A device reports by itself, up to 67 
 step ends with reports that were made under its commands, as that of a hub: those of the second connection event after it began.
 """
 
-from __future__ import annotations
-
 import asyncio
 import atexit
 import contextlib

@@ -10,8 +10,6 @@ because the robot has meanwhile stopped holding its position. ``states.py`` has 
 ``emergency_stop`` may be called from any thread. Nothing moves then until ``release``, even if ``open`` is called.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import math

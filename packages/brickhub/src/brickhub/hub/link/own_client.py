@@ -3,8 +3,6 @@
 The program waits for a command, acts, and answers; nothing is numbered, so that nothing can be repeated. It has no watchdog.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import math

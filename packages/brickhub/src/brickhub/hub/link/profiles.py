@@ -4,8 +4,6 @@ Computer and hub meet at connection events only. What is lost in one is sent aga
 E. N. Gilbert (1960), https://doi.org/10.1002/j.1538-7305.1960.tb03959.x: during one, ``BURST_LOSS`` of the events are lost.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from brickhub.errors import UnknownNameError, hint

@@ -1,7 +1,5 @@
 """Link to a robot, as everybody uses one who commands it: to the program on a hub, or to the devices of LEGO's kits."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 from abc import ABC, abstractmethod

@@ -1,7 +1,5 @@
 """States and transitions of a link, as one table for the code, its tests and the documentation."""
 
-from __future__ import annotations
-
 import enum
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ The frame is sent at least three times within the time of the watchdog, as a kee
 sequence number that it has seen.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Iterable

@@ -12,8 +12,6 @@ acknowledged, and an emergency stop and the next command have to wait for that. 
 is due. An answer is overdue after half of the watchdog's time, at least twice the 99th percentile of the round trips.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

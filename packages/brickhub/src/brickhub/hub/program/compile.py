@@ -1,7 +1,5 @@
 """Compiler from MicroPython source to the bytes that a hub loads."""
 
-from __future__ import annotations
-
 import ast
 import builtins
 import re

@@ -4,8 +4,6 @@ A program consists of a header comment, the constants of the wire, the robot's d
 ``read_channels``, and the loop from ``onboard/loop.py``, which is the same for every robot.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections import Counter
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """User's program on a hub: its file and the modules beside it, its run with output and input, its traceback."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import math

@@ -1,7 +1,5 @@
 """Syntax of hub programs: the hub's compiler accepts some that CPython refuses."""
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import io

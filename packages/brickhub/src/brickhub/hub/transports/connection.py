@@ -3,8 +3,6 @@
 All methods of a connection run in the event loop's thread.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import threading

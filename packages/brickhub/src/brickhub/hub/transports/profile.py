@@ -3,8 +3,6 @@
 Versions 1.3 to 1.7. Commands are written, with response, to one characteristic; events are notified by the same one.
 """
 
-from __future__ import annotations
-
 import enum
 import re
 import struct

@@ -4,8 +4,6 @@ A hub keeps its program. The program that this computer downloaded last is recor
 is the wanted one; its HELLO confirms it. An unknown program is never started, because it might move the robot.
 """
 
-from __future__ import annotations
-
 import asyncio
 import atexit
 import concurrent.futures

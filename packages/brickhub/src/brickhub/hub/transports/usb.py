@@ -11,8 +11,6 @@ a characteristic. Hub to host: ``1 tag u32`` is a command's error code (0 for no
 ``3 service u16 value`` a characteristic. Source: ``lib/pbio/include/pbio/protocol.h`` of the firmware.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import errno

@@ -3,8 +3,6 @@
 The two parts may differ in sign; they are rounded and halved separately.
 """
 
-from __future__ import annotations
-
 import struct
 from math import trunc
 

@@ -3,8 +3,6 @@
 Its log is that of ``pbio/logger.c``, v4.
 """
 
-from __future__ import annotations
-
 import enum
 from dataclasses import dataclass
 from math import trunc
@@ -140,7 +138,7 @@ class OnCompletion(enum.Enum):
         return self in (OnCompletion.COAST_SMART, OnCompletion.BRAKE_SMART)
 
     @property
-    def passive(self) -> OnCompletion:
+    def passive(self) -> "OnCompletion":
         """Coast or brake, without the smart variant."""
         return OnCompletion.COAST if self in (OnCompletion.COAST, OnCompletion.COAST_SMART) else OnCompletion.BRAKE
 

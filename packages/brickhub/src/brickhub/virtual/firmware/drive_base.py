@@ -3,8 +3,6 @@
 The gyroscope's heading is that of ``pbio/imu.c``, v4, shared by ``hub.imu`` and all drive bases.
 """
 
-from __future__ import annotations
-
 import errno
 from collections.abc import Callable
 from math import trunc

@@ -1,7 +1,5 @@
 """Servo: a motor with encoder, observer, controller and voltage."""
 
-from __future__ import annotations
-
 import errno
 from math import trunc
 from typing import Protocol

@@ -1,7 +1,5 @@
 """Settings of a controller, stored in control units, read and set in the program's units (deg or mm)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from math import trunc

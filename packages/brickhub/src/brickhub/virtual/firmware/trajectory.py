@@ -3,8 +3,6 @@
 Speeds inside this module are in ddeg/s and accelerations in deg/s2, for the same rounding as in the firmware.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from math import trunc
@@ -103,7 +101,7 @@ class Trajectory:
             return self.position + self.th3, 0, 0
         return self.position + self.th3 + trunc(w * (t - self.t3) / 100), w * 100, 0
 
-    def stretch(self, leader: Trajectory) -> None:
+    def stretch(self, leader: "Trajectory") -> None:
         """Cover the same angle with the phases of a longer trajectory, so that both end together."""
         self.t1, self.t2, self.t3 = leader.t1, leader.t2, leader.t3
         if self.t3 == 0:

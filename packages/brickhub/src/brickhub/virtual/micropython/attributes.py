@@ -4,8 +4,6 @@ Classes have single inheritance, no attribute hooks, no descriptors, ``super()``
 those that exist on a hub.
 """
 
-from __future__ import annotations
-
 import builtins
 import inspect
 from collections.abc import Callable

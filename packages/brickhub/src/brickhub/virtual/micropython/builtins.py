@@ -1,7 +1,5 @@
 """Builtin functions of a hub."""
 
-from __future__ import annotations
-
 import builtins
 import inspect
 import math

@@ -1,7 +1,5 @@
 """Compiler of programs to code that behaves on CPython as on a hub."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import re

@@ -1,7 +1,5 @@
 """Exceptions and their messages on a hub."""
 
-from __future__ import annotations
-
 import builtins
 import dis
 import errno

@@ -4,8 +4,6 @@ Text goes by MicroPython 1.26 (``py/formatfloat.c``): digits are computed in sin
 ones that read back as the same float, so the last digits may differ from CPython's.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import struct

@@ -4,8 +4,6 @@ Functions that collect items refuse more than fit on any hub. A generator that a
 where CPython closes it. Sorting is a quicksort (``py/objlist.c`` of MicroPython 1.26), which changes the order of equal elements.
 """
 
-from __future__ import annotations
-
 import sys
 import threading
 from collections.abc import Callable, Iterable

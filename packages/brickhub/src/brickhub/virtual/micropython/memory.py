@@ -5,8 +5,6 @@ fragmentation: a program that runs out of memory here does so on a hub, a little
 4.1: ``_common/micropython.c``, ``py/objfun.c``).
 """
 
-from __future__ import annotations
-
 import gc
 import itertools
 import sys

@@ -1,7 +1,5 @@
 """Modules ``math``, ``random`` and ``struct`` of a hub."""
 
-from __future__ import annotations
-
 import functools
 import math
 import re

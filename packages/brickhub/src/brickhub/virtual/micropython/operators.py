@@ -3,8 +3,6 @@
 The transformed program (``transform.py``) calls these for operations that could exceed the ranges.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import operator

@@ -3,8 +3,6 @@
 Both hold bytes, and accept text and bytes. Source: ``py/objarray.c`` and ``py/binary.c`` of MicroPython 1.26.
 """
 
-from __future__ import annotations
-
 import errno
 import io
 import operator
@@ -57,10 +55,10 @@ class HubBytearray(bytearray):
 
     __rmul__ = __imul__ = __mul__
 
-    def __add__(self, other: Any) -> HubBytearray:
+    def __add__(self, other: Any) -> "HubBytearray":
         return HubBytearray(super().__add__(_buffer(other)))
 
-    def __iadd__(self, other: Any) -> HubBytearray:
+    def __iadd__(self, other: Any) -> "HubBytearray":
         self.extend(other)
         return self
 

@@ -3,8 +3,6 @@
 JSON is read as in ``extmod/modjson.c`` of MicroPython 1.26: commas and colons are spaces, any bracket closes.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import re
@@ -127,7 +125,7 @@ class FileIO(Stream):
     def __repr__(self) -> str:
         return f"<io.{type(self).__name__} {self._number}>"
 
-    def __enter__(self) -> FileIO:
+    def __enter__(self) -> "FileIO":
         return self
 
     def __exit__(self, *exception: object) -> None:

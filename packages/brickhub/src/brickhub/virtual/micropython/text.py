@@ -1,7 +1,5 @@
 """Text of values on a hub: ``str``, ``repr``, ``%``, ``str.format`` and f-strings."""
 
-from __future__ import annotations
-
 import functools
 import re
 import string

@@ -4,8 +4,6 @@ Line numbers stay. The names of the helpers, in ``operators.py`` and ``attribute
 write. ``async for`` and ``async with`` are expanded as by the hub's compiler, in a coroutine that is a generator.
 """
 
-from __future__ import annotations
-
 import ast
 import copy
 import operator

@@ -1,7 +1,5 @@
 """Stand-ins for ``pybricks.*`` and the modules of MicroPython, on a simulated clock."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from brickhub.hub.program.compile import U_PREFIXED

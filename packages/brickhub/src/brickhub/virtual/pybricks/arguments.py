@@ -1,7 +1,5 @@
 """Arguments of a program's calls, checked and converted as by the firmware, and its errors."""
 
-from __future__ import annotations
-
 import errno
 from collections.abc import Sequence
 from typing import Any

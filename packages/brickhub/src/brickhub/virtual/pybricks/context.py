@@ -1,7 +1,5 @@
 """Context of a program's Pybricks modules: its machine, console and run loop, and the classes that are bound to it."""
 
-from __future__ import annotations
-
 import errno
 import functools
 from collections.abc import Callable, Iterable, Iterator
@@ -42,12 +40,12 @@ class Async:
     _NEW, _RUNNING, _CANCELLED, _DONE = range(4)
 
     def __init__(
-        self, context: Context, is_done: Callable[[], bool], result: _Call | None = None, on_close: _Call | None = None
+        self, context: "Context", is_done: Callable[[], bool], result: _Call | None = None, on_close: _Call | None = None
     ) -> None:
         self._context, self._is_done, self._result, self._on_close = context, is_done, result, on_close
         self._state = self._NEW
 
-    def __iter__(self) -> Async:
+    def __iter__(self) -> "Async":
         return self
 
     def __next__(self) -> None:

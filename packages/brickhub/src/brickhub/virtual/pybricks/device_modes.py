@@ -6,8 +6,6 @@ motors with an absolute angle are taken to be alike. Raw colors are those from w
 ``hsv()``. Unknown values, such as a calibration, are zero.
 """
 
-from __future__ import annotations
-
 import colorsys
 import enum
 import math

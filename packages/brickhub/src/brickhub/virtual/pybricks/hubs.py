@@ -1,7 +1,5 @@
 """``pybricks.hubs``: the class of the robot's hub, and its parts besides the IMU."""
 
-from __future__ import annotations
-
 import inspect
 import itertools
 import re

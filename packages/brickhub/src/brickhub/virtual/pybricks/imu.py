@@ -3,8 +3,6 @@
 The latter computes with integers (``pb_type_movehub.c``, v4).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

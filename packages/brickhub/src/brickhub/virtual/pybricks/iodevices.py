@@ -1,7 +1,5 @@
 """``pybricks.iodevices``: plugged-in devices. UART: ``pb_type_uart_device.c`` and the hub's driver, v4."""
 
-from __future__ import annotations
-
 import errno
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """``Matrix``, ``vector`` and ``cross`` of ``pybricks.tools``, in 32-bit floats."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any

@@ -3,8 +3,6 @@
 The nearest detectable color is found in the firmware's integer arithmetic (``pbio/color``, v4).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from math import trunc
 from types import ModuleType
@@ -146,7 +144,7 @@ class _Member:
     def __repr__(self) -> str:
         return f"{type(self).__name__}.{self._name}"
 
-    def __new__(cls, *args: Any) -> _Member:
+    def __new__(cls, *args: Any) -> "_Member":
         if "_sealed" in cls.__dict__:
             raise TypeError(f"can't create '{cls.__name__}' instances")
         return super().__new__(cls)
@@ -211,21 +209,21 @@ class Color:
     def __hash__(self) -> int:
         return self.h + self.s + self.v
 
-    def __mul__(self, scale: Any) -> Color:
+    def __mul__(self, scale: Any) -> "Color":
         return Color(self.h, self.s, get_number(scale) * self.v)
 
     __rmul__ = __mul__
 
-    def __truediv__(self, scale: Any) -> Color:
+    def __truediv__(self, scale: Any) -> "Color":
         divisor = get_number(scale)
         return Color(self.h, self.s, self.v / divisor if divisor else 100 * ((self.v > 0) - (self.v < 0)))
 
     __floordiv__ = __truediv__
 
-    def __rshift__(self, shift: Any) -> Color:
+    def __rshift__(self, shift: Any) -> "Color":
         return Color(self.h + get_int(shift), self.s, self.v)
 
-    def __lshift__(self, shift: Any) -> Color:
+    def __lshift__(self, shift: Any) -> "Color":
         return Color(self.h - get_int(shift), self.s, self.v)
 
 
@@ -277,7 +275,7 @@ class Axis:
     Y = vector(0, 1, 0)
     Z = vector(0, 0, 1)
 
-    def __new__(cls, *args: Any) -> Axis:
+    def __new__(cls, *args: Any) -> "Axis":
         raise TypeError("can't create 'Axis' instances")
 
 

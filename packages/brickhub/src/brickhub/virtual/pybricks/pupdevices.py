@@ -3,8 +3,6 @@
 Sensors and lights are in ``pupsensors.py``.
 """
 
-from __future__ import annotations
-
 import errno
 from collections.abc import Callable
 from math import trunc

@@ -1,7 +1,5 @@
 """Sensors and lights of ``pybricks.pupdevices`` on the robot's ports."""
 
-from __future__ import annotations
-
 import errno
 from collections.abc import Callable
 from typing import Any

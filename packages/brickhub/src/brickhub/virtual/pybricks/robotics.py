@@ -1,7 +1,5 @@
 """``pybricks.robotics``: drive bases, and cars of which one motor steers and others drive."""
 
-from __future__ import annotations
-
 import errno
 import math
 from collections.abc import Callable

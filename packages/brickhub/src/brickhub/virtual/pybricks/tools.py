@@ -1,7 +1,5 @@
 """``pybricks.tools``."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from inspect import isgeneratorfunction
@@ -61,7 +59,7 @@ class Task:
         is_race = len(race) == 1 and all(race.values())  # whatever its name is
         self._required = 1 if is_race else len(tasks)
 
-    def __iter__(self) -> Task:
+    def __iter__(self) -> "Task":
         return self
 
     def __next__(self) -> None:

@@ -4,8 +4,6 @@ Only a remote control and an Xbox controller can be near: searches for others ti
 none. Names and errors: ``pybricks`` on PyPI, ``pb_type_iodevices_lwp3device.c``, ``pb_type_iodevices_xbox_controller.c``, v4.
 """
 
-from __future__ import annotations
-
 import errno
 from collections.abc import Callable
 from types import ModuleType

@@ -1,7 +1,5 @@
 """TorchRL transforms of the batches that a replay buffer gives: augmentations."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from math import inf

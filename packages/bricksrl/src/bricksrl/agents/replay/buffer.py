@@ -4,8 +4,6 @@ Reward and termination are pure functions of the observation, and goals do not a
 (hindsight, Andrychowicz et al., 2017).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -65,7 +63,7 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         """Transitions per `sample`."""
         return self._rows
 
-    def empty_like(self, capacity: int) -> TransitionReplayBuffer:
+    def empty_like(self, capacity: int) -> "TransitionReplayBuffer":
         """An empty buffer of the same kind for ``capacity`` transitions, not in a file."""
         kind: dict[str, Any] = {"gamma": self._gamma, "n_step": self._n_step, "goals": self._goals}
         kind |= {"shift_px": self._shift[0], "images": self._shift[1]}
@@ -73,7 +71,7 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         empty._augment += self._augment
         return empty
 
-    def append_transform(self, transform: Transform, **_: Any) -> TransitionReplayBuffer:
+    def append_transform(self, transform: Transform, **_: Any) -> "TransitionReplayBuffer":
         """Transform the batches that are sampled; transitions are stored as they are."""
         self._augment.append(transform)
         return self

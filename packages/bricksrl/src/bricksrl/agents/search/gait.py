@@ -5,8 +5,6 @@ Gaussian process (Rasmussen and Williams, 2006) learns the score from the trials
 may be highest (upper confidence bound, Srinivas et al., 2010).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Annotated, Any

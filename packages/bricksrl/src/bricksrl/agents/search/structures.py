@@ -4,8 +4,6 @@ A structure is an ``nn.Module`` with ``numbers``, an `Entry` each, and ``forward
 what is beyond -1..1 is clamped. A user's own is a function from an environment to such a module.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from typing import Any, Protocol

@@ -4,8 +4,6 @@ The simulation has no hubs and no contacts: robots on two wheels are points with
 through one another. It serves for fast training; policies are evaluated in the arena itself.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -4,8 +4,6 @@ All functions are batched: a state has poses ``[*batch, things, 3]`` of the robo
 have the shape ``[*batch, robots, n]``.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -37,8 +37,6 @@ turned away from lying across, and 5 when it has arrived.
 An episode succeeds when the beam has arrived.
 """
 
-from __future__ import annotations
-
 import math
 
 import torch

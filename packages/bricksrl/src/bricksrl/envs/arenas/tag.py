@@ -35,8 +35,6 @@ The catcher gets ten times the metres by which it came nearer and 5 when it catc
 The catcher succeeds when it catches the runner.
 """
 
-from __future__ import annotations
-
 import math
 
 import torch

@@ -1,7 +1,5 @@
 """Sensors on the computer that come with BricksRL: lines of numbers from a serial port, and further cameras."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 from collections.abc import Callable

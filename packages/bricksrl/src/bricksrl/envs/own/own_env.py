@@ -1,7 +1,5 @@
 """Environment that runs a user's ``BaseEnv``: link, lost links, stop, pause and time limit are those of every robot."""
 
-from __future__ import annotations
-
 from typing import cast
 
 import torch

@@ -43,8 +43,6 @@ in 95 % of the steps. The metrics are the share of these steps, `on_line_share`,
 that of the edge, `mean_off_pct`; a virtual robot adds its distance, speed and straightness.
 """
 
-from __future__ import annotations
-
 import math
 
 from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, SensorReading, Wait, YawRate

@@ -49,8 +49,6 @@ a virtual robot, success and metrics use its true pose; `reckoning_error_mm` and
 reckoning.
 """
 
-from __future__ import annotations
-
 from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, MotorAngle, Wait
 from bricksrl.envs.odometry import Target
 from bricksrl.envs.task import Task, Tensor

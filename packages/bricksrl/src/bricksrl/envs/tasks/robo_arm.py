@@ -44,8 +44,6 @@ An episode succeeds when it reaches the goal. The metric is the sum of the four 
 their goals at the end, `error_sum_deg`.
 """
 
-from __future__ import annotations
-
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricksrl.envs.task import SampledEntry, Task, Tensor
 from bricksrl.envs.tasks.walker import shortest_angle_deg

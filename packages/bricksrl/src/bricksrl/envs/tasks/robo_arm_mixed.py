@@ -49,8 +49,6 @@ An episode succeeds when it reaches the goal. The metric is the distance of the 
 stream.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

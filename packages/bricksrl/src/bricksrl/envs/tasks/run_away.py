@@ -42,8 +42,6 @@ the best policy uses all 20 steps, because reaching the sensor's limit ends the 
 distance, `final_distance_mm`, and the largest pitch, `largest_pitch_deg`.
 """
 
-from __future__ import annotations
-
 from brickhub.fields import check_value
 from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, Pitch, Roll, UntilDone
 from bricksrl.envs.task import Task, Tensor

@@ -3,8 +3,6 @@
 Each is a function from what the robot observes, arrays by name without batch dimensions, to an action ``[m]`` in -1..1.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -41,8 +41,6 @@ The paper defines no success for this task. Here an episode succeeds when the me
 100 deg/s or more. That mean, negative for the wrong direction, is the metric `mean_yaw_rate_deg_s`.
 """
 
-from __future__ import annotations
-
 from brickhub.hub.interface import Interface, MotorAngle, Pitch, Roll, RunAngle, Wait, YawRate
 from bricksrl.envs.task import SampledEntry, Task, Tensor
 from bricktwin.robots import TWO_WHEELER

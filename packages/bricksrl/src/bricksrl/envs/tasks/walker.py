@@ -49,8 +49,6 @@ angles of the reward are within 20 degrees of a trot, all on average. The metric
 `mean_gait_reward`, at most 0.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

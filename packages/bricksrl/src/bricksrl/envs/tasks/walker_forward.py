@@ -45,8 +45,6 @@ An episode succeeds when the robot moves forward by 10 mm in 250 ms of a step on
 mean of a step, `mean_step_mm`; a virtual robot adds its true distance, speed and straightness.
 """
 
-from __future__ import annotations
-
 from brickhub.entry import Entry
 from bricksrl.envs.task import Task, Tensor
 from bricksrl.envs.tasks.walker import STEP_MS, terminated, timed

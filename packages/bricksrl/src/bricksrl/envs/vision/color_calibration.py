@@ -1,7 +1,5 @@
 """Calibration of red: the colours of a ball for this camera and light, estimated from a frame and kept in a file."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

@@ -4,8 +4,6 @@ A frame is uint8 ``[height, width, 3]`` in RGB and is never drawn into. Position
 upper left corner.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Networks of images, learned with the agent; how images enter them, and their random shift."""
 
-from __future__ import annotations
-
 from collections import OrderedDict
 
 import torch

@@ -1,7 +1,5 @@
 """Schedule of a fleet: which robot plays which episode, and what its robots report."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

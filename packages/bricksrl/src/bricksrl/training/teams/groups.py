@@ -4,8 +4,6 @@ MAPPO (Yu et al., 2022) has one critic for all observations of a group, IPPO (de
 use TorchRL's losses. Independent SAC learns from each robot's transitions separately. A group shares its networks.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

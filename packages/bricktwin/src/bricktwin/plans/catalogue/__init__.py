@@ -1,7 +1,5 @@
 """Part catalogue, by LDraw number, and LDraw's colours: the tables ``parts.csv``, ``devices.csv`` and ``colours.csv``."""
 
-from __future__ import annotations
-
 import functools
 import re
 from collections.abc import Mapping

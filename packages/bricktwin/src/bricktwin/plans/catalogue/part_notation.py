@@ -12,8 +12,6 @@ Points are words ``x,y,z``. A coordinate is a number, ``±40`` (-40 and 40), ``0
 - gears: form, teeth, axis with width, centre and further fields, as in ``bevel 12 z10 0,0,2 set_back=0``.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterable

@@ -4,8 +4,6 @@ Balanced shafts and gears become visual parts of their carrier; a light link bet
 radians; x forward, y left, z up, in the plan's position.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

@@ -3,8 +3,6 @@
 Plain data in metres, kilograms, radians; x forward, y left, z up (plan: z forward, y down). The origin is the plan's.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections import Counter, defaultdict

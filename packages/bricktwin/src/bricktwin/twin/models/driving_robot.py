@@ -5,8 +5,6 @@ z up, origin in the middle of the axle. Metres and kilograms; looks in mm. Sizes
 the parts catalogue. The drive base drives forward when both of its motors count up, whatever their orientation.
 """
 
-from __future__ import annotations
-
 import mujoco
 
 from brickhub.errors import TwinError

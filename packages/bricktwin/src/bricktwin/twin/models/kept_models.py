@@ -1,7 +1,5 @@
 """Kept models: compiled MuJoCo models of robots in their scenes, in MuJoCo's binary form, which loads in milliseconds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 

@@ -12,8 +12,6 @@ robot's description by name:
 The first body has a free joint if the robot is mobile. Feet of a legged robot are geoms whose names begin with ``foot_``.
 """
 
-from __future__ import annotations
-
 import importlib
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Names define the wiring: the joint and actuator ``motor_E`` belong to port E, th
 Geom groups: obstacles that ultrasound detects, floor, looks, and the robot's collision shapes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -5,8 +5,6 @@ is not on the line of the other two: ours misses all three by the same share, 4 
 have the curves that the Pybricks authors measured and their firmware stores; so have all motors their friction and inertia.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass

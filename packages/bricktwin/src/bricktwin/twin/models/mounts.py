@@ -1,7 +1,5 @@
 """Mounts of sensors: sites in a sensor's viewing direction, its case, and a force sensor's touch sensor."""
 
-from __future__ import annotations
-
 import functools
 import math
 

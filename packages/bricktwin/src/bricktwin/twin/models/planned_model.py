@@ -5,8 +5,6 @@ robot's pose is measured, is below the middle of the hub, or on the axle of the 
 that stands on the table is the plan's. Tyres, casters and feet touch the floor, and the convex hulls of the other bodies.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Scenery: the objects of a scene in MuJoCo. Marks on the floor are drawn only; robots and ultrasound hit the others."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

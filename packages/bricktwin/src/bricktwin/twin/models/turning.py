@@ -4,8 +4,6 @@ A rod is modelled as a constant distance between its pins. This takes a fraction
 which closes a loop. It is drawn as a massless body, fixed to one pin and turned towards the other before rendering.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Offscreen OpenGL renderer of virtual robots, which draws only what may have changed. Training never imports this."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import errno

@@ -3,8 +3,6 @@
 Coarser and simpler than `opengl`: no specular light, no shadows, and textures have their mean colour.
 """
 
-from __future__ import annotations
-
 import math
 
 import mujoco

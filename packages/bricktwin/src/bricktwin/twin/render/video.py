@@ -4,8 +4,6 @@ while a program moves it.
 All of the room is drawn as decoration, without effect on the physics.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Iterable, Iterator
