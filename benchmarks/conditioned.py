@@ -25,7 +25,9 @@ from bricksrl.agents.replay.augmentation import MirrorRows
 from bricksrl.agents.search.gait import bounds
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task
+from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.task import Mirror, Task, mirrors
+from bricksrl.envs.transforms import layout_of
 from bricksrl.training import Callback, TrainConfig, train
 from bricksrl.training.restore import load_learner
 from bricktwin.twin.physics import PARAMETERS, Physics
@@ -69,7 +71,7 @@ def known(seed: int, **options: Any) -> EnvBase:
     return TransformedEnv(bricksrl.make(WALKER, seed=seed, **options), KnownPhysics())
 
 
-def mirror_of(task: Task) -> MirrorRows:
+def mirror_of(task: Task, layout: ObservationLayout) -> MirrorRows:
     """The mirror of the task's steps, with the numbers: the load changes sides, motors take each other's strength."""
     observed, acted = mirrors(task)
     robot, n = task.robot, len(observed.places)
@@ -79,14 +81,17 @@ def mirror_of(task: Task) -> MirrorRows:
     images = (n + names.index(places.get(name, name)) for name in names)
     signs = (-1 if name == "side_load_g" else 1 for name in names)
     whole = Mirror((*observed.places, *images), (*observed.signs, *signs), (*observed.wraps, *(False for _ in names)))
-    return MirrorRows(whole, acted)
+    return MirrorRows(layout, whole, acted)
 
 
 class Mirrored(Callback):
     """Callback that mirrors half of each batch, as SAC does by itself where it observes a symmetric robot alone."""
 
+    def __init__(self, layout: ObservationLayout) -> None:
+        self.layout = layout
+
     def on_learner(self, learner: Any) -> None:
-        learner.memory.append_transform(mirror_of(get_task(WALKER)))
+        learner.memory.append_transform(mirror_of(get_task(WALKER), self.layout))
 
 
 class Conditioned(nn.Module):
@@ -113,7 +118,8 @@ def conditioned(seed: int, episodes: int, folder: Path) -> TrainConfig:
     """Train the policy in drawn worlds; the search over its numbers on the nominal twin, which is still to be run."""
     policy, structure = (folder / "policy").absolute(), (folder / "structure.py").absolute()
     config = TrainConfig(WALKER, "sac", episodes, seed, randomize=True, record=False, run_dir=policy)
-    train(config, Mirrored(), env=known(seed, randomize=True))
+    env = known(seed, randomize=True)
+    train(config, Mirrored(layout_of(env)), env=env)
     called = f"of_run({str(policy)!r})"
     structure.write_text(f"from benchmarks.conditioned import of_run\n\n\ndef make(env):\n    return {called}\n", "utf-8")
     settings = replace(preset("default", "gait"), structure=f"{structure}:make")

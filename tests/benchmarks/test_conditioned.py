@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import closing
 
 import pytest
 import torch
@@ -11,6 +12,7 @@ from benchmarks.conditioned import ENTRIES, Conditioned, known, mirror_of, share
 from benchmarks.worlds import gains, totals
 from bricksrl.agents import make_learner, preset
 from bricksrl.envs.registry import get_task
+from bricksrl.envs.transforms import layout_of
 
 PLACES = {entry.name: index for index, entry in enumerate(ENTRIES)}
 
@@ -32,7 +34,8 @@ def test_policy_is_told_the_physics_of_each_episode_and_a_structure_acts_as_if_t
 
 
 def test_in_the_mirror_the_load_is_on_the_other_side_and_motors_have_each_others_strength() -> None:
-    mirror = mirror_of(get_task("Walker-v1")).observation
+    with closing(known(0)) as env:
+        mirror = mirror_of(get_task("Walker-v1"), layout_of(env)).observation
     row = torch.arange(8.0 + len(ENTRIES))
     row[8:] = shares(torch.tensor([entry.low for entry in ENTRIES]))
     row[8 + PLACES["motor_1_scale"]], row[8 + PLACES["side_load_g"]] = 0.5, 0.25
