@@ -15,6 +15,7 @@ from toys import Cart
 from brickhub.entry import Entry
 from bricksrl.agents.encoder import Encoder, ObservationEncoder, encoder_keys, make_encoder
 from bricksrl.agents.networks import mlp
+from bricksrl.envs.features import PAST_SHARE
 from bricksrl.envs.specs import ImageShape, NominalBounded, ObservationLayout
 from bricksrl.envs.transforms import layout_of
 from bricksrl.envs.vision.image_networks import Convolutions, Keypoints, shift_images
@@ -77,11 +78,11 @@ def test_older_frames_are_differences_to_the_newest_which_is_as_if_alone() -> No
     alone = ObservationLayout(MIXED.low[:3], MIXED.high[:3], MIXED.wraps[:3])
     before, now = torch.tensor([350.0, 9.0, 500.0]), torch.tensor([20.0, -9.0, 600.0])
     older, tilt, sine, cosine = ObservationEncoder(STACKED)(torch.cat((before, now))).split((2, 2, 2, 2))
-    torch.testing.assert_close(older, torch.tensor([0.2, -0.1]))
+    torch.testing.assert_close(older, PAST_SHARE * torch.tensor([0.2, -0.1]))
     torch.testing.assert_close(torch.cat((tilt, sine[1:], cosine[1:])), ObservationEncoder(alone)(now))
     assert [math.degrees(math.atan2(sine[0], cosine[0]))] == pytest.approx([-30.0], abs=1e-3)
     still = ObservationEncoder(STACKED)(torch.cat((now, now)))
-    assert still[:2].tolist() == [0.0, 0.0] and (still[4], still[6]) == (0.0, 1.0)
+    assert still[:2].tolist() == [0.0, 0.0] and still[[4, 6]].tolist() == pytest.approx([0.0, PAST_SHARE])
 
 
 def test_a_hidden_speed_is_learned_from_stacked_frames() -> None:
