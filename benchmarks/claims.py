@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from statistics import fmean, median
 from typing import Any, TypeAlias
 
@@ -72,8 +73,7 @@ def _strategies(metric: str, higher: str, lower: str) -> Callable[[Cells], Answe
 def episodes_to(cell: Mapping[str, Any], goal: float) -> float:
     """Median over the seeds: episodes until the mean of five reached ``goal``; infinite if most never did."""
     return median(
-        next((n for n, value in enumerate(smoothed(one["return"]), 1) if value >= goal and n >= 5), float("inf"))
-        for one in cell["curves"]
+        next((n for n, value in enumerate(smoothed(one["return"]), 1) if value >= goal and n >= 5), inf) for one in cell["curves"]
     )
 
 
@@ -112,7 +112,8 @@ def _slower_is_sooner(cells: Cells) -> Answer:
     goal = paper.RETURNS["Walker-v0"]["droq"][0]
     columns = {"2 Hz": "Walker-v0, 2 Hz", "4 Hz": "Walker-v0", "11 Hz": "Walker-v0, 11 Hz"}
     counts = {name: episodes_to(cells["droq", column], goal) for name, column in columns.items() if ("droq", column) in cells}
-    text = f"episodes to {number(goal)}: " + ", ".join(f"{name} {number(count)}" for name, count in counts.items())
+    reached = {name: number(count) if count < inf else "not reached" for name, count in counts.items()}
+    text = f"episodes to {number(goal)}: " + ", ".join(f"{name} {text}" for name, text in reached.items())
     return text, counts["2 Hz"] < counts["11 Hz"] if {"2 Hz", "11 Hz"} <= counts.keys() else None
 
 

@@ -516,8 +516,7 @@ def transforms(result: Result) -> str:
     text = table(["transform", "seeds", "return", "difference to plain"], rows)
     return text + (
         f"\n`{result['env']}`, returns of the environment itself after {result['steps']} steps of the robot. With FrameSkip an\n"
-        "agent's step is two of the robot, so it made half of the updates. Three frames, and a reward of a tenth, are learned\n"
-        "more slowly.\n"
+        "agent's step is two of the robot, so it made half of the updates.\n"
     )
 
 
