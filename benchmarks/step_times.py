@@ -54,9 +54,14 @@ STREAMED = replace(
 turned gets less for the same step: both are observed."""
 ENV = f"{Path(__file__)}:STREAMED"
 _SHARE = STEP_MS / 250
-SETTINGS = {"gamma": 0.95**_SHARE, "target_entropy": -1.0 - math.log(_SHARE) / 2, "min_scale": 0.1 / math.sqrt(_SHARE)}
+SETTINGS: dict[str, Any] = {
+    "gamma": 0.95**_SHARE,
+    "target_entropy": -1.0 - math.log(_SHARE) / 2,
+    "min_scale": 0.1 / math.sqrt(_SHARE),
+    "n_step": math.ceil(1 / _SHARE),
+}
 """SAC's defaults, which suit the 250 ms of Walker-v1, as they are in a second: the discount, and the variance of the noise, as
-what actions add to a leg's angle adds up like a random walk."""
+what actions add to a leg's angle adds up like a random walk. Returns are summed over the steps of 250 ms."""
 
 
 def searched(step_ms: int, streaming: bool) -> dict[str, Any]:

@@ -29,6 +29,7 @@ OF_USERS = (
 )
 """Modules that files of users import from."""
 INTERNAL = {
+    "BatchNorm",
     "Critic",
     "Dropout",
     "Encoder",

@@ -14,6 +14,7 @@ from tensordict import TensorDict
 
 from bricksrl.agents.bc import recorded_memory
 from bricksrl.agents.learner import load_memory_state, memory_state
+from bricksrl.agents.replay.augmentation import ShiftImages
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.envs.specs import ImageShape
 from bricksrl.errors import DescriptionError
@@ -242,7 +243,8 @@ def test_images_are_shifted_independently() -> None:
     frames = numbered(0, 8)
     frames["image"], frames["next", "image"] = images, images.clone()
     shape = ImageShape("image", 16, 3, is_channels_last=True)
-    plain, shifted = (TransitionReplayBuffer(8, 32, ("observation", "image"), shift_px=px, images=(shape,)) for px in (0, 2))
+    plain, shifted = (TransitionReplayBuffer(8, 32, ("observation", "image")) for _ in range(2))
+    shifted.append_transform(ShiftImages([shape], 2))
     for buffer in (plain, shifted):
         buffer.extend(frames)
     assert (plain.sample()["image"] == images[0]).all()

@@ -11,7 +11,7 @@ from brickhub.user_files import is_reference, line_of_user, load_object
 from bricksrl.errors import BricksError, DescriptionError, UnknownNameError, hint, message_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from torchrl.envs import EnvBase
 
@@ -103,6 +103,16 @@ class Algorithm:
     name: str
     settings: type[Any]
     build: Callable[..., Learner]
+
+
+_FORMER = {"critic_layer_norm": "critic_norm", "actor_layer_norm": "actor_norm"}
+_FORMER_VALUES = {"true": "layer", "yes": "layer", "1": "layer", "false": "none", "no": "none", "0": "none"}
+
+
+def with_present_names(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of settings by name, where what was a flag of layer normalisation before it had kinds is one of these."""
+    known = {_FORMER[name]: _FORMER_VALUES.get(str(value).lower(), value) for name, value in values.items() if name in _FORMER}
+    return {name: value for name, value in values.items() if name not in _FORMER} | known
 
 
 def check_agent(agent: str) -> None:

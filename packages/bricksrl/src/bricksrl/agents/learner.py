@@ -19,13 +19,12 @@ from torchrl.objectives import LossModule
 from bricksrl.agents.encoder import Encoder
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer
 from bricksrl.agents.settings import CriticSettings, OffPolicySettings, Settings
+from bricksrl.envs.features import reward_unit
 from bricksrl.envs.rollout import cut_at_lost_links, lost_links, with_outcome
 from bricksrl.errors import CheckpointError, message_of
 
 MAX_ROWS = 8192
 """Maximum number of transitions drawn at once for several updates."""
-ENOUGH = 20
-"""Minimum number of transitions that tell how great rewards are."""
 ACTOR_LOSSES = ("loss_actor", "loss_alpha")
 """Losses omitted in updates without the actor."""
 
@@ -42,13 +41,6 @@ def means(metrics: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
     updates = list(metrics)
     names = dict.fromkeys(name for update in updates for name in update)
     return {name: torch.stack([update[name] for update in updates if name in update]).mean() for name in names}
-
-
-def reward_unit(rewards: Tensor) -> float:
-    """The power of ten nearest to the root mean square of rewards ``[n]`` other than 0, at most 1; 1 for fewer than `ENOUGH`."""
-    paid = rewards[rewards != 0.0]
-    size = float(paid.square().mean().sqrt()) if len(paid) and len(rewards) >= ENOUGH else 1.0
-    return min(1.0, 10.0 ** round(math.log10(size)))
 
 
 @dataclass
@@ -271,8 +263,8 @@ class Learner:
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that learning changes: nested tensors, numbers, strings, lists."""
-        state: dict[str, Any] = {"policy": dict(self.policy.state_dict()), "updates": self.updates, "due": self.due}
-        state["reward_unit"] = self.reward_unit
+        state: dict[str, Any] = {name: getattr(self, name) for name in ("updates", "due", "reward_unit")}
+        state["policy"] = dict(self.policy.state_dict())
         if self.loss is not None and self.optimizer is not None:
             state |= {"loss": dict(self.loss.state_dict()), "optimizer": self.optimizer.state_dict()}
         if self.memory is not None and not self.on_policy and len(self.memory):
@@ -337,7 +329,7 @@ def off_policy_learner(
     """A learner with the optimiser and replay buffer of the settings."""
     learned = list(loss.parameters())
     memory = make_replay_buffer(env, settings, learned[0].device)
-    names = ("updates_per_step", "prefill_episodes", "actor_delay", "scale_rewards")
-    options |= {name: getattr(settings, name) for name in names}
+    for name in ("updates_per_step", "prefill_episodes", "actor_delay", "scale_rewards"):
+        options[name] = getattr(settings, name)
     options["reset_every"] = settings.reset_every if isinstance(settings, CriticSettings) else 0
     return Learner(policy, loss, adam(learned, settings), memory, target, **options)

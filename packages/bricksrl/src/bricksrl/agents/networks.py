@@ -125,9 +125,8 @@ def gaussian_policy(
 ) -> ProbabilisticActor:
     """A tanh-squashed normal policy. ``body``: features to location and raw scale, twice the action's size; ``min_scale``: least
     standard deviation before the tanh; ``log_prob``: write the action's log-probability too."""
-    actor = Actor(encoder, body, NormalParamExtractor(scale_lb=min_scale))
     return ProbabilisticActor(
-        Keyed(actor, encoder_keys(encoder), ["loc", "scale"]),
+        Keyed(Actor(encoder, body, NormalParamExtractor(scale_lb=min_scale)), encoder_keys(encoder), ["loc", "scale"]),
         in_keys=["loc", "scale"],
         distribution_class=TanhNormal,
         spec=Composite(action=spec),

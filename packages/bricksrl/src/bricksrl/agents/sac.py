@@ -189,11 +189,10 @@ class SACLoss(ActorCriticLoss):
         """Minimum ``[batch]`` of the target critics drawn for this update."""
         count, critics = self.settings.num_min_qs, self.target_critics
         drawn = torch.randperm(len(critics))[:count] if count < len(critics) else None
-        if drawn is None or torch.compiler.is_compiling():  # a graph cannot depend on the drawn indices
-            values: Tensor = critics(batch.next_features, next_action)
-            return (values if drawn is None else values[drawn.to(values.device)]).amin(0)
-        x = torch.cat((batch.next_features, next_action), -1)
-        return torch.stack([critics[i](x).squeeze(-1) for i in drawn.tolist()]).amin(0)
+        if drawn is not None and not torch.compiler.is_compiling():  # a graph cannot depend on the drawn indices
+            critics, drawn = Critics(critics[i] for i in drawn.tolist()), None
+        values: Tensor = critics(batch.next_features, next_action)
+        return (values if drawn is None else values[drawn.to(values.device)]).amin(0)
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Losses of actor and temperature."""

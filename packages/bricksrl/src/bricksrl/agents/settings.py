@@ -4,9 +4,8 @@ Field docstrings are the help of ``bricksrl settings AGENT``. Importing this loa
 """
 
 import itertools
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from brickhub.fields import Range as Range  # noqa: PLC0414  users find it beside its shorthands
 from brickhub.fields import check_fields
@@ -20,14 +19,6 @@ Share = Range(0.0, 1.0)
 ShareBelowOne = Range(0.0, 1.0, below=True)
 Norm = Literal["none", "layer", "rms", "batch"]
 """Normalisation of the hidden layers of a network: ``nn.LayerNorm``, ``nn.RMSNorm``, ``nn.BatchNorm1d``."""
-_FORMER = {"critic_layer_norm": "critic_norm", "actor_layer_norm": "actor_norm"}
-_FORMER_VALUES = {"true": "layer", "yes": "layer", "1": "layer", "false": "none", "no": "none", "0": "none"}
-
-
-def with_present_names(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of settings by name, where what was a flag of layer normalisation before it had kinds is one of these."""
-    known = {_FORMER[name]: _FORMER_VALUES.get(str(value).lower(), value) for name, value in values.items() if name in _FORMER}
-    return {name: value for name, value in values.items() if name not in _FORMER} | known
 
 
 @dataclass(frozen=True)

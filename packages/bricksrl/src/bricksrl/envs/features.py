@@ -1,4 +1,4 @@
-"""Features: what observations in physical units become before they enter a network, of our agents or of other libraries.
+"""Features: what observations in physical units, and rewards, become before networks learn from them, ours or others.
 
 An agent that acts holds what it observes within the range that it has learned on, so that an input that never varied where it
 learned decides nothing where it acts."""
@@ -19,6 +19,15 @@ LARGEST = torch.finfo(torch.float32).max
 PAST_SHARE = 0.3
 """Size of what older frames add: at 1 a stack of three learns the simulated Walker more slowly (`python -m benchmarks
 transforms`)."""
+ENOUGH = 20
+"""Minimum number of transitions that tell how great rewards are."""
+
+
+def reward_unit(rewards: Tensor) -> float:
+    """The power of ten nearest to the root mean square of rewards ``[n]`` other than 0, at most 1; 1 for fewer than `ENOUGH`."""
+    paid = rewards[rewards != 0.0]
+    size = float(paid.square().mean().sqrt()) if len(paid) and len(rewards) >= ENOUGH else 1.0
+    return min(1.0, 10.0 ** round(math.log10(size)))
 
 
 class SeenInputs(nn.Module):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from brickhub.fields import check_fields
-from bricksrl.agents.settings import with_present_names
+from bricksrl.agents import with_present_names
 from bricksrl.errors import DescriptionError, hint
 
 S = TypeVar("S")

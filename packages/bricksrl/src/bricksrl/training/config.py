@@ -13,8 +13,7 @@ from brickhub.cli.options import Flag, option
 from brickhub.fields import LARGEST, check_fields
 from brickhub.seed import check_seed
 from brickhub.user_files import with_absolute_file, without_folder
-from bricksrl.agents import algorithm, preset
-from bricksrl.agents.settings import with_present_names
+from bricksrl.agents import algorithm, preset, with_present_names
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task
 from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError, counted

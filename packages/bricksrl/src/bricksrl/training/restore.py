@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 from brickhub.fields import check_fields
 from brickhub.files import quoted
 from brickhub.seed import derive_seed
-from bricksrl.agents import make_learner
-from bricksrl.agents.settings import with_present_names
+from bricksrl.agents import make_learner, with_present_names
 from bricksrl.errors import BricksError, CheckpointError, DataError, DescriptionError, DivergedError, RunError
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.config import SCRIPTED, TrainConfig, portable

@@ -10,9 +10,10 @@ from torchrl.envs import EnvBase, Transform
 
 from bricksrl.agents.settings import OffPolicySettings
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.specs import ObservationLayout
+from bricksrl.envs.specs import ImageShape, ObservationLayout
 from bricksrl.envs.task import Mirror, mirrors
 from bricksrl.envs.transforms import keeps_actions, layout_of
+from bricksrl.envs.vision.image_networks import shift_images
 
 
 class MirrorRows(Transform):  # type: ignore[misc]
@@ -36,9 +37,25 @@ class MirrorRows(Transform):  # type: ignore[misc]
         return batch
 
 
+class ShiftImages(Transform):  # type: ignore[misc]
+    """Shifts each of the images of a batch at random, by up to ``most_px`` in each direction."""
+
+    def __init__(self, images: Sequence[ImageShape], most_px: int) -> None:
+        super().__init__()
+        self.images, self.most_px = images, most_px
+
+    def forward(self, batch: TensorDictBase) -> TensorDictBase:
+        for image in self.images:
+            for part in (batch, batch["next"]):
+                part[image.key] = shift_images(part[image.key], self.most_px, image.is_channels_last)
+        return batch
+
+
 def augmentations(env: EnvBase, settings: OffPolicySettings) -> Iterator[Transform]:
     """The augmentations of the settings for an environment."""
     task, layout = interface_of(env).task, layout_of(env)
+    if settings.shift_px and layout.images:
+        yield ShiftImages(layout.images, settings.shift_px)
     if settings.mirror and task is not None and task.symmetric and keeps_actions(env):
         observation, action = mirrors(task)
         seen = behind_transforms(observation, [entry.name for entry in task.entries], layout)

@@ -16,9 +16,7 @@ from torchrl.envs import EnvBase, Transform
 from bricksrl.agents.settings import OffPolicySettings
 from bricksrl.envs.goals import GoalRelabelling, relabelling
 from bricksrl.envs.rollout import lost_links, with_outcome
-from bricksrl.envs.specs import ImageShape
 from bricksrl.envs.transforms import layout_of
-from bricksrl.envs.vision.image_networks import shift_images
 from bricksrl.errors import DescriptionError
 
 HORIZON = 4
@@ -31,7 +29,7 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
     Transitions are in the computer's memory, or with ``memory_mapped`` in a temporary file: a graphics card seldom has room for
     all. Samples are moved to ``device``.
     ``n_step``: steps whose rewards are summed with discount ``gamma``; "steps_to_next_obs" is their actual number. ``goals``:
-    relabelling of each batch; ``shift_px``: random shift of images. Where a batch needs what followed, successors are linked.
+    relabelling of each batch. Where a batch needs what followed, successors are linked.
     """
 
     def __init__(
@@ -45,12 +43,10 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         gamma: float = 1.0,
         n_step: int = 1,
         goals: GoalRelabelling | None = None,
-        shift_px: int = 0,
-        images: Sequence[ImageShape] = (),
     ) -> None:
         super().__init__(storage=LazyMemmapStorage(capacity) if memory_mapped else LazyTensorStorage(capacity, device="cpu"))
         self._rows, self._observed, self._sampled_to = batch_size, keys, torch.device(device)
-        self._gamma, self._n_step, self._goals, self._shift = gamma, n_step, goals, (shift_px, images)
+        self._gamma, self._n_step, self._goals = gamma, n_step, goals
         self._keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
         self._has_links = n_step > 1 or (goals is not None and goals.hindsight > 0)
         self._none = capacity  # index of the missing successor
@@ -65,9 +61,8 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
 
     def empty_like(self, capacity: int) -> "TransitionReplayBuffer":
         """An empty buffer of the same kind for ``capacity`` transitions, not in a file."""
-        kind: dict[str, Any] = {"gamma": self._gamma, "n_step": self._n_step, "goals": self._goals}
-        kind |= {"shift_px": self._shift[0], "images": self._shift[1]}
-        empty = type(self)(capacity, self._rows, self._observed, device=self._sampled_to, **kind)
+        kind = (capacity, self._rows, self._observed, False, self._sampled_to)
+        empty = type(self)(*kind, gamma=self._gamma, n_step=self._n_step, goals=self._goals)
         empty._augment += self._augment
         return empty
 
@@ -125,10 +120,6 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         index = batch.pop("index")
         if self._goals is not None or self._n_step > 1:
             batch = self._augmented(batch, index, len(index) // batches if batches else min(self._rows, len(index)))
-        shift_px, images = self._shift
-        for image in images if shift_px else ():
-            for part in (batch, batch["next"]):
-                part[image.key] = shift_images(part[image.key], shift_px, image.is_channels_last)
         for transform in self._augment:
             batch = transform(batch)
         return batch.to(self._sampled_to)
@@ -199,5 +190,4 @@ def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.
     """The replay buffer of the settings for an environment."""
     layout, goals = layout_of(env), relabelling(env, settings.hindsight, settings.new_goals)
     args = (settings.buffer_size, settings.batch_size, layout.keys, settings.memory_mapped, device)
-    kwargs: dict[str, Any] = {"gamma": settings.gamma, "n_step": settings.n_step, "goals": goals}
-    return TransitionReplayBuffer(*args, **kwargs, shift_px=settings.shift_px, images=layout.images)
+    return TransitionReplayBuffer(*args, gamma=settings.gamma, n_step=settings.n_step, goals=goals)
