@@ -14,7 +14,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # One process more than cores, as many tests wait for a process or a socket.
 WORKERS = $(shell $(BIN)/python -c 'import os; print((os.cpu_count() or 1) + 1)')
 FAST = --numprocesses $(WORKERS) -m 'not realtime and not slow' --reruns 1 --only-rerun Timeout
-# They keep to a clock, wait most of the time, and come first where something else computes: one process at a time.
+# They keep to a clock, wait most of the time, and come first where something else computes.
 CLOCK := --numprocesses 4 -m 'realtime and not slow' --reruns 2
 BESIDE := nice -n 10
 LIGHT := packages/brickhub/tests
@@ -22,7 +22,7 @@ LIGHT := packages/brickhub/tests
 TESTS := packages/bricksrl/tests tests packages/bricktwin/tests packages/brickhub/tests
 CLOCKED = $(shell grep -rl mark.realtime $(TESTS) --include='test_*.py')
 
-.PHONY: help demo docs test test-slow check fast clocked beside wheels format booklets clean $(HOUSES:%=test-%)
+.PHONY: help demo docs test test-slow check fast clocked light wheels format booklets clean $(HOUSES:%=test-%)
 
 help:
 	@echo "make demo    a Walker learns to walk on a virtual hub: films before and after, a report"
@@ -56,13 +56,13 @@ check: $(INSTALLED)
 	$(BIN)/lint-imports --no-logo
 
 test: $(INSTALLED)
-	$(MAKE) --jobs 2 clocked beside
+	$(MAKE) --jobs 3 clocked check light
 	$(MAKE) fast TESTS='$(filter-out $(LIGHT),$(TESTS))'
 
 fast: $(INSTALLED)
 	$(BESIDE) $(PYTEST) $(FAST) $(TESTS)
 
-beside: check
+light: $(INSTALLED)
 	$(MAKE) fast WORKERS=1 TESTS=$(LIGHT)
 
 clocked: $(INSTALLED)

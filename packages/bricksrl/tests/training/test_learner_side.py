@@ -64,7 +64,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
 def learner(*, patient: bool = False, pace: LearningPace = LearningPace()) -> Iterator[AsyncLearner]:  # noqa: B008  it is frozen
     torch.manual_seed(0)
     acting, config = make_learner("sac", Cart(), SMALL), TrainConfig("Cart", settings=SMALL, realtime=not patient)
-    state = {"agent": acting.state_dict(), "pace": asdict(pace), "collected": []}
+    state = {"agent": acting.state_dict(), "pace": asdict(pace), "collected": [], "transforms": {}}
     with AsyncLearner(config, Cart(), acting, state) as found:
         yield found
 
@@ -144,7 +144,7 @@ def test_slow_on_policy_learner_uses_each_batch() -> None:
         if len(learned) == 8:
             inbox.put(child_process.END)
 
-    state = {"agent": acting.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
+    state = {"agent": acting.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": [], "transforms": {}}
     specs = {name: getattr(env, name).clone() for name in ("observation_spec", "action_spec", "reward_spec", "done_spec")}
     serve({"config": config.to_dict(), "specs": specs, "layout": None, "has_task": False, "state": state}, inbox, send)
     assert [bool(metrics) for _, metrics, _ in learned] == [False, False, False, True] * 2
