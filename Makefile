@@ -22,7 +22,7 @@ LIGHT := packages/brickhub/tests
 TESTS := packages/bricksrl/tests tests packages/bricktwin/tests packages/brickhub/tests
 CLOCKED = $(shell grep -rl mark.realtime $(TESTS) --include='test_*.py')
 
-.PHONY: help demo docs test test-slow check fast clocked light wheels format booklets clean $(HOUSES:%=test-%)
+.PHONY: help demo docs test test-slow check fast clocked light rest wheels format booklets clean $(HOUSES:%=test-%)
 
 help:
 	@echo "make demo    a Walker learns to walk on a virtual hub: films before and after, a report"
@@ -56,14 +56,17 @@ check: $(INSTALLED)
 	$(BIN)/lint-imports --no-logo
 
 test: $(INSTALLED)
-	$(MAKE) --jobs 3 clocked check light
-	$(MAKE) fast TESTS='$(filter-out $(LIGHT),$(TESTS))'
+	$(MAKE) --jobs 2 light rest
 
 fast: $(INSTALLED)
 	$(BESIDE) $(PYTEST) $(FAST) $(TESTS)
 
 light: $(INSTALLED)
 	$(MAKE) fast WORKERS=1 TESTS=$(LIGHT)
+
+rest: $(INSTALLED)
+	$(MAKE) --jobs 2 clocked check
+	$(MAKE) fast TESTS='$(filter-out $(LIGHT),$(TESTS))'
 
 clocked: $(INSTALLED)
 	$(PYTEST) $(CLOCK) $(CLOCKED)
