@@ -43,7 +43,13 @@ CONTENT = ("README.md", "docs", "examples", "plugins/lerobot_robot_bricksrl/READ
 FOLLOWED = ("README", "start", "watch", "lesson", "own", "policies")
 """Pages that are followed from top to bottom; the others also have commands for the reader's robots and files."""
 OURS = ("brickhub", "bricktwin", "bricksrl")
-CHANGED = {"bricksrl hub rename": "a sentence in docs/hardware.md", "python benchmarks/": "python -m benchmarks NAME"}
+CHANGED = {
+    "bricksrl hub rename": "a sentence in docs/hardware.md",
+    "python benchmarks/": "python -m benchmarks NAME",
+    "bricksrl train Walker-v0 --data": "--demonstrations",
+    "bricksrl train Walker-v0 --from runs/iql --data": "--demonstrations",
+    "bricksrl train Walker-v0 --agent sac --from runs/bc --data": "--demonstrations",
+}
 """Beginnings of what really had to change, and the new name of each, which stands in the changelog."""
 EXAMPLES: dict[str, dict[str, Any]] = {
     "02_train": {"episodes": 2},
