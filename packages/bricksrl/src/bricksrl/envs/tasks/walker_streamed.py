@@ -55,13 +55,11 @@ import math
 from dataclasses import replace
 
 from brickhub.hub.interface import Heading
-from bricksrl.envs.task import Task, Tensor
-from bricksrl.envs.tasks import walker, walker_forward
+from bricksrl.envs.tasks import walker
+from bricksrl.envs.tasks.walker_forward import UNIT_MM, forward_task
 
 STEP_MS = 100
 _SHARE = STEP_MS / walker.STEP_MS
-UNIT_MM = walker_forward.UNIT_MM * _SHARE
-"""Distance forward with reward 1."""
 SETTINGS = {
     "gamma": 0.95**_SHARE,
     "n_step": math.ceil(1 / _SHARE),
@@ -70,38 +68,17 @@ SETTINGS = {
     "trial_steps": 25,
     "settle_steps": 10,
 }
-"""Defaults of agents, which suit the 250 ms of Walker-v1, as they are in a second: the discount; the steps whose rewards are summed;
-the variance of SAC's noise, as what actions add to a leg's angle adds up like a random walk; and a trial of a gait, whose steps of
-250 ms took some 320 over a link. `python -m benchmarks step_times` measures what they give."""
+"""Defaults of agents, which suit the 250 ms of Walker-v1, as they are in a second: the discount; the steps whose rewards are
+summed; the variance of SAC's noise, as what actions add to a leg's angle adds up like a random walk; and a trial of a gait, whose
+steps of 250 ms take some 320 over a link. `python -m benchmarks step_times` measures what they give."""
 
-_ALIKE = walker_forward.walker_forward(step_ms=STEP_MS)
-_FORWARD = 8
-
-
-def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
-    """Distance forward in units of 8 mm; ``[*batch, 1]``."""
-    return observation[..., _FORWARD : _FORWARD + 1] / UNIT_MM
-
-
-def success(observations: Tensor) -> Tensor:
-    """Whether the robot walked fast enough and did not fall in the episode ``[*batch, steps, n]``; ``[*batch]``."""
-    fell = walker.terminated(observations)[..., 0].any(-1)
-    return (observations[..., _FORWARD].mean(-1) >= walker_forward.SUCCESS_MM_S * STEP_MS / 1000) & ~fell
-
-
-def metrics(observations: Tensor) -> dict[str, Tensor]:
-    """Mean distance forward per step of the episode ``[*batch, steps, n]``; ``[*batch]``."""
-    return {"mean_step_mm": observations[..., _FORWARD].mean(-1)}
-
-
-WALKER_STREAMED: Task = replace(
-    _ALIKE,
-    id="Walker-v2",
-    doc=__doc__,
-    interface=replace(_ALIKE.interface, channels=(*_ALIKE.interface.channels, Heading())),
-    reward=reward,
-    success=success,
-    metrics=metrics,
+_INTERFACE, _MAX_STEPS = walker.timed("Walker-v2", STEP_MS)
+WALKER_STREAMED = forward_task(
+    "Walker-v2",
+    __doc__,
+    replace(_INTERFACE, channels=(*_INTERFACE.channels, Heading())),
+    _MAX_STEPS,
+    UNIT_MM * _SHARE,
     streams=True,
     observes_commands=True,
     settings=SETTINGS,
