@@ -57,6 +57,8 @@ UNIT_MM = 20.0
 """Distance forward with reward 1."""
 SUCCESS_MM_S = 40.0
 """Least mean speed forward of a successful episode, in the steps' own time."""
+SETTINGS = {"n_step": 3}
+"""A command shows in the distance of the steps after it: returns over 3 steps (`python -m benchmarks ablation`)."""
 
 
 def forward_task(env_id: str, doc: str, interface: Interface, max_steps: int, unit_mm: float, **more: Any) -> Task:
@@ -93,4 +95,4 @@ def walker_forward(*, step_ms: int = STEP_MS) -> Task:
     Raises:
         DescriptionError: see `timed`.
     """
-    return forward_task("Walker-v1", __doc__, *timed("Walker-v1", step_ms), UNIT_MM)
+    return forward_task("Walker-v1", __doc__, *timed("Walker-v1", step_ms), UNIT_MM, settings=SETTINGS)
