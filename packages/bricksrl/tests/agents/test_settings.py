@@ -226,10 +226,15 @@ def test_image_preset_is_small() -> None:
 
 
 @pytest.mark.parametrize("name", PRESETS)
-@pytest.mark.parametrize("agent", AGENTS)
+@pytest.mark.parametrize("agent", [agent for agent in AGENTS if agent != "gait"])
 @pytest.mark.parametrize("images", [False, True])
 def test_preset_values_are_known_settings(name: str, agent: str, images: bool) -> None:
     assert isinstance(preset(name, agent, images=images), algorithm(agent).settings)
+
+
+def test_what_is_not_in_the_paper_has_no_preset_of_it() -> None:
+    with pytest.raises(UnknownNameError, match="gait has no preset 'paper'"):
+        preset("paper", "gait")
 
 
 def test_paper_preset_equals_paper() -> None:
