@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -205,7 +205,7 @@ def test_rewards_on_the_hub_see_what_the_task_observes(tmp_path: Path) -> None:
 def test_an_export_tries_a_real_run_on_the_twin_of_its_world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file, physics = tmp_path / "run" / "config.json", Physics(battery_v=7.0)
     about = json.loads(file.read_text())
-    about["config"] |= {"hub": "ble:nobody", "physics": physics.to_dict()}
+    about["config"] |= {"hub": "ble:nobody", "physics": asdict(physics)}
     file.write_text(json.dumps(about))
     made: list[Any] = []
 
