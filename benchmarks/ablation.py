@@ -14,7 +14,8 @@ from typing import Any
 
 from benchmarks.learning import EVALUATED_EPISODES, run, summary
 from benchmarks.session import Session
-from bricksrl.agents import AGENTS, preset
+from bricksrl.agents import AGENTS
+from bricksrl.training.config import settings_for
 
 STEPS = {"WalkerSim-v0": 1000, "RoboArmSim-v0": 400, "Walker-v1": 1000}
 FOR_GOALS = ("goals", "hindsight", "new_goals")
@@ -29,7 +30,7 @@ PRODUCTS: dict[str, Any] = {"batch_size": 256, "actor_delay": 1, "mirror": False
 
 def variants(env: str, agent: str) -> dict[str, tuple[str, dict[str, Any]]]:
     """Preset and changes by variant: default, default with one value of the paper, or with `PRODUCTS`, paper."""
-    default, paper = (asdict(preset(name, agent)) for name in ("default", "paper"))
+    default, paper = (asdict(settings_for(env, name, agent)) for name in ("default", "paper"))
     without_effect = FOR_IMAGES + FOR_GOALS * env.startswith("Walker")
     differ = [name for name in paper if paper[name] != default[name] and name not in without_effect]
     one = {name: ("default", {name: paper[name]}) for name in differ}
@@ -53,7 +54,7 @@ def main(session: Session) -> None:
         for name, (preset_name, changes) in variants(env, agent).items():
             if args.only is None or name in args.only:
                 cells[f"{env}-{agent}-{name}-{steps}"] = (env, agent, preset_name, (steps,), "steps", changes)
-                settings.append((found, name, changes or asdict(preset(preset_name, agent))))
+                settings.append((found, name, changes or asdict(settings_for(env, preset_name, agent))))
     for (found, name, setting), runs in zip(settings, session.by_seed(run, cells, args.seeds).values(), strict=True):
         (outcome,) = summary(runs)
         found[name] = {"setting": setting, "returns": [marks[-1]["return"] for marks in runs], **outcome}

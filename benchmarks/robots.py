@@ -28,6 +28,7 @@ EPISODES = {
     "Spinning-v0": 15,
     "Walker-v0": 75,
     "Walker-v1": 75,
+    "Walker-v2": 12,
     "LineFollow-v0": 30,
     "Park-v0": 30,
     "RoboArm-v0": 250,

@@ -60,13 +60,13 @@ def test_record_into_a_dataset_says_so_and_refuses_a_damaged_one(recorded, tmp_p
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("train", "Walker-v9"), "did you mean 'Walker-v1'?"),
+        (("train", "Walker-v9"), "did you mean 'Walker-v2'?"),
         (("train", "Walker-v1", "--agent", "sax"), "did you mean 'sac'?"),
         (("train", "Walker-v1", "--option", "speed=3"), "has no option speed"),
         (("train", "Walker-v1", "--hub", "blue"), "there is no hub 'blue'"),
         (("train", "Walker-v1", "--run", str(Path(__file__).parent)), "exists already"),
-        (("record", "Walker-v9", "--out", "x"), "did you mean 'Walker-v1'?"),
-        (("demo", "Walker-v9"), "did you mean 'Walker-v1'?"),
+        (("record", "Walker-v9", "--out", "x"), "did you mean 'Walker-v2'?"),
+        (("demo", "Walker-v9"), "did you mean 'Walker-v2'?"),
         (("demo", "WalkerSim-v0"), "has no robot to show"),
         (("demo", "--policy", "bset"), "has no policy 'bset'; choose random, scripted"),
         (("list", "\N{EN DASH}json"), "\N{EN DASH}json begins with the dash of a word processor; type --json"),

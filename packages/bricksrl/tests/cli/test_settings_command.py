@@ -39,6 +39,11 @@ def test_json_is_accepted_by_train(capsys, tmp_path):
     assert "gamma" in json.loads(path.read_text())
 
 
+def test_settings_in_an_environment(capsys):
+    assert main(["settings", "sac", "--env", "Walker-v2", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["n_step"] == 3
+
+
 def test_settings_of_user_file(capsys, tmp_path):
     path = tmp_path / "own.py"
     path.write_text(
@@ -52,3 +57,4 @@ def test_settings_of_user_file(capsys, tmp_path):
 def test_unknown_agent_prints_one_line(fails):
     fails("settings", "sca", says="there is no agent 'sca'")
     fails("settings", "sac", "--preset", "papr", says="choose one of default, paper")
+    fails("settings", "sac", "--env", "Walker-v", says="did you mean 'Walker-v2'?")

@@ -88,7 +88,7 @@ def test_report_with_videos(trained, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("env", "episodes"), [("RunAway-v0", 40), ("Spinning-v0", 15), ("Walker-v1", 75), ("RoboArmSim-v0", 250)]
+    ("env", "episodes"), [("RunAway-v0", 40), ("Spinning-v0", 15), ("Walker-v1", 75), ("Walker-v2", 12), ("RoboArmSim-v0", 250)]
 )
 def test_default_episodes_follow_environment(env, episodes):
     assert Train(env).config(env).episodes == episodes

@@ -49,7 +49,7 @@ def test_simulation_is_one_environment_on_the_cpu(named: dict[str, Any]) -> None
         gymnasium.make("bricksrl/WalkerSim-v1", **named)
 
 
-@pytest.mark.parametrize(("env_id", "fps"), [("Walker-v1", 4), ("Park-v0", 5), ("LineFollow-v0", 17), ("RunAway-v0", 1)])
+@pytest.mark.parametrize(("env_id", "fps"), [("Walker-v2", 10), ("Park-v0", 5), ("LineFollow-v0", 17), ("RunAway-v0", 1)])
 def test_recorded_films_take_as_long_as_the_robot(env_id: str, fps: int) -> None:
     env = gymnasium.make(f"bricksrl/{env_id}")
     assert env.metadata["render_fps"] == fps
@@ -271,7 +271,7 @@ def test_missing_graphics_library_disables_pictures_only() -> None:
     assert done.returncode == 0 and done.stderr.count("MUJOCO_GL=bogus does not work") == 1, done.stderr
 
 
-@pytest.mark.parametrize("env_id", ["Walker-v1", "RoboArmSim-v0"])
+@pytest.mark.parametrize("env_id", ["Walker-v2", "RoboArmSim-v0"])
 def test_features_are_those_of_our_agents(env_id):
     from bricksrl.agents import preset
     from bricksrl.agents.encoder import make_encoder
@@ -302,7 +302,7 @@ def test_another_library_learns_with_the_features():
     sb3 = pytest.importorskip("stable_baselines3")
     from bricksrl.envs.gymnasium import FeatureObservation
 
-    env = FeatureObservation(gymnasium.make("bricksrl/Walker-v1"))
+    env = FeatureObservation(gymnasium.make(gymnasium.spec("bricksrl/Walker-v1")))
     options = {"learning_rate": 1e-3, "gamma": 0.95, "gradient_steps": 2, "learning_starts": 100, "ent_coef": "auto_0.1"}
     agent = sb3.SAC("MlpPolicy", env, seed=0, **options)
     agent.learn(2000)

@@ -27,9 +27,9 @@ QUIET = Physics(tilt_noise_deg=0.0, distance_noise_mm=0.0, distance_noise_ratio=
 TASK = get_task("Walker-v1")
 
 
-def observed(actions: Tensor) -> Tensor:
-    """Observations of a run in the twin of Walker-v1, without noise."""
-    env = bricksrl.make("Walker-v1", seed=3, physics=QUIET)
+def observed(actions: Tensor, env_id: str) -> Tensor:
+    """Observations of a run in the twin, without noise."""
+    env = bricksrl.make(env_id, seed=3, physics=QUIET)
     state, observations = env.reset(), []
     for action in actions:
         state = env.step_mdp(env.step(state.set("action", action)))
@@ -37,16 +37,17 @@ def observed(actions: Tensor) -> Tensor:
     return torch.stack(observations)
 
 
-def test_a_mirrored_run_of_the_twin_is_the_runs_mirror() -> None:
-    observation, action = mirrors(TASK)
+@pytest.mark.parametrize("env_id", ["Walker-v1", "Walker-v2"])
+def test_a_mirrored_run_of_the_twin_is_the_runs_mirror(env_id: str) -> None:
+    observation, action = mirrors(get_task(env_id))
     actions = torch.rand(8, 4, generator=torch.Generator().manual_seed(0)) * 2 - 1
-    run, twin = observed(actions), observation(observed(action(actions)))
+    run, twin = observed(actions, env_id), observation(observed(action(actions), env_id))
     legs = torch.remainder(run[:, :4] - twin[:, :4] + 180.0, 360.0) - 180.0
-    tilt, forward = (run - twin)[:, 4:6], (run - twin)[:, 7]
+    tilt, others = (run - twin)[:, 4:6], (run - twin)[:, 7:]
     assert legs.abs().max() < 3.0
     assert tilt.abs().max() < 2.0
-    assert forward.abs().max() < 3.0
-    plain = observed(action(actions))  # what is not mirrored back is another run
+    assert others.abs().max() < 3.0, "distance forward, heading, last commands"
+    plain = observed(action(actions), env_id)  # what is not mirrored back is another run
     assert (torch.remainder(run[:, :4] - plain[:, :4] + 180.0, 360.0) - 180.0).abs().max() > 20.0
 
 

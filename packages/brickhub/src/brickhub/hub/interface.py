@@ -23,6 +23,7 @@ class Channel(WireNumber, ABC):
 
     Attributes:
         is_nominal: whether values beyond ``low`` and ``high`` are possible, up to the limits of the wire.
+        accumulates: whether it counts from the start of the program; environments let it count from the start of each episode.
         noise, noise_share: names of the twin's physics parameters for its noise: the standard deviation, and an additional one as
             a share of the value.
         wireless: kind of the device beside the hub that it reads, such as ``"remote"``; ``None`` without one.
@@ -34,6 +35,7 @@ class Channel(WireNumber, ABC):
     wireless: ClassVar[str | None] = None
     setup_s: ClassVar[float] = 0.0
     is_nominal: ClassVar[bool] = False
+    accumulates: ClassVar[bool] = False
     noise: ClassVar[str | None] = None
     noise_share: ClassVar[str | None] = None
     roughness: ClassVar[float] = 1.0
@@ -187,6 +189,7 @@ class Heading(_ImuChannel):
     mirror_sign: ClassVar[int] = -1
     expression: ClassVar[str] = "hub.imu.heading()"
     is_nominal: ClassVar[bool] = True
+    accumulates: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
@@ -197,6 +200,7 @@ class _DriveBaseChannel(Channel):
     high: float
     imports: ClassVar[Imports] = (("pybricks.robotics", "DriveBase"),)
     is_nominal: ClassVar[bool] = True
+    accumulates: ClassVar[bool] = True
 
     def check(self, robot: Robot) -> None:
         drive_base(robot, self.name)

@@ -12,10 +12,10 @@ from tyro.conf import Positional
 from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import print_findings, print_line
 from bricksrl import agents, envs, robots
-from bricksrl.agents import preset
 from bricksrl.cli.terminal import load_learning
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.task import Task
+from bricksrl.training.config import settings_for
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,7 @@ class ShowSettings:
     Examples:
       bricksrl settings sac
       bricksrl settings td3 --preset paper --json
+      bricksrl settings sac --env Walker-v2
       bricksrl settings my_agent.py
     """
 
@@ -88,11 +89,15 @@ class ShowSettings:
     """Agent; `bricksrl list` shows them. One of your own: my_agent.py, my_agent.py:NAME or module:NAME."""
     preset: Annotated[str, option(metavar="NAME")] = "default"
     """Preset whose values are shown: default or paper."""
+    env: Annotated[str | None, option(metavar="ENV")] = None
+    """Environment: a task may have values of its own, and one with a camera has others."""
     json: Flag = False
     """Print one JSON object of names and values, for `bricksrl train --settings`, instead of a table."""
 
     def execute(self) -> None:
-        settings = preset(self.preset, self.agent)
+        if self.env is not None:
+            envs.get_task(self.env)  # raises if there is none
+        settings = settings_for(self.env or "", self.preset, self.agent)
         if self.json:
             print_line(json.dumps(dataclasses.asdict(settings), indent=2))
             return

@@ -341,7 +341,7 @@ class FeatureObservation(gymnasium.ObservationWrapper[Array, Array, Any], Record
     """The features of our agents in place of raw numbers: angles as sine and cosine, goals as differences, all of order one.
 
     Other libraries learn little from angles that wrap and from ranges of thousands.
-    ``FeatureObservation(gymnasium.make("bricksrl/Walker-v1"))``
+    ``FeatureObservation(gymnasium.make("bricksrl/Walker-v2"))``
 
     Args:
         env: one of ours, from ``gymnasium.make``, without a camera.

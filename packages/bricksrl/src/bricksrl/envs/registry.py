@@ -32,6 +32,7 @@ from bricksrl.envs.tasks.run_away import run_away
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import walker_forward
+from bricksrl.envs.tasks.walker_streamed import WALKER_STREAMED
 from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
 from bricksrl.errors import DescriptionError, RunError, UnknownNameError, UnknownOptionError, counted, hint
 from bricktwin.robots import CART
@@ -88,6 +89,7 @@ _BUILT_IN = {
     "Spinning-v0": _Spec(_on_robot(SPINNING), episodes=15),
     "Walker-v0": _Spec(functools.partial(walker, "Walker-v0"), episodes=75),
     "Walker-v1": _Spec(walker_forward, episodes=75),
+    "Walker-v2": _Spec(lambda: WALKER_STREAMED, episodes=12),
     "WalkerSim-v0": _Spec(functools.partial(walker, "WalkerSim-v0"), Kinematics(noise=0.1), episodes=75, note=_SIMULATED),
     "WalkerSim-v1": _Spec(
         functools.partial(walker, "WalkerSim-v1"),

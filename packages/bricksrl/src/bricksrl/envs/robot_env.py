@@ -36,6 +36,7 @@ class EpisodeState:
         drawn: sampled entries, constant for the episode.
         commands: the last ones, where they are observed.
         odometer: measures the distance travelled.
+        zeros: of the observed channels, what is subtracted from each: what one that accumulates was at the start.
         tracker: position of the target; ``None`` for a task without a target.
         watch: the camera's view; ``None`` for a task without a camera.
         observation: the last one, as the task's functions get it.
@@ -50,6 +51,7 @@ class EpisodeState:
     commands: list[float]
     measured_s: float
     odometer: Odometer
+    zeros: list[float]
     tracker: TargetTracker | None
     watch: Watch | None = None
     observation: Any = ()
@@ -163,7 +165,9 @@ class RobotEnv(BricksEnv):
             tracker = TargetTracker(task.target, task.robot, task.interface, true_pose, start, reading.values)
         odometer = SonarOdometer(task.interface) if true_pose is None else TrueOdometer(true_pose, link.now_s())
         odometer.forward_mm(link.now_s(), reading.values)
-        episode = EpisodeState(drawn, [0.0] * len(task.command_entries), measured_s, odometer, tracker)
+        channels = ((task.interface.channels[index], reading.values[index]) for index in self._observed)
+        zeros = [value if channel.accumulates else 0.0 for channel, value in channels]
+        episode = EpisodeState(drawn, [0.0] * len(task.command_entries), measured_s, odometer, zeros, tracker)
         if task.camera is not None:
             episode.watch = Watch(task.camera, self._host_rng, self._guarded(self._camera.frame))
         self._episode = episode
@@ -172,7 +176,7 @@ class RobotEnv(BricksEnv):
 
     def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> Floats:
         """Hook: the first observation of an episode."""
-        return episode.observe(self._channels(reading), [0.0] * len(self.task.measured_entries))
+        return episode.observe(self._channels(reading, episode), [0.0] * len(self.task.measured_entries))
 
     def move(self, shares: Sequence[float]) -> Floats:
         """The observation ``[n]`` after a step with the action ``[m]``, in -1..1. Raises BricksError without an episode, HubError
@@ -207,11 +211,11 @@ class RobotEnv(BricksEnv):
             episode.tracker.follow(reading.values)
         if episode.watch is not None:
             episode.watch.see(self._guarded(self._camera.frame))
-        return episode.observe(self._channels(reading), forward_mm[: len(self.task.measured_entries)])
+        return episode.observe(self._channels(reading, episode), forward_mm[: len(self.task.measured_entries)])
 
-    def _channels(self, reading: Reading) -> list[float]:
+    def _channels(self, reading: Reading, episode: EpisodeState) -> list[float]:
         """The channels that are in the observation, and the readings of sensors on the computer; notes their images."""
-        values = [reading.values[index] for index in self._observed]
+        values = [reading.values[index] - zero for index, zero in zip(self._observed, episode.zeros, strict=True)]
         for reader in self._connected().sensors:
             sensor, (sensed, age_s) = reader.sensor, self._guarded(reader.latest)
             if sensor.image_px:

@@ -7,8 +7,8 @@ observations have the shape ``[*batch, n]``, actions ``[*batch, m]`` (in -1..1),
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 from brickhub.entry import Entry
@@ -83,6 +83,8 @@ class Task:
         sensors: sensors on the computer; their entries follow the channels.
         streams: whether the hub always streams its observations, for steps shorter than an exchange over the link.
         symmetric: whether a run in the mirror, left for right, is a run of the task too; the robot has to be ``mirrored``.
+        settings: values that suit the task better than an agent's defaults, by the names of its settings; each agent takes those
+            that it has.
         program, commands, answer: a client program of your own, and the ``struct`` formats of what it gets and answers at a step;
             see :class:`~brickhub.hub.link.own_client.OwnClient`.
         base_env: resets, steps and rewards of your own, in place of the task's functions.
@@ -108,6 +110,7 @@ class Task:
     sensors: tuple[HostSensor, ...] = ()
     streams: bool = False
     symmetric: bool = False
+    settings: Mapping[str, Any] = field(default_factory=dict)
     program: str | None = None
     commands: str = ""
     answer: str = ""

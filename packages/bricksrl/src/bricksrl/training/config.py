@@ -13,11 +13,11 @@ from brickhub.cli.options import Flag, option
 from brickhub.fields import LARGEST, check_fields
 from brickhub.seed import check_seed
 from brickhub.user_files import with_absolute_file, without_folder
-from bricksrl.agents import algorithm, preset, with_present_names
+from bricksrl.agents import AGENTS, algorithm, preset, with_present_names
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.trust import CODE_SETTINGS
-from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError, counted
+from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError, counted, hint
 from bricktwin.twin.physics import Physics
 
 SCRIPTED = "scripted"
@@ -222,9 +222,17 @@ def settings_from(agent: str, given: dict[str, Any]) -> Any:
 
 
 def settings_for(env: str, name: str, agent: str) -> Any:
-    """Settings of a preset for an agent in an environment. Raises UnknownNameError if there is no such agent or preset."""
+    """Settings of a preset for an agent in an environment; those of its task in the preset "default". Raises UnknownNameError if
+    there is no such agent or preset, DescriptionError if no agent has a setting of the task, or this one not such a value."""
     try:
-        images = bool(get_task(env).images)
-    except BricksError:
-        images = False  # not a registered environment
-    return preset(name, agent, images=images)
+        task = get_task(env)
+    except BricksError:  # not a registered environment
+        return preset(name, agent)
+    settings = preset(name, agent, images=bool(task.images))
+    if name != "default":
+        return settings
+    if others := [key for key in task.settings if key not in vars(settings)]:
+        known = {field.name for each in AGENTS for field in dataclasses.fields(algorithm(each).settings)}
+        if unknown := [key for key in others if key not in known]:
+            raise DescriptionError(f"{env} sets {unknown[0]}, which no agent has{hint(unknown[0], known)}; correct or omit it")
+    return replace(settings, **{key: value for key, value in task.settings.items() if key in vars(settings)})

@@ -100,6 +100,7 @@ CONTROLLERS: dict[str, ArrayPolicy] = {
     "Spinning-v0": spin,
     "Walker-v0": into_step,
     "Walker-v1": trot,
+    "Walker-v2": trot,
     "WalkerSim-v0": into_step,
     "WalkerSim-v1": into_step,
     "LineFollow-v0": follow,

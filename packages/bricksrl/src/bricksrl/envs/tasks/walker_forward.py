@@ -45,7 +45,10 @@ An episode succeeds when the robot moves forward by 10 mm in 250 ms of a step on
 mean of a step, `mean_step_mm`; a virtual robot adds its true distance, speed and straightness.
 """
 
+from typing import Any
+
 from brickhub.entry import Entry
+from brickhub.hub.interface import Interface
 from bricksrl.envs.task import Task, Tensor
 from bricksrl.envs.tasks.walker import STEP_MS, terminated, timed
 from bricktwin.robots import WALKER
@@ -54,18 +57,33 @@ UNIT_MM = 20.0
 """Distance forward with reward 1."""
 SUCCESS_MM_S = 40.0
 """Least mean speed forward of a successful episode, in the steps' own time."""
-
-_FORWARD = slice(7, 8)
-
-
-def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
-    """Distance forward in units of 20 mm; ``[*batch, 1]``."""
-    return observation[..., _FORWARD] / UNIT_MM
+SETTINGS = {"n_step": 3}
+"""A command shows in the distance of the steps after it: returns over 3 steps (`python -m benchmarks ablation`)."""
 
 
-def metrics(observations: Tensor) -> dict[str, Tensor]:
-    """Mean distance forward per step of the episode ``[*batch, steps, n]``; ``[*batch]``."""
-    return {"mean_step_mm": observations[..., _FORWARD.start].mean(-1)}
+def forward_task(env_id: str, doc: str, interface: Interface, max_steps: int, unit_mm: float, **more: Any) -> Task:
+    """A task with the distance forward behind the channels, which is its reward in ``unit_mm``. ``more``: further fields."""
+    forward, least_mm = len(interface.channels), SUCCESS_MM_S * interface.settle.longest_ms / 1000
+
+    def success(observations: Tensor) -> Tensor:
+        fell = terminated(observations)[..., 0].any(-1)
+        return (observations[..., forward].mean(-1) >= least_mm) & ~fell
+
+    return Task(
+        id=env_id,
+        doc=doc,
+        robot=WALKER,
+        interface=interface,
+        max_steps=max_steps,
+        reward=lambda previous, action, observation: observation[..., forward : forward + 1] / unit_mm,
+        success=success,
+        metrics=lambda observations: {"mean_step_mm": observations[..., forward].mean(-1)},
+        terminated=terminated,
+        walks=True,
+        symmetric=True,
+        measured_entries=(Entry("forward", -100.0, 100.0, "mm", limits=(-32767.0, 32767.0)),),
+        **more,
+    )
 
 
 def walker_forward(*, step_ms: int = STEP_MS) -> Task:
@@ -77,23 +95,4 @@ def walker_forward(*, step_ms: int = STEP_MS) -> Task:
     Raises:
         DescriptionError: see `timed`.
     """
-    interface, max_steps = timed("Walker-v1", step_ms)
-
-    def success(observations: Tensor) -> Tensor:
-        fell = terminated(observations)[..., 0].any(-1)
-        return (observations[..., _FORWARD.start].mean(-1) >= SUCCESS_MM_S * step_ms / 1000) & ~fell
-
-    return Task(
-        id="Walker-v1",
-        doc=__doc__,
-        robot=WALKER,
-        interface=interface,
-        max_steps=max_steps,
-        reward=reward,
-        success=success,
-        metrics=metrics,
-        terminated=terminated,
-        walks=True,
-        symmetric=True,
-        measured_entries=(Entry("forward", -100.0, 100.0, "mm", limits=(-32767.0, 32767.0)),),
-    )
+    return forward_task("Walker-v1", __doc__, *timed("Walker-v1", step_ms), UNIT_MM, settings=SETTINGS)
