@@ -203,10 +203,6 @@ def test_every_preset_builds_every_agent(name: str, agent: str) -> None:
     if (name, agent) == ("paper", "act"):  # its authors' transformers have millions of weights
         assert preset(name, agent).decoder_layers == 7
         return
-    if (name, agent) == ("paper", "gait"):
-        with pytest.raises(UnknownNameError, match="gait has no preset 'paper'"):
-            preset(name, agent)
-        return
     for env in (ENV, Cart()):
         learner = make_learner(agent, env, preset(name, agent))
         assert learner.prefill_episodes == getattr(preset(name, agent), "prefill_episodes", 0)
@@ -230,7 +226,7 @@ def test_image_preset_is_small() -> None:
 
 
 @pytest.mark.parametrize("name", PRESETS)
-@pytest.mark.parametrize("agent", [agent for agent in AGENTS if agent != "gait"])
+@pytest.mark.parametrize("agent", AGENTS)
 @pytest.mark.parametrize("images", [False, True])
 def test_preset_values_are_known_settings(name: str, agent: str, images: bool) -> None:
     assert isinstance(preset(name, agent, images=images), algorithm(agent).settings)

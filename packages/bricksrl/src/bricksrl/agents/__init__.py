@@ -165,8 +165,6 @@ def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -
     else:
         values = {**(_IMAGES if images else _VECTORS.get(agent, {})), **_DEFAULT_BY_AGENT.get(agent, {})}
     known = {field.name for field in fields(settings_type)}
-    if name == "paper" and known and not known & values.keys():
-        raise UnknownNameError(f"{agent} has no preset 'paper', as the paper has no such agent; omit it")
     return settings_type(**{key: value for key, value in values.items() if key in known})
 
 
