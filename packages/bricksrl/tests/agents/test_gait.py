@@ -19,7 +19,7 @@ from bricksrl.agents import make_learner, preset
 from bricksrl.agents.search.gait import LEVEL, REACH, GaitSettings, PolicySearch, Posterior, embedded
 from bricksrl.agents.search.structures import oscillators
 from bricksrl.envs import make
-from bricksrl.errors import DescriptionError, RunError
+from bricksrl.errors import DescriptionError, RunError, UnknownNameError
 from bricksrl.training import TrainConfig, resume, train
 from bricksrl.training.restore import load_learner
 
@@ -83,6 +83,33 @@ def test_a_trial_that_tilts_ends_at_once_and_is_never_good(kind: dict[str, objec
     learner.remember(frame(2.0, **kind))
     assert learner.scores.tolist() == [0.5, 0.5]
     assert not learner.rewards
+
+
+def test_a_trial_that_reaches_its_goal_is_as_good_as_its_rewards() -> None:
+    learner = searcher("RoboArmSim-v0")
+    for observation in (torch.arange(8.0) * 40.0, torch.zeros(8)):  # far from its goal, and there
+        after = {"observation": observation[None], "reward": torch.tensor([[2.0]]), "terminated": torch.tensor([[True]])}
+        learner.scores = torch.tensor([0.5, -1.0])
+        learner.remember(TensorDict({"next": TensorDict(after, [1])}, [1]))
+        assert float(learner.scores[-1]) == (2.0 if observation.sum() == 0 else -1.0)
+
+
+def test_a_trial_that_no_episode_holds_is_refused() -> None:
+    with pytest.raises(DescriptionError, match="no trial of 101 steps ends in an episode of 100 steps; give fewer trial_steps"):
+        searcher(trial_steps=101)
+    with pytest.raises(DescriptionError, match="in an episode of 50 steps"):
+        make_learner("gait", make("WalkerSim-v0", seed=0, frame_skip=2), GaitSettings(trial_steps=51))
+
+
+def test_legs_are_where_transforms_leave_them() -> None:
+    plain, stacked = (oscillators(make("WalkerSim-v0", seed=0, frame_stack=count)) for count in (1, 3))
+    assert plain.angles.tolist() == [0, 1, 2, 3]
+    assert stacked.angles.tolist() == [14, 15, 16, 17], "in the newest observation"
+    skipping = oscillators(make("WalkerSim-v0", seed=0, frame_skip=2))
+    assert torch.equal(skipping.gains, plain.gains / 2), "an action turns a leg twice"
+    learner = make_learner("gait", make("WalkerSim-v0", seed=0, frame_stack=3))
+    assert isinstance(learner, PolicySearch)
+    assert learner.tilts == [18, 19]
 
 
 def test_the_best_known_stays_unless_another_is_better_by_more_than_the_doubt() -> None:
@@ -159,6 +186,11 @@ def test_what_has_no_legs_gets_linear_feedback_unless_legs_are_asked_for() -> No
     assert learner.exploit(make("RoboArmSim-v0", seed=0).reset())["action"].shape == (4,)
     with pytest.raises(DescriptionError, match="oscillators need motors that turn endlessly"):
         searcher("RoboArmSim-v0", structure="oscillators")
+
+
+def test_an_unknown_structure_is_no_module() -> None:
+    with pytest.raises(UnknownNameError, match=r"there is no structure 'oscilators' \(did you mean 'oscillators'\?\); choose"):
+        searcher(structure="oscilators")
 
 
 def test_images_are_refused() -> None:

@@ -170,6 +170,7 @@ def test_user_network_factory_learns(tmp_path: Path, agent: str) -> None:
     ("network", "says"),
     [
         ("nowhere.py", "there is no file nowhere.py"),
+        ("json", "there is no network 'json'; give FILE.py:NAME"),
         ("my_nets.py:gone", "there is no 'gone'"),
         ("my_nets.py:broken", r"my_nets.py:broken makes no network \(TypeError: "),
         ("my_nets.py:no_module", "makes a int; let it return a torch.nn.Module"),

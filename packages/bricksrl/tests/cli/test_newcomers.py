@@ -111,6 +111,14 @@ def test_own_task_needs_no_writable_home(tmp_path, monkeypatch):
         trust.require_trusted(tmp_path / "config.json", data, config)
 
 
+def test_all_settings_that_name_code_need_trust():
+    from bricksrl.envs.trust import code_in
+
+    settings = {"network": "nets.py:make", "structure": "walk.py", "hidden": [8]}
+    assert code_in({"env": "Walker-v1", "agent": "gait", "settings": settings}) == ("nets.py:make", "walk.py")
+    assert code_in({"settings": {"structure": "linear"}}) == ()
+
+
 def test_long_work_is_told_from_time_to_time(capfd, monkeypatch):
     monkeypatch.setattr("bricksrl.cli.terminal._TELL_S", 0.05)
     with telling("filming"):

@@ -2,16 +2,44 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 import torch
 
 import bricksrl
 from bricksrl.agents import preset
+from bricksrl.envs.options import parse_option
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.task import Kinematics
 from bricksrl.errors import DescriptionError
+from bricksrl.evaluation.settings_text import with_changes
+
+PAGE = Path(__file__).parents[4] / "docs" / "paper.md"
+OF_SETTINGS = {"settings": "sac", "inputs of the networks": "td3", "DroQ": "droq", "updates": "sac"}
+
+
+def ways() -> list[tuple[str, str]]:
+    """Subject and way of each row of the page that names options or settings."""
+    rows = [[cell.strip() for cell in line.split("|")] for line in PAGE.read_text().splitlines() if line.startswith("| ")]
+    return [(row[1], row[5]) for row in rows if len(row) == 7 and "`--" in row[5]]
+
+
+@pytest.mark.parametrize(("subject", "way"), ways())
+def test_what_the_page_says_is_taken(subject: str, way: str) -> None:
+    options = dict(map(parse_option, re.findall(r"--option ([^\s`]+)", way)))
+    if options:
+        names = {"Walker": "Walker-v0", "RoboArm": "RoboArm-v0"}
+        first = re.split(r"\W ", subject, maxsplit=1)[0]
+        get_task(names.get(first, first), **options)
+    elif subject in OF_SETTINGS:
+        paper = preset("paper", OF_SETTINGS[subject])
+        changed = with_changes(paper, re.findall(r"--set ([^\s`]+)", way))
+        assert changed != paper or "part of `--preset paper`" in way or subject in ("settings", "updates")
+    else:
+        assert way == "`--hub ble`"
 
 
 def at_distance(*distances_mm: float) -> torch.Tensor:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +12,18 @@ import pytest
 import torch
 from hub_programs import output
 
-from brickhub.robot import HubKind, Robot
+from brickhub.entry import Entry
+from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
+from brickhub.robot import HubKind, Motor, Robot
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.panel import parse_press
 from brickhub.virtual.run import Operation, run_file
 from bricksrl.agents.sac import SACSettings
 from bricksrl.agents.search.structures import oscillators
 from bricksrl.cli import main
-from bricksrl.envs import make
-from bricksrl.envs.registry import get_task
+from bricksrl.envs import Task, make, register
+from bricksrl.envs.host_sensors.host_sensor import HostSensor
+from bricksrl.envs.registry import _specs, get_task
 from bricksrl.errors import RunError
 from bricksrl.policies import hub_export, hub_network, load_policy
 from bricksrl.policies.hub_export import export_program
@@ -26,6 +31,7 @@ from bricksrl.policies.hub_network import HubNetwork
 from bricksrl.training import TrainConfig, train
 from bricktwin.robots import WALKER
 from bricktwin.twin.make_body import make_body
+from bricktwin.twin.physics import Physics
 
 OBSERVED = [[10.0, 200.0, 359.5, 90.0, 3.0, -4.0, 812.0], [0.0, 0.0, 180.0, 270.25, -30.0, 2.5, 2000.0]]
 
@@ -164,6 +170,60 @@ def test_a_program_that_does_not_fit_is_refused(gait: Path, tmp_path: Path, monk
     monkeypatch.setattr(hub_export, "program_blob", lambda *_: bytes(300_000))
     with pytest.raises(RunError, match="the program and its objects need"):
         export_program(gait, tmp_path / "walk.py")
+
+
+@pytest.fixture
+def turning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two motors of a robot without a plan turn; the reward is the last command of the first."""
+    motors = tuple(Motor(name, port) for name, port in (("left", "A"), ("right", "B")))
+    turns = tuple(RunAngle(name, 50, 100, speed_deg_s=600) for name in ("left", "right"))
+    task = Task(
+        id="Turning-v0",
+        doc="Turn.",
+        robot=Robot("turning", HubKind.CITY, motors=motors),
+        interface=Interface(turns, (MotorAngle("left"), MotorAngle("right")), Wait(250)),
+        max_steps=10,
+        reward=lambda previous, action, observation: observation[..., -2:-1],
+        success=lambda observations: observations[..., 0, 0] > 0,
+        metrics=lambda observations: {},
+        measured_entries=(Entry("forward", -100.0, 100.0, "mm"),),
+        observes_commands=True,
+        walks=True,
+    )
+    monkeypatch.setattr("bricksrl.envs.registry._specs", dict(_specs))
+    register(task)
+    train(TrainConfig("Turning-v0", "random", episodes=1, record=False, run_dir=tmp_path / "run"))
+
+
+@pytest.mark.usefixtures("quick", "turning")
+def test_rewards_on_the_hub_see_what_the_task_observes(tmp_path: Path) -> None:
+    made = export_program(tmp_path / "run", tmp_path / "turn.py")
+    assert 500.0 <= made.hub_return <= 1000.0
+
+
+@pytest.mark.usefixtures("quick", "turning")
+def test_an_export_tries_a_real_run_on_the_twin_of_its_world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, physics = tmp_path / "run" / "config.json", Physics(battery_v=7.0)
+    about = json.loads(file.read_text())
+    about["config"] |= {"hub": "ble:nobody", "physics": asdict(physics)}
+    file.write_text(json.dumps(about))
+    made: list[Any] = []
+
+    def spy(*args: Any, **kwargs: Any) -> Any:
+        made.append(kwargs["physics"])
+        return make_body(*args, **kwargs)
+
+    monkeypatch.setattr(hub_export, "make_body", spy)
+    export_program(tmp_path / "run", tmp_path / "turn.py")
+    assert made == [physics], "the policy's world"
+
+
+@pytest.mark.usefixtures("turning")
+def test_what_this_computer_senses_is_refused(tmp_path: Path) -> None:
+    sensor = HostSensor("light", (Entry("lux", 0.0, 10.0),), open=lambda: None, twin=lambda world: [1.0])
+    register(replace(get_task("Turning-v0"), sensors=(sensor,)))
+    with pytest.raises(RunError, match="nothing that this computer senses"):
+        export_program(tmp_path / "run", tmp_path / "turn.py")
 
 
 def test_what_a_hub_cannot_know_is_refused(tmp_path: Path) -> None:

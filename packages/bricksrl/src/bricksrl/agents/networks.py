@@ -12,10 +12,10 @@ from torchrl.data import Composite, TensorSpec
 from torchrl.envs import EnvBase
 from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor, TanhNormal
 
-from brickhub.user_files import load_object
+from brickhub.user_files import is_reference, load_object
 from bricksrl.agents.encoder import encoder_keys
 from bricksrl.agents.settings import Norm, Settings
-from bricksrl.errors import DescriptionError, message_of
+from bricksrl.errors import DescriptionError, UnknownNameError, message_of
 
 
 class Dropout(nn.Dropout):
@@ -62,6 +62,8 @@ def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) ->
         raise DescriptionError("a batch of 1 has no statistics; give a batch_size of 2 or more, or another norm")
     if not reference:
         return mlp(in_size, out_size, settings.hidden, **kwargs)
+    if not is_reference(reference):
+        raise UnknownNameError(f"there is no network '{reference}'; give FILE.py:NAME")
     factory = load_object(reference, default="make_network")
     try:
         network = factory(in_size, out_size)

@@ -15,7 +15,7 @@ from brickhub.cli.options import Flag, JsonFlag, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.seed import check_seed
 from brickhub.user_files import without_folder
-from bricksrl.cli.terminal import EmergencyStop, load_learning
+from bricksrl.cli.terminal import EmergencyStop, load_learning, telling
 from bricksrl.envs.trust import trust
 from bricksrl.errors import StoppedError, TwinError, counted, percent
 from bricksrl.evaluation import EvaluationResult, evaluate
@@ -138,7 +138,7 @@ class Compare:
     runs: Annotated[Positional[tuple[Path, ...]], option(metavar="RUN")]
     """Folders of runs."""
     out: Annotated[Path | None, option(metavar="FILE")] = None
-    """PNG file for the learning curves."""
+    """Picture of the learning curves: .png, .svg or .pdf."""
     json: JsonFlag = False
 
     def execute(self) -> None:
@@ -167,7 +167,7 @@ class Plot:
     runs: Annotated[Positional[tuple[Path, ...]], option(metavar="RUN")]
     """Folders of runs; the folder of `bricksrl train --seeds` stands for all its runs."""
     out: Annotated[Path, option(metavar="FILE")]
-    """PNG file to write."""
+    """Picture to write: .png, .svg or .pdf."""
 
     def execute(self) -> None:
         check_picture(self.out)
@@ -233,7 +233,8 @@ class Export:
         if self.format == "hub":
             from bricksrl.policies.hub_export import export_program
 
-            made = export_program(self.run, self.out, which=which)
+            with telling("playing and comparing"):
+                made = export_program(self.run, self.out, which=which)
             print_line(f"written  {self.out}  (a {made.kind}: {made.program_bytes} bytes, and {made.heap_bytes} of objects)")
             print_line(f"computes for {made.computing_ms} ms a step at most, if a product takes what we infer")
             print_line(f"return   {made.hub_return:.2f} on the virtual hub, {made.policy_return:.2f} of the policy")

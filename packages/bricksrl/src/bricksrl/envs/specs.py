@@ -264,6 +264,13 @@ class ObservationLayout:
         return [key for key, _ in self.vectors] + [image.key for image in self.images]
 
     @property
+    def places(self) -> dict[str, int]:
+        """Index of each entry in the newest observation that stands there in its own units."""
+        scaled = list(zip(self.scale, self.offset, strict=True)) or [(1.0, 0.0)] * len(self.names)
+        numbers = enumerate(zip(self.names, self.frames, scaled, strict=True))
+        return {name: index for index, (name, frame, factors) in numbers if frame == 0 and factors == (1.0, 0.0)}
+
+    @property
     def past(self) -> dict[int, int]:
         """Numbers of older frames, each with that of its entry in the newest frame that has it."""
         numbers, newest = list(zip(self.frames, self.names, strict=False)), dict[str, int]()

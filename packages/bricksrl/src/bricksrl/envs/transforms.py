@@ -305,6 +305,11 @@ def one_step(env: EnvBase) -> tuple[Tensor, int, bool]:
     return paid, len(playback.played) - 1, is_same
 
 
+def steps_of(env: EnvBase) -> int:
+    """Steps of the environment itself in one behind its transforms."""
+    return 1 if base_of(env) is env else one_step(env)[1]
+
+
 def runs_on(env: EnvBase) -> bool:
     """Whether what transforms keep depends on the episodes before, such as running statistics."""
     base = base_of(env)

@@ -20,15 +20,16 @@ from brickhub.user_files import is_reference
 from bricksrl.errors import RunError
 
 _CONFIGS = "config.json", "policy.json"
+CODE_SETTINGS = "network", "structure"
+"""Settings of agents that may name code."""
 
 
 def code_in(config: Any) -> tuple[str, ...]:
     """References to Python files or modules in a config; using the config executes them."""
     if not isinstance(config, dict):
         return ()
-    settings = config.get("settings")
-    network = settings.get("network", "") if isinstance(settings, dict) else ""
-    names = (config.get("env"), config.get("agent"), config.get("transform"), network)
+    settings = config["settings"] if isinstance(config.get("settings"), dict) else {}
+    names = [config.get(name) for name in ("env", "agent", "transform")] + [settings.get(name) for name in CODE_SETTINGS]
     return tuple(name for name in names if isinstance(name, str) and is_reference(name))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import closing, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from brickhub.fields import check_value
 from bricksrl.errors import RunError
@@ -56,12 +56,13 @@ def config_of(path: Path) -> TrainConfig:
     return read_policy(path)[0] if is_policy(path) else RunFolder(path).read_config()
 
 
-def make_env_of(path: Path) -> EnvBase:
-    """The environment that a run or a shared policy was trained in, of a single robot. Raises the errors of `config_of`."""
+def make_env_of(path: Path, **changed: Any) -> EnvBase:
+    """The environment that a run or a shared policy was trained in, of a single robot, with these options ``changed``. Raises the
+    errors of `config_of`."""
     from bricksrl.envs.registry import make_env
 
     config = config_of(path)
-    return make_env(config.env, config.robot, seed=config.seed)
+    return make_env(config.env, config.robot.changed(**changed), seed=config.seed)
 
 
 __all__ = ["config_of", "load_policy", "make_env_of"]

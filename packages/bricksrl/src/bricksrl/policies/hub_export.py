@@ -22,19 +22,21 @@ from brickhub.virtual.micropython.exceptions import HostStop
 from brickhub.virtual.pybricks import modules
 from bricksrl.agents.search.structures import Oscillators, StructuredActor
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.odometry import TrueOdometer
+from bricksrl.envs.odometry import Odometer, SonarOdometer, TrueOdometer
 from bricksrl.envs.rollout import play_episodes
 from bricksrl.envs.task import Task
 from bricksrl.envs.transforms import base_of
 from bricksrl.errors import RunError
-from bricksrl.policies import load_policy, make_env_of
+from bricksrl.policies import config_of, load_policy, make_env_of
 from bricksrl.policies.hub_network import HIDDEN, HubNetwork, distil
 from bricksrl.training.restore import Which, reproducible
 from bricktwin.twin.make_body import make_body
+from bricktwin.twin.physics import Physics
 
 EPISODES = 5
 """Of the comparison, on seeds that the policy never saw."""
 _SEED = 20261126
+_FEWER = "give fewer hidden units, such as export_program(..., hidden=(8, 8))"
 
 
 @dataclass(frozen=True)
@@ -69,11 +71,13 @@ def export_program(path: Path | str, out: Path, *, which: Which = "last", hidden
     """
     refuse_existing(out, RunError)
     check_writable(out)
-    with closing(make_env_of(Path(path))) as trained, reproducible(_SEED):
+    physics, twin = config_of(Path(path)).known_physics, {"hub": "virtual", "realtime": False, "randomize": False}
+    with closing(make_env_of(Path(path), **twin)) as trained, reproducible(_SEED):
         env = base_of(trained)  # the hub observes what the robot does, and the policy brings its transforms
         task = interface_of(env).task
-        if task is None or task.camera is not None or task.sampled_entries or task.target is not None or env.batch_size:
-            raise RunError("a hub by itself sees no images, and is told no goal; export the policy of another task")
+        if task is None or task.images or task.sensors or task.sampled_entries or task.target is not None or task.client:
+            reason = "a hub by itself sees no images, and is told no goal and nothing that this computer senses"
+            raise RunError(f"{reason}; export the policy of another task")
         policy = load_policy(path, env, which=which)
         channels = task.observed_channels
         ends_s = list[float]()
@@ -86,7 +90,7 @@ def export_program(path: Path | str, out: Path, *, which: Which = "last", hidden
         before = [episode.return_ for episode in play_episodes(env, timed, EPISODES, _SEED, reset_policy=policy.reset)]
         age_ms = _age_ms(ends_s, task.interface.settle.fixed_ms)
         actor = next(policy.module.children(), None)  # a gait alone, not as a base
-        if isinstance(actor, StructuredActor) and isinstance(actor.structure, Oscillators):
+        if trained is env and isinstance(actor, StructuredActor) and isinstance(actor.structure, Oscillators):
             kind, source = "gait", actor.structure.hub_source(actor.best)
         else:
             kind = "network"
@@ -95,13 +99,13 @@ def export_program(path: Path | str, out: Path, *, which: Which = "last", hidden
             source = network.hub_source()
         program = generate_alone(task.robot, task.interface, channels, source, f"a {kind} that learned {task.id}", age_ms)
         blob = program_blob(compile_program(program), task.robot.hub)
-    alone = [play_alone(program, task, derive_seed(_SEED, "hub", number)) for number in range(EPISODES)]
+    alone = [play_alone(program, task, physics, derive_seed(_SEED, "hub", number)) for number in range(EPISODES)]
     computing_ms, heap_bytes = (max(getattr(episode, name) for episode in alone) for name in ("computing_ms", "heap_bytes"))
     if computing_ms > task.interface.settle.longest_ms:
         limit = f"a step of {task.id} takes {task.interface.settle.longest_ms} ms"
-        raise RunError(f"the program computes for {computing_ms} ms, and {limit}; give fewer hidden units")
+        raise RunError(f"the program computes for {computing_ms} ms, and {limit}; {_FEWER}")
     if len(blob) + heap_bytes > task.robot.hub.model.program_bytes:
-        raise RunError(f"the program and its objects need {len(blob) + heap_bytes} bytes; give fewer hidden units")
+        raise RunError(f"the program and its objects need {len(blob) + heap_bytes} bytes; {_FEWER}")
     write_durably(out, program.source.encode())
     policy_return, hub_return = fmean(before), fmean(episode.return_ for episode in alone)
     return HubExport(kind, age_ms, len(blob), heap_bytes, computing_ms, policy_return, hub_return)
@@ -111,7 +115,7 @@ def _age_ms(ends_s: list[float], step_ms: int | None) -> int:
     """Age of an observation when its commands start, from the times when steps ended. Where a step lasts until all moves have
     ended, the robot stands, and an observation does not age."""
     steps_s = [after - before for before, after in itertools.pairwise(ends_s)]
-    return 0 if step_ms is None or not steps_s else round(1000 * median(steps_s)) - step_ms
+    return 0 if step_ms is None or not steps_s else max(0, round(1000 * median(steps_s)) - step_ms)
 
 
 class _Over(HostStop):
@@ -124,7 +128,7 @@ class Alone:
 
     task: Task
     machine: Machine
-    odometer: TrueOdometer | None
+    odometer: Odometer
     heap: Callable[[], int] = lambda: 0
     inbox: bytearray = field(default_factory=bytearray)
     return_: float = 0.0
@@ -133,6 +137,7 @@ class Alone:
     heap_bytes: int = 0
     _line: bytes = b""
     _before: tuple[torch.Tensor, torch.Tensor] | None = field(default=None, init=False)
+    _commanded: list[float] = field(default_factory=list, init=False)
 
     def available(self) -> int:
         return 0
@@ -154,11 +159,13 @@ class Alone:
         task, count = self.task, len(self.task.observed_channels)
         commands = task.interface.commands
         self.computing_ms, self.heap_bytes = max(self.computing_ms, round(numbers[0])), max(self.heap_bytes, self.heap())
-        moved = [] if self.odometer is None else [self.odometer.forward_mm(self.machine.body_ms / 1000, ())]
-        observation = torch.tensor([*numbers[1 : count + 1], *moved[: len(task.measured_entries)]])
+        seen, last = numbers[1 : count + 1], (self._commanded or [0.0] * len(commands))[: len(task.command_entries)]
+        moved = [self.odometer.forward_mm(self.machine.body_ms / 1000, seen)][: len(task.measured_entries)]
+        observation = torch.tensor([*seen, *moved, *last])
+        self._commanded = [value / command.scale for command, value in zip(commands, numbers[count + 1 :], strict=True)]
         actions = [
-            (2 * value / command.scale - command.low - command.high) / (command.high - command.low)
-            for command, value in zip(commands, numbers[count + 1 :], strict=True)
+            (2 * value - command.low - command.high) / (command.high - command.low)
+            for command, value in zip(commands, self._commanded, strict=True)
         ]
         before, self._before = self._before, (observation, torch.tensor(actions))
         if before is None:
@@ -169,12 +176,12 @@ class Alone:
             raise _Over
 
 
-def play_alone(program: HubProgram, task: Task, seed: int) -> Alone:
+def play_alone(program: HubProgram, task: Task, physics: Physics | None, seed: int) -> Alone:
     """Let a program of `generate_alone` play an episode of the task on a virtual hub. Raises the program's exception."""
-    body: Any = make_body(task.robot, scene=task.scene, seed=seed)
+    body: Any = make_body(task.robot, scene=task.scene, physics=physics, seed=seed)
     machine = Machine(body)
-    odometer = TrueOdometer(body.pose, 0.0) if task.walks or task.measured_entries else None
-    episode = Alone(task, machine, odometer)
+    pose = getattr(body, "pose", None)
+    episode = Alone(task, machine, SonarOdometer(task.interface) if pose is None else TrueOdometer(pose, 0.0))
     importable = modules(machine, episode)
     episode.heap = importable["gc"].mem_alloc
     try:

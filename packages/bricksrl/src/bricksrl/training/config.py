@@ -16,6 +16,7 @@ from brickhub.user_files import with_absolute_file, without_folder
 from bricksrl.agents import AGENTS, algorithm, preset, with_present_names
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task
+from bricksrl.envs.trust import CODE_SETTINGS
 from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError, counted, hint
 from bricktwin.twin.physics import Physics
 
@@ -200,14 +201,14 @@ _RULES: tuple[Rule, ...] = (
 def _plain(settings: Any, **changed: Any) -> Any:
     """Settings, with changes, for a file: NumPy numbers, such as rates from an array, as Python's; files by their whole path."""
     changed |= {name: value.item() for name, value in vars(settings).items() if isinstance(value, np.generic)}
-    if isinstance(network := getattr(settings, "network", None), str):
-        changed["network"] = with_absolute_file(network)
+    named = {name: value for name, value in vars(settings).items() if name in CODE_SETTINGS and isinstance(value, str)}
+    changed |= {name: with_absolute_file(value) for name, value in named.items()}
     return replace(settings, **changed) if changed else settings
 
 
 def portable(data: dict[str, Any]) -> dict[str, Any]:
     """A config as plain values with only the names of the user's files: it is the same on all computers."""
-    settings = {name: without_folder(value) if name == "network" else value for name, value in data["settings"].items()}
+    settings = {name: without_folder(value) if name in CODE_SETTINGS else value for name, value in data["settings"].items()}
     names = {name: without_folder(data[name]) for name in ("env", "agent", "transform") if data.get(name) is not None}
     return {**data, **names, "settings": settings}
 

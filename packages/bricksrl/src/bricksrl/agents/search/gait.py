@@ -6,6 +6,7 @@ may be highest (upper confidence bound, Srinivas et al., 2010).
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -22,7 +23,9 @@ from bricksrl.agents.search.structures import StructuredActor, make_structure
 from bricksrl.agents.settings import NotNegative, Positive, Range
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import lost_links
-from bricksrl.errors import CheckpointError, DescriptionError
+from bricksrl.envs.task import never
+from bricksrl.envs.transforms import keeps_vectors, layout_of, steps_of
+from bricksrl.errors import CheckpointError, DescriptionError, counted
 
 CANDIDATES = 2000
 """Numbers among which the next ones are chosen: as many drawn anywhere, and as many near the best known."""
@@ -49,7 +52,7 @@ class GaitSettings:
     caution: Annotated[float, NotNegative] = 0.3
     """Standard deviations by which other numbers must be better than the best known to replace them."""
     tilt_deg: Annotated[float, Positive] = 35.0
-    """Pitch or roll that ends a trial at once; it then scores no more than the worst trial."""
+    """Pitch or roll that ends a trial at once; it then scores no more than the worst trial, as one that ends without success."""
 
     def __post_init__(self) -> None:
         check_fields(type(self), vars(self))
@@ -142,6 +145,7 @@ class PolicySearch(Learner):
     Attributes:
         start: numbers ``[s, p]`` of the first trials.
         tilts: indices of pitch and roll in the observation.
+        succeeds: success of an episode that ends with these observations ``[*batch, 1, n]``; others end in a fall or the like.
         numbers, scores, worlds: of the trials so far, ``[k, p]``, ``[k]`` and ``[k]``.
     """
 
@@ -149,6 +153,7 @@ class PolicySearch(Learner):
     settings: GaitSettings
     start: Tensor
     tilts: list[int]
+    succeeds: Callable[[Tensor], Tensor]
     numbers: Tensor = field(init=False)
     scores: Tensor = field(init=False)
     worlds: Tensor = field(init=False)
@@ -167,10 +172,11 @@ class PolicySearch(Learner):
             return
         for frame in frames.unbind(-1):
             self.rewards.append(float(frame["next", "reward"].mean()))
-            tilts = frame["next", "observation"][..., self.tilts].abs() > self.settings.tilt_deg
-            if bool(tilts.any() or frame["next", "terminated"].any()):
+            observation, ended = frame["next", "observation"], bool(frame["next", "terminated"].any())
+            tilts = observation[..., self.tilts].abs() > self.settings.tilt_deg
+            if bool(tilts.any()) or (ended and not bool(self.succeeds(observation[..., None, :]).all())):
                 self._score(math.inf if not len(self.scores) else float(self.scores.min()))
-            elif len(self.rewards) == self.settings.trial_steps:
+            elif ended or len(self.rewards) == self.settings.trial_steps:
                 self._score(math.inf)
 
     def _score(self, highest: float) -> None:
@@ -263,9 +269,12 @@ def build(env: EnvBase, settings: GaitSettings, device: torch.device | str = "cp
     spread = torch.quasirandom.SobolEngine(len(low), scramble=True, seed=seed).draw(settings.random_trials)
     actor = StructuredActor(structure, (low + high) / 2).to(device)
     policy = TensorDictModule(actor, in_keys=["observation"], out_keys=["action"])
-    task = interface_of(env).task
-    tilts = [] if task is None else [i for i, entry in enumerate(task.entries) if entry.name in ("pitch", "roll")]
+    places, task = layout_of(env).places, interface_of(env).task
+    if task is not None and settings.trial_steps > task.max_steps // steps_of(env):
+        steps = counted(task.max_steps // steps_of(env), "step")
+        raise DescriptionError(f"no trial of {settings.trial_steps} steps ends in an episode of {steps}; give fewer trial_steps")
+    tilts = [places[name] for name in ("pitch", "roll") if name in places]
+    succeeds = never if task is None or not keeps_vectors(env) else task.success
     start = low + spread * (high - low)
-    return PolicySearch(
-        policy=policy, on_policy=True, updates_per_step=0.0, actor=actor, settings=settings, start=start, tilts=tilts
-    )
+    parts: dict[str, Any] = {"actor": actor, "settings": settings, "start": start, "tilts": tilts, "succeeds": succeeds}
+    return PolicySearch(policy=policy, on_policy=True, updates_per_step=0.0, **parts)

@@ -14,12 +14,13 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from brickhub.entry import Entry
-from brickhub.user_files import load_object
+from brickhub.user_files import is_reference, load_object
 from bricksrl.agents.encoder import encoder_keys, make_encoder
 from bricksrl.agents.networks import action_size
 from bricksrl.agents.settings import Settings
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.errors import DescriptionError
+from bricksrl.envs.transforms import keeps_actions, layout_of, steps_of
+from bricksrl.errors import DescriptionError, UnknownNameError, hint
 
 TURN_DEG = 360.0
 """A turn."""
@@ -96,13 +97,13 @@ def act(observed):
 def oscillators(env: EnvBase) -> Oscillators:
     """Oscillators for the legs of an environment's robot. Raises DescriptionError if it has fewer than two motors that turn
     endlessly and whose angles are observed."""
-    task = interface_of(env).task
+    task, layout = interface_of(env).task, layout_of(env)
     legs: dict[str, tuple[int, int, float]] = {}  # angle, action and degrees of an action, by motor
-    if task is None:
+    if task is None or layout.keys != ["observation"] or not keeps_actions(env):
         raise DescriptionError(_NO_LEGS)
-    angles = {entry.name: index for index, entry in enumerate(task.entries) if entry.wraps}
+    angles = {name: index for name, index in layout.places.items() if layout.wraps[index]}
     for action, command in enumerate(task.interface.commands):
-        unit_s = {"deg": float(command.is_turn_by), "deg/s": 1.0 / task.rate_hz}.get(command.unit, 0.0)
+        unit_s = {"deg": float(command.is_turn_by), "deg/s": 1.0 / task.rate_hz}.get(command.unit, 0.0) * steps_of(env)
         if f"{command.name}_angle" in angles and unit_s:
             legs[command.name] = angles[f"{command.name}_angle"], action, unit_s * (command.high - command.low) / 2
     if len(legs) < 2:
@@ -156,6 +157,8 @@ def make_structure(env: EnvBase, name: str) -> Structure:
     Raises DescriptionError if it does not suit the environment."""
     if name in STRUCTURES:
         return STRUCTURES[name](env)
+    if name and not is_reference(name):
+        raise UnknownNameError(f"there is no structure '{name}'{hint(name, STRUCTURES)}; choose oscillators, linear or a file")
     if name:
         made: Structure = load_object(name, "make_structure")(env)
         return made
