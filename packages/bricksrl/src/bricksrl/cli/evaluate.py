@@ -18,16 +18,15 @@ from brickhub.user_files import without_folder
 from bricksrl.cli.terminal import EmergencyStop, load_learning
 from bricksrl.envs.trust import trust
 from bricksrl.errors import StoppedError, TwinError, counted, percent
-from bricksrl.evaluation import EvaluationResult, evaluate
 from bricksrl.evaluation.comparison import Comparison, Group, compare, draw
-from bricksrl.evaluation.film import check_film, filmed_env
-from bricksrl.evaluation.report import rows
 from bricksrl.plotting import check_picture, number
 from bricksrl.training.run_folder import RunFolder
 from bricktwin.twin.physics import read_physics
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
+
+    from bricksrl.evaluation import EvaluationResult
 
 
 _FILMED_EPISODES = 3
@@ -74,11 +73,15 @@ class Evaluate:
         options: dict[str, Any] = {"realtime": self.realtime, "randomize": self.randomize, **given}
         options |= {} if self.physics is None else {"physics": read_physics(self.physics)}
         if self.video is not None:
+            from bricktwin.twin.render.video import check_film
+
             check_film(self.video)
         origin = RunFolder(self.run).origin()  # before torch is loaded, which takes long
         if self.video is not None and options.get("hub", origin.options.hub) != "virtual":
             raise TwinError("only a virtual robot can be filmed; give --hub virtual, or no --video")
         load_learning()
+        from bricksrl.evaluation.evaluator import evaluate
+        from bricksrl.evaluation.film import filmed_env
 
         def report(episode: int, return_: float) -> None:
             if not self.json:
@@ -115,6 +118,8 @@ class Evaluate:
 
 def describe(result: EvaluationResult) -> Iterator[str]:
     """Text lines of an evaluation."""
+    from bricksrl.evaluation.report import rows
+
     trained = counted(result.trained_episodes, "episode")
     yield f"{result.env}, {counted(result.episodes, 'episode')} of {result.agent} after {trained} of training:"
     for label, text in rows(result):

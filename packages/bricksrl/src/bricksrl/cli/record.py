@@ -25,10 +25,8 @@ from bricksrl.data.schema import describe
 from bricksrl.envs import get_task, make
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DataError, DescriptionError, RunError, StoppedError, counted, hint
-from bricksrl.evaluation.film import filmed_env
 from bricksrl.page.server import PageOptions
 from bricksrl.policies import config_of
-from bricksrl.training import load_learner
 
 if TYPE_CHECKING:
     import numpy as np
@@ -80,6 +78,7 @@ class Record:
         task = get_task(self.env, **self.robot.options)
         address = shown(self.live_page, self.page)
         load_learning()
+        from bricksrl.evaluation.film import filmed_env
 
         count = 0
 
@@ -165,6 +164,7 @@ class Record:
         from bricksrl.page.play import resting_player
         from bricksrl.policies.policy import Player, random_player
         from bricksrl.policies.sharing import is_policy, load_shared
+        from bricksrl.training.restore import load_learner
 
         if self.policy == "random":
             return random_player(env, self.seed)

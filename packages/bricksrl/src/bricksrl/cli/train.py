@@ -26,14 +26,11 @@ from bricksrl.cli.terminal import Device, EmergencyStop, driving, load_learning,
 from bricksrl.envs.options import EnvOptions, TransformOptions
 from bricksrl.envs.registry import get_task, training_episodes
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
-from bricksrl.evaluation import evaluate
-from bricksrl.evaluation.report import write_report
 from bricksrl.evaluation.settings_text import read_settings, with_changes
 from bricksrl.page.server import PageOptions
-from bricksrl.training import RunFolder, RunResult, resume, train
-from bricksrl.training.callbacks import Callback, CallbackList
+from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import SCRIPTED, RunOptions, TrainConfig, settings_for
-from bricksrl.training.run_folder import file_name
+from bricksrl.training.run_folder import RunFolder, file_name
 
 if TYPE_CHECKING:
     import numpy as np
@@ -133,7 +130,9 @@ class Train:
         if self.learning.eval_episodes != RunOptions.eval_episodes and not self.learning.eval_every:
             raise DescriptionError("--eval-episodes has no effect without --eval-every; omit it, or give both")
         self._check(self.env)
-        load_learning()  # algorithms are registered when their modules are imported
+        load_learning()
+        from bricksrl.training.run import train
+
         config = self.config(self.env)
         if self.seeds is not None:
             train_seeds(config, self.seeds, self.on)
@@ -207,6 +206,9 @@ class Resume:
 
     def execute(self) -> None:
         address, config = shown(self.live_page, self.page), RunFolder(self.run).read_config()
+        load_learning()
+        from bricksrl.training.run import resume
+
         run_training(partial(resume, self.run, episodes=self.episodes), config, address, film=self.film)
 
 
@@ -248,7 +250,9 @@ class TrainOffline:
         address = shown(self.live_page, self.page)
         if self.updates < 1:
             raise RunError(f"updates is {self.updates}; make at least 1")
-        load_learning()  # algorithms are registered when their modules are imported
+        load_learning()
+        from bricksrl.training.run import train
+
         config = TrainConfig(
             **vars(self.transforms),
             env=self.env,
@@ -296,7 +300,6 @@ def run_training(
             progress.place(rng)
 
     try:
-        load_learning()
         with (
             run_on_page(address, config.env, config.options, on_stop=stop.set, can_drive=can_drive) as page,
             EmergencyStop(stop, progress.note, keys=keys) as emergency_stop,
@@ -322,6 +325,9 @@ def run_training(
 
 def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | None, *, film: bool) -> None:
     """Evaluate, film, and print the paths of the results."""
+    from bricksrl.evaluation.evaluator import evaluate
+    from bricksrl.evaluation.report import write_report
+
     last = result.episodes[-1]
     print_line(f"trained {counted(last.episode, 'episode')}, {counted(last.steps, 'step')}, in {last.seconds:.0f} s")
     if result.caught_up:

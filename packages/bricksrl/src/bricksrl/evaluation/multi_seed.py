@@ -29,8 +29,7 @@ from brickhub.user_files import failure_of_user
 from bricksrl.child_process import END, ChildProcess, Message, leave, parent_channel
 from bricksrl.errors import BricksError, RunError, message_of
 from bricksrl.evaluation.comparison import Group, compare, draw
-from bricksrl.evaluation.evaluator import evaluate
-from bricksrl.training import RunFolder, TrainConfig, resume, train
+from bricksrl.training import RunFolder, TrainConfig
 from bricksrl.training.callbacks import Callback, Episode, Progress
 
 MAX_SEEDS = 1000
@@ -115,6 +114,9 @@ def train_and_evaluate(
 ) -> str | None:
     """Train into a folder, or resume the run in it, evaluate, and report; returns the error, if any, also one of the user's code.
     Raises KeyboardInterrupt if ``stop`` is set meanwhile."""
+    from bricksrl.evaluation.evaluator import evaluate
+    from bricksrl.training.run import resume, train
+
     try:
         if RunFolder(run_dir).checkpoint_path.exists():
             result = resume(run_dir, reporter, stop=stop)

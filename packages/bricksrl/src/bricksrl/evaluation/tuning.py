@@ -29,11 +29,9 @@ from bricksrl.agents.settings import Range
 from bricksrl.envs import make
 from bricksrl.envs.registry import get_task
 from bricksrl.errors import DivergedError, RunError, message_of
-from bricksrl.evaluation.evaluator import evaluate
 from bricksrl.evaluation.multi_seed import connected, map_on_cluster, parse_on
 from bricksrl.training.callbacks import Callback, Episode, Progress
 from bricksrl.training.config import TrainConfig, settings_for
-from bricksrl.training.run import train
 
 if TYPE_CHECKING:
     import optuna
@@ -227,6 +225,9 @@ def _storage(path: Path) -> Iterator[None]:
 
 def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
     """Mean return of a trained agent; not a number if it diverged."""
+    from bricksrl.evaluation.evaluator import evaluate
+    from bricksrl.training.run import train
+
     stop = threading.Event()
 
     class StopAtSteps(Callback):

@@ -1,27 +1,24 @@
 """Sharing of policies on the Hugging Face hub: tensors as safetensors and config as JSON. No pickles."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from torchrl.envs import EnvBase
 
 from brickhub.files import atomic_folder, folder_with, refuse_existing, write_durably
+from bricksrl.agents.learner import Learner
 from bricksrl.data.share import CARD, downloaded, hub_client
 from bricksrl.envs.registry import make_env
+from bricksrl.envs.transforms import prepare, transform_state
 from bricksrl.envs.trust import remember, require_trusted
 from bricksrl.errors import CheckpointError, RunError, counted
 from bricksrl.training.config import TrainConfig, portable
 from bricksrl.training.restore import load_learner, make_learner_for, one_robot
 from bricksrl.training.run_folder import RunFolder
-
-if TYPE_CHECKING:
-    from torchrl.envs import EnvBase
-
-    from bricksrl.agents.learner import Learner
 
 TENSORS, ABOUT = "policy.safetensors", "policy.json"
 _VERSION = 1
@@ -36,8 +33,6 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     """Write the policy of a run to the folder ``out``, atomically: `TENSORS`, `ABOUT` and a card. Raises RunError if ``out``
     exists or cannot be written, or there is no run, CheckpointError if the run's checkpoint is damaged."""
     from safetensors.torch import save
-
-    from bricksrl.envs.transforms import prepare, transform_state
 
     refuse_existing(out, RunError)
     folder = RunFolder(run_dir)

@@ -3,36 +3,31 @@
 A source yields each step that was made, and each episode that has ended; while it waits, the run learns.
 """
 
-from __future__ import annotations
-
 import math
 import time
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
+from torch import Tensor
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType
 from torchrl.modules import RandomPolicy
 
+from bricksrl.agents.learner import Learner
+from bricksrl.data import About, Step
 from bricksrl.data.collect import about, step_of
+from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import Driver, Rollout, longest_of, play, seed_episode
 from bricksrl.errors import RunError
 from bricksrl.training.callbacks import Callback, Episode, Phase
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
-    from bricksrl.agents.learner import Learner
-    from bricksrl.data import About, Step
-    from bricksrl.envs.connection import Reconnect
-    from bricksrl.training.learner_side import LearnerSide
-    from bricksrl.training.signals import StopSignals
+from bricksrl.training.learner_side import LearnerSide
+from bricksrl.training.signals import StopSignals
 
 
 @dataclass
