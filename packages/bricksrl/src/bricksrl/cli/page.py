@@ -18,7 +18,7 @@ from tyro.conf import OmitArgPrefixes, Positional
 
 from brickhub.cli.options import option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line, print_note
-from brickhub.fields import check_count
+from brickhub.fields import Range
 from brickhub.files import folder_with
 from brickhub.hub.transports.address import parse_hub
 from brickhub.user_files import is_reference
@@ -122,7 +122,7 @@ class Demo:
     """Environment; `bricksrl list` shows them."""
     policy: Annotated[str | None, option(metavar="NAME")] = None
     """Policy to begin with: random, scripted (a hand-written controller) or best, the trained one that comes with BricksRL."""
-    episodes: Annotated[int | None, option(metavar="N")] = None
+    episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to show; by default until Ctrl-C."""
     seed: Annotated[int, option(metavar="N")] = 1000
     """Seed of the episodes and of random actions."""
@@ -131,7 +131,6 @@ class Demo:
     def execute(self) -> None:
         from bricksrl.page.robot_play import play_robot
 
-        check_count("episodes", self.episodes)
         env = make_robot(self.env, seed=self.seed)
         if env is None:
             raise DescriptionError(f"{self.env} has no robot to show; `bricksrl demo` shows a Walker")
@@ -159,7 +158,7 @@ class Play:
     """Folder of a run or of a shared policy; or an environment."""
     policy: Annotated[str | None, option(metavar="NAME")] = None
     """Policy to begin with: random, first, best or last; of an environment random, scripted or best; by default the last."""
-    episodes: Annotated[int | None, option(metavar="N")] = None
+    episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to play; by default until Ctrl-C."""
     seed: Annotated[int, option(metavar="N")] = 1000
     """Seed of the episodes and of random actions."""
@@ -169,7 +168,6 @@ class Play:
 
     def execute(self) -> None:
         address = shown(self.live_page, self.page)
-        check_count("episodes", self.episodes)
         folder = Path(self.target)
         is_run = folder.is_dir()
         if not is_run and len(folder.parts) > 1 and not is_reference(self.target):

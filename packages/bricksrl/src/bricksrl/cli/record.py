@@ -13,7 +13,7 @@ from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
-from brickhub.fields import check_count
+from brickhub.fields import Count
 from brickhub.files import quoted
 from brickhub.seed import check_seed
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
@@ -59,7 +59,7 @@ class Record:
     """Policy: random, keyboard, gamepad, controller, or the folder of a run or of a shared policy."""
     take_over: Annotated[Device | None, option(metavar="DEVICE")] = None
     """Let a human intervene with this device; these steps are marked in the data."""
-    episodes: Annotated[int, option(metavar="N")] = 10
+    episodes: Annotated[Count, option(metavar="N")] = 10
     """Episodes to record."""
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of the episodes and of random actions."""
@@ -72,7 +72,6 @@ class Record:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        check_count("episodes", self.episodes)
         check_seed(self.seed)
         self._check_policy()
         task = get_task(self.env, **self.robot.options)

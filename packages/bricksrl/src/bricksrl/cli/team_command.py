@@ -12,7 +12,7 @@ from tyro.conf import Positional, UseAppendAction
 
 from brickhub.cli.options import option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
-from brickhub.fields import check_count
+from brickhub.fields import Count
 from brickhub.files import check_writable, folder_with, quoted
 from bricksrl.cli.page import LivePageGroup, play_until_stopped, shown
 from bricksrl.cli.terminal import load_learning
@@ -65,7 +65,7 @@ class TrainTeam:
     """Copies of the simulation; 0 for the arena itself. By default 256 if there is a simulation."""
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of all random numbers: the same seed gives the same team."""
-    episodes: Annotated[int, option(metavar="N")] = 20
+    episodes: Annotated[Count, option(metavar="N")] = 20
     """Episodes to play after the training."""
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<arena>-<agent>-<seed>-<time>."""
@@ -77,7 +77,6 @@ class TrainTeam:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        check_count("episodes", self.episodes)
         if self.play is not None and self.env is not None:
             raise RunError("a team that only plays has an arena; omit ARENA or --play")
         address = shown(self.live_page, self.page)

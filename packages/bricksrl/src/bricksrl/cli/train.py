@@ -14,7 +14,7 @@ from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction
 
 from brickhub.cli.options import Flag, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
-from brickhub.fields import check_count
+from brickhub.fields import Count, Range
 from brickhub.files import only_writer, quoted, remove_unfinished
 from brickhub.hub.transports.address import parse_hub
 from brickhub.seed import check_seed
@@ -77,7 +77,7 @@ class Train:
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
     agent: Annotated[str | None, option(metavar="NAME")] = None
     """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Default: sac, or the agent of --from."""
-    episodes: Annotated[int | None, option(metavar="N")] = None
+    episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to train for; the default depends on the environment."""
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of all random numbers: the same seed gives the same run."""
@@ -154,7 +154,6 @@ class Train:
             check_agent(self.agent)
         for hub in self.robot.hub.split(","):
             parse_hub(hub.strip())
-        check_count("episodes", self.episodes)
         if self.run is not None and self.run.exists():
             raise RunError(f"{self.run} exists already; resume that run or choose another folder")
 
@@ -198,7 +197,7 @@ class Resume:
 
     run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder that `bricksrl train` wrote."""
-    episodes: Annotated[int | None, option(metavar="N")] = None
+    episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Total number of episodes, including those already trained; by default as when the run was started."""
     page: PageFlag = False
     film: FilmFlag = True
@@ -233,9 +232,9 @@ class TrainOffline:
     """Agent: bc, act, iql, cql, td3bc; or an agent for online learning, such as sac and td3."""
     preset: Annotated[str, option(metavar="NAME")] = "default"
     """Settings of the agent: default, or paper for those of the BricksRL paper."""
-    updates: Annotated[int, option(metavar="N")] = 5000
+    updates: Annotated[Count, option(metavar="N")] = 5000
     """Updates from the data."""
-    episodes: Annotated[int, option(metavar="N")] = 10
+    episodes: Annotated[Count, option(metavar="N")] = 10
     """Test episodes, spread evenly over the updates."""
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of all random numbers: the same seed gives the same run."""
@@ -248,8 +247,6 @@ class TrainOffline:
 
     def execute(self) -> None:
         address = shown(self.live_page, self.page)
-        if self.updates < 1:
-            raise RunError(f"updates is {self.updates}; make at least 1")
         load_learning()
         from bricksrl.training.run import train
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from torchrl.envs import EnvBase
 
-from brickhub.fields import check_count
+from brickhub.fields import Count, check_value
 from brickhub.files import write_durably
 from brickhub.seed import check_seed, derive_seed
 from brickhub.user_files import is_reference, with_absolute_file
@@ -140,7 +140,7 @@ def evaluate(
         CheckpointError: the checkpoint is damaged, or ``env`` has other observations or actions than the training.
         DivergedError: the weights of the agent are not finite.
     """
-    check_count("episodes", episodes)
+    check_value("episodes", episodes, Count)
     check_seed(seed)
     origin = RunFolder(run_dir).origin()
     env_id, hub = origin.env, origin.options.hub

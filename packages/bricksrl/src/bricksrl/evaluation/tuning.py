@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional
 
 from brickhub.cli.options import option
+from brickhub.fields import Count, check_fields
 from brickhub.files import serialized, write_durably
 from brickhub.seed import LARGEST_SEED, check_seed
 from bricksrl.agents import make_learner
@@ -76,17 +77,15 @@ class Tuning:
     """Environment; `bricksrl list` shows them. Kinematic simulations are the fastest."""
     agent: Annotated[str, option(metavar="NAME")] = "sac"
     """Agent; `bricksrl list` shows them."""
-    steps: Annotated[int, option(metavar="N")] = 2000
+    steps: Annotated[Count, option(metavar="N")] = 2000
     """Robot steps of each training, which ends with the episode that reaches them."""
-    seeds: Annotated[int, option(metavar="N")] = 2
+    seeds: Annotated[Count, option(metavar="N")] = 2
     """Trainings per trial, the mean of whose evaluations is its value; bad trials are pruned early."""
-    episodes: Annotated[int, option(metavar="N")] = 10
+    episodes: Annotated[Count, option(metavar="N")] = 10
     """Episodes of each evaluation."""
 
     def __post_init__(self) -> None:
-        for name in ("steps", "seeds", "episodes"):
-            if getattr(self, name) < 1:
-                raise RunError(f"{name} is {getattr(self, name)}; give 1 or more")
+        check_fields(Tuning, vars(self))
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from tyro.conf import Positional
 from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import confirm, print_line, print_note
 from brickhub.errors import TwinError, counted
+from brickhub.fields import Count
 from brickhub.files import check_writable
 from brickhub.seed import check_seed
 from brickhub.target import find, whole_interface
@@ -52,7 +53,7 @@ class RecordMotion:
     """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT."""
     yes: Flag = False
     """Let a real robot move without asking."""
-    steps: Annotated[int, option(metavar="N")] = 160
+    steps: Annotated[Count, option(metavar="N")] = 160
     """Commands, at some 13 per second."""
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of the commands."""
@@ -64,8 +65,6 @@ class RecordMotion:
 
         from bricktwin.twin.motion_log import identification_commands, record, write_log
 
-        if self.steps < 1:
-            raise TwinError(f"steps is {self.steps}; give at least 1")
         check_seed(self.seed)
         check_writable(self.out)
         target = find(self.robot)

@@ -7,7 +7,7 @@ use TorchRL's losses. Independent SAC learns from each robot's transitions separ
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Annotated, Any, Literal
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -18,6 +18,7 @@ from torchrl.envs import EnvBase
 from torchrl.modules import MultiAgentMLP, ProbabilisticActor, TanhNormal
 from torchrl.objectives import IPPOLoss, MAPPOLoss
 
+from brickhub.fields import Count, Range, check_fields
 from bricksrl.agents.learner import Learner
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import DescriptionError
@@ -39,30 +40,17 @@ class TeamSettings:
     clip_epsilon: float = 0.2
     entropy_coeff: float = 0.003
     max_grad_norm: float = 0.5
-    steps: int = 32
+    steps: Count = 32
     """Steps of each copy between updates."""
-    passes: int = 6
+    passes: Count = 6
     """Of MAPPO and IPPO, as the four settings before ``steps``."""
-    batch_size: int | None = None
+    batch_size: Annotated[int | None, Range(1)] = None
     """Transitions of an update; by default 4096, for independent SAC 256."""
     updates_per_step: float = 1.0
     """Updates of independent SAC per step of all copies."""
 
     def __post_init__(self) -> None:
-        for name in ("steps", "passes", "batch_size"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                raise DescriptionError(f"{name} is {value}; give 1 or more")
-
-
-class GroupLearner(Protocol):
-    """A learning group. ``policy``: ``(group, "observation")`` to ``(group, "action")``; explores under
-    ``ExplorationType.RANDOM``."""
-
-    policy: TensorDictModule
-
-    def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
-        """Learn from frames ``[copies, time]``. Returns mean metrics."""
+        check_fields(TeamSettings, vars(self))
 
 
 class _Scaled(nn.Module):
@@ -204,6 +192,11 @@ class _RobotPolicy(nn.Module):
     def forward(self, observation: Tensor) -> Tensor:
         out: Tensor = self.policy(TensorDict({"observation": observation}, observation.shape[:-1]))["action"]
         return out
+
+
+GroupLearner = PPOGroup | SACGroup
+"""A learning group. ``policy``: ``(group, "observation")`` to ``(group, "action")``; explores under ``ExplorationType.RANDOM``.
+``learn``: from frames ``[copies, time]``; returns mean metrics."""
 
 
 def alternating(scripts: Sequence[Callable[[Tensor], Tensor]]) -> Callable[[Tensor], Tensor]:
