@@ -29,7 +29,7 @@ from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.evaluation.settings_text import read_settings, with_changes
 from bricksrl.page.server import PageOptions
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
-from bricksrl.training.config import SCRIPTED, RunOptions, TrainConfig, settings_for
+from bricksrl.training.config import RunOptions, TrainConfig, settings_for
 from bricksrl.training.run_folder import RunFolder, file_name
 
 if TYPE_CHECKING:
@@ -90,12 +90,6 @@ class Train:
     """Settings of the agent: default, or paper for those of the BricksRL paper. Default: default, or the settings of --from."""
     settings: Annotated[Path | None, option(metavar="FILE")] = None
     """Settings that replace those of the preset: a JSON file such as `bricksrl tune` writes."""
-    start: Annotated[Path | None, option(name="from", metavar="RUN")] = None
-    """Let the agent of this run go on learning, here or in another world."""
-    base: Annotated[str | None, option(metavar="RUN")] = None
-    """Add what is learned to the actions of a frozen policy: the folder of a run, or scripted for the hand-written controller."""
-    demonstrations: Annotated[Path | None, option(metavar="DIR")] = None
-    """Imitate a dataset first, and draw half of each batch from it; of a run its steps, with what its policy does in them."""
     resume: Annotated[Path | None, option(metavar="RUN")] = None
     """Resume this run, as `bricksrl resume` does, instead of starting a new one."""
     seeds: Annotated[int | None, option(metavar="N")] = None
@@ -161,27 +155,24 @@ class Train:
         """Configuration of the run from the flags."""
         if self.asynchronous and self.synchronous:
             raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")
-        source = None if self.start is None else RunFolder(self.start).read_config()
+        source = None if self.learning.start is None else RunFolder(self.learning.start).read_config()
         agent = self.agent if self.agent is not None else "sac" if source is None else source.agent
         if source is not None and self.preset is None and source.agent == agent:
             settings = source.settings
         else:
             settings = settings_for(env, "default" if self.preset is None else self.preset, agent)
-        base = self.base if source is None or self.base is not None else source.base
+        base = self.learning.base if source is None or self.learning.base is not None else source.base
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
         return TrainConfig(
             **vars(self.robot if self.take_over is None else with_human(self.robot, env)),
-            **vars(self.learning),
+            **vars(self.learning) | {"base": base},
             env=env,
             agent=agent,
             episodes=training_episodes(env) if self.episodes is None else self.episodes,
             seed=self.seed,
             asynchronous=True if self.asynchronous else False if self.synchronous else None,
             settings=with_changes(settings, self.changes),
-            base=base if base in (None, SCRIPTED) else str(Path(base).absolute()),
-            demonstrations=None if self.demonstrations is None else str(self.demonstrations.absolute()),
-            start=None if self.start is None else str(self.start.absolute()),
             run_dir=run_folder(self.run, env, agent, self.seed),
         )
 
@@ -257,7 +248,7 @@ class TrainOffline:
             episodes=self.episodes,
             seed=self.seed,
             settings=settings_for(self.env, self.preset, self.agent),
-            data=str(self.data.absolute()),
+            data=str(self.data),
             updates=self.updates,
             run_dir=run_folder(self.run, self.env, self.agent, self.seed),
         )

@@ -27,8 +27,14 @@ Rule = tuple[Callable[["TrainConfig"], object], str]
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """How to train: device, several robots, evaluations, records."""
+    """How to train: device, several robots, evaluations, records, and what is known beforehand."""
 
+    start: Annotated[str | None, option(name="from", metavar="RUN")] = None
+    """Let the agent of this run go on learning, here or in another world."""
+    base: Annotated[str | None, option(metavar="RUN")] = None
+    """Add what is learned to the actions of a frozen policy: the folder of a run, or scripted for the hand-written controller."""
+    demonstrations: Annotated[str | None, option(metavar="DIR")] = None
+    """Imitate a dataset first, and draw half of each batch from it; of a run its steps, with what its policy does in them."""
     num_envs: Annotated[Count, option(metavar="N")] = 1
     """Copies to train on in parallel: a simulation runs as one batch, virtual robots in one process each."""
     robots: Annotated[Count, option(metavar="N")] = 1
@@ -73,24 +79,16 @@ class TrainConfig(RunOptions, EnvOptions):
     """Folder of a dataset, or of a run that recorded one, to learn from without the robot."""
     updates: Annotated[int, Range()] = 0
     """Updates from the data, spread over the episodes, which only show what was learned; 0 learns on the robot."""
-    start: str | None = None
-    """Folder of a run whose agent continues here."""
-    base: str | None = None
-    """Frozen policy that the learned actions are added to: the folder of a run, or `SCRIPTED`."""
-    demonstrations: str | None = None
-    """Folder of a dataset, or of a run, that the actor imitates first, unless it has a ``start``, and that is half of each batch.
-    Of a run its recorded steps, with what its policy would have done in them."""
     run_dir: Path | None = None
     """New folder of the run; by default the first free one of ``runs/<env>-<agent>-seed-<seed>`` and the same with -2, -3, ..."""
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        for name, type_ in (
-            ("run_dir", Path),
-            *((name, str) for name in ("data", "start", "base", "demonstrations")),
-        ):  # a string is as good as a path
-            if isinstance(getattr(self, name), Path | str):
-                object.__setattr__(self, name, type_(getattr(self, name)))
+        if isinstance(self.run_dir, str):  # as good as a path
+            object.__setattr__(self, "run_dir", Path(self.run_dir))
+        for name in ("data", "start", "base", "demonstrations"):  # the run can then go on in any folder
+            if isinstance(getattr(self, name), Path | str) and getattr(self, name) != SCRIPTED:
+                object.__setattr__(self, name, str(Path(getattr(self, name)).absolute()))
         super().__post_init__()
         object.__setattr__(self, "physics", self.known_physics)  # stored with the run
         for name in ("env", "agent"):  # the run can then be used in any folder
