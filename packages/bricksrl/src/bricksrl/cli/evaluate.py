@@ -15,7 +15,7 @@ from brickhub.cli.options import Flag, JsonFlag, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.seed import check_seed
 from brickhub.user_files import without_folder
-from bricksrl.cli.terminal import EmergencyStop, load_learning
+from bricksrl.cli.terminal import EmergencyStop, load_learning, placing
 from bricksrl.envs.trust import trust
 from bricksrl.errors import StoppedError, TwinError, counted, percent
 from bricksrl.evaluation.comparison import Comparison, Group, compare, draw
@@ -104,7 +104,7 @@ class Evaluate:
                     save=False,
                     on_episode=report,
                     on_env=begin,
-                    place=emergency_stop.place,
+                    place=placing(emergency_stop.quiet),
                     **options,
                 )
         except StoppedError:

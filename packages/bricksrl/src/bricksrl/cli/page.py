@@ -22,7 +22,7 @@ from brickhub.fields import Range
 from brickhub.files import folder_with
 from brickhub.hub.transports.address import parse_hub
 from brickhub.user_files import is_reference
-from bricksrl.cli.terminal import EmergencyStop, driving, load_learning, place_robot
+from bricksrl.cli.terminal import EmergencyStop, driving, load_learning, placing
 from bricksrl.envs import get_task, make
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import make_robot
@@ -241,7 +241,7 @@ class DriveRobot:
     def execute(self) -> None:
         from bricksrl.page.robot_play import play_robot
 
-        robot = None if self.device else make_robot(self.env, self.robot, seed=self.seed, place=place_robot)
+        robot = None if self.device else make_robot(self.env, self.robot, seed=self.seed, place=placing())
         if robot is not None:
             with closing(robot):
                 _on_page(self.live_page, robot, self.env, play_robot, {}, subtitle="driven by hand", in_charge=True)
@@ -265,7 +265,7 @@ def _environment(flags: Play | DriveRobot, target: str, run: Path | None) -> Ite
         config = config_of(run)
         env_id = config.env
         options = options.changed(**config.transforms, **config.options | options.options)
-    with closing(make(env_id, options, seed=flags.seed, place=place_robot)) as env:
+    with closing(make(env_id, options, seed=flags.seed, place=placing())) as env:
         yield env, env_id
 
 

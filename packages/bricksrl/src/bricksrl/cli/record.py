@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +18,7 @@ from brickhub.fields import Count
 from brickhub.files import quoted
 from brickhub.seed import check_seed
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
-from bricksrl.cli.terminal import DEVICES, Device, EmergencyStop, driving, load_learning, quiet, with_human
+from bricksrl.cli.terminal import DEVICES, Device, EmergencyStop, driving, load_learning, placing, quiet, with_human
 from bricksrl.data.dataset import EpisodeRow
 from bricksrl.data.integrity import check
 from bricksrl.data.recorder import Recorder
@@ -29,7 +30,6 @@ from bricksrl.page.server import PageOptions
 from bricksrl.policies import config_of
 
 if TYPE_CHECKING:
-    import numpy as np
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.rollout import Driver
@@ -133,12 +133,7 @@ class Record:
     def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> EnvBase:
         if self.policy != "random" and self.policy not in DEVICES:  # a run, whose policy acts behind its transforms
             options = options.changed(**config_of(Path(self.policy)).transforms)
-
-        def place(rng: np.random.Generator) -> None:
-            with quiet(human):
-                emergency_stop.place(rng)
-
-        return make(self.env, options, seed=self.seed, place=place)
+        return make(self.env, options, seed=self.seed, place=placing(partial(quiet, human), emergency_stop.quiet))
 
     def _collect(
         self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[EpisodeRow], None], page: LivePage | None

@@ -22,7 +22,7 @@ from bricksrl.agents import check_agent
 from bricksrl.cli.evaluate import describe
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, show_file, shown
 from bricksrl.cli.progress import RunProgress, train_seeds
-from bricksrl.cli.terminal import Device, EmergencyStop, driving, load_learning, quiet, telling, with_human
+from bricksrl.cli.terminal import Device, EmergencyStop, driving, load_learning, placing, quiet, telling, with_human
 from bricksrl.envs.options import EnvOptions, TransformOptions
 from bricksrl.envs.registry import get_task, training_episodes
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
@@ -33,7 +33,6 @@ from bricksrl.training.config import RunOptions, TrainConfig, settings_for
 from bricksrl.training.run_folder import RunFolder, file_name
 
 if TYPE_CHECKING:
-    import numpy as np
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.rollout import Driver
@@ -282,18 +281,14 @@ def run_training(
     """
     progress, stop = RunProgress(config.hub), threading.Event()
     can_drive = can_drive and driver is None and config.num_envs == len(config.hubs) == 1
-
-    def place(rng: np.random.Generator) -> None:
-        with quiet(driver):
-            progress.place(rng)
-
     try:
         with (
             run_on_page(address, config.env, config.options, on_stop=stop.set, can_drive=can_drive) as page,
             EmergencyStop(stop, progress.note, keys=keys) as emergency_stop,
         ):
-            progress.on_ready, progress.quiet = emergency_stop.attach, emergency_stop.quiet
+            progress.on_ready = emergency_stop.attach
             callback: Callback = progress
+            place = placing(partial(quiet, driver), progress.hidden, emergency_stop.quiet)
             if page is not None:
                 from bricksrl.page.play import PageCallback
 
@@ -331,7 +326,8 @@ def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | N
 
     remove_unfinished(result.run_dir)  # such as a film that was killed
     with telling("evaluating"):
-        evaluation = evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=emergency_stop.place)
+        place = placing(emergency_stop.quiet)
+        evaluation = evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=place)
     for line in describe(evaluation):
         print_line(line)
     evaluation.save()
