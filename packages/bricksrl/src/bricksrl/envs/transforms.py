@@ -5,14 +5,12 @@ random observations, and a number that in every try is the same linear function 
 concluded from the name of a class, except that running statistics (`RUNNING`) change while an agent learns.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -25,6 +23,7 @@ from torchrl.envs.transforms import VecNormV2
 from brickhub.entry import Entry
 from brickhub.user_files import line_of_user, load_object
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.specs import (
     SPECS,
     ImageShape,
@@ -38,9 +37,6 @@ from bricksrl.envs.specs import (
     transform_failure,
 )
 from bricksrl.errors import DataError, DescriptionError, message_of
-
-if TYPE_CHECKING:
-    from bricksrl.envs.options import EnvOptions
 
 _TRIES, _STEPS = 8, (2, 24)
 """Random episodes, and their steps; the longer ones if a number is the same in all short ones, as it is of an earlier step."""
