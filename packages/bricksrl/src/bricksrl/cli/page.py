@@ -72,12 +72,6 @@ def announce(url: str) -> None:
         webbrowser.open(url)
 
 
-def show_file(path: Path) -> None:
-    """Open a file in the browser if there is a screen."""
-    if has_screen():
-        webbrowser.open(path.absolute().as_uri())
-
-
 def has_screen() -> bool:
     """Whether the user can see a browser that is opened here."""
     if sys.stderr is None or not sys.stderr.isatty() or os.environ.get("SSH_CONNECTION"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import webbrowser
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
@@ -20,7 +21,7 @@ from brickhub.hub.transports.address import parse_hub
 from brickhub.seed import check_seed
 from bricksrl.agents import check_agent
 from bricksrl.cli.evaluate import describe
-from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, show_file, shown
+from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, has_screen, run_on_page, shown
 from bricksrl.cli.progress import RunProgress, train_seeds
 from bricksrl.cli.terminal import Device, EmergencyStop, driving, load_learning, placing, quiet, telling, with_human
 from bricksrl.envs.options import EnvOptions, TransformOptions
@@ -339,4 +340,5 @@ def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | N
     print_line(f"video           {video}")
     print_line(f"report          {summary}")
     print_line(f"more episodes   bricksrl evaluate {quoted(result.run_dir)} --episodes 20")
-    show_file(summary)
+    if has_screen():
+        webbrowser.open(summary.absolute().as_uri())

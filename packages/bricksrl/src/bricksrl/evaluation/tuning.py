@@ -157,7 +157,10 @@ def tune(
     start = settings_for(tuning.env, "default", tuning.agent)
     goals = any(entry.name.endswith("_goal") for entry in get_task(tuning.env).entries)
     optuna.logging.set_verbosity(logging.ERROR)  # a failed trial raises: one message is enough
-    _check_trains(tuning)
+    with closing(make(tuning.env)) as env:
+        learner = make_learner(tuning.agent, env)
+    if learner.imitates or learner.loss is None:
+        raise RunError(f"{tuning.agent} does not learn from a robot, and tuning gives it nothing else; choose another agent")
     name, storage = f"{tuning.env} {tuning.agent}", f"sqlite:///{(folder / STUDY).absolute()}"
     with _storage(folder / STUDY), serialized(folder):  # several commands may begin with the same study at once
         for other in set(optuna.get_all_study_names(storage)) - {name}:
@@ -246,14 +249,6 @@ def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
             return evaluate(run_dir, episodes=tuning.episodes, save=False).return_mean
         except DivergedError:
             return math.nan
-
-
-def _check_trains(tuning: Tuning) -> None:
-    """Raise RunError for an agent that does not learn online."""
-    with closing(make(tuning.env)) as env:
-        learner = make_learner(tuning.agent, env)
-    if learner.imitates or learner.loss is None:
-        raise RunError(f"{tuning.agent} does not learn from a robot, and tuning gives it nothing else; choose another agent")
 
 
 def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:

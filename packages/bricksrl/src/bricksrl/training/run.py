@@ -120,7 +120,10 @@ def _run(
         callback = CallbackList(callback, Tracking(config.log))
     with ExitStack() as stack:
         if env is None:
-            env = _make_env(config, place)
+            if len(config.hubs) > 1:
+                env = make_fleet(config, place if config.hub != "virtual" else None)
+            else:
+                env = make_env(config.env, config.robot, config.num_envs, seed=config.seed, device=config.device, place=place)
             stack.callback(env.close, raise_if_closed=False)
         else:
             env = with_unit_actions(env)
@@ -181,9 +184,3 @@ def _learning(
     with signals.at_once():
         side.wait_until_ready()
     return side
-
-
-def _make_env(config: TrainConfig, place: Placement | None) -> EnvBase:
-    if len(config.hubs) > 1:
-        return make_fleet(config, place if config.hub != "virtual" else None)
-    return make_env(config.env, config.robot, config.num_envs, seed=config.seed, device=config.device, place=place)
