@@ -9,7 +9,7 @@ from typing import Any
 
 from torchrl.envs import EnvBase
 
-from brickhub.files import atomic_folder, folder_with, refuse_existing, write_durably
+from brickhub.files import atomic_folder, folder_with, reading, refuse_existing, write_durably
 from bricksrl.agents.learner import Learner
 from bricksrl.data.share import CARD, downloaded, hub_client
 from bricksrl.envs.registry import make_env
@@ -66,23 +66,21 @@ def read_policy(path: Path) -> tuple[TrainConfig, dict[str, Any]]:
     from safetensors import SafetensorError
     from safetensors.torch import load
 
-    try:
-        text = (path / ABOUT).read_bytes()
+    if not is_policy(path):
+        raise CheckpointError(f"there is no policy in {path}; choose {folder_with(path, TENSORS)}")
+    with reading("the policy", path / ABOUT, CheckpointError, "fetch the policy again"):
+        text, data = (path / ABOUT).read_bytes(), (path / TENSORS).read_bytes()
         about = json.loads(text)
-        data = (path / TENSORS).read_bytes()
-    except OSError as error:
-        raise CheckpointError(f"there is no policy in {path} ({error.strerror}); choose {folder_with(path, TENSORS)}") from None
-    except (ValueError, RecursionError):
-        raise CheckpointError(f"{path / ABOUT} is not JSON; fetch the policy again") from None
-    if not isinstance(about, dict) or about.get("bricksrl_policy") != _VERSION or not isinstance(about.get("config"), dict):
+        config, version = dict(about["config"]), about["bricksrl_policy"]
+    if version != _VERSION:
         raise CheckpointError(f"{path / ABOUT} describes no policy of this version of BricksRL; choose another")
-    require_trusted(path / ABOUT, text, about["config"])
+    require_trusted(path / ABOUT, text, config)
     try:
         tensors = load(data)
     except (SafetensorError, ValueError, KeyError, TypeError):
         raise CheckpointError(f"{path / TENSORS} is not a valid safetensors file; fetch the policy again") from None
     try:
-        return TrainConfig.from_dict(about["config"]), tensors
+        return TrainConfig.from_dict(config), tensors
     except RunError as error:
         raise CheckpointError(f"{path / ABOUT} is damaged: {error}") from None
 
