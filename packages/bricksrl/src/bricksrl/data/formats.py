@@ -36,7 +36,7 @@ from bricksrl.data.edit import write_dataset
 from bricksrl.data.reader import COLUMNS, Episodes, load
 from bricksrl.data.recorder import Step, new_episode
 from bricksrl.data.schema import describe_task
-from bricksrl.errors import DataError
+from bricksrl.errors import DataError, installed
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
@@ -93,12 +93,10 @@ def export_minari(path: Path, out: Path) -> None:
     Raises:
         DataError: as in `export_numpy`; also if Minari is not installed, or ``out`` does not end like ``bricksrl/walker-v0``.
     """
-    try:
+    with installed("Minari", DataError, "'bricksrl[data]'"):
         import minari
         from minari.data_collector import EpisodeBuffer
         from minari.namespace import NAMESPACE_METADATA_FILENAME
-    except ImportError as error:
-        raise DataError("no Minari is here to write its format; install it: pip install 'bricksrl[data]'") from error
     refuse_existing(out, DataError)
     episodes = load(path)
     name = f"{out.absolute().parent.name}/{out.name}"

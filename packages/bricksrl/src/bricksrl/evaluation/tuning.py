@@ -29,7 +29,7 @@ from bricksrl.agents import make_learner
 from bricksrl.agents.settings import Range
 from bricksrl.envs import make
 from bricksrl.envs.registry import get_task
-from bricksrl.errors import DivergedError, RunError, message_of
+from bricksrl.errors import DivergedError, RunError, installed, message_of
 from bricksrl.evaluation.multi_seed import connected, map_on_cluster, parse_on
 from bricksrl.training.callbacks import Callback, Episode, Progress
 from bricksrl.training.config import TrainConfig, settings_for
@@ -147,10 +147,8 @@ def tune(
         DescriptionError: the seed is invalid.
         UnknownNameError: there is no such environment or agent.
     """
-    try:
+    with installed("Optuna", RunError, "'bricksrl[tune]'"):
         import optuna
-    except ImportError:
-        raise RunError("Optuna is not installed; run `pip install 'bricksrl[tune]'`") from None
     check_seed(seed)
     if on is not None:
         parse_on(on)
