@@ -11,14 +11,14 @@ from torchrl.envs import EnvBase
 
 from brickhub.files import only_writer, remove_unfinished
 from brickhub.seed import derive_seed
-from brickhub.user_files import is_reference, line_of_user
+from brickhub.user_files import calling, is_reference
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.teachers import restore
 from bricksrl.envs.connection import Placement
 from bricksrl.envs.registry import make_env
 from bricksrl.envs.rollout import Driver
 from bricksrl.envs.transforms import load_transform_state, with_unit_actions
-from bricksrl.errors import BricksError, DescriptionError, RunError, counted, message_of
+from bricksrl.errors import DescriptionError, RunError, counted
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.fleet.fleet_robots import make_fleet
@@ -129,13 +129,8 @@ def _run(
             env = with_unit_actions(env)
         stack.enter_context(reproducible(derive_seed(config.seed, "agent")))
         signals = stack.enter_context(StopSignals(stop or threading.Event()))
-        try:
+        with calling(config.agent, "fails", is_of_user=is_reference(config.agent)):
             return _run_in(env, config, folder, callback, signals, driver)
-        except Exception as error:
-            if isinstance(error, BricksError) or not is_reference(config.agent):
-                raise
-            what = f"{message_of(error, typed=True)}{line_of_user(error)}"
-            raise DescriptionError(f"{config.agent} fails ({what}); correct it") from error
 
 
 def _run_in(
