@@ -31,7 +31,9 @@ class Range:
     def __str__(self) -> str:
         if self.high == LARGEST and not self.above:
             return f"{self.low:g} or more, and up to {LARGEST:,}"
-        return f"a number {'above' if self.above else 'from'} {self.low:g} {'and below' if self.below else 'to'} {self.high:g}"
+        kind = "a whole number" if isinstance(self.low, int) and isinstance(self.high, int) else "a number"
+        low, high = (end if isinstance(end, int) else f"{end:g}" for end in (self.low, self.high))
+        return f"{kind} {'above' if self.above else 'from'} {low} {'and below' if self.below else 'to'} {high}"
 
 
 Count = Annotated[int, Range(1)]

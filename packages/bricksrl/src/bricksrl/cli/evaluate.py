@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, JsonFlag, option
+from brickhub.cli.options import Flag, JsonFlag, Seed, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
-from brickhub.seed import check_seed
 from brickhub.user_files import without_folder
 from bricksrl.cli.terminal import EmergencyStop, load_learning, placing
 from bricksrl.envs.trust import trust
@@ -49,7 +48,7 @@ class Evaluate:
     """Environment; by default that of the training. It gets the options of the training that it has."""
     episodes: Annotated[int, option(metavar="N")] = 5
     """Episodes to evaluate."""
-    seed: Annotated[int, option(metavar="N")] = 1000
+    seed: Seed = 1000
     """Seed of the episodes; another seed gives other initial states."""
     hub: Annotated[str | None, option(metavar="HUB")] = None
     """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT; by default as in training."""
@@ -68,7 +67,6 @@ class Evaluate:
     json: JsonFlag = False
 
     def execute(self) -> None:
-        check_seed(self.seed)
         given = {name: getattr(self, name) for name in ("hub", "link") if getattr(self, name) is not None}
         options: dict[str, Any] = {"realtime": self.realtime, "randomize": self.randomize, **given}
         options |= {} if self.physics is None else {"physics": read_physics(self.physics)}

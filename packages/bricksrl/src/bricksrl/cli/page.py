@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from tyro.conf import OmitArgPrefixes, Positional
 
-from brickhub.cli.options import option, refuse_ignored
+from brickhub.cli.options import Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import Range
 from brickhub.files import folder_with
@@ -118,7 +118,7 @@ class Demo:
     """Policy to begin with: random, scripted (a hand-written controller) or best, the trained one that comes with BricksRL."""
     episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to show; by default until Ctrl-C."""
-    seed: Annotated[int, option(metavar="N")] = 1000
+    seed: Seed = 1000
     """Seed of the episodes and of random actions."""
     live_page: LivePageGroup = PageOptions()
 
@@ -154,7 +154,7 @@ class Play:
     """Policy to begin with: random, first, best or last; of an environment random, scripted or best; by default the last."""
     episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to play; by default until Ctrl-C."""
-    seed: Annotated[int, option(metavar="N")] = 1000
+    seed: Seed = 1000
     """Seed of the episodes and of random actions."""
     page: PageFlag = False
     robot: RobotGroup = EnvOptions()
@@ -225,7 +225,7 @@ class DriveRobot:
 
     env: Annotated[Positional[str], option(metavar="ENV")]
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of the episodes."""
     device: Annotated[Literal["gamepad", "controller"] | None, option(metavar="DEVICE", name="with")] = None
     """Drive with a gamepad, or with the Controller of LEGO's kits, instead of the page."""

@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, option
+from brickhub.cli.options import Flag, Seed, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import Count
 from brickhub.files import quoted
-from brickhub.seed import check_seed
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
 from bricksrl.cli.terminal import DEVICES, Device, EmergencyStop, driving, load_learning, placing, quiet, with_human
 from bricksrl.data.dataset import EpisodeRow
@@ -61,7 +60,7 @@ class Record:
     """Let a human intervene with this device; these steps are marked in the data."""
     episodes: Annotated[Count, option(metavar="N")] = 10
     """Episodes to record."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of the episodes and of random actions."""
     video: Annotated[Path | None, option(metavar="FILE")] = None
     """Film the virtual robot into this mp4 file."""
@@ -72,7 +71,6 @@ class Record:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        check_seed(self.seed)
         self._check_policy()
         task = get_task(self.env, **self.robot.options)
         address = shown(self.live_page, self.page)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
-from brickhub.cli.options import option, refuse_ignored
+from brickhub.cli.options import Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count
 from brickhub.files import check_writable, folder_with, quoted
@@ -63,7 +63,7 @@ class TrainTeam:
     """Steps of all copies together; by default 300,000 in the simulation, 10,000 in the arena itself."""
     copies: Annotated[int | None, option(metavar="N")] = None
     """Copies of the simulation; 0 for the arena itself. By default 256 if there is a simulation."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of all random numbers: the same seed gives the same team."""
     episodes: Annotated[Count, option(metavar="N")] = 20
     """Episodes to play after the training."""

@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction
 
-from brickhub.cli.options import Flag, option, refuse_ignored
+from brickhub.cli.options import Flag, Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count, Range
 from brickhub.files import only_writer, quoted, remove_unfinished
 from brickhub.hub.transports.address import parse_hub
-from brickhub.seed import check_seed
 from bricksrl.agents import check_agent
 from bricksrl.cli.evaluate import describe
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, has_screen, run_on_page, shown
@@ -79,7 +78,7 @@ class Train:
     """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Default: sac, or the agent of --from."""
     episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to train for; the default depends on the environment."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of all random numbers: the same seed gives the same run."""
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
@@ -142,7 +141,6 @@ class Train:
 
     def _check(self, env: str) -> None:
         """Refuse what is wrong before torch is loaded, which takes seconds."""
-        check_seed(self.seed)
         get_task(env, **self.robot.options)
         if self.agent is not None:
             check_agent(self.agent)
@@ -227,7 +225,7 @@ class TrainOffline:
     """Updates from the data."""
     episodes: Annotated[Count, option(metavar="N")] = 10
     """Test episodes, spread evenly over the updates."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of all random numbers: the same seed gives the same run."""
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""

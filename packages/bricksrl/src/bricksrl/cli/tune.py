@@ -8,7 +8,7 @@ from typing import Annotated
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, option, refuse_ignored
+from brickhub.cli.options import Flag, Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count
 from brickhub.files import quoted
@@ -32,7 +32,7 @@ class Tune(Tuning):
 
     trials: Annotated[Count, option(metavar="N")] = 20
     """Trials to run with this command."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of the proposals."""
     folder: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder of the study; by default tuning/<env>-<agent>."""

@@ -5,13 +5,13 @@ import logging
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import torch
 from tensordict import TensorDict
 from torchrl.envs import EnvBase
 
-from brickhub.fields import check_fields
+from brickhub.fields import check_fields, check_value
 from brickhub.files import quoted
 from brickhub.seed import derive_seed
 from bricksrl.agents import make_learner, with_present_names
@@ -119,8 +119,7 @@ def load_state(
 ) -> dict[str, Any]:
     """A verified checkpoint of a run; what its transforms have kept, those of ``env`` get, ``frozen`` or to run on. Raises
     CheckpointError if it is damaged, missing, or of another run or environment."""
-    if which not in get_args(Which):
-        raise RunError(f"there is no checkpoint '{which}'; choose {' or '.join(get_args(Which))}")
+    check_value("which", which, Which)
     if which == "best" and not folder.best_path.exists():
         raise CheckpointError(f"the run in {folder.path} has no best checkpoint; train with evaluations, or take the last one")
     path = folder.checkpoint_path if which == "last" else folder.best_path
