@@ -18,13 +18,12 @@ from torchrl.envs import EnvBase
 from torchrl.modules import MultiAgentMLP, ProbabilisticActor, TanhNormal
 from torchrl.objectives import IPPOLoss, MAPPOLoss
 
-from brickhub.fields import Count, Range, check_fields
+from brickhub.fields import Count, Range, check_fields, check_value
 from bricksrl.agents.learner import Learner
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import DescriptionError
 
 TeamAgent = Literal["mappo", "ippo", "sac"]
-TEAM_AGENTS: tuple[TeamAgent, ...] = ("mappo", "ippo", "sac")
 
 _PPO_BATCH, _SAC_BATCH = 4096, 256
 
@@ -217,12 +216,11 @@ def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSetting
     if group not in env.task.groups:
         raise DescriptionError(f"{env.task.id} has no group '{group}'; it has {', '.join(env.task.groups)}")
     low, high = (torch.tensor([getattr(entry, end) for entry in env.task.entries]) for end in ("low", "high"))
+    check_value("agent", agent, TeamAgent)
     robots, size = len(env.task.groups[group]), 2
     if agent == "sac":
         return SACGroup(group, robots, low, high, size, settings)
-    if agent in TEAM_AGENTS:
-        return PPOGroup(group, robots, torch.maximum(low.abs(), high.abs()), size, settings, central=agent == "mappo")
-    raise DescriptionError(f"there is no agent '{agent}' for teams; choose one of {', '.join(TEAM_AGENTS)}")
+    return PPOGroup(group, robots, torch.maximum(low.abs(), high.abs()), size, settings, central=agent == "mappo")
 
 
 def team_policy(env: EnvBase, learners: Mapping[str, GroupLearner], scripts: Mapping[str, str]) -> TensorDictSequential:
