@@ -125,7 +125,7 @@ def test_residual_run_is_a_policy_and_goes_on(iql: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("agent", "changes", "says"),
     [
-        ("sac", {"base": "nowhere"}, f"there is no run in {Path('nowhere').absolute()}; choose"),
+        ("sac", {"base": "nowhere"}, "there is no run in nowhere"),
         ("tqc", {"base": "scripted"}, "only sac, droq, .* can be taught"),
         ("sac", {"data": "d"}, "data without updates has no effect; give it as demonstrations"),
         ("sac", {"data": "d", "demonstrations": "d", "updates": 40}, "takes no demonstrations"),
@@ -143,7 +143,7 @@ def test_data_beside_the_robot_are_demonstrations_now() -> None:
     """In the runs of earlier versions."""
     old = {**taught(Path("run")).to_dict(), "data": "datasets/arm"}
     config = TrainConfig.from_dict(old)
-    assert (config.data, config.demonstrations) == (None, str(Path("datasets/arm").absolute()))
+    assert (config.data, config.demonstrations) == (None, "datasets/arm")
 
 
 def test_older_runs_without_new_settings_are_read(iql: str, tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.evaluation.settings_text import read_settings, with_changes
 from bricksrl.page.server import PageOptions
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
-from bricksrl.training.config import RunOptions, TrainConfig, settings_for
+from bricksrl.training.config import SCRIPTED, RunOptions, TrainConfig, settings_for
 from bricksrl.training.run_folder import RunFolder, file_name
 
 if TYPE_CHECKING:
@@ -162,9 +162,12 @@ class Train:
         base = self.learning.base if source is None or self.learning.base is not None else source.base
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
+        known = {**vars(self.learning), "base": base}
+        for name in ("start", "base", "demonstrations"):  # the run can then go on in any folder
+            known[name] = known[name] if known[name] in (None, SCRIPTED) else str(Path(known[name]).absolute())
         return TrainConfig(
             **vars(self.robot if self.take_over is None else with_human(self.robot, env)),
-            **vars(self.learning) | {"base": base},
+            **known,
             env=env,
             agent=agent,
             episodes=training_episodes(env) if self.episodes is None else self.episodes,
@@ -246,7 +249,7 @@ class TrainOffline:
             episodes=self.episodes,
             seed=self.seed,
             settings=settings_for(self.env, self.preset, self.agent),
-            data=str(self.data),
+            data=str(self.data.absolute()),
             updates=self.updates,
             run_dir=run_folder(self.run, self.env, self.agent, self.seed),
         )

@@ -84,11 +84,9 @@ class TrainConfig(RunOptions, EnvOptions):
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        if isinstance(self.run_dir, str):  # as good as a path
-            object.__setattr__(self, "run_dir", Path(self.run_dir))
-        for name in ("data", "start", "base", "demonstrations"):  # the run can then go on in any folder
-            if isinstance(getattr(self, name), Path | str) and getattr(self, name) != SCRIPTED:
-                object.__setattr__(self, name, str(Path(getattr(self, name)).absolute()))
+        for name in ("run_dir", "data", "start", "base", "demonstrations"):
+            if isinstance(getattr(self, name), Path | str):  # one is as good as the other
+                object.__setattr__(self, name, (Path if name == "run_dir" else str)(getattr(self, name)))
         super().__post_init__()
         object.__setattr__(self, "physics", self.known_physics)  # stored with the run
         for name in ("env", "agent"):  # the run can then be used in any folder
