@@ -91,7 +91,7 @@ def test_invalid_team_raises(tmp_path: Path) -> None:
         train_team(TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "hide"}, frames=8, copies=1), SMALL)
     with pytest.raises(DescriptionError, match="no group 'cat'"):
         train_team(TeamConfig("Tag-v0", {"cat": "ippo"}, frames=8, copies=1), SMALL)
-    with pytest.raises(DescriptionError, match="no agent 'dqn'"):
+    with pytest.raises(DescriptionError, match="agent is 'dqn'; choose mappo, ippo or sac"):
         train_team(TeamConfig("Tag-v0", {"catcher": "dqn"}, {"runner": "flee"}, frames=8, copies=1), SMALL)
     (tmp_path / "team.bin").write_bytes(b"nothing")
     with pytest.raises(CheckpointError):
