@@ -2,7 +2,8 @@
 
 import difflib
 import enum
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import ClassVar
 
 
@@ -139,6 +140,15 @@ class WriteError(BricksError, OSError):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+@contextmanager
+def installed(package: str, error: type[BricksError], words: str) -> Iterator[None]:
+    """Raise ``error`` if the package, which is imported in this context, is not installed; ``words``: what pip installs."""
+    try:
+        yield
+    except ImportError as failure:
+        raise error(f"{package} is not installed; run `pip install {words}`") from failure
 
 
 def message_of(error: BaseException, characters: int = 200, *, typed: bool = False) -> str:

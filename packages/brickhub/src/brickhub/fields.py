@@ -7,18 +7,12 @@ import types
 import typing
 from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from brickhub.errors import DescriptionError
 
 LARGEST = 2**24
 """Largest number where nothing else is said, as values come from files."""
-
-
-def check_count(name: str, count: int | None) -> None:
-    """Raise DescriptionError unless it is 1 or more, and no more than can be meant; ``None`` is not checked."""
-    if count is not None and not 1 <= count <= LARGEST:
-        raise DescriptionError(f"{name} is {count}; give 1 or more, and up to {LARGEST:,}")
 
 
 @dataclass(frozen=True)
@@ -35,7 +29,15 @@ class Range:
         return over and (value < self.high if self.below else value <= self.high)
 
     def __str__(self) -> str:
-        return f"a number {'above' if self.above else 'from'} {self.low:g} {'and below' if self.below else 'to'} {self.high:g}"
+        if self.high == LARGEST and not self.above:
+            return f"{self.low:g} or more, and up to {LARGEST:,}"
+        kind = "a whole number" if isinstance(self.low, int) and isinstance(self.high, int) else "a number"
+        low, high = (end if isinstance(end, int) else f"{end:g}" for end in (self.low, self.high))
+        return f"{kind} {'above' if self.above else 'from'} {low} {'and below' if self.below else 'to'} {high}"
+
+
+Count = Annotated[int, Range(1)]
+"""A number of things, at least one."""
 
 
 def check_fields(cls: type, values: dict[str, Any], **named: Any) -> None:

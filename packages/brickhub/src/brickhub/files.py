@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from brickhub.errors import BricksError, WriteError
+from brickhub.errors import BricksError, DescriptionError, WriteError
 
 TEMPORARY_PREFIX = ".part-"
 """Prefix of the names of incomplete files and folders."""
@@ -68,6 +68,23 @@ def writing(path: Path) -> Iterator[None]:
         error = WriteError(f"cannot write {path} ({reason}); {remedy}")
         error.errno, error.strerror, error.filename = failure.errno, reason, str(path)
         raise error from None
+
+
+@contextlib.contextmanager
+def reading(what: str, path: Path | str, error: type[BricksError], remedy: str) -> Iterator[None]:
+    """Raise ``error``, with the remedy, where ``what``, the file at ``path``, cannot be read in this context, or its content
+    causes what that of another file may cause: an error of values, or a DescriptionError that says what is wrong with it."""
+    try:
+        yield
+    except OSError as failure:
+        reason = failure.strerror or str(failure)
+    except DescriptionError as failure:
+        reason = str(failure)
+    except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
+        reason = "it is not JSON as we write it, or damaged" if str(path).endswith(".json") else "it is another file, or damaged"
+    else:
+        return
+    raise error(f"cannot read {what} {path} ({reason}); {remedy}") from None
 
 
 def check_writable(path: Path) -> None:

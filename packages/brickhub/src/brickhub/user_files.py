@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import Any
 
 from brickhub import HOUSES
-from brickhub.errors import DescriptionError, UnknownNameError
+from brickhub.errors import BricksError, DescriptionError, UnknownNameError, message_of
 from brickhub.robot import Robot
 
 
@@ -115,6 +115,19 @@ def line_of_user(error: BaseException) -> str:
         if path.is_file() and not any(path.resolve().is_relative_to(Path(folder).resolve()) for folder in foreign):
             return f", {path.name}, line {frame.lineno}"
     return ""
+
+
+@contextlib.contextmanager
+def calling(reference: str, failing: str, *, is_of_user: bool = True) -> Iterator[None]:
+    """Raise DescriptionError, with the line, where the user's code raises in this context; ``failing``: what it then does. Errors
+    of ours, and of code that is not the user's, are raised as they are."""
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, BricksError) or not is_of_user:
+            raise
+        what = f"{message_of(error, typed=True)}{line_of_user(error)}"
+        raise DescriptionError(f"{reference} {failing} ({what}); correct it") from error
 
 
 def failure_of_user(error: BaseException) -> str | None:

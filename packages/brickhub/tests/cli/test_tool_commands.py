@@ -56,7 +56,7 @@ def test_latency(told, fails) -> None:
         assert found["link_share"] == pytest.approx(2 * interval_ms / (50 + 2 * interval_ms), abs=0.03)
     fails("latency", CAR, "--hub", "virtual", "--link", "car", says="no link 'car'")
     fails("latency", CAR, "--hub", "ble", "--link", "mac", says="leave out --link")
-    fails("latency", CAR, "--hub", "virtual", "--exchanges", "0", says="at least 1")
+    fails("latency", CAR, "--hub", "virtual", "--exchanges", "0", says="exchanges is 0; give 1 or more")
 
 
 def test_good_robot_passes_check(told) -> None:

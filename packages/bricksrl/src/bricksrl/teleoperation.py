@@ -141,7 +141,7 @@ class Pad(Protocol):
         """Release the gamepad."""
 
 
-class GamepadDriver:
+class GamepadDriver(contextlib.AbstractContextManager["GamepadDriver"]):
     """Driver by gamepad: each axis of a stick drives one command, in order; the first button toggles between human and policy.
     Raises DataError if there is no gamepad.
 
@@ -167,9 +167,6 @@ class GamepadDriver:
         axes = [positions[axis] for axis in self._sticks[: len(self._rest)]]
         pushes = [0.0 if abs(axis) < DEAD_ZONE else axis for axis in axes]
         return _action(pushes + [0.0] * (len(self._rest) - len(axes)), self._rest)
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._pad.close()

@@ -39,7 +39,7 @@ def test_calibrate_camera_then_train(tmp_path: Path, capsys: pytest.CaptureFixtu
         told.append(config)
         raise RunError("this is enough")
 
-    monkeypatch.setattr("bricksrl.cli.train.train", note)
+    monkeypatch.setattr("bricksrl.training.run.train", note)
     assert main(["train", ID, "--option", f"calibration={path}", "--option", "sparse=true"]) == 2
     assert told[0].options == {"calibration": str(path), "sparse": True}
     assert TrainConfig.from_dict(json.loads(json.dumps(told[0].to_dict()))).options == told[0].options

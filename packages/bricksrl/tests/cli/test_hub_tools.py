@@ -31,7 +31,7 @@ def test_latency(capfd, fails) -> None:
     _, out = told(capfd, "hub", "latency", "RunAway-v0", "--hub", "virtual", "--json")
     found = json.loads(out)
     assert (found["interval_ms"], found["link_share"], found["exchanges"]) == (pytest.approx(45.0, abs=1.25), None, 100)
-    fails("hub", "latency", "RunAway-v0", "--hub", "virtual", "--exchanges", "0", says="at least 1")
+    fails("hub", "latency", "RunAway-v0", "--hub", "virtual", "--exchanges", "0", says="exchanges is 0; give 1 or more")
 
 
 def test_good_robot_passes_check(capfd) -> None:

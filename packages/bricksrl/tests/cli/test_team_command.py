@@ -14,7 +14,7 @@ from videos import read_video
 from bricksrl.cli import team_command as team
 from bricksrl.cli.app import run
 from bricksrl.cli.team_command import TrainTeam
-from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.errors import UnknownNameError
 from bricksrl.training.checkpoint import save_checkpoint
 
 
@@ -76,8 +76,7 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
         TrainTeam(learn=("seeker",)).config("Tag-v0")
     with pytest.raises(UnknownNameError, match="there is no arena 'Walker-v0'"):
         TrainTeam().config("Walker-v0")
-    with pytest.raises(DescriptionError, match="episodes is 0"):
-        TrainTeam(episodes=0).execute()
+    assert run(["team", "Tag-v0", "--episodes", "0"]) == 2 and "episodes is 0; give 1" in capsys.readouterr().err
     assert run(["team"]) == 2 and "name an arena to train in (Tag-v0, Carry-v0)" in capsys.readouterr().err
     assert run(["team", "--play", str(tmp_path)]) == 2 and "there is no team in" in capsys.readouterr().err
     save_checkpoint(tmp_path / "run" / "team.bin", {"agent": {}})

@@ -23,6 +23,7 @@ from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.cli import main
 from bricksrl.cli.app import parse
 from bricksrl.cli.progress import RunProgress, clock, sparkline
+from bricksrl.cli.terminal import placing
 from bricksrl.cli.train import Train
 from bricksrl.data import load
 from bricksrl.envs import make
@@ -111,11 +112,11 @@ def test_options_are_passed_to_run(tmp_path):
 
 def test_user_is_asked_to_place_robot(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
-    RunProgress().place(np.random.default_rng())
+    placing(RunProgress().hidden)(np.random.default_rng())
     written = capsys.readouterr()
     assert "Enter" in written.err and not written.out
     with pytest.raises(RunError, match="terminal"):
-        RunProgress().place(np.random.default_rng())
+        placing(RunProgress().hidden)(np.random.default_rng())
 
 
 def test_record_asks_user_to_place_robot(tmp_path, monkeypatch, capsys):

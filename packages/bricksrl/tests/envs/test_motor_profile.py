@@ -79,7 +79,7 @@ def test_motion_is_an_option_of_the_kinematics() -> None:
     before = instant.reset()["observation"][:4]
     after = instant.step(TensorDict({"action": -torch.ones(4)}, []))["next", "observation"][:4]
     assert torch.allclose((before - after) % 360, torch.full((4,), 100.0), atol=1e-3)
-    with pytest.raises(DescriptionError, match="no motion 'ballistic'"):
+    with pytest.raises(DescriptionError, match="motion is 'ballistic'; choose instant or firmware"):
         Kinematics(0.0, motion="ballistic")  # type: ignore[arg-type]
     with pytest.raises(DescriptionError, match="motors without ends"):
         bricksrl.make("RoboArmSim-v0", kinematics=Kinematics(0.0, motion="firmware"))

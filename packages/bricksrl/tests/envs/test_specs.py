@@ -10,12 +10,13 @@ import pytest
 import torch
 from torchrl.data import Bounded, Composite
 
+from brickhub.entry import Entry
 from bricksrl.envs.specs import NominalBounded
 
 
 @pytest.fixture
 def spec() -> NominalBounded:
-    return NominalBounded(torch.tensor([0.0, -1.0]), torch.tensor([10.0, 1.0]), nominal=torch.tensor([False, True]))
+    return NominalBounded.of((Entry("held", 0.0, 10.0), Entry("free", -1.0, 1.0, limits=(-torch.inf, torch.inf))))
 
 
 def test_nominal_entries_accept_finite_numbers(spec: NominalBounded) -> None:
@@ -82,5 +83,5 @@ def test_other_precision(spec: NominalBounded) -> None:
 
 def test_equality_compares_nominal_entries(spec: NominalBounded) -> None:
     assert spec == spec.clone()
-    assert spec != NominalBounded(spec.low, spec.high)
+    assert spec != NominalBounded.of((Entry("held", 0.0, 10.0), Entry("free", -1.0, 1.0)))
     assert spec != Bounded(spec.low, spec.high)

@@ -14,7 +14,7 @@ import pytest
 import bricksrl
 from bricksrl.agents import preset
 from bricksrl.envs import register
-from bricksrl.errors import DescriptionError, RunError
+from bricksrl.errors import DescriptionError
 from bricksrl.policies import load_policy
 from bricksrl.policies.policy import Policy
 from bricksrl.training import TrainConfig, resume, train
@@ -46,7 +46,7 @@ def test_policy_of_another_environment_raises(run_dir: Path) -> None:
 
 
 def test_unknown_checkpoint_raises(run_dir: Path) -> None:
-    with pytest.raises(RunError, match="no checkpoint 'newest'; choose last or best"):
+    with pytest.raises(DescriptionError, match="which is 'newest'; choose last or best"):
         load_policy(run_dir, which="newest")  # type: ignore[arg-type]
 
 

@@ -21,7 +21,7 @@ from bricksrl.agents import preset
 from bricksrl.agents.networks import Dropout
 from bricksrl.envs.registry import make_env
 from bricksrl.envs.rollout import play_episodes
-from bricksrl.errors import RunError
+from bricksrl.errors import DescriptionError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
@@ -75,9 +75,11 @@ def test_wrapped_buffer_resumes(tmp_path: Path) -> None:
 
 
 def test_copies_need_simulated_time() -> None:
-    for wrong in ({"hub": "ble"}, {"realtime": True}, {"asynchronous": True}, {"num_envs": 0}):
+    for wrong in ({"hub": "ble"}, {"realtime": True}, {"asynchronous": True}):
         with pytest.raises(RunError, match="copies|num_envs"):
             TrainConfig(ENV, **{"num_envs": 2, **wrong})
+    with pytest.raises(DescriptionError, match="num_envs is 0; give 1 or more"):
+        TrainConfig(ENV, num_envs=0)
 
 
 LOSING = """

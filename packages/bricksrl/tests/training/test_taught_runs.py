@@ -23,6 +23,7 @@ from bricksrl.policies.export import export_model
 from bricksrl.policies.sharing import export_policy
 from bricksrl.training import Phase, RunFolder, TrainConfig, load_learner, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
+from bricksrl.training.config import RunOptions
 from bricksrl.training.restore import attach_dataset, warm_start
 
 ENV = "RoboArmSim-v0"
@@ -113,7 +114,7 @@ def test_residual_run_is_a_policy_and_goes_on(iql: str, tmp_path: Path) -> None:
     assert export_model(run, tmp_path / "policy.pt2") < 1e-5
     module = torch.export.load(tmp_path / "policy.pt2").module()
     torch.testing.assert_close(module(observation[None])[0], policy.act(observation))
-    assert Train(start=run).config(ENV).base == iql
+    assert Train(learning=RunOptions(start=str(run))).config(ENV).base == iql
     train(taught(tmp_path / "on", episodes=1, base=iql, start=str(run)))
     with pytest.raises(CheckpointError, match="adds to the base .*iql, not to None; give its own"):
         train(taught(tmp_path / "no", start=str(run)))

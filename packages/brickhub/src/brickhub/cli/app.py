@@ -22,6 +22,7 @@ from tyro.extras import SubcommandApp
 from brickhub import HOUSES
 from brickhub.cli.terminal import Interrupted, print_error, print_line, print_note
 from brickhub.errors import BricksError, hint
+from brickhub.fields import check_fields
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,9 @@ def run(line: CommandLine, arguments: Sequence[str]) -> int:
             return 0
         if not arguments or arguments[0] == "help":
             arguments = [*command_words(line, arguments[1:]), "--help"]
-        return parse(line, arguments).execute() or 0
+        command = parse(line, arguments)
+        check_fields(type(command), vars(command))
+        return command.execute() or 0
     except Interrupted as end:
         if str(end):
             print_note(f"interrupted: {end}")

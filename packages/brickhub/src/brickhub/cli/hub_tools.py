@@ -11,6 +11,7 @@ from tyro.conf import Positional
 from brickhub.cli.options import Flag, JsonFlag, option, refuse_ignored
 from brickhub.cli.terminal import confirm, is_terminal, print_findings, print_line, print_note
 from brickhub.errors import DescriptionError, HubNotFoundError, counted, percent
+from brickhub.fields import Count
 from brickhub.files import write_durably
 from brickhub.hub.diagnostics import calibration as kept
 from brickhub.hub.diagnostics.calibration import Calibration, CalibrationError, calibrated, calibration_of, zero_between
@@ -152,14 +153,12 @@ class MeasureLatency:
 
     target: TargetArgument
     hub: Hub = "ble"
-    exchanges: Annotated[int, option(metavar="N")] = 100
+    exchanges: Annotated[Count, option(metavar="N")] = 100
     """Number of readings to time."""
     link: Link = None
     json: JsonFlag = False
 
     def execute(self) -> None:
-        if self.exchanges < 1:
-            raise DescriptionError(f"exchanges is {self.exchanges}; measure at least 1")
         target = _find(self.target)
         with HubLink(_transport(self.hub, target, self.link), target.robot, target.interface) as link:
             result = measure(link, target.interface, self.exchanges)

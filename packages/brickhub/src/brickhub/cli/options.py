@@ -10,6 +10,8 @@ from tyro.conf import arg
 from tyro.constructors import PrimitiveConstructorSpec
 
 from brickhub.errors import DescriptionError
+from brickhub.fields import Range
+from brickhub.seed import LARGEST_SEED
 
 
 def _default(value: str) -> str:
@@ -36,6 +38,8 @@ def parsed(
     )
 
 
+Seed = Annotated[int, Range(0, LARGEST_SEED), option(metavar="N")]
+"""A seed."""
 Flag = Annotated[bool, option()]
 """An option without a value."""
 JsonFlag = Annotated[bool, option(help="Print only one JSON object on standard output.")]

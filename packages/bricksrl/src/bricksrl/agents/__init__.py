@@ -7,8 +7,8 @@ import inspect
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from brickhub.user_files import is_reference, line_of_user, load_object
-from bricksrl.errors import BricksError, DescriptionError, UnknownNameError, hint, message_of
+from brickhub.user_files import calling, is_reference, load_object
+from bricksrl.errors import DescriptionError, UnknownNameError, hint
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -189,15 +189,8 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     if not isinstance(settings, chosen.settings):
         actual = type(settings).__name__
         raise DescriptionError(f"{agent} has {chosen.settings.__name__}, not {actual}; see preset('default', '{agent}')")
-    try:
+    with calling(agent, "cannot be built", is_of_user=is_reference(agent) or bool(vars(settings).get("network"))):
         learner = chosen.build(env, settings, device)
-    except BricksError:
-        raise
-    except Exception as error:
-        if not (is_reference(agent) or vars(settings).get("network")):
-            raise
-        what = f"{message_of(error, typed=True)}{line_of_user(error)}"
-        raise DescriptionError(f"{agent} cannot be built ({what}); correct it") from error
     if not isinstance(learner, Learner):
         raise DescriptionError(f"{agent} builds a {type(learner).__name__}; let it return a bricksrl.agents.learner.Learner")
     if isinstance(settings, OffPolicySettings) and learner.memory is not None:

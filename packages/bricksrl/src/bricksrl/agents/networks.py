@@ -12,7 +12,7 @@ from torchrl.data import Composite, TensorSpec
 from torchrl.envs import EnvBase
 from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor, TanhNormal
 
-from brickhub.user_files import is_reference, load_object
+from brickhub.user_files import calling, is_reference, load_object
 from bricksrl.agents.encoder import encoder_keys
 from bricksrl.agents.settings import Norm, Settings
 from bricksrl.errors import DescriptionError, UnknownNameError, message_of
@@ -65,10 +65,8 @@ def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) ->
     if not is_reference(reference):
         raise UnknownNameError(f"there is no network '{reference}'; give FILE.py:NAME")
     factory = load_object(reference, default="make_network")
-    try:
+    with calling(reference, "makes no network"):
         network = factory(in_size, out_size)
-    except Exception as error:
-        raise DescriptionError(f"{reference} makes no network ({message_of(error, typed=True)}); correct it") from error
     if not isinstance(network, nn.Module):
         raise DescriptionError(f"{reference} makes a {type(network).__name__}; let it return a torch.nn.Module")
     for batch in ((2,), ()):

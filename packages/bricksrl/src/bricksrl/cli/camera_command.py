@@ -9,6 +9,7 @@ from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, option, refuse_ignored
 from brickhub.cli.terminal import print_line
+from brickhub.fields import Count
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
 from bricksrl.envs.vision.color_calibration import FoundRed, calibrate_red, picture, saved_path, spanning, write_red
@@ -40,14 +41,12 @@ class CalibrateCamera:
     """Take the frames from a virtual robot."""
     at: Annotated[tuple[int, int] | None, option(metavar="X Y")] = None
     """A point of the ball, in px from the upper left corner."""
-    frames: Annotated[int, option(metavar="N")] = 5
+    frames: Annotated[Count, option(metavar="N")] = 5
     """Frames to take; the first half is discarded, while the camera adapts to the light."""
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """File to write; by default the camera's file in your settings folder, which environments read."""
 
     def execute(self) -> None:
-        if self.frames < 1:
-            raise CameraError(f"frames is {self.frames}; look at 1 or more")
         if self.twin and self.out is None:
             raise CameraError("a virtual robot finds no calibration by itself; name a file with --out")
         if self.twin:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, option
+from brickhub.cli.options import Flag, Seed, option
 from brickhub.cli.terminal import print_line
 from brickhub.files import folder_with, only_writer, quoted
 from bricksrl.cli.terminal import load_learning
@@ -139,7 +139,7 @@ class Split:
     """Folder for the other episodes, which must not exist."""
     share: Annotated[float, option(metavar="SHARE")] = 0.8
     """Share of the episodes, between 0 and 1."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of the random split."""
 
     def execute(self) -> None:

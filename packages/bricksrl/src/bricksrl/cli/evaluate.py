@@ -11,23 +11,21 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, JsonFlag, option
+from brickhub.cli.options import Flag, JsonFlag, Seed, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
-from brickhub.seed import check_seed
 from brickhub.user_files import without_folder
-from bricksrl.cli.terminal import EmergencyStop, load_learning, telling
+from bricksrl.cli.terminal import EmergencyStop, load_learning, placing, telling
 from bricksrl.envs.trust import trust
 from bricksrl.errors import StoppedError, TwinError, counted, percent
-from bricksrl.evaluation import EvaluationResult, evaluate
 from bricksrl.evaluation.comparison import Comparison, Group, compare, draw
-from bricksrl.evaluation.film import check_film, filmed_env
-from bricksrl.evaluation.report import rows
 from bricksrl.plotting import check_picture, number
 from bricksrl.training.run_folder import RunFolder
 from bricktwin.twin.physics import read_physics
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
+
+    from bricksrl.evaluation import EvaluationResult
 
 
 _FILMED_EPISODES = 3
@@ -50,7 +48,7 @@ class Evaluate:
     """Environment; by default that of the training. It gets the options of the training that it has."""
     episodes: Annotated[int, option(metavar="N")] = 5
     """Episodes to evaluate."""
-    seed: Annotated[int, option(metavar="N")] = 1000
+    seed: Seed = 1000
     """Seed of the episodes; another seed gives other initial states."""
     hub: Annotated[str | None, option(metavar="HUB")] = None
     """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT; by default as in training."""
@@ -69,16 +67,19 @@ class Evaluate:
     json: JsonFlag = False
 
     def execute(self) -> None:
-        check_seed(self.seed)
         given = {name: getattr(self, name) for name in ("hub", "link") if getattr(self, name) is not None}
         options: dict[str, Any] = {"realtime": self.realtime, "randomize": self.randomize, **given}
         options |= {} if self.physics is None else {"physics": read_physics(self.physics)}
         if self.video is not None:
+            from bricktwin.twin.render.video import check_film
+
             check_film(self.video)
         origin = RunFolder(self.run).origin()  # before torch is loaded, which takes long
         if self.video is not None and options.get("hub", origin.options.hub) != "virtual":
             raise TwinError("only a virtual robot can be filmed; give --hub virtual, or no --video")
         load_learning()
+        from bricksrl.evaluation.evaluator import evaluate
+        from bricksrl.evaluation.film import filmed_env
 
         def report(episode: int, return_: float) -> None:
             if not self.json:
@@ -101,7 +102,7 @@ class Evaluate:
                     save=False,
                     on_episode=report,
                     on_env=begin,
-                    place=emergency_stop.place,
+                    place=placing(emergency_stop.quiet),
                     **options,
                 )
         except StoppedError:
@@ -115,6 +116,8 @@ class Evaluate:
 
 def describe(result: EvaluationResult) -> Iterator[str]:
     """Text lines of an evaluation."""
+    from bricksrl.evaluation.report import rows
+
     trained = counted(result.trained_episodes, "episode")
     yield f"{result.env}, {counted(result.episodes, 'episode')} of {result.agent} after {trained} of training:"
     for label, text in rows(result):

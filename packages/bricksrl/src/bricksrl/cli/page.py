@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from tyro.conf import OmitArgPrefixes, Positional
 
-from brickhub.cli.options import option, refuse_ignored
+from brickhub.cli.options import Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line, print_note
-from brickhub.fields import check_count
+from brickhub.fields import Range
 from brickhub.files import folder_with
 from brickhub.hub.transports.address import parse_hub
 from brickhub.user_files import is_reference
-from bricksrl.cli.terminal import EmergencyStop, driving, load_learning, place_robot
+from bricksrl.cli.terminal import EmergencyStop, driving, load_learning, placing
 from bricksrl.envs import get_task, make
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import make_robot
@@ -72,12 +72,6 @@ def announce(url: str) -> None:
         webbrowser.open(url)
 
 
-def show_file(path: Path) -> None:
-    """Open a file in the browser if there is a screen."""
-    if has_screen():
-        webbrowser.open(path.absolute().as_uri())
-
-
 def has_screen() -> bool:
     """Whether the user can see a browser that is opened here."""
     if sys.stderr is None or not sys.stderr.isatty() or os.environ.get("SSH_CONNECTION"):
@@ -122,16 +116,15 @@ class Demo:
     """Environment; `bricksrl list` shows them."""
     policy: Annotated[str | None, option(metavar="NAME")] = None
     """Policy to begin with: random, scripted (a hand-written controller) or best, the trained one that comes with BricksRL."""
-    episodes: Annotated[int | None, option(metavar="N")] = None
+    episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to show; by default until Ctrl-C."""
-    seed: Annotated[int, option(metavar="N")] = 1000
+    seed: Seed = 1000
     """Seed of the episodes and of random actions."""
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
         from bricksrl.page.robot_play import play_robot
 
-        check_count("episodes", self.episodes)
         env = make_robot(self.env, seed=self.seed)
         if env is None:
             raise DescriptionError(f"{self.env} has no robot to show; `bricksrl demo` shows a Walker")
@@ -159,9 +152,9 @@ class Play:
     """Folder of a run or of a shared policy; or an environment."""
     policy: Annotated[str | None, option(metavar="NAME")] = None
     """Policy to begin with: random, first, best or last; of an environment random, scripted or best; by default the last."""
-    episodes: Annotated[int | None, option(metavar="N")] = None
+    episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to play; by default until Ctrl-C."""
-    seed: Annotated[int, option(metavar="N")] = 1000
+    seed: Seed = 1000
     """Seed of the episodes and of random actions."""
     page: PageFlag = False
     robot: RobotGroup = EnvOptions()
@@ -169,7 +162,6 @@ class Play:
 
     def execute(self) -> None:
         address = shown(self.live_page, self.page)
-        check_count("episodes", self.episodes)
         folder = Path(self.target)
         is_run = folder.is_dir()
         if not is_run and len(folder.parts) > 1 and not is_reference(self.target):
@@ -233,7 +225,7 @@ class DriveRobot:
 
     env: Annotated[Positional[str], option(metavar="ENV")]
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of the episodes."""
     device: Annotated[Literal["gamepad", "controller"] | None, option(metavar="DEVICE", name="with")] = None
     """Drive with a gamepad, or with the Controller of LEGO's kits, instead of the page."""
@@ -243,7 +235,7 @@ class DriveRobot:
     def execute(self) -> None:
         from bricksrl.page.robot_play import play_robot
 
-        robot = None if self.device else make_robot(self.env, self.robot, seed=self.seed, place=place_robot)
+        robot = None if self.device else make_robot(self.env, self.robot, seed=self.seed, place=placing())
         if robot is not None:
             with closing(robot):
                 _on_page(self.live_page, robot, self.env, play_robot, {}, subtitle="driven by hand", in_charge=True)
@@ -267,7 +259,7 @@ def _environment(flags: Play | DriveRobot, target: str, run: Path | None) -> Ite
         config = config_of(run)
         env_id = config.env
         options = options.changed(**config.transforms, **config.options | options.options)
-    with closing(make(env_id, options, seed=flags.seed, place=place_robot)) as env:
+    with closing(make(env_id, options, seed=flags.seed, place=placing())) as env:
         yield env, env_id
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,6 @@ from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.files import quoted
 from brickhub.user_files import without_folder
 from bricksrl.cli.evaluate import print_comparison
-from bricksrl.cli.terminal import place_robot
 from bricksrl.errors import counted
 from bricksrl.evaluation import multi_seed
 from bricksrl.evaluation.comparison import compare
@@ -23,7 +22,6 @@ from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, Robo
 from bricksrl.training.config import TrainConfig
 
 if TYPE_CHECKING:
-    import numpy as np
     from torchrl.envs import EnvBase
 
     from bricksrl.errors import BricksError
@@ -50,7 +48,6 @@ class RunProgress(Callback):
         self.run_dir: Path | None = None
         self.episodes_done = 0
         self.on_ready: Callable[[EnvBase], None] = lambda env: None
-        self.quiet: Callable[[], AbstractContextManager[None]] = nullcontext
         self._asynchronous = False
         self._trouble = ""
         self._returns: list[float] = []
@@ -106,11 +103,11 @@ class RunProgress(Callback):
     def on_catching_up(self, updates: int) -> None:
         print_line(f"the robot is done; {counted(updates, 'update')} left to learn, Ctrl-C leaves out the rest")
 
-    def place(self, rng: np.random.Generator) -> None:
-        """Ask for the robot to be placed, as :func:`place_robot`."""
-        self.close()  # or the bar would overwrite the question
-        with self.quiet():
-            place_robot(rng)
+    @contextmanager
+    def hidden(self) -> Iterator[None]:
+        """Inside, the bar does not overwrite a question."""
+        self.close()
+        yield
         self._show()
 
     def on_end(self, result: RunResult) -> None:

@@ -6,18 +6,18 @@ import threading
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, option
+from brickhub.cli.options import Flag, Seed, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
-from brickhub.fields import check_count
+from brickhub.fields import Count
 from brickhub.files import quoted
-from brickhub.seed import check_seed
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
-from bricksrl.cli.terminal import DEVICES, Device, EmergencyStop, driving, load_learning, quiet, with_human
+from bricksrl.cli.terminal import DEVICES, Device, EmergencyStop, driving, load_learning, placing, quiet, with_human
 from bricksrl.data.dataset import EpisodeRow
 from bricksrl.data.integrity import check
 from bricksrl.data.recorder import Recorder
@@ -25,13 +25,10 @@ from bricksrl.data.schema import describe
 from bricksrl.envs import get_task, make
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DataError, DescriptionError, RunError, StoppedError, counted, hint
-from bricksrl.evaluation.film import filmed_env
 from bricksrl.page.server import PageOptions
 from bricksrl.policies import config_of
-from bricksrl.training import load_learner
 
 if TYPE_CHECKING:
-    import numpy as np
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.rollout import Driver
@@ -61,9 +58,9 @@ class Record:
     """Policy: random, keyboard, gamepad, controller, or the folder of a run or of a shared policy."""
     take_over: Annotated[Device | None, option(metavar="DEVICE")] = None
     """Let a human intervene with this device; these steps are marked in the data."""
-    episodes: Annotated[int, option(metavar="N")] = 10
+    episodes: Annotated[Count, option(metavar="N")] = 10
     """Episodes to record."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of the episodes and of random actions."""
     video: Annotated[Path | None, option(metavar="FILE")] = None
     """Film the virtual robot into this mp4 file."""
@@ -74,12 +71,11 @@ class Record:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        check_count("episodes", self.episodes)
-        check_seed(self.seed)
         self._check_policy()
         task = get_task(self.env, **self.robot.options)
         address = shown(self.live_page, self.page)
         load_learning()
+        from bricksrl.evaluation.film import filmed_env
 
         count = 0
 
@@ -135,12 +131,7 @@ class Record:
     def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> EnvBase:
         if self.policy != "random" and self.policy not in DEVICES:  # a run, whose policy acts behind its transforms
             options = options.changed(**config_of(Path(self.policy)).transforms)
-
-        def place(rng: np.random.Generator) -> None:
-            with quiet(human):
-                emergency_stop.place(rng)
-
-        return make(self.env, options, seed=self.seed, place=place)
+        return make(self.env, options, seed=self.seed, place=placing(partial(quiet, human), emergency_stop.quiet))
 
     def _collect(
         self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[EpisodeRow], None], page: LivePage | None
@@ -165,6 +156,7 @@ class Record:
         from bricksrl.page.play import resting_player
         from bricksrl.policies.policy import Player, random_player
         from bricksrl.policies.sharing import is_policy, load_shared
+        from bricksrl.training.restore import load_learner
 
         if self.policy == "random":
             return random_player(env, self.seed)

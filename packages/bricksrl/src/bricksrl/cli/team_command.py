@@ -10,23 +10,23 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
-from brickhub.cli.options import option, refuse_ignored
+from brickhub.cli.options import Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
-from brickhub.fields import check_count
+from brickhub.fields import Count
 from brickhub.files import check_writable, folder_with, quoted
 from bricksrl.cli.page import LivePageGroup, play_until_stopped, shown
 from bricksrl.cli.terminal import load_learning
 from bricksrl.cli.train import run_folder
 from bricksrl.envs.arenas import ARENAS, get_arena_task, make_arena
 from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted, percent
-from bricksrl.evaluation.film import film_arena
 from bricksrl.page.server import PageOptions
 from bricksrl.training.run_folder import file_name
 from bricksrl.training.signals import StopSignals
-from bricksrl.training.teams.team import Team, TeamConfig, TeamProgress, load_team, play_team, train_team
 
 if TYPE_CHECKING:
     from tensordict.nn import TensorDictModuleBase
+
+    from bricksrl.training.teams.team import Team, TeamConfig, TeamProgress
 
 TEAM_FILE, FILM_FILE = "team.bin", "film.mp4"
 _SIMULATED_FRAMES, _ARENA_FRAMES = 300_000, 10_000
@@ -63,9 +63,9 @@ class TrainTeam:
     """Steps of all copies together; by default 300,000 in the simulation, 10,000 in the arena itself."""
     copies: Annotated[int | None, option(metavar="N")] = None
     """Copies of the simulation; 0 for the arena itself. By default 256 if there is a simulation."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of all random numbers: the same seed gives the same team."""
-    episodes: Annotated[int, option(metavar="N")] = 20
+    episodes: Annotated[Count, option(metavar="N")] = 20
     """Episodes to play after the training."""
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<arena>-<agent>-<seed>-<time>."""
@@ -77,7 +77,6 @@ class TrainTeam:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        check_count("episodes", self.episodes)
         if self.play is not None and self.env is not None:
             raise RunError("a team that only plays has an arena; omit ARENA or --play")
         address = shown(self.live_page, self.page)
@@ -86,6 +85,8 @@ class TrainTeam:
         elif self.play is not None:
             refuse_ignored(self, ("--play", "--seed", "--episodes"), "with --play")
         load_learning()
+        from bricksrl.training.teams.team import load_team
+
         if self.play is not None:
             if not (self.play / TEAM_FILE).exists():
                 remedy = f"name {folder_with(self.play, TEAM_FILE)}, which `bricksrl team ARENA` writes"
@@ -113,6 +114,8 @@ class TrainTeam:
             raise Interrupted(_kept(folder)) from None
 
     def _train(self, config: TeamConfig, folder: Path) -> Team:
+        from bricksrl.training.teams.team import train_team
+
         learning = ", ".join(f"{group} by {agent}" for group, agent in config.agents.items())
         print_line(f"{config.env}, seed {config.seed}: {learning}; {folder}")
 
@@ -137,6 +140,8 @@ class TrainTeam:
 
     def config(self, env: str) -> TeamConfig:
         """Configuration of the training. Raises UnknownNameError for an unknown arena or group."""
+        from bricksrl.training.teams.team import TeamConfig
+
         task = get_arena_task(env)
         for group in self.learn:
             if group not in task.groups:
@@ -150,6 +155,9 @@ class TrainTeam:
         return TeamConfig(env, dict.fromkeys(learning, agent), scripts, frames, copies, self.seed)
 
     def _play(self, team: Team, folder: Path | None) -> None:
+        from bricksrl.evaluation.film import film_arena
+        from bricksrl.training.teams.team import play_team
+
         env = make_arena(team.config.env)
         episodes = play_team(env, team.policy, self.episodes, _EVALUATION_SEED + self.seed)
         succeeded = sum(episode.success for episode in episodes)
@@ -169,6 +177,7 @@ class TrainTeam:
 def _latest_policy(env: str) -> tuple[TensorDictModuleBase, str]:
     """Policy of the latest team of an arena in the folder ``runs``, and what it is: by its scripts where none is trained."""
     from bricksrl.training.teams.groups import team_policy
+    from bricksrl.training.teams.team import load_team
 
     task = get_arena_task(env)
     teams = sorted(Path("runs").glob(f"{file_name(env)}-*/{TEAM_FILE}"), key=lambda path: path.stat().st_mtime)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from prompt_toolkit.input import Input
     from torchrl.envs import EnvBase
 
+    from bricksrl.envs.connection import Placement
     from bricksrl.envs.rollout import Driver
     from bricksrl.envs.task import Task
 
@@ -36,13 +37,21 @@ if TYPE_CHECKING:
 _SLOW_IMPORTS = ("torch", "torchrl.data", "torchrl.envs")
 
 
-def place_robot(_rng: np.random.Generator | None = None) -> None:
-    """Ask the user to put a real robot at the start, and wait for Enter. Raises RunError if standard input has ended."""
-    sys.stderr.write("put the robot where an episode starts, then press Enter ")
-    sys.stderr.flush()
-    if not (sys.stdin and sys.stdin.readline()):
-        sys.stderr.write("\n")
-        raise RunError("nobody can be asked to place the robot: standard input is not a terminal; start this in one")
+def placing(*quiet: Callable[[], AbstractContextManager[None]]) -> Placement:
+    """Placement that asks the user to put a real robot at the start, and waits for Enter, inside these contexts. It raises
+    RunError if standard input has ended."""
+
+    def place(_rng: np.random.Generator) -> None:
+        with contextlib.ExitStack() as stack:
+            for context in quiet:
+                stack.enter_context(context())
+            sys.stderr.write("put the robot where an episode starts, then press Enter ")
+            sys.stderr.flush()
+            if not (sys.stdin and sys.stdin.readline()):
+                sys.stderr.write("\n")
+                raise RunError("nobody can be asked to place the robot: standard input is not a terminal; start this in one")
+
+    return place
 
 
 def load_learning() -> None:
@@ -152,11 +161,6 @@ class EmergencyStop:
         finally:
             if self._keys:
                 self._listener.enter_context(keys_heard(self._on_key, self._source))
-
-    def place(self, rng: np.random.Generator) -> None:
-        """Ask for the robot to be placed, as :func:`place_robot`."""
-        with self.quiet():
-            place_robot(rng)
 
     def _on_key(self, key: str) -> None:
         if key in STOP_KEYS:

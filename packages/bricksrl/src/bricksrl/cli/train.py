@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import webbrowser
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
@@ -12,31 +13,26 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction
 
-from brickhub.cli.options import Flag, option, refuse_ignored
+from brickhub.cli.options import Flag, Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
-from brickhub.fields import check_count
+from brickhub.fields import Count, Range
 from brickhub.files import only_writer, quoted, remove_unfinished
 from brickhub.hub.transports.address import parse_hub
-from brickhub.seed import check_seed
 from bricksrl.agents import check_agent
 from bricksrl.cli.evaluate import describe
-from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, show_file, shown
+from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, has_screen, run_on_page, shown
 from bricksrl.cli.progress import RunProgress, train_seeds
-from bricksrl.cli.terminal import Device, EmergencyStop, driving, load_learning, quiet, telling, with_human
+from bricksrl.cli.terminal import Device, EmergencyStop, driving, load_learning, placing, quiet, telling, with_human
 from bricksrl.envs.options import EnvOptions, TransformOptions
 from bricksrl.envs.registry import get_task, training_episodes
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
-from bricksrl.evaluation import evaluate
-from bricksrl.evaluation.report import write_report
 from bricksrl.evaluation.settings_text import read_settings, with_changes
 from bricksrl.page.server import PageOptions
-from bricksrl.training import RunFolder, RunResult, resume, train
-from bricksrl.training.callbacks import Callback, CallbackList
+from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import SCRIPTED, RunOptions, TrainConfig, settings_for
-from bricksrl.training.run_folder import file_name
+from bricksrl.training.run_folder import RunFolder, file_name
 
 if TYPE_CHECKING:
-    import numpy as np
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.rollout import Driver
@@ -80,9 +76,9 @@ class Train:
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
     agent: Annotated[str | None, option(metavar="NAME")] = None
     """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Default: sac, or the agent of --from."""
-    episodes: Annotated[int | None, option(metavar="N")] = None
+    episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to train for; the default depends on the environment."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of all random numbers: the same seed gives the same run."""
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
@@ -93,12 +89,6 @@ class Train:
     """Settings of the agent: default, or paper for those of the BricksRL paper. Default: default, or the settings of --from."""
     settings: Annotated[Path | None, option(metavar="FILE")] = None
     """Settings that replace those of the preset: a JSON file such as `bricksrl tune` writes."""
-    start: Annotated[Path | None, option(name="from", metavar="RUN")] = None
-    """Let the agent of this run go on learning, here or in another world."""
-    base: Annotated[str | None, option(metavar="RUN")] = None
-    """Add what is learned to the actions of a frozen policy: the folder of a run, or scripted for the hand-written controller."""
-    demonstrations: Annotated[Path | None, option(metavar="DIR")] = None
-    """Imitate a dataset first, and draw half of each batch from it; of a run its steps, with what its policy does in them."""
     resume: Annotated[Path | None, option(metavar="RUN")] = None
     """Resume this run, as `bricksrl resume` does, instead of starting a new one."""
     seeds: Annotated[int | None, option(metavar="N")] = None
@@ -133,7 +123,9 @@ class Train:
         if self.learning.eval_episodes != RunOptions.eval_episodes and not self.learning.eval_every:
             raise DescriptionError("--eval-episodes has no effect without --eval-every; omit it, or give both")
         self._check(self.env)
-        load_learning()  # algorithms are registered when their modules are imported
+        load_learning()
+        from bricksrl.training.run import train
+
         config = self.config(self.env)
         if self.seeds is not None:
             train_seeds(config, self.seeds, self.on)
@@ -149,13 +141,11 @@ class Train:
 
     def _check(self, env: str) -> None:
         """Refuse what is wrong before torch is loaded, which takes seconds."""
-        check_seed(self.seed)
         get_task(env, **self.robot.options)
         if self.agent is not None:
             check_agent(self.agent)
         for hub in self.robot.hub.split(","):
             parse_hub(hub.strip())
-        check_count("episodes", self.episodes)
         if self.run is not None and self.run.exists():
             raise RunError(f"{self.run} exists already; resume that run or choose another folder")
 
@@ -163,27 +153,27 @@ class Train:
         """Configuration of the run from the flags."""
         if self.asynchronous and self.synchronous:
             raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")
-        source = None if self.start is None else RunFolder(self.start).read_config()
+        source = None if self.learning.start is None else RunFolder(self.learning.start).read_config()
         agent = self.agent if self.agent is not None else "sac" if source is None else source.agent
         if source is not None and self.preset is None and source.agent == agent:
             settings = source.settings
         else:
             settings = settings_for(env, "default" if self.preset is None else self.preset, agent)
-        base = self.base if source is None or self.base is not None else source.base
+        base = self.learning.base if source is None or self.learning.base is not None else source.base
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
+        known = {**vars(self.learning), "base": base}
+        for name in ("start", "base", "demonstrations"):  # the run can then go on in any folder
+            known[name] = known[name] if known[name] in (None, SCRIPTED) else str(Path(known[name]).absolute())
         return TrainConfig(
             **vars(self.robot if self.take_over is None else with_human(self.robot, env)),
-            **vars(self.learning),
+            **known,
             env=env,
             agent=agent,
             episodes=training_episodes(env) if self.episodes is None else self.episodes,
             seed=self.seed,
             asynchronous=True if self.asynchronous else False if self.synchronous else None,
             settings=with_changes(settings, self.changes),
-            base=base if base in (None, SCRIPTED) else str(Path(base).absolute()),
-            demonstrations=None if self.demonstrations is None else str(self.demonstrations.absolute()),
-            start=None if self.start is None else str(self.start.absolute()),
             run_dir=run_folder(self.run, env, agent, self.seed),
         )
 
@@ -199,7 +189,7 @@ class Resume:
 
     run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder that `bricksrl train` wrote."""
-    episodes: Annotated[int | None, option(metavar="N")] = None
+    episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Total number of episodes, including those already trained; by default as when the run was started."""
     page: PageFlag = False
     film: FilmFlag = True
@@ -207,6 +197,9 @@ class Resume:
 
     def execute(self) -> None:
         address, config = shown(self.live_page, self.page), RunFolder(self.run).read_config()
+        load_learning()
+        from bricksrl.training.run import resume
+
         run_training(partial(resume, self.run, episodes=self.episodes), config, address, film=self.film)
 
 
@@ -231,11 +224,11 @@ class TrainOffline:
     """Agent: bc, act, iql, cql, td3bc; or an agent for online learning, such as sac and td3."""
     preset: Annotated[str, option(metavar="NAME")] = "default"
     """Settings of the agent: default, or paper for those of the BricksRL paper."""
-    updates: Annotated[int, option(metavar="N")] = 5000
+    updates: Annotated[Count, option(metavar="N")] = 5000
     """Updates from the data."""
-    episodes: Annotated[int, option(metavar="N")] = 10
+    episodes: Annotated[Count, option(metavar="N")] = 10
     """Test episodes, spread evenly over the updates."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of all random numbers: the same seed gives the same run."""
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
@@ -246,9 +239,9 @@ class TrainOffline:
 
     def execute(self) -> None:
         address = shown(self.live_page, self.page)
-        if self.updates < 1:
-            raise RunError(f"updates is {self.updates}; make at least 1")
-        load_learning()  # algorithms are registered when their modules are imported
+        load_learning()
+        from bricksrl.training.run import train
+
         config = TrainConfig(
             **vars(self.transforms),
             env=self.env,
@@ -290,19 +283,14 @@ def run_training(
     """
     progress, stop = RunProgress(config.hub), threading.Event()
     can_drive = can_drive and driver is None and config.num_envs == len(config.hubs) == 1
-
-    def place(rng: np.random.Generator) -> None:
-        with quiet(driver):
-            progress.place(rng)
-
     try:
-        load_learning()
         with (
             run_on_page(address, config.env, config.options, on_stop=stop.set, can_drive=can_drive) as page,
             EmergencyStop(stop, progress.note, keys=keys) as emergency_stop,
         ):
-            progress.on_ready, progress.quiet = emergency_stop.attach, emergency_stop.quiet
+            progress.on_ready = emergency_stop.attach
             callback: Callback = progress
+            place = placing(partial(quiet, driver), progress.hidden, emergency_stop.quiet)
             if page is not None:
                 from bricksrl.page.play import PageCallback
 
@@ -322,6 +310,9 @@ def run_training(
 
 def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | None, *, film: bool) -> None:
     """Evaluate, film, and print the paths of the results."""
+    from bricksrl.evaluation.evaluator import evaluate
+    from bricksrl.evaluation.report import write_report
+
     last = result.episodes[-1]
     print_line(f"trained {counted(last.episode, 'episode')}, {counted(last.steps, 'step')}, in {last.seconds:.0f} s")
     if result.caught_up:
@@ -337,7 +328,8 @@ def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | N
 
     remove_unfinished(result.run_dir)  # such as a film that was killed
     with telling("evaluating"):
-        evaluation = evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=emergency_stop.place)
+        place = placing(emergency_stop.quiet)
+        evaluation = evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=place)
     for line in describe(evaluation):
         print_line(line)
     evaluation.save()
@@ -349,4 +341,5 @@ def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | N
     print_line(f"video           {video}")
     print_line(f"report          {summary}")
     print_line(f"more episodes   bricksrl evaluate {quoted(result.run_dir)} --episodes 20")
-    show_file(summary)
+    if has_screen():
+        webbrowser.open(summary.absolute().as_uri())

@@ -8,8 +8,9 @@ from typing import Annotated
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, option, refuse_ignored
+from brickhub.cli.options import Flag, Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
+from brickhub.fields import Count
 from brickhub.files import quoted
 from bricksrl.cli.terminal import load_learning
 from bricksrl.errors import RunError
@@ -29,9 +30,9 @@ class Tune(Tuning):
       bricksrl train WalkerSim-v0 --settings tuning/WalkerSim-v0-sac/best.json
     """
 
-    trials: Annotated[int, option(metavar="N")] = 20
+    trials: Annotated[Count, option(metavar="N")] = 20
     """Trials to run with this command."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of the proposals."""
     folder: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder of the study; by default tuning/<env>-<agent>."""
@@ -39,8 +40,6 @@ class Tune(Tuning):
     """Train the seeds of a trial in parallel: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
 
     def execute(self) -> None:
-        if self.trials < 1:
-            raise RunError(f"trials is {self.trials}; give 1 or more")
         tuning = Tuning(self.env, self.agent, self.steps, self.seeds, self.episodes)
         folder = self.folder or Path("tuning") / f"{file_name(self.env)}-{file_name(self.agent)}"
 

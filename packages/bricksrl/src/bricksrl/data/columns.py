@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from brickhub.files import reading
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
 
@@ -45,10 +46,8 @@ def to_parquet(table: pa.Table) -> bytes:
 
 def read_bytes(path: Path, remedy: str = "restore it from a copy") -> bytes:
     """Content of a file. Raises DataError, with the remedy, if it cannot be read."""
-    try:
+    with reading("the file", path, DataError, remedy):
         return path.read_bytes()
-    except OSError as error:
-        raise DataError(f"cannot read {path} ({error.strerror}); {remedy}") from None
 
 
 def read_verified(path: Path, digest: str | None) -> bytes:

@@ -17,7 +17,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from brickhub.fields import check_fields
-from brickhub.files import folder_with, quoted, write_durably
+from brickhub.files import folder_with, quoted, reading, write_durably
 from bricksrl.data.columns import (
     RESTORE,
     STATISTICS,
@@ -317,11 +317,9 @@ def read_description(root: Path) -> Description:
 def read_episode_count(root: Path, description: Description) -> int:
     """Read the number of committed episodes. Raises DataError if the file is damaged, or of another dataset."""
     path, repair = root / FILES["info"], f"run `bricksrl data repair {quoted(root)}`"
-    try:
-        data = json.loads(read_bytes(path))
-    except (ValueError, RecursionError):
-        raise DataError(f"{path} is not JSON; restore it, or {repair}") from None
-    if not isinstance(data, dict) or data.get("codebase_version") != CODEBASE_VERSION:
+    with reading("the index", path, DataError, f"restore it, or {repair}"):
+        data = dict(json.loads(path.read_bytes()))
+    if data.get("codebase_version") != CODEBASE_VERSION:
         raise DataError(f"{path} is of no dataset in LeRobot's format {CODEBASE_VERSION}; choose another")
     if data.get("features") != description.features or data.get("data_path") != FILES["data"]:
         raise DataError(f"{path} and bricksrl.json disagree about the columns; restore both from one copy")

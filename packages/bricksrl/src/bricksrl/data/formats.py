@@ -29,14 +29,14 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from brickhub.entry import Entry
-from brickhub.files import atomic_folder, refuse_existing, write_durably
+from brickhub.files import atomic_folder, reading, refuse_existing, write_durably
 from bricksrl.data.columns import read_bytes, to_parquet
 from bricksrl.data.dataset import About, Dataset
 from bricksrl.data.edit import write_dataset
 from bricksrl.data.reader import COLUMNS, Episodes, load
 from bricksrl.data.recorder import Step, new_episode
 from bricksrl.data.schema import describe_task
-from bricksrl.errors import DataError
+from bricksrl.errors import DataError, installed
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
@@ -93,12 +93,10 @@ def export_minari(path: Path, out: Path) -> None:
     Raises:
         DataError: as in `export_numpy`; also if Minari is not installed, or ``out`` does not end like ``bricksrl/walker-v0``.
     """
-    try:
+    with installed("Minari", DataError, "'bricksrl[data]'"):
         import minari
         from minari.data_collector import EpisodeBuffer
         from minari.namespace import NAMESPACE_METADATA_FILENAME
-    except ImportError as error:
-        raise DataError("no Minari is here to write its format; install it: pip install 'bricksrl[data]'") from error
     refuse_existing(out, DataError)
     episodes = load(path)
     name = f"{out.absolute().parent.name}/{out.name}"
@@ -273,12 +271,8 @@ def read_tensors(folder: Path) -> Arrays:
     meta = folder / "meta.json"
     if meta.exists() and meta.stat().st_size > _MAX_META_BYTES:
         raise DataError(f"{meta} is too large for what it should hold; it is not of the paper")
-    try:
-        tensors = json.loads(read_bytes(meta, "choose a folder with memory-mapped tensors"))
-    except (ValueError, RecursionError):
-        raise DataError(f"{meta} is not JSON; restore it from a copy") from None
-    if not isinstance(tensors, dict):
-        raise DataError(f"{meta} describes no tensors; restore it from a copy")
+    with reading("the description", meta, DataError, "choose a folder with memory-mapped tensors, or restore it from a copy"):
+        tensors = dict(json.loads(meta.read_bytes()))
     described = {name: entry for name, entry in tensors.items() if isinstance(entry, dict) and {"dtype", "shape"} <= entry.keys()}
     return {name: _read_tensor(folder, name, entry) for name, entry in described.items()}
 

@@ -4,7 +4,6 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,7 +61,7 @@ def new_episode(steps: Sequence[Step], about: About, description: Description) -
     return Episode(about, columns, images, image_statistics(images[:-1]))
 
 
-class Recorder:
+class Recorder(contextlib.AbstractContextManager["Recorder"]):
     """Recorder of episodes into a new or an existing dataset. Raises DataError if the folder holds something else or data of
     another robot, rate or shape, or is being recorded into.
 
@@ -123,9 +122,6 @@ class Recorder:
         """Release the folder."""
         if self._lock is not None:
             self._lock.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

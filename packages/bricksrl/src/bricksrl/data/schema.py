@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from brickhub.entry import Entry
 from brickhub.fields import check_fields
+from brickhub.files import reading
 from bricksrl.errors import DataError
 
 _log = logging.getLogger(__name__)
@@ -156,13 +157,10 @@ class Description:
     @classmethod
     def from_json(cls, data: bytes, where: str) -> Description:
         """Inverse of `to_json`. Raises DataError if the data is no such description, or damaged."""
-        try:
-            values = json.loads(data)
-        except (ValueError, RecursionError):
-            raise DataError(f"{where} is not JSON; restore it from a copy") from None
-        if not isinstance(values, dict) or values.pop("bricksrl_dataset", None) != VERSION:
-            raise DataError(f"{where} describes no dataset of this version of BricksRL; choose another")
-        try:
+        with reading("the description", where, DataError, "restore it from a copy"):
+            values = dict(json.loads(data))
+            if values.pop("bricksrl_dataset", None) != VERSION:
+                raise DataError(f"{where} describes no dataset of this version of BricksRL; choose another")
             for key in ("observation", "action"):
                 values[key] = tuple(_entry_from_json(entry) for entry in values[key])
             check_fields(cls, values)
@@ -172,8 +170,6 @@ class Description:
             has_entries = description.observation and description.action
             if not (has_entries and has_sound_camera and 0 < description.rate_hz < math.inf):
                 raise ValueError("not a description")
-        except (AttributeError, KeyError, TypeError, ValueError):
-            raise DataError(f"{where} is damaged; restore it from a copy") from None
         return description
 
     def differences(self, other: Description) -> list[str]:

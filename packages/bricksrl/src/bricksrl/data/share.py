@@ -18,7 +18,7 @@ from bricksrl.data.dataset import dataset_folder
 from bricksrl.data.integrity import check
 from bricksrl.data.schema import CODEBASE_VERSION
 from bricksrl.data.summary import Summary, summarise
-from bricksrl.errors import DataError, message_of
+from bricksrl.errors import DataError, installed, message_of
 from bricktwin.measure.session import read_log
 
 if TYPE_CHECKING:
@@ -109,11 +109,9 @@ def downloaded(repo: str, repo_type: str, out: Path, patterns: list[str], revisi
 def hub_client(repo: str) -> Iterator[HfApi]:
     """Client of the hub; its errors inside this context are translated into ours. Raises DataError if huggingface_hub is not
     installed, the hub is out of reach, or it refuses."""
-    try:
+    with installed("huggingface_hub", DataError, "'bricksrl[data]'"):
         from huggingface_hub import HfApi, errors
         from huggingface_hub.utils.tqdm import disable_progress_bars
-    except ImportError as error:
-        raise DataError("no huggingface_hub is here to share with; install it: pip install 'bricksrl[data]'") from error
     disable_progress_bars()
     transport_error: type[Exception] = vars(errors)["HTTPError"]  # its HTTP client differs between versions
     api = HfApi(endpoint=os.environ.get("HF_ENDPOINT"))

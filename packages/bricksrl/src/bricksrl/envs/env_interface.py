@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.errors import BricksError, HubError
@@ -16,19 +15,6 @@ if TYPE_CHECKING:
     from bricksrl.envs.connection import Connection, Reconnect
     from bricksrl.envs.robot_env import EpisodeState
     from bricksrl.envs.task import Task
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Times of one step.
-
-    Attributes:
-        age_s: age of the observation that the action was chosen for, when the action was sent.
-        hub_time_s: the hub's clock when it measured the next observation.
-    """
-
-    age_s: float
-    hub_time_s: float
 
 
 class BricksEnv:
@@ -83,8 +69,9 @@ class BricksEnv:
         return False
 
     @property
-    def timing(self) -> Timing | None:
-        """Times of the last step; ``None`` without a robot. Raises BricksError if no step was made yet."""
+    def timing(self) -> EpisodeState | None:
+        """Times of the last step, ``age_s`` and ``hub_time_s``; ``None`` without a robot. Raises BricksError if no step was made
+        yet."""
         return None
 
     def stop(self) -> None:

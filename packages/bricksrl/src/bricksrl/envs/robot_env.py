@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.envs.connection import Connection, Reconnect
-from bricksrl.envs.env_interface import BricksEnv, Timing
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.odometry import Odometer, SonarOdometer, TargetTracker, TrueOdometer, start_pose
 from bricksrl.envs.task import Task
 from bricksrl.envs.vision.camera import Camera, Watch
@@ -44,7 +44,7 @@ class EpisodeState:
         task_observations: what success and metrics get after each step; only with a camera or a target.
         is_cut: whether a pause truncated the episode.
         measured_s: the link's clock when the last observation was measured; ``hub_time_s`` is the hub's.
-        age_s: age of the observation that the last action was chosen for.
+        age_s: age of the observation that the last action was chosen for, when the action was sent.
     """
 
     drawn: list[float]
@@ -224,10 +224,10 @@ class RobotEnv(BricksEnv):
         return values
 
     @property
-    def timing(self) -> Timing:
+    def timing(self) -> EpisodeState:
         if self._episode is None or not self._episode.step_count:
             raise BricksError(f"{self.task.id} has made no step yet; make one first")
-        return Timing(self._episode.age_s, self._episode.hub_time_s)
+        return self._episode
 
     def walk_metrics(self) -> dict[str, float]:
         if self._episode is None:

@@ -2,7 +2,7 @@
 
 import traceback
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isnan
 from typing import Any
@@ -39,93 +39,70 @@ class _KeepClass(type(Bounded)):  # type: ignore[misc]
         return spec
 
 
-class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[misc]
-    """``Bounded`` spec where marked entries may lie outside of the box.
+def _keeping(name: str) -> Callable[..., Any]:
+    """An operation of ``Bounded`` whose result has the same entries."""
 
-    Marked entries have ``low`` and ``high`` and are sampled between them, but any finite number is in the spec and none is
-    projected. All operations on specs preserve this.
+    def operation(spec: "NominalBounded", *args: Any, **kwargs: Any) -> "NominalBounded":
+        return spec.of_same(getattr(BoundedContinuous, name)(spec, *args, **kwargs))
+
+    return operation
+
+
+class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[misc]
+    """``Bounded`` spec of entries, some of which may lie outside of the box: their bounds are nominal.
+
+    These have ``low`` and ``high`` and are sampled between them, but any finite number is in the spec and none is projected. All
+    operations on specs preserve this.
 
     Attributes:
-        nominal: bool of the spec's shape; ``True`` where the bounds are nominal.
         entries: what the numbers of its last dimension are; empty if that is not known.
     """
 
-    nominal: Tensor
     entries: tuple[Entry, ...] = ()
-
-    def __init__(self, *args: Any, nominal: Tensor | None = None, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self.nominal = torch.zeros(self.shape, dtype=torch.bool) if nominal is None else nominal.expand(self.shape).clone()
 
     @classmethod
     def of(cls, entries: Sequence[Entry], batch: Sequence[int] = (), device: torch.device | None = None) -> "NominalBounded":
         """Spec of a vector of ``entries``, with leading dimensions ``batch``."""
         low, high = (torch.tensor([getattr(e, end) for e in entries], device=device) for end in ("low", "high"))
-        nominal = torch.tensor([e.bounds != (e.low, e.high) for e in entries], device=device)
         shape = (*batch, len(entries))
-        spec = cls(low.expand(shape), high.expand(shape), nominal=nominal)
+        spec: NominalBounded = cls(low.expand(shape), high.expand(shape))
         spec.entries = tuple(entries)
         return spec
+
+    @property
+    def nominal(self) -> Tensor:
+        """Bool of the spec's shape; ``True`` where the bounds are nominal: all where no entries are known. A transform such as
+        ``CatFrames`` repeats the entries, one such as ``UnsqueezeTransform`` adds dimensions of one entry."""
+        marks = [entry.bounds != (entry.low, entry.high) for entry in self.entries]
+        sizes = [size for size in self.shape if size != 1] or [1]
+        if not marks or sizes[-1] % len(marks):
+            return torch.ones(self.shape, dtype=torch.bool)
+        return torch.tensor(marks * (sizes[-1] // len(marks))).expand(sizes).reshape(self.shape)
 
     def is_in(self, val: Tensor) -> bool:
         if val.dtype != self.dtype or val.shape[-self.ndim :] != self.shape or not bool(val.isfinite().all()):
             return False
-        low, high = self._get_space_bounds(val.device)
-        return bool((self._mask(val) | ((val >= low) & (val <= high))).all())
+        return bool((self._project(val) == val).all())
 
     def _project(self, val: Tensor) -> Tensor:
-        return torch.where(self._mask(val), val, super()._project(val))
+        return torch.where(self.nominal.to(val.device), val, super()._project(val))
 
-    def _mask(self, val: Tensor) -> Tensor:
-        """``nominal`` for a value, also after a transform such as ``CatFrames`` repeated the entries of the spec, or one such as
-        ``UnsqueezeTransform`` added or removed dimensions of one entry."""
-        mask, sizes = self.nominal, list(zip(self.shape, self.nominal.shape, strict=False))
-        if [size for size in mask.shape if size != 1] == [size for size in self.shape if size != 1]:
-            mask = mask.reshape(self.shape)
-        elif mask.ndim == self.ndim and all(size % before == 0 for size, before in sizes):
-            mask = mask.repeat([size // before for size, before in sizes])
-        else:
-            mask = mask.new_ones(())
-        return mask.to(val.device)
-
-    def _with(self, spec: Any, nominal: Tensor) -> "NominalBounded":
+    def of_same(self, spec: Any) -> "NominalBounded":
+        """Another spec, with the entries of this one."""
         if not isinstance(spec, NominalBounded):  # ``Bounded.to`` makes a plain ``Bounded``
             spec = NominalBounded(spec.low, spec.high, spec.shape, spec.device, spec.dtype)
-        result: NominalBounded = spec
-        result.nominal, result.entries = nominal.clone(), self.entries
-        return result
+        same: NominalBounded = spec
+        same.entries = self.entries
+        return same
 
-    def clone(self) -> "NominalBounded":
-        return self._with(super().clone(), self.nominal)
-
-    def to(self, dest: Any) -> "NominalBounded":
-        return self._with(super().to(dest), self.nominal)
-
-    def expand(self, *shape: Any) -> "NominalBounded":
-        spec = super().expand(*shape)
-        return self._with(spec, self.nominal.expand(spec.shape))
-
-    def squeeze(self, dim: int | None = None) -> "NominalBounded":
-        return self._with(super().squeeze(dim), self.nominal.squeeze() if dim is None else self.nominal.squeeze(dim))
-
-    def unsqueeze(self, dim: int) -> "NominalBounded":
-        return self._with(super().unsqueeze(dim), self.nominal.unsqueeze(dim))
+    operations = ("clone", "to", "expand", "squeeze", "unsqueeze", "_reshape", "_unflatten", "__getitem__")
+    clone, to, expand, squeeze, unsqueeze, _reshape, _unflatten, __getitem__ = map(_keeping, operations)
 
     def unbind(self, dim: int = 0) -> "tuple[NominalBounded, ...]":
-        return tuple(self._with(spec, mask) for spec, mask in zip(super().unbind(dim), self.nominal.unbind(dim), strict=True))
-
-    def _reshape(self, shape: Any) -> "NominalBounded":
-        return self._with(super()._reshape(shape), self.nominal.reshape(shape))
-
-    def _unflatten(self, dim: int, sizes: Any) -> "NominalBounded":
-        return self._with(super()._unflatten(dim, sizes), torch.unflatten(self.nominal, dim, sizes))
-
-    def __getitem__(self, idx: Any) -> "NominalBounded":
-        spec = super().__getitem__(idx)
-        return self._with(spec, self._mask(self.nominal).expand(self.shape)[idx].expand(spec.shape))
+        return tuple(map(self.of_same, super().unbind(dim)))
 
     def __eq__(self, other: object) -> bool:
-        return bool(super().__eq__(other)) and isinstance(other, NominalBounded) and torch.equal(self.nominal, other.nominal)
+        return bool(super().__eq__(other)) and isinstance(other, NominalBounded) and self.entries == other.entries
 
     def __hash__(self) -> int:
         return hash((self.shape, self.dtype))

@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from brickhub.entry import Entry
-from brickhub.fields import check_arguments, check_fields, check_value
+from brickhub.fields import Range, check_arguments, check_fields, check_value
 from brickhub.hub.interface import ClientChannel, ClientCommand, Interface, UntilDone
 from brickhub.hub.link.own_client import OwnClient
 from brickhub.hub.program.generate import generate
@@ -231,15 +231,12 @@ class Kinematics:
             trajectory for the task's step time and carries its speed over into the next command.
     """
 
-    noise: float
+    noise: Annotated[float, Range()]
     noise_on: Literal["action", "state"] = "action"
     motion: Literal["instant", "firmware"] = "instant"
 
     def __post_init__(self) -> None:
-        if self.noise < 0 or self.noise_on not in ("action", "state"):
-            raise DescriptionError(f"kinematics: noise {self.noise} on '{self.noise_on}'; give 0 or more, on 'action' or 'state'")
-        if self.motion not in ("instant", "firmware"):
-            raise DescriptionError(f"kinematics: there is no motion '{self.motion}'; choose 'instant' or 'firmware'")
+        check_fields(Kinematics, vars(self))
 
 
 def success_of(task: Task, observations: Tensor) -> bool:

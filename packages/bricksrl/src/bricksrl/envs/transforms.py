@@ -5,14 +5,12 @@ random observations, and a number that in every try is the same linear function 
 concluded from the name of a class, except that running statistics (`RUNNING`) change while an agent learns.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -23,8 +21,9 @@ from torchrl.envs import ActionScaling, CatFrames, Compose, EnvBase, FrameSkipTr
 from torchrl.envs.transforms import VecNormV2
 
 from brickhub.entry import Entry
-from brickhub.user_files import line_of_user, load_object
+from brickhub.user_files import calling, load_object
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.specs import (
     SPECS,
     ImageShape,
@@ -37,10 +36,7 @@ from bricksrl.envs.specs import (
     specs_of,
     transform_failure,
 )
-from bricksrl.errors import DataError, DescriptionError, message_of
-
-if TYPE_CHECKING:
-    from bricksrl.envs.options import EnvOptions
+from bricksrl.errors import DataError, DescriptionError
 
 _TRIES, _STEPS = 8, (2, 24)
 """Random episodes, and their steps; the longer ones if a number is the same in all short ones, as it is of an earlier step."""
@@ -503,12 +499,9 @@ def transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(0)  # what it draws, such as a frozen network, is the same wherever it is made
             found = load_object(options.transform, "transform")
-            try:
+            with calling(options.transform, "cannot be applied"):
                 found = found() if isinstance(found, type) and issubclass(found, Transform) else found
                 env = TransformedEnv(env, found) if isinstance(found, Transform) else found(env)
-            except Exception as error:
-                what = f"{message_of(error, typed=True)}{line_of_user(error)}"
-                raise DescriptionError(f"{options.transform} cannot be applied ({what}); correct it") from error
         if not isinstance(env, EnvBase):
             raise DescriptionError(f"{options.transform} gives a {type(env).__name__}; let it return a TransformedEnv")
     if options.frame_skip > 1:

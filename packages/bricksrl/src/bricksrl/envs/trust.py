@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from brickhub.files import folder_with, quoted, write_durably
+from brickhub.files import folder_with, quoted, reading, write_durably
 from brickhub.hub.diagnostics.calibration import calibration_folder
 from brickhub.user_files import is_reference
 from bricksrl.errors import RunError
@@ -60,16 +60,14 @@ def trust(folder: Path) -> tuple[str, ...]:
     path = next((folder / name for name in _CONFIGS if (folder / name).is_file()), None)
     if path is None:
         raise RunError(f"there is no run in {folder}; choose {folder_with(folder, *_CONFIGS)}")
-    data = path.read_bytes()
-    try:
-        config = json.loads(data)
-    except (ValueError, RecursionError):
-        raise RunError(f"{path} is not JSON; restore the file") from None
+    with reading("the config", path, RunError, "restore the file"):
+        data = path.read_bytes()
+        config = dict(json.loads(data))
     try:
         _keep(data)
     except OSError as error:
         raise RunError(f"cannot write to {_folders()[0]} ({error.strerror}); make it writable") from None
-    return code_in(config.get("config")) if isinstance(config, dict) else ()
+    return code_in(config.get("config"))
 
 
 def _keep(data: bytes) -> None:

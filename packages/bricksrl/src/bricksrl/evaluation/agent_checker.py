@@ -1,32 +1,28 @@
 """Checker of algorithms, built-in or the user's, in a small simulation."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import io
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import torch
+from tensordict import TensorDictBase
+from torchrl.envs import EnvBase
+from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from brickhub.finding import Finding
 from brickhub.user_files import load_object
 from bricksrl.agents import AGENTS, Algorithm, algorithm, is_reference, make_learner, preset
+from bricksrl.agents.bc import recorded_memory
+from bricksrl.agents.learner import Learner
 from bricksrl.envs import make
 from bricksrl.envs.env_checker import Broken, Skip, run_checks
 from bricksrl.errors import BricksError, counted
 from bricksrl.evaluation.settings_text import with_changes
 from bricksrl.training.config import settings_from
 from bricksrl.training.restore import reproducible
-
-if TYPE_CHECKING:
-    from tensordict import TensorDictBase
-    from torchrl.envs import EnvBase
-
-    from bricksrl.agents.learner import Learner
 
 ENV = "RoboArmSim-v0"
 """A small environment with goals."""
@@ -97,8 +93,6 @@ class _Checked:
     def memory(self) -> str:
         learner = self._learner()
         if learner.imitates:
-            from bricksrl.agents.bc import recorded_memory
-
             size = getattr(preset("default", self.algorithm.name), "batch_size", 256)
             frames = _frames(learner, make(ENV, seed=_SEED))
             learner.dataset = recorded_memory(frames, size, ("observation",), chunk=learner.chunk, device=learner.device)
@@ -164,8 +158,6 @@ class _Checked:
 
 def _frames(learner: Learner, env: EnvBase) -> TensorDictBase:
     """Consecutive episodes of the exploring policy."""
-    from torchrl.envs.utils import ExplorationType, set_exploration_type
-
     steps = max(_STEPS, learner.frames_per_batch)
     with torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
         frames: TensorDictBase = env.rollout(steps, learner.policy, break_when_any_done=False)

@@ -8,28 +8,26 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from torchrl.envs import EnvBase
 
-from brickhub.fields import check_count
+from brickhub.fields import Count, check_value
 from brickhub.files import write_durably
 from brickhub.seed import check_seed, derive_seed
 from brickhub.user_files import is_reference, with_absolute_file
 from bricksrl.agents import algorithm
+from bricksrl.envs.connection import Placement
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import is_simulation, make_env, options_of
+from bricksrl.envs.rollout import EpisodeScore, play_episodes
+from bricksrl.envs.transforms import with_unit_actions
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
 from bricksrl.training.restore import Which, load_learner, reproducible
 from bricksrl.training.run_folder import Origin, RunFolder
-
-if TYPE_CHECKING:
-    from torchrl.envs import EnvBase
-
-    from bricksrl.envs.connection import Placement
-    from bricksrl.envs.options import EnvOptions
-    from bricksrl.envs.rollout import EpisodeScore
 
 _log = logging.getLogger(__name__)
 
@@ -142,11 +140,8 @@ def evaluate(
         CheckpointError: the checkpoint is damaged, or ``env`` has other observations or actions than the training.
         DivergedError: the weights of the agent are not finite.
     """
-    check_count("episodes", episodes)
+    check_value("episodes", episodes, Count)
     check_seed(seed)
-    from bricksrl.envs.rollout import play_episodes
-    from bricksrl.envs.transforms import with_unit_actions
-
     origin = RunFolder(run_dir).origin()
     env_id, hub = origin.env, origin.options.hub
     own: EnvBase | None = None

@@ -1,31 +1,29 @@
 """Films of virtual robots, with a room, captions and goals; of a run's policies; of an arena's robots."""
 
-from __future__ import annotations
-
 import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from brickhub.files import check_writable
+import torch
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs import EnvBase
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from bricksrl.envs.connection import Connection
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import make_env
+from bricksrl.envs.rollout import play, play_episodes
 from bricksrl.errors import TwinError
 from bricksrl.evaluation.evaluator import evaluation_options
+from bricksrl.policies.policy import named_policies
 from bricksrl.training.run_folder import RunFolder
 from bricktwin.twin.make_body import lies_on_bench
-
-if TYPE_CHECKING:
-    from tensordict.nn import TensorDictModuleBase
-    from torchrl.envs import EnvBase
-
-    from bricksrl.envs.connection import Connection
-    from bricktwin.twin.mujoco_body import MujocoBody
-    from bricktwin.twin.render.opengl import Image, Renderer
-    from bricktwin.twin.render.video import Room
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
+from bricktwin.twin.render.video import Filmed, Room, captioned, check_film
 
 SIZE, BUDGET_S = (1280, 720), 15.0
 """Width and height in px, and the approximate time for drawing an episode; a small one reduces the frame rate."""
@@ -48,13 +46,6 @@ class Film:
     forward_m: float
 
 
-def check_film(path: Path) -> None:
-    """Raise TwinError unless the name ends in .mp4, WriteError if the file cannot be written."""
-    if path.suffix.lower() != ".mp4":
-        raise TwinError(f"'{path}' is not a name of a film; end it in .mp4")
-    check_writable(path)
-
-
 def check_filmable(env: EnvBase) -> None:
     """Raise TwinError unless an environment has a virtual robot with a body that can be seen."""
     if interface_of(env).robots != 1:
@@ -75,10 +66,6 @@ def filmed_env(
     if path is None:
         yield
         return
-    from bricktwin.twin.mujoco_body import MujocoBody
-    from bricktwin.twin.render.opengl import VideoWriter
-    from bricktwin.twin.render.video import Filmed, Room, captioned
-
     check_film(path)
     check_filmable(env)
     ours, task, number = interface_of(env), env.task, 0
@@ -137,7 +124,6 @@ def filmed_env(
 
 def _renderer(body: MujocoBody, room: Room, size: tuple[int, int], limit_s: float) -> tuple[Renderer, float]:
     """A renderer, with shadows if it draws an image with them in ``limit_s``, and its time per image."""
-    from bricktwin.twin.render.opengl import Renderer
 
     def make(*, shadows: bool) -> tuple[Renderer, float]:
         renderer = Renderer(body, *size, room.camera, shadows=shadows, smooth=shadows, decorate=room.decorate)
@@ -160,9 +146,6 @@ def film_run(
 ) -> Film:
     """Film an episode of a policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. Raises RunError or
     CheckpointError if there is no such run or policy, RenderingUnavailableError or TwinError as `filmed_env`."""
-    from bricksrl.envs.rollout import play_episodes
-    from bricksrl.policies.policy import named_policies
-
     origin = RunFolder(run_dir).origin()
     with closing(make_env(origin.env, evaluation_options(origin, origin.env, hub="virtual"), seed=origin.seed)) as env:
         check_filmable(env)
@@ -191,12 +174,6 @@ def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path
 def film_arena(env: EnvBase, policy: TensorDictModuleBase, path: Path, episodes: int, seed: int) -> None:
     """Film episodes of an arena into an mp4 file, without exploration. Raises RenderingUnavailableError if no OpenGL library
     works here."""
-    import torch
-    from torchrl.envs.utils import ExplorationType, set_exploration_type
-
-    from bricksrl.envs.rollout import play
-    from bricktwin.twin.render.opengl import Renderer, VideoWriter
-
     with VideoWriter(path, 1000 / _ARENA_FRAME_MS) as video:
         for episode in range(episodes):
             env.set_seed(seed + episode)

@@ -27,10 +27,9 @@ from brickhub.files import TEMPORARY_PREFIX, write_durably, writing
 from brickhub.seed import check_seed
 from brickhub.user_files import failure_of_user
 from bricksrl.child_process import END, ChildProcess, Message, leave, parent_channel
-from bricksrl.errors import BricksError, RunError, message_of
+from bricksrl.errors import BricksError, RunError, installed, message_of
 from bricksrl.evaluation.comparison import Group, compare, draw
-from bricksrl.evaluation.evaluator import evaluate
-from bricksrl.training import RunFolder, TrainConfig, resume, train
+from bricksrl.training import RunFolder, TrainConfig
 from bricksrl.training.callbacks import Callback, Episode, Progress
 
 MAX_SEEDS = 1000
@@ -115,6 +114,9 @@ def train_and_evaluate(
 ) -> str | None:
     """Train into a folder, or resume the run in it, evaluate, and report; returns the error, if any, also one of the user's code.
     Raises KeyboardInterrupt if ``stop`` is set meanwhile."""
+    from bricksrl.evaluation.evaluator import evaluate
+    from bricksrl.training.run import resume, train
+
     try:
         if RunFolder(run_dir).checkpoint_path.exists():
             result = resume(run_dir, reporter, stop=stop)
@@ -215,10 +217,8 @@ def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
         cpus: concurrent runs of a local cluster; by default the number of cores.
     """
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    try:
+    with installed("Ray", RunError, "'bricksrl[distributed]'"):
         import ray
-    except ImportError:
-        raise RunError("Ray is not installed; run `pip install 'bricksrl[distributed]'`") from None
     if ray.is_initialized():
         raise RunError("Ray is at work in this process already; shut it down first")
     options: dict[str, Any] = {"log_to_driver": False, "runtime_env": {"env_vars": _ENVIRONMENT}, "logging_level": "ERROR"}

@@ -9,13 +9,12 @@ from string import Template
 from typing import NamedTuple
 
 from brickhub.files import quoted, write_durably
-from bricksrl.envs.reference_returns import REFERENCES, reference_lines
+from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.envs.registry import is_simulation
 from bricksrl.errors import RenderingUnavailableError, TwinError, counted, percent
 from bricksrl.evaluation.evaluator import EvaluationResult
 from bricksrl.evaluation.film import Film, film_run, side_by_side
 from bricksrl.training.callbacks import Episode
-from bricksrl.training.curve import draw_learning_curve
 from bricksrl.training.run_folder import Origin, RunFolder
 
 FILM_BUDGET_S = 10.0
@@ -62,25 +61,23 @@ def write_report(run_dir: Path, episodes: Sequence[Episode], result: EvaluationR
         films = film_before_and_after(run_dir, result.env) if film else None
     except (RenderingUnavailableError, TwinError) as error:
         reason = str(error)
-    curve = run_dir / "report_curve.png"
-    draw_learning_curve(curve, episodes, "", reference_lines(result.env))
+    folder = RunFolder(run_dir)
     body = [
         f"<h1>{html.escape(result.env)}: what the robot has learned</h1>",
         f"<p class=lead>{_lead(episodes, result, films)}</p>",
         *_film_part(films, reason),
         "<h2>Return, episode by episode</h2>",
-        f'<img src="{_data_url(curve, "image/png")}" alt="learning curve">',
+        f'<img src="{_data_url(folder.curve_path, "image/png")}" alt="learning curve">',
         f"<p>{_CURVE}{_REFERENCES if result.env in REFERENCES else ''}</p>",
         "<h2>Evaluation</h2>",
         _table((html.escape(label), html.escape(value)) for label, value in rows(result)),
         "<h2>Go on</h2>",
-        _commands(run_dir, RunFolder(run_dir).origin(), result.trained_episodes),
+        _commands(run_dir, folder.origin(), result.trained_episodes),
     ]
     path = run_dir / "report.html"
     template = Template(resources.files("bricksrl.evaluation").joinpath("report.html").read_text(encoding="utf-8"))
     text = template.substitute(title=html.escape(result.env), body="\n".join(body))
     write_durably(path, text.encode(errors="surrogateescape"))  # names of folders that this computer's locale cannot read
-    curve.unlink(missing_ok=True)
     return path, str(films.both) if films is not None else f"none: {reason}"
 
 

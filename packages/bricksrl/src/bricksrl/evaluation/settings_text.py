@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from brickhub.fields import check_fields
+from brickhub.files import reading
 from bricksrl.agents import with_present_names
 from bricksrl.errors import DescriptionError, hint
 
@@ -31,15 +32,9 @@ def with_changes(settings: S, changes: Iterable[str]) -> S:
 def read_settings(path: Path, settings: S) -> S:
     """A copy of the settings with the values of a JSON file, such as `bricksrl tune` writes; others are unchanged. Raises
     DescriptionError if the file cannot be read, or names an unknown setting or an invalid value."""
-    try:
+    with reading("the settings", path, DescriptionError, 'write settings as JSON, {"learning_rate": 3e-4}'):
         data = json.loads(path.read_bytes())
-    except OSError as error:
-        raise DescriptionError(f"cannot read the settings {path} ({error.strerror}); give a JSON file") from None
-    except (ValueError, RecursionError):
-        raise DescriptionError(f'{path} is not JSON; write settings as {{"learning_rate": 3e-4}}') from None
-    table = data.get("settings", data) if isinstance(data, dict) else None
-    if not isinstance(table, dict):
-        raise DescriptionError(f'{path} holds no names and values; write settings as {{"learning_rate": 3e-4}}')
+        table = dict(data.get("settings", data))
     return _changed(settings, table)
 
 

@@ -2,8 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import sqrt
-from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,13 +101,9 @@ def probability_of_improvement(scores: Sequence[float], others: Sequence[float])
 def wilson_interval(successes: int, trials: int, *, confidence: float = 0.95) -> Interval:
     """Wilson score interval of a success rate, valid for few trials and for rates of 0 and 1. Raises DescriptionError if there
     are no trials, or the successes are not between 0 and ``trials``."""
+    from scipy.stats import binomtest
+
     if trials < 1 or not 0 <= successes <= trials:
         raise DescriptionError(f"{successes} successes in {trials} trials is not a rate; give 0 to {max(trials, 1)} of 1 or more")
-    z = NormalDist().inv_cdf(0.5 + confidence / 2.0)
-    rate = successes / trials
-    scale = 1.0 + z * z / trials
-    centre = (rate + z * z / (2 * trials)) / scale
-    half = z * sqrt(rate * (1.0 - rate) / trials + z * z / (4 * trials * trials)) / scale
-    low = 0.0 if successes == 0 else centre - half
-    high = 1.0 if successes == trials else centre + half
-    return Interval(low, high)
+    found = binomtest(successes, trials).proportion_ci(confidence, method="wilson")
+    return Interval(float(found.low), float(found.high))

@@ -22,18 +22,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional
 
 from brickhub.cli.options import option
+from brickhub.fields import Count, check_fields
 from brickhub.files import serialized, write_durably
 from brickhub.seed import LARGEST_SEED, check_seed
 from bricksrl.agents import make_learner
 from bricksrl.agents.settings import Range
 from bricksrl.envs import make
 from bricksrl.envs.registry import get_task
-from bricksrl.errors import DivergedError, RunError, message_of
-from bricksrl.evaluation.evaluator import evaluate
+from bricksrl.errors import DivergedError, RunError, installed, message_of
 from bricksrl.evaluation.multi_seed import connected, map_on_cluster, parse_on
 from bricksrl.training.callbacks import Callback, Episode, Progress
 from bricksrl.training.config import TrainConfig, settings_for
-from bricksrl.training.run import train
 
 if TYPE_CHECKING:
     import optuna
@@ -78,17 +77,15 @@ class Tuning:
     """Environment; `bricksrl list` shows them. Kinematic simulations are the fastest."""
     agent: Annotated[str, option(metavar="NAME")] = "sac"
     """Agent; `bricksrl list` shows them."""
-    steps: Annotated[int, option(metavar="N")] = 2000
+    steps: Annotated[Count, option(metavar="N")] = 2000
     """Robot steps of each training, which ends with the episode that reaches them."""
-    seeds: Annotated[int, option(metavar="N")] = 2
+    seeds: Annotated[Count, option(metavar="N")] = 2
     """Trainings per trial, the mean of whose evaluations is its value; bad trials are pruned early."""
-    episodes: Annotated[int, option(metavar="N")] = 10
+    episodes: Annotated[Count, option(metavar="N")] = 10
     """Episodes of each evaluation."""
 
     def __post_init__(self) -> None:
-        for name in ("steps", "seeds", "episodes"):
-            if getattr(self, name) < 1:
-                raise RunError(f"{name} is {getattr(self, name)}; give 1 or more")
+        check_fields(Tuning, vars(self))
 
 
 @dataclass(frozen=True)
@@ -150,17 +147,18 @@ def tune(
         DescriptionError: the seed is invalid.
         UnknownNameError: there is no such environment or agent.
     """
-    try:
+    with installed("Optuna", RunError, "'bricksrl[tune]'"):
         import optuna
-    except ImportError:
-        raise RunError("Optuna is not installed; run `pip install 'bricksrl[tune]'`") from None
     check_seed(seed)
     if on is not None:
         parse_on(on)
     start = settings_for(tuning.env, "default", tuning.agent)
     goals = any(entry.name.endswith("_goal") for entry in get_task(tuning.env).entries)
     optuna.logging.set_verbosity(logging.ERROR)  # a failed trial raises: one message is enough
-    _check_trains(tuning)
+    with closing(make(tuning.env)) as env:
+        learner = make_learner(tuning.agent, env)
+    if learner.imitates or learner.loss is None:
+        raise RunError(f"{tuning.agent} does not learn from a robot, and tuning gives it nothing else; choose another agent")
     name, storage = f"{tuning.env} {tuning.agent}", f"sqlite:///{(folder / STUDY).absolute()}"
     with _storage(folder / STUDY), serialized(folder):  # several commands may begin with the same study at once
         for other in set(optuna.get_all_study_names(storage)) - {name}:
@@ -227,6 +225,9 @@ def _storage(path: Path) -> Iterator[None]:
 
 def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
     """Mean return of a trained agent; not a number if it diverged."""
+    from bricksrl.evaluation.evaluator import evaluate
+    from bricksrl.training.run import train
+
     stop = threading.Event()
 
     class StopAtSteps(Callback):
@@ -246,14 +247,6 @@ def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
             return evaluate(run_dir, episodes=tuning.episodes, save=False).return_mean
         except DivergedError:
             return math.nan
-
-
-def _check_trains(tuning: Tuning) -> None:
-    """Raise RunError for an agent that does not learn online."""
-    with closing(make(tuning.env)) as env:
-        learner = make_learner(tuning.agent, env)
-    if learner.imitates or learner.loss is None:
-        raise RunError(f"{tuning.agent} does not learn from a robot, and tuning gives it nothing else; choose another agent")
 
 
 def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:

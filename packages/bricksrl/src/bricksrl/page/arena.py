@@ -1,10 +1,15 @@
 """Arena on the page: each visitor may drive one of its robots; the others follow their policies."""
 
-from __future__ import annotations
-
 import threading
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from bricksrl.envs.arenas.arena_env import ArenaEnv
+from bricksrl.envs.arenas.arena_task import ArenaTask
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.page.live import LivePage, PageDriver
 from bricksrl.page.play import Steps, play_endlessly
@@ -12,13 +17,6 @@ from bricksrl.page.robot_view import Mirror
 from bricksrl.page.scene import View
 from bricksrl.page.server import PageOptions
 from bricktwin.twin.arena import ArenaWorld
-
-if TYPE_CHECKING:
-    from tensordict import TensorDictBase
-    from tensordict.nn import TensorDictModuleBase
-
-    from bricksrl.envs.arenas.arena_env import ArenaEnv
-    from bricksrl.envs.arenas.arena_task import ArenaTask
 
 _OPEN_HALF_M = 0.7
 """Half size of the part of an open floor that is seen at first."""
@@ -86,9 +84,6 @@ def play_arena(
     env: ArenaEnv, page: ArenaPage, policy: TensorDictModuleBase, *, episodes: int | None = None, stop: threading.Event
 ) -> list[float]:
     """Play as `play_endlessly`; returns the mean returns of the first group's robots."""
-    import torch
-    from torchrl.envs.utils import ExplorationType, set_exploration_type
-
     group = next(iter(env.task.groups))
 
     def episode(number: str) -> Steps:

@@ -1,7 +1,9 @@
 """Robots on the page at once: a policy of arrays, or a human, moves one without TorchRL, which takes seconds to load."""
 
+import importlib
 import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -23,8 +25,7 @@ class Judge:
 
     def __init__(self, task: Task) -> None:
         self._task = task
-        self._torch: Any = None
-        self._loading = threading.Thread(target=self._load, name="bricksrl-torch", daemon=True)
+        self._torch: Future[Any] | None = None
         self.begin()
 
     def begin(self) -> None:
@@ -35,33 +36,20 @@ class Judge:
     def see(self, previous: Any, action: Any, observation: Any) -> None:
         """Judge a step, now or later: observation ``[n]`` before it, action ``[m]``, observation after it."""
         self._seen.append((previous, action, observation))
-        if self._loading.ident is None:
-            self._loading.start()
-        if self._torch is not None:
-            self._judge()
+        if self._torch is None:  # the end of the process waits for the import
+            self._torch = ThreadPoolExecutor(1, "bricksrl-torch").submit(importlib.import_module, "torch")
+        if self._torch.done():
+            self.end()
 
     def end(self) -> float:
         """The return of the episode."""
-        self._loading.join()
-        self._judge()
-        return self.total
-
-    def close(self) -> None:
-        """Wait for the thread, which must not end in the midst of an import."""
-        if self._loading.ident is not None:
-            self._loading.join()
-
-    def _judge(self) -> None:
-        while self._seen:
-            before, moved, after = (self._torch.tensor(values, dtype=self._torch.float32) for values in self._seen.pop(0))
+        while self._seen and self._torch is not None:
+            torch, row = self._torch.result(), self._seen.pop(0)
+            before, moved, after = (torch.tensor(values, dtype=torch.float32) for values in row)
             self.rewards.append(float(self._task.reward(before, moved, after)))
             self.total += self.rewards[-1]
             self.is_over = self.is_over or bool(self._task.terminated(after))
-
-    def _load(self) -> None:
-        import torch
-
-        self._torch = torch
+        return self.total
 
 
 def play_robot(
@@ -97,7 +85,4 @@ def play_robot(
             yield
         return judge.end()
 
-    try:
-        return play_endlessly(env, page, episode, episodes=episodes, stop=stop)
-    finally:
-        judge.close()
+    return play_endlessly(env, page, episode, episodes=episodes, stop=stop)

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeGuard
 
 from brickhub.cli.options import option
-from bricksrl.errors import PageError
+from bricksrl.errors import PageError, installed
 from bricksrl.page.board import Board, BoardReader, to_json
 
 if TYPE_CHECKING:
@@ -147,10 +147,8 @@ class PageServer:
         self.url = ""
 
     def __enter__(self) -> Self:
-        try:
+        with installed("websockets", PageError, "'bricksrl[page]'"):
             import websockets.asyncio.server  # noqa: F401
-        except ImportError:
-            raise PageError("the live page needs websockets; install it with: pip install 'bricksrl[page]'") from None
         server_socket = _listen(self._options)
         host, port = server_socket.getsockname()[:2]
         is_open = self._options.page_host not in ("127.0.0.1", "localhost", "::1")

@@ -1,33 +1,28 @@
 """Policies: a trained agent's deterministic actions, as a TorchRL module and for plain arrays; those of a run by their names."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
+from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.data.collect import random_policy
 from bricksrl.envs import rollout
+from bricksrl.envs.tasks.scripted import ArrayPolicy
 from bricksrl.envs.transforms import Playback, base_of, layout_of, one_step, over, still
 from bricksrl.errors import DescriptionError
 from bricksrl.policies import load_policy
 from bricksrl.policies.sharing import is_policy
 from bricksrl.training.restore import untrained_learner
 from bricksrl.training.run_folder import RunFolder
-
-if TYPE_CHECKING:
-    from torchrl.envs import EnvBase
-
-    from bricksrl.envs.tasks.scripted import ArrayPolicy
 
 
 class Policy(TensorDictModuleBase):  # type: ignore[misc]

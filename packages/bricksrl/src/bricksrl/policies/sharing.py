@@ -1,27 +1,24 @@
 """Sharing of policies on the Hugging Face hub: tensors as safetensors and config as JSON. No pickles."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from brickhub.files import atomic_folder, folder_with, refuse_existing, write_durably
+from torchrl.envs import EnvBase
+
+from brickhub.files import atomic_folder, folder_with, reading, refuse_existing, write_durably
+from bricksrl.agents.learner import Learner
 from bricksrl.data.share import CARD, downloaded, hub_client
 from bricksrl.envs.registry import make_env
+from bricksrl.envs.transforms import prepare, transform_state
 from bricksrl.envs.trust import remember, require_trusted
 from bricksrl.errors import CheckpointError, RunError, counted
 from bricksrl.training.config import TrainConfig, portable
 from bricksrl.training.restore import load_learner, make_learner_for, one_robot
 from bricksrl.training.run_folder import RunFolder
-
-if TYPE_CHECKING:
-    from torchrl.envs import EnvBase
-
-    from bricksrl.agents.learner import Learner
 
 TENSORS, ABOUT = "policy.safetensors", "policy.json"
 _VERSION = 1
@@ -36,8 +33,6 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     """Write the policy of a run to the folder ``out``, atomically: `TENSORS`, `ABOUT` and a card. Raises RunError if ``out``
     exists or cannot be written, or there is no run, CheckpointError if the run's checkpoint is damaged."""
     from safetensors.torch import save
-
-    from bricksrl.envs.transforms import prepare, transform_state
 
     refuse_existing(out, RunError)
     folder = RunFolder(run_dir)
@@ -71,23 +66,21 @@ def read_policy(path: Path) -> tuple[TrainConfig, dict[str, Any]]:
     from safetensors import SafetensorError
     from safetensors.torch import load
 
-    try:
-        text = (path / ABOUT).read_bytes()
+    if not is_policy(path):
+        raise CheckpointError(f"there is no policy in {path}; choose {folder_with(path, TENSORS)}")
+    with reading("the policy", path / ABOUT, CheckpointError, "fetch the policy again"):
+        text, data = (path / ABOUT).read_bytes(), (path / TENSORS).read_bytes()
         about = json.loads(text)
-        data = (path / TENSORS).read_bytes()
-    except OSError as error:
-        raise CheckpointError(f"there is no policy in {path} ({error.strerror}); choose {folder_with(path, TENSORS)}") from None
-    except (ValueError, RecursionError):
-        raise CheckpointError(f"{path / ABOUT} is not JSON; fetch the policy again") from None
-    if not isinstance(about, dict) or about.get("bricksrl_policy") != _VERSION or not isinstance(about.get("config"), dict):
+        config, version = dict(about["config"]), about["bricksrl_policy"]
+    if version != _VERSION:
         raise CheckpointError(f"{path / ABOUT} describes no policy of this version of BricksRL; choose another")
-    require_trusted(path / ABOUT, text, about["config"])
+    require_trusted(path / ABOUT, text, config)
     try:
         tensors = load(data)
     except (SafetensorError, ValueError, KeyError, TypeError):
         raise CheckpointError(f"{path / TENSORS} is not a valid safetensors file; fetch the policy again") from None
     try:
-        return TrainConfig.from_dict(about["config"]), tensors
+        return TrainConfig.from_dict(config), tensors
     except RunError as error:
         raise CheckpointError(f"{path / ABOUT} is damaged: {error}") from None
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import torch
 
-from brickhub.files import write_durably
+from brickhub.files import reading, write_durably
 from bricksrl.errors import CheckpointError
 
 MAGIC = b"BricksRL checkpoint 1\n"
@@ -30,10 +30,8 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
 
 def load_checkpoint(path: Path) -> dict[str, Any]:
     """Load a checkpoint. Raises CheckpointError if the file is missing, damaged, or no checkpoint."""
-    try:
+    with reading("the checkpoint", path, CheckpointError, "choose the folder of a run"):
         data = path.read_bytes()
-    except OSError as error:
-        raise CheckpointError(f"cannot read the checkpoint {path} ({error.strerror}); choose the folder of a run") from None
     if not data.startswith(MAGIC):
         raise CheckpointError(f"{path} is not a checkpoint of this version of BricksRL; choose another or train again")
     digest, payload = data[len(MAGIC) : len(MAGIC) + _DIGEST_SIZE], data[len(MAGIC) + _DIGEST_SIZE :]

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from brickhub.cli.options import Flag, option
-from brickhub.fields import LARGEST, check_fields
+from brickhub.fields import Count, Range, check_fields
 from brickhub.seed import check_seed
 from brickhub.user_files import with_absolute_file, without_folder
 from bricksrl.agents import AGENTS, algorithm, preset, with_present_names
@@ -28,19 +28,25 @@ Rule = tuple[Callable[["TrainConfig"], object], str]
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """How to train: device, several robots, evaluations, records."""
+    """How to train: device, several robots, evaluations, records, and what is known beforehand."""
 
-    num_envs: Annotated[int, option(metavar="N")] = 1
+    start: Annotated[str | None, option(name="from", metavar="RUN")] = None
+    """Let the agent of this run go on learning, here or in another world."""
+    base: Annotated[str | None, option(metavar="RUN")] = None
+    """Add what is learned to the actions of a frozen policy: the folder of a run, or scripted for the hand-written controller."""
+    demonstrations: Annotated[str | None, option(metavar="DIR")] = None
+    """Imitate a dataset first, and draw half of each batch from it; of a run its steps, with what its policy does in them."""
+    num_envs: Annotated[Count, option(metavar="N")] = 1
     """Copies to train on in parallel: a simulation runs as one batch, virtual robots in one process each."""
-    robots: Annotated[int, option(metavar="N")] = 1
+    robots: Annotated[Count, option(metavar="N")] = 1
     """Virtual robots that train one agent, each in its process; real ones are named by the hub, such as ble:A,ble:B."""
     device: Annotated[str, option(metavar="NAME")] = "cpu"
     """Device of networks, replay buffer and simulations: cpu, cuda, mps, or auto for the best available."""
     compile: Flag = False
     """Compile loss and gradients into one graph; slow to start, worth it for long runs."""
-    eval_every: Annotated[int, option(metavar="N")] = 0
+    eval_every: Annotated[int, Range(), option(metavar="N")] = 0
     """Evaluate after every N episodes, and keep the best checkpoint; 0 to do neither."""
-    eval_episodes: Annotated[int, option(metavar="N")] = 5
+    eval_episodes: Annotated[Count, option(metavar="N")] = 5
     """Episodes of each of these evaluations."""
     normalize: Flag = False
     """Scale observations by their running mean and deviation, kept with the policy; angles stay sine and cosine."""
@@ -50,7 +56,7 @@ class RunOptions:
     """Record all transitions as a dataset in the run's folder data, unless --no-record is given."""
     log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], option(metavar="NAME")] = "none"
     """Also log to tensorboard, wandb or trackio; metrics.csv is always written."""
-    patience_s: Annotated[float, option(name="patience", metavar="SECONDS")] = 300.0
+    patience_s: Annotated[float, Range(), option(name="patience", metavar="SECONDS")] = 300.0
     """How long to retry when the link to a robot is lost; 0 gives up at once."""
 
 
@@ -62,7 +68,7 @@ class TrainConfig(RunOptions, EnvOptions):
     """Environment id, or your own task, as for `bricksrl.make`."""
     agent: str = "sac"
     """Agent by name (``bricksrl.agents.AGENTS``), or your own algorithm: my_agent.py[:NAME]."""
-    episodes: int = 40
+    episodes: Count = 40
     """Episodes, including those of random actions at the start."""
     seed: int = 0
     """Seed of everything random: networks, exploration, replay, and the virtual robot."""
@@ -72,33 +78,20 @@ class TrainConfig(RunOptions, EnvOptions):
     """Settings of the agent; by default of its preset "default"."""
     data: str | None = None
     """Folder of a dataset, or of a run that recorded one, to learn from without the robot."""
-    updates: int = 0
+    updates: Annotated[int, Range()] = 0
     """Updates from the data, spread over the episodes, which only show what was learned; 0 learns on the robot."""
-    start: str | None = None
-    """Folder of a run whose agent continues here."""
-    base: str | None = None
-    """Frozen policy that the learned actions are added to: the folder of a run, or `SCRIPTED`."""
-    demonstrations: str | None = None
-    """Folder of a dataset, or of a run, that the actor imitates first, unless it has a ``start``, and that is half of each batch.
-    Of a run its recorded steps, with what its policy would have done in them."""
     run_dir: Path | None = None
     """New folder of the run; by default the first free one of ``runs/<env>-<agent>-seed-<seed>`` and the same with -2, -3, ..."""
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        for name, type_ in (
-            ("run_dir", Path),
-            *((name, str) for name in ("data", "start", "base", "demonstrations")),
-        ):  # a string is as good as a path
-            if isinstance(getattr(self, name), Path | str):
-                object.__setattr__(self, name, type_(getattr(self, name)))
+        for name in ("run_dir", "data", "start", "base", "demonstrations"):
+            if isinstance(getattr(self, name), Path | str):  # one is as good as the other
+                object.__setattr__(self, name, (Path if name == "run_dir" else str)(getattr(self, name)))
         super().__post_init__()
         object.__setattr__(self, "physics", self.known_physics)  # stored with the run
         for name in ("env", "agent"):  # the run can then be used in any folder
             object.__setattr__(self, name, with_absolute_file(getattr(self, name)))
-        for name, least in _LEAST.items():
-            if not least <= getattr(self, name) <= LARGEST:
-                raise RunError(f"{name} is {getattr(self, name)}; give {least} or more, and up to {LARGEST:,}")
         if self.asynchronous is None:
             object.__setattr__(self, "asynchronous", self.realtime or self.hub != "virtual")
         for is_wrong, message in _RULES:
@@ -161,8 +154,6 @@ def _are_ambiguous(hubs: tuple[str, ...]) -> bool:
     return len(hubs) > 1 and bool(real) and (len(real) < len(hubs) or any(":" not in hub for hub in real))
 
 
-_LEAST = {"episodes": 1, "num_envs": 1, "robots": 1, "eval_episodes": 1, "eval_every": 0, "updates": 0, "patience_s": 0}
-"""Lower limits."""
 _RULES: tuple[Rule, ...] = (
     (
         lambda run: run.stop_at is not None and not abs(run.stop_at) <= sys.float_info.max,

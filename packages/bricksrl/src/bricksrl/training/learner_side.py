@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from queue import SimpleQueue
 from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -98,7 +98,7 @@ class InLoopLearner:
         """Nothing is pending."""
 
 
-class AsyncLearner:
+class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
     """The robot's side of a learner in another process; leaving the context ends the process. Raises LearnerError if the process
     cannot be started; in all other methods: it failed or died. ``env`` provides specs and task, ``actor`` acts here, on the CPU,
     and the learner continues from the ``state`` of a checkpoint."""
@@ -122,9 +122,6 @@ class AsyncLearner:
             raise LearnerError("the learner's process does not know this environment's transforms; train synchronously")
         own = {name: state[name] for name in ("agent", "pace", "collected", "transforms")}
         self._send("begin", {"config": config.to_dict(), "specs": specs, "layout": layout, "has_task": has_task, "state": own})
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, exc_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """End the process after its pending work; soon, after Ctrl-C or an unexpected error."""

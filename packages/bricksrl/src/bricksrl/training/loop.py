@@ -102,7 +102,10 @@ class Loop:
             result = RunResult(folder.path, tuple(self.episodes), not self._is_over(), updates_per_step, caught_up)
             self.callback.on_end(result)
         finally:
-            self._close_recorder()
+            if self._recorder is not None:
+                with self._recorder:
+                    for playing in self.source.playing.values():
+                        self._record(playing, success=None, whole=False)
         return result
 
     def _collect(self) -> None:
@@ -184,13 +187,6 @@ class Loop:
         """Write an episode into the dataset."""
         if self._recorder is not None and playing.about is not None:
             self._recorder.write(playing.steps, replace(playing.about, success=success, whole=whole))
-
-    def _close_recorder(self) -> None:
-        """Record the incomplete episodes, and release the dataset."""
-        if self._recorder is not None:
-            with self._recorder:
-                for playing in self.source.playing.values():
-                    self._record(playing, success=None, whole=False)
 
     def _evaluated(self, episode: Episode) -> Episode:
         """The episode with the mean return of an evaluation, unless its link broke. Saves the best checkpoint."""

@@ -1,30 +1,38 @@
 """Learners of runs: new, restored, begun from another run or with a teacher; and their repeatable conditions."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal
 
-from brickhub.fields import check_fields
+import torch
+from tensordict import TensorDict
+from torchrl.envs import EnvBase
+
+from brickhub.fields import check_fields, check_value
 from brickhub.files import quoted
 from brickhub.seed import derive_seed
 from bricksrl.agents import make_learner, with_present_names
+from bricksrl.agents.bc import recorded_memory
+from bricksrl.agents.compiled import compile_updates
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.networks import action_size
+from bricksrl.agents.replay.buffer import TransitionReplayBuffer
+from bricksrl.agents.teachers import Base, Scripted, add_base, imitate, restore
+from bricksrl.data import Episodes, describe, load
+from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.registry import make
+from bricksrl.envs.simulation import resolve_device
+from bricksrl.envs.specs import given_specs, observed_specs
+from bricksrl.envs.tasks.scripted import CONTROLLERS
+from bricksrl.envs.transforms import base_of, keeps_vectors, layout_of, load_transform_state, prepare, through, transform_state
 from bricksrl.errors import BricksError, CheckpointError, DataError, DescriptionError, DivergedError, RunError
 from bricksrl.training.callbacks import Episode
+from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.config import SCRIPTED, TrainConfig, portable
 from bricksrl.training.run_folder import RunFolder
-
-if TYPE_CHECKING:
-    from tensordict import TensorDict
-    from torchrl.envs import EnvBase
-
-    from bricksrl.agents.learner import Learner
-    from bricksrl.agents.teachers import Base
-    from bricksrl.data import Episodes
 
 Which = Literal["last", "best"]
 """The last checkpoint of a run, or that of its best evaluation."""
@@ -41,8 +49,6 @@ class Trained:
 def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") -> Trained:
     """The learner of a run, on the CPU, for ``env``. Raises RunError if there is no run in the folder, CheckpointError if it is
     damaged, or the observation or action of ``env`` differs, DivergedError if its weights are not finite."""
-    from bricksrl.agents.teachers import restore
-
     folder = RunFolder(run_dir)
     config = folder.read_config()
     state = load_state(folder, config, env, which=which, frozen=True)
@@ -72,10 +78,6 @@ def one_robot(config: TrainConfig) -> TrainConfig:
 
 def stand_in(config: TrainConfig) -> EnvBase:
     """The environment of the config with a virtual robot that nobody uses: its specs, and its transforms with what they draw."""
-    from bricksrl.envs.options import EnvOptions
-    from bricksrl.envs.registry import make
-    from bricksrl.envs.transforms import prepare
-
     env = make(config.env, EnvOptions(options=config.options, **config.transforms), seed=config.seed)
     prepare(env)
     env.close(raise_if_closed=False)
@@ -84,8 +86,6 @@ def stand_in(config: TrainConfig) -> EnvBase:
 
 def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = None) -> Learner:
     """A new learner from a config, for ``env``. Raises RunError without enough memory, device or compiler."""
-    from bricksrl.envs.simulation import resolve_device
-
     device = str(resolve_device(config.device)) if device is None else device
     try:
         learner = make_learner(config.agent, env, config.settings, device)
@@ -94,21 +94,14 @@ def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = Non
             raise
         raise RunError(f"there is not enough memory for the agent {config.agent}; give it smaller networks or memory") from None
     if config.compile:
-        from bricksrl.agents.compiled import compile_updates
-
         compile_updates(learner)
     if config.base is not None:
-        from bricksrl.agents.teachers import add_base
-
         add_base(learner, base_for(config, env))
     return learner
 
 
 def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     """Values that must be equal in a checkpoint and its run."""
-    from bricksrl.agents.networks import action_size
-    from bricksrl.envs.transforms import layout_of
-
     data, layout = config.to_dict(), asdict(layout_of(env))
     run = {key: data[key] for key in ("env", "agent", "seed", "settings")}
     del layout["names"]  # for messages
@@ -117,10 +110,6 @@ def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
 
 def run_state(env: EnvBase, identity: dict[str, Any], episodes: list[Episode], best: float | None = None) -> dict[str, Any]:
     """State of a run in a checkpoint, without its agent."""
-    import torch
-
-    from bricksrl.envs.transforms import transform_state
-
     state = {"identity": identity, "episodes": [episode.to_dict() for episode in episodes], "best": best}
     return {**state, "generator": torch.get_rng_state(), "transforms": transform_state(env)}
 
@@ -130,11 +119,7 @@ def load_state(
 ) -> dict[str, Any]:
     """A verified checkpoint of a run; what its transforms have kept, those of ``env`` get, ``frozen`` or to run on. Raises
     CheckpointError if it is damaged, missing, or of another run or environment."""
-    from bricksrl.envs.transforms import load_transform_state, prepare
-    from bricksrl.training.checkpoint import load_checkpoint
-
-    if which not in get_args(Which):
-        raise RunError(f"there is no checkpoint '{which}'; choose {' or '.join(get_args(Which))}")
+    check_value("which", which, Which)
     if which == "best" and not folder.best_path.exists():
         raise CheckpointError(f"the run in {folder.path} has no best checkpoint; train with evaluations, or take the last one")
     path = folder.checkpoint_path if which == "last" else folder.best_path
@@ -172,8 +157,6 @@ def _differences(saved: Any, identity: dict[str, Any], config: TrainConfig) -> s
 
 def _check_state(state: dict[str, Any]) -> None:
     """Raise any error unless the state is complete; the learner checks its own part."""
-    import torch
-
     for episode in map(Episode.from_dict, state["episodes"]):
         check_fields(Episode, vars(episode))
         for value in (*episode.measures.values(), episode.updates_per_step or 0.0, episode.evaluation or 0.0):
@@ -196,8 +179,6 @@ def _check_state(state: dict[str, Any]) -> None:
 def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
     """The dataset in a folder, or of a run, for an agent in ``env``; of a run that learned from data, that one. Raises DataError
     if it cannot be used there."""
-    from bricksrl.data import describe, load
-
     folder = RunFolder(path)
     if folder.config_path.exists():
         path = folder.read_config().data or path
@@ -215,11 +196,6 @@ def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
 def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> TensorDict | None:
     """Give a learner the config's data or demonstrations, and return their frames ``[time]``; also needed when a run resumes.
     Raises DataError if they cannot be used, RunError if the agent cannot use a dataset, or needs one."""
-    from bricksrl.agents.bc import recorded_memory
-    from bricksrl.agents.replay.buffer import TransitionReplayBuffer
-    from bricksrl.envs.specs import given_specs
-    from bricksrl.envs.transforms import base_of, layout_of, through
-
     if learner.imitates and config.dataset is None:
         raise RunError(f"{config.agent} needs demonstrations; give their folder, or use `bricksrl train-offline`")
     if config.dataset is None:
@@ -264,9 +240,6 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase, frames: Tens
     """Let a new learner go on from the config's ``start`` run, or imitate its demonstrations, whose ``frames`` are given; those
     of a run with what its policy would have done. Raises RunError if there is no such run or the agent cannot be taught,
     CheckpointError if they do not fit."""
-    from bricksrl.agents.teachers import imitate, restore
-    from bricksrl.envs.transforms import load_transform_state
-
     if config.start is not None:
         folder = RunFolder(config.start)
         old_config = folder.read_config()
@@ -293,11 +266,6 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase, frames: Tens
 def base_for(config: TrainConfig, env: EnvBase) -> Base:
     """The frozen policy of the config's ``base``: a run's, or the hand-written controller of its environment. Raises RunError if
     there is none, or it has a memory, CheckpointError if it does not fit the environment."""
-    from bricksrl.agents.teachers import Base, Scripted
-    from bricksrl.envs.specs import observed_specs
-    from bricksrl.envs.tasks.scripted import CONTROLLERS
-    from bricksrl.envs.transforms import keeps_vectors
-
     if config.base == SCRIPTED:
         if config.env not in CONTROLLERS:
             raise RunError(f"{config.env} has no hand-written controller; give the folder of a run as base")
@@ -314,8 +282,6 @@ def base_for(config: TrainConfig, env: EnvBase) -> Base:
 def reproducible(seed: int) -> Iterator[None]:
     """One thread and a seeded global generator inside; both are restored afterwards. Also silences TorchRL's log. Sums over
     several threads are rounded differently for each number of cores; small networks hardly gain from threads."""
-    import torch
-
     threads = torch.get_num_threads()
     logger = logging.getLogger("torchrl")
     level = logger.level

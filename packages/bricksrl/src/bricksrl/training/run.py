@@ -1,29 +1,41 @@
 """`train` and `resume`: runs from a config to files."""
 
-from __future__ import annotations
-
 import threading
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import torch
+from torchrl.envs import EnvBase
 
 from brickhub.files import only_writer, remove_unfinished
-from brickhub.user_files import is_reference, line_of_user
-from bricksrl.errors import BricksError, DescriptionError, RunError, counted, message_of
+from brickhub.seed import derive_seed
+from brickhub.user_files import calling, is_reference
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.teachers import restore
+from bricksrl.envs.connection import Placement
+from bricksrl.envs.registry import make_env
+from bricksrl.envs.rollout import Driver
+from bricksrl.envs.transforms import load_transform_state, with_unit_actions
+from bricksrl.errors import DescriptionError, RunError, counted
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.restore import attach_dataset, identity_of, load_state, make_learner_for, run_state, warm_start
+from bricksrl.training.fleet.fleet_robots import make_fleet
+from bricksrl.training.learner_side import AsyncLearner, InLoopLearner, LearnerSide
+from bricksrl.training.loggers import Tracking
+from bricksrl.training.loop import Loop
+from bricksrl.training.restore import (
+    attach_dataset,
+    identity_of,
+    load_state,
+    make_learner_for,
+    reproducible,
+    run_state,
+    warm_start,
+)
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.signals import StopSignals
-
-if TYPE_CHECKING:
-    from torchrl.envs import EnvBase
-
-    from bricksrl.agents.learner import Learner
-    from bricksrl.envs.connection import Placement
-    from bricksrl.envs.rollout import Driver
-    from bricksrl.training.learner_side import LearnerSide
 
 
 def train(
@@ -103,40 +115,27 @@ def _run(
         raise RunError("a fleet takes no env and no driver; omit them")
     if env is not None and env.batch_size and not {"episode_reward", "step_count"} <= set(env.full_observation_spec.keys()):
         raise RunError("copies of your own need TorchRL's RewardSum and StepCounter; add them, or omit env and give num_envs")
-    from brickhub.seed import derive_seed
-    from bricksrl.envs.transforms import with_unit_actions
-    from bricksrl.training.restore import reproducible
-
     callback = callback or Callback()
     if config.log != "none":
-        from bricksrl.training.loggers import Tracking
-
         callback = CallbackList(callback, Tracking(config.log))
     with ExitStack() as stack:
         if env is None:
-            env = _make_env(config, place)
+            if len(config.hubs) > 1:
+                env = make_fleet(config, place if config.hub != "virtual" else None)
+            else:
+                env = make_env(config.env, config.robot, config.num_envs, seed=config.seed, device=config.device, place=place)
             stack.callback(env.close, raise_if_closed=False)
         else:
             env = with_unit_actions(env)
         stack.enter_context(reproducible(derive_seed(config.seed, "agent")))
         signals = stack.enter_context(StopSignals(stop or threading.Event()))
-        try:
+        with calling(config.agent, "fails", is_of_user=is_reference(config.agent)):
             return _run_in(env, config, folder, callback, signals, driver)
-        except Exception as error:
-            if isinstance(error, BricksError) or not is_reference(config.agent):
-                raise
-            what = f"{message_of(error, typed=True)}{line_of_user(error)}"
-            raise DescriptionError(f"{config.agent} fails ({what}); correct it") from error
 
 
 def _run_in(
     env: EnvBase, config: TrainConfig, folder: RunFolder | None, callback: Callback, signals: StopSignals, driver: Driver | None
 ) -> RunResult:
-    import torch
-
-    from bricksrl.envs.transforms import load_transform_state
-    from bricksrl.training.loop import Loop
-
     state = {} if folder is None else load_state(folder, config, env)
     learner = make_learner_for(config, env)
     if len(config.hubs) > 1 and learner.on_policy:
@@ -172,9 +171,6 @@ def _learning(
     stack: ExitStack, config: TrainConfig, env: EnvBase, learner: Learner, state: dict[str, Any], signals: StopSignals
 ) -> LearnerSide:
     """The learner from a checkpoint's state, here or in another process until the end of the ``stack``."""
-    from bricksrl.agents.teachers import restore
-    from bricksrl.training.learner_side import AsyncLearner, InLoopLearner
-
     if not config.asynchronous or learner.loss is None or config.updates:
         restore(learner, state["agent"])
         learner.act_on(env.device)
@@ -183,12 +179,3 @@ def _learning(
     with signals.at_once():
         side.wait_until_ready()
     return side
-
-
-def _make_env(config: TrainConfig, place: Placement | None) -> EnvBase:
-    from bricksrl.envs.registry import make_env
-    from bricksrl.training.fleet.fleet_robots import make_fleet
-
-    if len(config.hubs) > 1:
-        return make_fleet(config, place if config.hub != "virtual" else None)
-    return make_env(config.env, config.robot, config.num_envs, seed=config.seed, device=config.device, place=place)

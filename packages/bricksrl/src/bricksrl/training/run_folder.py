@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from brickhub import HOUSES
 from brickhub.fields import check_value
-from brickhub.files import atomic_folder, folder_with, write_durably
+from brickhub.files import atomic_folder, folder_with, reading, write_durably
 from brickhub.user_files import without_folder
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.reference_returns import reference_lines
@@ -85,17 +85,16 @@ class RunFolder:
 
     def read_config(self) -> TrainConfig:
         """Read the config. Raises RunError if there is no run, its config is invalid, or it names code from another computer."""
-        try:
+        if not self.config_path.exists():
+            raise RunError(f"there is no run in {self.path}; choose {folder_with(self.path, 'config.json')}")
+        with reading("the config", self.config_path, RunError, "restore the file or start a new run"):
             text = self.config_path.read_bytes()
             data = json.loads(text)
-        except OSError:
-            raise RunError(f"there is no run in {self.path}; choose {folder_with(self.path, 'config.json')}") from None
-        except (ValueError, RecursionError):
-            raise RunError(f"{self.config_path} is not JSON; restore the file or start a new run") from None
-        if not isinstance(data, dict) or data.get("bricksrl_run") != 1 or not isinstance(data.get("config"), dict):
-            raise RunError(f"{self.config_path} is not the config of a run; choose the folder of a run")
-        require_trusted(self.config_path, text, data["config"])
-        return TrainConfig.from_dict(data["config"], run_dir=self.path)
+            config, version = dict(data["config"]), data["bricksrl_run"]
+        if version != 1:
+            raise RunError(f"{self.config_path} is of another version of BricksRL; start a new run")
+        require_trusted(self.config_path, text, config)
+        return TrainConfig.from_dict(config, run_dir=self.path)
 
     def origin(self) -> Origin:
         """What the run was about. Raises the errors of `read_config`."""
@@ -136,13 +135,9 @@ class RunFolder:
 
     def read_episodes(self) -> tuple[Episode, ...]:
         """Read the metrics, without a last row that a crash has cut. Raises RunError if they are missing or invalid."""
-        try:
+        with reading("the metrics", self.metrics_path, RunError, "restore the file or start a new run"):
             whole_lines, _, _ = self.metrics_path.read_text().rpartition("\n")
             return tuple(map(_episode, csv.DictReader(whole_lines.splitlines())))
-        except OSError as error:
-            raise RunError(f"cannot read {self.metrics_path} ({error.strerror}); restore the file or start a new run") from None
-        except (KeyError, ValueError, TypeError):
-            raise RunError(f"{self.metrics_path} has an invalid row; restore the file or start a new run") from None
 
     def write_episodes(self, episodes: Sequence[Episode]) -> None:
         """Replace the metrics, which after a crash may be ahead of the checkpoint."""

@@ -3,36 +3,30 @@
 A source yields each step that was made, and each episode that has ended; while it waits, the run learns.
 """
 
-from __future__ import annotations
-
 import math
 import time
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
+from torch import Tensor
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType
 from torchrl.modules import RandomPolicy
 
+from bricksrl.data import About, Step
 from bricksrl.data.collect import about, step_of
+from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import Driver, Rollout, longest_of, play, seed_episode
 from bricksrl.errors import RunError
 from bricksrl.training.callbacks import Callback, Episode, Phase
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
-    from bricksrl.agents.learner import Learner
-    from bricksrl.data import About, Step
-    from bricksrl.envs.connection import Reconnect
-    from bricksrl.training.learner_side import LearnerSide
-    from bricksrl.training.signals import StopSignals
+from bricksrl.training.learner_side import LearnerSide
+from bricksrl.training.signals import StopSignals
 
 
 @dataclass
@@ -112,11 +106,6 @@ class Source(ABC):
 
     _begun: tuple[Playing, TensorDictBase] | None = None
 
-    @property
-    def actor(self) -> Learner:
-        """The acting agent."""
-        return self.learner.actor
-
     def start(self) -> None:
         """Reach a robot and place it for its first episode. Raises HubError if there is none."""
         self._begun = self._begin()
@@ -155,14 +144,14 @@ class OneRobot(Source):
         self.playing[0], phase = playing, playing.phase
         if self.is_recorded:
             playing.about = about(self.env, playing.policy, seed=playing.seed, hub=self.hub)
-        rollout, random = Rollout(), RandomPolicy(self.env.action_spec)
-        policy = {Phase.PREFILL: random, Phase.TRAIN: self.actor.explore, Phase.OFFLINE: self.actor.exploit}[phase]
+        rollout, random, actor = Rollout(), RandomPolicy(self.env.action_spec), self.learner.actor
+        policy = {Phase.PREFILL: random, Phase.TRAIN: actor.explore, Phase.OFFLINE: actor.exploit}[phase]
         is_cut = False
-        for frame in play(self.env, policy, start, driver=self.driver, reset_policy=self.actor.reset_policy):
+        for frame in play(self.env, policy, start, driver=self.driver, reset_policy=actor.reset_policy):
             own = rollout.add(frame, self.env)
             playing.length = len(rollout.rewards)
             by_hand = bool(frame.get("intervention", False))
-            if by_hand and self.actor.on_policy:
+            if by_hand and actor.on_policy:
                 raise RunError("this agent learns from its own actions only; let it drive, or take an off-policy one such as sac")
             if self.is_recorded and not rollout.is_lost:
                 playing.steps += [step_of(step, self.env) for step in own]
@@ -186,8 +175,8 @@ class Copies(Source):
 
     def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
         ended, lengths, returns = (torch.zeros((), device=self.env.device) for _ in range(3))
-        policy = RandomPolicy(self.env.action_spec) if playing.phase is Phase.PREFILL else self.actor.acting
-        for frames in collect_round(self.env, policy, longest_of(self.env), self.actor.frames_per_batch):
+        policy = RandomPolicy(self.env.action_spec) if playing.phase is Phase.PREFILL else self.learner.actor.acting
+        for frames in collect_round(self.env, policy, longest_of(self.env), self.learner.actor.frames_per_batch):
             playing.length += frames.shape[-1]
             yield Moved(playing, frames, frames)
             after = frames["next"]

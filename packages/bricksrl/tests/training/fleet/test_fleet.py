@@ -22,7 +22,7 @@ from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.agents.sac import SACSettings
 from bricksrl.data import load
 from bricksrl.data.dataset import read_dataset
-from bricksrl.errors import HubError, RunError, UnknownNameError
+from bricksrl.errors import DescriptionError, HubError, RunError, UnknownNameError
 from bricksrl.training import Callback, Episode, Phase, Progress, RobotState, RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.fleet import fleet_robots as robots
@@ -392,12 +392,13 @@ def test_error_of_a_users_task_ends_the_run(tmp_path: Path) -> None:
         ({"hub": "ble,ble:A", "robots": 1}, "give each robot a name"),
         ({"eval_every": 2}, "does not support num_envs"),
         ({"num_envs": 2}, "does not support num_envs"),
-        ({"robots": 0}, "give 1 or more"),
     ],
 )
 def test_invalid_fleet_raises(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     with pytest.raises(RunError, match=message):
         config(tmp_path / "run", **changes)
+    with pytest.raises(DescriptionError, match="robots is 0; give 1 or more"):
+        config(tmp_path / "run", robots=0)
 
 
 def test_real_robots_are_named_by_hub(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import torch
@@ -13,13 +14,13 @@ from bricksrl.envs.arenas import make_arena
 from bricksrl.envs.arenas.arena_task import ArenaState
 from bricksrl.envs.arenas.carry import CARRY
 from bricksrl.errors import CheckpointError, DescriptionError, RunError
-from bricksrl.training.teams.groups import TEAM_AGENTS, SACGroup, TeamSettings, alternating
+from bricksrl.training.teams.groups import SACGroup, TeamAgent, TeamSettings, alternating
 from bricksrl.training.teams.team import TeamConfig, TeamProgress, _learn, _new_team, load_team, play_team, train_team
 
 SMALL = TeamSettings(hidden=(16,), steps=8, passes=2, updates_per_step=0.5)
 
 
-@pytest.mark.parametrize("agent", TEAM_AGENTS)
+@pytest.mark.parametrize("agent", get_args(TeamAgent))
 def test_team_training_is_reproducible_and_saved(tmp_path: Path, agent: str) -> None:
     config = TeamConfig("Tag-v0", {"catcher": agent, "runner": agent}, frames=256, copies=8, seed=4)
     told: list[TeamProgress] = []
@@ -90,7 +91,7 @@ def test_invalid_team_raises(tmp_path: Path) -> None:
         train_team(TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "hide"}, frames=8, copies=1), SMALL)
     with pytest.raises(DescriptionError, match="no group 'cat'"):
         train_team(TeamConfig("Tag-v0", {"cat": "ippo"}, frames=8, copies=1), SMALL)
-    with pytest.raises(DescriptionError, match="no agent 'dqn'"):
+    with pytest.raises(DescriptionError, match="agent is 'dqn'; choose mappo, ippo or sac"):
         train_team(TeamConfig("Tag-v0", {"catcher": "dqn"}, {"runner": "flee"}, frames=8, copies=1), SMALL)
     (tmp_path / "team.bin").write_bytes(b"nothing")
     with pytest.raises(CheckpointError):

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, option
+from brickhub.cli.options import Flag, Seed, option
 from brickhub.cli.terminal import confirm, print_line, print_note
 from brickhub.errors import TwinError, counted
+from brickhub.fields import Count
 from brickhub.files import check_writable
-from brickhub.seed import check_seed
 from brickhub.target import find, whole_interface
 from bricktwin import robots
 from bricktwin.twin.physics import FITTED, PARAMETERS, Physics, read_physics, write_physics
@@ -52,9 +52,9 @@ class RecordMotion:
     """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT."""
     yes: Flag = False
     """Let a real robot move without asking."""
-    steps: Annotated[int, option(metavar="N")] = 160
+    steps: Annotated[Count, option(metavar="N")] = 160
     """Commands, at some 13 per second."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of the commands."""
     physics: Annotated[Path | None, option(metavar="FILE")] = None
     """Physics of a virtual robot: a JSON file such as `bricktwin twin fit` writes."""
@@ -64,9 +64,6 @@ class RecordMotion:
 
         from bricktwin.twin.motion_log import identification_commands, record, write_log
 
-        if self.steps < 1:
-            raise TwinError(f"steps is {self.steps}; give at least 1")
-        check_seed(self.seed)
         check_writable(self.out)
         target = find(self.robot)
         robot, scene = target.robot, target.scene
@@ -123,7 +120,7 @@ class Measure:
     """Folder to write log.jsonl, report.html and physics.json to."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """How to reach the robot, as for `bricktwin twin record`."""
-    seed: Annotated[int, option(metavar="N")] = 0
+    seed: Seed = 0
     """Seed of a virtual robot's noise and hands."""
     physics: Annotated[Path | None, option(metavar="FILE")] = None
     """Physics of a virtual robot: a JSON file such as `bricktwin twin fit` writes."""
@@ -133,7 +130,6 @@ class Measure:
         from bricktwin.measure.results import compare
         from bricktwin.measure.session import measure, write_log
 
-        check_seed(self.seed)
         robot = find(self.robot).robot
         check_writable(self.out / "log.jsonl")
         transport, person = self._link_to(robot)

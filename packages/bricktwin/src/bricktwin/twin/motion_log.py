@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from brickhub.errors import DescriptionError, TwinError
 from brickhub.fields import check_fields
-from brickhub.files import write_durably
+from brickhub.files import reading, write_durably
 from brickhub.hub.interface import Channel, Command, Interface, UntilDone, Wait
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import Robot
@@ -177,13 +177,6 @@ def read_lines(path: Path, make: Callable[[dict[str, Any], list[dict[str, Any]]]
         make: may raise what the content of another file causes, and DescriptionError with what is wrong with it.
         writer: the command that writes such files.
     """
-    try:
+    with reading("the log", path, TwinError, f"give a file that `{writer}` wrote"):
         header, *lines = [json.loads(line) for line in path.read_bytes().splitlines() if line]
         return make(header, lines)
-    except OSError as error:
-        reason = error.strerror
-    except DescriptionError as error:
-        reason = str(error)
-    except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
-        reason = "it is another file, or damaged"
-    raise TwinError(f"cannot read the log {path} ({reason}); give a file that `{writer}` wrote")

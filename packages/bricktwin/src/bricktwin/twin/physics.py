@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brickhub.errors import TwinError
-from brickhub.files import write_durably
+from brickhub.files import reading, write_durably
 from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES, LinkProfile
 
 if TYPE_CHECKING:
@@ -202,15 +202,8 @@ class Physics:
 def read_physics(path: Path) -> Physics:
     """Read the parameters from a JSON file such as ``bricktwin twin fit`` writes. Raises TwinError if the file cannot be read, or
     its content is invalid."""
-    try:
-        data = json.loads(path.read_bytes())
-    except OSError as error:
-        raise TwinError(
-            f"cannot read the physics in {path} ({error.strerror}); give a JSON file that `bricktwin twin fit` wrote"
-        ) from None
-    except (ValueError, RecursionError):
-        raise TwinError(f"{path} is not JSON; give a file that `bricktwin twin fit` wrote") from None
-    return Physics.from_dict(data)
+    with reading("the physics in", path, TwinError, "give a JSON file that `bricktwin twin fit` wrote"):
+        return Physics.from_dict(json.loads(path.read_bytes()))
 
 
 def write_physics(path: Path, physics: Physics) -> None:

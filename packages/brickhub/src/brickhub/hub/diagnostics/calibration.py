@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from brickhub.errors import BricksError, DescriptionError
-from brickhub.files import write_durably
+from brickhub.files import reading, write_durably
 from brickhub.hub.transport import Transport
 from brickhub.robot import Direction, Motor, Robot
 
@@ -76,14 +76,12 @@ def calibration_folder() -> Path:
 def load_calibration(hub: str, robot: Robot, folder: Path | None = None) -> Calibration:
     """Saved calibration of the robot on this hub; an empty one if there is none. Raises CalibrationError if it is invalid."""
     path = _path(hub, robot, folder)
-    try:
+    if not path.exists():
+        return Calibration()
+    with reading("the calibration in", path, CalibrationError, "delete the file and calibrate again"):
         data = json.loads(path.read_bytes())
         zeros = {str(name): int(zero) for name, zero in data["zeros_deg"].items()}
         return Calibration(zeros, frozenset(map(str, data["reversed"])))
-    except FileNotFoundError:
-        return Calibration()
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        raise CalibrationError(f"cannot read the calibration in {path}; delete the file and calibrate again") from None
 
 
 def hub_id(transport: Transport) -> str:

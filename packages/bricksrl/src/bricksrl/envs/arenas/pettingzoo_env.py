@@ -12,17 +12,15 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 
 from bricksrl.envs.arenas import make_arena
-from bricksrl.errors import RunError, UnknownOptionError, hint
+from bricksrl.errors import RunError, UnknownOptionError, hint, installed
 
 if TYPE_CHECKING:
     from bricksrl.envs.arenas.arena_env import ArenaEnv
     from bricksrl.envs.arenas.arena_task import ArenaTask
     from bricktwin.twin.render.opengl import Renderer
 
-try:
+with installed("PettingZoo", RunError, "'bricksrl[arenas]'"):
     from pettingzoo import ParallelEnv
-except ImportError:
-    raise RunError("PettingZoo is not installed; run `pip install 'bricksrl[arenas]'`") from None
 
 Array = NDArray[np.float32]
 _SIZE_PX = (480, 360)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from bricksrl.envs.vision.frames import Frame, Place, RedWindow, distances_px, find_red, shrink
-from bricksrl.errors import CameraError, DescriptionError, RenderingUnavailableError
+from bricksrl.errors import CameraError, DescriptionError, RenderingUnavailableError, installed
 
 if TYPE_CHECKING:
     from brickhub.virtual.body import Body
@@ -140,10 +140,8 @@ class VideoCamera:
         size."""
         view = self._view
         if self._capture is None:
-            try:
+            with installed("OpenCV", CameraError, "'bricksrl[vision]'"):
                 import cv2
-            except ImportError as error:
-                raise CameraError("no OpenCV is here to read cameras with; install it: pip install 'bricksrl[vision]'") from error
             level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # of a missing camera our own message tells
             self._capture = cv2.VideoCapture(view.device)
             cv2.utils.logging.setLogLevel(level)

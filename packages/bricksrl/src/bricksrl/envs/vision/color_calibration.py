@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from brickhub.files import write_durably
+from brickhub.files import reading, write_durably
 from brickhub.hub.diagnostics.calibration import calibration_folder
 from bricksrl.envs.vision.frames import Frame, Place, RedWindow
-from bricksrl.errors import BricksError, CameraError
+from bricksrl.errors import CameraError
 
 _AROUND_RED_DEG = 60.0
 _LEAST_CHROMA = 0.12  # saturation times value; below it the hue is unreliable
@@ -133,15 +133,10 @@ def write_red(path: Path, window: RedWindow) -> None:
 
 def read_red(path: Path) -> RedWindow:
     """Read the window that `write_red` wrote. Raises CameraError if the file is missing or invalid."""
-    try:
+    with reading("the calibration", path, CameraError, "make one with `bricksrl camera calibrate`"):
         data: dict[str, Any] = json.loads(path.read_bytes())["red"]
         low, high = map(float, data["hue_deg"])
         return RedWindow((low, high), float(data["saturation"]), float(data["value"]), int(data["area_px"]))
-    except OSError as error:
-        reason = error.strerror
-    except (ValueError, TypeError, KeyError, BricksError, RecursionError):
-        reason = "it is not a calibration"
-    raise CameraError(f"cannot read the calibration {path} ({reason}); make one with `bricksrl camera calibrate`")
 
 
 def saved_red(device: int | str) -> RedWindow | None:

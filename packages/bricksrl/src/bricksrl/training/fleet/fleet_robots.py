@@ -3,29 +3,29 @@
 Each process runs assigned episodes and sends each frame. Robots with a lost link reconnect; ended processes are restarted.
 """
 
-from __future__ import annotations
-
 import contextlib
 import threading
 import time
 from dataclasses import dataclass, field, replace
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+from torch import Tensor
+from torchrl.envs import EnvBase
+
+from brickhub.hub.transports.address import parse_hub
 from brickhub.seed import derive_seed
 from bricksrl.child_process import ChildProcess, Message
+from bricksrl.envs.connection import Placement
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.registry import is_simulation
 from bricksrl.envs.specs import SPECS, SpecsEnv
+from bricksrl.envs.transforms import base_of, layout_of, over, runs_on
 from bricksrl.errors import LearnerError, RunError
 from bricksrl.training.callbacks import RobotState
+from bricksrl.training.config import TrainConfig
 from bricksrl.training.restore import stand_in
-
-if TYPE_CHECKING:
-    from torch import Tensor
-    from torchrl.envs import EnvBase
-
-    from bricksrl.envs.connection import Placement
-    from bricksrl.training.config import TrainConfig
 
 _END_TIMEOUT_S = 10.0
 _RESTART_S = 2.0
@@ -80,10 +80,6 @@ def make_fleet(config: TrainConfig, place: Placement | None = None) -> EnvBase:
     """The robots of a config, behind its transforms: what these draw, such as statistics, is drawn once, on a virtual robot.
     ``place``: as of `Fleet`. Raises RunError if robots of this kind, or with these transforms, cannot learn together,
     UnknownNameError if there is no such environment or hub."""
-    from brickhub.hub.transports.address import parse_hub
-    from bricksrl.envs.registry import is_simulation
-    from bricksrl.envs.transforms import layout_of, over, runs_on
-
     if is_simulation(config.env):
         raise RunError(f"{config.env} is a simulation without a robot; train copies of it with num_envs")
     for hub in config.hubs:
@@ -110,8 +106,6 @@ class Fleet(SpecsEnv):
     """
 
     def __init__(self, config: TrainConfig, env: EnvBase, place: Placement | None = None) -> None:
-        from bricksrl.envs.transforms import base_of
-
         super().__init__({name: getattr(base_of(env), name).clone() for name in SPECS}, interface_of(env).task)
         self.config, self.members, self.kept = config, members_of(config), dict[str, Any]()
         self.robots = len(self.members)
@@ -216,8 +210,6 @@ class Fleet(SpecsEnv):
     def _place_robot(self, member: Member) -> None:
         """Have a robot placed, one after the other, by one person."""
         assert self._place is not None  # noqa: S101  its process asks only then
-        import numpy as np
-
         try:
             with self._placing:
                 self._place(np.random.default_rng())

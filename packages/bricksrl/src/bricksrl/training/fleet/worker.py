@@ -4,29 +4,29 @@ It has the robot's link, environment and a copy of the policy, runs the assigned
 robot is retried until the run ends.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+import torch
+from torchrl.envs import EnvBase
+from torchrl.modules import RandomPolicy
 
 from brickhub.user_files import line_of_user
+from bricksrl.agents.learner import Learner
 from bricksrl.child_process import END, Message, leave, parent_channel
+from bricksrl.data.collect import about, step_of
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.registry import make
+from bricksrl.envs.rollout import Rollout, play
 from bricksrl.envs.transforms import load_transform_state, over
 from bricksrl.errors import StoppedError, message_of
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.restore import make_learner_for, stand_in
-
-if TYPE_CHECKING:
-    import numpy as np
-    from torchrl.envs import EnvBase
-
-    from bricksrl.agents.learner import Learner
 
 
 class _FleetEnded(BaseException):
@@ -84,8 +84,6 @@ class Worker:
             self.send("failed", (type(error).__name__, message_of(error, 500) + line_of_user(error)))
 
     def _prepare(self, begin: dict[str, Any]) -> tuple[EnvBase, Learner]:
-        import torch
-
         torch.set_num_threads(1)
         config = TrainConfig.from_dict(begin["config"])
         torch.manual_seed(begin["seed"])
@@ -102,11 +100,6 @@ class Worker:
 
     def _episode(self, env: Any, actor: Learner, begin: dict[str, Any], order: dict[str, Any]) -> None:
         """One episode; ends early if the link breaks."""
-        from torchrl.modules import RandomPolicy
-
-        from bricksrl.data.collect import about, step_of
-        from bricksrl.envs.rollout import Rollout, play
-
         rollout, is_random = Rollout(), order["is_random"]
         env.set_seed(order["seed"])
         state = env.reset()

@@ -7,7 +7,7 @@ use TorchRL's losses. Independent SAC learns from each robot's transitions separ
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Annotated, Any, Literal
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -18,12 +18,12 @@ from torchrl.envs import EnvBase
 from torchrl.modules import MultiAgentMLP, ProbabilisticActor, TanhNormal
 from torchrl.objectives import IPPOLoss, MAPPOLoss
 
+from brickhub.fields import Count, Range, check_fields, check_value
 from bricksrl.agents.learner import Learner
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import DescriptionError
 
 TeamAgent = Literal["mappo", "ippo", "sac"]
-TEAM_AGENTS: tuple[TeamAgent, ...] = ("mappo", "ippo", "sac")
 
 _PPO_BATCH, _SAC_BATCH = 4096, 256
 
@@ -39,30 +39,17 @@ class TeamSettings:
     clip_epsilon: float = 0.2
     entropy_coeff: float = 0.003
     max_grad_norm: float = 0.5
-    steps: int = 32
+    steps: Count = 32
     """Steps of each copy between updates."""
-    passes: int = 6
+    passes: Count = 6
     """Of MAPPO and IPPO, as the four settings before ``steps``."""
-    batch_size: int | None = None
+    batch_size: Annotated[int | None, Range(1)] = None
     """Transitions of an update; by default 4096, for independent SAC 256."""
     updates_per_step: float = 1.0
     """Updates of independent SAC per step of all copies."""
 
     def __post_init__(self) -> None:
-        for name in ("steps", "passes", "batch_size"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                raise DescriptionError(f"{name} is {value}; give 1 or more")
-
-
-class GroupLearner(Protocol):
-    """A learning group. ``policy``: ``(group, "observation")`` to ``(group, "action")``; explores under
-    ``ExplorationType.RANDOM``."""
-
-    policy: TensorDictModule
-
-    def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
-        """Learn from frames ``[copies, time]``. Returns mean metrics."""
+        check_fields(TeamSettings, vars(self))
 
 
 class _Scaled(nn.Module):
@@ -206,6 +193,11 @@ class _RobotPolicy(nn.Module):
         return out
 
 
+GroupLearner = PPOGroup | SACGroup
+"""A learning group. ``policy``: ``(group, "observation")`` to ``(group, "action")``; explores under ``ExplorationType.RANDOM``.
+``learn``: from frames ``[copies, time]``; returns mean metrics."""
+
+
 def alternating(scripts: Sequence[Callable[[Tensor], Tensor]]) -> Callable[[Tensor], Tensor]:
     """Script ``k`` modulo their number for copy ``k``; the first one for a single environment."""
 
@@ -224,12 +216,11 @@ def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSetting
     if group not in env.task.groups:
         raise DescriptionError(f"{env.task.id} has no group '{group}'; it has {', '.join(env.task.groups)}")
     low, high = (torch.tensor([getattr(entry, end) for entry in env.task.entries]) for end in ("low", "high"))
+    check_value("agent", agent, TeamAgent)
     robots, size = len(env.task.groups[group]), 2
     if agent == "sac":
         return SACGroup(group, robots, low, high, size, settings)
-    if agent in TEAM_AGENTS:
-        return PPOGroup(group, robots, torch.maximum(low.abs(), high.abs()), size, settings, central=agent == "mappo")
-    raise DescriptionError(f"there is no agent '{agent}' for teams; choose one of {', '.join(TEAM_AGENTS)}")
+    return PPOGroup(group, robots, torch.maximum(low.abs(), high.abs()), size, settings, central=agent == "mappo")
 
 
 def team_policy(env: EnvBase, learners: Mapping[str, GroupLearner], scripts: Mapping[str, str]) -> TensorDictSequential:

@@ -1,24 +1,25 @@
 """Training and evaluation of teams: groups of robots in an arena."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import torch
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs import EnvBase
+from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from brickhub.seed import check_seed, derive_seed
 from bricksrl.envs.arenas import make_arena
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.rollout import play
 from bricksrl.errors import CheckpointError, RunError, message_of
+from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.restore import reproducible
-
-if TYPE_CHECKING:
-    from tensordict.nn import TensorDictModuleBase
-    from torchrl.envs import EnvBase
-
-    from bricksrl.training.teams.groups import GroupLearner, TeamSettings
+from bricksrl.training.sources import collect_round
+from bricksrl.training.teams.groups import GroupLearner, TeamSettings, make_group, team_policy
 
 MAX_COPIES = 2**16
 """Maximum number of copies of a simulation."""
@@ -70,8 +71,6 @@ class Team:
 
     def save(self, path: Path | str) -> None:
         """Save the acting networks."""
-        from bricksrl.training.checkpoint import save_checkpoint
-
         plain = {**asdict(self.config), "agents": dict(self.config.agents), "scripts": dict(self.config.scripts)}
         own = {**asdict(self.settings), "hidden": list(self.settings.hidden)}
         groups = {group: dict(learner.policy.state_dict()) for group, learner in self.learners.items()}
@@ -80,9 +79,6 @@ class Team:
 
 def load_team(path: Path | str, scripts: Mapping[str, str] | None = None) -> Team:
     """Load a team, optionally against other scripts. Raises CheckpointError if it is damaged or no team."""
-    from bricksrl.training.checkpoint import load_checkpoint
-    from bricksrl.training.teams.groups import TeamSettings
-
     state = load_checkpoint(Path(path))
     try:
         config = TeamConfig(**{**state["config"], **({} if scripts is None else {"scripts": dict(scripts)})})
@@ -96,8 +92,6 @@ def load_team(path: Path | str, scripts: Mapping[str, str] | None = None) -> Tea
 
 
 def _new_team(env: EnvBase, config: TeamConfig, settings: TeamSettings) -> Team:
-    from bricksrl.training.teams.groups import make_group, team_policy
-
     agents: Any = config.agents
     learners = {group: make_group(env, group, agent, settings) for group, agent in agents.items()}
     return Team(config, settings, learners, team_policy(env, learners, config.scripts))
@@ -111,8 +105,6 @@ def train_team(
 ) -> Team:
     """Train the groups of a config; reproducible. Ends after the round in which ``stop`` is set. Raises UnknownNameError or
     DescriptionError if there is no such arena, group, agent or script."""
-    from bricksrl.training.teams.groups import TeamSettings
-
     settings = settings or TeamSettings()
     env = make_arena(config.env, seed=derive_seed(config.seed, "arena"), batch_size=config.copies)
     with reproducible(derive_seed(config.seed, "team")):
@@ -123,10 +115,6 @@ def train_team(
 
 
 def _learn(env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None], stop: threading.Event) -> None:
-    import torch
-
-    from bricksrl.training.sources import collect_round
-
     config, copies = team.config, max(1, team.config.copies)
     batch = team.settings.steps * copies
     running = {group: torch.zeros(copies) for group in config.agents}
@@ -172,11 +160,6 @@ class TeamEpisode:
 def play_team(env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: int) -> list[TeamEpisode]:
     """Run episodes in an arena with its hubs; episode ``k`` depends on ``seed``, ``k`` and the policy only. Raises HubError if a
     link broke."""
-    import torch
-    from torchrl.envs.utils import ExplorationType, set_exploration_type
-
-    from bricksrl.envs.rollout import play
-
     played = []
     for number in range(1, episodes + 1):
         env.set_seed(derive_seed(seed, "evaluation", number))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from brickhub.errors import TwinError
+from brickhub.files import check_writable
 from brickhub.virtual.body import Body
 from bricktwin.drawing import import_matplotlib
 from bricktwin.twin.linkage import pose_at
@@ -196,6 +197,13 @@ class Filmed:
         return getattr(self._body, name)
 
 
+def check_film(path: Path) -> None:
+    """Raise TwinError unless the name ends in .mp4, WriteError if the file cannot be written."""
+    if path.suffix.lower() != ".mp4":
+        raise TwinError(f"'{path}' is not a name of a film; end it in .mp4")
+    check_writable(path)
+
+
 @contextmanager
 def filmed(body: Body, path: Path) -> Iterator[Body]:
     """Film a robot into an mp4 file inside this context, in simulated time. Use the body that it yields.
@@ -206,8 +214,7 @@ def filmed(body: Body, path: Path) -> Iterator[Body]:
     """
     if not isinstance(body, MujocoBody):
         raise TwinError(f"there is nothing to see of robot '{body.robot.name}'; film one with a MuJoCo model")
-    if path.suffix.lower() != ".mp4":
-        raise TwinError(f"'{path}' is not a name of a film; end it in .mp4")
+    check_film(path)
     # The writer is closed, not entered: the film is kept even if the program raises.
     with Renderer(body, *SIZE) as renderer, closing(VideoWriter(path, 1000 / _FRAME_MS)) as video:
         video.add(renderer.render())
