@@ -97,7 +97,7 @@ class Program:
     """The .py file to write; by default the program is printed."""
 
     def execute(self) -> None:
-        target = _find(self.target)
+        target = find(self.target)
         if target.note:
             print_note(target.note)
         source = generate(target.robot, target.interface).source.rstrip("\n")
@@ -159,7 +159,7 @@ class MeasureLatency:
     json: JsonFlag = False
 
     def execute(self) -> None:
-        target = _find(self.target)
+        target = find(self.target)
         with HubLink(_transport(self.hub, target, self.link), target.robot, target.interface) as link:
             result = measure(link, target.interface, self.exchanges)
         if self.json:
@@ -195,7 +195,7 @@ class Check:
     json: JsonFlag = False
 
     def execute(self) -> int:
-        target = _find(self.target)
+        target = find(self.target)
         is_watched = not self.yes and is_terminal()
 
         def may_move() -> bool:
@@ -249,7 +249,7 @@ class Calibrate:
         for flag, alone in (("--forget", self.forget), ("--reverse", self.reverse)):
             if alone:
                 refuse_ignored(self, ("--target", "--hub", "--yes", "--calibrations", flag), f"with {flag}")
-        target = _find(self.target)
+        target = find(self.target)
         for name in self.reverse:
             target.robot.motor(name)  # raises for an unknown name
         transport = _transport(self.hub, target)
@@ -293,10 +293,6 @@ class Calibrate:
                 raise CalibrationError(f"motor '{name}' meets no stops; look whether it drives its joint")
             zeros_deg[name] = zero_between(stops, uncalibrated.motor(name))
         return zeros_deg
-
-
-def _find(name: str) -> Target:
-    return find(name)
 
 
 def _reach(hub: str, target: Target, link: str | None) -> Any:

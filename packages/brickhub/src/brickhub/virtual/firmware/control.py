@@ -4,8 +4,8 @@ Its log is that of ``pbio/logger.c``, v4.
 """
 
 import enum
-from dataclasses import dataclass
 from math import trunc
+from typing import NamedTuple
 
 from brickhub.virtual.firmware import trajectory as trajectories
 from brickhub.virtual.firmware.settings import ControlSettings
@@ -149,8 +149,7 @@ class ControlType(enum.Enum):
     POSITION = 2
 
 
-@dataclass(slots=True)
-class State:
+class State(NamedTuple):
     """Measured position (mdeg) and speed (mdeg/s), and the observer's estimates."""
 
     position: int

@@ -20,8 +20,6 @@ _Vector = tuple[float, float, float]
 _TURN_MDEG_OVER_PI = 114_592
 _MIN_RADIUS_MM = 10
 _NONE = ControlType.NONE
-_Values = tuple[int, int, int, int]
-"""Fields of a ``State``, as a tuple: creating an object in the control loop costs as much as the computation."""
 
 
 class GyroHeading:
@@ -228,7 +226,7 @@ class DriveBaseControl:
     @property
     def turns_by_gyro(self) -> bool:
         """Whether the current move ends only after the gyroscope has turned."""
-        remaining = self.heading.trajectory.end.position - self._state()[1].position
+        remaining = self.heading.trajectory.end.position - self._measured()[1].position
         return self._uses_gyro and self.heading.is_active and abs(remaining) > self.heading.settings.position_tolerance
 
     def set_settings(self, speed: int, acceleration: tuple[int, int], turn_rate: int, turn_acceleration: tuple[int, int]) -> None:
@@ -255,7 +253,7 @@ class DriveBaseControl:
 
     def state(self) -> tuple[int, int, int, int]:
         """Distance (mm), speed (mm/s), heading (deg), turn rate (deg/s)."""
-        distance, heading = self._state()
+        distance, heading = self._measured()
         distance_angle, heading_angle = self._angles()
         sd, sh = self.distance.settings, self.heading.settings
         return (
@@ -282,9 +280,9 @@ class DriveBaseControl:
         action = heading.update(time, *heading_state[:3], self._paused)
         turn_torque, turn_speed, turn_acceleration, end_of_heading, heading_at_limit = action
         if distance.log.is_active:
-            distance.log_row(self._clock.time_ms, State(*distance_state), torque, end_of_distance)
+            distance.log_row(self._clock.time_ms, distance_state, torque, end_of_distance)
         if heading.log.is_active:
-            heading.log_row(self._clock.time_ms, State(*heading_state), turn_torque, end_of_heading)
+            heading.log_row(self._clock.time_ms, heading_state, turn_torque, end_of_heading)
         # Both pause while one is saturated, so that they arrive together.
         self._paused = distance_at_limit or heading_at_limit
         for end in (end_of_distance, end_of_heading):
@@ -293,11 +291,6 @@ class DriveBaseControl:
                 return
         self.left.actuate(torque + turn_torque, speed + turn_speed, acceleration + turn_acceleration)
         self.right.actuate(torque - turn_torque, speed - turn_speed, acceleration - turn_acceleration)
-
-    def _state(self) -> tuple[State, State]:
-        """Distance and heading."""
-        distance, heading = self._measured()
-        return State(*distance), State(*heading)
 
     def _angles(self) -> tuple[Angle, Angle]:
         """Distance and heading as the firmware stores them."""
@@ -318,7 +311,7 @@ class DriveBaseControl:
         self._distance_zero, self._heading_zero = distance, heading
         self._distance_zero_mdeg, self._heading_zero_mdeg = to_mdeg(distance), to_mdeg(heading)
 
-    def _measured(self) -> tuple[_Values, _Values]:
+    def _measured(self) -> tuple[State, State]:
         """Distance and heading. The gyroscope gives only position and speed of the heading; the estimates are the motors'."""
         right_position, left, right = self.right.position(), self.left.observer, self.right.observer
         position, is_odd = divmod(self.left.position() + right_position, 2)
@@ -333,8 +326,8 @@ class DriveBaseControl:
         if self._uses_gyro:
             gyro, steps = self._gyro, self.heading.settings.steps_per_unit
             lead, turn_rate = to_mdeg(gyro.angle(steps)), trunc(gyro.rate_deg_s() * steps)
-        distance = position - distance_zero, speed, estimate, angle - distance_zero
-        return distance, (lead, turn_rate, estimate - right.speed, lead_estimate)
+        distance = State(position - distance_zero, speed, estimate, angle - distance_zero)
+        return distance, State(lead, turn_rate, estimate - right.speed, lead_estimate)
 
     def _check_open(self) -> None:
         if not self.is_open:
@@ -345,7 +338,7 @@ class DriveBaseControl:
         self._check_open()
         self.left.control.stop()
         self.right.control.stop()
-        return self._state()
+        return self._measured()
 
     def _drive_relative(self, distance_mm: int, angle_deg: int, then: OnCompletion) -> None:
         length, turn = distance_mm * self.distance.settings.steps_per_unit, angle_deg * self.heading.settings.steps_per_unit
