@@ -111,7 +111,7 @@ def test_interrupted_and_resumed_run_ends_bit_identical(config: TrainConfig, tmp
     ],
 )
 def test_invalid_configs_raise(config: TrainConfig, changes: dict[str, Any], says: str) -> None:
-    with pytest.raises(RunError, match=says):
+    with pytest.raises((DescriptionError, RunError), match=says):
         replace(config, **changes)
 
 
