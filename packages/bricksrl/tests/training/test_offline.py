@@ -18,7 +18,7 @@ from bricksrl.agents import make_learner, preset
 from bricksrl.agents.act import ChunkPolicy
 from bricksrl.data import Recorder, describe
 from bricksrl.data.collect import collect, random_policy
-from bricksrl.errors import CheckpointError, DataError, HubError, RunError
+from bricksrl.errors import CheckpointError, DataError, DescriptionError, HubError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, RunFolder, TrainConfig, load_learner, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
