@@ -103,15 +103,15 @@ def test_interrupted_and_resumed_run_ends_bit_identical(config: TrainConfig, tmp
 
 
 @pytest.mark.parametrize(
-    ("changes", "says"),
+    ("changes", "error", "says"),
     [
-        ({"data": None}, "40 updates from data need data"),
-        ({"updates": -1}, "updates is -1"),
-        ({"updates": 2}, "2 updates cannot be spread over 3 episodes"),
+        ({"data": None}, RunError, "40 updates from data need data"),
+        ({"updates": -1}, DescriptionError, "updates is -1; give 0 or more"),
+        ({"updates": 2}, RunError, "2 updates cannot be spread over 3 episodes"),
     ],
 )
-def test_invalid_configs_raise(config: TrainConfig, changes: dict[str, Any], says: str) -> None:
-    with pytest.raises((DescriptionError, RunError), match=says):
+def test_invalid_configs_raise(config: TrainConfig, changes: dict[str, Any], error: type[Exception], says: str) -> None:
+    with pytest.raises(error, match=says):
         replace(config, **changes)
 
 
