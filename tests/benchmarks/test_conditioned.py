@@ -18,7 +18,7 @@ PLACES = {entry.name: index for index, entry in enumerate(ENTRIES)}
 
 
 @pytest.mark.slow
-def test_policy_is_told_the_physics_of_each_episode_and_a_structure_acts_as_if_told_its_numbers() -> None:
+def test_policy_is_told_the_physics_and_a_structure_acts_as_if_told_its_numbers() -> None:
     env = known(0, randomize=True)
     policy = make_learner("sac", env, dataclasses.replace(preset("default", "sac"), hidden=(8,)))
     structure, slopes = Conditioned(policy), []

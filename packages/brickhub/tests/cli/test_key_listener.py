@@ -37,6 +37,7 @@ def test_keys_have_names() -> None:
 
 
 def test_ctrl_c_is_unchanged() -> None:
-    with create_pipe_input() as source, keys_heard(lambda key: None, source), pytest.raises(KeyboardInterrupt):  # noqa: PT012
+    with create_pipe_input() as source, keys_heard(lambda key: None, source):
         source.send_text("\x03")
-        eventually(lambda: False)
+        with pytest.raises(KeyboardInterrupt):
+            eventually(lambda: False)

@@ -98,8 +98,10 @@ def test_run_writes_files(config: TrainConfig) -> None:
     assert names(result.run_dir) == [".lock", "checkpoint.bin", "config.json", "data", "learning_curve.png", "metrics.csv"]
     assert folder.read_config() == config
     assert "torchrl" in json.loads(folder.config_path.read_text())["versions"]
-    columns = "episode,phase,steps,length,return,success,loss_qvalue,loss_actor,loss_alpha,alpha,entropy,seconds"
-    assert folder.metrics_path.read_text().splitlines()[0] == f"{columns},updates_per_step,link_lost,evaluation,robot"
+    episode = "episode,phase,steps,length,return,success"
+    learned = "loss_qvalue,loss_actor,loss_alpha,alpha,entropy,seconds,updates_per_step"
+    columns = folder.metrics_path.read_text().splitlines()[0]
+    assert columns == f"{episode},{learned},link_lost,evaluation,robot"
     assert [episode.return_ for episode in folder.read_episodes()] == [episode.return_ for episode in result.episodes]
     assert [episode.phase for episode in result.episodes] == [Phase.PREFILL] * 2 + [Phase.TRAIN] * 4
     assert not result.episodes[1].measures

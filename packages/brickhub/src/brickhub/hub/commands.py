@@ -426,7 +426,8 @@ class LightBrightness(Command):
         return (self.sensor,)
 
     def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
-        return f"sensor_{self.sensor}.{robot.sensor(self.sensor).kind.model.light}({amounts[self.name]})"
+        light = robot.sensor(self.sensor).kind.model.light
+        return f"sensor_{self.sensor}.{light}({amounts[self.name]})"
 
 
 @dataclass(frozen=True)

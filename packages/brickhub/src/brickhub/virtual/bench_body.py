@@ -251,7 +251,11 @@ class FittedBench(BenchBody):
         self._kinds[port] = SensorKind(device)
         for reading in self._given_readings[port]:
             sense = reading.sense_of(device)
-            self._readings.setdefault((port, sense), lambda _, at=reading.at: at(self._time_ms / 1000))  # type: ignore[misc]
+            self._readings.setdefault((port, sense), self._in_time(reading))
+
+    def _in_time(self, reading: GivenReading) -> Reading:
+        """What a sensor reads, as given for each moment."""
+        return lambda _: reading.at(self._time_ms / 1000)
 
     def block(self, port: str, direction: int) -> None:
         """Something is in the way of a motor that runs until it stalls, clockwise (1) or counterclockwise (-1)."""

@@ -70,7 +70,8 @@ del a
         ("import umath\numath.tau", "'module' object has no attribute 'tau'"),
         ("Exception().x = 1", "'Exception' object has no attribute 'x'"),
         ("int.x = 1", "'type' object has no attribute 'x'"),
-        ("from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nmotor = Motor(Port.A)\nmotor.angle = 0",
+        (("from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\n"
+         "motor = Motor(Port.A)\nmotor.angle = 0"),
          "'Motor' object has no attribute 'angle'"),
         ("from pybricks.tools import StopWatch\nwatch = StopWatch()\nwatch.lap = 1", "'StopWatch' object has no attribute 'lap'"),
         ("class A: pass\nA().__dict__", "'A' object has no attribute '__dict__'"),

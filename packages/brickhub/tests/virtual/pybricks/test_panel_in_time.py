@@ -62,7 +62,8 @@ while s.time() < 1000:
         (WAIT_TWICE, ["center@0.222s+0.4s"], "249"),
         (WAIT_TWICE, ["center@0.222s+0.1s", "center@0.9s+0.05s"], "249\n949"),
         (WAIT_TWICE, ["center@0.252s+0.03s"], ""),
-        ("hub.system.set_stop_button(None)\nwait(300)\nhub.system.set_stop_button(Button.CENTER)" + WAIT_TWICE,
+        ("hub.system.set_stop_button(None)\nwait(300)\n"
+         "hub.system.set_stop_button(Button.CENTER)" + WAIT_TWICE,
          ["center@0.2s+0.4s"], "349"),
         ("print(hub_menu(1, 2, 3), s.time())", ["left@0.3s+0.1s", "center@1s+0.2s"], "3 1200"),
         ("print(hub_menu('A', 'B'), s.time())", ["bluetooth@0.3s", "right@0.6s", "left@0.65s+0.03s", "center@1s"], "B 1200"),

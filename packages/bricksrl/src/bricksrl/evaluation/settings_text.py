@@ -41,7 +41,9 @@ def read_settings(path: Path, settings: S) -> S:
 def _changed(settings: S, values: Mapping[str, Any]) -> S:
     """A copy of the settings with other values, which may be texts."""
     values = with_present_names(values)
-    hints, names = typing.get_type_hints(type(settings)), [field.name for field in dataclasses.fields(settings)]  # type: ignore[arg-type]
+    hints = typing.get_type_hints(type(settings))
+    fields = dataclasses.fields(settings)  # type: ignore[arg-type]
+    names = [field.name for field in fields]
     for name in values:
         if name not in names:
             raise DescriptionError(f"there is no setting '{name}'{hint(name, names)}; choose one of {', '.join(names)}")

@@ -78,8 +78,8 @@ def _bricklink(entries: list[Entry]) -> str:
     lines = ["<INVENTORY>"]
     for entry in entries:
         colour = f"<COLOR>{entry.colour.bricklink}</COLOR>" if entry.colour.bricklink else ""
-        item = f"<ITEMTYPE>P</ITEMTYPE><ITEMID>{escape(entry.part.number)}</ITEMID>{colour}<MINQTY>{entry.count}</MINQTY>"
-        lines.append(f"  <ITEM>{item}</ITEM>")
+        part = f"<ITEMTYPE>P</ITEMTYPE><ITEMID>{escape(entry.part.number)}</ITEMID>"
+        lines.append(f"  <ITEM>{part}{colour}<MINQTY>{entry.count}</MINQTY></ITEM>")
     return "\n".join([*lines, "</INVENTORY>"]) + "\n"
 
 

@@ -46,7 +46,8 @@ ROOM = Scene(
 PLAN = plan_file(str(TWO_WHEELER.model))
 assert PLAN is not None
 
-MJCF = """<mujoco><asset><mesh name="case" file="case.obj"/></asset><include file="{include}"/></mujoco>"""
+MJCF = """<mujoco><asset><mesh name="case" file="case.obj"/></asset>
+<include file="{include}"/></mujoco>"""
 BODY = """<mujocoinclude><worldbody><body name="base" pos="0 0 0.1"><freejoint/><geom type="mesh" mesh="case" mass="0.1"/>
 <body><joint name="left" axis="0 1 0"/><geom size="0.03" mass="0.02"/></body></body></worldbody></mujocoinclude>"""
 MESH = "v 0 0 0\nv {size} 0 0\nv 0 {size} 0\nv 0 0 {size}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"

@@ -20,8 +20,8 @@ from brickhub.virtual.micropython.streams import Console, HubBytearray, as_bytes
 from brickhub.virtual.micropython.text import format_value, percent, representation, text, to_number
 
 _UNCHANGED = """
-    all any bool bytes callable chr classmethod complex enumerate float int len list max memoryview min
-    object ord range reversed slice str tuple type zip
+    all any bool bytes callable chr classmethod complex enumerate float int len list max memoryview
+    min object ord range reversed slice str tuple type zip
 """.split()  # noqa: SIM905  a list would take a line for each
 
 _ENTER, _CTRL_C, _CTRL_D, _BACKSPACES = "\r", "\x03", "\x04", "\b\x7f"

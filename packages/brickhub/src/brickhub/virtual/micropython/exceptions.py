@@ -16,10 +16,10 @@ from brickhub.errors import SceneError, WriteError
 FIRMWARE = __name__.partition(".")[0] + "."
 """Beginning of the names of modules with native classes."""
 EXCEPTIONS = """
-    ArithmeticError AssertionError AttributeError BaseException EOFError Exception GeneratorExit ImportError
-    IndentationError IndexError KeyError KeyboardInterrupt LookupError MemoryError NameError NotImplementedError
-    OverflowError RuntimeError StopAsyncIteration StopIteration SyntaxError SystemExit TypeError UnicodeError ValueError
-    ZeroDivisionError
+    ArithmeticError AssertionError AttributeError BaseException EOFError Exception GeneratorExit
+    ImportError IndentationError IndexError KeyError KeyboardInterrupt LookupError MemoryError
+    NameError NotImplementedError OverflowError RuntimeError StopAsyncIteration StopIteration
+    SyntaxError SystemExit TypeError UnicodeError ValueError ZeroDivisionError
 """.split()  # noqa: SIM905  a list would take a line for each
 """Exceptions common to hub and CPython; ``OSError`` is replaced."""
 ERROR_NAMES = {
