@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Annotated, Any, Literal
 
 import pytest
 
@@ -12,6 +14,8 @@ from brickhub import HOUSES
 from brickhub.errors import DescriptionError, UnknownNameError
 from brickhub.robot import HubKind, Robot
 from brickhub.user_files import (
+    NotCode,
+    code_names,
     failure_of_user,
     is_reference,
     line_of_user,
@@ -136,3 +140,43 @@ def test_installed_packages_are_not_the_users(tmp_path: Path) -> None:
 
     error = raised_by(tmp_path / "mine.py", "\njson.loads('{')", json=json)
     assert line_of_user(error) == ", mine.py, line 2"
+
+
+@dataclass
+class Inner:
+    share: float = 0.0
+    place: Annotated[str | None, NotCode()] = None
+
+
+@dataclass
+class Outer:
+    kind: Annotated[str, NotCode(("a", "b"))]
+    mode: Literal["x", "y"] | None
+    sizes: tuple[int, ...]
+    words: tuple[Literal["x"], ...]
+    inner: Inner | Path | None
+    anything: Any
+
+
+@pytest.mark.parametrize(
+    ("value", "named"),
+    [
+        ({"kind": "a", "mode": "y", "sizes": [1, 2], "words": ["x"], "inner": {"share": 1.0, "place": "http://x"}}, []),
+        ({"kind": "c", "mode": "z", "sizes": ["d"], "words": ["e", "x"]}, ["c", "z", "d", "e"]),
+        ({"kind": ["a"], "mode": {"x": "y"}}, ["a", "x", "y"]),
+        ({"inner": {"share": "f", "place": ["g"], "new": "h"}}, ["f", "g", "h"]),
+        ({"inner": "i", "anything": "j", "new": {"k": [["l"], 1, None, True, ""]}}, ["i", "j", "k", "l"]),
+        ({"kind": "a ", "mode": "x\n"}, ["a ", "x\n"]),
+        ("m", ["m"]),
+        (["n", 3], ["n"]),
+        (None, []),
+    ],
+)
+def test_text_names_code_unless_its_annotation_says_otherwise(value: Any, named: list[str]) -> None:
+    assert list(code_names(value, Outer)) == named
+
+
+@pytest.mark.parametrize("name", ["json", "os.path", "my_robot", "", "one.PY", "one.py\n"])
+def test_only_a_reference_is_loaded(folder: Path, name: str) -> None:
+    with pytest.raises(UnknownNameError, match=r"names no Python file; give FILE\.py, FILE\.py:NAME or module:NAME$"):
+        load_object(name, "path")

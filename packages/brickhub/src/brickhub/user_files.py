@@ -7,7 +7,10 @@ import os
 import sys
 import sysconfig
 import traceback
-from collections.abc import Iterator
+import types
+import typing
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,8 +20,72 @@ from brickhub.errors import BricksError, DescriptionError, UnknownNameError, mes
 from brickhub.robot import Robot
 
 
+@dataclass(frozen=True)
+class NotCode:
+    """Annotation of a text that names no code of the user's, such as an address or a folder; see `code_names`.
+
+    Attributes:
+        known: the only texts of which that is true, such as our own names; ``None`` for all texts.
+    """
+
+    known: Container[str] | None = None
+
+
+def code_names(value: object, hint: object = None) -> Iterator[str]:
+    """Texts in a value from a file, at any depth, that may name code of the user's.
+
+    A text is known not to name any only where its annotation says so: by `NotCode`, or as one of a ``Literal``. All others may,
+    in whatever form, and so may the texts of fields that are not declared.
+
+    Args:
+        value: plain values, as of JSON.
+        hint: its annotation; of a table, the dataclass that is made of it, or the annotations of its fields by name.
+    """
+    parts = list(_parts_of(hint))
+    if isinstance(value, str):
+        if value and not any(_is_harmless(value, part) for part in parts):
+            yield value
+    elif isinstance(value, Mapping):
+        fields = _fields_of(parts)
+        for name, item in value.items():
+            if fields is None:
+                yield from code_names(name)
+            yield from code_names(item, None if fields is None else fields.get(name))
+    elif isinstance(value, list | tuple):
+        items = [typing.get_args(part)[0] for part in parts if typing.get_origin(part) is tuple]
+        for item in value:
+            yield from code_names(item, items[0] if items else None)
+
+
+def _fields_of(parts: list[object]) -> Mapping[str, object] | None:
+    """Annotations of a table's fields by name; ``None`` if they are not declared."""
+    for part in parts:
+        if isinstance(part, Mapping):
+            return part
+        if isinstance(part, type) and is_dataclass(part):
+            return typing.get_type_hints(part, include_extras=True)
+    return None
+
+
+def _parts_of(hint: object) -> Iterator[object]:
+    """The alternatives of an annotation, and what is said of them."""
+    yield from getattr(hint, "__metadata__", ())
+    hint = getattr(hint, "__origin__", hint) if hasattr(hint, "__metadata__") else hint
+    if typing.get_origin(hint) in (types.UnionType, typing.Union):
+        for part in typing.get_args(hint):
+            yield from _parts_of(part)
+    else:
+        yield hint
+
+
+def _is_harmless(text: str, part: object) -> bool:
+    if isinstance(part, NotCode):
+        return part.known is None or text in part.known
+    return typing.get_origin(part) is typing.Literal and text in typing.get_args(part)
+
+
 def is_reference(env_id: str) -> bool:
-    """True if this refers to the user's code rather than to a registered name."""
+    """True if this refers to the user's code rather than to a registered name: only such a text can be loaded."""
     return ":" in env_id or env_id.endswith(".py")
 
 
@@ -45,9 +112,11 @@ def load_object(reference: str, default: str | type, *, missing: str = "write on
         missing: what to do where a file has no object of that type, for the message.
 
     Raises:
-        UnknownNameError: there is no such file, module or name.
+        UnknownNameError: there is no such file, module or name, or this is no reference.
         DescriptionError: the code raised.
     """
+    if not is_reference(reference):
+        raise UnknownNameError(f"'{reference}' names no Python file; give FILE.py, FILE.py:NAME or module:NAME")
     location, name = _parts(reference)
     module = _load(location, reference)
     name = name or (default if isinstance(default, str) else _only(default, module, reference, missing))

@@ -19,11 +19,11 @@ from bricksrl.cli.app import run
 from bricksrl.cli.new import write_template
 from bricksrl.data.dataset import read_dataset
 from bricksrl.envs.registry import get_task
-from bricksrl.envs.trust import trust
 from bricksrl.errors import DescriptionError, RunError, TwinError, WriteError
 from bricksrl.evaluation.report import film_before_and_after
 from bricksrl.policies import load_policy
 from bricksrl.training import RunFolder, TrainConfig, train
+from bricksrl.training.trust import trust
 from bricktwin.twin.render.opengl import VideoWriter
 
 EXAMPLES = Path(__file__).parents[4] / "examples"

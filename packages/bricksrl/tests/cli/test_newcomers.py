@@ -93,30 +93,22 @@ def test_more_copies_than_this_computer_has_room_for_are_refused(fails, tmp_path
 
 
 def test_own_task_needs_no_writable_home(tmp_path, monkeypatch):
-    from bricksrl.envs import trust
+    from bricksrl.training import trust
 
     home = tmp_path / "home"
     home.write_text("a file is in the place of the settings folder")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(home))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
-    config, data = {"env": "my_task.py"}, b'{"env": "my_task.py"}'
+    code, data = ("my_task.py",), b'{"env": "my_task.py"}'
     with pytest.raises(RunError, match="made elsewhere"):
-        trust.require_trusted(tmp_path / "config.json", data, config)
+        trust.require_trusted(tmp_path / "config.json", data, code)
     trust.remember(data)
-    trust.require_trusted(tmp_path / "config.json", data, config)
+    trust.require_trusted(tmp_path / "config.json", data, code)
     (folder,) = tmp_path.glob("bricksrl-trusted-*")
     folder.chmod(0o777)
     with pytest.raises(RunError, match="made elsewhere"):  # anybody may have written there
-        trust.require_trusted(tmp_path / "config.json", data, config)
-
-
-def test_all_settings_that_name_code_need_trust():
-    from bricksrl.envs.trust import code_in
-
-    settings = {"network": "nets.py:make", "structure": "walk.py", "hidden": [8]}
-    assert code_in({"env": "Walker-v1", "agent": "gait", "settings": settings}) == ("nets.py:make", "walk.py")
-    assert code_in({"settings": {"structure": "linear"}}) == ()
+        trust.require_trusted(tmp_path / "config.json", data, code)
 
 
 def test_long_work_is_told_from_time_to_time(capfd, monkeypatch):

@@ -19,7 +19,7 @@ from bricksrl.agents import preset
 from bricksrl.cli import main
 from bricksrl.data import load
 from bricksrl.data.share import pull_dataset, push_dataset, push_log
-from bricksrl.errors import CheckpointError, DataError, WriteError
+from bricksrl.errors import CheckpointError, DataError, RunError, WriteError
 from bricksrl.policies import load_policy, sharing
 from bricksrl.policies.sharing import export_policy, is_policy, pull_policy, push_policy
 from bricksrl.training import TrainConfig, train
@@ -114,6 +114,12 @@ def test_policy_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
     assert torch.equal(actions[0], actions[1]) and torch.equal(actions[0], actions[2])
     with pytest.raises(CheckpointError, match="observes or acts otherwise"):
         load_policy(tmp_path / "policy", bricksrl.make("RoboArmSim-v0", seed=0))
+    about = json.loads(files["policy.json"])
+    own_task = {**about, "config": {**about["config"], "env": "my_task.py"}}
+    files["policy.json"] = json.dumps(own_task).encode()
+    pull_policy("me/policy", tmp_path / "with_code")  # to be read, and then trusted
+    with pytest.raises(RunError, match=r"would run code \(my_task.py\) .* `bricksrl trust \S*with_code`$"):
+        load_policy(tmp_path / "with_code")
     for content in (b"\x80\x04cos\nsystem\n.", b"", files["policy.safetensors"][:-9]):
         files["policy.safetensors"] = content
         with pytest.raises(CheckpointError, match="not a valid safetensors"):

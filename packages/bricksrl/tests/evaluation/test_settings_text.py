@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from bricksrl.agents import AGENTS, preset
 from bricksrl.agents.sac import SACSettings
-from bricksrl.errors import DescriptionError
+from bricksrl.errors import DescriptionError, RunError
 from bricksrl.evaluation.settings_text import read_settings, with_changes
+from bricksrl.training.trust import trust
 
 
 @given(st.floats(1e-6, 1.0), st.lists(st.integers(1, 512), min_size=1, max_size=4), st.booleans())
@@ -58,6 +59,9 @@ def test_invalid_settings_text_raises(change: str, says: str) -> None:
 def test_settings_file_of_any_editor_is_read(tmp_path: Path) -> None:
     path = tmp_path / "settings.json"
     path.write_bytes('{"network": "n\u00e4tze.py", "batch_size": 7}'.encode("utf-8-sig"))
+    with pytest.raises(RunError, match=r"would run code \(n\u00e4tze.py\) .* `bricksrl trust \S*settings.json`$"):
+        read_settings(path, SACSettings())
+    assert trust(path) == ("n\u00e4tze.py",)
     assert read_settings(path, SACSettings()) == SACSettings(network="n\u00e4tze.py", batch_size=7)
 
 

@@ -18,7 +18,6 @@ from brickhub.finding import Outcome
 from brickhub.hub.program.generate import generate
 from bricksrl.data import load
 from bricksrl.envs.env_checker import check_env
-from bricksrl.envs.trust import trust
 from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.policies import load_policy
@@ -26,6 +25,7 @@ from bricksrl.policies.sharing import export_policy
 from bricksrl.training import TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.config import settings_from
+from bricksrl.training.trust import trust
 from bricktwin.twin.motion_log import RunLog, read_log, write_log
 
 SENSOR = """

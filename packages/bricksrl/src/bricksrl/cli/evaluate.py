@@ -15,11 +15,11 @@ from brickhub.cli.options import Flag, JsonFlag, Seed, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.user_files import without_folder
 from bricksrl.cli.terminal import EmergencyStop, load_learning, placing, telling
-from bricksrl.envs.trust import trust
 from bricksrl.errors import StoppedError, TwinError, counted, percent
 from bricksrl.evaluation.comparison import Comparison, Group, compare, draw
 from bricksrl.plotting import check_picture, number
 from bricksrl.training.run_folder import RunFolder
+from bricksrl.training.trust import trust
 from bricktwin.twin.physics import read_physics
 
 if TYPE_CHECKING:
@@ -250,17 +250,17 @@ class Export:
 
 @dataclass(frozen=True)
 class Trust:
-    """Allow a run or a policy made by somebody else to execute the Python files that it names.
+    """Allow a run, a policy or settings made by somebody else to execute the Python code that they name.
 
-    Some runs name Python files with a task, an algorithm or networks. Runs trained on this computer are trusted; one from
-    elsewhere is refused until you allow it. Read its code first: it runs with all your permissions.
+    Some runs name Python files or modules with a task, an algorithm, a transform or networks. Runs trained on this computer are
+    trusted; one from elsewhere is refused until you allow it. Read its code first: it runs with all your permissions.
 
     Examples:
       bricksrl trust runs/from-a-friend
     """
 
     run: Annotated[Positional[Path], option(metavar="RUN")]
-    """Folder of the run or of the policy."""
+    """Folder of the run or of the policy, or a file of settings."""
 
     def execute(self) -> None:
         files = trust(self.run)

@@ -36,6 +36,7 @@ from bricksrl.data.edit import write_dataset
 from bricksrl.data.reader import COLUMNS, Episodes, load
 from bricksrl.data.recorder import Step, new_episode
 from bricksrl.data.schema import describe_task
+from bricksrl.envs.registry import options_of
 from bricksrl.errors import DataError, installed
 
 if TYPE_CHECKING:
@@ -146,14 +147,17 @@ def _minari_environment(episodes: Episodes) -> dict[str, Any]:
     """Spaces of the environment, and Gymnasium's specification of it with its options; ``None`` if it is not registered."""
     import gymnasium
 
-    spec = gymnasium.registry.get(f"bricksrl/{episodes.description.env}")
+    env_id, options = episodes.description.env, episodes.description.options
+    spec = gymnasium.registry.get(f"bricksrl/{env_id}")
+    if spec is not None:  # of whatever else a file names, such as a transform, nothing
+        spec = replace(spec, kwargs=spec.kwargs | options_of(env_id, options))
     box = gymnasium.spaces.Box(-np.inf, np.inf, tuple(episodes.observation.shape[1:]))
     observation_space: Any = box
     if episodes.image is not None:
         image = gymnasium.spaces.Box(0, 255, tuple(episodes.image.shape[1:]), np.uint8)
         observation_space = gymnasium.spaces.Dict({"observation": box, "image": image})
     return {
-        "env": None if spec is None else replace(spec, kwargs=spec.kwargs | episodes.description.options),
+        "env": spec,
         "observation_space": observation_space,
         "action_space": gymnasium.spaces.Box(-1.0, 1.0, tuple(episodes.action.shape[1:])),
     }

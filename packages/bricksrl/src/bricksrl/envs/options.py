@@ -15,7 +15,7 @@ import numpy as np
 from brickhub.cli.options import Flag, option, parsed
 from brickhub.fields import Range, check_fields
 from brickhub.hub.link.profiles import profile
-from brickhub.user_files import with_absolute_file
+from brickhub.user_files import NotCode, with_absolute_file
 from bricksrl.errors import DescriptionError
 from bricktwin.twin.physics import Physics, read_physics
 
@@ -52,7 +52,7 @@ TRANSFORMS: dict[str, Any] = vars(TransformOptions())
 class EnvOptions(TransformOptions):
     """Connection to the robot, physics of a virtual one, and options of the task."""
 
-    hub: Annotated[str, option(metavar="HUB")] = "virtual"
+    hub: Annotated[str, option(metavar="HUB"), NotCode()] = "virtual"
     """How to reach the robot: virtual, ble or usb; ble:NAME, ble:ADDRESS or usb:PORT if there are several."""
     streaming: Flag = False
     """Let the hub stream observations at 100 Hz, whose age the readings hold, and apply the latest command; steps do not wait."""
@@ -64,7 +64,7 @@ class EnvOptions(TransformOptions):
     """Domain randomization: draw the physics of the virtual robot (battery, friction, masses, noise, link) for each episode."""
     physics: Annotated[Physics | Path | None, parsed(Path, metavar="FILE"), option()] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default charged, on a smooth floor."""
-    link: Annotated[str | None, option(metavar="LINK")] = None
+    link: Annotated[str | None, option(metavar="LINK"), NotCode()] = None
     """Bluetooth link of the virtual robot: mac, linux or bad-room, in place of that of the physics, which is linux by default."""
     options: Annotated[dict[str, Any], parsed(parse_option, metavar="NAME=VALUE", collect=dict), option(name="option")] = field(
         default_factory=dict

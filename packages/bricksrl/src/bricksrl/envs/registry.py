@@ -6,10 +6,12 @@ import functools
 import inspect
 import logging
 import os
+import re
 import sys
+import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from brickhub.fields import check_value
 from brickhub.hub.link.profiles import profile
@@ -17,7 +19,7 @@ from brickhub.hub.transport import Pipe
 from brickhub.hub.transports.address import parse_hub
 from brickhub.robot import Robot
 from brickhub.seed import check_seed
-from brickhub.user_files import beside, is_reference, load_object
+from brickhub.user_files import NotCode, beside, is_reference, load_object
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.connection import Connection, Placement
 from bricksrl.envs.host_sensors.host_sensor import World, reader_of
@@ -72,7 +74,7 @@ class _Spec:
 def _on_robot(task: Task) -> Callable[..., Task]:
     """Builder of a task that another driving robot can do too: the option ``robot`` names its own or the cart of LEGO's kits."""
 
-    def build(robot: str = task.robot.name) -> Task:
+    def build(robot: Annotated[str, NotCode()] = task.robot.name) -> Task:
         known = {each.name: each for each in (task.robot, CART)}
         if robot not in known:
             raise DescriptionError(f"{task.id} is not for robot '{robot}'{hint(robot, known)}; choose {' or '.join(known)}")
@@ -101,7 +103,19 @@ _BUILT_IN = {
     "RoboArm_mixed-v0": _Spec(functools.partial(robo_arm_mixed, "RoboArm_mixed-v0"), episodes=250),
     "RoboArmSim-v0": _Spec(functools.partial(robo_arm, "RoboArmSim-v0"), Kinematics(noise=0.05), episodes=250, note=_SIMULATED),
 }
+BUILT_IN = tuple(_BUILT_IN)
+"""Ids of the environments that come with BricksRL."""
 _specs = dict(_BUILT_IN)
+
+
+class _Labels:
+    """Texts that can only be the id of an environment: it is looked up here, or names one that is given, and is never loaded."""
+
+    def __contains__(self, text: object) -> bool:
+        return isinstance(text, str) and re.fullmatch(r"[\w-]+", text) is not None
+
+
+LABELS = _Labels()
 
 
 def make(
@@ -330,6 +344,14 @@ def options_of(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Those of the options that an environment has. Raises UnknownNameError if there is no environment of that name."""
     unknown = _unknown(_spec(env_id), options)
     return {name: value for name, value in options.items() if name not in unknown}
+
+
+def option_types(env_id: str) -> dict[str, Any]:
+    """Annotations of the options of an environment that comes with BricksRL, by name; empty for any other."""
+    if env_id not in _BUILT_IN:
+        return {}
+    builder = _BUILT_IN[env_id].build
+    return typing.get_type_hints(getattr(builder, "func", builder), include_extras=True)
 
 
 def _unknown(spec: _Spec, options: Iterable[str]) -> list[str]:

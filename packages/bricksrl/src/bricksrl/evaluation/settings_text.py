@@ -12,6 +12,8 @@ from brickhub.fields import check_fields
 from brickhub.files import reading
 from bricksrl.agents import with_present_names
 from bricksrl.errors import DescriptionError, hint
+from bricksrl.training.config import code_in_settings
+from bricksrl.training.trust import require_trusted
 
 S = TypeVar("S")
 _WORDS = {"true": True, "yes": True, "false": False, "no": False, "none": None}
@@ -31,11 +33,16 @@ def with_changes(settings: S, changes: Iterable[str]) -> S:
 
 def read_settings(path: Path, settings: S) -> S:
     """A copy of the settings with the values of a JSON file, such as `bricksrl tune` writes; others are unchanged. Raises
-    DescriptionError if the file cannot be read, or names an unknown setting or an invalid value."""
+    DescriptionError if the file cannot be read, or names an unknown setting or an invalid value, RunError if it names code, and
+    was made elsewhere or changed."""
     with reading("the settings", path, DescriptionError, 'write settings as JSON, {"learning_rate": 3e-4}'):
-        data = json.loads(path.read_bytes())
+        text = path.read_bytes()
+        data = json.loads(text)
         table = dict(data.get("settings", data))
-    return _changed(settings, table)
+    changed = _changed(settings, table)
+    read = {name: getattr(changed, name) for name in with_present_names(table)}
+    require_trusted(path, text, code_in_settings(read, type(settings)))
+    return changed
 
 
 def _changed(settings: S, values: Mapping[str, Any]) -> S:

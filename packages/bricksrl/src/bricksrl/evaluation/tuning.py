@@ -33,6 +33,7 @@ from bricksrl.errors import DivergedError, RunError, installed, message_of
 from bricksrl.evaluation.multi_seed import connected, map_on_cluster, parse_on
 from bricksrl.training.callbacks import Callback, Episode, Progress
 from bricksrl.training.config import TrainConfig, settings_for
+from bricksrl.training.trust import remember
 
 if TYPE_CHECKING:
     import optuna
@@ -280,5 +281,7 @@ def _write_best(study: optuna.Study, tuning: Tuning, start: Any, folder: Path, *
             "return_mean": result.value,
         },
     }
-    write_durably(folder / BEST, (json.dumps(data, indent=2) + "\n").encode())
+    text = (json.dumps(data, indent=2) + "\n").encode()
+    remember(text)
+    write_durably(folder / BEST, text)
     return result

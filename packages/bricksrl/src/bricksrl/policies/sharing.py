@@ -14,11 +14,11 @@ from bricksrl.agents.learner import Learner
 from bricksrl.data.share import CARD, downloaded, hub_client
 from bricksrl.envs.registry import make_env
 from bricksrl.envs.transforms import prepare, transform_state
-from bricksrl.envs.trust import remember, require_trusted
 from bricksrl.errors import CheckpointError, RunError, counted
-from bricksrl.training.config import TrainConfig, portable
+from bricksrl.training.config import TrainConfig, code_in, portable
 from bricksrl.training.restore import load_learner, make_learner_for, one_robot
 from bricksrl.training.run_folder import RunFolder
+from bricksrl.training.trust import is_trusted, remember, require_trusted
 
 TENSORS, ABOUT = "policy.safetensors", "policy.json"
 _VERSION = 1
@@ -63,6 +63,13 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
 def read_policy(path: Path) -> tuple[TrainConfig, dict[str, Any]]:
     """Read the policy in a folder, as `export_policy` wrote it: the config of its run, and its tensors by name. Nothing in it is
     executed. Raises CheckpointError or RunError if there is no policy, it is damaged, or its config names untrusted code."""
+    text, config, tensors = _read_files(path)
+    require_trusted(path / ABOUT, text, code_in(config))
+    return _config_from(path, config), tensors
+
+
+def _read_files(path: Path) -> tuple[bytes, dict[str, Any], dict[str, Any]]:
+    """Content of `ABOUT`, the config in it, and the tensors. Raises CheckpointError if there is no policy, or it is damaged."""
     from safetensors import SafetensorError
     from safetensors.torch import load
 
@@ -74,13 +81,15 @@ def read_policy(path: Path) -> tuple[TrainConfig, dict[str, Any]]:
         config, version = dict(about["config"]), about["bricksrl_policy"]
     if version != _VERSION:
         raise CheckpointError(f"{path / ABOUT} describes no policy of this version of BricksRL; choose another")
-    require_trusted(path / ABOUT, text, config)
     try:
-        tensors = load(data)
+        return text, config, load(data)
     except (SafetensorError, ValueError, KeyError, TypeError):
         raise CheckpointError(f"{path / TENSORS} is not a valid safetensors file; fetch the policy again") from None
+
+
+def _config_from(path: Path, config: dict[str, Any]) -> TrainConfig:
     try:
-        return TrainConfig.from_dict(config), tensors
+        return TrainConfig.from_dict(config)
     except RunError as error:
         raise CheckpointError(f"{path / ABOUT} is damaged: {error}") from None
 
@@ -117,7 +126,9 @@ def pull_policy(repo: str, out: Path, *, revision: str | None = None) -> Path:
         DataError: ``out`` exists, there is no such policy, or the hub is out of reach.
     """
     with downloaded(repo, "model", out, [TENSORS, ABOUT, CARD], revision) as folder:
-        read_policy(folder)
+        text, config, _ = _read_files(folder)
+        if not code_in(config) or is_trusted(text):  # else its code is asked for when it is used
+            _config_from(folder, config)
     return out
 
 

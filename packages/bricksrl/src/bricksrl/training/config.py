@@ -2,7 +2,7 @@
 
 import dataclasses
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,11 +12,11 @@ import numpy as np
 from brickhub.cli.options import Flag, option
 from brickhub.fields import Count, Range, check_fields
 from brickhub.seed import check_seed
-from brickhub.user_files import with_absolute_file, without_folder
+from brickhub.user_files import NotCode, code_names, with_absolute_file, without_folder
 from bricksrl.agents import AGENTS, algorithm, preset, with_present_names
+from bricksrl.agents.settings import CriticSettings
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.registry import get_task
-from bricksrl.envs.trust import CODE_SETTINGS
+from bricksrl.envs.registry import LABELS, get_task, option_types
 from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError, counted, hint
 from bricktwin.twin.physics import Physics
 
@@ -30,17 +30,17 @@ Rule = tuple[Callable[["TrainConfig"], object], str]
 class RunOptions:
     """How to train: device, several robots, evaluations, records, and what is known beforehand."""
 
-    start: Annotated[str | None, option(name="from", metavar="RUN")] = None
+    start: Annotated[str | None, option(name="from", metavar="RUN"), NotCode()] = None
     """Let the agent of this run go on learning, here or in another world."""
-    base: Annotated[str | None, option(metavar="RUN")] = None
+    base: Annotated[str | None, option(metavar="RUN"), NotCode()] = None
     """Add what is learned to the actions of a frozen policy: the folder of a run, or scripted for the hand-written controller."""
-    demonstrations: Annotated[str | None, option(metavar="DIR")] = None
+    demonstrations: Annotated[str | None, option(metavar="DIR"), NotCode()] = None
     """Imitate a dataset first, and draw half of each batch from it; of a run its steps, with what its policy does in them."""
     num_envs: Annotated[Count, option(metavar="N")] = 1
     """Copies to train on in parallel: a simulation runs as one batch, virtual robots in one process each."""
     robots: Annotated[Count, option(metavar="N")] = 1
     """Virtual robots that train one agent, each in its process; real ones are named by the hub, such as ble:A,ble:B."""
-    device: Annotated[str, option(metavar="NAME")] = "cpu"
+    device: Annotated[str, option(metavar="NAME"), NotCode()] = "cpu"
     """Device of networks, replay buffer and simulations: cpu, cuda, mps, or auto for the best available."""
     compile: Flag = False
     """Compile loss and gradients into one graph; slow to start, worth it for long runs."""
@@ -64,9 +64,9 @@ class RunOptions:
 class TrainConfig(RunOptions, EnvOptions):
     """A training run in an environment. Synchronous runs on the virtual hub are bit-identical for equal configs."""
 
-    env: str
+    env: Annotated[str, NotCode(LABELS)]
     """Environment id, or your own task, as for `bricksrl.make`."""
-    agent: str = "sac"
+    agent: Annotated[str, NotCode(AGENTS)] = "sac"
     """Agent by name (``bricksrl.agents.AGENTS``), or your own algorithm: my_agent.py[:NAME]."""
     episodes: Count = 40
     """Episodes, including those of random actions at the start."""
@@ -76,7 +76,7 @@ class TrainConfig(RunOptions, EnvOptions):
     """Learn in another process while the robot moves; by default in real time. Only synchronous runs are repeatable."""
     settings: Any = None
     """Settings of the agent; by default of its preset "default"."""
-    data: str | None = None
+    data: Annotated[str | None, NotCode()] = None
     """Folder of a dataset, or of a run that recorded one, to learn from without the robot."""
     updates: Annotated[int, Range()] = 0
     """Updates from the data, spread over the episodes, which only show what was learned; 0 learns on the robot."""
@@ -192,16 +192,49 @@ _RULES: tuple[Rule, ...] = (
 def _plain(settings: Any, **changed: Any) -> Any:
     """Settings, with changes, for a file: NumPy numbers, such as rates from an array, as Python's; files by their whole path."""
     changed |= {name: value.item() for name, value in vars(settings).items() if isinstance(value, np.generic)}
-    named = {name: value for name, value in vars(settings).items() if name in CODE_SETTINGS and isinstance(value, str)}
-    changed |= {name: with_absolute_file(value) for name, value in named.items()}
+    changed |= {name: with_absolute_file(value) for name, value in vars(settings).items() if isinstance(value, str)}
     return replace(settings, **changed) if changed else settings
 
 
 def portable(data: dict[str, Any]) -> dict[str, Any]:
     """A config as plain values with only the names of the user's files: it is the same on all computers."""
-    settings = {name: without_folder(value) if name in CODE_SETTINGS else value for name, value in data["settings"].items()}
+    settings = {name: without_folder(value) if isinstance(value, str) else value for name, value in data["settings"].items()}
     names = {name: without_folder(data[name]) for name in ("env", "agent", "transform") if data.get(name) is not None}
     return {**data, **names, "settings": settings}
+
+
+def code_in(config: Any) -> tuple[str, ...]:
+    """Texts in a run's config, as plain values, that may name code of the user's: using the config may execute it.
+
+    The annotations of `TrainConfig`, of the settings of our agents and of the options of our environments say which texts name
+    none.
+    """
+    if not isinstance(config, Mapping):
+        return tuple(code_names(config))
+    apart = "settings", "options"
+    fields = {name: value for name, value in config.items() if name not in apart}
+    settings, options = (config.get(name) for name in apart)
+    named = [*code_names(fields, TrainConfig), *_code_in_settings(settings, config.get("agent", TrainConfig.agent))]
+    env = config.get("env")
+    if env in LABELS:  # those of a user's task are for its code, which is named already
+        named += code_names(options, option_types(env))
+    return tuple(named)
+
+
+def _code_in_settings(settings: Any, agent: Any) -> Iterator[str]:
+    """Texts in an agent's settings that may name code; of a user's agent, among those that ours have too."""
+    if not isinstance(settings, Mapping):
+        return code_names(settings)
+    settings = with_present_names(settings)
+    if isinstance(agent, str) and agent in AGENTS:
+        return code_names(settings, algorithm(agent).settings)
+    shared = {field.name for field in dataclasses.fields(CriticSettings)}
+    return code_names({name: value for name, value in settings.items() if name in shared}, CriticSettings)
+
+
+def code_in_settings(values: Mapping[str, Any], settings_type: type[Any] = CriticSettings) -> tuple[str, ...]:
+    """Texts in settings, as plain values, that may name code of the user's."""
+    return tuple(code_names(with_present_names(values), settings_type))
 
 
 def settings_from(agent: str, given: dict[str, Any]) -> Any:

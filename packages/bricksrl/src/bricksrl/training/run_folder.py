@@ -17,10 +17,10 @@ from brickhub.files import atomic_folder, folder_with, reading, write_durably
 from brickhub.user_files import without_folder
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.reference_returns import reference_lines
-from bricksrl.envs.trust import code_in, remember, require_trusted
 from bricksrl.errors import RunError, WriteError
 from bricksrl.training.callbacks import Episode, Phase
-from bricksrl.training.config import TrainConfig
+from bricksrl.training.config import TrainConfig, code_in
+from bricksrl.training.trust import remember, require_trusted
 
 DATA_FOLDER = "data"
 """Name of the dataset's folder in a run."""
@@ -93,7 +93,7 @@ class RunFolder:
             config, version = dict(data["config"]), data["bricksrl_run"]
         if version != 1:
             raise RunError(f"{self.config_path} is of another version of BricksRL; start a new run")
-        require_trusted(self.config_path, text, config)
+        require_trusted(self.config_path, text, code_in(config))
         return TrainConfig.from_dict(config, run_dir=self.path)
 
     def origin(self) -> Origin:

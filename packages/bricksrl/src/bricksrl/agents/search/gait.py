@@ -18,8 +18,9 @@ from torchrl.envs import EnvBase
 
 from brickhub.entry import Entry
 from brickhub.fields import check_fields
+from brickhub.user_files import NotCode
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.search.structures import StructuredActor, make_structure
+from bricksrl.agents.search.structures import STRUCTURES, StructuredActor, make_structure
 from bricksrl.agents.settings import NotNegative, Positive, Range
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import lost_links
@@ -39,7 +40,7 @@ REACH, LEVEL = 0.3, 0.5
 class GaitSettings:
     """Settings of policy search."""
 
-    structure: str = ""
+    structure: Annotated[str, NotCode(tuple(STRUCTURES))] = ""
     """oscillators (legs held at phases), linear (feedback), or FILE.py:NAME; by default oscillators where there are legs."""
     trial_steps: Annotated[int, Range(1)] = 10
     """Steps of a trial."""

@@ -52,8 +52,10 @@ stream.
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
+from brickhub.user_files import NotCode
 from bricksrl.envs.task import Task, Tensor
 from bricksrl.envs.vision.camera import CameraView, VisualGoal
 from bricktwin.robots import ROBO_ARM
@@ -81,7 +83,13 @@ INTERFACE = Interface(
 )
 
 
-def robo_arm_mixed(env_id: str, *, sparse: bool = False, camera: int | str = 0, calibration: str | Path | None = None) -> Task:
+def robo_arm_mixed(
+    env_id: str,
+    *,
+    sparse: bool = False,
+    camera: Annotated[int | str, NotCode()] = 0,
+    calibration: Annotated[str | Path | None, NotCode()] = None,
+) -> Task:
     """The task with its options.
 
     Args:
