@@ -69,7 +69,7 @@ def needs_a_robot(words: list[str]) -> bool:
 
 
 def needs_a_browser(words: list[str]) -> bool:
-    return words[0] in ("drive", "demo") or "--page" in words
+    return words[0] in ("page", "drive", "demo") or "--page" in words
 
 
 @pytest.fixture
