@@ -85,6 +85,7 @@ def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)  # of a whole page, on a computer that does other things too
 @pytest.mark.parametrize("page", FOLLOWED, ids=lambda page: page.stem)
 def test_docs_pages_can_be_executed(page: Path, clone: Path, capfd: pytest.CaptureFixture[str]) -> None:
     done = [words for words in commands(page) if not (needs_a_robot(words) or needs_a_browser(words) or words[0] == "doctor")]
