@@ -2,4 +2,4 @@
 
 from __future__ import annotations
 
-pytest_plugins = ["cpu_times", "shaken"]
+pytest_plugins = ["cpu_times", "shaken", "skipped"]
