@@ -8,7 +8,9 @@ PAGE := $(if $(DISPLAY)$(WAYLAND_DISPLAY)$(filter Darwin,$(shell uname -s)),--pa
 # The three distributions of this workspace, and the test tools of all.
 HOUSES := brickhub bricktwin bricksrl
 WORKSPACE := --editable packages/brickhub --editable packages/bricktwin --editable 'packages/bricksrl[dev]'
-PYTEST := $(BIN)/python -m pytest
+# Where each run of pytest says what it has skipped.
+SKIPS := build/skips
+PYTEST := $(BIN)/python -m pytest --skips $(SKIPS)
 # Else each process of the tests would rewrite their assertions again.
 unexport PYTHONDONTWRITEBYTECODE
 # One process more than cores, as many tests wait for a process or a socket.
@@ -19,10 +21,10 @@ CLOCK := --numprocesses 4 -m 'realtime and not slow' --reruns 2
 BESIDE := nice -n 10
 LIGHT := packages/brickhub/tests
 # The longest first.
-TESTS := packages/bricksrl/tests tests packages/bricktwin/tests packages/brickhub/tests
+TESTS := packages/bricksrl/tests tests packages/bricktwin/tests packages/brickhub/tests plugins
 CLOCKED = $(shell grep -rl mark.realtime $(TESTS) --include='test_*.py')
 
-.PHONY: help demo docs test test-slow check fast clocked light rest wheels format booklets clean $(HOUSES:%=test-%)
+.PHONY: help extras demo docs test test-slow check fast clocked light rest wheels format booklets clean $(HOUSES:%=test-%)
 
 help:
 	@echo "make demo    a Walker learns to walk on a virtual hub: films before and after, a report"
@@ -42,6 +44,10 @@ $(INSTALLED): $(HOUSES:%=packages/%/pyproject.toml) constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(WORKSPACE)
 	@touch $@
 
+# What tests need beside, and are skipped without: LEGO's package for its kits (BUSL-1.1).
+extras: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt legoeducation
+
 demo: $(INSTALLED)
 	$(BIN)/bricksrl train Walker-v1 --episodes 20 --seed 0 $(PAGE)
 
@@ -56,7 +62,9 @@ check: $(INSTALLED)
 	$(BIN)/lint-imports --no-logo
 
 test: $(INSTALLED)
-	$(MAKE) --jobs 2 light rest
+	@rm -rf $(SKIPS)
+	@code=0; $(MAKE) --jobs 2 light rest || code=$$?; \
+	$(BIN)/python tests/plugins/skipped.py $(SKIPS) || code=$$?; exit $$code
 
 fast: $(INSTALLED)
 	$(BESIDE) $(PYTEST) $(FAST) $(TESTS)

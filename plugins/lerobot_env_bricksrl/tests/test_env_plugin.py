@@ -8,10 +8,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+pytest.importorskip("lerobot", reason="could not import 'lerobot'")
+
 import gymnasium
 import lerobot_env_bricksrl as plugin
 import numpy as np
-import pytest
 from lerobot.envs.configs import EnvConfig
 from lerobot.envs.factory import make_env
 from lerobot.envs.utils import env_to_policy_features, preprocess_observation

@@ -6,8 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import lerobot_robot_bricksrl as plugin
 import pytest
+
+pytest.importorskip("lerobot", reason="could not import 'lerobot'")
+
+import lerobot_robot_bricksrl as plugin
 from lerobot.robots.config import RobotConfig
 from lerobot.robots.utils import make_robot_from_config
 from lerobot.teleoperators.utils import make_teleoperator_from_config

@@ -164,6 +164,7 @@ def test_lines_of_numbers_from_a_serial_port(board: Board) -> None:
     reader.close()
 
 
+@pytest.mark.realtime
 def test_slow_sensor_makes_no_step_longer() -> None:
     medians: dict[float, list[float]] = {0.0: [], 1.0: []}
     for reading_s in (0.0, 1.0) * 3:
