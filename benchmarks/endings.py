@@ -2,9 +2,10 @@
 
     python -m benchmarks endings
 
-Each trial starts a command, with a browser's connection where it has a page, and ends it in one of the ways of :data:`WAYS`. Then
-all processes that descend from it are counted, wherever they are in the tree, and the ports of its pages. A virtual robot is in one
-of these processes: its motors turn for as long as that lives. What is not over after :data:`HANG_S` is a hang. Linux only.
+Each trial starts a command, with a browser's connection where it has a page, and ends it in one of the
+ways of :data:`WAYS`. Then all processes that descend from it are counted, wherever they are in the tree,
+and the ports of its pages. A virtual robot is in one of these processes: its motors turn for as long as
+that lives. What is not over after :data:`HANG_S` is a hang. Linux only.
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ KINDS = {
     "training with a page": Kind((*_TRAIN, "--page"), "episode 2/", None, (*_SIGNALS, *_BROWSERS)),
     "asynchronous training": Kind((*_TRAIN, "--asynchronous"), "episode 2/"),
     "fleet": Kind((*_TRAIN, "--robots", "2"), "episode 2/"),
-    "seeds": Kind((*_TRAIN, "--seeds", "2", "--jobs", "2"), "episode 2/"),
+    "seeds": Kind((*_TRAIN, "--seeds", "2"), "episode 2/"),
 }
 
 

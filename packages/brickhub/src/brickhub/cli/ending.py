@@ -1,8 +1,8 @@
 """End of a command that somebody else asks for: a signal, a closed terminal, or the end of the process that started it.
 
-The command ends in order, as by Ctrl-C, and has :data:`DEADLINE_S` for it. Then its process ends, whatever its threads do. Windows
-has no SIGTERM and no SIGHUP that a program could handle: there a closed terminal ends the process at once, and a parent's pipe,
-which works on every system, is the way to ask for an end.
+The command ends in order, as by Ctrl-C, and has :data:`DEADLINE_S` for it. Then its process ends, whatever
+its threads do. Windows has no SIGTERM and no SIGHUP that a program could handle: there a closed terminal
+ends the process at once, and a parent's pipe, which works on every system, is the way to ask for an end.
 """
 
 from __future__ import annotations
