@@ -229,6 +229,7 @@ def trial(number: int, seed: int) -> dict[str, Any]:
     """Start a command and end it; what was left."""
     name, way, delay_s = drawn(number, seed)
     kind = KINDS[name]
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background makes us, and so them, ignore it
     folder = Path(tempfile.mkdtemp(prefix="bricksrl-ending-"))
     try:
         with Command(kind.words, folder, has_terminal=way == "closed terminal") as command:
