@@ -205,12 +205,12 @@ def command(request: dict[str, Any], fds: Sequence[int] | array.array[int]) -> i
     try:
         if module := request.get("module"):
             os.setsid()
-            importlib.import_module(module).main()
-            return 0
+            code: int | None = importlib.import_module(module).main()
+            return code or 0
         if script := request.get("script"):
             exec(script, {"__name__": "__main__"})  # noqa: S102
             sys.exit()  # as a script ends
-        return main(request["arguments"])
+        return main()  # whose arguments are those of the process
     except SystemExit as ended:
         if isinstance(ended.code, str):
             raise

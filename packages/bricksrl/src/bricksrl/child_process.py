@@ -12,12 +12,16 @@ import threading
 from collections.abc import Callable
 from typing import Any, BinaryIO, NoReturn, cast
 
+from brickhub.cli.ending import end_after
+
 Message = tuple[str, Any]
 """A kind, and anything that can be pickled."""
 END: Message = ("end", None)
 """Asks a child to end; also stands for the parent's disappearance."""
 Deliver = Callable[[Message | None], None]
 """Receives messages in order, then ``None`` when the other side is gone; called in a separate thread."""
+ORPHAN_S = 2.0
+"""Time after the parent's end, within which a child that is busy ends by force."""
 Send = Callable[..., None]
 """Sends a message: a kind, and any content. Raises OSError if the other side is gone."""
 
@@ -83,11 +87,20 @@ class ChildProcess:
 
 
 def parent_channel(deliver: Deliver) -> Send:
-    """In a `ChildProcess`: deliver the parent's messages. Returns the function that sends messages to it."""
+    """In a `ChildProcess`: deliver the parent's messages. Returns the function that sends messages to it.
+
+    Once the parent is gone, the process has :data:`ORPHAN_S` to end by itself.
+    """
+
+    def deliver_and_end(message: Message | None) -> None:
+        deliver(message)
+        if message is None:
+            end_after(ORPHAN_S)
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     incoming, outgoing = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # prints must not mix with the messages
-    return open_channel(incoming, outgoing, deliver)
+    return open_channel(incoming, outgoing, deliver_and_end)
 
 
 def leave(code: int = 0) -> NoReturn:

@@ -18,7 +18,7 @@ from prompt_toolkit.input import create_pipe_input
 from torchrl.envs import ParallelEnv
 
 import bricksrl
-from bricksrl.cli.terminal import LEGEND, STOP_SIGNALS, EmergencyStop
+from bricksrl.cli.terminal import LEGEND, EmergencyStop, stop_signals
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.errors import HubError
 
@@ -118,7 +118,7 @@ def test_stop_without_motion_is_ctrl_c() -> None:
         assert not stop.is_set()
 
 
-@pytest.mark.parametrize("number", STOP_SIGNALS)
+@pytest.mark.parametrize("number", stop_signals())
 def test_signal_stops_robot_while_lock_is_held(number: int) -> None:
     robot, stop, lock = Robot(), threading.Event(), threading.Lock()
     robot.stop = lambda: [lock.acquire(timeout=BOUND_S), robot.wanted.append("stop"), lock.release()]

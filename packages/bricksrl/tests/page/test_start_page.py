@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -28,8 +29,9 @@ def browser() -> Iterator[object]:
 def start(forked: ForkServer, tmp_path: Path) -> Iterator[StartPage]:
     def launch(words: Sequence[str], folder: Path) -> Forked:
         read, write = os.pipe()
-        with Path(os.devnull).open() as nothing, os.fdopen(write, "w") as said:
-            process = forked.start(words, (nothing, said, said), folder=str(folder), environment=dict(os.environ))
+        with os.fdopen(write, "w") as said:
+            asked = {"folder": str(folder), "environment": dict(os.environ), "module": "bricksrl.cli.job"}
+            process = forked.start(words, (subprocess.PIPE, said, said), **asked)
         process.stdout = os.fdopen(read)
         return process
 

@@ -6,6 +6,7 @@ Modules of commands are imported when they are needed, so that help is printed a
 from __future__ import annotations
 
 import atexit
+import contextlib
 import gc
 import importlib
 import os
@@ -15,6 +16,7 @@ import sys
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import NoReturn
 
 
 _MIN_COLUMNS = 20
@@ -49,12 +51,35 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # for terminals that lack a character
+    if arguments is not None:
+        return _run(table, arguments)
+    from brickhub.cli.ending import INTERRUPTED, ended_in_time
+
+    with ended_in_time():
+        code = _run(table, sys.argv[1:])
+        if code == INTERRUPTED:
+            _leave(code)
+    return code
+
+
+def _run(table: str, arguments: Sequence[str]) -> int:
+    """Run one command; a Ctrl-C that it does not handle ends it."""
     try:
         from brickhub.cli import app
 
-        return app.run(importlib.import_module(table).LINE, sys.argv[1:] if arguments is None else arguments)
+        return app.run(importlib.import_module(table).LINE, arguments)
     except KeyboardInterrupt:
-        sys.stderr.write("interrupted: nothing was saved\n")
+        with contextlib.suppress(OSError):  # the terminal may be closed
+            sys.stderr.write("interrupted: nothing was saved\n")
         return 130
     finally:  # another Ctrl-C would show a traceback of what libraries do at the end of the process
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
+
+
+def _leave(code: int) -> NoReturn:
+    """End this process without the seconds in which the interpreter takes torch apart and waits for threads."""
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code)

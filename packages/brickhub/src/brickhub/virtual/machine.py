@@ -265,6 +265,11 @@ class Machine:
         if self._products * self.robot.hub.model.product_us >= 1000:
             self.advance(1)
 
+    @property
+    def is_driven(self) -> bool:
+        """Whether a motor has a voltage, be it 0, as one that brakes; the others coast."""
+        return any(servo.voltage_mv is not None for servo in self.servos.values())
+
     def stop_motors(self) -> None:
         """End a program as the firmware does: motors coast and are closed, drive bases are released, the display is cleared."""
         self.runs_program = False

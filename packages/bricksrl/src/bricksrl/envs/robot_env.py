@@ -98,7 +98,7 @@ class RobotEnv(BricksEnv):
         self._images: dict[str, NDArray[np.uint8]] = {}  # the last ones of sensors
         self.reconnect = Reconnect()
         self._changed = threading.Condition()
-        self._is_stopped = self._is_paused = False
+        self._is_stopped = self._is_paused = self._is_confirmed = False
         self._set_seed(seed)
 
     def close(self, **_: Any) -> None:
@@ -118,9 +118,22 @@ class RobotEnv(BricksEnv):
     def stop(self) -> None:
         with self._changed:
             self._is_stopped = True
+            self._is_confirmed = False
             self._changed.notify_all()
-        if self._connection is not None:
-            self._connection.link.emergency_stop()
+        connection = self._connection
+        if connection is None:
+            self._is_confirmed = True  # nothing moves
+            return
+        was_open = connection.link.is_open
+        connection.link.emergency_stop()  # returns when a real hub says that the program has ended
+        self._is_confirmed = was_open
+
+    @property
+    def has_stopped(self) -> bool:
+        connection = self._connection
+        if connection is None or connection.twin is None:
+            return self._is_confirmed
+        return not connection.twin.machine.is_driven
 
     def pause(self) -> None:
         with self._changed:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import http
-import http.cookies
 import importlib.resources
 import ipaddress
 import json
@@ -43,7 +42,9 @@ PORTS = range(8090, 8110)
 _TEXT = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 _CONTENT_TYPES = {**{ending: f"{kind}; charset=utf-8" for ending, kind in _TEXT.items()}, "jpg": "image/jpeg"}
 _MAX_CONNECTIONS, _MAX_MESSAGE_BYTES, _MAX_SHOWN = 12, 4096, 40
-_START_TIMEOUT_S, _JOIN_TIMEOUT_S = 10.0, 5.0
+_START_TIMEOUT_S, _JOIN_TIMEOUT_S = 10.0, 2.0
+_CLOSE_TIMEOUT_S = 0.5
+"""Time that a browser has to answer the end of its connection."""
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 HEADERS = {
@@ -85,15 +86,23 @@ class Guard:
         if not (has_our_port and (name.lower() in LOOPBACK or (self.is_open and _is_ip_address(name)))):
             return "this page has another address; open the one that the terminal shows"
         tokens = urllib.parse.parse_qs(urllib.parse.urlsplit(path).query).get("token", [])
-        with contextlib.suppress(http.cookies.CookieError):
-            jar = http.cookies.SimpleCookie(headers.get("Cookie") or "")
-            tokens += [jar[self.cookie].value] if self.cookie in jar else []
+        tokens += cookies(headers).get(self.cookie, [])
         if not any(secrets.compare_digest(token.encode(), self.token.encode()) for token in tokens):
             return "this page needs its token; open the address that the terminal shows"
         origin = headers.get("Origin")
         if (is_socket or origin is not None) and origin != f"http://{host}":
             return "another web page has asked for this; open the address that the terminal shows"
         return None
+
+
+def cookies(headers: Mapping[str, str]) -> dict[str, list[str]]:
+    """Values of a request's cookies by name. Those of other programs on this host are among them, in any form."""
+    found: dict[str, list[str]] = {}
+    for part in (headers.get("Cookie") or "").split(";"):
+        name, equals, value = part.strip().partition("=")
+        if equals:
+            found.setdefault(name.strip(), []).append(value.strip().strip('"'))
+    return found
 
 
 def _is_ip_address(name: str) -> bool:
@@ -198,13 +207,12 @@ class PageServer:
             process_request=self._answer,
             compression=None,
             max_size=_MAX_MESSAGE_BYTES,
-            close_timeout=1.0,
+            close_timeout=_CLOSE_TIMEOUT_S,
             logger=logger,
         ) as server:
             self._ready.set()
             await self._closing.wait()
-            for connection in list(server.connections):
-                await connection.close(1001, "the run has ended")
+            await asyncio.gather(*(connection.close(1001, "the run has ended") for connection in list(server.connections)))
 
     def file(self, name: str) -> tuple[str, bytes] | None:
         """Content type and bytes of a file of the page; ``None`` if there is no such file."""

@@ -4,12 +4,14 @@ A press starts the command of its row in a process of its own. Values of presses
 """
 
 import contextlib
+import logging
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -26,7 +28,8 @@ from bricksrl.training.run_folder import RunFolder
 from bricktwin.robots import ROBOTS
 
 _MAX_JOBS, _MAX_LINES, _MAX_RUNS, _MAX_POINTS, _LAST_EPISODES = 12, 60, 30, 60, 5
-_REFRESH_S, _END_S = 1.0, 8.0
+_REFRESH_S, _END_S, _READ_S = 1.0, 4.0, 1.0
+_log = logging.getLogger(__name__)
 _PAGE_LINE = re.compile(r"live page: (\S+)")
 
 
@@ -68,19 +71,21 @@ Launch = Callable[[Sequence[str], Path], "subprocess.Popen[str]"]
 
 
 def launch(words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
-    """Start a command of ``bricksrl`` in a folder, with all that it says on one pipe; Ctrl-C does not reach it."""
+    """Start a command of ``bricksrl`` in a folder, with all that it says on one pipe; Ctrl-C does not reach it. It ends when its
+    standard input does, which also happens if this process is killed."""
     return subprocess.Popen(  # noqa: S603  our own interpreter
-        [sys.executable, "-u", "-m", "bricksrl", *words],
+        [sys.executable, "-u", "-m", "bricksrl.cli.job", *words],
         cwd=folder,
-        stdin=subprocess.DEVNULL,
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
+        creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
     )
 
 
-@dataclass
+@dataclass(eq=False)
 class Job:
     """A command in a process of its own, with its lines, which it reads itself, and the address of its page."""
 
@@ -97,26 +102,56 @@ class Job:
 
     def listen(self) -> None:
         """Read its lines until it ends."""
-        with self.process:
-            for line in self.process.stdout or ():
-                if (match := _PAGE_LINE.search(line)) is not None:
-                    self.url = match[1]
-                else:
-                    self.lines.append(line.rstrip())
+        for line in self.process.stdout or ():
+            if (match := _PAGE_LINE.search(line)) is not None:
+                self.url = match[1]
+            else:
+                self.lines.append(line.rstrip())
+        self.process.wait()
 
-    def end(self) -> None:
-        """Ask it to end, and kill it if it does not."""
-        self.process.terminate()
+    @property
+    def is_running(self) -> bool:
+        """Whether its process has not ended."""
+        return self.process.poll() is None
+
+    def ask_to_end(self) -> None:
+        """Let its standard input end, at which it ends by itself."""
+        with contextlib.suppress(OSError):
+            if self.process.stdin is not None:
+                self.process.stdin.close()
+
+    def end_by(self, deadline_s: float) -> None:
+        """Wait for its end until a monotonic time; then kill it."""
         try:
-            self.process.wait(_END_S)
+            self.process.wait(max(0.0, deadline_s - time.monotonic()))
         except subprocess.TimeoutExpired:
             self.process.kill()
-        self.reader.join()
+            self.process.wait()
+        self.reader.join(_READ_S)  # a process that it has started may hold its output open
 
     def described(self) -> dict[str, Any]:
         """What the page shows of it."""
         shown = {"number": self.number, "action": self.action, "about": self.about, "url": self.url, "lines": list(self.lines)}
         return shown | {"code": self.process.poll()}
+
+
+def end_jobs(jobs: Sequence[Job]) -> None:
+    """End jobs, all at the same time."""
+    for job in jobs:
+        job.ask_to_end()
+    deadline_s = time.monotonic() + _END_S
+    for job in jobs:
+        job.end_by(deadline_s)
+
+
+def without_old(jobs: list[Job]) -> list[Job]:
+    """The jobs without the oldest of those that have ended, where there are more than are shown.
+
+    One that runs is always there, as it could not be ended otherwise.
+    """
+    surplus = len(jobs) - _MAX_JOBS
+    ended = [job for job in jobs if not job.is_running][: max(0, surplus)]
+    return [job for job in jobs if job not in ended]
 
 
 class StartPage(PageServer):
@@ -150,8 +185,7 @@ class StartPage(PageServer):
     def close(self) -> None:
         """End all jobs and stop serving."""
         self._ended.set()
-        for job in self._jobs:
-            job.end()
+        end_jobs(self._jobs)
         super().close()
         if self._results is not None:
             shutil.rmtree(self._results, ignore_errors=True)
@@ -167,17 +201,13 @@ class StartPage(PageServer):
         message = ""
         try:
             if name == "end":
-                self._end(job for job in self._jobs if job.number == value)
+                end_jobs([job for job in self._jobs if job.number == value])
             elif name != "left":
                 self._begin(chosen("button", name, ACTIONS), value if isinstance(value, list) else [value])
         except BricksError as error:
             message = str(error)
         self.board.update_status(message=message)
         self._publish()
-
-    def _end(self, jobs: Iterable[Job]) -> None:
-        for job in jobs:
-            job.end()
 
     def _begin(self, name: str, values: list[Any]) -> None:
         """Start the command of an action for names. Raises PageError for those that the page does not know."""
@@ -192,13 +222,16 @@ class StartPage(PageServer):
         if name == "train":  # or the same run would come again
             words += ["--seed", f"{sum(run['env'] in names for run in runs)}"]
         if action.is_alone:
-            self._end(job for job in self._jobs if ACTIONS[job.action].is_alone)
+            end_jobs([job for job in self._jobs if ACTIONS[job.action].is_alone])
         job = Job(number, name, ", ".join(names), self._launch(words, self._folder))
-        self._jobs = [*self._jobs, job][-_MAX_JOBS:]
+        self._jobs = without_old([*self._jobs, job])
 
     def _refresh(self) -> None:
         while not self._ended.wait(_REFRESH_S):
-            self._publish()
+            try:
+                self._publish()
+            except Exception as error:  # noqa: BLE001  the next time it may be right again
+                _log.warning("the start page: %s", error)
 
     def _publish(self) -> None:
         self.board.update_status(jobs=[job.described() for job in self._jobs[::-1]], runs=self._runs())
@@ -206,10 +239,10 @@ class StartPage(PageServer):
     def _runs(self) -> list[dict[str, Any]]:
         """The runs in the folder, the latest first, with the mean return of the last episodes."""
         found = []
-        configs = sorted(self._folder.glob("runs/*/config.json"), key=lambda path: path.stat().st_mtime, reverse=True)
+        configs = sorted(self._folder.glob("runs/*/config.json"), key=_changed_s, reverse=True)
         for config in configs[:_MAX_RUNS]:
             run = RunFolder(config.parent)
-            with contextlib.suppress(BricksError):
+            with contextlib.suppress(BricksError, OSError):  # such as a run that is deleted now
                 origin, returns = run.origin(), [episode.return_ for episode in run.read_episodes()]
                 last = returns[-_LAST_EPISODES:]
                 about = {"env": origin.env, "agent": origin.agent, "episodes": len(returns)}
@@ -218,3 +251,11 @@ class StartPage(PageServer):
                     {**about, "name": run.path.name, "points": points, "return": sum(last) / len(last) if last else None}
                 )
         return found
+
+
+def _changed_s(path: Path) -> float:
+    """Time of a file's last change; 0 if it has just been deleted."""
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0

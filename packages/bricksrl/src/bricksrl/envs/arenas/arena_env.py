@@ -171,6 +171,10 @@ class ArenaEnv(GroupedEnv):
             ]
         return self._world
 
+    @property
+    def has_stopped(self) -> bool:
+        return not any(hub.machine.is_driven for hub in self._hubs)
+
     def hub(self, robot: str) -> VirtualHub:
         """Hub of a robot, by its name."""
         assert self.world is not None  # noqa: S101  making it makes the hubs

@@ -122,6 +122,11 @@ class Fleet(SpecsEnv):
         self._is_over = True
         self._send_all("stop")
 
+    @property
+    def has_stopped(self) -> bool:
+        """Whether the processes of all robots have ended, as each does after it has stopped its robot."""
+        return all(member.process is None or member.process.wait(0.0) is not None for member in self.members)
+
     def pause(self) -> None:
         """Pause all robots after their current steps."""
         self._is_paused = True

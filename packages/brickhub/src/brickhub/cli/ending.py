@@ -1,0 +1,109 @@
+"""End of a command that somebody else asks for: a signal, a closed terminal, or the end of the process that started it.
+
+The command ends in order, as by Ctrl-C, and has :data:`DEADLINE_S` for it. Then its process ends, whatever
+its threads do. Windows has no SIGTERM and no SIGHUP that a program could handle: there a closed terminal
+ends the process at once, and a parent's pipe, which works on every system, is the way to ask for an end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+from brickhub.cli.key_listener import interrupt_main
+
+DEADLINE_S = 3.0
+"""Time for an end in order."""
+INTERRUPTED = 130
+"""Exit code of a command that was ended, as in shells after Ctrl-C."""
+_NOTE_S = 1.0
+"""Time after which a Ctrl-C that has not ended the command yet is answered."""
+_NAMES = ("SIGTERM", "SIGHUP", "SIGBREAK")
+
+
+def end_signals() -> list[signal.Signals]:
+    """Signals that end a command, except Ctrl-C: SIGTERM, SIGHUP (a closed terminal) and, on Windows, Ctrl-Break. Those that the
+    caller has made us ignore, as ``nohup`` does, are left out."""
+    known = [signal.Signals[name] for name in _NAMES if hasattr(signal, name)]
+    return [number for number in known if signal.getsignal(number) is not signal.SIG_IGN]
+
+
+def end_after(duration_s: float) -> None:
+    """End this process after a time, whatever its threads do then."""
+
+    def end() -> None:
+        time.sleep(duration_s)
+        os._exit(INTERRUPTED)
+
+    threading.Thread(target=end, name="brickhub-deadline", daemon=True).start()
+
+
+@contextlib.contextmanager
+def ended_in_time() -> Iterator[None]:
+    """Context of a command in the main thread: the signals of `end_signals` are a Ctrl-C to it, and it ends before the deadline,
+    also if the main thread is busy. A second Ctrl-C has the same deadline; the first may take longer, to save what is learned."""
+    numbers = end_signals()
+    handlers = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
+    told, tell = socket.socketpair()  # Windows takes no pipe
+    tell.setblocking(False)
+    wakeup_before = signal.set_wakeup_fd(tell.fileno(), warn_on_full_buffer=False)
+    threading.Thread(target=_watch_signals, args=(told, frozenset(numbers)), name="brickhub-signals", daemon=True).start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(wakeup_before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        tell.close()
+
+
+def _watch_signals(told: socket.socket, numbers: frozenset[int]) -> None:
+    """Set the deadline at the first signal that ends the command, or at the second Ctrl-C."""
+    interrupts = 0
+    with told:
+        while data := told.recv(1):
+            interrupts += data[0] == signal.SIGINT
+            if data[0] in numbers or interrupts > 1:
+                end_after(DEADLINE_S)
+                return
+            if data[0] == signal.SIGINT:
+                threading.Thread(target=_answer_interrupt, name="brickhub-interrupt", daemon=True).start()
+
+
+def _answer_interrupt() -> None:
+    time.sleep(_NOTE_S)
+    with contextlib.suppress(OSError, ValueError):
+        sys.stderr.write("ending; another Ctrl-C ends at once\n")
+
+
+def end_with_parent() -> None:
+    """End this command when standard input ends, which its parent holds open for as long as it lives. The command itself reads
+    nothing from then on."""
+    held = os.dup(0)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+
+    def watch() -> None:
+        with contextlib.suppress(OSError):
+            while os.read(held, 64):
+                pass
+        end_after(DEADLINE_S)
+        if hasattr(signal, "pthread_kill"):
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
+        else:
+            interrupt_main()
+
+    threading.Thread(target=watch, name="brickhub-parent", daemon=True).start()
+
+
+def wait_for_end() -> None:
+    """Wait for Ctrl-C, or another end. Raises KeyboardInterrupt."""
+    while True:
+        time.sleep(1.0)  # unlike a lock, this is interrupted on Windows too
