@@ -4,8 +4,10 @@ import contextlib
 import difflib
 import errno
 import os
+import secrets
 import shlex
 import shutil
+import stat
 import subprocess
 import sys
 import tempfile
@@ -107,14 +109,16 @@ def write_durably(path: Path, data: bytes) -> None:
     """
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY_PREFIX)
-        temporary = Path(name)
+        temporary = temporary_beside(path)
+        # The system takes the user's umask off; tempfile would allow the owner alone.
+        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
-            temporary.chmod(0o644)
+            if path.is_file():  # who may read it stays as it was
+                temporary.chmod(stat.S_IMODE(path.stat().st_mode))
             temporary.replace(path)
         except BaseException:
             temporary.unlink(missing_ok=True)
@@ -133,11 +137,11 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     made = [parent for parent in path.parents if not parent.exists()]
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=TEMPORARY_PREFIX))
+        folder = temporary_beside(path)
+        folder.mkdir()
     try:
         yield folder
         with writing(path):
-            folder.chmod(0o755)
             folder.rename(path)
     except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
@@ -149,6 +153,11 @@ def atomic_folder(path: Path) -> Iterator[Path]:
                 raise
         raise
     _sync_folder(path.parent)
+
+
+def temporary_beside(path: Path, suffix: str = "") -> Path:
+    """A new name of an incomplete file or folder in the folder of ``path``."""
+    return path.parent / f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{suffix}"
 
 
 def _sync_folder(path: Path) -> None:

@@ -27,7 +27,7 @@ class ProgramRun:
     """Run of a program.
 
     Attributes:
-        exit_code: 1 if the program raised, else 0, also if the time limit ended it.
+        exit_code: 1 if the program raised, 124 if the time limit ended it, else 0.
         output: what it printed.
         errors: the hub's traceback, or that the program was stopped; notes of the bench.
     """
@@ -36,6 +36,13 @@ class ProgramRun:
     output: str
     errors: str
     _log: RunLog = field(repr=False)
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the time limit ended it: a program that never ends, or a limit that is too short."""
+        from brickhub.hub.program.run_program import TIME_LIMIT_EXIT_CODE
+
+        return self.exit_code == TIME_LIMIT_EXIT_CODE
 
     @cached_property
     def log(self) -> list[dict[str, float | str | None]]:

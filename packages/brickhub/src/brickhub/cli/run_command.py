@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO
+from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO, cast
 
 from tyro.conf import Positional, UseAppendAction
 
@@ -25,9 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Run:
-    """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit code 1 if it raises.
+    """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit code 1 if it raises, 124
+    at the time limit.
 
-    Files that it imports from its folder are included. The program can read standard input. Ctrl-C stops it and its motors. A
+    Files that it imports from its folder are included; those that it writes, as `motor.log.save` does, are saved beside it. The program can read standard input. Ctrl-C stops it and its motors. A
     program that imports LEGO's package `legoeducation` runs on this computer, and drives virtual devices of LEGO's kits.
 
     Without --robot, the virtual hub adapts to the program: its kind is the one that the program imports, and each port has the
@@ -49,7 +50,7 @@ class Run:
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """Which hub: virtual, in simulated time, or ble, ble:NAME, ble:ADDRESS, usb, usb:PORT."""
     time_limit_s: Annotated[float | None, option(metavar="SECONDS")] = None
-    """Stop the program after this time, without an error."""
+    """Stop the program after this time, with exit code 124."""
     press: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="BUTTON@TIME")] = ()
     """Button press on the virtual hub: left@2.5s, center@4s+1s (held for 1 s), remote.left_plus@3s. May be repeated."""
     reading: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=VALUE")] = ()
@@ -102,7 +103,7 @@ class Run:
                 return run_file(
                     self.file,
                     self.body(stack),
-                    stdout=out,
+                    stdout=self._without_files(out, stack),
                     stderr=err,
                     stdin=source,
                     time_limit_s=self.time_limit_s,
@@ -115,9 +116,17 @@ class Run:
 
         if is_for_kit:
             raise DescriptionError("LEGO's devices run no programs; run it on this computer: python " + str(self.file))
-        with closing(address.transport()) as transport:
-            out = sys.stdout.buffer
+        with ExitStack() as stack, closing(address.transport()) as transport:
+            out = self._without_files(sys.stdout.buffer, stack)
             return run_program(transport, program, stdout=out, stderr=sys.stderr, stdin=stdin, time_limit_s=self.time_limit_s)
+
+    def _without_files(self, out: BinaryIO, stack: ExitStack) -> BinaryIO:
+        """A stream for the program's output, which saves the files in it beside the program and writes all else to ``out``."""
+        from brickhub.hub.program.program_files import ProgramFiles
+
+        files = ProgramFiles(out, self.file.absolute().parent, print_note)
+        stack.callback(files.close)
+        return cast("BinaryIO", files)
 
     def body(self, stack: ExitStack) -> Body | None:
         """Body of the virtual robot; ``None`` for the bench that adapts to the program. ``stack`` closes what it needs."""

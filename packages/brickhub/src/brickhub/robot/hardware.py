@@ -59,6 +59,7 @@ class HubModel:
         has_display, has_speaker: whether there are a display of 5 x 5 pixels and a loudspeaker.
         is_rechargeable: whether it has a lithium battery with a charger rather than cells.
         buttons: names of its buttons.
+        peripherals: number of wireless devices that it can hold (``PBDRV_CONFIG_BLUETOOTH_NUM_PERIPHERALS``).
         missing: builtin names, and classes of wireless devices, that its firmware leaves out.
     """
 
@@ -83,6 +84,7 @@ class HubModel:
     has_speaker: bool = False
     is_rechargeable: bool = False
     buttons: tuple[str, ...] = ("center",)
+    peripherals: int = 1
     missing: tuple[str, ...] = ()
     alias: str = ""
     own_motors: str = ""
@@ -121,6 +123,7 @@ class HubKind(_Kind):
         has_speaker=True,
         is_rechargeable=True,
         buttons=("center", "left", "right", "bluetooth"),
+        peripherals=2,
         alias="InventorHub",
     )
     ESSENTIAL = HubModel(
@@ -139,6 +142,7 @@ class HubKind(_Kind):
         storage_bytes=512,
         has_imu=True,
         is_rechargeable=True,
+        peripherals=2,
     )
     TECHNIC = HubModel(
         "technic",

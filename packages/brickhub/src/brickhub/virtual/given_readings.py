@@ -10,11 +10,15 @@ from pathlib import Path
 
 from brickhub.errors import DescriptionError, TwinError
 from brickhub.robot import MotorKind, Sense, SensorKind
+from brickhub.virtual.readings_file import Row, read_rows
 from brickhub.virtual.stimuli import COLORS, Sensed
 
 _BUTTON_FORCES_N: Mapping[str, float] = {"pressed": 10.0, "released": 0.0}
 _UNIT_SENSES = {"mm": Sense.DISTANCE, "n": Sense.FORCE, "deg": Sense.TILT}
 _EXAMPLES = "B=red, B=120,80,50 (hue, saturation, value), B=40%, B=200mm, B=3N, B=pressed, B=10,-5deg (pitch, roll), B=@file"
+_COMMAS = " (a comma separates columns here; write 2.5, or separate columns by ;)"
+_COUNTS_BY_UNIT: Mapping[str | None, tuple[int, ...]] = {None: (1, 2, 3), "deg": (1, 2)}
+"""Numbers that may have a unit together; one of other units."""
 _VALUE_COUNTS = {Sense.SURFACE: (1, 3), Sense.AMBIENT: (1, 3), Sense.TILT: (2,)}
 """Numbers of values that a stimulus can have; one for other senses."""
 
@@ -28,12 +32,14 @@ class GivenReading:
         sense: what is sensed; ``None`` for the sensor's first sense.
         times_s: simulated seconds, ascending, from which each value holds; the first also before.
         values: one per time.
+        places: where each value is written, for messages; empty for one on the command line.
     """
 
     port: str
     sense: Sense | None
     times_s: tuple[float, ...]
     values: tuple[Sensed, ...]
+    places: tuple[str, ...] = ()
 
     def at(self, time_s: float) -> Sensed:
         """The value at a simulated time."""
@@ -47,11 +53,15 @@ class GivenReading:
         if sense not in available:
             names = " or ".join(available) or "nothing"
             raise TwinError(f"the {device} on port {self.port} senses {names}, not {sense}; give such a reading")
-        for value in self.values:
-            if (len(value) if isinstance(value, tuple) else 1) not in _VALUE_COUNTS.get(sense, (1,)):
-                raise TwinError(
-                    f"--reading {self.port}: {value} is not a {sense} for the {device} there; give one such as {_EXAMPLES}"
-                )
+        counts = _VALUE_COUNTS.get(sense, (1,))
+        for index, value in enumerate(self.values):
+            count = len(value) if isinstance(value, tuple) else 1
+            if count not in counts:
+                place = f"--reading {self.port}"
+                if self.places:
+                    place = f"{self.places[index]}{_COMMAS if count > 1 else ''}"
+                what = f"{value} is not a {sense} for the {device} on port {self.port}"
+                raise TwinError(f"{place}: {what}; give one such as {_EXAMPLES}")
         return sense
 
 
@@ -68,8 +78,14 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
     if not value.startswith("@"):
         stimulus, unit_sense = _value(value, text)
         return GivenReading(port, sense or unit_sense, (0.0,), (stimulus,))
-    times, values = _from_file(folder / value[1:])
-    return GivenReading(port, sense, times, values)
+    rows = read_rows(folder / value[1:])
+    values = tuple(_value_of_row(row) for row in rows)
+    return GivenReading(port, sense, tuple(row.time_s for row in rows), values, tuple(row.place for row in rows))
+
+
+def _value_of_row(row: Row) -> Sensed:
+    hint = _COMMAS if re.match(r"\d+\s*,", row.text) else ""
+    return _value(row.text, f"{row.place}{hint}: {row.text}")[0]
 
 
 def _value(value: str, text: str) -> tuple[Sensed, Sense | None]:
@@ -83,30 +99,10 @@ def _value(value: str, text: str) -> tuple[Sensed, Sense | None]:
         numbers = tuple(float(part) for part in match[1].split(","))  # type: ignore[index]
     except (TypeError, ValueError):
         numbers = ()
-    if not 1 <= len(numbers) <= 3 or not all(map(math.isfinite, numbers)):
+    unit = match[2] if match else None
+    if len(numbers) not in _COUNTS_BY_UNIT.get(unit, (1,)) or not all(map(math.isfinite, numbers)):
         raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
-    return numbers if len(numbers) > 1 else numbers[0], _UNIT_SENSES.get(match[2])  # type: ignore[index]
-
-
-def _from_file(path: Path) -> tuple[tuple[float, ...], tuple[Sensed, ...]]:
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise TwinError(f"cannot read the readings in '{path}' ({error}); give a file with lines such as: 2.5, red") from None
-    times, values = [], []
-    for number, line in enumerate(lines, 1):
-        row = line.partition("#")[0].strip()
-        if not row:
-            continue
-        time, _, value = row.partition(",")
-        try:
-            times.append(float(time))
-        except ValueError:
-            raise TwinError(f"{path}, line {number}: '{time}' is not a time in seconds; write a line such as: 2.5, red") from None
-        values.append(_value(value.strip(), f"{path}, line {number}: {value.strip()}")[0])
-    if not times or times != sorted(times):
-        raise TwinError(f"{path} has no readings in order of time; write lines such as: 2.5, red")
-    return tuple(times), tuple(values)
+    return numbers if len(numbers) > 1 else numbers[0], _UNIT_SENSES.get(unit or "")
 
 
 def parse_end_stop(text: str) -> tuple[str, tuple[float, float]]:

@@ -27,6 +27,7 @@ class Modules(dict[str, ModuleType]):
         product: called after each product of floats, so that simulated time passes in a program that computes much.
         missing_builtins: builtin names that the hub does not have.
         find_module: returns a module of the program by its name, or ``None``.
+        find_frozen: likewise a module of the firmware that is itself a program.
         namespaces: globals of the program and of its modules, added while it runs.
     """
 
@@ -42,6 +43,7 @@ class Modules(dict[str, ModuleType]):
         self.product: Callable[[], None] = lambda: None
         self.missing_builtins = missing_builtins
         self.find_module: Callable[[str], HubModule | None] = lambda name: None
+        self.find_frozen: Callable[[str], HubModule | None] = lambda name: None
         self.namespaces = [] if namespaces is None else namespaces
 
 
@@ -68,7 +70,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
         if name == "__main__":
             return main
         if name not in importable:
-            own_module = importable.find_module(name)
+            own_module = importable.find_module(name) or importable.find_frozen(name)
             if own_module is None:
                 raise ImportError(f"no module named '{name}'")
             importable[name] = module(name, {"__builtins__": namespace["__builtins__"]})

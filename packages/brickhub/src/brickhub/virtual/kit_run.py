@@ -10,7 +10,12 @@ from pathlib import Path
 from typing import TextIO
 
 from brickhub.errors import HubTimeoutError, TwinError
-from brickhub.hub.program.run_program import check_time_limit, read_program
+from brickhub.hub.program.run_program import (
+    TIME_LIMIT_EXIT_CODE,
+    check_time_limit,
+    read_program,
+    time_limit_note,
+)
 from brickhub.robot import KitKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
@@ -41,7 +46,7 @@ def run_kit_file(
         operation: readings, pace, and what watches the machine. Buttons are refused: the devices' own start no programs.
 
     Returns:
-        Exit code of the program: 1 if it raises.
+        Exit code of the program: 1 if it raises, `TIME_LIMIT_EXIT_CODE` if the time limit ends it.
 
     Raises:
         MediumUnavailableError: LEGO's package is not installed.
@@ -66,7 +71,8 @@ def run_kit_file(
     except ProgramStopped:
         stderr.write("The program was stopped (SystemExit).\n")
     except HubTimeoutError:
-        stderr.write(f"The program was stopped after {time_limit_s:g} s.\n")
+        stderr.write(time_limit_note(time_limit_s or 0.0))
+        return TIME_LIMIT_EXIT_CODE
     except SystemExit as end:
         if isinstance(end.code, str):
             stderr.write(f"{end.code}\n")

@@ -1,6 +1,7 @@
 """Running program files on a virtual hub."""
 
 import ast
+import functools
 import re
 import signal
 import sys
@@ -14,7 +15,13 @@ from types import FrameType
 from typing import BinaryIO, TextIO
 
 from brickhub.errors import TwinError
-from brickhub.hub.program.run_program import check_time_limit, folder_with_module, load_program
+from brickhub.hub.program.run_program import (
+    TIME_LIMIT_EXIT_CODE,
+    check_time_limit,
+    folder_with_module,
+    load_program,
+    time_limit_note,
+)
 from brickhub.hub.program.syntax import parse
 from brickhub.hub.transport import HubProgram, as_typed
 from brickhub.robot import HubKind, MotorKind, SensorKind
@@ -35,6 +42,10 @@ _CHUNK_BYTES = 60
 
 class ProgramStopped(HostStop):
     """The program is to end; on a hub the button raises SystemExit."""
+
+
+class _TimeLimitReached(ProgramStopped):
+    """The time limit is over; its seconds are the only argument."""
 
 
 class _OutputFailed(HostStop):
@@ -137,11 +148,12 @@ def run_file(
         stdout: for prints; ``None`` for this process's.
         stderr: for the hub's traceback or stop message; ``None`` for this process's.
         stdin: input, read completely at once: bytes, or text as if it were typed; ``None`` for none.
-        time_limit_s: simulated seconds until the program is stopped, as by the button.
+        time_limit_s: simulated seconds until the program is stopped.
         operation: buttons, readings and pace.
 
     Returns:
-        Exit code: 1 if the program raises, else 0, also for ``SystemExit``, switching off and the time limit.
+        Exit code: 1 if the program raises, `TIME_LIMIT_EXIT_CODE` if the time limit ends it, else 0, also for ``SystemExit``
+        and switching off.
 
     Raises:
         OSError: ``stdout`` does not take what the program prints.
@@ -167,7 +179,7 @@ def run_file(
     machine.firmware = firmware
     if time_limit_s is not None:
         machine.alarm_ms = round(time_limit_s * 1000)
-        machine.on_alarm = stop_program
+        machine.on_alarm = functools.partial(_end_at_limit, time_limit_s)
     if operation.realtime:
         machine.pace = Pace()
     if operation.watch is not None:
@@ -202,6 +214,9 @@ def _run(program: HubProgram, path: Path, machine: Machine, console: StreamConso
             with suppress(OverflowError):  # which a hub finds when it loads the module
                 compile_source(module.source, module.file)
         execute(program.source, path.name, importable, console)
+    except _TimeLimitReached as end:
+        stderr.write(time_limit_note(end.args[0]))
+        return TIME_LIMIT_EXIT_CODE
     except (SystemExit, ProgramStopped) as end:
         name = class_name(type(end)) if isinstance(end, SystemExit) else SystemExit.__name__
         stderr.write(f"The program was stopped ({name}).\n")
@@ -245,6 +260,11 @@ def _typing_hint(error: BaseException, source: str) -> str:
 def stop_program() -> None:
     """Stop the program of this thread, as the button does; only from within the machine's time."""
     raise ProgramStopped
+
+
+def _end_at_limit(time_limit_s: float) -> None:
+    """End the program of this thread, whose time is over; only from within the machine's time."""
+    raise _TimeLimitReached(time_limit_s)
 
 
 class _Interrupted(HostStop):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from brickhub.errors import HubError, HubProgramError, HubTimeoutError
 from brickhub.hub.program.generate import onboard_text, sorted_imports
-from brickhub.hub.program.run_program import describe_traceback, run_program
+from brickhub.hub.program.run_program import TIME_LIMIT_EXIT_CODE, describe_traceback, run_program
 from brickhub.hub.protocol import Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Transport
 from brickhub.robot import Motor, Robot
@@ -120,7 +120,8 @@ def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str
         HubProgramError: the program raised.
     """
     output, errors = io.BytesIO(), io.StringIO()
-    if run_program(transport, program, stdout=output, stderr=errors, time_limit_s=timeout_s):
+    code = run_program(transport, program, stdout=output, stderr=errors, time_limit_s=timeout_s)
+    if code not in (0, TIME_LIMIT_EXIT_CODE):
         raise HubProgramError(describe_traceback(errors.getvalue(), program.source))
     *lines, end, _ = f"\n\n{output.getvalue().decode('utf-8', 'replace')}".split("\n")
     if end != "end":

@@ -57,9 +57,18 @@ def program_blob(modules: Mapping[str, bytes], hub: AnyHub) -> bytes:
 
 
 U_PREFIXED = ("sys", "select", "struct", "math", "random", "json", "io", "errno")
-_PYBRICKS = ("hubs", "parameters", "pupdevices", "robotics", "tools", "messaging", "iodevices", "geometry")
+_PYBRICKS = ("hubs", "parameters", "pupdevices", "robotics", "tools", "messaging", "iodevices", "geometry", "experimental")
 HUB_MODULES = frozenset(
-    (*U_PREFIXED, *(f"u{name}" for name in U_PREFIXED), "gc", "micropython", "pybricks", *(f"pybricks.{m}" for m in _PYBRICKS))
+    (
+        *U_PREFIXED,
+        *(f"u{name}" for name in U_PREFIXED),
+        "gc",
+        "micropython",
+        "pybricks",
+        *(f"pybricks.{name}" for name in _PYBRICKS),
+        "_builtin_port_view",
+        "_imu_calibrate",
+    )
 )
 """Modules of the firmware of a hub with floating-point numbers."""
 

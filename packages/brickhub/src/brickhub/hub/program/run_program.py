@@ -17,6 +17,8 @@ from brickhub.hub.protocol import WRITE_BYTES
 from brickhub.hub.transport import MAIN_FILE, HubModule, HubProgram, Transport, as_typed
 
 _MAX_FOLDERS_ABOVE = 5
+TIME_LIMIT_EXIT_CODE = 124
+"""Exit code of a program that the time limit ended, as the command ``timeout`` has it."""
 
 
 def read_program(path: Path) -> str:
@@ -33,6 +35,11 @@ def check_time_limit(time_limit_s: float | None) -> None:
     """Check a time limit in seconds; ``None`` for no limit. Raises ProgramError if the limit is not a positive finite number."""
     if time_limit_s is not None and not 0 < time_limit_s < math.inf:
         raise ProgramError(f"the time limit is {time_limit_s} s; give a number above zero, or none")
+
+
+def time_limit_note(time_limit_s: float) -> str:
+    """What a person is told of a program that the time limit ended."""
+    return f"The program was stopped at the time limit of {time_limit_s:g} s.\n"
 
 
 def module_beside(path: Path, name: str) -> HubModule | None:
@@ -129,7 +136,7 @@ def run_program(
         time_limit_s: seconds after which the program is stopped.
 
     Returns:
-        Exit code: 1 if the program raised, else 0.
+        Exit code: 1 if the program raised, `TIME_LIMIT_EXIT_CODE` if the time limit ended it, else 0.
 
     Raises:
         ProgramError: the program is invalid or too large for the hub, or the time limit is invalid.
@@ -140,10 +147,12 @@ def run_program(
     transport.start(program)
     pieces, pending = _pieces_of(stdin), b""
     deadline_s = None if time_limit_s is None else transport.now_s() + time_limit_s
+    is_late = False
     try:
         while True:
             if deadline_s is not None and transport.now_s() >= deadline_s:
                 deadline_s = None
+                is_late = True
                 transport.stop()
             elif pending or not pieces.empty():
                 pending = pending or pieces.get()
@@ -152,7 +161,11 @@ def run_program(
                     pending = b""
             transcript.feed(transport.read(_READ_S if stdin is None else _READ_BESIDE_INPUT_S))
     except ProgramStoppedError:
-        return transcript.end()
+        code = transcript.end()
+        if not is_late:
+            return code
+        stderr.write(time_limit_note(time_limit_s or 0.0))
+        return TIME_LIMIT_EXIT_CODE
 
 
 def _pieces_of(stream: BinaryIO | TextIO | None) -> queue.SimpleQueue[bytes]:

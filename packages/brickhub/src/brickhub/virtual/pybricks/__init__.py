@@ -1,8 +1,10 @@
 """Stand-ins for ``pybricks.*`` and the modules of MicroPython, on a simulated clock."""
 
+import functools
 from typing import Any
 
 from brickhub.hub.program.compile import U_PREFIXED
+from brickhub.virtual.frozen import frozen_module
 from brickhub.virtual.interpreter import Modules
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython import system
@@ -11,6 +13,7 @@ from brickhub.virtual.micropython.numbers import math_module, module, random_mod
 from brickhub.virtual.micropython.streams import BytesIO, Console, IOBase, StringIO
 from brickhub.virtual.micropython.transform import COMPREHENSIONS
 from brickhub.virtual.pybricks.context import Context
+from brickhub.virtual.pybricks.experimental import experimental_module
 from brickhub.virtual.pybricks.hubs import hubs_module
 from brickhub.virtual.pybricks.iodevices import iodevices_module
 from brickhub.virtual.pybricks.parameters import enumeration, parameters_module
@@ -32,7 +35,7 @@ def modules(machine: Machine, console: Console) -> Modules:
     messaging = messaging_module(context)
     parts = [hubs_module(context, hub.model), parameters_module(context), pupdevices_module(context), robotics_module(context)]
     parts += [tools := tools_module(context, messaging.AppData), messaging]
-    parts += [iodevices_module(context)] if hub.model.has_float else []
+    parts += [iodevices_module(context), experimental_module(hub.model)] if hub.model.has_float else []
     result = {f"pybricks.{part.__name__}": part for part in parts}
     firmware = machine.firmware
     result["pybricks"] = module("pybricks", {"version": (f"{hub.value}hub", firmware.version, firmware.build)})
@@ -56,4 +59,5 @@ def modules(machine: Machine, console: Console) -> Modules:
     hooks["@callee"] = check_of_calls(most_nested_calls(hub))
     importable = Modules(result, hooks, heap.namespaces, hub.model.missing)
     importable.product = machine.charge_product
+    importable.find_frozen = functools.partial(frozen_module, hub=hub.model)
     return importable

@@ -72,6 +72,7 @@ class Context:
     Attributes:
         ports: the program's class ``Port``, with the ports of the hub.
         start_ms: simulated time at which the program began.
+        peripherals: wireless devices that the program looks for or is connected to; the hub holds only some.
         is_active: whether tasks run.
         is_waiting: whether the task that has just yielded has been waiting since its last turn. Otherwise it only lets others
             run, or has done something for which others may wait.
@@ -80,6 +81,7 @@ class Context:
     def __init__(self, machine: Machine, console: Console, ports: type[Any]) -> None:
         self.machine, self.console, self.ports = machine, console, ports
         self.start_ms = machine.time_ms
+        self.peripherals: list[Any] = []
         self.is_active = self.is_waiting = False
 
     def port_letter(self, port: Any) -> str:

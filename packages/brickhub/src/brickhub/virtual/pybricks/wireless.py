@@ -59,20 +59,36 @@ class Wireless(Native):
             self.connect()
 
     def connect(self) -> Any:
+        held = self._context.peripherals
+        if len(held) >= self._machine.robot.hub.model.peripherals:
+            raise os_error(errno.EBUSY)
+        # A device that is connected does not advertise itself, so another search does not find it.
+        is_near = self._is_near() and not any(device._is_found(self._kind) for device in held)
+        held.append(self)
         start_ms = self._machine.time_ms
-        is_near = self._is_near()
         longest_ms = self._timeout_ms
         if longest_ms is not None and self._pause_ms is not None:
             longest_ms = 2 * longest_ms + self._pause_ms
 
         def is_done() -> bool:
             waited_ms = self._machine.time_ms - start_ms
-            self._is_connected = is_near and waited_ms >= _SEARCH_MS
             if not is_near and longest_ms is not None and waited_ms >= longest_ms:
+                self._release()
                 raise os_error(errno.ETIMEDOUT)
-            return self._is_connected
+            is_found = is_near and waited_ms >= _SEARCH_MS
+            self._is_connected = self._is_connected or is_found
+            return is_found
 
-        return self._context.finish(is_done, poll_ms=1)
+        return self._context.finish(is_done, on_close=self._release, poll_ms=1)
+
+    def _release(self) -> None:
+        """Give the hub's place for a device back."""
+        if self in self._context.peripherals:
+            self._context.peripherals.remove(self)
+
+    def _is_found(self, kind: str) -> bool:
+        """Whether this is the connection to the device of a kind."""
+        return self._is_connected and self._kind == kind
 
     def _is_near(self) -> bool:
         return self._kind in self._machine.panel.near
@@ -84,6 +100,7 @@ class Wireless(Native):
 
     def disconnect(self) -> Any:
         self._is_connected = False
+        self._release()
         return self._context.done()
 
     name = _unavailable("name")

@@ -8,7 +8,6 @@ import math
 import os
 import shutil
 import sys
-import tempfile
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brickhub.errors import RenderingUnavailableError, TwinError, message_of
-from brickhub.files import TEMPORARY_PREFIX, check_writable, writing
+from brickhub.files import check_writable, temporary_beside, writing
 from bricktwin.twin.make_body import ASKED_GL
 from bricktwin.twin.mujoco_body import MujocoBody
 
@@ -266,11 +265,11 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
 
         with writing(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            handle, name = tempfile.mkstemp(dir=self.path.parent, prefix=TEMPORARY_PREFIX, suffix=".mp4")
-        os.close(handle)
-        self._part, self._size = Path(name), frame.shape
+            self._part = temporary_beside(self.path, ".mp4")
+            self._part.touch(exist_ok=False)
+        self._size = frame.shape
         self._file = imageio_ffmpeg.write_frames(
-            name,
+            str(self._part),
             (self._size[1], self._size[0]),
             fps=self._fps,
             codec="libx264",
@@ -293,7 +292,6 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
                     is_whole = b"moov" in written.read()  # the table of the images, which the encoder writes last
                 if not is_whole:
                     self._fail()
-                self._part.chmod(0o644)
                 self._part.replace(self.path)
         finally:
             self._part.unlink(missing_ok=True)

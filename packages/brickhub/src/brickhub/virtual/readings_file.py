@@ -1,0 +1,101 @@
+"""Tables of readings over time, as programs and spreadsheets of any country write them."""
+
+import csv
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from brickhub.errors import TwinError
+
+_SEPARATORS = "\t;,"
+"""Of columns; a line has the first that it contains anywhere in the table."""
+_EXAMPLE = "a line such as: 2.5, red"
+_DECIMAL_COMMA = re.compile(r"([-+]?\d*),(\d+)(\s*(?:mm|%|n)?)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Row of a table: the text of its reading from a simulated time on, and where it is written."""
+
+    time_s: float
+    text: str
+    place: str
+
+
+def read_rows(path: Path) -> list[Row]:
+    """Rows of a table of readings, in order of time. Raises TwinError, with the line, if there are none or one is wrong."""
+    lines = _text(path).splitlines()
+    separator = None
+    if lines and (declared := re.fullmatch(r'"?sep=(.)"?', lines[0].strip(), re.IGNORECASE)):
+        separator = declared[1]  # as Excel declares it
+        lines[0] = ""
+    contents = [line.partition("#")[0].strip(" \r") for line in lines]
+    separator = separator or next((mark for mark in _SEPARATORS if any(mark in line for line in contents)), ",")
+    rows: list[Row] = []
+    is_first = True
+    for number, content in enumerate(contents, 1):
+        cells = _cells(content, separator)
+        if not any(cells):
+            continue
+        place = f"{path}, line {number}"
+        names_columns = is_first and not any(character.isdigit() for character in cells[0])
+        is_first = False
+        if not names_columns:
+            rows.append(_row(cells, separator, place, rows))
+    if not rows:
+        raise TwinError(f"{path} has no readings; write {_EXAMPLE}")
+    return rows
+
+
+def _text(path: Path) -> str:
+    """Text of a file in UTF-8, in UTF-16 as spreadsheets write it, or in the characters of Western Europe."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise TwinError(f"cannot read the readings in '{path}' ({reason}); give a file with lines such as: 2.5, red") from None
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encodings = ["utf-16"]
+    elif b"\0" in data[:4]:
+        encodings = ["utf-16-be" if data.startswith(b"\0") else "utf-16-le"]
+    else:
+        encodings = ["utf-8-sig", "cp1252"]
+    for encoding in encodings:
+        try:
+            text = data.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if "\0" not in text:
+            return text.replace("\N{NO-BREAK SPACE}", " ").replace("\N{NARROW NO-BREAK SPACE}", " ").replace("\N{MINUS SIGN}", "-")
+    raise TwinError(f"cannot read the readings in '{path}' (it is no text); give a file with lines such as: 2.5, red")
+
+
+def _cells(content: str, separator: str) -> list[str]:
+    """Cells of a line without quotes and with decimal points, and without empty ones at its end."""
+    rows = list(csv.reader([content], delimiter=separator, skipinitialspace=True))
+    cells = [cell.strip() for cell in rows[0]] if rows else []
+    while cells and not cells[-1]:
+        cells.pop()
+    # Without quotes, a comma in a cell is there only where commas do not separate cells.
+    return [_with_point(cell) for cell in cells]
+
+
+def _with_point(cell: str) -> str:
+    """A number with a decimal comma as one with a point; anything else unchanged."""
+    match = _DECIMAL_COMMA.fullmatch(cell)
+    return cell if match is None else f"{match[1]}.{match[2]}{match[3]}"
+
+
+def _row(cells: list[str], separator: str, place: str, before: list[Row]) -> Row:
+    try:
+        time_s = float(cells[0])
+    except ValueError:
+        time_s = math.nan
+    if not math.isfinite(time_s):
+        raise TwinError(f"{place}: '{cells[0]}' is not a time in seconds; write {_EXAMPLE}")
+    if len(cells) < 2:
+        raise TwinError(f"{place} has a time and no reading; write {_EXAMPLE}")
+    if before and time_s < before[-1].time_s:
+        raise TwinError(f"{place}: {time_s:g} s comes after {before[-1].time_s:g} s; write the lines in order of time")
+    return Row(time_s, ",".join(cells[1:]), place)
