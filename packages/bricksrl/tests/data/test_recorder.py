@@ -212,3 +212,23 @@ def test_missing_image_raises(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "set", SEEING)
     with pytest.raises(DataError, match="a step has none"):
         recorder.write(steps(0, 1), About())
+
+
+def test_closed_recorder_writes_nothing(tmp_path: Path) -> None:
+    """Without its lock it would overwrite what another one writes."""
+    with Recorder(tmp_path / "set", TOY) as first:
+        record_episode(first, 0, 3)
+    with Recorder(tmp_path / "set", TOY) as second:
+        with pytest.raises(DataError, match="the recorder of .* is closed; make another one"):
+            record_episode(first, 1, 4)
+        record_episode(second, 2, 5)
+        first.close()
+    assert [row.length for row in load(tmp_path / "set").rows] == [3, 5] and check(tmp_path / "set") == []
+
+
+def test_recorder_that_was_closed_before_its_first_episode_makes_no_dataset(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "set", TOY)
+    recorder.close()
+    with pytest.raises(DataError, match="is closed"):
+        record_episode(recorder, 0, 3)
+    assert not (tmp_path / "set").exists()

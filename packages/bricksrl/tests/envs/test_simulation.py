@@ -252,3 +252,13 @@ def test_action_of_another_shape_raises(shape: list[int]) -> None:
     env = bricksrl.make("WalkerSim-v0", batch_size=2)
     with pytest.raises(BricksError, match=re.escape(f"WalkerSim-v0 got an action of shape {[2, *shape]}; give [2, 4]")):
         env.step(env.reset().set("action", torch.zeros(2, *shape)))
+
+
+@pytest.mark.parametrize("copies", [0, 3])
+def test_closed_simulation_makes_no_step_before_a_reset(copies: int) -> None:
+    env = bricksrl.make("WalkerSim-v0", batch_size=copies, seed=0)
+    state = env.rand_action(env.reset())
+    env.close(raise_if_closed=False)
+    with pytest.raises(BricksError, match="no episode to step; reset"):
+        env.step(state)
+    env.step(env.rand_action(env.reset()))

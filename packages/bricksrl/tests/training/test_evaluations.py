@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,14 @@ from toys import Cart, LosingCart
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.sac import SACSettings
 from bricksrl.data import load
+from bricksrl.data.dataset import Dataset
+from bricksrl.data.integrity import check
 from bricksrl.errors import BricksError, CheckpointError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.policies import load_policy
-from bricksrl.training import Callback, TrainConfig, load_learner, resume, train
+from bricksrl.training import Callback, RunFolder, TrainConfig, load_learner, recording, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
+from bricksrl.training.learner_side import InLoopLearner
 
 SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=1)
 
@@ -58,7 +62,7 @@ def test_no_best_checkpoint_without_evaluations(config: TrainConfig) -> None:
 
 
 def test_stop_during_an_evaluation_ends_the_run(config: TrainConfig, tmp_path: Path) -> None:
-    """It does not wait for the last evaluation episode, and a resumed run repeats the episode before."""
+    """It does not wait for the last evaluation episode; the episode before is kept, and a resumed run makes the evaluation."""
 
     class Interrupted(Cart):
         def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -68,10 +72,87 @@ def test_stop_during_an_evaluation_ends_the_run(config: TrainConfig, tmp_path: P
 
     env = Interrupted()
     result = train(config, env=env)
-    assert (result.interrupted, len(result.episodes), env.resets) == (True, 1, 4)
+    assert (result.interrupted, len(result.episodes), env.resets) == (True, 2, 4)
+    assert [episode.evaluation for episode in result.episodes] == [None, None]
     resume(tmp_path / "run", env=Cart())
     train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
     assert_same_run(tmp_path / "whole", tmp_path / "run")
+    assert recorded(tmp_path / "run") == recorded(tmp_path / "whole")
+
+
+def test_stop_during_the_last_evaluation_can_be_resumed(config: TrainConfig, tmp_path: Path) -> None:
+    env = Cart()
+    stop = threading.Event()
+    config = replace(config, episodes=2)
+
+    class Stopping(Cart):
+        def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+            if self.resets == 3:
+                stop.set()
+            return super()._step(tensordict)
+
+    first = train(config, env=Stopping(), stop=stop)
+    assert first.interrupted and len(first.episodes) == 2
+    observer = Recorder()
+    again = resume(config.run_dir, observer, env=env)
+    assert not again.interrupted and again.episodes[-1].evaluation is not None and env.resets == 3
+    assert [call for call in observer.calls if call.startswith("episode")] == ["episode 2"], "told of once, when it is complete"
+
+
+def recorded(run_dir: Path) -> list[tuple[int | None, int, float, bool]]:
+    return [(row.about.seed, row.length, row.return_, row.about.whole) for row in load(run_dir).rows]
+
+
+class Killed(BaseException):
+    """Ends the run at once, without a checkpoint."""
+
+
+BOUNDARIES = {
+    "before the dataset": (recording.RunRecorder, "write"),
+    "between the steps and the row of the dataset": (Dataset, "write_rows"),
+    "between the row and the index of the dataset": (Dataset, "write_index"),
+    "after the dataset": (InLoopLearner, "end_episodes"),
+    "before the metrics": (RunFolder, "append"),
+    "before the checkpoint": (InLoopLearner, "save"),
+    "before the evaluation": (InLoopLearner, "finish"),
+    "in the evaluation": (Learner, "exploit"),
+    "after the evaluation": (RunFolder, "write_episodes"),
+    "when all is kept": (Callback, "on_episode"),
+}
+
+
+@pytest.mark.parametrize("boundary", BOUNDARIES)
+def test_episode_is_kept_once_wherever_the_run_is_killed(
+    config: TrainConfig, boundary: str, whole_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the second episode or later, so that something is there already."""
+    config = replace(config, episodes=4, eval_episodes=2)
+    owner, name = BOUNDARIES[boundary]
+    original = getattr(owner, name)
+    calls = 0
+
+    def killed(*arguments: Any, **named: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        if calls == (3 if name == "write_episodes" else 2):
+            raise Killed
+        return original(*arguments, **named)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, name, killed)
+        with pytest.raises(Killed):
+            train(config, Callback(), env=Cart())
+    resume(config.run_dir, env=Cart())
+    assert_same_run(whole_run, config.run_dir)
+    assert recorded(config.run_dir) == recorded(whole_run)
+    assert check(config.run_dir / "data") == []
+
+
+@pytest.fixture(scope="module")
+def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("whole") / "run"
+    train(TrainConfig("Cart", episodes=4, seed=4, settings=SMALL, run_dir=path, eval_every=2, eval_episodes=2), env=Cart())
+    return path
 
 
 @pytest.mark.usefixtures("forked_children")

@@ -77,6 +77,7 @@ class Recorder(contextlib.AbstractContextManager["Recorder"]):
         self.description = description
         self._dataset = Dataset(root, description)
         self._lock: contextlib.ExitStack | None = None
+        self._is_closed = False
         if root.exists() and not root.is_dir():
             raise DataError(f"{root} is a file; choose a folder for the dataset")
         if is_dataset(root):
@@ -105,7 +106,9 @@ class Recorder(contextlib.AbstractContextManager["Recorder"]):
 
     def write(self, steps: Sequence[Step], about: About) -> None:
         """Write an episode; when this returns it is on the disk. An episode without steps is not written; the last step of one
-        that has no end counts as truncated."""
+        that has no end counts as truncated. Raises DataError after `close`: another program may record into the folder by now."""
+        if self._is_closed:
+            raise DataError(f"the recorder of {self.root} is closed; make another one, which goes on with that dataset")
         if not steps:
             return
         if not (steps[-1].terminated or steps[-1].truncated):
@@ -119,7 +122,8 @@ class Recorder(contextlib.AbstractContextManager["Recorder"]):
         self._dataset.write_index()
 
     def close(self) -> None:
-        """Release the folder."""
+        """Release the folder. May be called twice."""
+        self._is_closed = True
         if self._lock is not None:
             self._lock.close()
 

@@ -29,7 +29,7 @@ from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import is_simulation, make
 from bricksrl.envs.rollout import link_lost
 from bricksrl.envs.specs import clamped
-from bricksrl.envs.task import metrics_of, success_of
+from bricksrl.envs.task import check_measures, metrics_of, success_of
 from bricksrl.envs.transforms import layout_of
 from bricksrl.errors import BricksError, DescriptionError, RenderingUnavailableError, UnknownOptionError
 
@@ -242,7 +242,9 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         for steps in self._steps[self._ended].unique().tolist():
             copies = (self._ended & (self._steps == steps)).nonzero().squeeze(-1)
             episodes = self._episodes[copies, :steps]
-            for name, value in {**self.env.task.metrics(episodes), "success": self.env.task.success(episodes)}.items():
+            metrics = self.env.task.metrics(episodes)
+            check_measures(metrics, f"metrics of {self.env.task.id}")
+            for name, value in {**metrics, "success": self.env.task.success(episodes)}.items():
                 info.setdefault(name, torch.zeros(self.num_envs, dtype=value.dtype).numpy())[copies] = value
         return info | {f"_{name}": self._ended.numpy() for name in info}
 

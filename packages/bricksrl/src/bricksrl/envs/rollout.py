@@ -148,7 +148,11 @@ class Rollout:
         if ours.task is None or self.is_lost or not self.rewards:
             return None, {}
         seen = ours.task_observations(torch.stack(self.observations))
-        return success_of(ours.task, seen), {**metrics_of(ours.task, seen), **ours.walk_metrics()}
+        metrics, walked = metrics_of(ours.task, seen), ours.walk_metrics()
+        if twice := sorted(metrics.keys() & walked.keys()):
+            reason = f"metrics of {ours.task.id} have the name '{twice[0]}', which is measured of each virtual robot that moves"
+            raise DescriptionError(f"{reason}; give it another one")
+        return success_of(ours.task, seen), {**metrics, **walked}
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from brickhub.hub.interface import RunAngle
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.specs import clamped, set_vector_specs
 from bricksrl.envs.task import Kinematics, Task
-from bricksrl.errors import DescriptionError, RunError
+from bricksrl.errors import BricksError, DescriptionError, RunError
 
 ACCELERATION_DEG_S2 = 2000.0
 """Acceleration and deceleration in Pybricks, for every motor of our robots."""
@@ -126,12 +126,15 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         return tensordict
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
+        self.is_closed = False
         mask = tensordict.get("_reset", None) if tensordict is not None else None
         all_copies = torch.arange(self._copies, device=self.device)
         self._start(all_copies if mask is None else mask.view(-1).nonzero().squeeze(1))
         return TensorDict({"observation": self._out(self._state.t())}, self.batch_size, device=self.device)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        if self.is_closed:
+            raise BricksError(f"{self.task.id} has no episode to step; reset the environment first")
         action = clamped(tensordict["action"], self._action_shape, self.task.id).view(self._copies, -1).t().contiguous()
         before, (self._state, self._speed) = self._state, self._move(self._state, action)
         self._steps = self._steps + 1

@@ -7,7 +7,7 @@ observations have the shape ``[*batch, n]``, actions ``[*batch, m]`` (in -1..1),
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -137,6 +137,8 @@ class Task:
         names = [entry.name for entry in self.entries] + [sensor.name for sensor in self.sensors if sensor.image_px]
         if len(set(names)) < len(names):
             raise DescriptionError(f"task {self.id}: the observation {', '.join(names)} names an entry twice; rename one")
+        if taken := [sensor.name for sensor in self.sensors if sensor.image_px and sensor.name in RESERVED_KEYS]:
+            raise DescriptionError(f"task {self.id}: '{taken[0]}' is what each step has anyway; give the sensor another name")
         if backwards := [entry.name for entry in self.entries if not entry.low <= entry.high]:
             raise DescriptionError(f"task {self.id}: the range of {', '.join(backwards)} ends below its start; exchange the two")
         if self.symmetric:
@@ -219,6 +221,19 @@ class Task:
         return (*self.entries, *(Entry(name, 0.0, farthest_px, "px") for name in names))
 
 
+MEASURED = ("episode", "phase", "steps", "length", "return", "success")
+MEASURED_TOO = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
+"""What is known about an episode whatever its task: the first and the last columns of ``metrics.csv``, also for trackers."""
+_IN_INFO = ("is_success", "final_obs", "final_info", "final_observation", "terminal_observation", "TimeLimit.truncated")
+RESERVED_MEASURES = frozenset((*MEASURED, *MEASURED_TOO, *_IN_INFO))
+"""Names that no metric of a task and no measure of an agent's updates may have: those of columns and trackers, and those of
+Gymnasium's ``info``, where a name with an underscore before it says which copies have it."""
+_OF_STEPS = ("observation", "image", "action", "reward", "done", "terminated", "truncated", "link_lost")
+_OF_OTHERS = ("next", "intervention", "episode_reward", "step_count", "is_init", "mask")
+RESERVED_KEYS = frozenset((*_OF_STEPS, *_OF_OTHERS))
+"""Keys of a step that no image of a sensor may have."""
+
+
 @dataclass(frozen=True)
 class Kinematics:
     """Kinematic model: each commanded motor turns by its command plus noise. Raises DescriptionError if the noise is negative, or
@@ -248,7 +263,18 @@ def metrics_of(task: Task, observations: Tensor) -> dict[str, float]:
     """Metrics of one episode, by its observations ``[steps, n]``. Raises DescriptionError if the task's function gives none."""
     values = task.metrics(observations)
     check_value(f"what metrics of {task.id} returns", values, dict)
+    check_measures(values, f"metrics of {task.id}")
     return {name: _number(task, f"metrics['{name}']", value) for name, value in values.items()}
+
+
+def check_measures(names: Iterable[object], where: str) -> None:
+    """Raise DescriptionError if a name of a measure is that of something else that is kept beside it, or no name."""
+    for name in names:
+        if not isinstance(name, str) or not name.isprintable() or not name.strip(" _"):
+            raise DescriptionError(f"{where} are named {name!r}; take a name in words, with the unit")
+        if name in RESERVED_MEASURES or name.startswith("_"):
+            remedy = f"give it another one, such as task_{name.strip('_')}"
+            raise DescriptionError(f"{where} have the name '{name}', which each episode has for something else; {remedy}")
 
 
 def _number(task: Task, name: str, value: Any) -> float:

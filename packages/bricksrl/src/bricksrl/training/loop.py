@@ -15,10 +15,10 @@ from brickhub.files import quoted
 from brickhub.seed import derive_seed
 from brickhub.user_files import without_folder
 from bricksrl.agents.learner import means
-from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
 from bricksrl.envs.rollout import Driver, play_episodes
 from bricksrl.envs.specs import given_specs
+from bricksrl.envs.task import check_measures
 from bricksrl.envs.transforms import base_of, unaffected
 from bricksrl.errors import BricksError, DescriptionError, HubError
 from bricksrl.training.callbacks import WINDOW, Callback, Episode, Phase, Progress, RunResult
@@ -26,6 +26,7 @@ from bricksrl.training.config import TrainConfig
 from bricksrl.training.fleet.fleet_robots import Fleet
 from bricksrl.training.fleet.schedule import FleetRobots
 from bricksrl.training.learner_side import LearnerSide, LearningPace
+from bricksrl.training.recording import RunRecorder
 from bricksrl.training.restore import check_weights, run_state
 from bricksrl.training.run_folder import DATA_FOLDER, RunFolder
 from bricksrl.training.signals import InterruptedEpisodeError, StopSignals
@@ -58,6 +59,8 @@ class Loop:
         self.identity: dict[str, Any] = state["identity"]  # must be equal in a checkpoint and its run
         self.episodes = [Episode.from_dict(data) for data in state["episodes"]]  # complete ones
         self.best: float | None = state["best"]  # mean return of the best evaluation
+        self.is_evaluation_due: bool = state["is_evaluation_due"]  # of the last episode
+        self.recorded: int = state["recorded"]  # whole episodes in the dataset
         is_held = "observation" in given_specs(base_of(self.env))  # by a dataset
         make = FleetRobots if isinstance(base_of(self.env), Fleet) else Copies if self.env.batch_size else OneRobot
         self.source: Source = make(
@@ -74,17 +77,20 @@ class Loop:
         self._started = len(self.episodes)  # episodes, complete or not
         self._ended_s = 0.0  # time of the last one's end
         self._saved_at: LearningPace | None = None
-        self._recorder: Recorder | None = None
+        self._recorder: RunRecorder | None = None
 
     def run(self, folder: RunFolder) -> RunResult:
         """Train to the last episode or an interruption. Raises the errors of `bricksrl.training.train`."""
         self.folder = folder
         if self.source.is_recorded:
-            self._recorder = Recorder(folder.path / DATA_FOLDER, describe(self.env, self.config.options, name=self.config.env))
+            description = describe(self.env, self.config.options, name=self.config.env)
+            self._recorder = RunRecorder(folder.path / DATA_FOLDER, description, self.recorded)
         try:
             self.callback.on_start(self.config, folder.path, len(self.episodes))
             updates_per_step, caught_up = None, 0
             try:
+                if self.is_evaluation_due:  # the run was interrupted before or in it
+                    self._evaluate()
                 if not self._is_over() and not self.signals.requested:
                     self._collect()
                 pace = self.learner.pace  # once, as learning continues meanwhile
@@ -99,7 +105,8 @@ class Loop:
             finally:
                 with self.signals.held_back():
                     folder.draw_curve(self.config, self.episodes)
-            result = RunResult(folder.path, tuple(self.episodes), not self._is_over(), updates_per_step, caught_up)
+            is_interrupted = self.is_evaluation_due or not self._is_over()
+            result = RunResult(folder.path, tuple(self.episodes), is_interrupted, updates_per_step, caught_up)
             self.callback.on_end(result)
         finally:
             if self._recorder is not None:
@@ -152,10 +159,10 @@ class Loop:
         self.callback.on_step(playing.number, playing.length, playing.phase)
 
     def _ended(self, ended: Ended) -> None:
-        """Save an episode: record it, evaluate, write metrics and checkpoint."""
+        """Keep an episode that has ended, in dataset, metrics and checkpoint; then evaluate, if it is time."""
         playing, episode = ended.playing, ended.episode
-        self.learner.end_episodes(playing.robot)
         if episode is None:
+            self.learner.end_episodes(playing.robot)
             self._started -= not self.source.playing  # it is played again
             return
         if not math.isfinite(episode.return_):
@@ -163,47 +170,76 @@ class Loop:
                 f"the return of episode {playing.number} is {episode.return_}: a reward of {self.config.env} was not a number; "
                 f"correct it, `bricksrl check {quoted(self.config.env)}` tries it"
             )
-        whole = not (episode.link_lost or ended.is_cut)
-        self._record(playing, success=None if ended.is_cut else episode.success, whole=whole)
+        with self.signals.held_back():
+            # The dataset comes first, so that no failure of what follows loses an episode of a real robot.
+            whole = not (episode.link_lost or ended.is_cut)
+            self._record(playing, success=None if ended.is_cut else episode.success, whole=whole)
+            self.learner.end_episodes(playing.robot)
+            self._keep(playing, episode)
+        if self.is_evaluation_due:
+            self._evaluate()
+        else:
+            self._report()
+
+    def _keep(self, playing: Playing, episode: Episode) -> None:
+        """Count an episode: write it into the metrics, and the checkpoint."""
         previous = self.episodes[-1] if self.episodes else None
-        begun_s, self._ended_s = max(playing.started_s, self._ended_s), time.perf_counter()
+        begun_s = max(playing.started_s, self._ended_s)
+        self._ended_s = time.perf_counter()
+        updates = {name: float(value) for name, value in means(playing.metrics).items()}
+        measured_by = f"measures of the updates of {without_folder(self.config.agent)}"
+        check_measures(updates, measured_by)
+        if twice := sorted(updates.keys() & episode.measures.keys()):
+            raise DescriptionError(f"{measured_by} have the name '{twice[0]}', as a metric of the task has; give it another one")
         episode = replace(
             episode,
             episode=len(self.episodes) + 1,
             steps=episode.steps + (previous.steps if previous else 0),
-            measures=episode.measures | {name: float(value) for name, value in means(playing.metrics).items()},
+            measures=episode.measures | updates,
             seconds=self._ended_s - begun_s + (previous.seconds if previous else 0.0),
             updates_per_step=self.learner.pace.updates_per_step(self.actor),
         )
-        if self.config.eval_every and episode.episode % self.config.eval_every == 0 and not episode.link_lost:
-            episode = self._evaluated(episode)
-        with self.signals.held_back():
-            self.episodes.append(episode)
-            self.folder.append(episode)
-            self.save()
-        self.callback.on_episode(episode, Progress.of(self.episodes, self.config.episodes))
+        is_time = bool(self.config.eval_every) and episode.episode % self.config.eval_every == 0
+        self.is_evaluation_due = is_time and not episode.link_lost
+        self.episodes.append(episode)
+        self.folder.append(episode)
+        self.save()
+
+    def _report(self) -> None:
+        """Tell the callback of the last episode, which is complete."""
+        self.callback.on_episode(self.episodes[-1], Progress.of(self.episodes, self.config.episodes))
 
     def _record(self, playing: Playing, *, success: bool | None, whole: bool) -> None:
         """Write an episode into the dataset."""
         if self._recorder is not None and playing.about is not None:
             self._recorder.write(playing.steps, replace(playing.about, success=success, whole=whole))
+            self.recorded = self._recorder.whole
 
-    def _evaluated(self, episode: Episode) -> Episode:
-        """The episode with the mean return of an evaluation, unless its link broke. Saves the best checkpoint."""
+    def _evaluate(self) -> None:
+        """Evaluate after the last episode, and save the best checkpoint; without a result if the link breaks again and again.
+
+        Until its end the evaluation stays due, so that an interrupted run makes it when it is resumed.
+        """
         self.learner.finish(lambda: not self.signals.requested)  # the policy must not change meanwhile
         if (reconnect := reconnect_of(self.env)) is not None:
             reconnect.on_error = lambda _: None  # no episode of the run is affected
         count, seed = self.config.eval_episodes, self.config.seed
+        mean = None
         try:
             with unaffected(self.env):
                 played = list(play_episodes(self.env, self._exploit, count, seed, reset_policy=self.actor.reset_policy))
+            mean = sum(rollout.return_ for rollout in played) / len(played)
         except HubError:
-            return episode
-        mean = sum(rollout.return_ for rollout in played) / len(played)
-        if self.best is None or mean > self.best:
-            self.best = mean
-            self.learner.save(self.folder.best_path, run_state(self.env, self.identity, [*self.episodes, episode], mean))
-        return replace(episode, evaluation=mean)
+            pass  # the run goes on
+        with self.signals.held_back():
+            self.is_evaluation_due = False
+            self.episodes[-1] = replace(self.episodes[-1], evaluation=mean)
+            if mean is not None and (self.best is None or mean > self.best):
+                self.best = mean
+                self.learner.save(self.folder.best_path, self._state())
+            self.folder.write_episodes(self.episodes)
+            self.save()
+        self._report()
 
     def _exploit(self, tensordict: TensorDictBase) -> TensorDictBase:
         """The agent's best action, unless the run is to stop."""
@@ -227,7 +263,12 @@ class Loop:
     def save(self) -> None:
         """Write the checkpoint."""
         self._saved_at = self.learner.pace
-        self.learner.save(self.folder.checkpoint_path, run_state(self.env, self.identity, self.episodes, self.best))
+        self.learner.save(self.folder.checkpoint_path, self._state())
+
+    def _state(self) -> dict[str, Any]:
+        """State of the run at the end of its last episode, without its agent."""
+        progress = {"best": self.best, "is_evaluation_due": self.is_evaluation_due, "recorded": self.recorded}
+        return {**run_state(self.env, self.identity, self.episodes), **progress}
 
     def _catch_up(self, before: LearningPace) -> int:
         """Finish pending updates and checkpoints. Returns the number of updates."""

@@ -108,10 +108,15 @@ def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     return {**run, "layout": layout, "action_size": action_size(env)}
 
 
-def run_state(env: EnvBase, identity: dict[str, Any], episodes: list[Episode], best: float | None = None) -> dict[str, Any]:
-    """State of a run in a checkpoint, without its agent."""
-    state = {"identity": identity, "episodes": [episode.to_dict() for episode in episodes], "best": best}
-    return {**state, "generator": torch.get_rng_state(), "transforms": transform_state(env)}
+def run_state(env: EnvBase, identity: dict[str, Any], episodes: list[Episode]) -> dict[str, Any]:
+    """State of a run in a checkpoint, without its agent.
+
+    ``best`` is the mean return of the best evaluation, ``is_evaluation_due`` whether the last episode is to be evaluated yet, and
+    ``recorded`` the number of whole episodes in the run's dataset.
+    """
+    state = {"identity": identity, "episodes": [episode.to_dict() for episode in episodes]}
+    progress = {"best": None, "is_evaluation_due": False, "recorded": 0}
+    return {**state, **progress, "generator": torch.get_rng_state(), "transforms": transform_state(env)}
 
 
 def load_state(
@@ -165,6 +170,8 @@ def _check_state(state: dict[str, Any]) -> None:
         raise TypeError
     torch.Generator().set_state(state["generator"])
     float(state["best"] or 0.0)
+    if type(state["recorded"]) is not int or type(state["is_evaluation_due"]) is not bool:
+        raise TypeError
     for frames in state["collected"]:
         frames["next"]["done"].shape  # noqa: B018
     state.setdefault("transforms", {})

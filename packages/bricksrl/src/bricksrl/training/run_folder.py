@@ -17,6 +17,7 @@ from brickhub.files import atomic_folder, folder_with, reading, write_durably
 from brickhub.user_files import without_folder
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.reference_returns import reference_lines
+from bricksrl.envs.task import MEASURED, MEASURED_TOO
 from bricksrl.errors import RunError, WriteError
 from bricksrl.training.callbacks import Episode, Phase
 from bricksrl.training.config import TrainConfig, code_in
@@ -24,8 +25,6 @@ from bricksrl.training.trust import remember, require_trusted
 
 DATA_FOLDER = "data"
 """Name of the dataset's folder in a run."""
-_HEAD = ("episode", "phase", "steps", "length", "return", "success")
-_TAIL = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
 
 
 class Origin(NamedTuple):
@@ -119,7 +118,7 @@ class RunFolder:
     def append(self, episode: Episode) -> None:
         """Append an episode to the metrics; they are written anew where it has a measure that none before it had."""
         with self.metrics_path.open("r+b") as file:
-            columns = file.readline().decode().strip().split(",")
+            columns = next(csv.reader([file.readline().decode()]))
             if is_known := episode.measures.keys() <= {*columns}:
                 file.seek(0, 2)
                 file.write(_csv(columns, [episode]))
@@ -141,8 +140,8 @@ class RunFolder:
 
     def write_episodes(self, episodes: Sequence[Episode]) -> None:
         """Replace the metrics, which after a crash may be ahead of the checkpoint."""
-        columns = [*_HEAD, *dict.fromkeys(name for episode in episodes for name in episode.measures), *_TAIL]
-        write_durably(self.metrics_path, f"{','.join(columns)}\n".encode() + _csv(columns, episodes))
+        columns = [*MEASURED, *dict.fromkeys(name for episode in episodes for name in episode.measures), *MEASURED_TOO]
+        write_durably(self.metrics_path, _csv(columns, episodes, header=True))
 
 
 def file_name(env_id: str) -> str:
@@ -150,9 +149,12 @@ def file_name(env_id: str) -> str:
     return re.sub(r"[^\w.-]+", "-", without_folder(env_id)).strip("-.")
 
 
-def _csv(columns: list[str], episodes: Iterable[Episode]) -> bytes:
+def _csv(columns: list[str], episodes: Iterable[Episode], *, header: bool = False) -> bytes:
     text = io.StringIO()
-    csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n").writerows(map(_row, episodes))
+    writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
+    if header:
+        writer.writeheader()
+    writer.writerows(map(_row, episodes))
     return text.getvalue().encode()
 
 
@@ -160,7 +162,8 @@ def _row(episode: Episode) -> dict[str, Any]:
     success = None if episode.success is None else int(episode.success)
     ratio = None if episode.updates_per_step is None else f"{episode.updates_per_step:.4g}"
     texts = {"seconds": f"{episode.seconds:.3f}", "updates_per_step": ratio, "link_lost": int(episode.link_lost)}
-    return {**episode.measures, **vars(episode), **texts, "return": episode.return_, "success": success}
+    own = {name: getattr(episode, name) for name in (*MEASURED, *MEASURED_TOO) if name != "return"}
+    return {**episode.measures, **own, **texts, "return": episode.return_, "success": success}
 
 
 def _episode(row: dict[str, str]) -> Episode:
@@ -171,7 +174,7 @@ def _episode(row: dict[str, str]) -> Episode:
         length=int(row["length"]),
         return_=float(row["return"]),
         success=bool(int(row["success"])) if row["success"] else None,
-        measures={name: float(value) for name, value in row.items() if value and name not in (*_HEAD, *_TAIL)},
+        measures={name: float(value) for name, value in row.items() if value and name not in (*MEASURED, *MEASURED_TOO)},
         seconds=float(row["seconds"]),
         updates_per_step=float(row["updates_per_step"]) if row["updates_per_step"] else None,
         link_lost=row["link_lost"] == "1",

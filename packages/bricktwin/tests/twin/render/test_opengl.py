@@ -226,3 +226,10 @@ def test_renderer_is_silently_collected_at_the_end_of_the_process() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_finished_film_takes_no_more_images(tmp_path: Path) -> None:
+    with VideoWriter(tmp_path / "film.mp4", 20) as video:
+        video.add(np.zeros((16, 16, 3), np.uint8))
+    with pytest.raises(TwinError, match=r"film .*film.mp4 is finished"):
+        video.add(np.zeros((16, 16, 3), np.uint8))

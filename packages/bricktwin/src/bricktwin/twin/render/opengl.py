@@ -247,9 +247,12 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
         self._file: Any = None
         self._part: Path | None = None
         self._size: tuple[int, ...] = ()
+        self._is_closed = False
 
     def add(self, frame: Image) -> None:
-        """Add an image, uint8 [height, width, 3]. Raises TwinError if its size differs from the first one's."""
+        """Add an image, uint8 [height, width, 3]. Raises TwinError if its size differs from the first one's, or after `close`."""
+        if self._is_closed:
+            raise TwinError(f"the film {self.path} is finished and takes no more images; write another one")
         if self._file is None:
             self._open(frame)
         if frame.shape != self._size or frame.dtype != np.uint8:
@@ -281,6 +284,7 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
 
     def close(self, *, complete: bool = True) -> None:
         """Finish and rename the file, or delete it if it is not ``complete``; closing twice does nothing."""
+        self._is_closed = True
         file, self._file = self._file, None
         if file is None or self._part is None:
             return
