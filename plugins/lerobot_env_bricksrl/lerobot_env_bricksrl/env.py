@@ -16,8 +16,9 @@ from bricksrl.envs.registry import is_simulation
 class BricksEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
     """An environment of BricksRL with LeRobot's names, in the units of the robots of ``lerobot_robot_bricksrl``.
 
-    Actions are commands in their units. The observation has ``agent_pos``, float32 ``[n]`` in the task's units, and ``pixels``,
-    one uint8 image ``[height, width, 3]`` for each camera. ``info`` says ``is_success``, which is known at the end of an episode.
+    Actions are commands in their units. The observation has ``agent_pos``, float32 ``[n]`` in the
+    task's units, and ``pixels``, one uint8 image ``[height, width, 3]`` for each camera. ``info``
+    says ``is_success`` in each step, False where the task does not know it.
 
     Args:
         env_id: of BricksRL, or a task of your own.
@@ -31,7 +32,7 @@ class BricksEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
         ranges = np.array([(command.low, command.high) for command in task.interface.commands], np.float32)
         super().__init__(RescaleAction(ours, ranges[:, 0], ranges[:, 1]))
         self.task, self.task_description = task.id, task.doc.splitlines()[0]
-        self._max_episode_steps = task.max_steps
+        self._max_episode_steps = ours.max_episode_steps
         self._cameras = list(task.images)
         self.observation_space = self._named(ours.observation_space, Dict)
 
@@ -41,7 +42,7 @@ class BricksEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         observation, reward, terminated, truncated, info = self.env.step(action)
-        return self._named(observation), reward, terminated, truncated, info | {"is_success": info.get("success", False)}
+        return self._named(observation), reward, terminated, truncated, {"is_success": False} | info
 
     def _named(self, parts: Any, kind: Any = dict) -> Any:
         """Parts of an observation, or their spaces, by LeRobot's names."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import re
 import subprocess
@@ -19,7 +20,13 @@ from torchrl.envs import GymEnv, GymWrapper
 from torchrl.envs.utils import check_env_specs
 
 import bricksrl
-from bricksrl.errors import BricksError, DescriptionError, RenderingUnavailableError
+from bricksrl.envs.gymnasium import GoalObservation, GymnasiumEnv
+from bricksrl.errors import (
+    BricksError,
+    DescriptionError,
+    RenderingUnavailableError,
+    UnknownOptionError,
+)
 
 IDS = pytest.mark.parametrize("env_id", ["RunAway-v0", "Spinning-v0"])
 
@@ -90,7 +97,7 @@ def test_gymnasium_episode_equals_torchrl() -> None:
         assert np.array_equal(observation, td["observation"].numpy())
         assert reward == td["reward"].item()
         assert (terminated, truncated) == (False, step == 49)
-        assert ("success" in info) is (step == 49)
+        assert info["success"] is info["is_success"]
         rewards.append(reward)
     assert info["mean_yaw_rate_deg_s"] == pytest.approx(np.mean(rewards), rel=1e-4)
     assert info["success"] is True
@@ -168,6 +175,106 @@ def test_vector_environment_has_a_time_limit() -> None:
     robots = gymnasium.make_vec("bricksrl/RunAway-v0", num_envs=2)
     assert isinstance(robots, gymnasium.vector.SyncVectorEnv)
     robots.close()
+
+
+def _length(env: gymnasium.Env[Any, Any], most: int = 300) -> int:
+    """Steps of an episode of zeros; ``most`` if it has no end by then."""
+    env.reset(seed=0)
+    action = np.zeros(env.action_space.shape, np.float32)
+    for step in range(most):
+        *_, terminated, truncated, info = env.step(action)
+        if terminated or truncated:
+            assert info["is_success"] is info["success"]
+            return step + 1
+    return most
+
+
+@pytest.mark.parametrize(
+    ("env_id", "named", "steps"),
+    [
+        ("RunAway-v0", {"max_episode_steps": 30}, 30),
+        ("RunAway-v0", {"max_episode_steps": 7}, 7),
+        ("RunAway-v0", {"max_episode_steps": -1}, 50),
+        ("RunAway-v0", {}, 20),
+        ("WalkerSim-v1", {"max_episode_steps": 150}, 150),
+        ("WalkerSim-v0", {"step_ms": 100, "max_episode_steps": 250}, 250),
+        ("RoboArmSim-v0", {"threshold_deg": 1e-3, "max_episode_steps": 130}, 130),
+    ],
+)
+def test_steps_of_an_episode_are_what_gymnasium_is_asked_for(env_id, named, steps) -> None:
+    """Longer than the task's as well as shorter; success is known at the end in any case."""
+    env = gymnasium.make(gymnasium.spec(f"bricksrl/{env_id}"), **named)
+    assert _length(env, 50 if named.get("max_episode_steps") == -1 else 300) == steps
+    env.close()
+
+
+def test_limit_of_the_environment_itself() -> None:
+    """Without Gymnasium's wrapper, also in copies."""
+    env = GymnasiumEnv("WalkerSim-v1", max_episode_steps=120)
+    copied = copy.deepcopy(env)
+    assert (_length(env), _length(copied), _length(GymnasiumEnv("WalkerSim-v1"))) == (120, 120, 100)
+    assert _length(gymnasium.wrappers.TimeLimit(gymnasium.make("bricksrl/WalkerSim-v1").unwrapped, 130)) == 130
+    for wrong in (0, -2, 2.5, True):
+        with pytest.raises(DescriptionError, match=f"max_episode_steps is {wrong}; give"):
+            GymnasiumEnv("WalkerSim-v1", max_episode_steps=wrong)
+
+
+def test_our_own_limit_is_refused_by_gymnasium() -> None:
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(UnknownOptionError, match="give max_episode_steps=150 in place of max_steps"):
+            make("bricksrl/WalkerSim-v1", max_steps=150)
+    assert _length(GymnasiumEnv("WalkerSim-v1", max_steps=130)) == 130
+
+
+def test_option_that_gymnasium_cuts_short_is_named(caplog) -> None:
+    remedy = "an episode has 250 steps, and Gymnasium ends it after 100; give max_episode_steps=250"
+    env = gymnasium.make("bricksrl/WalkerSim-v1", step_ms=100)
+    assert _length(env) == 100 and not caplog.messages
+    env.reset()
+    env.reset()
+    assert [remedy in message for message in caplog.messages] == [True]
+    gymnasium.make_vec("bricksrl/WalkerSim-v1", step_ms=100).close()
+    assert [remedy in message for message in caplog.messages] == [True, True]
+    gymnasium.make_vec("bricksrl/WalkerSim-v1", step_ms=100, max_episode_steps=250).close()
+    assert len(caplog.messages) == 2
+
+
+@pytest.mark.parametrize("steps", [9, 150, -1])
+def test_batch_has_the_time_limit_that_is_asked_for(steps: int) -> None:
+    envs = gymnasium.make_vec("bricksrl/WalkerSim-v1", 2, max_episode_steps=steps)
+    envs.reset(seed=0)
+    ends = [envs.step(np.zeros((2, 4), np.float32))[3].any() for _ in range(250)]
+    assert (ends.index(True) + 1 if True in ends else -1) == steps
+    envs.close()
+
+
+def test_success_has_the_name_of_other_libraries() -> None:
+    """At the end of an episode, whoever ends it, and in the final info of any vector environment."""
+    env = GoalObservation(gymnasium.make("bricksrl/RoboArmSim-v0", threshold_deg=1000.0))
+    env.reset(seed=0)
+    *_, terminated, _, info = env.step(env.action_space.sample())
+    assert terminated and info["is_success"] is True
+    for mode in ("sync", None):
+        envs = gymnasium.make_vec("bricksrl/RoboArmSim-v0", 2, mode, threshold_deg=1000.0)
+        envs.reset(seed=0)
+        info = envs.step(envs.action_space.sample())[-1]
+        assert info["is_success"].tolist() == info["_is_success"].tolist() == [True, True]
+        envs.close()
+    envs = gymnasium.make_vec("bricksrl/RoboArmSim-v0", 2, threshold_deg=1000.0, autoreset_mode="SameStep")
+    envs.reset(seed=0)
+    assert envs.step(envs.action_space.sample())[-1]["final_info"]["is_success"].all()
+    envs.close()
+
+
+def test_lost_episode_is_no_success() -> None:
+    env, is_lost = gymnasium.make("bricksrl/RunAway-v0"), False
+    env.unwrapped.env.in_reach = lambda: not is_lost
+    env.reset(seed=0)
+    *_, before = env.step(np.ones(1, np.float32))
+    is_lost = True
+    *_, truncated, info = env.step(np.ones(1, np.float32))
+    assert truncated and info == before | {"link_lost": True, "success": False, "is_success": False}
+    env.close()
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))
@@ -253,7 +360,7 @@ def test_vector_environment_refuses_what_a_batch_cannot_do() -> None:
 
 
 def test_step_after_the_end_raises() -> None:
-    env = gymnasium.make("bricksrl/WalkerSim-v1").unwrapped
+    env = GymnasiumEnv("WalkerSim-v1")
     env.reset(seed=0)
     while not any(env.step(env.action_space.sample())[2:4]):
         pass

@@ -3,19 +3,24 @@
 Gymnasium calls each id that has a later version out of date. Here a later version is another task: ``Walker-v0`` is the paper's.
 ``gymnasium.make(gymnasium.spec("bricksrl/Walker-v0"))`` does not warn.
 
-Gymnasium truncates after the number of steps that an id has without options. With an option that makes episodes longer, give the
-number too: ``gymnasium.make("bricksrl/Walker-v0", step_ms=100, max_episode_steps=250)``.
+The number of steps of an episode is Gymnasium's: that of the id without options, or
+``gymnasium.make(..., max_episode_steps=N)``, shorter or longer; -1 is for no limit. With an option
+that makes episodes longer, give the number too:
+``gymnasium.make("bricksrl/Walker-v0", step_ms=100, max_episode_steps=250)``.
 
 Wrappers show goals as Gymnasium's environments of robots have them, for hindsight experience replay of other libraries.
 """
 
 from __future__ import annotations
 
+import logging
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
 import torch
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box, Dict
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
@@ -23,6 +28,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 
+from brickhub.fields import Count, check_value
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.features import ObservationEncoder
 from bricksrl.envs.options import EnvOptions
@@ -42,23 +48,42 @@ if TYPE_CHECKING:
 Array = NDArray[np.float32]
 Observation = Array | dict[str, NDArray[Any]]
 
+_log = logging.getLogger(__name__)
+
+_ENDLESS = 2**31 - 1
+"""Limit of the environments inside, in steps: those here count the steps of their episodes."""
+
 
 class GymnasiumEnv(gymnasium.Env[Observation, Array]):
     """A BricksRL environment with Gymnasium's interface.
 
     Observation and action are float32 arrays with the bounds of the task's tables; where a range is only nominal, the bounds
     are those that a hub can report. With cameras, the observation is a dict of this array, "observation", and the uint8
-    images, such as "image". ``info`` holds the task's metrics of the episode so far and, at its end, ``success``.
+    images, such as "image". ``info`` holds the task's metrics and the success of the episode so far, as ``success`` and, for
+    Stable-Baselines3, as ``is_success``; the last of an episode is the episode's. A task with a `BaseEnv` of its own knows
+    neither. Of an episode whose link breaks, metrics are those before, and it is no success.
 
     Args:
         env_id: id of the environment, such as ``"RunAway-v0"``.
         render_mode: ``None``, or ``"rgb_array"`` to draw a virtual robot.
+        max_episode_steps: steps after which an episode is truncated; by default the task's. From ``gymnasium.make``, its
+            wrapper truncates, and this environment does not.
         options, named: as in :func:`bricksrl.make`.
+
+    Attributes:
+        max_episode_steps: steps of an episode; ``None`` where Gymnasium's wrapper counts them.
     """
 
     metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as Gymnasium declares it
 
-    def __init__(self, env_id: str, render_mode: str | None = None, options: EnvOptions | None = None, **named: Any) -> None:
+    def __init__(
+        self,
+        env_id: str,
+        render_mode: str | None = None,
+        options: EnvOptions | None = None,
+        max_episode_steps: int | None = None,
+        **named: Any,
+    ) -> None:
         if is_simulation(env_id):
             if render_mode is not None:
                 raise UnknownOptionError(f"{env_id} simulates no body that could be drawn; omit render_mode")
@@ -67,9 +92,14 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
                 raise UnknownOptionError(f"Gymnasium's {env_id} is one environment on the CPU; {remedy}")
             self.metadata = {"render_modes": []}
         self.env: HubEnv | SimulatedEnv = _made(env_id, options, **named)
+        self.max_episode_steps = _limit(max_episode_steps, self.env.task)
+        self._remove_inner_limit()
+        self._hint = ""  # about episodes that Gymnasium ends earlier than the options say
+        self._spec: EnvSpec | None = None
         self.metadata = {**self.metadata, "render_fps": max(1, round(self.env.task.rate_hz))}
         self.render_mode = render_mode
         self._observations: list[torch.Tensor] = []
+        self._info: dict[str, Any] = {}  # of the last step
         self._ended = False
         self._renderer: Renderer | None = None
         vector = _box(self.env.task)
@@ -79,13 +109,29 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
             self.observation_space = Dict({"observation": vector, **boxes})
         self.action_space = Box(-1.0, 1.0, self.env.action_spec.shape)
 
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How ``gymnasium.make`` made this environment, which then leaves the time limit to it; ``None`` if it did not. Setting
+        it raises UnknownOptionError if it has a time limit of ours, which Gymnasium does not know."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None:
+            _refuse_max_steps(spec.kwargs)
+            registered = gymnasium.registry.get(spec.id)
+            self._hint = "" if registered is None else _longer(self.max_episode_steps, registered.max_episode_steps)
+            self.max_episode_steps = None
+        self._spec = spec
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Start an episode. A seed makes this and all later episodes reproducible."""
+        self._warn_of_short_episodes()
         super().reset(seed=seed)
         if seed is not None:
             self.env.set_seed(seed)
             self._close_renderer()  # its virtual robot is replaced by the new seed
-        self._observations, self._ended = [], False
+        self._observations, self._info, self._ended = [], {}, False
         return self._observation(self.env.reset()), {}
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -95,16 +141,18 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
             raise BricksError(f"{self.env.task.id} got a step after the end of an episode; reset it first")
         sent = TensorDict({"action": torch.tensor(action, dtype=torch.float32)}, batch_size=())
         result = self.env.step(sent)["next"]
-        terminated, truncated = bool(result["terminated"]), bool(result["truncated"])
-        self._ended = terminated or truncated
         if link_lost(sent.set("next", result)):
-            return self._observation(result), 0.0, False, True, {"link_lost": True}
+            self._ended = True
+            info = self._info | self._successes(False) | {"link_lost": True}
+            return self._observation(result), 0.0, False, True, info
         self._observations.append(result["observation"].clone())
+        terminated = bool(result["terminated"])
+        is_over = self.max_episode_steps is not None and len(self._observations) >= self.max_episode_steps
+        truncated = is_over or bool(result["truncated"])
+        self._ended = terminated or truncated
         episode = self.env.task_observations(torch.stack(self._observations))
-        info: dict[str, Any] = dict(metrics_of(self.env.task, episode))
-        if self._ended:
-            info["success"] = success_of(self.env.task, episode)
-        return self._observation(result), float(result["reward"]), terminated, truncated, info
+        self._info = metrics_of(self.env.task, episode) | self._successes(success_of(self.env.task, episode))
+        return self._observation(result), float(result["reward"]), terminated, truncated, dict(self._info)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Image of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode. Raises
@@ -128,7 +176,28 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickled without an episode, as ``env`` is."""
-        return {**self.__dict__, "_observations": [], "_ended": False, "_renderer": None}
+        return {**self.__dict__, "_observations": [], "_info": {}, "_ended": False, "_renderer": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._remove_inner_limit()
+
+    def _remove_inner_limit(self) -> None:
+        """Let the environment inside go on for ever, as this one, or Gymnasium, counts the steps."""
+        self.env.task = replace(self.env.task, max_steps=_ENDLESS)
+
+    def _successes(self, is_success: bool) -> dict[str, Any]:
+        """Entries of ``info`` about success, by our name and by that of other libraries."""
+        if self.env.task.base_env is not None:
+            return {}
+        return {"success": is_success, "is_success": is_success}
+
+    def _warn_of_short_episodes(self) -> None:
+        """Say once that Gymnasium ended an episode earlier than the options say."""
+        registered = gymnasium.registry.get(self._spec.id) if self._hint and self._spec is not None else None
+        if registered is not None and not self._ended and len(self._observations) == registered.max_episode_steps:
+            _log.warning("%s: %s", self.env.task.id, self._hint)
+            self._hint = ""
 
     def _close_renderer(self) -> None:
         if self._renderer is not None:
@@ -144,8 +213,9 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     """Copies of a simulation as one batch: ``gymnasium.make_vec("bricksrl/WalkerSim-v0", 1024)``.
 
-    The step after the end of an episode resets its copy, ignores the action and has no reward. ``info`` holds the task's metrics
-    and ``success`` of the episodes that just ended. A seed is that of all copies. Arguments are those of `GymnasiumEnv` and:
+    The step after the end of an episode resets its copy, ignores the action and has no reward.
+    ``info`` holds the task's metrics, ``success`` and ``is_success`` of the episodes that just
+    ended. A seed is that of all copies. Arguments are those of `GymnasiumEnv` and:
 
     Args:
         autoreset_mode: one of Gymnasium's: ``NEXT_STEP`` as above; ``SAME_STEP`` resets a copy in the step that ends its episode,
@@ -174,12 +244,21 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             raise UnknownOptionError(f"there is no autoreset_mode {autoreset_mode!r}; choose one of {known}") from None
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.env: SimulatedEnv = _made(env_id, options, batch_size=num_envs, **named)
-        self.num_envs, self._max_steps = num_envs, max_episode_steps or self.env.task.max_steps
+        task = self.env.task
+        self.num_envs = num_envs
+        self._max_steps = _limit(max_episode_steps, task)
+        if max_episode_steps is not None:  # by make_vec, from the registry or from the user
+            _refuse_max_steps(named)
+            registered = gymnasium.registry.get(f"bricksrl/{env_id}")
+            is_default = registered is not None and registered.max_episode_steps == max_episode_steps
+            if is_default and (remedy := _longer(task.max_steps, max_episode_steps)):
+                _log.warning("%s: %s", task.id, remedy)
+        self.env.task = replace(task, max_steps=_ENDLESS)
         self.single_observation_space = _box(self.env.task)
         self.single_action_space = Box(-1.0, 1.0, self.env.action_spec.shape[1:])
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._episodes = torch.zeros(num_envs, self._max_steps, len(self.env.task.entries))
+        self._episodes = torch.zeros(num_envs, task.max_steps, len(task.entries))
         self._copies = torch.arange(num_envs)
         self._steps, self._ended = torch.zeros_like(self._copies), torch.zeros(num_envs, dtype=torch.bool)
 
@@ -214,9 +293,10 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         names = ("reward", "terminated", "truncated")
         reward, terminated, truncated = (result[name].squeeze(-1).cpu().masked_fill(starts, 0) for name in names)
         observation = self._restart(starts) if starts.any() else result["observation"].cpu().numpy().copy()
-        self._episodes[self._copies, self._steps] = torch.from_numpy(observation)
+        self._store(torch.from_numpy(observation))
         self._steps += ~starts  # the first step overwrites the start
-        truncated |= self._steps >= self._max_steps
+        if self._max_steps is not None:
+            truncated |= self._steps >= self._max_steps
         self._ended = terminated | truncated
         info = self._info()
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
@@ -227,6 +307,12 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             info = {"final_obs": final, "_final_obs": ended, "final_info": info, "_final_info": ended}
             observation = self._restart(self._ended)
         return observation, reward.numpy(), terminated.numpy(), truncated.numpy(), info
+
+    def _store(self, observations: torch.Tensor) -> None:
+        """Keep the observations ``[copies, n]`` of this step; twice the room, if an episode became longer than all before."""
+        if self._steps.max() >= self._episodes.shape[1]:
+            self._episodes = torch.cat((self._episodes, torch.zeros_like(self._episodes)), dim=1)
+        self._episodes[self._copies, self._steps] = observations
 
     def _restart(self, copies: torch.Tensor) -> Array:
         """Observations of all copies after those of a mask have been reset."""
@@ -244,13 +330,44 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             episodes = self._episodes[copies, :steps]
             metrics = self.env.task.metrics(episodes)
             check_measures(metrics, f"metrics of {self.env.task.id}")
-            for name, value in {**metrics, "success": self.env.task.success(episodes)}.items():
+            success = self.env.task.success(episodes)
+            outcome = {**metrics, "success": success, "is_success": success}
+            for name, value in outcome.items():
                 info.setdefault(name, torch.zeros(self.num_envs, dtype=value.dtype).numpy())[copies] = value
         return info | {f"_{name}": self._ended.numpy() for name in info}
 
     def close_extras(self, **_kwargs: Any) -> None:
         """Close the simulation."""
         self.env.close(raise_if_closed=False)
+
+
+def _limit(max_episode_steps: int | None, task: Task) -> int | None:
+    """Steps of an episode: the task's unless others are given; ``None`` for no limit, which Gymnasium calls -1."""
+    check_value("max_episode_steps", max_episode_steps, int | None)
+    if max_episode_steps is None:
+        return task.max_steps
+    if max_episode_steps == -1:
+        return None
+    check_value("max_episode_steps", max_episode_steps, Count)
+    return max_episode_steps
+
+
+def _refuse_max_steps(named: dict[str, Any]) -> None:
+    if "max_steps" in named:
+        number = named["max_steps"]
+        raise UnknownOptionError(
+            f"Gymnasium counts the steps of an episode itself; give max_episode_steps={number} in place of max_steps"
+        )
+
+
+def _longer(steps: int | None, registered: int | None) -> str:
+    """What to do where an option makes episodes longer than Gymnasium lets them be; empty where it does not."""
+    if steps is None or registered is None or steps <= registered:
+        return ""
+    return (
+        f"with these options an episode has {steps} steps, and Gymnasium ends it after {registered}; "
+        f"give max_episode_steps={steps}"
+    )
 
 
 def _made(env_id: str, options: EnvOptions | None, **named: Any) -> Any:

@@ -94,6 +94,7 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         out = self._env.step(TensorDict(self._state))["next"]
         self._state = out.exclude("terminated", "truncated", "done")
         info = {name: bool(out[name]) for name in ("link_lost", "success")}
+        info["is_success"] = info["success"]  # as Stable-Baselines3 and Gymnasium-Robotics call it
         rewards = {name: float(value[0]) for name, value in self._per_robot(out, "reward").items()}
         ends = [dict.fromkeys(self.agents, bool(out[name])) for name in ("terminated", "truncated")]
         infos: dict[str, dict[str, Any]] = {name: dict(info) for name in self.agents}
