@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, ClassVar
 
 import pytest
 from bench_arm import BenchArm
@@ -79,6 +81,43 @@ def turned(seen: list[list[float]], step: int) -> list[float]:
 @pytest.mark.parametrize("env_id", HASHES)
 def test_paper_program_hashes_are_unchanged(env_id: str) -> None:
     assert " ".join(f"{generate(*TASKS[env_id], pipe).hash:08x}" for pipe in Pipe) == HASHES[env_id]
+
+
+def test_what_counts_without_end_does_not_saturate() -> None:
+    fast = replace(TWO_WHEELER, drive_base=replace(TWO_WHEELER.drive_base, wheel_diameter_mm=500.0))
+    steps = [(1000, 1000)] * 8 + [(1000, -1000)] * 8
+    seen, _ = carried_out(
+        interface(RunSpeed("left", -1000, 1000), RunSpeed("right", -1000, 1000), settle=Wait(2500)), *steps, robot=fast
+    )
+    straight, spun = seen[8], seen[16]
+    assert straight[0] > 15_000 and straight[1] > 15_000, "angles of motors, in deg"
+    assert straight[2] == pytest.approx(math.pi * 500 * straight[0] / 360, rel=0.01) and straight[2] > 60_000, "mm"
+    assert spun[3] == pytest.approx((spun[0] - spun[1]) / 2 * 500 / fast.drive_base.axle_track_mm, rel=0.01) and spun[3] > 30_000
+    assert all(after[3] - before[3] > 3000 for before, after in pairwise(seen[9:])), "each step counts"
+
+
+@pytest.mark.parametrize("deg", [3300.0, -3300.0, 1e6])
+def test_heading_counts_beyond_nine_turns(deg: float) -> None:
+    hub = VirtualHub(BenchBody(TWO_WHEELER))
+    with HubLink(hub, TWO_WHEELER, interface(RunSpeed("left", -500, 500))) as link:
+        hub.machine.heading.set_angle(deg)
+        assert link.read().values[-1] == pytest.approx(deg, abs=1)
+
+
+def test_a_number_at_the_end_of_16_bits_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    @dataclass(frozen=True)
+    class Huge(Heading):
+        accumulates: ClassVar[bool] = False
+
+    hub = VirtualHub(BenchBody(TWO_WHEELER))
+    with HubLink(hub, TWO_WHEELER, Interface((RunSpeed("left", -500, 500),), (Huge(),), Wait(50))) as link:
+        link.read()
+        assert not caplog.records
+        hub.machine.heading.set_angle(4000.0)
+        assert [link.read().values[-1] for _ in range(3)] == [pytest.approx(3276.7)] * 3
+    assert [record.message.partition(",")[0] for record in caplog.records] == [
+        "the channel 'heading' is beyond what 16 bits carry"
+    ]
 
 
 EVERY = [

@@ -180,7 +180,8 @@ def test_channels_keep_their_values(time_ms: int, values: tuple[float, ...]) -> 
 
 @given(st.integers(-(2**15), 2**15 - 1), st.sampled_from((1, 2, 10, 100, 1000)))
 def test_channels_are_rounded_to_float32(number: int, scale: int) -> None:
-    wire = WireFormat(SimpleNamespace(commands=(), channels=(SimpleNamespace(scale=scale),)))
+    channel = SimpleNamespace(scale=scale, is_wide=lambda _robot: False)
+    wire = WireFormat(SimpleNamespace(commands=(), channels=(channel,)))
     _, (value,) = wire.decode_answer(struct.pack("<Hh", 0, number))
     assert value == ctypes.c_float(number / scale).value
 

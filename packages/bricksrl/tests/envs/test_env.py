@@ -22,6 +22,7 @@ from torchrl.envs import (
 
 import bricksrl
 from brickhub.errors import BluetoothUnavailableError, Reason
+from brickhub.hub.interface import Heading
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.envs.connection import Connection
@@ -143,6 +144,21 @@ def test_fast_spin_exceeds_nominal_range() -> None:
     assert not left["next", "terminated"].any()
     assert torch.equal(left["next", "observation"][:, 5], direction.expand(50))
     assert torch.equal(left["next", "reward"][:, 0], rates if direction == 0 else -rates)
+
+
+def test_heading_counts_from_the_start_of_each_episode_however_far_the_robot_has_turned() -> None:
+    task = dataclasses.replace(
+        SPINNING, interface=dataclasses.replace(SPINNING.interface, channels=(*SPINNING.interface.channels, Heading()))
+    )
+    twin = VirtualHub(make_body(task.robot, scene=task.scene))
+    env = HubEnv(task, lambda _seed: Connection(HubLink(twin, task.robot, task.interface), twin.reset), seed=0)
+    for turned_deg in (0.0, 3270.0, 40_000.0):
+        env.reset()
+        twin.machine.heading.set_angle(turned_deg)
+        heading = env.reset()["observation"][5]
+        after = [env.step(act(1.0, -1.0))["next", "observation"][5] for _ in range(3)]
+        assert heading == 0 and 1 < after[0] < after[1] < after[2] < 180, turned_deg
+    env.close()
 
 
 def test_clamping_leaves_agents_action() -> None:

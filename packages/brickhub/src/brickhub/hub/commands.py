@@ -19,6 +19,8 @@ from brickhub.robot import DriveBase, Robot
 
 WIRE_MAX = 2**15 - 1
 """Largest number on the wire, an int16."""
+WIDE_MAX = 2**31 - 1
+"""Largest number of a channel that is wide on the wire, an int32."""
 
 Imports = tuple[tuple[str, str], ...]
 """Pairs of a module and a name that a hub program imports from it."""

@@ -1,7 +1,7 @@
 """Interface between a task and a hub: the commands that the hub takes and the channels that it reports.
 
 An ``Interface`` and a ``Robot`` determine the hub program, the wire format and the specs of the environment. All values are in
-the units of their names; the wire carries int16 fixed-point numbers.
+the units of their names; the wire carries int16 fixed-point numbers, and int32 ones of what counts without end.
 """
 
 from abc import ABC, abstractmethod
@@ -12,7 +12,7 @@ from brickhub.entry import Entry
 from brickhub.errors import hint
 from brickhub.fields import check_fields, check_value
 from brickhub.hub.commands import *
-from brickhub.hub.commands import WIRE_MAX, Command, Imports, WireNumber, drive_base, drive_base_setup
+from brickhub.hub.commands import WIDE_MAX, WIRE_MAX, Command, Imports, WireNumber, drive_base, drive_base_setup
 from brickhub.robot import Robot, UltrasonicSensor
 from brickhub.robot.hardware import REMOTE_BUTTONS
 
@@ -23,7 +23,8 @@ class Channel(WireNumber, ABC):
 
     Attributes:
         is_nominal: whether values beyond ``low`` and ``high`` are possible, up to the limits of the wire.
-        accumulates: whether it counts from the start of the program; environments let it count from the start of each episode.
+        accumulates: whether it counts from the start of the program, without end; environments let it count from the start of
+            each episode.
         noise, noise_share: names of the twin's physics parameters for its noise: the standard deviation, and an additional one as
             a share of the value.
         wireless: kind of the device beside the hub that it reads, such as ``"remote"``; ``None`` without one.
@@ -57,7 +58,13 @@ class Channel(WireNumber, ABC):
     @property
     def limits(self) -> tuple[float, float] | None:
         """Possible range, if ``low`` and ``high`` are only nominal."""
-        return (-WIRE_MAX / self.scale, WIRE_MAX / self.scale) if self.is_nominal else None
+        largest = (WIDE_MAX if self.accumulates else WIRE_MAX) / self.scale
+        return (-largest, largest) if self.is_nominal else None
+
+    def is_wide(self, robot: Robot | None) -> bool:
+        """Whether it has 32 bits on the wire rather than 16, as it counts without end. ``robot``: the one that it is read on;
+        ``None`` for one whose motors have ranges."""
+        return self.accumulates
 
     @property
     def entry(self) -> Entry:
@@ -114,6 +121,13 @@ class MotorAngle(Channel):
     @property
     def is_nominal(self) -> bool:  # type: ignore[override]  # a constant of most kinds
         return not self.wraps
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        return None if self.wraps else (-WIDE_MAX / self.scale, WIDE_MAX / self.scale)
+
+    def is_wide(self, robot: Robot | None) -> bool:
+        return not self.wraps and robot is not None and robot.motor(self.motor).range_deg is None
 
     def check(self, robot: Robot) -> None:
         robot.motor(self.motor)

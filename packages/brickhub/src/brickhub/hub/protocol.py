@@ -1,7 +1,8 @@
 """Protocol between host and hub: frames as pure functions, and a decoder for any stream of bytes.
 
 Data frame, both ways: ``A5 seq payload crc8`` with ``seq`` 1..255. Down, the payload is the actions; up, it is
-the hub's clock (u16 milliseconds) and the channels; each number is int16 little endian, ``round(value * scale)``.
+the hub's clock (u16 milliseconds) and the channels; each number is int16 little endian, ``round(value * scale)``, or
+int32 for a channel that counts without end. Other channels saturate, which the host says.
 Control frame: ``A5 00 kind payload crc8``, ``kind`` one ASCII byte with a fixed payload length. The lengths of
 data frames follow from the ``Interface``. ``program/generate.py`` generates the hub's side from these definitions.
 """
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 
 from brickhub.errors import BricksError
 from brickhub.hub.interface import Interface
+from brickhub.robot import Robot
 
 PROTOCOL_VERSION = 1
 MAGIC = 0xA5
@@ -26,7 +28,7 @@ APP_DATA_BYTES = WRITE_BYTES + 2
 MAX_ACTIONS = 8
 CRC_POLYNOMIAL = 0x107
 
-_INT16_LOW, _INT16_HIGH = -(2**15), 2**15 - 1
+_INT16_LOW, _INT16_HIGH = _INT16_ENDS = -(2**15), 2**15 - 1
 _TEXT_BYTES = 4096
 
 
@@ -136,16 +138,20 @@ Frame = DataFrame | ControlFrame
 class WireFormat:
     """Format of an interface's data frames.
 
+    Args:
+        robot: the robot of the interface, see `Channel.is_wide`.
+
     Attributes:
         action_format, answer_format: ``struct`` formats of the actions, and of an answer: the hub's clock and the channels.
         down_frame_bytes, answer_bytes: size of a frame with actions, and of an answer's payload.
     """
 
-    def __init__(self, interface: Interface) -> None:
-        self._commands = interface.commands
+    def __init__(self, interface: Interface, robot: Robot | None = None) -> None:
+        self._commands, self._channels = interface.commands, interface.channels
         self._scales = [channel.scale for channel in interface.channels]
         self.action_format, self._value_format = "<" + "h" * len(self._commands), "f" * len(self._scales)
-        self.answer_format = "<H" + "h" * len(self._scales)
+        self._are_wide = [channel.is_wide(robot) for channel in interface.channels]
+        self.answer_format = "<H" + "".join("i" if is_wide else "h" for is_wide in self._are_wide)
         self.down_frame_bytes = DATA_OVERHEAD + struct.calcsize(self.action_format)
         self.answer_bytes = struct.calcsize(self.answer_format)
 
@@ -172,6 +178,12 @@ class WireFormat:
         time_ms, *numbers = struct.unpack(self.answer_format, payload)
         values = map(operator.truediv, numbers, self._scales)
         return time_ms, struct.unpack(self._value_format, struct.pack(self._value_format, *values))
+
+    def saturated(self, payload: bytes) -> list[str]:
+        """Names of the channels of an answer that are at an end of what 16 bits hold, or beyond."""
+        _, *numbers = struct.unpack(self.answer_format, payload)
+        parts = zip(numbers, self._are_wide, self._channels, strict=True)
+        return [channel.name for number, is_wide, channel in parts if number in _INT16_ENDS and not is_wide]
 
 
 class FrameDecoder:

@@ -38,7 +38,7 @@ class Session:
 
     def __init__(self, robot: Robot, interface: Interface) -> None:
         self.hub = StandInHub(robot.hub.model.stdin_bytes)
-        self.wire = WireFormat(interface)
+        self.wire = WireFormat(interface, robot)
         self.decoder = FrameDecoder(self.wire.answer_bytes, UP_PAYLOAD_BYTES)
         self.program = generate(robot, interface)
         self.hub.start(self.program)
@@ -327,11 +327,11 @@ def test_long_answer_is_split() -> None:
         Wait(50),
     )
     session = Session(robot, interface)
-    assert len(data_frame(1, bytes(session.wire.answer_bytes))) == 19 + 4, "two notifications"
+    assert len(data_frame(1, bytes(session.wire.answer_bytes))) == 19 + 16, "two notifications"
     session.send(session.command(1, 1, 2, 3, 4, 5, -6))
     (answer,) = session.run_ms(100)
     assert session.values(answer)[:6] == [1, 2, 3, 4, 5, -6]
-    assert [len(piece) for piece in session.hub.sent[-2:]] == [19, 4]
+    assert [len(piece) for piece in session.hub.sent[-2:]] == [19, 16]
 
 
 def test_targets_stay_in_motor_range() -> None:

@@ -216,7 +216,7 @@ def code_in(config: Any) -> tuple[str, ...]:
     settings, options = (config.get(name) for name in apart)
     named = [*code_names(fields, TrainConfig), *_code_in_settings(settings, config.get("agent", TrainConfig.agent))]
     env = config.get("env")
-    if env in LABELS:  # those of a user's task are for its code, which is named already
+    if isinstance(env, str) and env in LABELS:  # those of a user's task are for its code, which is named already
         named += code_names(options, option_types(env))
     return tuple(named)
 

@@ -51,6 +51,7 @@ class _Half(Heading):
     scale: ClassVar[int] = 100
     expression: ClassVar[str] = "((hub.imu.heading() + 180) % 360 - 180)"
     is_nominal: ClassVar[bool] = False
+    accumulates: ClassVar[bool] = False
 
 
 @dataclass(frozen=True)

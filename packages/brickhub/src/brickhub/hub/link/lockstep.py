@@ -71,7 +71,8 @@ class HubLink(RobotLink):
         super().__init__(WATCHDOG_MS / 1000)
         self._robot, self._interface, self._pipe, self._calibrate = robot, interface, pipe, calibrate
         self.program = self._program_of(robot)
-        self.wire = protocol.WireFormat(interface)
+        self.wire = protocol.WireFormat(interface, robot)
+        self._saturated = set[str]()  # channels of which that was said
         self._transport = transport
         self._transport_is_open = False
         self._has_started = False
@@ -309,6 +310,12 @@ class HubLink(RobotLink):
     def _reading(self, answer: protocol.DataFrame, round_trip_s: float) -> Reading:
         """Reading from the newest answer, as old as it is now."""
         wrapped_ms, values = self.wire.decode_answer(answer.payload)
+        for name in self.wire.saturated(answer.payload):
+            if name not in self._saturated:
+                self._saturated.add(name)
+                _log.warning(
+                    "the channel '%s' is beyond what 16 bits carry, and stays at their end; give it a smaller scale", name
+                )
         time_ms = self._clock.unwrap(wrapped_ms)
         return Reading(values, time_ms, round_trip_s, self._clock.age_s(time_ms, self.now_s()))
 

@@ -88,12 +88,12 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
     loop_imports, loop = _onboard("loop")
     input_imports, input_part = _onboard({Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}[pipe])
     parts = [
-        _constants(interface, pipe),
+        _constants(robot, interface, pipe),
         *_joint_part(robot, interface),
         input_part,  # first, since the host may write as soon as the program runs
         _devices(robot, interface),
         _start_moves(robot, interface),
-        _read_channels(interface),
+        _read_channels(robot, interface),
         _onboard("moves")[1],
         loop,
     ]
@@ -207,8 +207,8 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     return [f"from {module} import {', '.join(sorted(name for origin, name in names if origin == module))}" for module in modules]
 
 
-def _constants(interface: Interface, pipe: Pipe) -> str:
-    wire = protocol.WireFormat(interface)
+def _constants(robot: Robot, interface: Interface, pipe: Pipe) -> str:
+    wire = protocol.WireFormat(interface, robot)
     until_done = interface.settle.fixed_ms is None
     sizes = ", ".join(f"{kind.name}: {protocol.CONTROL_OVERHEAD + protocol.DOWN_PAYLOAD_BYTES[kind]}" for kind in protocol.Down)
     lines = [
@@ -335,7 +335,12 @@ def _observe(interface: Interface, observed: Sequence[int]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _read_channels(interface: Interface) -> str:
+def _wire(channel: Channel, robot: Robot) -> str:
+    """Function that makes a channel's wire value: no robot ever counts beyond 32 bits."""
+    return "round" if channel.is_wide(robot) else "wire"
+
+
+def _read_channels(robot: Robot, interface: Interface) -> str:
     lines = [
         "def read_channels(time_ms):",
         '    """The answer\'s numbers: the clock, and each channel in its unit times its scale."""',
@@ -343,7 +348,7 @@ def _read_channels(interface: Interface) -> str:
         "    return ustruct.pack(",
         "        ANSWER_FORMAT,",
         "        time_ms,",
-        *(f"        wire({channel.expression} * {channel.scale})," for channel in interface.channels),
+        *(f"        {_wire(channel, robot)}({channel.expression} * {channel.scale})," for channel in interface.channels),
         "    )",
     ]
     return "\n".join(lines) + "\n"
