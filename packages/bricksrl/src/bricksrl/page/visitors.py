@@ -35,7 +35,7 @@ class Visitor:
     name: str
     key: str
     tabs: int = 0
-    left_s: float = field(default_factory=time.monotonic)
+    left_s: float = field(default_factory=lambda: time.monotonic())
     is_asleep: bool = False
     note: str = ""
 
@@ -106,7 +106,7 @@ class Question:
     """Question of a visitor for what another one holds. ``since_s``: monotonic time."""
 
     by: Visitor
-    since_s: float = field(default_factory=time.monotonic)
+    since_s: float = field(default_factory=lambda: time.monotonic())
 
 
 class Seats:
