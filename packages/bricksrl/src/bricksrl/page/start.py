@@ -126,12 +126,12 @@ class Job:
 
     def listen(self) -> None:
         """Read its lines until it ends."""
-        for line in self.process.stdout or ():
-            if (match := _PAGE_LINE.search(line)) is not None:
-                self.url = match[1]
-            else:
-                self.lines.append(line.rstrip())
-        self.process.wait()
+        with self.process:
+            for line in self.process.stdout or ():
+                if (match := _PAGE_LINE.search(line)) is not None:
+                    self.url = match[1]
+                else:
+                    self.lines.append(line.rstrip())
 
     @property
     def is_running(self) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 AWAY_S = 5.0
@@ -35,7 +35,7 @@ class Visitor:
     name: str
     key: str
     tabs: int = 0
-    left_s: float = field(default_factory=lambda: time.monotonic())
+    left_s: float = 0.0
     is_asleep: bool = False
     note: str = ""
 
@@ -59,7 +59,7 @@ class Visitors:
             self._forget()
             self._count += 1
             key = hashlib.sha256(secret.encode()).hexdigest()[:16]
-            visitor = self._known[secret] = Visitor("", key)
+            visitor = self._known[secret] = Visitor("", key, left_s=time.monotonic())
             self.rename(visitor, name or f"Visitor {self._count}")
         visitor.tabs += 1
         visitor.is_asleep = False
@@ -106,7 +106,7 @@ class Question:
     """Question of a visitor for what another one holds. ``since_s``: monotonic time."""
 
     by: Visitor
-    since_s: float = field(default_factory=lambda: time.monotonic())
+    since_s: float
 
 
 class Seats:
@@ -153,7 +153,7 @@ class Seats:
         if other is not None and other.by is not visitor:
             visitor.note = f"{other.by.name} has asked already; ask again in a moment."
             return False
-        self._questions[name] = Question(visitor)
+        self._questions[name] = Question(visitor, time.monotonic())
         visitor.note = ""
         return False
 
