@@ -86,11 +86,11 @@ KINDS = {
     "drive": Kind(("drive", "Spinning-v0"), "live page", None, (*_SIGNALS, *_BROWSERS)),
     "team that plays": Kind(("team", "Tag-v0", "--page"), "live page", None, (*_SIGNALS, *_BROWSERS)),
     "team that trains": Kind(("team", "Tag-v0", "--copies", "32"), "step "),
-    "training": Kind(_TRAIN, "episode 2/"),
-    "training with a page": Kind((*_TRAIN, "--page"), "episode 2/", None, (*_SIGNALS, *_BROWSERS)),
-    "asynchronous training": Kind((*_TRAIN, "--asynchronous"), "episode 2/"),
-    "fleet": Kind((*_TRAIN, "--robots", "2"), "episode 2/"),
-    "seeds": Kind((*_TRAIN, "--seeds", "2"), "episode 2/"),
+    "training": Kind(_TRAIN, "return "),
+    "training with a page": Kind((*_TRAIN, "--page"), "return ", None, (*_SIGNALS, *_BROWSERS)),
+    "asynchronous training": Kind((*_TRAIN, "--asynchronous"), "return "),
+    "fleet": Kind((*_TRAIN, "--robots", "2"), "return "),
+    "seeds": Kind((*_TRAIN, "--seeds", "2"), "return "),
 }
 
 
@@ -180,7 +180,7 @@ class Browser:
 
         host = self.url.split("/")[2]
         address = f"ws://{host}/ws?{urllib.parse.urlsplit(self.url).query}"
-        self._socket = connect(address, origin=f"http://{host}", compression=None, max_size=None)  # type: ignore[arg-type]
+        self._socket = connect(address, origin=f"http://{host}", compression=None, max_size=None, ping_interval=None)  # type: ignore[arg-type]
 
     def look(self) -> None:
         """Take what the page has said meanwhile."""

@@ -55,9 +55,14 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
         return _run(table, arguments)
     from brickhub.cli.ending import INTERRUPTED, ended_in_time
 
-    with ended_in_time():
-        code = _run(table, sys.argv[1:])
-        if code == INTERRUPTED:
+    with ended_in_time() as is_asked:
+        try:
+            code = _run(table, sys.argv[1:])
+        except OSError:
+            if not is_asked.is_set():
+                raise
+            code = INTERRUPTED  # the terminal is closed, and nobody reads what we say
+        if code == INTERRUPTED or is_asked.is_set():
             _leave(code)
     return code
 

@@ -45,17 +45,24 @@ def end_after(duration_s: float) -> None:
 
 
 @contextlib.contextmanager
-def ended_in_time() -> Iterator[None]:
-    """Context of a command in the main thread: the signals of `end_signals` are a Ctrl-C to it, and it ends before the deadline,
-    also if the main thread is busy. A second Ctrl-C has the same deadline; the first may take longer, to save what is learned."""
+def ended_in_time() -> Iterator[threading.Event]:
+    """Context of a command in the main thread, with the event that it is to end.
+
+    The signals of `end_signals` are a Ctrl-C to it, and it ends before the deadline, also if the main thread is busy.
+    A second Ctrl-C has the same deadline; the first may take longer, to save what is learned.
+    """
     numbers = end_signals()
     handlers = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
     told, tell = socket.socketpair()  # Windows takes no pipe
     tell.setblocking(False)
     wakeup_before = signal.set_wakeup_fd(tell.fileno(), warn_on_full_buffer=False)
-    threading.Thread(target=_watch_signals, args=(told, frozenset(numbers)), name="brickhub-signals", daemon=True).start()
+    is_asked = threading.Event()
+    watcher = threading.Thread(
+        target=_watch_signals, args=(told, frozenset(numbers), is_asked), name="brickhub-signals", daemon=True
+    )
+    watcher.start()
     try:
-        yield
+        yield is_asked
     finally:
         signal.set_wakeup_fd(wakeup_before)
         for number, handler in handlers.items():
@@ -63,13 +70,14 @@ def ended_in_time() -> Iterator[None]:
         tell.close()
 
 
-def _watch_signals(told: socket.socket, numbers: frozenset[int]) -> None:
+def _watch_signals(told: socket.socket, numbers: frozenset[int], is_asked: threading.Event) -> None:
     """Set the deadline at the first signal that ends the command, or at the second Ctrl-C."""
     interrupts = 0
     with told:
         while data := told.recv(1):
             interrupts += data[0] == signal.SIGINT
             if data[0] in numbers or interrupts > 1:
+                is_asked.set()
                 end_after(DEADLINE_S)
                 return
             if data[0] == signal.SIGINT:

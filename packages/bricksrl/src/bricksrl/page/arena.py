@@ -16,8 +16,11 @@ from bricksrl.page.play import Steps, play_endlessly
 from bricksrl.page.robot_view import Mirror
 from bricksrl.page.scene import View
 from bricksrl.page.server import PageOptions
+from bricksrl.page.visitors import Visitor
 from bricktwin.twin.arena import ArenaWorld
 
+_FOR_ALL = ("pause", "resume", "step", "reset", "speed")
+"""Presses that change the play of all robots; while somebody drives, only who drives may."""
 _OPEN_HALF_M = 0.7
 """Half size of the part of an open floor that is seen at first."""
 
@@ -59,18 +62,55 @@ class ArenaPage(LivePage):
     def is_driven(self) -> bool:
         return any(driver.in_charge for driver in self.drivers.values())
 
-    def _press(self, name: str, value: Any) -> None:
+    def _handle_seat(self, name: str, value: Any, visitor: Visitor) -> bool:
         action, _, robot = name.partition(":")
         if action == "left":
-            for driver in self.drivers.values():
+            if (driver := self._driver_of(visitor)) is not None:
                 driver.release()
+            return True
+        if action == "answer" and isinstance(value, list) and len(value) == 2 and value[0] in self.drivers:
+            if (asker := self.seats.answer(value[0], visitor, agrees=value[1] is True)) is not None:
+                self._let_drive(value[0], asker)
+            return True
         if robot not in self.drivers:
-            super()._press(name, value)
-            return
-        if action == "drive":
-            self.drivers[robot].push(value)
+            if action in _FOR_ALL and self.is_driven and self._driver_of(visitor) is None:
+                visitor.note = "Others drive here; take a robot first."
+                return True
+            return action in ("arrived", "renamed", "ask", "answer")
+        if action == "ask":
+            if self.seats.ask(robot, visitor):
+                self._let_drive(robot, visitor)
+        elif not self.seats.may(robot, visitor):
+            if action == "take_over" and (holder := self.seats.holder(robot)) is not None:
+                visitor.note = f"{holder.name} drives the {robot}; ask first."
+        elif action == "take_over" and value:
+            self._let_drive(robot, visitor)
         elif action == "take_over":
-            self.drivers[robot].in_charge = bool(value)
+            self.seats.give_back(robot)
+            self._let_go(robot)
+        elif action == "drive" and self.seats.holder(robot) is visitor:
+            self.drivers[robot].push(value)
+        return True
+
+    def _let_drive(self, robot: str, visitor: Visitor) -> None:
+        for left in self.seats.take(robot, visitor):
+            self._let_go(left)
+        self.drivers[robot].release()
+        self.drivers[robot].in_charge = True
+
+    def _let_go(self, robot: str) -> None:
+        self.drivers[robot].release()
+        self.drivers[robot].in_charge = False
+
+    def _driver_of(self, visitor: Visitor) -> PageDriver | None:
+        return next((driver for name, driver in self.drivers.items() if self.seats.holder(name) is visitor), None)
+
+    def _tick(self) -> None:
+        freed, again = self.seats.refresh()
+        for robot in freed:
+            self._let_go(robot)
+        for robot in again:
+            self.drivers[robot].in_charge = True
         self._publish()
 
     def _publish(self) -> None:

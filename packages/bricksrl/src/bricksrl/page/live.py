@@ -20,6 +20,7 @@ from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.board import MAX_EPISODES, Board
 from bricksrl.page.robot_view import NUMBERS_S, SPEEDS, RobotView
 from bricksrl.page.server import PageOptions, PageServer, chosen, is_finite
+from bricksrl.page.visitors import Seats, Visitor
 from bricksrl.policies.by_name import scores_to_beat
 from bricksrl.teleoperation import at_rest, pushed
 
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 PUSH_TIMEOUT_S = 1.5
 """Time without a message of the page, which repeats the pushes, after which the robot rests, as the tab may be closed."""
 _POLL_S = 0.05
+_SEAT = "robot"
+"""Name under which the only robot of a page is held."""
 _STEP_S = 0.1
 """Step time of a simulation without a robot, at speed 1."""
 
@@ -165,6 +168,7 @@ class LivePage(PageServer):
         self._can_give_back = not in_charge or len(self._policies) > 0
         commands = describe_task(task).action if task is not None and can_drive else ()
         self.driver = PageDriver(commands, in_charge=in_charge) if commands else None
+        self.seats = Seats()
         self.view = RobotView(self.board, self._halted, lambda: self._speed_factor)
         self._task = task
         self._returns = self.board.new_series("return", ("return of each episode",), max_rows=MAX_EPISODES)
@@ -190,7 +194,7 @@ class LivePage(PageServer):
     # ---------------------------------------------------------------- presses, in threads of the server
 
     def stop(self) -> None:
-        """Emergency stop of the run and the robot, from any thread."""
+        """Emergency stop of the run and the robot, from any thread. Raises BricksError if the robot cannot be reached."""
         self._halted.set()
         self.is_reset_requested = False  # an earlier one; only one after the stop lets the robot start again
         self._end_run()
@@ -198,13 +202,20 @@ class LivePage(PageServer):
             self._env.stop()
         except BricksError as error:  # the hub could not be reached; its watchdog stops it
             self.board.update_status(message=str(error))
+            raise
         finally:
             if self.driver is not None:
                 self.driver.release()
             self._changed.set()
             self._publish()
 
-    def _press(self, name: str, value: Any) -> None:
+    def has_stopped(self) -> bool:
+        return self._env.has_stopped
+
+    def _press(self, name: str, value: Any, visitor: Visitor | None = None) -> None:
+        if visitor is not None and self._handle_seat(name, value, visitor):
+            self._publish()
+            return
         match name:
             case "pause" | "resume":
                 self._pause(name == "pause")
@@ -222,11 +233,65 @@ class LivePage(PageServer):
                 self.driver.push(value)
             case "pull" if not self._is_real:
                 self.view.hand.pull(value)
-            case "left":
-                self.view.hand.pull(None)
-                if self.driver is not None:
-                    self.driver.release()
         self._changed.set()
+        self._publish()
+
+    def _handle_seat(self, name: str, value: Any, visitor: Visitor) -> bool:
+        """Handle what is about who drives; True if the press is done with, or not allowed, as somebody else drives."""
+        match name:
+            case "arrived":
+                if self.is_driven and not self._can_give_back and self.seats.holder(_SEAT) is None:
+                    self.seats.take(_SEAT, visitor)
+            case "left":
+                if self.seats.may(_SEAT, visitor):
+                    self.view.hand.pull(None)
+                    self._release()
+            case "ask":
+                if self.seats.ask(_SEAT, visitor):
+                    self._seat(visitor)
+            case "answer":
+                agrees = isinstance(value, list) and len(value) == 2 and value[1] is True
+                if (asker := self.seats.answer(_SEAT, visitor, agrees=agrees)) is not None:
+                    self._release()
+                    self._seat(asker)
+            case "renamed":
+                pass
+            case _ if not self.seats.may(_SEAT, visitor):
+                holder = self.seats.holder(_SEAT)
+                if name not in ("drive", "pull") and holder is not None:
+                    visitor.note = f"{holder.name} drives this robot; ask first."
+            case "take_over" if self.driver is not None and self._can_give_back:
+                if value:
+                    self._seat(visitor)
+                else:
+                    self.seats.give_back(_SEAT)
+                    self.driver.in_charge = False
+            case _:
+                if name == "drive" and self.is_driven:
+                    self.seats.take(_SEAT, visitor)
+                return False
+        return True
+
+    def _seat(self, visitor: Visitor) -> None:
+        """Let a visitor drive."""
+        if self.driver is not None:
+            self.seats.take(_SEAT, visitor)
+            self.driver.in_charge = True
+
+    def _release(self) -> None:
+        """Let go of the robot, which comes to rest if a human drives."""
+        if self.driver is not None:
+            self.driver.release()
+
+    def _tick(self) -> None:
+        """Free what is held by somebody who is away; give it back to who has returned."""
+        freed, again = self.seats.refresh()
+        if self.driver is not None:
+            if freed:
+                self._release()
+                self.driver.in_charge = not self._can_give_back
+            if again:
+                self.driver.in_charge = True
         self._publish()
 
     def _pause(self, paused: bool) -> None:
@@ -380,6 +445,7 @@ class LivePage(PageServer):
     def release(self) -> None:
         """End an emergency stop: the robot may move again after the next reset."""
         self._halted.clear()
+        self.board.update_status(stop=None)
         self._env.resume()
         self._paused = False
         self._publish()
@@ -393,6 +459,7 @@ class LivePage(PageServer):
 
     def _publish(self) -> None:
         driver = self.driver
+        self.board.update_status(**self.seats.described())
         controls = ["stop", "pause", "reset"] + ([] if self._is_real else ["step", "speed", "pull"])
         controls += (["drive"] if driver is not None else []) + (["policy"] if len(self._policies) > 1 else [])
         if not self._is_ended:

@@ -12,6 +12,7 @@ from bricksrl.errors import PlanError
 from bricksrl.page.board import Board
 from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, mesh_of, poses
 from bricksrl.page.server import PageOptions, PageServer, is_finite
+from bricksrl.page.visitors import Visitor
 from bricktwin.plans.catalogue import colour_of
 from bricktwin.plans.geometry import M_PER_LDU
 from bricktwin.plans.looks import TINTS, Tint
@@ -56,7 +57,7 @@ class PlanView(PageServer):
         )
         self._publish()
 
-    def press(self, name: str, value: Any) -> None:
+    def press(self, name: str, value: Any, _visitor: Visitor | None = None) -> None:
         """Handle a press on the page; unknown ones are ignored."""
         with self._lock:
             match name, value:

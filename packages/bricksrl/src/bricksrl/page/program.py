@@ -11,6 +11,7 @@ from brickhub.virtual.run import stop_program
 from bricksrl.page.board import Board
 from bricksrl.page.robot_view import SPEEDS, RobotView
 from bricksrl.page.server import PageOptions, PageServer, chosen
+from bricksrl.page.visitors import Visitor
 
 _MAX_CHARACTERS = 8000
 """Length of the shown end of what a program prints."""
@@ -44,12 +45,17 @@ class ProgramPage(PageServer):
     def __init__(self, title: str, options: PageOptions | None = None) -> None:
         super().__init__(Board(), self._press, self.stop, options)
         self._halted, self._speed, self._said = threading.Event(), "1x", ""
+        self._machine: Machine | None = None
         self._view = RobotView(self.board, self._halted, lambda: SPEEDS[self._speed])
         self.board.update_status(title=title, subtitle="a program on a virtual hub", state="waiting", speeds=list(SPEEDS))
         self.board.update_status(controls=["stop", "speed", "pull"], speed=self._speed)
 
+    def has_stopped(self) -> bool:
+        return self._machine is None or not self._machine.is_driven
+
     def attend(self, machine: Machine) -> None:
         """Show the robot of a machine; called as `Operation.attend`."""
+        self._machine = machine
         self._view.show_machine(machine, stop_program)
         self.board.update_status(state="running")
 
@@ -74,7 +80,7 @@ class ProgramPage(PageServer):
         self._halted.set()
         self.board.update_status(state="stopped", message="The program was stopped by hand.")
 
-    def _press(self, name: str, value: Any) -> None:
+    def _press(self, name: str, value: Any, _visitor: Visitor | None = None) -> None:
         if name in ("pull", "left"):
             self._view.hand.pull(value)
         if name == "speed":

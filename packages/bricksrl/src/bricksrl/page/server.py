@@ -26,8 +26,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeGuard
 
 from brickhub.cli.options import option
-from bricksrl.errors import PageError, installed
+from bricksrl.errors import BricksError, PageError, installed
 from bricksrl.page.board import Board, BoardReader, to_json
+from bricksrl.page.visitors import Visitor, Visitors
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
@@ -42,6 +43,17 @@ PORTS = range(8090, 8110)
 _TEXT = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 _CONTENT_TYPES = {**{ending: f"{kind}; charset=utf-8" for ending, kind in _TEXT.items()}, "jpg": "image/jpeg"}
 _MAX_CONNECTIONS, _MAX_MESSAGE_BYTES, _MAX_SHOWN = 12, 4096, 40
+_SECRET, _NAME = "bricksrl_visitor", "bricksrl_name"
+"""Cookies of all pages of this computer: a secret, by which a browser is known again, and the visitor's name."""
+_KEPT = "HttpOnly; SameSite=Strict; Path=/; Max-Age=31536000"
+_UNSEEN = ("arrived", "left", "renamed", "drive", "pull")
+"""Presses after which a note to the visitor stays, as they are not made by a click."""
+_CLOSED_BY_BROWSER = (1000, 1001)
+_PING_S = 2.0
+"""Period of the questions whether a browser is there; one that does not answer for twice as long is gone."""
+_TICK_S, _CONFIRM_POLL_S = 0.5, 0.02
+CONFIRM_S = 3.0
+"""Time that a robot has to confirm an emergency stop."""
 _START_TIMEOUT_S, _JOIN_TIMEOUT_S = 10.0, 2.0
 _CLOSE_TIMEOUT_S = 0.5
 """Time that a browser has to answer the end of its connection."""
@@ -113,8 +125,9 @@ def _is_ip_address(name: str) -> bool:
     return True
 
 
-Press = Callable[[str, Any], None]
-"""Called with the name of a button or slider, and its value."""
+Press = Callable[[str, Any, "Visitor | None"], None]
+"""Called with the name of a button or slider, its value, and who pressed it. The page itself presses ``arrived``
+and ``left`` for each tab."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +146,8 @@ class PageServer:
     Args:
         board: state to show.
         on_press: called with each press except an emergency stop, one at a time, in a separate thread.
-        on_stop: called for an emergency stop, at once, even while an earlier press is being handled.
+        on_stop: called for an emergency stop, at once, even while an earlier press is being handled. What it raises
+            is told to all visitors.
 
     Attributes:
         board: state that the page shows.
@@ -146,7 +160,9 @@ class PageServer:
     def __init__(self, board: Board, on_press: Press, on_stop: Callable[[], None], options: PageOptions | None = None) -> None:
         self.board, self._on_press, self._on_stop = board, on_press, on_stop
         self._options = options or PageOptions()
-        self._presses: queue.SimpleQueue[tuple[str, Any] | None] = queue.SimpleQueue()
+        self._presses: queue.SimpleQueue[tuple[str, Any, Visitor | None] | None] = queue.SimpleQueue()
+        self.visitors = Visitors()
+        self._stops = 0
         self._threads: list[threading.Thread] = []
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ready = threading.Event()
@@ -208,10 +224,13 @@ class PageServer:
             compression=None,
             max_size=_MAX_MESSAGE_BYTES,
             close_timeout=_CLOSE_TIMEOUT_S,
+            ping_interval=_PING_S,
+            ping_timeout=2.0 * _PING_S,
             logger=logger,
         ) as server:
             self._ready.set()
             await self._closing.wait()
+            await asyncio.sleep(NUMBERS_S + FRAME_S)  # the last news, such as that of a stop, are told too
             await asyncio.gather(*(connection.close(1001, "the run has ended") for connection in list(server.connections)))
 
     def file(self, name: str) -> tuple[str, bytes] | None:
@@ -229,6 +248,8 @@ class PageServer:
             if self._connections < _MAX_CONNECTIONS:
                 return None
             status, data = http.HTTPStatus.SERVICE_UNAVAILABLE, b"too many tabs look at this page\n"
+        elif path == "/visitors.json":
+            content_type, data = "application/json", json.dumps(self.visitors.described()).encode()
         elif path == "/scene.bin":
             version, scene = self.board.scene
             if version != self._scene[0] and scene is not None:
@@ -244,6 +265,8 @@ class PageServer:
             response.headers[name] = value
         if path == "/" and refusal is None:
             response.headers["Set-Cookie"] = self._guard.set_cookie
+            if _SECRET not in cookies(request.headers):
+                response.headers["Set-Cookie"] = f"{_SECRET}={secrets.token_urlsafe(18)}; {_KEPT}"
         response.body = data
         return response
 
@@ -251,22 +274,38 @@ class PageServer:
         """Serve one browser until it disconnects."""
         from websockets.exceptions import ConnectionClosed
 
+        known = cookies(connection.request.headers) if connection.request is not None else {}
+        secret = known.get(_SECRET, [secrets.token_urlsafe(18)])[0]
+        visitor = self.visitors.arrive(secret, urllib.parse.unquote(known.get(_NAME, [""])[0]))
         self._connections += 1
-        sender = asyncio.create_task(self._send_changes(connection))
+        self._tell_visitors()
+        self._presses.put(("arrived", None, visitor))
+        sender = asyncio.create_task(self._send_changes(connection, visitor))
         try:
             async for message in connection:
-                self._receive(message)
+                await self._receive(connection, message, visitor)
         except ConnectionClosed:
             pass
         finally:
             self._connections -= 1
+            self.visitors.leave(visitor, closed=connection.close_code in _CLOSED_BY_BROWSER)
             sender.cancel()
             await asyncio.gather(sender, return_exceptions=True)
-            self._presses.put(("left", None))
+            self._presses.put(("left", None, visitor))
+            self._tell_visitors()
 
-    async def _send_changes(self, connection: ServerConnection) -> None:
+    def _tell_visitors(self) -> None:
+        """Show who is here."""
+        self.board.update_status(visitors=[visitor.name for visitor in self.visitors.here()])
+
+    async def _send_changes(self, connection: ServerConnection, visitor: Visitor) -> None:
         reader, due_s = BoardReader(self.board), 0.0
+        told: dict[str, str] | None = None
         while True:
+            you = {"name": visitor.name, "note": visitor.note}
+            if you != told:
+                told = you
+                await connection.send(to_json({"you": you}))
             now_s = time.monotonic()
             numbers = now_s >= due_s
             due_s = now_s + NUMBERS_S if numbers else due_s
@@ -274,7 +313,7 @@ class PageServer:
                 await connection.send(message if isinstance(message, bytes) else to_json(message))
             await asyncio.sleep(FRAME_S)
 
-    def _receive(self, message: str | bytes) -> None:
+    async def _receive(self, connection: ServerConnection, message: str | bytes, visitor: Visitor) -> None:
         """Handle a press; other messages, as of another version of the page, are ignored."""
         try:
             content = json.loads(message)
@@ -282,18 +321,67 @@ class PageServer:
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             return
         if name == "stop":
-            threading.Thread(target=self._on_stop, name="bricksrl-page-stop", daemon=True).start()
+            threading.Thread(target=self._stop, args=(visitor.name,), name="bricksrl-page-stop", daemon=True).start()
+            await connection.send(to_json({"heard": value if is_finite(value) else 0}))
+        elif name == "ping":  # the page's question whether we are there; an answer shows both ways of the connection
+            await connection.send(to_json({"pong": value if is_finite(value) else 0}))
+        elif name == "name":
+            self.visitors.rename(visitor, value)
+            self._tell_visitors()
+            self._presses.put(("renamed", None, visitor))
         elif isinstance(name, str):
-            self._presses.put((name, value))
+            self._presses.put((name, value, visitor))
+
+    # ---------------------------------------------------------------- in a thread of each emergency stop
+
+    def _stop(self, by: str) -> None:
+        """Stop, and tell all visitors what is known of it: sent, confirmed, or why not."""
+        self._stops += 1
+        number = self._stops
+
+        def tell(state: str, reason: str = "") -> None:
+            if number == self._stops:  # of several, the last one is shown
+                self.board.update_status(stop={"number": number, "by": by, "state": state, "reason": reason})
+
+        tell("sent")
+        try:
+            self._on_stop()
+        except BricksError as error:
+            tell("unconfirmed", str(error))
+            return
+        limit_s = time.monotonic() + CONFIRM_S
+        while not (confirmed := self.has_stopped()) and time.monotonic() < limit_s:
+            time.sleep(_CONFIRM_POLL_S)
+        tell("confirmed" if confirmed else "unconfirmed")
+
+    def has_stopped(self) -> bool:
+        """Whether what moved is known to be stopped; asked for up to :data:`CONFIRM_S` after an emergency stop."""
+        return True
 
     # ---------------------------------------------------------------- in the thread of the presses
 
     def _handle_presses(self) -> None:
-        while (press := self._presses.get()) is not None:
+        due_s = time.monotonic()
+        while True:
             try:
-                self._on_press(*press)
+                with contextlib.suppress(queue.Empty):
+                    press = self._presses.get(timeout=_TICK_S)
+                    if press is None:
+                        return
+                    self._handle(*press)
+                if time.monotonic() >= due_s:
+                    due_s = time.monotonic() + _TICK_S
+                    self._tick()
             except Exception as error:  # noqa: BLE001  a failed press must not block later ones
                 _log.warning("the page: %s", error)
+
+    def _handle(self, name: str, value: Any, visitor: Visitor | None) -> None:
+        if visitor is not None and name not in _UNSEEN:
+            visitor.note = ""
+        self._on_press(name, value, visitor)
+
+    def _tick(self) -> None:
+        """Hook: called about every half second."""
 
 
 def _listen(options: PageOptions) -> socket.socket:

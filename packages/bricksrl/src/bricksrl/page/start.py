@@ -4,6 +4,7 @@ A press starts the command of its row in a process of its own. Values of presses
 """
 
 import contextlib
+import json
 import logging
 import re
 import shutil
@@ -12,6 +13,8 @@ import sys
 import tempfile
 import threading
 import time
+import urllib.parse
+import urllib.request
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -20,15 +23,20 @@ from typing import Any, Self
 
 from bricksrl.envs.arenas import ARENAS, arena_summary
 from bricksrl.envs.registry import is_simulation, list_envs
-from bricksrl.errors import BricksError
+from bricksrl.errors import BricksError, PageError
 from bricksrl.page.board import Board
 from bricksrl.page.server import PageOptions, PageServer, chosen
+from bricksrl.page.visitors import Seats, Visitor
 from bricksrl.policies.by_name import TRAINED
 from bricksrl.training.run_folder import RunFolder
 from bricktwin.robots import ROBOTS
 
 _MAX_JOBS, _MAX_LINES, _MAX_RUNS, _MAX_POINTS, _LAST_EPISODES = 12, 60, 30, 60, 5
-_REFRESH_S, _END_S, _READ_S = 1.0, 4.0, 1.0
+_REFRESH_S, _END_S, _READ_S, _ANSWER_S = 1.0, 4.0, 1.0, 0.5
+_MAX_ROBOTS = 6
+"""Robots of all visitors at a time."""
+_DESERTED_S, _ASLEEP_S = 3.0, 60.0
+"""Time after which a play ends at which nobody looks: closed tabs, and connections that broke."""
 _log = logging.getLogger(__name__)
 _PAGE_LINE = re.compile(r"live page: (\S+)")
 
@@ -41,7 +49,7 @@ class Action:
         kind: kind of the names that it is for.
         words: its command, before and after the names.
         out: ending of the file that it writes.
-        has_page, is_alone: whether it has a page of its own, and ends the one before.
+        has_page, is_alone: whether it has a page of its own, and ends the one before of the same visitor.
     """
 
     kind: str
@@ -50,6 +58,11 @@ class Action:
     out: str = ""
     has_page: bool = True
     is_alone: bool = True
+
+    @property
+    def ends_alone(self) -> bool:
+        """Whether it ends when nobody looks any more; a training goes on."""
+        return self.has_page and self.is_alone
 
 
 ACTIONS = {
@@ -66,6 +79,8 @@ ACTIONS = {
         for hub in ("virtual", "ble", "usb")
     },
 }
+REAL_HUB = ("check ble", "check usb")
+"""Actions that one visitor can do at a time."""
 _OUTPUTS = {"png": "image/png", "pdf": "application/pdf"}
 Launch = Callable[[Sequence[str], Path], "subprocess.Popen[str]"]
 
@@ -87,13 +102,22 @@ def launch(words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
 
 @dataclass(eq=False)
 class Job:
-    """A command in a process of its own, with its lines, which it reads itself, and the address of its page."""
+    """A command in a process of its own, with its lines, which it reads itself, and the address of its page.
+
+    Attributes:
+        owner: the visitor who has started it.
+        why: why it was ended, if it was.
+        empty_s: monotonic time since which nobody is there who looks at it.
+    """
 
     number: int
     action: str
     about: str
     process: subprocess.Popen[str]
+    owner: Visitor | None = None
     url: str = ""
+    why: str = ""
+    empty_s: float | None = None
     lines: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_LINES))
 
     def __post_init__(self) -> None:
@@ -102,12 +126,12 @@ class Job:
 
     def listen(self) -> None:
         """Read its lines until it ends."""
-        for line in self.process.stdout or ():
-            if (match := _PAGE_LINE.search(line)) is not None:
-                self.url = match[1]
-            else:
-                self.lines.append(line.rstrip())
-        self.process.wait()
+        with self.process:
+            for line in self.process.stdout or ():
+                if (match := _PAGE_LINE.search(line)) is not None:
+                    self.url = match[1]
+                else:
+                    self.lines.append(line.rstrip())
 
     @property
     def is_running(self) -> bool:
@@ -132,7 +156,19 @@ class Job:
     def described(self) -> dict[str, Any]:
         """What the page shows of it."""
         shown = {"number": self.number, "action": self.action, "about": self.about, "url": self.url, "lines": list(self.lines)}
-        return shown | {"code": self.process.poll()}
+        owner = "" if self.owner is None else self.owner.name
+        return shown | {"code": self.process.poll(), "owner": owner, "why": self.why}
+
+    def visitors(self) -> dict[str, Any]:
+        """Who looks at its page: what `Visitors.described` says; empty if it does not answer."""
+        parts = urllib.parse.urlsplit(self.url)
+        address = f"http://{parts.netloc}/visitors.json?{parts.query}"
+        try:
+            with urllib.request.urlopen(address, timeout=_ANSWER_S) as answer:  # a page of ours
+                found: dict[str, Any] = json.load(answer)
+        except (OSError, ValueError):
+            return {}
+        return found
 
 
 def end_jobs(jobs: Sequence[Job]) -> None:
@@ -166,6 +202,7 @@ class StartPage(PageServer):
     def __init__(self, folder: Path, options: PageOptions | None = None, launch: Launch = launch) -> None:
         super().__init__(Board(), self._press, lambda: None, options)
         self._folder, self._launch, self._jobs, self._ended = folder, launch, list[Job](), threading.Event()
+        self._seats = Seats(holds_several=True)
         self._results: Path | None = None
         self._envs = {env_id: summary for env_id, summary in list_envs().items() if not is_simulation(env_id)}
         self._plans = list({robot.model: name for name, robot in reversed(ROBOTS.items()) if robot.model}.values())
@@ -197,20 +234,51 @@ class StartPage(PageServer):
             return _OUTPUTS[name.rpartition(".")[2]], results[name].read_bytes()
         return super().file(name or "start.html")
 
-    def _press(self, name: str, value: Any) -> None:
+    def _press(self, name: str, value: Any, visitor: Visitor | None = None) -> None:
         message = ""
         try:
-            if name == "end":
-                end_jobs([job for job in self._jobs if job.number == value])
-            elif name != "left":
-                self._begin(chosen("button", name, ACTIONS), value if isinstance(value, list) else [value])
+            match name:
+                case "arrived" | "left" | "renamed":
+                    pass
+                case "end":
+                    self._end_or_ask(value, visitor)
+                case "answer":
+                    self._answer_question(value, visitor)
+                case _:
+                    self._begin(chosen("button", name, ACTIONS), value if isinstance(value, list) else [value], visitor)
         except BricksError as error:
             message = str(error)
-        self.board.update_status(message=message)
+        if visitor is None:
+            self.board.update_status(message=message)
+        elif message:
+            visitor.note = message  # which concerns nobody else
         self._publish()
 
-    def _begin(self, name: str, values: list[Any]) -> None:
-        """Start the command of an action for names. Raises PageError for those that the page does not know."""
+    def _end_or_ask(self, number: Any, visitor: Visitor | None) -> None:
+        """End a job, after asking the visitor who has started it."""
+        for job in (job for job in self._jobs if job.number == number and job.is_running):
+            if visitor is None or self._seats.ask(_seat(job), visitor):
+                self._end([job], "" if job.owner in (None, visitor) or visitor is None else f"ended by {visitor.name}")
+
+    def _answer_question(self, value: Any, visitor: Visitor | None) -> None:
+        """Answer of a visitor who was asked whether a job may end."""
+        if visitor is None or not isinstance(value, list) or len(value) != 2:
+            return
+        for job in (job for job in self._jobs if _seat(job) == value[0]):
+            if (asker := self._seats.answer(_seat(job), visitor, agrees=value[1] is True)) is not None:
+                visitor.note = f"{job.about} was ended for {asker.name}, as you said yes."
+                self._end([job], f"ended for {asker.name}")
+
+    def _end(self, jobs: Sequence[Job], why: str) -> None:
+        for job in jobs:
+            job.why = why
+        end_jobs(jobs)
+        for job in jobs:
+            self._seats.give_back(_seat(job))
+
+    def _begin(self, name: str, values: list[Any], visitor: Visitor | None) -> None:
+        """Start the command of an action for names; the robot that the visitor had before ends. Raises PageError for names that
+        the page does not know, and where others have all robots, or the hub, already."""
         action, runs = ACTIONS[name], self._runs()
         known: dict[str, Iterable[str]] = {"environment": self._envs, "arena": ARENAS, "plan": self._plans}
         known["run"] = [run["name"] for run in runs]
@@ -222,19 +290,53 @@ class StartPage(PageServer):
         if name == "train":  # or the same run would come again
             words += ["--seed", f"{sum(run['env'] in names for run in runs)}"]
         if action.is_alone:
-            end_jobs([job for job in self._jobs if ACTIONS[job.action].is_alone])
-        job = Job(number, name, ", ".join(names), self._launch(words, self._folder))
+            alone = [job for job in self._jobs if ACTIONS[job.action].is_alone and job.is_running]
+            others = [job for job in alone if visitor is not None and job.owner is not visitor]
+            self._check_room(name, others)
+            self._end([job for job in alone if job not in others], "")
+        job = Job(number, name, ", ".join(names), self._launch(words, self._folder), visitor)
+        if visitor is not None:
+            self._seats.take(_seat(job), visitor)
         self._jobs = without_old([*self._jobs, job])
+
+    def _check_room(self, name: str, others: Sequence[Job]) -> None:
+        """Raise PageError if the robots of others leave none for a visitor."""
+        owners = ", ".join(job.owner.name if job.owner is not None else "somebody" for job in others)
+        if len(others) >= _MAX_ROBOTS:
+            raise PageError(f"{len(others)} robots are at work already ({owners}); end one of them, or ask for it")
+        if name in REAL_HUB and (same := [job for job in others if job.action == name]):
+            owner = same[0].owner.name if same[0].owner is not None else "somebody"
+            raise PageError(f"{owner} checks a hub; wait for its end, or ask for it")
+
+    def _end_deserted(self) -> None:
+        """End plays whose visitors have closed all tabs. A phone that sleeps, whose connection broke, has a minute."""
+        for job in self._jobs:
+            if not (job.is_running and job.url and job.owner is not None and ACTIONS[job.action].ends_alone):
+                continue
+            seen, now_s = job.visitors(), time.monotonic()
+            if seen.get("here") or job.owner.tabs or not seen:
+                job.empty_s = None
+                continue
+            job.empty_s = job.empty_s or now_s
+            is_asleep = job.owner.is_asleep or seen["asleep"]
+            if now_s - job.empty_s > (_ASLEEP_S if is_asleep else _DESERTED_S):
+                self._end([job], "ended, as all its tabs were closed")
+
+    def _tick(self) -> None:
+        self._seats.refresh()
+        self._publish()
 
     def _refresh(self) -> None:
         while not self._ended.wait(_REFRESH_S):
             try:
+                self._end_deserted()
                 self._publish()
             except Exception as error:  # noqa: BLE001  the next time it may be right again
                 _log.warning("the start page: %s", error)
 
     def _publish(self) -> None:
         self.board.update_status(jobs=[job.described() for job in self._jobs[::-1]], runs=self._runs())
+        self.board.update_status(**self._seats.described())
 
     def _runs(self) -> list[dict[str, Any]]:
         """The runs in the folder, the latest first, with the mean return of the last episodes."""
@@ -251,6 +353,11 @@ class StartPage(PageServer):
                     {**about, "name": run.path.name, "points": points, "return": sum(last) / len(last) if last else None}
                 )
         return found
+
+
+def _seat(job: Job) -> str:
+    """Name under which a job is held."""
+    return f"{job.about} (job {job.number})"
 
 
 def _changed_s(path: Path) -> float:

@@ -2,7 +2,8 @@
 
 import { Scene3D } from "./scene3d.js";
 import { Chart, short } from "./charts.js";
-import { $, cleanAddress, connect, fill, press } from "./connection.js";
+import { $, cleanAddress, connect, fill, press, pressStop } from "./connection.js";
+import { hear, showVisitors, you } from "./visitors.js";
 
 const POSES = 1, IMAGE = 2, MIN_INTERVAL_MS = 60, REPEAT_MS = 300, REST_MS = 1500, IDLE_AXIS = 0.12;
 let status = {}, scene = null, lost = "";
@@ -12,6 +13,10 @@ const pushes = { values: [], sent_ms: 0, active: false };
 // ---------------------------------------------------------------- messages
 
 function onMessage(message) {
+  if (message.you) {
+    hear(message.you);
+    if (status.title) show();
+  }
   if (message.scene) loadScene(message.scene);
   if (message.status) {
     status = message.status;
@@ -55,10 +60,34 @@ function showImage(rgb, width, height) {
 // ---------------------------------------------------------------- status
 
 function showState() {
-  const chip = $("state"), state = lost ? (lost === "no connection" ? "lost" : "finished") : status.state ?? "waiting";
+  const chip = $("state"), state = lost ? (lost.startsWith("no connection") ? "lost" : "finished") : status.state ?? "waiting";
+  document.body.classList.toggle("lost", Boolean(lost));
   chip.textContent = lost || (state === "stopped" ? "STOPPED" : state);
   chip.className = `chip ${state}`;
   chip.hidden = !chip.textContent;
+}
+
+// What is known of the last stop: this page's own press first, then what the server says of the robot.
+let pressed = ""; // "asked", "sent" or "silent"
+
+function showStop() {
+  const box = $("stop-said"), stop = status.stop;
+  const byHand = "press the button of the hub itself";
+  let kind = stop?.state ?? "";
+  if (["asked", "silent"].includes(pressed)) kind = pressed;
+  else if (pressed === "sent" && !stop) kind = "sent";
+  if (lost && kind && kind !== "confirmed") kind = "silent";
+  const whose = stop && stop.by !== you.name ? `${stop.by} has stopped it: ` : "";
+  const said = {
+    asked: "Stopping ...",
+    sent: `${whose}The stop is sent. Motors are not confirmed to be stopped yet.`,
+    confirmed: `${whose}Confirmed: the motors are stopped.`,
+    unconfirmed: `Sent, but not confirmed: ${byHand}. ${stop?.reason ?? ""}`,
+    silent: `No connection: ${byHand}.`,
+  }[kind];
+  box.hidden = !said;
+  box.className = kind;
+  if (box.textContent !== (said ?? "")) box.textContent = said ?? "";
 }
 
 function show() {
@@ -66,7 +95,11 @@ function show() {
   document.title = `${status.title ?? "BricksRL"} · BricksRL`;
   $("title").textContent = status.title ?? "BricksRL";
   $("subtitle").textContent = status.subtitle ?? "";
+  if (!status.stop && status.state === "running" && pressed === "sent") pressed = "";
+  if (status.stop && pressed === "sent") pressed = "known";
   showState();
+  showStop();
+  showVisitors(status);
   const message = status.message || status.note;
   $("message").hidden = !message;
   $("message").textContent = message ?? "";
@@ -204,31 +237,41 @@ function sortCharts() {
 
 // ---------------------------------------------------------------- driving
 
-// In an arena, each visitor takes the seat of one robot, which is then the only one that this page drives.
-let seat = sessionStorage.getItem("seat");
+// In an arena, each visitor takes the seat of one robot, which is then the only one that this page drives. Who holds what is the
+// server's; two tabs of one visitor share it.
+let seat = null;
 
 function showSeats() {
-  const { seats } = status;
+  const { seats, holders = {} } = status;
   $("seats").hidden = !seats;
   $("driving").hidden = Boolean(seats);
   if (!seats) return;
-  if (!(seat in seats)) seat = null;
+  seat = Object.keys(seats).find((name) => holders[name] === you.name) ?? null;
   status.drive = seat && seats[seat];
   fill($("seats"), Object.keys(seats), "button", (button, name) => {
-    Object.assign(button, { type: "button", textContent: `Drive the ${name}` });
+    button.type = "button";
     button.style.borderBottom = `8px solid rgb(${seats[name].color.map((share) => 255 * share)})`;
     button.onclick = () => {
-      if (seat) pressRobot("take_over", false);
-      seat = seat === name ? null : name;
-      sessionStorage.setItem("seat", seat ?? "");
-      if (seat) pressRobot("take_over", true);
-      show();
+      const holder = status.holders?.[name];
+      if (holder && holder !== you.name) press(`ask:${name}`);
+      else press(`take_over:${name}`, !holder);
     };
   });
-  for (const button of $("seats").children) button.setAttribute("aria-pressed", String(button.textContent === `Drive the ${seat}`));
+  Object.keys(seats).forEach((name, i) => {
+    const button = $("seats").children[i], holder = holders[name];
+    button.setAttribute("aria-pressed", String(name === seat));
+    const text = holder && holder !== you.name ? `${holder} drives the ${name}. Ask` : `Drive the ${name}`;
+    if (button.textContent !== text) button.textContent = text;
+  });
 }
 
 const pressRobot = (name, value) => press(seat ? `${name}:${seat}` : name, value);
+
+// The name of who else drives the only robot of this page.
+function otherDriver() {
+  const holder = status.seats ? null : status.holders?.robot;
+  return holder && holder !== you.name ? holder : "";
+}
 
 function showDrive(canDrive) {
   $("drive").hidden = !canDrive;
@@ -237,10 +280,12 @@ function showDrive(canDrive) {
   document.querySelector(".sticks").hidden = !status.drive;
   if (!canDrive || !status.drive) return;
   const { commands, in_charge, can_give_back } = status.drive;
-  $("take-over").hidden = !can_give_back;
-  $("take-over").setAttribute("aria-pressed", String(in_charge));
-  $("take-over").textContent = in_charge ? "Give back" : "Take over";
-  $("driver").textContent = in_charge ? "you drive" : "the agent drives";
+  const other = otherDriver();
+  $("take-over").hidden = !can_give_back && !other;
+  $("take-over").setAttribute("aria-pressed", String(in_charge && !other));
+  $("take-over").textContent = other ? `Ask ${other}` : in_charge ? "Give back" : "Take over";
+  $("driver").textContent = other ? `${other} drives` : in_charge ? "you drive" : "the agent drives";
+  document.querySelector(".sticks").hidden = Boolean(other);
   fill($("sliders"), commands.map(({ name }) => name), "label", (label, name) => {
     const i = commands.findIndex((command) => command.name === name);
     label.className = "slider";
@@ -386,7 +431,8 @@ function showOwnSliders() {
 // ---------------------------------------------------------------- start
 
 for (const button of document.querySelectorAll("[data-press]")) button.onclick = () => press(button.dataset.press);
-$("take-over").onclick = () => press("take_over", !status.drive.in_charge);
+$("stop").onclick = pressStop;
+$("take-over").onclick = () => (otherDriver() ? press("ask") : press("take_over", !status.drive.in_charge));
 $("policy").onchange = () => press("policy", $("policy").value);
 $("follow").onchange = () => {
   if (!scene) return;
@@ -395,11 +441,12 @@ $("follow").onchange = () => {
 };
 $("home").onclick = () => scene?.home();
 addEventListener("keydown", (event) => {
-  if (event.code !== "Space") return;
+  if (event.code !== "Space" || isTyping(event)) return;
   event.preventDefault(); // or it would press the button that has the focus
-  if (!event.repeat) press("stop");
+  if (!event.repeat && !$("stop").hidden) pressStop();
 }, { capture: true });
-addEventListener("keyup", (event) => event.code === "Space" && event.preventDefault(), { capture: true });
+addEventListener("keyup", (event) => event.code === "Space" && !isTyping(event) && event.preventDefault(), { capture: true });
+const isTyping = (event) => event.target === $("own-name");
 cleanAddress();
 $("home-page").hidden = !sessionStorage.getItem("start");
 $("home-page").href = `http://${location.hostname}:${sessionStorage.getItem("start")}/`;
@@ -415,7 +462,14 @@ connect({
   onText: onMessage,
   onBinary,
   onChange: (reason) => {
+    if (lost === reason) return;
     lost = reason;
     showState();
+    showStop();
+  },
+  onStop: (known) => {
+    if (pressed === known) return;
+    pressed = known;
+    showStop();
   },
 });

@@ -1,6 +1,7 @@
 // Start page: cards of environments, runs, plans and jobs. All state is the server's.
 
 import { $, cleanAddress, connect, element, fill, press } from "./connection.js";
+import { hear, showVisitors, you } from "./visitors.js";
 
 const TEXTS = { play: "Play", train: "Train", drive: "Drive", game: "Play together" };
 const DOES = { play: "plays", drive: "is driven", game: "is played", train: "learns", watch: "is shown", compare: "are compared", build: "is built", booklet: "gets its booklet", check: "is checked" };
@@ -10,6 +11,7 @@ const chosen = new Set();
 function show() {
   $("message").hidden = !status.message;
   $("message").textContent = status.message ?? "";
+  showVisitors(status);
   fill($("envs"), status.cards ?? [], "article", (card, { env, summary, is_arena }) => {
     card.className = "env";
     card.setAttribute("aria-label", env);
@@ -73,7 +75,7 @@ function showJobs() {
     card.className = "job";
     card.dataset.action = job.action.split(" ")[0];
     const end = element("button", { type: "button", textContent: "End", onclick: () => press("end", number) });
-    const title = element("b", { textContent: `${job.about} ${DOES[job.action.split(" ")[0]]}` });
+    const title = element("b", { textContent: `${job.about} ${DOES[job.action.split(" ")[0]]}` }, element("small", { className: "whose" }));
     card.append(element("div", { className: "row" }, title, element("span", { className: "chip" }), element("a", { className: "main", textContent: "Open" }), end), element("pre", {}));
   });
   jobs.forEach((job, i) => {
@@ -84,14 +86,17 @@ function showJobs() {
     chip.className = `chip ${{ done: "finished", failed: "stopped" }[state] ?? ""}`;
     link.hidden = !(isRunning && job.url);
     if (job.url) link.href = address(job.url);
+    const isMine = !job.owner || job.owner === you.name;
     end.hidden = !isRunning;
+    end.textContent = isMine ? "End" : `Ask ${job.owner} to end it`;
+    card.querySelector(".whose").textContent = [isMine ? "" : job.owner, job.why].filter(Boolean).map((text) => ` · ${text}`).join("");
     const text = job.lines.join("\n");
     if (pre.textContent !== text) {
       pre.textContent = text;
       pre.scrollTop = pre.scrollHeight;
     }
     showResult(card, job);
-    if (isRunning && job.url && awaited?.action === job.action && job.number > awaited.after) {
+    if (isRunning && job.url && awaited?.action === job.action && job.number > awaited.after && (!job.owner || job.owner === you.name)) {
       awaited = null;
       location.assign(address(job.url));
     }
@@ -118,8 +123,9 @@ $("check-start").onclick = () => start(`check ${$("check-hub").value}`, $("check
 cleanAddress();
 connect({
   onText: (message) => {
-    if (!message.status) return;
-    status = message.status;
+    if (message.you) hear(message.you);
+    if (!message.you && !message.status) return;
+    status = message.status ?? status;
     show();
   },
   onChange: (reason) => {
