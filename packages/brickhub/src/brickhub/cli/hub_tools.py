@@ -2,13 +2,14 @@
 
 import dataclasses
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, JsonFlag, option, refuse_ignored
+from brickhub.cli.options import Faults, Flag, JsonFlag, option, refuse_ignored
 from brickhub.cli.terminal import ask, confirm, print_findings, print_line, print_note
 from brickhub.errors import DescriptionError, HubNotFoundError, counted, percent
 from brickhub.fields import Count
@@ -156,11 +157,12 @@ class MeasureLatency:
     exchanges: Annotated[Count, option(metavar="N")] = 100
     """Number of readings to time."""
     link: Link = None
+    fault: Faults = ()
     json: JsonFlag = False
 
     def execute(self) -> None:
         target = find(self.target)
-        with HubLink(_transport(self.hub, target, self.link), target.robot, target.interface) as link:
+        with HubLink(_transport(self.hub, target, self.link, self.fault), target.robot, target.interface) as link:
             result = measure(link, target.interface, self.exchanges)
         if self.json:
             print_line(json.dumps(dataclasses.asdict(result)))
@@ -190,6 +192,7 @@ class Check:
     target: TargetArgument
     hub: Hub = "ble"
     link: Link = None
+    fault: Faults = ()
     yes: Flag = False
     """Make the test moves without asking for permission, or whether they were right."""
     calibrations: Folder = None
@@ -209,14 +212,14 @@ class Check:
 
         is_right = None if self.yes else was_right
         if target.robot.hub.model.runs_programs:
-            transport = _transport(self.hub, target, self.link)
+            transport = _transport(self.hub, target, self.link, self.fault)
             calibrate = calibration_of(transport, self.calibrations)
             robot = transport, target.robot, target.interface
             findings = check_robot(
                 *robot, may_move=may_move, is_right=is_right, calibrate=calibrate, command=self._calibration()
             )
         else:
-            radio = _reach(self.hub, target, self.link)
+            radio = _reach(self.hub, target, self.link, self.fault)
             findings = check_kit(radio, target.robot, target.interface, may_move=may_move, is_right=is_right)
         code = print_findings(findings, (9, 18), as_json=self.json, env=target.name, hub=self.hub)
         if not self.json:
@@ -247,6 +250,7 @@ class Calibrate:
 
     target: TargetArgument
     hub: Hub = "ble"
+    fault: Faults = ()
     by_hand: Flag = False
     """Set the zeros of motors without a range to their present angles; put legs and turntable at their zeros first."""
     reverse: Annotated[tuple[str, ...], option(metavar="MOTOR ...")] = ()
@@ -265,14 +269,14 @@ class Calibrate:
         modes = ((("--forget",), self.forget), (directions, self.reverse), (directions, self.as_described))
         for flags, is_chosen in modes:
             if is_chosen:
-                refuse_ignored(self, ("--target", "--hub", "--yes", "--calibrations", *flags), f"with {flags[0]}")
+                refuse_ignored(self, ("--target", "--hub", "--fault", "--yes", "--calibrations", *flags), f"with {flags[0]}")
         both = sorted(set(self.reverse) & set(self.as_described))
         if both:
             raise DescriptionError(f"'{both[0]}' cannot be reversed and as described; leave one out")
         target = find(self.target)
         for name in (*self.reverse, *self.as_described):
             target.robot.motor(name)  # raises for an unknown name
-        transport = _transport(self.hub, target)
+        transport = _transport(self.hub, target, faults=self.fault)
         try:
             transport.open()
             hub = kept.hub_id(transport)
@@ -316,22 +320,25 @@ class Calibrate:
         return zeros_deg
 
 
-def _reach(hub: str, target: Target, link: str | None) -> Any:
-    """An unopened transport to a hub, or a radio to devices of LEGO's kits. ``link``: that of a virtual one, by name. Raises
-    DescriptionError if a real one is given a link."""
+def _reach(hub: str, target: Target, link: str | None, faults: Sequence[str]) -> Any:
+    """An unopened transport to a hub, or a radio to devices of LEGO's kits. ``link``: that of a virtual one, by name, and its
+    faults. Raises DescriptionError if a real one is given such."""
+    from brickhub.virtual.faults import with_faults
     from brickhub.virtual.virtual_kit import virtual_robot
 
     address, chosen = parse_hub(hub), None if link is None else profile(link)
     if address.is_virtual:
-        return virtual_robot(target.make_body(), link=chosen)
+        return virtual_robot(with_faults(target.make_body(), faults), link=chosen)
+    if faults:
+        raise DescriptionError("a real robot has faults of its own; leave out --fault, or take --hub virtual")
     if link is not None:
         raise DescriptionError("a real hub has a link of its own; leave out --link, or take --hub virtual")
     return address.transport() if target.robot.hub.model.runs_programs else address.radio()
 
 
-def _transport(hub: str, target: Target, link: str | None = None) -> Transport:
+def _transport(hub: str, target: Target, link: str | None = None, faults: Sequence[str] = ()) -> Transport:
     """An unopened transport to a hub, as `_reach`. Raises DescriptionError for a robot of LEGO's kits."""
     if not target.robot.hub.model.runs_programs:
         raise DescriptionError(f"'{target.name}' has devices of LEGO's kits, which need none of this; `check` checks them")
-    transport: Transport = _reach(hub, target, link)
+    transport: Transport = _reach(hub, target, link, faults)
     return transport

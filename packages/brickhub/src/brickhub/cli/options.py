@@ -6,7 +6,7 @@ from collections.abc import Callable, Container, Iterator
 from functools import partial
 from typing import Annotated, Any
 
-from tyro.conf import arg
+from tyro.conf import UseAppendAction, arg
 from tyro.constructors import PrimitiveConstructorSpec
 
 from brickhub.errors import DescriptionError
@@ -44,6 +44,17 @@ Flag = Annotated[bool, option()]
 """An option without a value."""
 JsonFlag = Annotated[bool, option(help="Print only one JSON object on standard output.")]
 """``--json``."""
+
+
+Faults = Annotated[
+    UseAppendAction[tuple[str, ...]],
+    option(
+        metavar="FAULT",
+        help="Fault of the virtual robot, to practise: battery=6.2, reversed:left, port:left=C, dead:eyes, absent:eyes, "
+        "slip:left=0.5 or link=12s. May be repeated.",
+    ),
+]
+"""``--fault``."""
 
 
 def changed_options(command: Any) -> Iterator[str]:

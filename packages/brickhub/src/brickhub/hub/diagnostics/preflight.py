@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from brickhub.errors import HubError, percent
 from brickhub.finding import Finding, Outcome
 from brickhub.hub.diagnostics.survey import Survey, WheelTurn, survey, turn_wheels
-from brickhub.hub.interface import Command, Interface
+from brickhub.hub.interface import Command, Distance, Interface
 from brickhub.hub.kit_radio import Radio
 from brickhub.hub.link.kit_link import PERIOD_MS, KitLink
 from brickhub.hub.link.lockstep import HubLink
@@ -139,7 +139,9 @@ def check_robot(
         try:
             with HubLink(transport, robot, interface, calibrate=calibrate) as link:
                 yield Finding("program", Outcome.OK, f"runs (hash {link.program.hash:08x})")
-                yield from check_angles(robot, interface, link.read().values)
+                values = link.read().values
+                yield from check_angles(robot, interface, values)
+                yield from check_distances(interface, values)
                 is_virtual = getattr(transport, "identity", None) is None
                 yield check_latency(measure(link, interface), is_virtual=is_virtual)
                 advise = functools.partial(_reversing, command, robot, calibrated)
@@ -280,6 +282,15 @@ def check_angles(robot: Robot, interface: Interface, values: Sequence[float]) ->
         remedy = "; put the joint within its range, or find its zero with `brickhub calibrate`"
         detail = f"{values[index]:.0f} deg, range {low} to {high}"
         yield judged(f"angle {name}", detail, (is_beyond, Outcome.ERROR, remedy))
+
+
+def check_distances(interface: Interface, values: Sequence[float]) -> Iterator[Finding]:
+    """What distance sensors measure, in the reading ``values [n_channels]``. One that sees nothing may be dead."""
+    for channel, value in zip(interface.channels, values, strict=True):
+        if isinstance(channel, Distance):
+            is_far = value >= channel.FARTHEST_MM
+            doubt = ", nothing in sight; hold a hand before it and check again: the number has to change" if is_far else ""
+            yield Finding(f"reading {channel.name}", Outcome.OK, f"{value:.0f} mm{doubt}")
 
 
 def check_latency(latency: Latency, *, is_virtual: bool = False) -> Finding:

@@ -9,11 +9,11 @@ import io
 from dataclasses import dataclass
 
 from brickhub.errors import DescriptionError, HubError, HubProgramError, HubTimeoutError
-from brickhub.hub.program.generate import onboard_text, sorted_imports
+from brickhub.hub.program.generate import hub_line, onboard_text, sorted_imports
 from brickhub.hub.program.run_program import TIME_LIMIT_EXIT_CODE, describe_traceback, run_program
 from brickhub.hub.protocol import Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Transport
-from brickhub.robot import Motor, Robot
+from brickhub.robot import HUB_FLAT, Motor, Robot
 
 STALL_SPEED_DEG_S = 60
 STALL_TORQUE_MNM = 250
@@ -196,8 +196,10 @@ def _program(purpose: str, imports: list[str], constants: list[str], robot: Robo
     model = robot.hub.model
     hub_import = f"from pybricks.hubs import {model.class_name}"
     comments = [f"# {purpose}", "# Written by BricksRL from the robot's description."]
+    if robot.hub_sides != HUB_FLAT:
+        imports = [line.replace("import Direction, Port", "import Axis, Direction, Port") for line in imports]
     head = [*comments, *sorted_imports([hub_import, *imports]), "", *constants, ""]
-    body = [f"hub = {model.class_name}()", "print()", onboard_text(script).strip(), ""]
+    body = [hub_line(robot), "print()", onboard_text(script).strip(), ""]
     program_hash = hashlib.sha256("\n".join([*head, *body]).encode()).digest()[:4]
     number = int.from_bytes(program_hash, "little")
     hello = f"stdout.buffer.write({control_frame(Up.HELLO, hello_payload(number))!r})"
