@@ -2,17 +2,18 @@
 
 import dataclasses
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, JsonFlag, option, refuse_ignored
-from brickhub.cli.terminal import confirm, is_terminal, print_findings, print_line, print_note
+from brickhub.cli.options import Faults, Flag, JsonFlag, option, refuse_ignored
+from brickhub.cli.terminal import ask, confirm, print_findings, print_line, print_note
 from brickhub.errors import DescriptionError, HubNotFoundError, counted, percent
 from brickhub.fields import Count
-from brickhub.files import write_durably
+from brickhub.files import quoted, write_durably
 from brickhub.hub.diagnostics import calibration as kept
 from brickhub.hub.diagnostics.calibration import Calibration, CalibrationError, calibrated, calibration_of, zero_between
 from brickhub.hub.diagnostics.preflight import advice, check_kit, check_robot, measure
@@ -156,11 +157,12 @@ class MeasureLatency:
     exchanges: Annotated[Count, option(metavar="N")] = 100
     """Number of readings to time."""
     link: Link = None
+    fault: Faults = ()
     json: JsonFlag = False
 
     def execute(self) -> None:
         target = find(self.target)
-        with HubLink(_transport(self.hub, target, self.link), target.robot, target.interface) as link:
+        with HubLink(_transport(self.hub, target, self.link, self.fault), target.robot, target.interface) as link:
             result = measure(link, target.interface, self.exchanges)
         if self.json:
             print_line(json.dumps(dataclasses.asdict(result)))
@@ -169,7 +171,9 @@ class MeasureLatency:
         if result.link_share is not None:
             print_line(f"of a step            {percent(result.link_share)} is the link")
         print_line(f"connection interval  {result.interval_ms:g} ms (inferred: half a round trip)")
-        if result.is_slow:
+        if result.is_slow and parse_hub(self.hub).is_virtual:
+            print_line("faster               as this link is played; another one with --link, such as --link mac")
+        elif result.is_slow:
             print_line(f"faster               {advice()}")
 
 
@@ -188,6 +192,7 @@ class Check:
     target: TargetArgument
     hub: Hub = "ble"
     link: Link = None
+    fault: Faults = ()
     yes: Flag = False
     """Make the test moves without asking for permission, or whether they were right."""
     calibrations: Folder = None
@@ -196,27 +201,37 @@ class Check:
 
     def execute(self) -> int:
         target = find(self.target)
-        is_watched = not self.yes and is_terminal()
+        if not parse_hub(self.hub).is_virtual:
+            print_note(f"looking for the hub ({self.hub}), which can take some seconds")
 
         def may_move() -> bool:
             return self.yes or confirm(f"The {target.robot.name} needs room to move each motor a little. Move it now?")
 
-        def was_right(move: str) -> bool:
-            return confirm(f"{move}: was it this motor, and in the right direction?")
+        def was_right(move: str) -> bool | None:
+            return ask(f"{move}: was it this motor, and in the right direction?")
 
-        is_right = was_right if is_watched else None
+        is_right = None if self.yes else was_right
         if target.robot.hub.model.runs_programs:
-            transport = _transport(self.hub, target, self.link)
+            transport = _transport(self.hub, target, self.link, self.fault)
             calibrate = calibration_of(transport, self.calibrations)
             robot = transport, target.robot, target.interface
-            findings = check_robot(*robot, may_move=may_move, is_right=is_right, calibrate=calibrate)
+            findings = check_robot(
+                *robot, may_move=may_move, is_right=is_right, calibrate=calibrate, command=self._calibration()
+            )
         else:
-            radio = _reach(self.hub, target, self.link)
+            radio = _reach(self.hub, target, self.link, self.fault)
             findings = check_kit(radio, target.robot, target.interface, may_move=may_move, is_right=is_right)
         code = print_findings(findings, (9, 18), as_json=self.json, env=target.name, hub=self.hub)
         if not self.json:
             print_line("not ready: see the errors above" if code else f"ready for {target.name}")
         return code
+
+    def _calibration(self) -> str:
+        """The command that calibrates this robot on this hub, as it is typed."""
+        words = ["brickhub", "calibrate", self.target]
+        words += [] if self.hub == "ble" else ["--hub", self.hub]
+        words += [] if self.calibrations is None else ["--calibrations", str(self.calibrations)]
+        return " ".join(map(quoted, words))
 
 
 @dataclass(frozen=True)
@@ -228,16 +243,20 @@ class Calibrate:
     Examples:
       brickhub calibrate my_robot.py
       brickhub calibrate my_robot.py --by-hand
-      brickhub calibrate my_robot.py --reverse left right
+      brickhub calibrate my_robot.py --reverse left
+      brickhub calibrate my_robot.py --as-described left
       brickhub calibrate my_robot.py --forget
     """
 
     target: TargetArgument
     hub: Hub = "ble"
+    fault: Faults = ()
     by_hand: Flag = False
     """Set the zeros of motors without a range to their present angles; put legs and turntable at their zeros first."""
     reverse: Annotated[tuple[str, ...], option(metavar="MOTOR ...")] = ()
-    """Motors whose direction to reverse; nothing else is calibrated then."""
+    """Motors that turn opposite to the description; nothing else is calibrated then. Saying it twice changes nothing."""
+    as_described: Annotated[tuple[str, ...], option(metavar="MOTOR ...")] = ()
+    """Motors that are not reversed any more; nothing else is calibrated then."""
     forget: Flag = False
     """Delete the saved calibration of the robot."""
     yes: Flag = False
@@ -246,13 +265,18 @@ class Calibrate:
     """Folder to write to; by default that in your settings folder."""
 
     def execute(self) -> None:
-        for flag, alone in (("--forget", self.forget), ("--reverse", self.reverse)):
-            if alone:
-                refuse_ignored(self, ("--target", "--hub", "--yes", "--calibrations", flag), f"with {flag}")
+        directions = ("--reverse", "--as-described")
+        modes = ((("--forget",), self.forget), (directions, self.reverse), (directions, self.as_described))
+        for flags, is_chosen in modes:
+            if is_chosen:
+                refuse_ignored(self, ("--target", "--hub", "--fault", "--yes", "--calibrations", *flags), f"with {flags[0]}")
+        both = sorted(set(self.reverse) & set(self.as_described))
+        if both:
+            raise DescriptionError(f"'{both[0]}' cannot be reversed and as described; leave one out")
         target = find(self.target)
-        for name in self.reverse:
+        for name in (*self.reverse, *self.as_described):
             target.robot.motor(name)  # raises for an unknown name
-        transport = _transport(self.hub, target)
+        transport = _transport(self.hub, target, faults=self.fault)
         try:
             transport.open()
             hub = kept.hub_id(transport)
@@ -261,8 +285,9 @@ class Calibrate:
                 print_line(f"{target.robot.name} on {hub}: as described")
                 return
             saved = kept.load_calibration(hub, target.robot, self.calibrations)
-            if self.reverse:
-                calibration = kept.Calibration(saved.zeros_deg, saved.reversed ^ set(self.reverse))
+            if self.reverse or self.as_described:
+                is_reversed = (saved.reversed | set(self.reverse)) - set(self.as_described)
+                calibration = kept.Calibration(saved.zeros_deg, frozenset(is_reversed))
             else:
                 zeros_deg = self._zeros_deg(transport, target.robot, saved)
                 calibration = kept.Calibration(saved.zeros_deg | zeros_deg, saved.reversed)
@@ -295,22 +320,25 @@ class Calibrate:
         return zeros_deg
 
 
-def _reach(hub: str, target: Target, link: str | None) -> Any:
-    """An unopened transport to a hub, or a radio to devices of LEGO's kits. ``link``: that of a virtual one, by name. Raises
-    DescriptionError if a real one is given a link."""
+def _reach(hub: str, target: Target, link: str | None, faults: Sequence[str]) -> Any:
+    """An unopened transport to a hub, or a radio to devices of LEGO's kits. ``link``: that of a virtual one, by name, and its
+    faults. Raises DescriptionError if a real one is given such."""
+    from brickhub.virtual.faults import with_faults
     from brickhub.virtual.virtual_kit import virtual_robot
 
     address, chosen = parse_hub(hub), None if link is None else profile(link)
     if address.is_virtual:
-        return virtual_robot(target.make_body(), link=chosen)
+        return virtual_robot(with_faults(target.make_body(), faults), link=chosen)
+    if faults:
+        raise DescriptionError("a real robot has faults of its own; leave out --fault, or take --hub virtual")
     if link is not None:
         raise DescriptionError("a real hub has a link of its own; leave out --link, or take --hub virtual")
     return address.transport() if target.robot.hub.model.runs_programs else address.radio()
 
 
-def _transport(hub: str, target: Target, link: str | None = None) -> Transport:
+def _transport(hub: str, target: Target, link: str | None = None, faults: Sequence[str] = ()) -> Transport:
     """An unopened transport to a hub, as `_reach`. Raises DescriptionError for a robot of LEGO's kits."""
     if not target.robot.hub.model.runs_programs:
         raise DescriptionError(f"'{target.name}' has devices of LEGO's kits, which need none of this; `check` checks them")
-    transport: Transport = _reach(hub, target, link)
+    transport: Transport = _reach(hub, target, link, faults)
     return transport

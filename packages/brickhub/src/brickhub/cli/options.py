@@ -6,12 +6,13 @@ from collections.abc import Callable, Container, Iterator
 from functools import partial
 from typing import Annotated, Any
 
-from tyro.conf import arg
+from tyro.conf import UseAppendAction, arg
 from tyro.constructors import PrimitiveConstructorSpec
 
 from brickhub.errors import DescriptionError
 from brickhub.fields import Range
 from brickhub.seed import LARGEST_SEED
+from brickhub.user_files import NotCode
 
 
 def _default(value: str) -> str:
@@ -44,6 +45,17 @@ Flag = Annotated[bool, option()]
 """An option without a value."""
 JsonFlag = Annotated[bool, option(help="Print only one JSON object on standard output.")]
 """``--json``."""
+
+
+Faults = Annotated[
+    UseAppendAction[tuple[Annotated[str, NotCode()], ...]],
+    option(
+        metavar="FAULT",
+        help="Fault of the virtual robot, to practise: battery=6.2, reversed:left, port:left=C, dead:eyes, absent:eyes, "
+        "slip:left=0.5 or link=12s. May be repeated.",
+    ),
+]
+"""``--fault``."""
 
 
 def changed_options(command: Any) -> Iterator[str]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO, cast
 
 from tyro.conf import Positional, UseAppendAction
 
-from brickhub.cli.options import Flag, changed_options, option
+from brickhub.cli.options import Faults, Flag, changed_options, option
 from brickhub.cli.terminal import Interrupted, print_note
 from brickhub.errors import DescriptionError
 
@@ -60,6 +60,7 @@ class Run:
     port: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=DEVICE")] = ()
     """Which motor or sensor is on a port of the bench: A=interactive, B=spike-large, C=ColorSensor, D=nothing. On others there is
     what the program asks for, medium motors of SPIKE."""
+    fault: Faults = ()
     log: Annotated[Path | None, option(metavar="FILE")] = None
     """CSV file of what each motor and sensor of the virtual hub did: every 10 ms the motors' angle, speed, load and voltage, and
     what the program last read from each sensor."""
@@ -131,12 +132,22 @@ class Run:
     def body(self, stack: ExitStack) -> Body | None:
         """Body of the virtual robot; ``None`` for the bench that adapts to the program. ``stack`` closes what it needs."""
         if self.robot is None:
-            return None
+            return self.faulty(None)
         from brickhub.robot import BENCH
         from brickhub.target import find
 
         target = find(self.robot)
-        return None if target.robot is BENCH else target.make_body()
+        return self.faulty(None if target.robot is BENCH else target.make_body())
+
+    def faulty(self, body: Body | None) -> Body | None:
+        """The body with the faults of ``--fault``."""
+        from brickhub.virtual.faults import parse_fault, with_faults
+
+        if any(parse_fault(text).kind == "link" for text in self.fault):
+            raise DescriptionError("a program of one's own runs without a link; leave out --fault link, or practise with `check`")
+        if body is None and self.fault:
+            raise DescriptionError("faults are those of a robot; name one with --robot, or say what is on a port with --port")
+        return None if body is None else with_faults(body, self.fault)
 
     def streams(self, stack: ExitStack) -> tuple[BinaryIO, TextIO]:
         """Streams for what the program prints, and for its traceback; ``stack`` closes what they need."""

@@ -1,6 +1,8 @@
 """Terminal: results on standard output, all other lines and questions on standard error."""
 
 import json
+import os
+import select
 import sys
 from collections.abc import Iterable
 
@@ -46,10 +48,67 @@ def is_terminal() -> bool:
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 
+_PIPE_S = 2.0
+"""Time within which an answer has to be in a pipe: nobody types into it, and one without a writer would wait for ever."""
+_LONGEST_ANSWER = 100
+
+
 def confirm(question: str) -> bool:
-    """Ask a question on standard error; True if the answer is yes, False without a terminal."""
-    if not is_terminal():
-        return False
-    sys.stderr.write(f"{question} [y/N] ")
-    sys.stderr.flush()
-    return sys.stdin.readline().strip().lower() in ("y", "yes")
+    """Whether the answer to a question is yes; False for Enter, and where nobody answers."""
+    return bool(ask(question, default=False))
+
+
+def ask(question: str, *, default: bool | None = None) -> bool | None:
+    """Ask a question on standard error, and again after an answer that is neither yes nor no.
+
+    Args:
+        question: what is asked.
+        default: what Enter says; ``None``: nothing, so the question is asked again.
+
+    Returns:
+        Whether the answer is yes; ``None`` at the end of the input, or if nothing can be asked.
+    """
+    choices = {None: "y/n", True: "Y/n, Enter is yes", False: "y/N, Enter is no"}[default]
+    while True:
+        if is_terminal():
+            sys.stderr.write(f"{question} [{choices}] ")
+            sys.stderr.flush()
+        line = _answer()
+        if line is None:
+            return None
+        answer = line.strip().lower()
+        if answer in ("y", "yes"):
+            return True
+        if answer in ("n", "no"):
+            return False
+        if not answer and default is not None:
+            return default
+        print_note(f"'{answer[:20]}' is neither y nor n; type y for yes, n for no" if answer else "type y for yes, n for no")
+
+
+def _answer() -> str | None:
+    """A line of standard input, of a terminal or out of a pipe; ``None`` if there is no more."""
+    stream = sys.stdin
+    if stream is None:
+        return None
+    if is_terminal():
+        return stream.readline() or None
+    try:
+        handle = stream.fileno()
+    except (OSError, ValueError):  # a stream of a test, or a closed one
+        return None if stream.closed else stream.readline() or None
+    line = b""
+    while len(line) < _LONGEST_ANSWER and not line.endswith(b"\n"):
+        # Byte by byte, as what a buffer has taken out of the pipe cannot be waited for.
+        byte = os.read(handle, 1) if _is_readable(handle) else b""
+        if not byte:
+            break
+        line += byte
+    return line.decode("utf-8", "replace") or None
+
+
+def _is_readable(handle: int) -> bool:
+    """Whether something, or the end, can be read from a pipe or file within a short time."""
+    if sys.platform == "win32":  # which can wait for sockets only
+        return not os.isatty(handle)
+    return bool(select.select([handle], [], [], _PIPE_S)[0])

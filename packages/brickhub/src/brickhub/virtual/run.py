@@ -1,6 +1,7 @@
 """Running program files on a virtual hub."""
 
 import ast
+import errno
 import functools
 import re
 import signal
@@ -227,7 +228,8 @@ def _run(program: HubProgram, path: Path, machine: Machine, console: StreamConso
     except BaseException as error:
         if not (is_program_error(error) or isinstance(error, KeyboardInterrupt)):
             raise
-        stderr.write(format_traceback(error, path.name) + _module_hint(error, path) + _typing_hint(error, program.source))
+        hints = _module_hint(error, path) + _typing_hint(error, program.source) + _ports_hint(error, machine)
+        stderr.write(format_traceback(error, path.name) + hints)
         return 1
     finally:
         machine.stop_motors()
@@ -242,6 +244,20 @@ def _module_hint(error: BaseException, path: Path) -> str:
     if missing is None or folder is None:
         return ""
     return f"A program imports what lies beside it; move it to {folder}, where {missing[1]} is.\n"
+
+
+def _ports_hint(error: BaseException, machine: Machine) -> str:
+    """A line that says what is on the ports of a robot, for a program that misses a device."""
+    is_missing = isinstance(error, OSError) and error.args[:1] == (errno.ENODEV,)
+    if not is_missing or isinstance(machine.body, FittedBench):
+        return ""
+    robot = machine.robot
+    devices = sorted((*robot.motors, *robot.sensors), key=lambda device: device.port)
+    fitted = ", ".join(f"{device.port} '{device.name}' ({device.kind.value})" for device in devices)
+    return (
+        f"The robot '{robot.name}' has on its ports: {fitted or 'nothing'}; use these in the program, or leave --robot out "
+        "for a bench that has what the program expects.\n"
+    )
 
 
 _OF_WORD_PROCESSORS = str.maketrans("\u201c\u201d\u201e\u2018\u2019\u2013\u2014\u2212", '"""\'\'---')

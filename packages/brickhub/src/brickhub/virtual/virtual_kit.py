@@ -17,6 +17,7 @@ from brickhub.hub.kit_protocol import SUPERVISION_S
 from brickhub.hub.kit_radio import KitPart, lego_package, parts, settle
 from brickhub.hub.link.profiles import LinkProfile
 from brickhub.virtual.body import Body, Rng
+from brickhub.virtual.faults import BreakingLink, FaultyBody
 from brickhub.virtual.kit_device import KitDevice, devices_of
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine, Pace
 from brickhub.virtual.virtual_transport import PLACEMENT_MS, Radio, VirtualHub
@@ -288,6 +289,8 @@ VirtualRobot = VirtualHub | VirtualKit
 def virtual_robot(body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0) -> VirtualRobot:
     """The virtual hub, or the virtual devices of LEGO's kits, of a robot's body. ``link``: in place of the body's, with its
     random ``seed``."""
-    if body.robot.hub.model.runs_programs:
-        return VirtualHub(body, realtime=realtime, link=link, seed=seed)
-    return VirtualKit(body, realtime=realtime, link=link, seed=seed)
+    make = VirtualHub if body.robot.hub.model.runs_programs else VirtualKit
+    robot = make(body, realtime=realtime, link=link, seed=seed)
+    if isinstance(body, FaultyBody) and body.link_breaks_s is not None:
+        robot.in_reach = BreakingLink(body.link_breaks_s, robot.now_s)
+    return robot

@@ -333,7 +333,7 @@ class VirtualHub:
 
     def _check_reach(self) -> None:
         if not self.in_reach():
-            raise HubError("the virtual hub is out of reach; set in_reach")
+            raise HubError("the virtual hub is out of reach; bring it back, and open the link again")
 
     def _check(self) -> None:
         if self._error is not None:

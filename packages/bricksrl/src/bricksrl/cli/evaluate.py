@@ -60,6 +60,7 @@ class Evaluate:
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default as in training."""
     link: Annotated[str | None, option(metavar="LINK")] = None
     """Bluetooth link of the virtual robot: mac, linux or bad-room; by default as in training."""
+    fault: Faults = ()
     best: Flag = False
     """Use the checkpoint of the best evaluation during training instead of the last one."""
     video: Annotated[Path | None, option(metavar="FILE")] = None
@@ -69,6 +70,7 @@ class Evaluate:
     def execute(self) -> None:
         given = {name: getattr(self, name) for name in ("hub", "link") if getattr(self, name) is not None}
         options: dict[str, Any] = {"realtime": self.realtime, "randomize": self.randomize, **given}
+        options |= {"fault": self.fault} if self.fault else {}
         options |= {} if self.physics is None else {"physics": read_physics(self.physics)}
         if self.video is not None:
             from bricktwin.twin.render.video import check_film

@@ -160,10 +160,11 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         if self.render_mode is None:
             return None
         if self._renderer is None:
+            from brickhub.virtual.faults import sound_body
             from bricktwin.twin.mujoco_body import MujocoBody
             from bricktwin.twin.render.opengl import Renderer
 
-            body = None if self.env.twin is None else self.env.twin.body
+            body = None if self.env.twin is None else sound_body(self.env.twin.body)
             if not isinstance(body, MujocoBody):
                 raise RenderingUnavailableError(f"the robot of {self.env.task.id} has no picture; use hub='virtual'")
             self._renderer = Renderer(body)

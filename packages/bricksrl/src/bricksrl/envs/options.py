@@ -12,10 +12,11 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 
-from brickhub.cli.options import Flag, option, parsed
+from brickhub.cli.options import Faults, Flag, option, parsed
 from brickhub.fields import Range, check_fields
 from brickhub.hub.link.profiles import profile
 from brickhub.user_files import NotCode, with_absolute_file
+from brickhub.virtual.faults import parse_fault
 from bricksrl.errors import DescriptionError
 from bricktwin.twin.physics import Physics, read_physics
 
@@ -66,6 +67,7 @@ class EnvOptions(TransformOptions):
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default charged, on a smooth floor."""
     link: Annotated[str | None, option(metavar="LINK"), NotCode()] = None
     """Bluetooth link of the virtual robot: mac, linux or bad-room, in place of that of the physics, which is linux by default."""
+    fault: Faults = ()
     options: Annotated[dict[str, Any], parsed(parse_option, metavar="NAME=VALUE", collect=dict), option(name="option")] = field(
         default_factory=dict
     )
@@ -78,7 +80,12 @@ class EnvOptions(TransformOptions):
         file: object = self.physics
         if isinstance(file, str):  # as good as a path
             object.__setattr__(self, "physics", Path(file))
+        faults: object = self.fault
+        if isinstance(faults, str | list):  # of one fault, or out of JSON
+            object.__setattr__(self, "fault", (faults,) if isinstance(faults, str) else tuple(faults))
         check_fields(type(self), vars(self))
+        for text in self.fault:
+            parse_fault(text)  # raises for an unknown kind
         if self.link is not None:
             profile(self.link)  # raises for an unknown name
         if self.transform is not None:

@@ -190,6 +190,8 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
     """Connections to virtual robots, by their seed."""
     import numpy as np
 
+    from brickhub.hub.diagnostics.calibration import calibration_of
+    from brickhub.virtual.faults import with_faults
     from brickhub.virtual.virtual_kit import virtual_robot
     from brickhub.virtual.virtual_transport import VirtualHub
 
@@ -198,14 +200,17 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
 
     def connect(twin_seed: int) -> Connection:
         body = make_body(task.robot, scene=task.scene, physics=physics, seed=twin_seed)
-        twin = virtual_robot(body, realtime=options.realtime, link=link, seed=twin_seed)
+        faulty = with_faults(body, options.fault)
+        twin = virtual_robot(faulty, realtime=options.realtime, link=link, seed=twin_seed)
         if isinstance(twin, VirtualHub):
             twin.machine.panel.near |= {channel.wireless for channel in task.interface.channels if channel.wireless}
         camera = None if task.camera is None else TwinCamera(body, task.camera)
         pose = getattr(body, "pose", None)
         world = World(pose, body, task.scene, np.random.default_rng(twin_seed), twin.now_s)
         readers = tuple(reader_of(sensor, world) for sensor in task.sensors)
-        return Connection(_link(task, options, twin), twin.reset, twin, camera, pose, readers)
+        # A robot with faults is somebody's own, to which the calibration that was saved for the virtual hub belongs.
+        calibrate = calibration_of(twin) if options.fault and isinstance(twin, VirtualHub) else None
+        return Connection(_link(task, options, twin, calibrate), twin.reset, twin, camera, pose, readers)
 
     return connect
 
@@ -231,8 +236,8 @@ def _connected(task: Task, options: EnvOptions, place: Placement | None) -> tupl
     address = parse_hub(options.hub)
     if address.is_virtual:
         return task, _virtual(task, options)
-    unreal = ("realtime", "randomize", "physics", "link")
-    options.refuse(unreal, "a real robot has its own time, physics and link; omit realtime, physics and link")
+    unreal = ("realtime", "randomize", "physics", "link", "fault")
+    options.refuse(unreal, "a real robot has its own time, physics, link and faults; omit realtime, physics, link and fault")
     return _real(task, options, address, place)
 
 

@@ -150,7 +150,7 @@ def evaluate(
         nominal, options = evaluation_options(origin, origin.env), evaluation_options(origin, env_id, **named)
         if left_out := [name for name in nominal.options if name not in options.options and "options" not in named]:
             _log.warning("%s has no %s, which the training had; it is evaluated without", env_id, ", ".join(left_out))
-        names = ("options", "physics", "randomize", "link")
+        names = ("options", "physics", "randomize", "link", "fault")
         as_trained = env_id == origin.env and all(getattr(options, name) == getattr(nominal, name) for name in names)
         hub = options.hub
         side_by_side = is_simulation(env_id) and hub == "virtual" and not options.realtime
@@ -185,11 +185,13 @@ def evaluate(
 
 
 def evaluation_options(origin: Origin, env: str, **named: Any) -> EnvOptions:
-    """Options of the environment of an evaluation: those of the training that it has, without physics and link of another
+    """Options of the environment of an evaluation: those of the training that it has, without physics, link and faults of another
     environment or hub, neither randomized nor in real time."""
     same_env, before = env == origin.env, origin.options
     keeps_link = same_env and named.get("hub", before.hub) == "virtual"
     link, physics = (before.link, before.physics) if keeps_link else (None, None)
     physics = None if named.get("randomize", False) else physics
     options = before.options if same_env else options_of(env, before.options)
-    return replace(before, realtime=False, randomize=False, physics=physics, link=link, options=options).changed(**named)
+    fault = before.fault if keeps_link else ()
+    twin: dict[str, Any] = {"physics": physics, "link": link, "fault": fault}
+    return replace(before, realtime=False, randomize=False, options=options, **twin).changed(**named)

@@ -20,6 +20,7 @@ from bricksrl.errors import TwinError
 from bricksrl.evaluation.evaluator import evaluation_options
 from bricksrl.policies.policy import named_policies
 from bricksrl.training.run_folder import RunFolder
+from brickhub.virtual.faults import sound_body
 from bricktwin.twin.make_body import lies_on_bench
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
@@ -82,7 +83,7 @@ def filmed_env(
 
     def install(connection: Connection) -> None:
         nonlocal number
-        body = None if connection.twin is None else connection.twin.body
+        body = None if connection.twin is None else sound_body(connection.twin.body)
         if connection.twin is None or not isinstance(body, MujocoBody):
             raise TwinError(f"{task.id} has no virtual robot to film; leave out --video")
         end_episode()

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from brickhub.robot import Robot
 from brickhub.virtual.body import Body
+from brickhub.virtual.faults import sound_body
 from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.panel import Panel
 from bricksrl.errors import BricksError
@@ -241,7 +242,7 @@ class RobotView:
             body: the robot's body if the machine has a proxy of it.
             mirror: mirror of a world of several robots.
         """
-        body = machine.body if body is None else body
+        body = sound_body(machine.body if body is None else body)
         if isinstance(body, MujocoBody):
             mirror = self._use(mirror or self._mirror(body.robot, body.scene))
         else:

@@ -128,6 +128,7 @@ class TrainConfig(RunOptions, EnvOptions):
         del data["run_dir"]
         values = data["settings"].items()
         data["settings"] = {name: list(value) if isinstance(value, tuple) else value for name, value in values}
+        data["fault"] = list(data["fault"])
         return data
 
     @classmethod

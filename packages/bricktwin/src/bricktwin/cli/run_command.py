@@ -46,4 +46,5 @@ class Run(run.Run):
         from brickhub.target import find
         from bricktwin.twin.render.video import filmed
 
-        return stack.enter_context(filmed(find(self.robot or ROBOT_OF_FILMS).make_body(), self.video))
+        film = filmed(find(self.robot or ROBOT_OF_FILMS).make_body(), self.video)
+        return self.faulty(stack.enter_context(film))

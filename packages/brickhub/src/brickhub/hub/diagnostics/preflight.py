@@ -1,5 +1,6 @@
 """Preflight check of a robot, with a hub or of LEGO's kits: ports, battery, latency, sensors, motors against the description."""
 
+import functools
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -7,8 +8,8 @@ from dataclasses import dataclass
 
 from brickhub.errors import HubError, percent
 from brickhub.finding import Finding, Outcome
-from brickhub.hub.diagnostics.survey import Survey, survey
-from brickhub.hub.interface import Command, Interface
+from brickhub.hub.diagnostics.survey import Survey, WheelTurn, survey, turn_wheels
+from brickhub.hub.interface import Command, Distance, Interface
 from brickhub.hub.kit_radio import Radio
 from brickhub.hub.link.kit_link import PERIOD_MS, KitLink
 from brickhub.hub.link.lockstep import HubLink
@@ -106,8 +107,9 @@ def check_robot(
     interface: Interface,
     *,
     may_move: Callable[[], bool],
-    is_right: Callable[[str], bool] | None = None,
+    is_right: Callable[[str], bool | None] | None = None,
     calibrate: Callable[[Robot], Robot] | None = None,
+    command: str = "brickhub calibrate ROBOT",
 ) -> Iterator[Finding]:
     """Check everything that a task needs of a robot. Opens the transport, and closes it at the end. Raises HubError if the hub
     cannot be reached.
@@ -116,9 +118,12 @@ def check_robot(
         transport: transport to the hub.
         robot, interface: expected robot and interface.
         may_move: asked before the first test move.
-        is_right: asked after each test move, e.g. "left turned by 30 degrees"; ``None`` if nobody watches.
+        is_right: asked after each test move, e.g. "left turned by 30 degrees"; it answers ``None`` where nobody says anything.
+            ``None`` if nobody watches.
         calibrate: as for :class:`HubLink`.
+        command: the command that calibrates this robot on this hub, for advice that works as it is printed.
     """
+    may_move = functools.cache(may_move)
     try:
         transport.open()
         calibrated = robot if calibrate is None else calibrate(robot)
@@ -134,9 +139,15 @@ def check_robot(
         try:
             with HubLink(transport, robot, interface, calibrate=calibrate) as link:
                 yield Finding("program", Outcome.OK, f"runs (hash {link.program.hash:08x})")
-                yield from check_angles(robot, interface, link.read().values)
-                yield check_latency(measure(link, interface))
-                yield from check_moves(link, robot, interface, may_move, is_right)
+                values = link.read().values
+                yield from check_angles(robot, interface, values)
+                yield from check_distances(interface, values)
+                is_virtual = getattr(transport, "identity", None) is None
+                yield check_latency(measure(link, interface), is_virtual=is_virtual)
+                advise = functools.partial(_reversing, command, robot, calibrated)
+                yield from check_moves(link, robot, interface, may_move, is_right, advise)
+            if calibrated.drive_base is not None and robot.hub.model.has_imu and may_move():
+                yield from check_wheels(robot, turn_wheels(transport, calibrated), advise)
         except HubError as error:
             yield Finding("program", Outcome.ERROR, str(error))
     finally:
@@ -161,7 +172,7 @@ def check_kit(
     interface: Interface,
     *,
     may_move: Callable[[], bool],
-    is_right: Callable[[str], bool] | None = None,
+    is_right: Callable[[str], bool | None] | None = None,
 ) -> Iterator[Finding]:
     """Check everything that a task needs of a robot of LEGO's kits. Raises HubError if a device cannot be reached.
 
@@ -273,10 +284,22 @@ def check_angles(robot: Robot, interface: Interface, values: Sequence[float]) ->
         yield judged(f"angle {name}", detail, (is_beyond, Outcome.ERROR, remedy))
 
 
-def check_latency(latency: Latency) -> Finding:
-    """Latency check: the connection interval is short."""
+def check_distances(interface: Interface, values: Sequence[float]) -> Iterator[Finding]:
+    """What distance sensors measure, in the reading ``values [n_channels]``. One that sees nothing may be dead."""
+    for channel, value in zip(interface.channels, values, strict=True):
+        if isinstance(channel, Distance):
+            is_far = value >= channel.FARTHEST_MM
+            doubt = ", nothing in sight; hold a hand before it and check again: the number has to change" if is_far else ""
+            yield Finding(f"reading {channel.name}", Outcome.OK, f"{value:.0f} mm{doubt}")
+
+
+def check_latency(latency: Latency, *, is_virtual: bool = False) -> Finding:
+    """Latency check: the connection interval is short. That of a virtual hub is as its link says, which is no problem."""
     share = "" if latency.link_share is None else f", {percent(latency.link_share)} of a step"
     detail = f"{latency.p50_ms:.0f} ms, p99 {latency.p99_ms:.0f} ms, connection interval {latency.interval_ms:g} ms{share}"
+    if is_virtual:
+        played = f"{detail}, as played; another link is played with --link, such as --link mac"
+        return Finding("round trip", Outcome.OK, played if latency.is_slow else detail)
     return judged("round trip", detail, (latency.is_slow, Outcome.WARNING, f"; {advice()}"))
 
 
@@ -290,18 +313,28 @@ def small_move(command: Command, range_deg: tuple[int, int] | None, angle_deg: f
 
 
 def check_moves(
-    link: RobotLink, robot: Robot, interface: Interface, may_move: Callable[[], bool], is_right: Callable[[str], bool] | None
+    link: RobotLink,
+    robot: Robot,
+    interface: Interface,
+    may_move: Callable[[], bool],
+    is_right: Callable[[str], bool | None] | None,
+    advise: Callable[[Sequence[str]], str] | None = None,
 ) -> Iterator[Finding]:
-    """Check of each command by a small move, if a person allows it."""
+    """Check of each command by a small move, if a person allows it. ``advise``: what to do about motors that turn the wrong way."""
     if not may_move():
         yield Finding("directions", Outcome.SKIPPED, "nothing was moved, because nobody said yes")
         return
     for index in range(len(interface.commands)):
-        yield _check_move(link, robot, interface, index, is_right)
+        yield _check_move(link, robot, interface, index, is_right, advise)
 
 
 def _check_move(
-    link: RobotLink, robot: Robot, interface: Interface, index: int, is_right: Callable[[str], bool] | None
+    link: RobotLink,
+    robot: Robot,
+    interface: Interface,
+    index: int,
+    is_right: Callable[[str], bool | None] | None,
+    advise: Callable[[Sequence[str]], str] | None,
 ) -> Finding:
     """Send a small value for one command and 0 for the others, and compare the motion of its motors."""
     command = interface.commands[index]
@@ -331,12 +364,65 @@ def _check_move(
             what = f"'{motor.name}' (port {motor.port}) turned by {turned:.0f} deg after {value:g} {command.unit}"
             return Finding(name, Outcome.ERROR, f"{what}; it is blocked, or its cable is loose")
     motion = f"moved by {value:g} {command.unit}"
-    if is_right is not None and not is_right(f"{name} {motion}"):
-        ports = " and ".join(motor.port for motor in motors)
-        names = " ".join(motor.name for motor in motors)
-        remedy = f"swap the cables (port {ports}), or `brickhub calibrate --reverse {names}`"
-        return Finding(name, Outcome.ERROR, f"{motion}, and you say that it was another motor or the wrong way; {remedy}")
-    return Finding(name, Outcome.OK, motion + ("" if is_right is not None else ", nobody watched"))
+    answer = None if is_right is None else is_right(f"{name} {motion}")
+    if answer is None:
+        return Finding(name, Outcome.OK, f"{motion}, nobody watched")
+    if answer:
+        return Finding(name, Outcome.OK, motion)
+    ports = " and ".join(motor.port for motor in motors)
+    which = f"if it was another motor, swap the cables (port {ports})"
+    if advise is not None and len(motors) == 1:
+        which += f"; if it was the wrong way, {advise([motors[0].name])}"
+    elif advise is not None:
+        each = ", ".join(f"'{motor.name}': {advise([motor.name])}" for motor in motors)
+        which += f"; for each motor, and only one, that turned the wrong way: {each}"
+    return Finding(name, Outcome.ERROR, f"{motion}, and you say that it was another motor or the wrong way; {which}")
+
+
+_TURNED_SHARE, _STILL_SHARE = 0.6, 0.15
+"""Shares of the expected turn of the hub: less than the first is slip, less than the second no turn at all."""
+
+
+def check_wheels(robot: Robot, turns: Sequence[WheelTurn], advise: Callable[[Sequence[str]], str]) -> Iterator[Finding]:
+    """Check of each wheel of a drive base by the gyroscope: forward, the left one turns the robot clockwise, the right one
+    counterclockwise, by the distance that it rolls over the axle track."""
+    base = robot.drive_base
+    if base is None:
+        return
+    is_wrong = []
+    for turn in turns:
+        sign = 1.0 if turn.motor == base.left else -1.0
+        expected_deg = sign * turn.wheel_deg * base.wheel_diameter_mm / (2 * base.axle_track_mm)
+        if abs(expected_deg) < 1.0:
+            continue  # it did not turn, as its move has told
+        share = turn.heading_deg / expected_deg
+        name = f"wheel {turn.motor}"
+        motion = f"turned the robot by {turn.heading_deg:.0f} of {expected_deg:.0f} deg"
+        if abs(share) < _STILL_SHARE:
+            still = "the robot stayed as it was, by its gyroscope: on the bench, or its wheels in the air"
+            yield Finding(name, Outcome.SKIPPED, still)
+        elif share < 0:
+            is_wrong.append(turn.motor)
+            port = robot.motor(turn.motor).port
+            remedy = f"it turns the wrong way (port {port}): {advise([turn.motor])}"
+            yield Finding(name, Outcome.ERROR, f"{motion}, by its gyroscope; {remedy}")
+        elif share < _TURNED_SHARE:
+            slips = "it slips, or is not as large as described; clean the tyre, look whether it sits tight on its axle"
+            yield Finding(name, Outcome.WARNING, f"{motion}, by its gyroscope; {slips}")
+        else:
+            yield Finding(name, Outcome.OK, f"{motion}, by its gyroscope")
+
+
+def _reversing(command: str, robot: Robot, calibrated: Robot, names: Sequence[str]) -> str:
+    """What to do about motors that turn the wrong way, in words that can be followed as they are."""
+    is_reversed = [name for name in names if robot.motor(name).direction is not calibrated.motor(name).direction]
+    others = [name for name in names if name not in is_reversed]
+    steps = []
+    if others:
+        steps.append(f"`{command} --reverse {' '.join(others)}`")
+    if is_reversed:
+        steps.append(f"`{command} --as-described {' '.join(is_reversed)}`")
+    return " and ".join(steps)
 
 
 def _angle(interface: Interface, values: Sequence[float], motor: Motor) -> float | None:

@@ -8,18 +8,23 @@ import hashlib
 import io
 from dataclasses import dataclass
 
-from brickhub.errors import HubError, HubProgramError, HubTimeoutError
-from brickhub.hub.program.generate import onboard_text, sorted_imports
+from brickhub.errors import DescriptionError, HubError, HubProgramError, HubTimeoutError
+from brickhub.hub.program.generate import hub_line, onboard_text, sorted_imports
 from brickhub.hub.program.run_program import TIME_LIMIT_EXIT_CODE, describe_traceback, run_program
 from brickhub.hub.protocol import Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Transport
-from brickhub.robot import Motor, Robot
+from brickhub.robot import HUB_FLAT, Motor, Robot
 
 STALL_SPEED_DEG_S = 60
 STALL_TORQUE_MNM = 250
 """More than a medium motor has: a raised arm needs all of it, and at this speed the stops are not damaged."""
 STALL_LIMIT_MS = 10_000
 STALL_LIMIT_DEG = 400
+WHEEL_DEG = 90
+"""Turn of a wheel forward, and back; small enough for a table."""
+WHEEL_SPEED_DEG_S = 180
+_WHEEL_LIMIT_MS = 1500
+_SETTLE_MS = 200
 _SURVEY_S = 20.0
 
 
@@ -110,6 +115,49 @@ def find_stops(transport: Transport, robot: Robot) -> dict[str, tuple[int, int] 
     return stops_deg
 
 
+@dataclass(frozen=True)
+class WheelTurn:
+    """What one wheel of a drive base did forward and, the other way round, back: the sum of both.
+
+    Attributes:
+        motor: its name.
+        wheel_deg: angle by which it turned, by its rotation sensor.
+        heading_deg: angle by which the hub turned clockwise, by the gyroscope.
+    """
+
+    motor: str
+    wheel_deg: float
+    heading_deg: float
+
+
+def turn_wheels(transport: Transport, robot: Robot) -> list[WheelTurn]:
+    """Turn each wheel of the robot's drive base alone, forward and back, while the other one holds. This moves the robot.
+
+    Raises:
+        DescriptionError: the robot has no drive base.
+        HubError: the hub cannot be reached, or does not answer; the motors are then stopped.
+        HubProgramError: the program raised.
+    """
+    base = robot.drive_base
+    if base is None:
+        raise DescriptionError(f"robot '{robot.name}' has no drive base, so no wheels to turn; describe it")
+    constants = [
+        _motors((robot.motor(base.left), robot.motor(base.right))),
+        f"ANGLE_DEG = {WHEEL_DEG}",
+        f"SPEED_DEG_S = {WHEEL_SPEED_DEG_S}",
+        f"LIMIT_MS = {_WHEEL_LIMIT_MS}",
+        f"SETTLE_MS = {_SETTLE_MS}",
+    ]
+    imports = [*_IMPORTS, "from pybricks.tools import StopWatch, wait"]
+    program = _program(f"Turns the wheels of the robot '{robot.name}'.", imports, constants, robot, "wheels")
+    turns = []
+    for line in run(transport, program, 5.0 + 4 * (_WHEEL_LIMIT_MS + _SETTLE_MS) / 1000):
+        match line.split(" "):
+            case ["wheel", name, wheel_deg, heading_deg]:
+                turns.append(WheelTurn(name, float(wheel_deg), float(heading_deg)))
+    return turns
+
+
 def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str]:
     """Run a program and return the lines that it prints before the last one, ``end``; the first are those of its HELLO. It is
     stopped after the timeout.
@@ -148,8 +196,10 @@ def _program(purpose: str, imports: list[str], constants: list[str], robot: Robo
     model = robot.hub.model
     hub_import = f"from pybricks.hubs import {model.class_name}"
     comments = [f"# {purpose}", "# Written by BricksRL from the robot's description."]
+    if robot.hub_sides != HUB_FLAT:
+        imports = [line.replace("import Direction, Port", "import Axis, Direction, Port") for line in imports]
     head = [*comments, *sorted_imports([hub_import, *imports]), "", *constants, ""]
-    body = [f"hub = {model.class_name}()", "print()", onboard_text(script).strip(), ""]
+    body = [hub_line(robot), "print()", onboard_text(script).strip(), ""]
     program_hash = hashlib.sha256("\n".join([*head, *body]).encode()).digest()[:4]
     number = int.from_bytes(program_hash, "little")
     hello = f"stdout.buffer.write({control_frame(Up.HELLO, hello_payload(number))!r})"

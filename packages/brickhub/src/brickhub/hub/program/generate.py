@@ -257,11 +257,16 @@ def _joints(robot: Robot, interface: Interface) -> set[str]:
 _AXES = {"ahead": "Axis.X", "back": "-Axis.X", "left": "Axis.Y", "right": "-Axis.Y", "up": "Axis.Z", "down": "-Axis.Z"}
 
 
-def _devices(robot: Robot, interface: Interface) -> str:
-    joints = _joints(robot, interface)
+def hub_line(robot: Robot) -> str:
+    """Statement that makes the hub, as it is mounted; needs ``Axis`` of ``pybricks.parameters`` unless it lies flat."""
     top, front = (_AXES[side] for side in robot.hub_sides)
     sides = "" if robot.hub_sides == HUB_FLAT else f"top_side={top}, front_side={front}"
-    lines = [f"hub = {robot.hub.model.class_name}({sides})"]
+    return f"hub = {robot.hub.model.class_name}({sides})"
+
+
+def _devices(robot: Robot, interface: Interface) -> str:
+    joints = _joints(robot, interface)
+    lines = [hub_line(robot)]
     for motor in _motors(robot, interface):
         lines += _motor_lines(motor, motor.name in joints)
     setups = dict.fromkeys(command.setup(robot) for command in interface.commands)

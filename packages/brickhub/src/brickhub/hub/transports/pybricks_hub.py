@@ -218,7 +218,7 @@ class ProfileTransport(ABC):
             await self._connection.disconnect()
             self._connection = None
         loop = asyncio.get_running_loop()
-        deadline_s = loop.time() + self._timeout_s
+        deadline_s = loop.time() + self._search_s()
         pause_s = _FIRST_PAUSE_S
         while True:
             try:
@@ -233,6 +233,10 @@ class ProfileTransport(ABC):
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
             else:
                 return self._connection
+
+    def _search_s(self) -> float:
+        """Time limit to find and connect the hub now."""
+        return self._timeout_s
 
     async def _connect(self, timeout_s: float) -> HubConnection:
         port = await self._find(timeout_s)

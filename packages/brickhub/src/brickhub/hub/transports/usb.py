@@ -107,6 +107,8 @@ _LEGO_VENDOR = 0x0694
 _PRODUCTS = {0x0009: 0x81, 0x0010: 0x81, 0x000D: 0x83}
 """USB product to Pybricks product: SPIKE Prime, Robot Inventor, SPIKE Essential."""
 _READ_S = 0.05
+_PLUGGED_IN_S = 6.0
+"""Time limit to find and connect a hub for the first time; one that does not answer says so within it."""
 _SUBSCRIBE, _COMMAND, _READ = 1, 2, 3
 _RESPONSE, _EVENT, _VALUE = 1, 2, 3
 _STANDARD, _PYBRICKS = 1, 2
@@ -182,6 +184,10 @@ class UsbTransport(ProfileTransport):
         self._serial_port = port
         self._open_serial = open_serial or _open_serial
         self._find_hubs = find_hubs
+
+    def _search_s(self) -> float:
+        """A hub that is plugged in is there within a second; only one that was lost is waited for."""
+        return super()._search_s() if self._first_hub is not None else min(super()._search_s(), _PLUGGED_IN_S)
 
     async def _find(self, timeout_s: float) -> Port:
         hubs, port, first = await asyncio.to_thread(self._find_hubs), self._serial_port, self._first_hub
