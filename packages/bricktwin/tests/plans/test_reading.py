@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from plan_lines import BEAM, PLANS, pin, plan_of
 
 from brickhub.errors import PlanError
-from bricktwin.plans import ldraw_file
+from bricktwin.plans import ldraw_text
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import MAX_PARTS, read_plan
 from bricktwin.plans.planned_robot import planned
@@ -140,7 +140,7 @@ def test_recursive_models_are_bounded():
 
 def test_large_binary_or_missing_file_raises(tmp_path):
     large, binary = tmp_path / "large.ldr", tmp_path / "binary.ldr"
-    large.write_bytes(b"0 x\n" * (ldraw_file.MAX_BYTES // 4 + 1))
+    large.write_bytes(b"0 x\n" * (ldraw_text.MAX_BYTES // 4 + 1))
     binary.write_bytes(bytes(range(256)) * 4)
     for path, says in (
         (large, "more than 8 MB"),
@@ -188,7 +188,7 @@ def test_quoted_name_with_spaces():
 
 def test_parts_in_a_buffer_only_show_a_way():
     plan = plan_of(
-        BEAM, "0 BUFEXCH A STORE", pin(0, -90, 0), "0 STEP", "0 BUFEXCH A RETRIEVE", pin(0, 10, 0), "0 BUFEXCH B RETRIEVE"
+        BEAM, "0 BUFEXCHG A STORE", pin(0, -90, 0), "0 STEP", "0 BUFEXCHG A RETRIEVE", pin(0, 10, 0), "0 BUFEXCHG B RETRIEVE"
     )
     assert [(placed.line, placed.step) for placed in plan.parts] == [(1, 0), (6, 1)]
     assert plan.title == "try"
@@ -198,12 +198,12 @@ def test_malicious_zip_raises(tmp_path):
     path, model = tmp_path / "robot.io", _zipped("model.ldr", BEAM.encode())
     at = model.index(b"PK\x01\x02") + 8
     encrypted = model[:at] + b"\x01" + model[at + 1 :]
-    bomb = _zipped("model.ldr", b"0 x\n" * (ldraw_file.MAX_BYTES // 4 + 1))
+    bomb = _zipped("model.ldr", b"0 x\n" * (ldraw_text.MAX_BYTES // 4 + 1))
     packed = _zipped("model.ldr", f"{BEAM}\n".encode() * 50, zipfile.ZIP_LZMA)
     cases = (
         (packed[:60] + bytes(15) + packed[75:], "damaged zip"),
         (packed[:60] + bytes(15) + packed[75:], "damaged zip"),
-        (_zipped("picture.png", bytes(ldraw_file.MAX_BYTES + 1), zipfile.ZIP_STORED), "more than 8 MB.* without its renderings"),
+        (_zipped("picture.png", bytes(ldraw_text.MAX_BYTES + 1), zipfile.ZIP_STORED), "more than 8 MB.* without its renderings"),
         (encrypted, "is encrypted by Studio"),
         (_zipped("x", b""), "has no model.ldr"),
         (bomb, "more than 8 MB"),

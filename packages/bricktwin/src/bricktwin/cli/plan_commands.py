@@ -60,7 +60,7 @@ class CheckPlan:
             location = f"line {finding.line}" if finding.line else "the plan"
             print_line(f"{location:9} {finding.name:13} {finding.detail}")
         kinds = len({placed.part for placed in plan.parts})
-        parts, steps = counted(len(plan.parts), "part"), counted(len(plan.steps), "step")
+        parts, steps = counted(len(plan.parts), "part"), counted(len(plan.different_steps), "step")
         summary = f"{parts} of {counted(kinds, 'kind')}, {steps}, {plan.mass_g:.0f} g"
         print_line(f"{summary}: {counted(len(findings), 'finding')}" if findings else f"{summary}: all is well")
         return 1 if findings else 0
@@ -110,7 +110,8 @@ class PlanParts:
                 columns = f"{entry.count:4} x  {number:10}{entry.colour.name:20}{entry.mass_g:8.2f} g"
                 print_line(f"{columns}  {entry.part.name}")
         for unknown in plan.unknown:
-            print_line(f"{len(unknown.lines):4} x  {unknown.number:10}not in the catalogue")
+            fault = "a file that is not beside the plan" if unknown.is_file else "not in the catalogue"
+            print_line(f"{len(unknown.lines):4} x  {unknown.number:10}{fault}")
         if plan.drawn:
             print_line(f"{len(plan.drawn):4} x  drawn cable or hose, without a number")
         _print_faults(plan)

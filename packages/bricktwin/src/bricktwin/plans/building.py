@@ -144,7 +144,7 @@ def step_faults(
         before = built[step.assembly]
         new = [part for item in (step.new, *step.joined) for part in item]
         built[step.assembly] = after = before | set(new)
-        starts = before or [max(new, key=lambda part: plan.parts[part].part.mass_g)]
+        starts = before or [_main_part(plan, new)]
         nodes = after | set(range(-len(groups), 0))
         held = reached(starts, {node: [other for other in graph[node] if other in nodes] for node in nodes})
         loose = tuple(part for part in new if part not in held and not plan.parts[part].part.is_loose)
@@ -154,6 +154,11 @@ def step_faults(
             yield StepFault(step, (step.new or step.joined[0])[:1], Fault.UNCHECKED)
         elif blocked := moves_of(step, after, occupancy, links)[1]:
             yield StepFault(step, blocked, Fault.BLOCKED)
+
+
+def _main_part(plan: Plan, parts: Sequence[int]) -> int:
+    """The heaviest part; one whose connections are not modelled, such as a ball in its cup, only if there is no other."""
+    return max(parts, key=lambda part: (not plan.parts[part].part.is_loose, plan.parts[part].part.mass_g))
 
 
 def moves_of(step: Step, after: set[int], occupancy: Occupancy, links: _Links) -> tuple[list[Move], tuple[int, ...]]:

@@ -75,9 +75,14 @@ def _check_count(plan: Plan) -> Iterator[_Mistake]:
     for unknown in plan.unknown:
         times = "once" if len(unknown.lines) == 1 else f"{len(unknown.lines)} times"
         text = f"part {unknown.number} ({times}) is not in the catalogue; use another, or add it there"
+        if unknown.is_file:
+            text = (
+                f"{unknown.number} ({times}) is a model in a file of its own, which is not beside the plan; put it there, or join"
+            )
+            text += " both into one .mpd"
         held = frozenset().union(*held_by_unknown(plan, [unknown]))
         text += f"; what it holds, of {counted(len(held), 'part')} around it, is not checked" if held else ""
-        yield unknown.lines[0], "unknown part", text
+        yield unknown.lines[0], "missing file" if unknown.is_file else "unknown part", text
     count = len(plan.parts) + sum(len(unknown.lines) for unknown in plan.unknown) + len(plan.drawn) + len(plan.faults)
     if plan.count not in (None, count):
         yield 0, "count", f"the plan says PARTS {plan.count}, but places {count}; put back what is missing, or correct the number"

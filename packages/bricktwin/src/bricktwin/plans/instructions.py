@@ -5,7 +5,7 @@ an arrow; the view is turned, or all that hides a part is left out of a smaller 
 """
 
 import itertools
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -79,18 +79,9 @@ class Instruction:
 
 def instructions(plan: Plan, studio: Studio) -> Iterator[Instruction]:
     """The steps of a booklet in order. A sub-assembly that is built several times is shown once."""
-    kinds = [_kind(plan, step) for step in plan.steps]
     author = _Author(plan, studio)
-    for kind, times in Counter(kinds).items():
-        yield from author.instructions(plan.steps[kinds.index(kind)], times)
-
-
-def _kind(plan: Plan, step: Step) -> tuple[object, ...]:
-    """Key of a repeatable step: the model of its sub-assembly, its index there, and the colours of the parts until then."""
-    if not step.assembly:
-        return ("", step.index)
-    colours = (plan.parts[part].colour for part in sorted(plan.present_parts(step)))
-    return (step.assembly[-1].rpartition(":")[0], step.number, *colours)
+    for step, times in plan.different_steps.items():
+        yield from author.instructions(step, times)
 
 
 def kind_of(plan: Plan, item: tuple[int, ...], depth: int) -> tuple[object, ...]:

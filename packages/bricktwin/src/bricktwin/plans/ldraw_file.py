@@ -1,12 +1,10 @@
 """LDraw files (.ldr, .mpd, and Studio's .io): models, lines, steps, and our comments with data.
 
-Source: LDraw.org's file format specification and its multi-part documents. All sizes are bounded.
+Source: LDraw.org's file format specification and its multi-part documents. What each line that begins with 0 means is declared in
+`meta_commands`. All sizes are bounded.
 """
 
-import codecs
-import io
 import math
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from itertools import dropwhile
@@ -16,15 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brickhub.errors import PlanError
+from bricktwin.plans import catalogue
 from bricktwin.plans.geometry import Floats, Triple
+from bricktwin.plans.ldraw_text import MAX_LINES, key_of, unquoted
+from bricktwin.plans.meta_commands import Meaning, SynthKind, meaning_of, synth_kind
 
-MAX_BYTES, MAX_LINES = 8_000_000, 100_000
-_STUDIO_MODELS = ("model.ldr", "model2.ldr")
-_NO_TITLES = (
-    *("Name:", "Author:", "BFC", "ROTATION", "CLEAR", "PAUSE", "SAVE", "WRITE", "PRINT", "GROUP", "MLCAD", "GHOST", "SYNTH"),
-    *("CustomBrick", "FlexibleBrickControlPointUnitLength", "NumOfBricks:"),
-)
-"""First words of lines that are not the title: of LDraw and its editors, and of Studio."""
 _LIBRARY_TYPES = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
 _STRETCH_TOLERANCE = 0.02
 _MAIN_COLOUR = 16
@@ -85,6 +79,7 @@ class Model:
         notes: words by step.
         is_shape: whether it has geometry or is declared a part, and so is no assembly.
         is_drawn: whether it is a cable, hose or band that an editor drew, with the parts at its ends.
+        is_range: whether it is some lines of another model, which are one drawn piece if no part of the catalogue is among them.
     """
 
     name: str
@@ -94,6 +89,7 @@ class Model:
     notes: dict[int, list[str]] = field(default_factory=dict)
     is_shape: bool = False
     is_drawn: bool = False
+    is_range: bool = False
     step: int = 0
 
 
@@ -104,50 +100,19 @@ class LineFault(NamedTuple):
     text: str
 
 
-def read_text(path: Path) -> str:
-    """Text of an LDraw file, also from inside Studio's zip. Raises PlanError if the file is missing, too large or encrypted."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise PlanError(f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)") from None
-    if data[:2] == b"PK" and len(data) <= MAX_BYTES:
-        data = _unzipped(path, data)
-    if len(data) > MAX_BYTES:
-        raise PlanError(
-            f"{path} has more than {MAX_BYTES // 1_000_000} MB; a plan is smaller, so give the model without its renderings"
-        )
-    is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    text = data.decode("utf-16" if is_wide else "utf-8-sig", errors="replace")
-    if "\0" in text[:4096]:
-        raise PlanError(f"{path} is not a text file; export the model as an LDraw file (.ldr or .mpd)")
-    return text
-
-
-def _unzipped(path: Path, data: bytes) -> bytes:
-    """The model inside a Studio file."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            names = [name for name in archive.namelist() if name.lower().endswith((".ldr", ".mpd"))]
-            name = min(names, key=_rank, default=None)
-            if name is not None and not archive.getinfo(name).flag_bits & 1:
-                with archive.open(name) as file:
-                    return file.read(MAX_BYTES + 1)
-    except Exception as error:  # noqa: BLE001 - each method of compression has errors of its own
-        raise PlanError(f"{path} is a damaged zip ({error}); save it again, or export an LDraw file") from None
-    if name is None:
-        raise PlanError(f"{path} has no model.ldr; export the model from Studio as an LDraw file")
-    raise PlanError(f"{path} is encrypted by Studio; open it there and export it as an LDraw file")
-
-
-def _rank(member: str) -> int:
-    """Place of a member of a Studio file among those that may be the model."""
-    name = key_of(member).rpartition("/")[2]
-    return (*_STUDIO_MODELS, name).index(name)
-
-
 def parse(text: str, path: str) -> "Document":
-    """Parse a document. Raises PlanError if it places no part, or a comment or a name is invalid."""
+    """Parse the document of a plan. Raises PlanError if it places no part, or a comment or a name is invalid."""
+    document = parse_any(text, path)
+    document.models = dict(dropwhile(lambda item: not item[1].references, document.models.items()))
+    if not document.models:
+        number, text = document.faults[0] if document.faults else (0, "")
+        fault = f", line {number}: {text}" if text else " places no part; give an LDraw file with lines that begin with 1"
+        raise PlanError(f"{path}{fault}")
+    return document
+
+
+def parse_any(text: str, path: str) -> "Document":
+    """Parse a document that may place nothing. Raises PlanError if it has too many lines, or a comment or a name is invalid."""
     lines = text.splitlines()
     if len(lines) > MAX_LINES:
         raise PlanError(f"{path} has {len(lines)} lines, more than {MAX_LINES}; split the plan")
@@ -155,12 +120,25 @@ def parse(text: str, path: str) -> "Document":
     for number, line in enumerate(lines, 1):
         document.parse_line(number, line.split())
     document.begin(Model("", len(lines)))
-    document.models = dict(dropwhile(lambda item: not item[1].references, document.models.items()))
-    if not document.models:
-        number, text = document.faults[0] if document.faults else (0, "")
-        fault = f", line {number}: {text}" if text else " places no part; give an LDraw file with lines that begin with 1"
-        raise PlanError(f"{path}{fault}")
     return document
+
+
+@dataclass
+class _Synth:
+    """What LSynth draws in the lines that are read.
+
+    Attributes:
+        is_shown: whether the parts that it runs around are parts of the model.
+        is_drawing: whether the lines are what it has drawn.
+        count: number of its segments that are parts.
+    """
+
+    line: int
+    name: str
+    kind: SynthKind
+    is_shown: bool
+    is_drawing: bool = False
+    count: int = 0
 
 
 class Document:
@@ -179,9 +157,12 @@ class Document:
         self.robot: str | None = None
         self.count: int | None = None
         self.faults: list[LineFault] = []
-        self._drawn: Model | None = None
         self._model: Model | None = None
-        self._buffers: dict[str, int] = {}
+        self._range: Model | None = None
+        self._synth: _Synth | None = None
+        self._ignored_line = 0
+        """Line from which on nothing is a part; 0 if there is none."""
+        self._buffers: dict[str, list[Reference]] = {}
         self._marks: dict[str, Any] = {}
         self._marks_line = 0
 
@@ -193,38 +174,86 @@ class Document:
     def parse_line(self, number: int, words: list[str]) -> None:
         """Parse one line, split into words."""
         match words:
-            case ["0", "FILE", *name]:
-                self._file(number, _unquoted(name))
-            case ["0", "NOFILE", *_]:  # what follows, up to the next model, belongs to none
-                self.begin(Model("", number))
-            case ["0", "STEP" | "ROTSTEP", *_]:
-                self._current(number).step += 1
-            case ["0", "//", *note]:
-                model = self._current(number)
-                model.notes.setdefault(model.step, []).extend(note)
-            case ["0", "!BRICKSRL", *comment]:
-                self._own_comment(number, comment)
-            case ["0", "BUFEXCH", buffer, "STORE"]:
-                self._buffers[buffer] = len(self._current(number).references)
-            case ["0", "BUFEXCH", buffer, "RETRIEVE"]:  # what was placed in between only showed a way
-                del self._current(number).references[self._buffers.get(buffer, MAX_LINES) :]
-            case ["0", "!LDRAW_ORG", kind, *_]:
-                self._current(number).is_shape |= kind.removeprefix("Unofficial_") in _LIBRARY_TYPES
-            case ["0", "!LDCAD", "GENERATED", *_]:  # the segments of a cable or hose of LDCad, and parts at its ends
-                self._current(number).is_drawn = True
-            case ["0", "SYNTH", "BEGIN", kind, *_]:  # what follows are the segments of a cable or hose of LSynth
-                drawn = Model(f"{kind.lower()} of line {number}", number, is_drawn=True)
-                self._place(number, _MAIN_COLOUR, np.eye(3), np.zeros(3), drawn.name)
-                self._drawn = self.models[drawn.name] = drawn
-            case ["0", "SYNTH", "END", *_]:
-                self._drawn = None
-            case ["0", word, *_] if not (word.startswith("!") or word in _NO_TITLES):
-                model = self._current(number)
-                model.title = model.title or " ".join(words[1:])
+            case ["0", *rest]:
+                self._meta(number, rest)
             case ["1", *_]:
                 self._reference(number, words)
-            case ["3" | "4", *_]:
+            case ["3" | "4", *_] if not (self._ignored_line or self._synth):
                 self._current(number).is_shape = True
+
+    def _meta(self, number: int, words: list[str]) -> None:
+        """Do what a line means that begins with 0; these are its further words."""
+        match meaning_of(words):
+            case Meaning.MODEL:
+                self._file(number, unquoted(words[1:]))
+            case Meaning.NO_MODEL:
+                self.begin(Model("", number))
+            case Meaning.STEP:
+                self._current(number).step += 1
+            case Meaning.NOTE:
+                model = self._current(number)
+                model.notes.setdefault(model.step, []).extend(words[1:])
+            case Meaning.OURS:
+                self._own_comment(number, words[1:])
+            case Meaning.STORE:
+                self._buffers[words[1]] = list(self._current(number).references)
+            case Meaning.RETRIEVE:
+                model = self._current(number)
+                model.references = list(self._buffers.get(words[1], model.references))
+            case Meaning.IGNORED:
+                self._ignored_line = self._ignored_line or number
+            case Meaning.END_IGNORED:
+                self._ignored_line = 0
+            case Meaning.SUBSTITUTED:
+                self._begin_range(number, words[-1])
+            case Meaning.END_SUBSTITUTED:
+                self._range = None
+            case Meaning.SYNTH | Meaning.END_SYNTH | Meaning.SYNTHESIZED | Meaning.END_SYNTHESIZED | Meaning.SHOW | Meaning.HIDE:
+                self._lsynth(number, words)
+            case Meaning.DRAWN_MODEL | Meaning.SHAPE | None if words:
+                self._describe(self._current(number), words)
+
+    def _describe(self, model: Model, words: list[str]) -> None:
+        """Note what a line says about its model: that it is drawn, or a shape, or its title."""
+        meaning = meaning_of(words)
+        if meaning is Meaning.DRAWN_MODEL:
+            model.is_drawn = True
+        elif meaning is Meaning.SHAPE:
+            model.is_shape |= words[1].removeprefix("Unofficial_") in _LIBRARY_TYPES
+        elif not words[0].startswith("!"):
+            model.title = model.title or " ".join(words)
+
+    def _lsynth(self, number: int, words: list[str]) -> None:
+        """Do what a line of LSynth means."""
+        meaning, synth = meaning_of(words), self._synth
+        if meaning is Meaning.SYNTH and not self._ignored_line:
+            self._end_synth()
+            kind = synth_kind(words[2])
+            self._synth = _Synth(number, words[2].lower(), kind, is_shown=kind.is_band)
+            self._current(number)
+        elif meaning is Meaning.END_SYNTH:
+            self._end_synth()
+        elif synth is not None and meaning in (Meaning.SYNTHESIZED, Meaning.END_SYNTHESIZED):
+            synth.is_drawing = meaning is Meaning.SYNTHESIZED
+        elif synth is not None:
+            synth.is_shown = meaning is Meaning.SHOW
+
+    def _end_synth(self) -> None:
+        """Place what LSynth draws as one piece, unless its segments are parts."""
+        synth, self._synth = self._synth, None
+        if synth is not None and not synth.count:
+            drawn = Model(f"{synth.name} of line {synth.line}", synth.line, is_drawn=True)
+            self.models[key_of(drawn.name)] = drawn
+            self._place(synth.line, _MAIN_COLOUR, np.eye(3), np.zeros(3), drawn.name)
+
+    def _begin_range(self, number: int, name: str) -> None:
+        """Begin lines that are one drawn piece."""
+        if not self._ignored_line:
+            self._range = None
+            drawn = Model(f"{name} of line {number}", number, is_drawn=True, is_range=True)
+            self.models[key_of(drawn.name)] = drawn
+            self._place(number, _MAIN_COLOUR, np.eye(3), np.zeros(3), drawn.name)
+            self._range = drawn
 
     def _current(self, number: int) -> Model:
         if self._model is None:
@@ -232,12 +261,17 @@ class Document:
         return self._model
 
     def begin(self, model: Model) -> None:
-        """End the present model, and begin another one. Raises PlanError if a comment of ours has no part after it."""
+        """End the present model, and begin another one. Raises PlanError if something has begun that does not end, or a comment
+        of ours has no part after it."""
         if self._marks:
             raise self._error(self._marks_line, "no part follows this comment", "move it before the part it describes")
-        if self._drawn is not None:
-            raise self._error(self._drawn.line, "no 0 SYNTH END follows", "write it after the last segment of the cable or hose")
-        self._model, self._buffers = model, {}
+        if self._synth is not None:
+            remedy = "write it after the last segment of the cable or hose"
+            raise self._error(self._synth.line, "no 0 SYNTH END follows", remedy)
+        if self._ignored_line:
+            remedy = "write it after the last line that is no part"
+            raise self._error(self._ignored_line, "no 0 !LPUB PART END or 0 MLCAD SKIP_END follows", remedy)
+        self._model, self._range, self._buffers = model, None, {}
 
     def _file(self, number: int, name: str) -> None:
         key, model = key_of(name), Model(name, number)
@@ -269,19 +303,31 @@ class Document:
                 )
 
     def _reference(self, number: int, words: list[str]) -> None:
-        drawn, name = colour_and_numbers(words, 12, _MAX_COORDINATE), _unquoted(words[14:])
-        if self._drawn is not None:
-            return
-        if drawn is None or not name:
+        drawn, name = colour_and_numbers(words, 12, _MAX_COORDINATE), unquoted(words[14:])
+        if self._is_no_part(name):
+            self._marks = {}
+        elif drawn is None or not name:
             self.faults.append(LineFault(number, "cannot place a part; write 1, a colour, 12 numbers and a file"))
+            self._marks = {}
         else:
             self._place(number, drawn[0], np.array(drawn[1][3:]).reshape(3, 3), np.array(drawn[1][:3]), name)
-        self._marks = {}
+            self._marks = {}
+
+    def _is_no_part(self, name: str) -> bool:
+        """Whether a line places no part, as it is ignored, or LSynth needs it only to draw."""
+        synth = self._synth
+        if self._ignored_line or synth is None:
+            return bool(self._ignored_line)
+        if synth.is_drawing:
+            synth.count += synth.kind.is_of_parts
+            return not synth.kind.is_of_parts
+        return not (synth.is_shown and catalogue.find(name))
 
     def _place(self, number: int, colour: int, matrix: Floats, offset: Floats, name: str) -> None:
         model = self._current(number)
         is_stretched = bool(np.abs(matrix @ matrix.T - np.eye(3)).max() > _STRETCH_TOLERANCE)
-        model.references.append(Reference(colour, matrix, offset, name, model.step, number, is_stretched, **self._marks))
+        reference = Reference(colour, matrix, offset, name, model.step, number, is_stretched, **self._marks)
+        (self._range or model).references.append(reference)
 
     def _error(self, number: int, fault: str, remedy: str) -> PlanError:
         return PlanError(f"{self.path}, line {number}: {fault}; {remedy}")
@@ -307,13 +353,3 @@ def numbers_of(words: Sequence[str], limit: float = math.inf) -> tuple[float, ..
     except ValueError:
         return ()
     return numbers if all(abs(value) < limit for value in numbers) else ()
-
-
-def _unquoted(words: Sequence[str]) -> str:
-    """The name of a file; some editors quote names with spaces."""
-    return " ".join(words).strip('"')
-
-
-def key_of(name: str) -> str:
-    """Key for comparing file names."""
-    return name.replace("\\", "/").lower()

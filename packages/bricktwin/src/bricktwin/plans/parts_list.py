@@ -14,6 +14,7 @@ from xml.sax.saxutils import escape
 from brickhub.errors import PlanError
 from brickhub.tables import read_table
 from bricktwin.plans import catalogue
+from bricktwin.plans.assemblies import components
 from bricktwin.plans.catalogue import Colour, colour_of
 from bricktwin.plans.part import Part
 from bricktwin.plans.plan import Plan
@@ -96,8 +97,6 @@ _ELECTRONICS_ONLY = {"51515", "17101"}
 """Sets of which the inventory has only hub, motors and sensors."""
 _REPLACEMENTS = {"3704": "32062", "62821": "62821b"}
 """Parts that another one can replace: an axle by a notched one, a differential by its other mould."""
-_COMPONENTS = {"56145c01": ("56145", "44309"), "86652c01": ("86652", "32019")}
-"""Rims and tyres that the catalogue also has as one part."""
 _MAX_LISTED = 8
 
 
@@ -152,7 +151,7 @@ def sets() -> tuple[LegoSet, ...]:
 
 def needs(plan: Plan) -> Counter[str]:
     """Count of the plan's parts: devices by their name in ``bricktwin.robots``, others by number, with equal parts as one."""
-    numbers = [number for placed in plan.parts for number in _COMPONENTS.get(placed.part.number, (placed.part.number,))]
+    numbers = [number for placed in plan.parts for number in components().get(placed.part.number, (placed.part.number,))]
     return Counter(_key(catalogue.get(number)) for number in numbers)
 
 
@@ -183,7 +182,7 @@ def still_needed(entries: Iterable[Entry], missing: Counter[str]) -> list[Entry]
     """The entries, with the counts that are missing; a missing part may have any of its colours."""
     left, result = Counter(missing), []
     for entry in entries:
-        keys = [_key(catalogue.get(number)) for number in _COMPONENTS.get(entry.part.number, (entry.part.number,))]
+        keys = [_key(catalogue.get(number)) for number in components().get(entry.part.number, (entry.part.number,))]
         count = min(entry.count, max(left[key] for key in keys))
         left -= Counter(dict.fromkeys(keys, count))
         result += [replace(entry, count=count)] if count else []

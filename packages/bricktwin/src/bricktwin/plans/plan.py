@@ -2,13 +2,16 @@
 
 import functools
 import itertools
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from brickhub.errors import PlanError
-from bricktwin.plans import catalogue, ldraw_file
+from bricktwin.plans import catalogue, ldraw_file, ldraw_text
+from bricktwin.plans.assemblies import composed, is_known
 from bricktwin.plans.geometry import Floats, Triple, triple
 from bricktwin.plans.ldraw_file import Document, LineFault, Marks, Model, Reference
 from bricktwin.plans.part import Device, DeviceKind, Part
@@ -27,7 +30,7 @@ class Placed(Marks):
         rotation: [3, 3], from the part's frame to the plan's.
         position: [3], LDU.
         step: index of the step that adds it.
-        line: of the file.
+        line: of the plan's file; of a part in a file beside it, the line that places that file.
         assembly: names of its sub-assemblies with their lines, the outermost first.
     """
 
@@ -102,6 +105,11 @@ class Unknown:
     lines: tuple[int, ...]
     positions: Floats = field(compare=False)
 
+    @property
+    def is_file(self) -> bool:
+        """Whether it is no part but a model in another file, which is missing."""
+        return self.number.endswith((".ldr", ".mpd"))
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -134,6 +142,20 @@ class Plan:
         steps = [earlier for earlier in self.steps[: step.index + 1] if earlier.assembly == step.assembly]
         return {part for earlier in steps for group in (earlier.new, *earlier.joined) for part in group}
 
+    def kind_of(self, step: Step) -> tuple[object, ...]:
+        """Key of equal steps: the model of the sub-assembly, the step's index there, and the colours of the parts until then.
+        Each step of the robot itself is of its own kind."""
+        if not step.assembly:
+            return ("", step.index)
+        colours = (self.parts[part].colour for part in sorted(self.present_parts(step)))
+        return (step.assembly[-1].rpartition(":")[0], step.number, *colours)
+
+    @property
+    def different_steps(self) -> dict[Step, int]:
+        """The steps in order, each with how often it is done: a sub-assembly that is built several times is there once."""
+        kinds = [self.kind_of(step) for step in self.steps]
+        return {self.steps[kinds.index(kind)]: times for kind, times in Counter(kinds).items()}
+
     @property
     def mass_g(self) -> float:
         """Total mass of the known parts, grams."""
@@ -141,13 +163,15 @@ class Plan:
 
 
 def read_plan(path: Path) -> Plan:
-    """Read a plan from an LDraw file. Raises PlanError if the file is unreadable, invalid or too large."""
-    return make_plan(ldraw_file.parse(ldraw_file.read_text(path), str(path)))
+    """Read a plan from an LDraw file, and from the files beside it that it names. Raises PlanError if one is unreadable, invalid
+    or too large."""
+    return make_plan(ldraw_file.parse(ldraw_text.read_text(path), str(path)), path)
 
 
-def make_plan(document: Document) -> Plan:
-    """The plan of a document. Raises PlanError if a model contains itself, there are too many parts, or no line is valid."""
-    builder = _Builder(document)
+def make_plan(document: Document, path: Path | None = None) -> Plan:
+    """The plan of a document, and of the files beside its path, if it has one. Raises PlanError if a model contains itself, there
+    are too many parts, no line is valid, or a file cannot be read."""
+    builder = _Builder(document, SubModels(document, path))
     builder.build(document.main, Reference(_MAIN_COLOUR, np.eye(3), np.zeros(3), "", 0, 0, False), ())
     unknown = tuple(
         Unknown(number, tuple(ref.line for ref in references), np.array([ref.offset for ref in references]))
@@ -160,16 +184,68 @@ def make_plan(document: Document) -> Plan:
     return Plan(document.path, title, document.robot, document.count, parts, steps, unknown, drawn, faults)
 
 
+class SubModels:
+    """The models that lines of a plan can place: of the same file, or of a file beside it.
+
+    Args:
+        document: the plan.
+        path: of its file; ``None`` if there is nothing beside it.
+    """
+
+    def __init__(self, document: Document, path: Path | None) -> None:
+        self._document, self._path = document, path
+        self._beside = None if path is None else ldraw_text.Beside(path)
+        self._files: dict[Path, Document] = {}
+        self._owners: dict[int, tuple[Document, Path]] = {}
+        """Of each model in another file than the plan, by its identity: the document and the file."""
+
+    def find(self, name: str, user: Model) -> Model | None:
+        """The model of that name, as a line of the model ``user`` places it; ``None`` if there is none."""
+        document, file = self._owners.get(id(user), (self._document, self._path))
+        inside = document.models.get(ldraw_text.key_of(name))
+        if inside is not None or self._beside is None or file is None or is_known(name):
+            return inside
+        found = self._beside.find(name, file)
+        return None if found is None else self._main_of(found)
+
+    def file_of(self, model: Model) -> str:
+        """Name of the file of a model, if it is another one than the plan's; "" otherwise."""
+        owner = self._owners.get(id(model))
+        return "" if owner is None else owner[1].name
+
+    def faults(self) -> list[tuple[str, LineFault]]:
+        """The lines of other files that are left out, and the names of the files."""
+        return [(path.name, fault) for path, document in self._files.items() for fault in document.faults]
+
+    def _main_of(self, path: Path) -> Model:
+        """The first model of a file."""
+        path = path.resolve()
+        if self._path is not None and path == self._path.resolve():
+            return self._document.main
+        if path not in self._files:
+            if len(self._files) >= ldraw_text.MAX_FILES:
+                raise PlanError(f"{self._path} is made of more than {ldraw_text.MAX_FILES} files; join some into one .mpd")
+            document = ldraw_file.parse_any(ldraw_text.read_text(path), str(path))
+            document.models.setdefault("", Model(path.name, 0))  # of a file without a line
+            self._files[path] = document
+            self._owners |= {id(model): (document, path) for model in document.models.values()}
+        document = self._files[path]
+        return next((model for model in document.models.values() if model.references), document.main)
+
+
 class _Builder:
     """Recursive expansion of a document's models."""
 
-    def __init__(self, document: Document) -> None:
+    def __init__(self, document: Document, models: SubModels) -> None:
         self.document = document
+        self.models = models
         self.parts: list[Placed] = []
         self.steps: list[Step] = []
         self.unknown: dict[str, list[Reference]] = {}
         self.drawn: list[int] = []
         self.faults: list[LineFault] = []
+        self._files: set[str] = set()
+        """Names of the other files that are used."""
         self._visits = 0
 
     def build(self, model: Model, place: Reference, assembly: tuple[str, ...]) -> tuple[int, ...]:
@@ -179,19 +255,48 @@ class _Builder:
                 f"{self.document.path}, line {model.line}: '{model.name}' is nested more than {MAX_DEPTH} deep or in itself"
             )
         first = len(self.parts)
-        for number, group in itertools.groupby(model.references, lambda reference: reference.step):
-            references = [(_located(ref, place), self._assembly(ref)) for ref in group]
-            joined = [self._join(ref, inner, assembly) for ref, inner in references if inner is not None]
-            step, groups = len(self.steps), tuple(filter(None, joined))
-            placed = [self._place(ref, step, assembly, model) for ref, inner in references if inner is None]
+        file = self.models.file_of(model)
+        references = [
+            (ref.line, replace(_located(ref, place), line=place.line if file else ref.line))
+            for ref in composed(list(self._lines(model)))
+        ]
+        self._add_faults(file, place.line)
+        for number, group in itertools.groupby(references, lambda pair: pair[1].step):
+            lines = [(own_line, ref, self._assembly(ref, model)) for own_line, ref in group]
+            joined = [
+                self._join(ref, inner, (*assembly, f"{inner.name}:{own_line}"))
+                for own_line, ref, inner in lines
+                if inner is not None
+            ]
+            step, groups = len(self.steps), tuple(group for group in joined if len(group) > 1)
+            placed = [self._place(ref, step, assembly, model) for _, ref, inner in lines if inner is None]
             new = tuple(part.index for part in placed if part is not None)
+            for part in [group[0] for group in joined if len(group) == 1]:  # nothing is assembled of one part
+                self.parts[part] = replace(self.parts[part], step=step, assembly=assembly)
+                new = (*new, part)
             if new or groups:
                 self.steps.append(Step(step, new, groups, assembly, number, " ".join(model.notes.get(number, ()))))
         return tuple(range(first, len(self.parts)))
 
-    def _assembly(self, reference: Reference) -> Model | None:
-        """The sub-model of a reference, or ``None`` for a part."""
-        model = self.document.models.get(ldraw_file.key_of(reference.name))
+    def _lines(self, model: Model) -> Iterator[Reference]:
+        """The lines of a model, with those of its ranges that are no drawn pieces."""
+        for reference in model.references:
+            inner = self.models.find(reference.name, model)
+            if inner is not None and inner.is_range and self._holds_parts(inner):
+                yield from (replace(one, step=reference.step) for one in inner.references)
+            else:
+                yield reference
+
+    def _add_faults(self, file: str, line: int) -> None:
+        """Add the lines of another file that are left out, once, with the line that places the file."""
+        if file and file not in self._files:
+            self._files.add(file)
+            faults = [fault for name, fault in self.models.faults() if name == file]
+            self.faults += [LineFault(line, f"in {file}, line {fault.line}: {fault.text}") for fault in faults]
+
+    def _assembly(self, reference: Reference, user: Model) -> Model | None:
+        """The sub-model that a line of the model ``user`` places, or ``None`` for a part."""
+        model = self.models.find(reference.name, user)
         if model is None or model.is_shape or catalogue.find(reference.name) or self._is_drawn(model):
             return None
         is_part = reference.name.lower().endswith(".dat") and not self._holds_parts(model)  # of primitives, without a header
@@ -206,16 +311,19 @@ class _Builder:
 
     def _holds_parts(self, model: Model) -> bool:
         """Whether a model has parts of the catalogue, or sub-models that are no embedded shapes."""
-        inner = [self.document.models.get(ldraw_file.key_of(part.name)) for part in model.references]
-        return any(one and not one.is_shape for one in inner) or any(catalogue.find(part.name) for part in model.references)
+        inner = [self.models.find(part.name, model) for part in model.references]
+        is_assembly = any(one and not one.is_shape and not (one.is_drawn and not one.references) for one in inner)
+        return is_assembly or any(is_known(part.name) for part in model.references)
 
     def _join(self, reference: Reference, model: Model, assembly: tuple[str, ...]) -> tuple[int, ...]:
         self._count(reference)
         if reference.is_stretched:  # so would be all of its parts
             self.faults.append(LineFault(reference.line, _STRETCHED.format(reference.name)))
             return ()
-        inner = (*assembly, f"{model.name}:{reference.line}")
-        parts = self.build(model, reference, inner)
+        steps = len(self.steps)
+        parts = self.build(model, reference, assembly)
+        if len(parts) == 1:
+            del self.steps[steps:]
         if reference.is_free or reference.is_fixed or reference.ball is not None:
             raise self._fault(reference, f"'{reference.name}' is no part; write FREE, FIXED and BALL before a part in it")
         if reference.port is not None:  # of two equal sub-models, each has its own
@@ -232,7 +340,7 @@ class _Builder:
         self._count(reference)
         part = catalogue.find(reference.name)
         if part is None:
-            if self._is_drawn(self.document.models.get(ldraw_file.key_of(reference.name))):
+            if self._is_drawn(self.models.find(reference.name, model)):
                 self.drawn.append(reference.line)
             elif not model.is_drawn:
                 self.unknown.setdefault(reference.name.lower().removesuffix(".dat"), []).append(reference)

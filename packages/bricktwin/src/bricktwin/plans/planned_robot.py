@@ -12,6 +12,7 @@ from bricktwin.plans.bodies import find_bodies
 from bricktwin.plans.building import Occupancy
 from bricktwin.plans.connections import connections, meshes
 from bricktwin.plans.geometry import M_PER_LDU, rotation
+from bricktwin.plans.ldraw_text import sources_of
 from bricktwin.plans.mechanism.articulation import Articulation, Drive, articulation
 from bricktwin.plans.mechanism.kinematics import TO_TWIN, Train, Wheel, mechanism, trains
 from bricktwin.plans.part import DeviceKind
@@ -42,14 +43,13 @@ class PlannedRobot:
 def planned_robot(path: Path) -> PlannedRobot:
     """The robot of a plan file. Raises PlanError if the file is no plan, a motor has no port, or something has no twin."""
     try:
-        state = path.stat()
+        return _planned(path, tuple(sources_of(path)))
     except OSError as error:
         raise PlanError(f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)") from None
-    return _planned(path, path.resolve(), (state.st_mtime_ns, state.st_ctime_ns), state.st_size)
 
 
 @functools.lru_cache(maxsize=16)
-def _planned(path: Path, _resolved: Path, _changed_ns: tuple[int, int], _size: int) -> PlannedRobot:
+def _planned(path: Path, _sources: tuple[bytes, ...]) -> PlannedRobot:
     return planned(read_plan(path))
 
 

@@ -15,6 +15,7 @@ from brickhub.robot import Direction, DriveBase, Motor, MotorKind, Robot, Sensor
 from brickhub.robot.spec import LOOKS, sensor_of
 from bricktwin import robots
 from bricktwin.kept import kept
+from bricktwin.plans.ldraw_text import sources_of
 
 if TYPE_CHECKING:
     from bricktwin.plans.plan import Placed, Plan
@@ -75,7 +76,7 @@ def read_facts(path: Path) -> PlanFacts:
 
         return facts_of(planned_robot(path))
 
-    return kept(lambda: (b"facts", path.read_bytes()), made, lambda facts: json.dumps(facts).encode(), _decoded)
+    return kept(lambda: (b"facts", *sources_of(path)), made, lambda facts: json.dumps(facts).encode(), _decoded)
 
 
 def facts_of(design: PlannedRobot) -> PlanFacts:

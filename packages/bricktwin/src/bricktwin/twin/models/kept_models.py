@@ -10,6 +10,7 @@ from brickhub.errors import TwinError, message_of
 from brickhub.robot import Robot
 from bricktwin.kept import UnkeptError, described, kept
 from bricktwin.plans import ldraw_library
+from bricktwin.plans.ldraw_text import sources_of
 from bricktwin.robots.planned import plan_file
 from bricktwin.twin.scene import Scene
 
@@ -46,9 +47,8 @@ def kept_model(build: Callable[[], mujoco.MjSpec], robots: Sequence[Robot], surr
 
     def sources() -> Iterator[bytes]:
         yield described((robots, surroundings, mujoco.mj_versionString()))
-        for path in [path for robot in robots for path in _model_files(robot)]:
-            yield path.name.encode()
-            yield path.read_bytes()
+        for robot in robots:
+            yield from _model_sources(robot)
         yield from _library()
 
     model = kept(sources, compiled, _encoded, _decoded)
@@ -57,19 +57,24 @@ def kept_model(build: Callable[[], mujoco.MjSpec], robots: Sequence[Robot], surr
     return model
 
 
-def _model_files(robot: Robot) -> list[Path]:
-    """Files of a robot's model: its plan, or its MJCF file with all that this includes."""
+def _model_sources(robot: Robot) -> Iterator[bytes]:
+    """Names and contents of the files of a robot's model: its plan with the files beside it, or its MJCF file with all that this
+    includes."""
     source = robot.model or robot.plan
     if source is None:
-        return []
+        return
     if (plan := plan_file(source)) is not None:
-        return [plan]
+        yield from sources_of(plan)
+        return
     if not source.endswith(".xml"):
         raise UnkeptError(f"the function {source} may do anything")
     try:
-        return sorted(map(Path, mujoco.mju_getXMLDependencies(source)))
+        paths = sorted(map(Path, mujoco.mju_getXMLDependencies(source)))
     except mujoco.FatalError as error:
         raise UnkeptError(str(error)) from error
+    for path in paths:
+        yield path.name.encode()
+        yield path.read_bytes()
 
 
 def _library() -> Iterator[bytes]:

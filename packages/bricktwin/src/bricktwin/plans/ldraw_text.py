@@ -1,0 +1,142 @@
+"""Texts of LDraw files: of a plan, also from inside Studio's zip, and of the files beside it that it names. All sizes are
+bounded."""
+
+import codecs
+import io
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path, PurePosixPath
+
+from brickhub.errors import PlanError
+
+MAX_BYTES, MAX_LINES = 8_000_000, 100_000
+MAX_FILES = 500
+"""Number of files that a plan may be made of."""
+_STUDIO_MODELS = ("model.ldr", "model2.ldr")
+_SUFFIXES = (".ldr", ".mpd", ".dat")
+
+
+def read_text(path: Path) -> str:
+    """Text of an LDraw file, also from inside Studio's zip. Raises PlanError if the file is missing, too large or encrypted."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise PlanError(f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)") from None
+    if data[:2] == b"PK" and len(data) <= MAX_BYTES:
+        data = _unzipped(path, data)
+    if len(data) > MAX_BYTES:
+        raise PlanError(
+            f"{path} has more than {MAX_BYTES // 1_000_000} MB; a plan is smaller, so give the model without its renderings"
+        )
+    is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    text = data.decode("utf-16" if is_wide else "utf-8-sig", errors="replace")
+    if "\0" in text[:4096]:
+        raise PlanError(f"{path} is not a text file; export the model as an LDraw file (.ldr or .mpd)")
+    return text
+
+
+def _unzipped(path: Path, data: bytes) -> bytes:
+    """The model inside a Studio file."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            names = [name for name in archive.namelist() if name.lower().endswith((".ldr", ".mpd"))]
+            name = min(names, key=_rank, default=None)
+            if name is not None and not archive.getinfo(name).flag_bits & 1:
+                with archive.open(name) as file:
+                    return file.read(MAX_BYTES + 1)
+    except Exception as error:  # noqa: BLE001 - each method of compression has errors of its own
+        raise PlanError(f"{path} is a damaged zip ({error}); save it again, or export an LDraw file") from None
+    if name is None:
+        raise PlanError(f"{path} has no model.ldr; export the model from Studio as an LDraw file")
+    raise PlanError(f"{path} is encrypted by Studio; open it there and export it as an LDraw file")
+
+
+def _rank(member: str) -> int:
+    """Place of a member of a Studio file among those that may be the model."""
+    name = key_of(member).rpartition("/")[2]
+    return (*_STUDIO_MODELS, name).index(name)
+
+
+def key_of(name: str) -> str:
+    """Key for comparing file names."""
+    return name.replace("\\", "/").lower()
+
+
+class Beside:
+    """The files beside a plan, and in the folders below its own, by the names that models are placed by.
+
+    Upper and lower case are equal, and so are both slashes, as for the programs that write such names. Nothing outside of the
+    plan's folder is found, also not by links.
+    """
+
+    def __init__(self, plan: Path) -> None:
+        self._folder = plan.parent
+        self._listings: dict[Path, dict[str, Path]] = {}
+
+    def find(self, name: str, user: Path) -> Path | None:
+        """The file of that name beside the file that uses it, or beside the plan; ``None`` if there is none."""
+        steps = PurePosixPath(name.replace("\\", "/")).parts
+        is_inside = bool(steps) and steps[0] != "/" and ":" not in steps[0]
+        if not (is_inside and name.lower().endswith(_SUFFIXES)):
+            return None
+        within = self._folder.resolve()
+        for folder in (user.parent, self._folder):
+            path: Path | None = folder
+            for step in steps:
+                path = None if path is None else self._member(path, step)
+            if path is not None and path.is_file() and path.resolve().is_relative_to(within):
+                return path
+        return None
+
+    def _member(self, folder: Path, name: str) -> Path | None:
+        """A member of a folder; the exact name counts before one in other letters."""
+        if name == "..":
+            return folder.parent if folder.name not in ("", "..") else folder / name
+        if folder not in self._listings:
+            try:
+                members = sorted(folder.iterdir(), reverse=True)
+            except OSError:  # there is none, or nobody may read it
+                members = []
+            self._listings[folder] = {_plain(path.name): path for path in members}
+            self._listings[folder] |= {path.name: path for path in members}
+        return self._listings[folder].get(name) or self._listings[folder].get(_plain(name))
+
+
+def _plain(name: str) -> str:
+    """A name in small letters, with one space in place of several, which are lost when a line is split."""
+    return " ".join(name.split()).lower()
+
+
+def named_files(text: str) -> Iterator[str]:
+    """Names of the files that the lines of a text place, each once, and that are not in it."""
+    inside, placed = set(), {}
+    for line in text.splitlines():
+        words = line.split()
+        if words[:2] == ["0", "FILE"]:
+            inside.add(key_of(unquoted(words[2:])))
+        elif words[:1] == ["1"] and len(words) > 14:
+            name = unquoted(words[14:])
+            placed[key_of(name)] = name
+    return (name for key, name in placed.items() if key not in inside)
+
+
+def unquoted(words: Sequence[str]) -> str:
+    """The name of a file; some editors quote names with spaces."""
+    return " ".join(words).strip('"')
+
+
+def sources_of(path: Path) -> Iterator[bytes]:
+    """Contents of a plan and of the files beside it that it is made of. Raises OSError if one cannot be read, PlanError if one
+    is no LDraw file."""
+    waiting, seen = [path], {path.resolve()}
+    beside = Beside(path)
+    while waiting and len(seen) <= MAX_FILES:
+        file = waiting.pop()
+        yield file.name.encode()
+        yield file.read_bytes()
+        for name in named_files(read_text(file)):
+            found = beside.find(name, file)
+            if found is not None and found.resolve() not in seen:
+                seen.add(found.resolve())
+                waiting.append(found)
