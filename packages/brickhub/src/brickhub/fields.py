@@ -52,7 +52,7 @@ def check_value(name: str, value: Any, hint: Any) -> None:
     """Check a value against an annotation; limits in it are a container of the allowed numbers. Raises DescriptionError if the
     annotation does not allow the value."""
     limits = next((item for item in getattr(hint, "__metadata__", ()) if isinstance(item, Container)), None)
-    hint = hint.__origin__ if hasattr(hint, "__metadata__") else hint
+    hint = _without_remarks(hint)
     if value is None and _matches(value, hint):
         return
     if limits is not None:
@@ -82,6 +82,7 @@ def check_arguments(name: str, function: Callable[..., Any], arguments: Iterable
 
 def _matches(value: Any, hint: Any) -> bool:
     """Whether a value is of the annotated type; True for an annotation that is no type."""
+    hint = _without_remarks(hint)
     cls, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
     if cls in _UNIONS:
         return any(_matches(value, part) for part in parts)
@@ -99,8 +100,14 @@ def _matches(value: Any, hint: Any) -> bool:
     return len(value) == len(parts) and all(map(_matches, value, parts))
 
 
+def _without_remarks(hint: Any) -> Any:
+    """The type of an ``Annotated`` one."""
+    return hint.__origin__ if hasattr(hint, "__metadata__") else hint
+
+
 def _describe(hint: Any) -> str:
     """The values that an annotation allows, in words."""
+    hint = _without_remarks(hint)
     cls, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
     if cls in _UNIONS:
         return _either(_describe(part) for part in parts if part is not type(None))

@@ -217,6 +217,7 @@ class Learner:
 
     def in_units(self, rows: TensorDictBase) -> TensorDictBase:
         """Transitions ``[*batch]`` with rewards in the unit that they are learned in."""
+        rows = rows.clone(False)  # whole rows of a file are locked
         rows["next", "reward"] = rows["next", "reward"] / self.reward_unit
         return rows
 
@@ -245,10 +246,18 @@ class Learner:
         return {name: value.detach() for name, value in losses.items() if isinstance(name, str) and value.numel() == 1}
 
     def _restart(self) -> None:
-        """Draw the weights of all layers anew; what was measured, such as ranges and the temperature, stays."""
+        """Draw the weights of all layers anew that are learned; what is frozen, such as a base, an anchor or a part of a user's
+        network, and what was measured, such as ranges and the temperature, stays."""
+        learned = {id(tensor) for tensor in self.parameters() if tensor.requires_grad}
         for module in self.loss.modules() if self.loss is not None else ():
-            if hasattr(module, "reset_parameters"):
-                module.reset_parameters()
+            own = list(module.parameters(recurse=False))
+            if not hasattr(module, "reset_parameters") or not any(id(tensor) in learned for tensor in own):
+                continue
+            frozen = [(tensor, tensor.detach().clone()) for tensor in module.parameters() if id(tensor) not in learned]
+            module.reset_parameters()
+            with torch.no_grad():
+                for tensor, before in frozen:
+                    tensor.copy_(before)
         if self.target is not None:
             self.target.init_()
         if self.optimizer is not None:

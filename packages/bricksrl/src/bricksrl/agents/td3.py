@@ -42,6 +42,10 @@ class TD3Settings(DeterministicSettings, CriticSettings):
     """Start the critics at the mean value of the first transitions instead of at 0."""
 
 
+FARTHEST = 0.999
+"""Largest discount whose horizon, ``1 / (1 - discount)``, is taken for that of the task."""
+
+
 class TD3Loss(ActorCriticLoss):
     """Loss of TD3: clipped target noise, the actor maximises the first critic. Tests compare it with TorchRL's ``TD3Loss``.
     ``actor``: features to actions before the tanh."""
@@ -65,10 +69,13 @@ class TD3Loss(ActorCriticLoss):
     @torch.no_grad()
     def start_at_mean_value(self, transitions: TensorDictBase) -> None:
         """Set the critics' last biases to the mean value of transitions; 0 is far from most. This constant satisfies their
-        Bellman equation, ``mean(reward) / (1 - gamma * mean(not terminated))``: LSTD with a constant as its only feature."""
+        Bellman equation, ``mean(reward) / (1 - gamma * mean(not terminated))``: LSTD with a constant as its only feature. A
+        discount near 1 has a horizon that no data show: of `FARTHEST`'s, and of what was seen, the nearer one is taken."""
         after = transitions["next"]
-        remaining = 1.0 - self.gamma * (~after["terminated"]).float().mean()
-        value = after["reward"].mean() / remaining.clamp_min(1e-6)
+        ending = 1.0 - self.gamma * (~after["terminated"]).float().mean()
+        if self.gamma > FARTHEST:
+            ending = ending.clamp_min(max(1.0 - FARTHEST, 1.0 / len(transitions)))
+        value = after["reward"].mean() / ending
         for critic in (*self.critics, *self.target_critics):
             for last in [layer for layer in critic.modules() if isinstance(layer, nn.Linear) and layer.bias is not None][-1:]:
                 last.bias.fill_(value)

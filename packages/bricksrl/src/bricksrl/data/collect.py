@@ -70,11 +70,11 @@ def collect(
         try:
             for frame in play(env, policy, state, driver=driver, reset_policy=reset_policy):
                 own = episode.add(frame, env)
-                if episode.is_lost:
-                    raise ours.link_error
                 for step in own:
                     steps.append(step_of(step, env))
                     on_frame(step)
+                if episode.is_lost:
+                    raise ours.link_error
             is_cut = ours.is_cut
             success = None if is_cut else episode.judged(env)[0]
         except BaseException:

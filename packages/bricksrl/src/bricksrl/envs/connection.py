@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from brickhub.errors import HubNotFoundError, MediumUnavailableError
-from bricksrl.errors import HubError
+from bricksrl.errors import BricksError, CameraError, HubError
 
 if TYPE_CHECKING:
     from brickhub.hub.link.robot_link import RobotLink
@@ -54,51 +55,75 @@ class Reconnect:
     Bluetooth that is switched off, is raised at once if the robot has never answered.
 
     Attributes:
-        patience_s: time to retry before the error is raised; 0 raises it at once.
+        patience_s: time to retry before the error is raised; 0 raises it at once. What a person takes, for a pause or to place
+            the robot, does not count, nor does the time in which the robot answers.
         wait: sleeps for a number of seconds; may raise.
         on_error: called with each error of a step or a reset.
     """
 
     patience_s: float = 0.0
     wait: Callable[[float], object] = time.sleep
-    on_error: Callable[[HubError], None] = lambda _: None
+    on_error: Callable[[HubError | CameraError], None] = lambda _: None
     _has_answered: bool = False
-    _error: HubError | None = None
-    _since_s: float = 0.0
+    _error: HubError | CameraError | None = None
+    _spent_s: float = 0.0
+    """Time of vain tries and of the pauses between them since the link broke."""
+    _excused_s: float = 0.0
+    """Time of the present try that a person took."""
     _tries: int = 0
 
-    def until_answered(self, begin: Callable[[], _T], is_final: Callable[[HubError], bool] = lambda _: False) -> _T:
-        """What ``begin`` returns, which is tried again after each HubError. Raises the error if it is final, trying again is
+    def until_answered(self, begin: Callable[[], _T], is_final: Callable[[BricksError], bool] = lambda _: False) -> _T:
+        """What ``begin`` returns, which is tried again after each HubError or CameraError. Raises the error if it is final, trying again is
         useless, or ``patience_s`` is used up."""
         while True:
             if self._error is not None and self._tries:
                 pause_s = min(_FIRST_PAUSE_S * 2.0 ** (self._tries - 1), _LONGEST_PAUSE_S)
-                if time.monotonic() + pause_s - self._since_s >= self.patience_s:
-                    error, self._error, self._tries = self._error, None, 0
+                self._spent_s += pause_s
+                if self._spent_s >= self.patience_s:
+                    error = self._error
+                    self.recovered()
                     raise error
                 self.wait(pause_s)
             self._tries += 1
+            begun_s = time.monotonic()
+            self._excused_s = 0.0
             try:
                 begun = begin()
-            except HubError as error:
+            except (HubError, CameraError) as error:
                 if is_final(error):
                     raise
                 self.failed(error)
+                self._spent_s += time.monotonic() - begun_s - self._excused_s
             else:
                 self._has_answered = True
                 if self._error is None:
                     self._tries = 0
                 return begun
 
+    @contextmanager
+    def by_hand(self) -> Iterator[None]:
+        """Context of what waits for a person, whose time does not count."""
+        begun_s = time.monotonic()
+        try:
+            yield
+        finally:
+            self._excused_s += time.monotonic() - begun_s
+
     def recovered(self) -> None:
         """Record an answer to a step; one to a reset does not count as recovery."""
-        self._error, self._tries = None, 0
+        self._error, self._tries, self._spent_s = None, 0, 0.0
 
-    def failed(self, error: HubError) -> None:
-        """Record that the link broke in a step or a reset. Raises the error if trying again is useless."""
-        if not self._has_answered and isinstance(error, MediumUnavailableError | HubNotFoundError) and error.reason.is_lasting:
+    def failed(self, error: HubError | CameraError) -> None:
+        """Record that the link or the camera broke in a step or a reset. Raises the error if trying again is useless."""
+        if not self._has_answered and _needs_a_person(error):
             self._tries = 0
             raise error
         self.on_error(error)
-        self._since_s = time.monotonic() if self._error is None else self._since_s
         self._error = error
+
+
+def _needs_a_person(error: HubError | CameraError) -> bool:
+    """Whether an error lasts until a person acts, if the robot has never answered."""
+    if isinstance(error, MediumUnavailableError | HubNotFoundError):
+        return error.reason.is_lasting
+    return isinstance(error, CameraError)

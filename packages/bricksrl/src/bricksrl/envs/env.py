@@ -15,7 +15,7 @@ from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.robot_env import EpisodeState, RobotEnv
 from bricksrl.envs.specs import set_vector_specs
 from bricksrl.envs.task import Task, never
-from bricksrl.errors import BricksError, DescriptionError, HubError, HubProgramError
+from bricksrl.errors import BricksError, CameraError, DescriptionError, HubError, HubProgramError
 
 BLOCKED_TIMEOUT_S = 120.0
 """Time that a blocked robot waits for the obstacle to be removed."""
@@ -40,8 +40,8 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
     ===============  =======  =======  =====================================================
 
     A reset places the robot and reads its sensors; it moves no motor. The first reset opens the link. A link that breaks in a
-    step raises nothing: the link is closed, so that the motors stop, and the step ends the episode as truncated and
-    ``link_lost``, with the previous observation; it must not be learned from. The next reset reopens the link, with retries as
+    step, or a camera that does, raises nothing: the link is closed, so that the motors stop, and the step ends the episode as
+    truncated and ``link_lost``, with the previous observation and images; it must not be learned from. The next reset reopens the link, with retries as
     ``reconnect`` says.
 
     ``stop``, ``pause`` and ``resume`` may be called from any thread. A pause truncates the episode after the current step, so
@@ -85,7 +85,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         episode = self._episode
         try:
             out = self._act(tensordict)
-        except HubError as error:
+        except (HubError, CameraError) as error:
             if episode is None:
                 raise
             self.link_error = error
@@ -113,6 +113,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         if terminated.dtype is not torch.bool:
             raise DescriptionError(f"terminated of {task.id} is {terminated.tolist()}, not true or false; compare")
         episode.observation = observation
+        episode.images = self.image()
         episode.step_count += 1
         episode.rewards.append(float(reward))
         if self._is_paused:
@@ -133,7 +134,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
     def _out(self, episode: EpisodeState, **outcome: torch.Tensor) -> TensorDictBase:
         """Output of a reset or, with its outcome, of a step; copied, as a caller's change must not alter ``episode``."""
         out = {"observation": episode.observation[: self._entries].clone(), "link_lost": torch.zeros(1, dtype=torch.bool)}
-        out |= {name: torch.from_numpy(image) for name, image in self.image().items()}
+        out |= {name: torch.tensor(image) for name, image in episode.images.items()}
         return TensorDict({**out, **outcome}, batch_size=(), device=self.device)
 
     def _step_proc_data(self, next_tensordict_out: TensorDictBase) -> TensorDictBase:

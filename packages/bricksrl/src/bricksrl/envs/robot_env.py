@@ -39,7 +39,7 @@ class EpisodeState:
         zeros: of the observed channels, what is subtracted from each: what one that accumulates was at the start.
         tracker: position of the target; ``None`` for a task without a target.
         watch: the camera's view; ``None`` for a task without a camera.
-        observation: the last one, as the task's functions get it.
+        observation: the last one, as the task's functions get it; ``images``: those that belong to it, by name.
         rewards: of each step, for whoever shows them.
         task_observations: what success and metrics get after each step; only with a camera or a target.
         is_cut: whether a pause truncated the episode.
@@ -55,6 +55,7 @@ class EpisodeState:
     tracker: TargetTracker | None
     watch: Watch | None = None
     observation: Any = ()
+    images: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
     step_count: int = 0
     rewards: list[float] = field(default_factory=list)
     task_observations: list[Any] = field(default_factory=list)
@@ -185,6 +186,7 @@ class RobotEnv(BricksEnv):
             episode.watch = Watch(task.camera, self._host_rng, self._guarded(self._camera.frame))
         self._episode = episode
         episode.observation = self._observation_at_start(episode, reading)
+        episode.images = self.image()
         return episode
 
     def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> Floats:
@@ -268,14 +270,16 @@ class RobotEnv(BricksEnv):
     def _start(self) -> Reading:
         """Place the robot and read its sensors, after the end of a pause, in which reading feeds the hub program's watchdog."""
         connection = self._connected()
-        while not self._waited(PAUSE_PERIOD_S):
-            if connection.link.is_open:
-                connection.link.read()
+        with self.reconnect.by_hand():
+            while not self._waited(PAUSE_PERIOD_S):
+                if connection.link.is_open:
+                    connection.link.read()
         self._check_stop()
         connection.link.open()  # without effect when it is open
         for reader in connection.sensors:
             reader.open()
-        connection.place(self._place_rng)
+        with self.reconnect.by_hand():
+            connection.place(self._place_rng)
         return connection.link.read()
 
     def _waited(self, timeout_s: float) -> bool:

@@ -118,19 +118,24 @@ class Rollout:
     is_lost: bool = False
 
     def add(self, frame: TensorDictBase, env: EnvBase) -> list[TensorDictBase]:
-        """Add the steps of the environment itself behind a frame of its transforms, and return them."""
+        """Add the steps of the environment itself behind a frame of its transforms, and return those with an outcome: all but a
+        last one in which the link broke."""
         own = own_frames(env, frame)
+        whole = list[TensorDictBase]()
         for step in own:
             if link_lost(step):
                 self.is_lost = True
                 frame["next", "link_lost"] = torch.ones(1, dtype=torch.bool)  # also where a transform leaves it out
                 break
+            whole.append(step)
             self.rewards.append(float(step["next", "reward"]))
             self.action_sizes.append(float(step["action"].abs().mean()))
             self.observations.append(step["next"].get("observation", None))
         if bool(own[-1]["next", "done"]) and not bool(frame["next", "done"]):
             raise DescriptionError("a transform hides the end of the episode; let it pass 'done' on")
-        return own
+        if any(bool(step["next", "done"]) for step in own[:-1]):
+            raise DescriptionError("a transform goes on after the end of the episode; let it stop there, as --frame-skip does")
+        return whole
 
     @property
     def action_size(self) -> float:

@@ -121,16 +121,23 @@ def own_frames(env: EnvBase, frame: TensorDictBase) -> list[TensorDictBase]:
 
 
 class FrameSkip(FrameSkipTransform):  # type: ignore[misc]
-    """TorchRL's frame skip, which repeats an action, that stops where the episode ends."""
+    """TorchRL's frame skip, which repeats an action, that stops where the episode ends: of copies, each at its own end. Each of
+    the steps follows from the one before, also for what transforms before it count."""
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        parent, reward = self.parent, next_tensordict["reward"]
+        parent, state, outcome = self.parent, tensordict, next_tensordict
+        reward = outcome["reward"]
         for _ in range(self.frame_skip - 1):
-            if bool(next_tensordict["done"].all()):
+            done = outcome["done"]
+            if bool(done.all()):
                 break
-            next_tensordict = parent._step(tensordict)
-            reward = reward + next_tensordict["reward"]
-        return next_tensordict.set("reward", reward)
+            state = parent.step_mdp(state.clone(False).set("next", outcome))
+            if state.batch_dims:
+                state["_step"] = ~done.squeeze(-1)  # robots in processes: those that have ended wait
+            after = parent._step(state)
+            reward = reward + after["reward"].masked_fill(done, 0.0)
+            outcome = after if not state.batch_dims else after.where(~done.squeeze(-1), outcome)
+        return outcome.set("reward", reward)
 
 
 class KeepUnits(Transform):  # type: ignore[misc]

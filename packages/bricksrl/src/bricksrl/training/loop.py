@@ -75,6 +75,7 @@ class Loop:
             is_recorded=self.config.record and is_held and not self.config.updates and not self.env.batch_size,
         )
         self._started = len(self.episodes)  # episodes, complete or not
+        self._again = list[int]()  # numbers of those that were lost before their first step
         self._ended_s = 0.0  # time of the last one's end
         self._saved_at: LearningPace | None = None
         self._recorder: RunRecorder | None = None
@@ -132,8 +133,12 @@ class Loop:
         """The next episode, after this one's share of the updates from data; ``None`` if the others are the last ones."""
         if len(self.episodes) + being_played >= self.config.episodes:
             return None
-        self._started += 1
-        number, is_random = self._started, self._started <= self.prefill_episodes
+        if self._again:
+            number = self._again.pop(0)
+        else:
+            self._started += 1
+            number = self._started
+        is_random = number <= self.prefill_episodes
         phase = Phase.OFFLINE if self.config.updates else Phase.PREFILL if is_random else Phase.TRAIN
         policy = "random" if phase is Phase.PREFILL else without_folder(self.config.agent)
         playing = Playing(number, phase, derive_seed(self.config.seed, "episode", number), policy)
@@ -163,7 +168,7 @@ class Loop:
         playing, episode = ended.playing, ended.episode
         if episode is None:
             self.learner.end_episodes(playing.robot)
-            self._started -= not self.source.playing  # it is played again
+            self._again.append(playing.number)
             return
         if not math.isfinite(episode.return_):
             raise DescriptionError(

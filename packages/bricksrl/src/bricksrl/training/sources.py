@@ -153,10 +153,10 @@ class OneRobot(Source):
             by_hand = bool(frame.get("intervention", False))
             if by_hand and actor.on_policy:
                 raise RunError("this agent learns from its own actions only; let it drive, or take an off-policy one such as sac")
-            if self.is_recorded and not rollout.is_lost:
+            if self.is_recorded:
                 playing.steps += [step_of(step, self.env) for step in own]
             is_cut = interface_of(self.env).is_cut  # now, as an evaluation may follow
-            yield Moved(playing, frame, own[-1], rollout.is_lost, bool(frame["next", "done"]))
+            yield Moved(playing, frame, own[-1] if own else frame, rollout.is_lost, bool(frame["next", "done"]))
         if rollout.is_lost and phase is Phase.OFFLINE:
             raise interface_of(self.env).link_error  # a measurement has to be complete, and its updates are made once
         success, measures = rollout.judged(self.env)
@@ -174,7 +174,7 @@ class Copies(Source):
     """Copies of a simulation or of a virtual robot. An episode is a round: as many steps of all as one has at most."""
 
     def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
-        ended, lengths, returns = (torch.zeros((), device=self.env.device) for _ in range(3))
+        ended, lengths, returns, steps = (torch.zeros((), device=self.env.device) for _ in range(4))
         policy = RandomPolicy(self.env.action_spec) if playing.phase is Phase.PREFILL else self.learner.actor.acting
         for frames in collect_round(self.env, policy, longest_of(self.env), self.learner.actor.frames_per_batch):
             playing.length += frames.shape[-1]
@@ -184,11 +184,10 @@ class Copies(Source):
             ended += done.sum()
             returns += (after["episode_reward"] * done).sum()
             lengths += (after["step_count"] * done).sum()
+            steps += (after["step_count"] - frames["step_count"]).sum()  # of the robots: a frame may be several
         count = max(1.0, float(ended))
         length, return_ = round(float(lengths) / count), float(returns) / count
-        yield Ended(
-            playing, Episode(playing.number, playing.phase, playing.length * self.env.batch_size.numel(), length, return_, None)
-        )
+        yield Ended(playing, Episode(playing.number, playing.phase, int(steps), length, return_, None))
 
 
 def collect_round(env: EnvBase, policy: Any, steps: int, steps_per_batch: int) -> Iterator[TensorDictBase]:

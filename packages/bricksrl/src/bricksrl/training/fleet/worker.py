@@ -109,8 +109,8 @@ class Worker:
         for frame in play(env, policy, state, reset_policy=actor.reset_policy):
             before = len(rollout.rewards)
             own = rollout.add(frame, env)
-            steps = [step_of(step, env) for step in own] if begin["is_recorded"] and not rollout.is_lost else []
-            parts = (frame,) if own[-1] is frame else (frame, own[-1])
+            steps = [step_of(step, env) for step in own] if begin["is_recorded"] else []
+            parts = (frame,) if not own or own[-1] is frame else (frame, own[-1])
             rows = [dict(part.exclude("link_lost").flatten_keys(".").items()) for part in parts]  # within an episode only
             self.send("frame", (rows, steps, rollout.rewards[before:]))
             if begin["is_paced"]:
