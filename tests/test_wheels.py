@@ -22,8 +22,10 @@ IMPORT_ALL = """
 import importlib, pkgutil, sys
 package = importlib.import_module(sys.argv[1])
 names = [name for _, name, _ in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")]
+HUBS_OWN = "onboard", "frozen"  # MicroPython, which only a hub runs
+NEEDS_MORE = "__main__", "pytest_plugin", "lego_transport"  # a command, and what needs an extra
 for name in names:
-    if "onboard" not in name and not name.endswith(("__main__", "pytest_plugin")):
+    if not any(part in name for part in HUBS_OWN) and not name.endswith(NEEDS_MORE):
         importlib.import_module(name)
 absent = [name for name in sys.argv[2:] if name in sys.modules]
 print(len(names), *absent)

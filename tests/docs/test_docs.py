@@ -96,8 +96,9 @@ def test_docs_pages_can_be_executed(page: Path, clone: Path, capfd: pytest.Captu
     for house, run in (("brickhub", brickhub.cli.main), ("bricktwin", bricktwin.cli.main)):
         for words in commands(page, house):
             assert run(cheap(words)) == 0, (words, capfd.readouterr().err)
+    names: dict[str, object] = {}  # a block goes on where the one above it ended
     for block in blocks(page, "python"):
-        exec(block.replace("episodes=15", "episodes=1"), {})  # noqa: S102
+        exec(block.replace("episodes=15", "episodes=1"), names)  # noqa: S102
     assert done
 
 
