@@ -515,8 +515,10 @@ def test_what_lies_on_the_floor_is_seen_wherever_the_robot_is(browser: object, n
         for number, (width, height) in enumerate([(1366, 768), (390, 844), (844, 390)]):
             page.set_viewport_size({"width": width, "height": height})
             view = View((0.217, -0.331, 0.05), 0.75, -55.0 + 40 * number, 25.0)
+            page.evaluate("scene.dataset.frames = 0")
             board.show_scene(replace(mirror.scene, view=view), mirror.poses(qpos))
-            page.wait_for_timeout(500)
+            until(lambda: page.evaluate("scene.dataset.frames !== '0'"), "it is drawn")
+            page.wait_for_timeout(600)
             picture = Image.open(io.BytesIO(page.locator("#scene").screenshot())).convert("RGB")
             right, count = hits(np.asarray(picture, float), marks, view)
             assert count > 100 and right > 0.9 * count, (width, right, count)
