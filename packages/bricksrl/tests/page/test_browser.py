@@ -3,24 +3,35 @@
 from __future__ import annotations
 
 import http.server
+import io
 import itertools
 import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from browser import chromium, tab
+from PIL import Image
 
 import bricksrl
+from bricksrl.envs.registry import get_task
 from bricksrl.envs.rollout import play
+from bricksrl.page.board import Board
 from bricksrl.page.live import LivePage
 from bricksrl.page.play import play_on_page, resting_player
 from bricksrl.page.program import ProgramPage
+from bricksrl.page.robot_view import Mirror
+from bricksrl.page.scene import View
+from bricksrl.page.server import PageServer
 from bricksrl.policies.policy import random_player
+from bricktwin.twin.make_body import make_body
+from bricktwin.twin.objects import COLORS, Field, Line, Mark
+from bricktwin.twin.scene import Scene as Surroundings
 
 pytestmark = pytest.mark.realtime
 
@@ -450,3 +461,64 @@ def test_good_news_is_not_red(browser: object, played: Played) -> None:
         until(lambda: played.steps > 0, "it plays")
         played.page.finish("Done. It has learned.")
         page.locator("#message.note:has-text('Done.')").wait_for()
+
+
+MAT = (
+    Field((600, 0), (2360, 1140), "white"),
+    Field((250, 50), (400, 400), "red"),
+    Field((250, 50), (260, 260), "white"),
+    Field((250, 50), (120, 120), "blue", round=True),
+    *(Field((-200 + 30 * i, -250), (20, 100), ("green", "black")[i % 2]) for i in range(14)),
+    Line(((0, 0), (900, -100), (900, 400)), color="black"),
+)
+
+
+def hits(pixels: np.ndarray, marks: Sequence[Mark], view: View) -> tuple[int, int]:
+    """How many pixels of a picture show the mark that lies uppermost there, and how many are to. Around the robot none are."""
+    height, width, _ = pixels.shape
+    yaw, pitch = np.radians((view.yaw_deg, view.pitch_deg))
+    back = np.array((np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)))
+    right = np.array((-np.sin(yaw), np.cos(yaw), 0.0))
+    focal = 1 / np.tan(0.65 / 2) * min(1.0, 0.9 * width / height)
+    rows, columns = np.mgrid[4 : height - 60 : 3, 4 : width - 4 : 3].reshape(2, -1)
+    across, up = (2 * columns + 1 - width) / height / focal, (height - 2 * rows - 1) / height / focal
+    rays = across[:, None] * right + up[:, None] * np.cross(back, right) - back
+    target = np.array(view.target)
+    eye = target + view.distance_m * back
+    with np.errstate(divide="ignore"):
+        floor_mm = 1000 * (eye + rays * (-eye[2] / rays[:, 2:]))[:, :2]
+    is_ahead = (rays[:, 2] < -0.05) & (np.linalg.norm(floor_mm - 1000 * target[:2], axis=1) > 250)
+    uppermost = np.full(len(rows), -1)
+    for number, mark in enumerate(marks):
+        around = [mark.covers(floor_mm + shift) for shift in ((0, 0), (6, 0), (-6, 0), (0, 6), (0, -6))]
+        uppermost[np.logical_or.reduce(around)] = -1  # an edge
+        uppermost[np.logical_and.reduce(around)] = number
+    expected = is_ahead & (uppermost >= 0)
+    colours = np.array([COLORS[mark.color] for mark in marks] + [(0.86, 0.87, 0.885)])
+    seen = pixels[rows, columns, None] / 255
+    lit = np.minimum(1.0, colours * np.where(np.arange(len(colours)) < len(marks), 1.2, 1.0)[:, None])
+    nearest = np.abs(seen - lit).sum(-1).argmin(1)
+    is_right = np.abs(lit[nearest] - lit[uppermost]).sum(-1) < 0.05
+    return int((is_right & expected).sum()), int(expected.sum())
+
+
+@pytest.mark.parametrize("name", ["LineFollow-v0", "mat"])
+def test_what_lies_on_the_floor_is_seen_wherever_the_robot_is(browser: object, name: str) -> None:
+    task = get_task("LineFollow-v0")
+    marks = MAT if name == "mat" else task.scene.marks
+    mirror, board = Mirror(make_body(task.robot, scene=Surroundings(objects=marks))), Board()
+    qpos = mirror.body.data.qpos.copy()
+    qpos[:2] = 0.217, -0.331
+    hide = "for (const over of document.querySelectorAll('#view > :not(#scene)')) over.style.visibility = 'hidden'"
+    with PageServer(board, lambda *_: None, on_stop=lambda: None) as server, tab(browser, server.url) as page:
+        page.evaluate(hide)
+        for number, (width, height) in enumerate([(1366, 768), (390, 844), (844, 390)]):
+            page.set_viewport_size({"width": width, "height": height})
+            view = View((0.217, -0.331, 0.05), 0.75, -55.0 + 40 * number, 25.0)
+            page.evaluate("scene.dataset.frames = 0")
+            board.show_scene(replace(mirror.scene, view=view), mirror.poses(qpos))
+            until(lambda: page.evaluate("scene.dataset.frames !== '0'"), "it is drawn")
+            page.wait_for_timeout(600)
+            picture = Image.open(io.BytesIO(page.locator("#scene").screenshot())).convert("RGB")
+            right, count = hits(np.asarray(picture, float), marks, view)
+            assert count > 100 and right > 0.9 * count, (width, right, count)

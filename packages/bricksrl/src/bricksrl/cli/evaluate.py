@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -15,14 +16,17 @@ from brickhub.cli.options import Flag, JsonFlag, Seed, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.user_files import without_folder
 from bricksrl.cli.terminal import EmergencyStop, load_learning, placing, telling
-from bricksrl.errors import StoppedError, TwinError, counted, percent
+from bricksrl.errors import DescriptionError, StoppedError, TwinError, counted, percent
+from bricksrl.evaluation.class_table import ClassTable, class_table
 from bricksrl.evaluation.comparison import Comparison, Group, compare, draw
 from bricksrl.plotting import check_picture, number
+from bricksrl.training.callbacks import WINDOW
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.trust import trust
 from bricktwin.twin.physics import read_physics
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from torchrl.envs import EnvBase
 
     from bricksrl.evaluation import EvaluationResult
@@ -138,15 +142,29 @@ class Compare:
       bricksrl compare runs/sac runs/td3
       bricksrl compare runs/sac runs/td3 --out comparison.png
       bricksrl compare runs/* --json
+      bricksrl compare --class class-7b
     """
 
-    runs: Annotated[Positional[tuple[Path, ...]], option(metavar="RUN")]
+    runs: Annotated[Positional[tuple[Path, ...]], option(metavar="RUN")] = ()
     """Folders of runs."""
+    class_folder: Annotated[Path | None, option(name="class", metavar="FOLDER")] = None
+    """List all runs below this folder instead, such as those of a class, and say which may be compared."""
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """Picture of the learning curves: .png, .svg or .pdf."""
     json: JsonFlag = False
 
     def execute(self) -> None:
+        if self.class_folder is not None:
+            if self.runs or self.out is not None:
+                raise DescriptionError(
+                    "--class lists the runs below its folder, without a picture; omit RUN and --out, or --class"
+                )
+            table = class_table(self.class_folder)
+            if self.json:
+                print_line(table.to_json())
+            else:
+                print_class(table)
+            return
         if self.out is not None:
             check_picture(self.out)
         comparison = compare(self.runs)
@@ -180,9 +198,39 @@ class Plot:
         print_line(f"picture  {self.out}")
 
 
+_PIPE_COLUMNS = 400
+"""Width of a table that goes into a pipe or a file, which has none of its own: nothing is cut."""
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    return Console() if sys.stdout.isatty() else Console(width=_PIPE_COLUMNS)
+
+
+def print_class(table: ClassTable) -> None:
+    """Print the table of a class, and what may be compared."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    columns = ("name", "task", "agent", "seed", "episodes", "return", "95 % interval", "differs in", "folder")
+    shown = Table(*columns, box=None, pad_edge=False)
+    for row in table.rows:
+        score = number(row.score) + ("" if row.is_evaluated else "*")
+        interval = "" if row.interval is None else f"{number(row.interval[0])} to {number(row.interval[1])}"
+        texts = (row.name, without_folder(row.env), row.agent, f"{row.seed}", f"{row.episodes}", score, interval)
+        shown.add_row(*map(escape, (*texts, "; ".join(row.differs), row.folder)))
+    console = _console()
+    console.print(shown)
+    notes = ["return: mean of the evaluation, its interval over these episodes; it says nothing on other seeds"]
+    if not all(row.is_evaluated for row in table.rows):
+        notes.append(f"* not evaluated: mean of the last {WINDOW} episodes of training, in which the agent still tries things")
+    for line in ("", *notes, "", *table.sentences):
+        console.print(line, highlight=False, markup=False)
+
+
 def print_comparison(comparison: Comparison) -> None:
     """Print the table of a comparison, and the probabilities of improvement."""
-    from rich.console import Console
     from rich.table import Table
 
     table = Table("environment", "agent", "seeds", "episodes", "robot steps", "score", "95 % interval", box=None, pad_edge=False)
@@ -190,7 +238,7 @@ def print_comparison(comparison: Comparison) -> None:
         episodes = max(map(len, group.curves))
         cells = (str(len(group.seeds)), str(episodes), f"{group.steps:,}", number(group.score), _interval(group))
         table.add_row(without_folder(group.env), group.agent, *cells)
-    console = Console()
+    console = _console()
     console.print(table)
     console.print(f"\nscore: return, interquartile mean over the seeds; of each run its {comparison.scored_by}", highlight=False)
     for pair in comparison.improvements:

@@ -29,7 +29,7 @@ from bricksrl.training.curve import moving_mean
 from bricksrl.training.run_folder import RunFolder
 
 _COLUMNS = 2
-_NOT_COMPARED = ("seed", "episodes", "device", "log", "record")
+_NOT_COMPARED = ("seed", "episodes", "device", "log", "record", "name")
 """Names in a config in which runs of a group may differ."""
 
 
@@ -107,8 +107,7 @@ def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
     for (env, _), members in sorted(by_config.items(), key=lambda item: item[0]):
         scores = tuple(run.evaluation if evaluated and run.evaluation is not None else run.curve[-1] for run in members)
         seeds = tuple(run.config.seed for run in members)
-        if len(set(seeds)) < len(seeds):
-            raise RunError(f"two runs of {members[0].config.agent} in {env} have the same seed; they would count twice, omit one")
+        _check_seeds(members)
         label = _label(members[0], [group[0] for (group_env, _), group in by_config.items() if group_env == env])
         curves, steps = tuple(run.curve for run in members), max(run.steps for run in members)
         groups.append(Group(env, label, seeds, scores, curves, steps, reference_lines(env, members[0].config.options), evaluated))
@@ -123,8 +122,19 @@ def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
     return Comparison(tuple(groups), tuple(improvements), scored_by)
 
 
+def _check_seeds(runs: "Sequence[_Run]") -> None:
+    """Raise RunError if two runs of a group have the same seed."""
+    by_seed: dict[int, _Run] = {}
+    for run in runs:
+        other = by_seed.setdefault(run.config.seed, run)
+        if other is not run:
+            about = f"{other.path} and {run.path} have the same seed, {run.config.seed}, and the same settings"
+            raise RunError(f"{about}; omit one, as they would count twice, or list a class with --class FOLDER")
+
+
 @dataclass(frozen=True)
 class _Run:
+    path: Path
     config: TrainConfig
     curve: tuple[float, ...]
     steps: int
@@ -139,7 +149,7 @@ class _Run:
         curve = tuple(moving_mean([episode.return_ for episode in episodes], WINDOW))
         evaluation = folder.own_evaluation(len(episodes))
         score = None if evaluation is None else float(evaluation["return_mean"])
-        return cls(config, curve, episodes[-1].steps, score)
+        return cls(path, config, curve, episodes[-1].steps, score)
 
     @property
     def compared(self) -> dict[str, Any]:
@@ -195,7 +205,9 @@ def draw(path: Path | str, groups: Sequence[Group]) -> None:
             label = f"{group.agent} ({' or '.join(map(str, counts))} seed{'' if counts == [1] else 's'})"
             _draw_group(axes, group, colours[group.agent], None if group.agent in drawn else label)
             drawn.add(group.agent)
-        style(axes, without_folder(env), "episode", f"return (mean of {WINDOW} episodes; \N{BLACK DIAMOND} evaluation)")
+        is_evaluated = any(group.is_evaluated for group in groups if group.env == env)
+        mark = "; \N{BLACK DIAMOND} evaluation" if is_evaluated else ""
+        style(axes, without_folder(env), "episode", f"return (mean of {WINDOW} episodes{mark})")
         finish(axes, next(group.lines for group in groups if group.env == env), legend=False)
     for unused in panels[len(envs) :]:
         unused.set_visible(False)

@@ -136,6 +136,7 @@ def play_arena(
                 raise interface_of(env).link_error
             reward, steps = float(after[group, "reward"].mean()), steps + 1
             total += reward
+            page.note(**{"return of": group})
             page.show_outcome([], reward, total)
             yield
             state, is_over = env.step_mdp(frame), bool(after["done"])

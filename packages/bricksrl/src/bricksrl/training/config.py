@@ -56,6 +56,8 @@ class RunOptions:
     """Record all transitions as a dataset in the run's folder data, unless --no-record is given."""
     log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], option(metavar="NAME")] = "none"
     """Also log to tensorboard, wandb or trackio; metrics.csv is always written."""
+    name: Annotated[str, option(metavar="NAME")] = ""
+    """Name of who trains, in a class; report and tables show it."""
     patience_s: Annotated[float, Range(), option(name="patience", metavar="SECONDS")] = 300.0
     """How long to retry when the link to a robot is lost; 0 gives up at once."""
 
@@ -155,7 +157,13 @@ def _are_ambiguous(hubs: tuple[str, ...]) -> bool:
     return len(hubs) > 1 and bool(real) and (len(real) < len(hubs) or any(":" not in hub for hub in real))
 
 
+MAX_NAME = 40
+"""Length of the name of who trains."""
 _RULES: tuple[Rule, ...] = (
+    (
+        lambda run: len(run.name) > MAX_NAME or not run.name.isprintable(),
+        f"the name of who trains is no line of up to {MAX_NAME} characters; give one, such as Anna",
+    ),
     (
         lambda run: run.stop_at is not None and not abs(run.stop_at) <= sys.float_info.max,
         "stop_at is not a finite number; give the return to stop at, or omit it",

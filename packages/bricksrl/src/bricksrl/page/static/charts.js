@@ -91,7 +91,8 @@ export class Chart {
 export function short(value) {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
-  return value.toFixed(size >= 100 || Number.isInteger(value) ? 0 : size >= 10 ? 1 : 2);
+  const text = value.toFixed(size >= 100 || Number.isInteger(value) ? 0 : size >= 10 ? 1 : 2);
+  return text.replace(/^-(?=[0.]*$)/, ""); // no "-0.00"
 }
 
 function line(pen, points) {

@@ -81,12 +81,14 @@ const ANGLE = 0.65;
 const SHADOW_PX = 1024;
 const SLOW_MS = 40;
 const STILL_MS = 400;
+// What is nowhere further from the floor lies on it: tape, a mat, a mark.
+const FLAT_M = 0.003;
 
 export class Scene3D {
   constructor(canvas, labels) {
     this.canvas = canvas;
     this.labels = labels;
-    this.gl = canvas.getContext("webgl2", { antialias: true, alpha: false, powerPreference: "low-power" });
+    this.gl = canvas.getContext("webgl2", { antialias: true, alpha: false, stencil: true, powerPreference: "low-power" });
     if (!this.gl) throw new Error("this browser has no WebGL 2");
     this.bodies = [];
     this.poses = null;
@@ -220,7 +222,7 @@ export class Scene3D {
     const reach = Math.max(0.45, Math.min(1.2, this.view.distance_m));
     const sunEye = target.map((value, i) => value + 3 * SUNWARD[i]);
     const sun = multiply(orthographic(reach, 1.0, 5.0), lookAt(sunEye, target));
-    const shapes = this.placedShapes();
+    const { opaque, transparent, flat } = this.sortedShapes();
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.CULL_FACE);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadowBuffer);
@@ -228,19 +230,17 @@ export class Scene3D {
     gl.clear(gl.DEPTH_BUFFER_BIT);
     gl.useProgram(this.depth.id);
     gl.uniformMatrix4fv(this.depth.uniform("view"), false, sun);
-    for (const { shape, model } of shapes) {
-      if (shape.colour[3] < 1) continue; // what is only meant throws no shadow
+    for (const { shape, model } of opaque) {
       gl.uniformMatrix4fv(this.depth.uniform("model"), false, model);
       shape.mesh.draw();
     }
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
     gl.clearColor(...SKY, 1);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
     this.useProgram(this.solid, view, sun, eye);
-    const transparent = shapes.filter(({ shape }) => shape.colour[3] < 1);
-    for (const placed of shapes) if (placed.shape.colour[3] >= 1) this.drawShape(placed);
-    if (this.floor !== null) this.drawFloor(view, sun, eye, target);
+    for (const placed of opaque) this.drawShape(placed);
+    if (this.floor !== null) this.drawFloor(view, sun, eye, target, flat);
     if (transparent.length) {
       this.useProgram(this.solid, view, sun, eye);
       gl.colorMask(false, false, false, false); // first the depths: only what is in front is then blended
@@ -276,13 +276,40 @@ export class Scene3D {
     shape.mesh.draw();
   }
 
-  drawFloor(view, sun, eye, target) {
+  // The floor, and what lies on it, painted in layers where the floor is seen: between layers that are a hair apart, depths of a
+  // graphics card, or of a processor in place of one, say nothing.
+  drawFloor(view, sun, eye, target, flat) {
     const gl = this.gl, size = 12;
+    gl.enable(gl.STENCIL_TEST);
+    gl.stencilFunc(gl.ALWAYS, 1, 1);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.REPLACE);
     this.useProgram(this.ground, view, sun, eye);
     gl.uniform3fv(this.ground.uniform("sky"), SKY);
     gl.uniformMatrix4fv(this.ground.uniform("model"), false,
       new Float32Array([size, 0, 0, 0, 0, size, 0, 0, 0, 0, 1, 0, target[0], target[1], this.floor, 1]));
     this.square.draw();
+    gl.stencilFunc(gl.EQUAL, 1, 1);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.KEEP);
+    gl.disable(gl.DEPTH_TEST);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    this.useProgram(this.solid, view, sun, eye);
+    for (const placed of flat) this.drawShape(placed);
+    gl.disable(gl.BLEND);
+    gl.enable(gl.DEPTH_TEST);
+    gl.disable(gl.STENCIL_TEST);
+  }
+
+  // Shapes by how they are drawn; the flat ones lie on the floor, the lowest first.
+  sortedShapes() {
+    const sorted = { opaque: [], transparent: [], flat: [] };
+    for (const placed of this.placedShapes()) {
+      placed.top_m = this.floor === null ? Infinity : topOf(placed, this.floor);
+      const kind = placed.top_m < FLAT_M ? "flat" : placed.shape.colour[3] < 1 ? "transparent" : "opaque";
+      sorted[kind].push(placed);
+    }
+    sorted.flat.sort((a, b) => a.top_m - b.top_m);
+    return sorted;
   }
 
   // Each shape with its matrix in the world; a body whose x is not a number is hidden.
@@ -499,6 +526,18 @@ function box(points) {
     high[i % 3] = Math.max(high[i % 3], value);
   });
   return { low, high };
+}
+
+// Height of the upper side of a placed shape above the floor, infinite if it lies further above or below.
+function topOf({ shape, model }, floor) {
+  const { low, high } = shape.mesh.box;
+  let [bottom, top] = [model[14] - floor, model[14] - floor];
+  for (let axis = 0; axis < 3; axis++) {
+    const rise = model[4 * axis + 2];
+    bottom += Math.min(rise * low[axis], rise * high[axis]);
+    top += Math.max(rise * low[axis], rise * high[axis]);
+  }
+  return bottom > -FLAT_M && top < FLAT_M ? top : Infinity;
 }
 
 // Way along a ray to a box in a frame, infinite if it misses: the ray is between both sides of each axis at once.

@@ -352,10 +352,13 @@ def add_colours(spec: mujoco.MjSpec) -> None:
         spec.add_material(name=name, rgba=[*rgb, 1.0], specular=0.35, shininess=0.5, emission=emission)
 
 
-def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Piece]) -> None:
+def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Piece], name: str = "") -> None:
     """Draw parts, given in millimetres in the body's frame: one mesh per colour, without mass or contact.
 
     The model's materials have the names of the colours; the material of a colour ``"#rrggbbaa"`` is created here.
+
+    Args:
+        name: first part of the meshes' names, unique in the model; by default the body's.
     """
     by_colour: dict[str, list[Shape]] = {}
     for part in parts:
@@ -365,13 +368,14 @@ def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Piece]) -> N
         if colour.startswith("#") and spec.material(colour) is None:
             rgba = [value / 255 for value in bytes.fromhex(colour[1:])]
             spec.add_material(name=colour, rgba=rgba, specular=0.35, shininess=0.5)
-        shape, name = merge(shapes), f"{body.name}_{colour}"
+        shape = merge(shapes)
+        mesh_name = f"{name or body.name}_{colour}"
         spec.add_mesh(
-            name=name,
+            name=mesh_name,
             uservert=(shape.points / 1000).ravel().tolist(),
             usernormal=shape.normals.ravel().tolist(),
             userface=shape.faces.ravel().tolist(),
             userfacenormal=shape.faces.ravel().tolist(),
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         )
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, material=colour, mass=0, **LOOKS)
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh_name, material=colour, mass=0, **LOOKS)

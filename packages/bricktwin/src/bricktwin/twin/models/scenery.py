@@ -1,5 +1,6 @@
 """Scenery: the objects of a scene in MuJoCo. Marks on the floor are drawn only; robots and ultrasound hit the others."""
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -10,11 +11,12 @@ from bricktwin.plans.drawings import Piece, colour_name
 from bricktwin.plans.geometry import Floats, Triple
 from bricktwin.plans.shapes import Shape, discs, merge
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, draw, yaw_quaternion
-from bricktwin.twin.objects import COLORS, Field, Line, Point, Ramp, Wall
+from bricktwin.twin.objects import COLORS, Field, Line, Mark, Point, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
-_LAYER_MM = 0.2
-"""Height of each mark on the floor above the previous one, which it covers."""
+LOWEST_MM, _LAYER_MM, _HIGHEST_MM = 0.6, 0.2, 2.4
+"""Heights above the floor of the lowest layer of marks, of each further one above the one that it covers, and of the uppermost
+at most."""
 _RAMP_MM = 8.0
 _FRICTION = 0.4
 """Friction of a pushed block, on the floor and against a robot; an estimate for plastic on wood."""
@@ -22,12 +24,8 @@ _FRICTION = 0.4
 
 def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
     """Add the scene's objects to a model, after the robot."""
-    world, marks = spec.worldbody, scene.marks
-    if marks:
-        shapes = [_field(mark) if isinstance(mark, Field) else _line(mark) for mark in marks]
-        layers = [shape.at(0.0, 0.0, number * _LAYER_MM) for number, shape in enumerate(shapes, 1)]
-        colours = [colour_name(COLORS[mark.color]) for mark in marks]
-        draw(spec, world, [Piece(tuple(zip(colours, layers, strict=True)))])
+    world = spec.worldbody
+    _draw_marks(spec, scene.marks)
     for number, solid in enumerate(scene.solids):
         name, rgb = f"object_{number}", COLORS[solid.color]
         if isinstance(solid, Wall):
@@ -89,6 +87,17 @@ def add_geom(
 
 
 # ---------------------------------------------------------------- on the floor
+
+
+def _draw_marks(spec: mujoco.MjSpec, marks: Sequence[Mark]) -> None:
+    """Draw marks, the lowest first: a mesh per layer, as a renderer may paint layers in the order of their heights. Marks of one
+    color that follow one another share a layer."""
+    layers = [(color, list(members)) for color, members in itertools.groupby(marks, lambda mark: mark.color)]
+    rise_mm = min(_LAYER_MM, (_HIGHEST_MM - LOWEST_MM) / max(1, len(layers)))
+    for number, (color, members) in enumerate(layers):
+        shape = merge([_field(mark) if isinstance(mark, Field) else _line(mark) for mark in members])
+        piece = Piece(((colour_name(COLORS[color]), shape.at(0.0, 0.0, LOWEST_MM + number * rise_mm)),))
+        draw(spec, spec.worldbody, [piece], f"layer_{number}")
 
 
 def _field(field: Field) -> Shape:

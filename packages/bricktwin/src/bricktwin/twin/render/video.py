@@ -67,6 +67,8 @@ def captioned(image: Pixels, title: str, line: str, labels: Iterable[tuple[int, 
 _BACK_M, _HEIGHT_M, _SKIRTING_M = 1.3, 1.6, 0.07
 """Wall behind the robot: distance to the left of its start, height, and height of its skirting board."""
 _LINE = (0.45, 0.50, 0.58, 1.0)
+_PAINT_M = 0.0002
+"""Height of a metre line, below whatever lies on the floor."""
 _WALL, _BOARD = (0.90, 0.90, 0.87, 1.0), (0.97, 0.97, 0.96, 1.0)
 _GHOST = (0.10, 0.62, 0.25, 0.30)
 _LAG = 0.06
@@ -122,9 +124,9 @@ class Room:
         _box(scene, (middle, _BACK_M + 0.01, _HEIGHT_M / 2), (6.0, 0.01, _HEIGHT_M / 2), _WALL)
         _box(scene, (middle, _BACK_M - 0.008, _SKIRTING_M / 2), (6.0, 0.008, _SKIRTING_M / 2), _BOARD)
         for metre in range(middle - 3, middle + 4):
-            _box(scene, (metre, _BACK_M / 2 - 1.0, 0.0), (0.003, _BACK_M / 2 + 1.0, 0.0004), _LINE)
+            _box(scene, (metre, _BACK_M / 2 - 1.0, 0.0), (0.003, _BACK_M / 2 + 1.0, _PAINT_M), _LINE)
         for metre in range(-2, 2):
-            _box(scene, (middle, metre, 0.0), (6.0, 0.003, 0.0004), _LINE)
+            _box(scene, (middle, metre, 0.0), (6.0, 0.003, _PAINT_M), _LINE)
         ghost, first, category = self._ghost, scene.ngeom, mujoco.mjtCatBit.mjCAT_DYNAMIC
         if ghost is not None:
             mujoco.mjv_addGeoms(ghost.model, ghost.data, self._option, mujoco.MjvPerturb(), category, scene)
