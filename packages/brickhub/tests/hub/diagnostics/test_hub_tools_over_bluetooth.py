@@ -30,7 +30,7 @@ def test_scan_shows_kind_of_hub(world: World) -> None:
 
 def test_preflight_over_bluetooth(world: World) -> None:
     world.link(SPINNING)
-    world.hub.library.append(survey_program(TWO_WHEELER).source)
+    world.hub.library += [survey_program(TWO_WHEELER).source, wheels_program(TWO_WHEELER).source]
     findings = list(check_robot(world.transport(), TWO_WHEELER, SPINNING, may_move=lambda: True))
     told = {finding.name: finding for finding in findings}
     assert "4.0.1, profile 1.5" in told["firmware"].detail and told["hub"].outcome is Outcome.OK
