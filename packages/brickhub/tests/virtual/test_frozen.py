@@ -20,7 +20,9 @@ def ends(hub: PybricksHub, kind: HubKind, line: str) -> tuple[str, str]:
 def test_the_calibration_of_the_imu_begins_on_hubs_that_have_one(pybricks_hub: PybricksHub, kind: HubKind) -> None:
     output, error = ends(pybricks_hub, kind, "import _imu_calibrate")
     if kind in WITH_IMU:
-        assert "Going to calibrate X now!\n- Put the hub on the table in front of you.\n- top side (display) facing up\n" in output
+        assert (
+            "Going to calibrate X now!\n- Put the hub on the table in front of you.\n- top side (display) facing up\n" in output
+        )
         assert output.endswith("Roll it towards you, without lifting the hub up!\n") and "time limit of 2 s" in error
     else:
         assert (output, error) == ("", "ImportError: no module named '_imu_calibrate'")
@@ -41,7 +43,12 @@ def test_the_view_of_the_ports_runs_until_it_is_stopped(pybricks_hub: PybricksHu
         (HubKind.PRIME, "from pybricks.experimental import *\nprint(hello_world(-3, 1))", "9\n", ""),
         (HubKind.PRIME, "from pybricks.experimental import restore_firmware", "", ""),
         (HubKind.CITY, "from pybricks.experimental import getchar", "", "ImportError: can't import name getchar"),
-        (HubKind.CITY, "from pybricks.experimental import restore_firmware", "", "ImportError: can't import name restore_firmware"),
+        (
+            HubKind.CITY,
+            "from pybricks.experimental import restore_firmware",
+            "",
+            "ImportError: can't import name restore_firmware",
+        ),
         (HubKind.MOVE, "import pybricks.experimental", "", "ImportError: no module named 'pybricks.experimental'"),
     ],
 )

@@ -24,7 +24,18 @@ def sent(folder: Path, *pieces: bytes) -> tuple[bytes, list[str]]:
 @pytest.mark.parametrize("size", [1, 3, 1000])
 @pytest.mark.parametrize("end", [b"\n", b"\r\n"])
 def test_files_are_saved_and_the_rest_is_printed(tmp_path: Path, size: int, end: bytes) -> None:
-    lines = (b"on", b"PB_OF:logs/servo.txt", b"1, 2", b"", b"PB_EOF", b"_file_begin_ track.csv", b"0,5", b"_file_end_", b"PB_", b"off")
+    lines = (
+        b"on",
+        b"PB_OF:logs/servo.txt",
+        b"1, 2",
+        b"",
+        b"PB_EOF",
+        b"_file_begin_ track.csv",
+        b"0,5",
+        b"_file_end_",
+        b"PB_",
+        b"off",
+    )
     data = end.join(lines)
     pieces = [data[start : start + size] for start in range(0, len(data), size)]
     printed, told = sent(tmp_path, *pieces)
@@ -54,7 +65,18 @@ def test_unfinished_and_doubly_begun_files_are_kept(tmp_path: Path) -> None:
     [
         *("../up.txt", "/etc/up.txt", "a/../../up.txt", "..", "", " ", "~/up.txt", "C:up.txt", r"C:\up.txt", r"..\up.txt"),
         *(".bashrc", ".git/hooks/post-commit", "main.py", "evil.PY", "conftest.py", "x.pth", "run.sh", "a.so", "x.py. ", "x.bat"),
-        *("con", "NUL.txt", "a/com1.csv", "log.txt:hidden", "a\0b.txt", "a\x1b[2J.txt", "Makefile", "folder", "link.txt", "out/x.txt"),
+        *(
+            "con",
+            "NUL.txt",
+            "a/com1.csv",
+            "log.txt:hidden",
+            "a\0b.txt",
+            "a\x1b[2J.txt",
+            "Makefile",
+            "folder",
+            "link.txt",
+            "out/x.txt",
+        ),
         *("x" * 300 + ".txt", "pipe.txt", "pyproject.toml", "setup.cfg"),
     ],
 )
