@@ -92,7 +92,7 @@ def test_docs_pages_can_be_executed(page: Path, clone: Path, capfd: pytest.Captu
     for words in done:
         code = main(cheap(words))
         told = capfd.readouterr()
-        assert code == 0, (words, told.err)
+        assert code == 0 or (code == 124 and "--time-limit-s" in words), (words, told.err)
     for house, run in (("brickhub", brickhub.cli.main), ("bricktwin", bricktwin.cli.main)):
         for words in commands(page, house):
             assert run(cheap(words)) == 0, (words, capfd.readouterr().err)

@@ -58,3 +58,26 @@ def test_check_writable_makes_nothing(tmp_path: Path) -> None:
         with pytest.raises(WriteError, match=reason):
             check_writable(path)
     assert [path.name for path in tmp_path.iterdir()] == ["file"] and (tmp_path / "file").read_text() == "kept"
+
+
+@pytest.mark.parametrize(
+    ("umask", "file_mode", "folder_mode"), [(0o022, 0o644, 0o755), (0o077, 0o600, 0o700), (0o002, 0o664, 0o775)]
+)
+def test_files_and_folders_respect_the_umask(tmp_path: Path, umask: int, file_mode: int, folder_mode: int) -> None:
+    before = os.umask(umask)
+    try:
+        write_durably(tmp_path / "file", b"1")
+        with atomic_folder(tmp_path / "folder") as folder:
+            write_durably(folder / "file", b"1")
+    finally:
+        os.umask(before)
+    modes = [path.stat().st_mode & 0o777 for path in (tmp_path / "file", tmp_path / "folder", tmp_path / "folder/file")]
+    assert modes == [file_mode, folder_mode, file_mode]
+
+
+def test_a_file_that_is_written_anew_keeps_its_mode(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.touch(0o600)
+    path.chmod(0o640)
+    write_durably(path, b"1")
+    assert path.stat().st_mode & 0o777 == 0o640

@@ -75,7 +75,8 @@ def test_errors_and_limits_are_told(pybricks_hub: PybricksHub) -> None:
     assert (failed.exit_code, failed.output) == (1, "on\n")
     assert failed.errors.startswith("Traceback") and failed.errors.endswith("ZeroDivisionError: divide by zero\n")
     endless = pybricks_hub.run("from pybricks.tools import wait\nwhile True:\n    wait(10)")
-    assert (endless.exit_code, endless.errors) == (0, "The program was stopped (SystemExit).\n")
+    assert (endless.exit_code, endless.errors) == (124, "The program was stopped at the time limit of 60 s.\n")
+    assert endless.timed_out and not failed.timed_out
     assert endless.log[-1]["time_s"] == 60.0
     assert "time_s" not in repr(endless), "a failing assertion shows the run, not its thousands of rows"
 

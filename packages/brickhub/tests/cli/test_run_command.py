@@ -56,7 +56,7 @@ def test_missing_device_of_a_described_robot_is_an_error(brickhub, program: Path
 def test_time_limit(brickhub, program: Path) -> None:
     program.write_text("from pybricks.tools import wait\nprint('on')\nwhile True:\n    wait(100)\n")
     done = brickhub("run", str(program), "--robot", "bench", "--time-limit-s", "5")
-    assert done == (0, "on\n", "The program was stopped (SystemExit).\n")
+    assert done == (124, "on\n", "The program was stopped at the time limit of 5 s.\n")
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pytest
 from brickhub.errors import UnknownNameError
 from brickhub.hub.link.profiles import IDEAL, PROFILES, LinkProfile, profile
 from brickhub.hub.link.timing import percentile
+from brickhub.pytest_plugin import PybricksHub
 from brickhub.virtual.virtual_transport import Radio
 
 EXCHANGES = 40_000
@@ -78,3 +79,51 @@ def test_ideal_link_has_no_delay() -> None:
 def test_unknown_profile_is_told() -> None:
     with pytest.raises(UnknownNameError, match="no link 'linx'.*linux.*choose mac, linux, bad-room"):
         profile("linx")
+
+
+HOLDS = """
+from pybricks.hubs import {hub}
+from pybricks.pupdevices import Remote
+from pybricks.iodevices import LWP3Device
+def tried(make):
+    try:
+        make()
+        return "connected"
+    except OSError as error:
+        return error.errno
+first = Remote()
+print(tried(first.connect), tried(lambda: Remote(timeout=100)), tried(lambda: LWP3Device(0, timeout=100)))
+first.disconnect()
+print(tried(lambda: LWP3Device(0, timeout=100)), tried(Remote))
+"""
+
+
+@pytest.mark.parametrize(("hub", "busy"), [("TechnicHub", "16 16 16"), ("PrimeHub", "110 110 110")])
+def test_a_hub_holds_so_many_wireless_devices(pybricks_hub: PybricksHub, hub: str, busy: str) -> None:
+    run = pybricks_hub.run(HOLDS.format(hub=hub))
+    assert run.output.splitlines() == [busy, "110 connected"], run.errors
+
+
+def test_searches_at_the_same_time_share_the_places(pybricks_hub: PybricksHub) -> None:
+    """A search that is aborted gives its place back."""
+    source = """
+from pybricks.hubs import TechnicHub
+from pybricks.pupdevices import Remote
+from pybricks.tools import multitask, run_task, wait
+hub = TechnicHub()
+first, second = Remote(connect=False), Remote(connect=False)
+async def search(remote):
+    try:
+        await remote.connect()
+        return "connected"
+    except OSError as error:
+        return error.errno
+async def main():
+    print(await multitask(search(first), search(second)))
+    await first.disconnect()
+    print(await multitask(search(second), wait(100), race=True))
+    print(await search(first))
+run_task(main())
+"""
+    run = pybricks_hub.run(source)
+    assert run.output.splitlines() == ["('connected', 16)", "(None, None)", "connected"], run.errors

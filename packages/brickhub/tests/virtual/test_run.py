@@ -113,7 +113,7 @@ _CALM_LOOP = """
 )
 def test_the_time_limit_stops_any_loop(tmp_path: Path, loop: str) -> None:
     source = f"from pybricks.tools import wait, StopWatch\nwatch = StopWatch()\nprint('go')\nwhile True:\n    {loop}\n"
-    assert run(tmp_path, source, time_limit_s=0.5) == (0, "go\n", "The program was stopped (SystemExit).\n")
+    assert run(tmp_path, source, time_limit_s=0.5) == (124, "go\n", "The program was stopped at the time limit of 0.5 s.\n")
 
 
 def test_input_is_passed(tmp_path: Path) -> None:

@@ -215,9 +215,7 @@ class Check:
             transport = _transport(self.hub, target, self.link, self.fault)
             calibrate = calibration_of(transport, self.calibrations)
             robot = transport, target.robot, target.interface
-            findings = check_robot(
-                *robot, may_move=may_move, is_right=is_right, calibrate=calibrate, command=self._calibration()
-            )
+            findings = check_robot(*robot, may_move=may_move, is_right=is_right, calibrate=calibrate, command=self._calibration())
         else:
             radio = _reach(self.hub, target, self.link, self.fault)
             findings = check_kit(radio, target.robot, target.interface, may_move=may_move, is_right=is_right)

@@ -280,7 +280,9 @@ class FaultyBody:
         """Plug devices, by name, into other ports; "" leaves them unplugged."""
 
         def plugged(devices: Sequence[Any]) -> tuple[Any, ...]:
-            wired = [replace(device, port=ports.get(device.name, device.port)) for device in devices if ports.get(device.name, "x")]
+            wired = [
+                replace(device, port=ports.get(device.name, device.port)) for device in devices if ports.get(device.name, "x")
+            ]
             return tuple(wired)
 
         wired = copy.copy(self.robot)  # a description would have to have all devices of its drive base and its plan

@@ -192,7 +192,7 @@ def test_user_program_and_motors_stop_at_time_limit(world: World, folder: Path) 
     source = "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\nfrom pybricks.tools import wait\n"
     (folder / "main.py").write_text(source + "Motor(Port.A).run(500)\nprint('runs')\nwhile True:\n    wait(10)\n")
     code, out, err = run(world, folder / "main.py", time_limit_s=0.5)
-    assert (code, out.strip(), err) == (0, "runs", "The program was stopped (SystemExit).\n")
+    assert (code, out.strip(), err) == (124, "runs", "The program was stopped at the time limit of 0.5 s.\n")
     assert not world.hub.is_driven and not world.hub.is_running
 
 

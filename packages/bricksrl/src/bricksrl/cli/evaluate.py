@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, JsonFlag, Seed, option
+from brickhub.cli.options import Faults, Flag, JsonFlag, Seed, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.user_files import without_folder
 from bricksrl.cli.terminal import EmergencyStop, load_learning, placing, telling

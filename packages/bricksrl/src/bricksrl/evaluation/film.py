@@ -12,6 +12,7 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from brickhub.virtual.faults import sound_body
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import make_env
@@ -20,7 +21,6 @@ from bricksrl.errors import TwinError
 from bricksrl.evaluation.evaluator import evaluation_options
 from bricksrl.policies.policy import named_policies
 from bricksrl.training.run_folder import RunFolder
-from brickhub.virtual.faults import sound_body
 from bricktwin.twin.make_body import lies_on_bench
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter

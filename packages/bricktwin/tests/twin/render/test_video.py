@@ -63,7 +63,7 @@ def test_program_video_has_simulated_speed(tmp_path: Path) -> None:
 @pytest.mark.realtime
 @pytest.mark.parametrize(
     ("source", "time_limit_s", "count", "code"),
-    [("print(1)", None, 1, 0), (DRIVE + "while True: wait(10)", 0.4, 11, 0), (DRIVE + "1 / 0", None, 26, 1)],
+    [("print(1)", None, 1, 0), (DRIVE + "while True: wait(10)", 0.4, 11, 124), (DRIVE + "1 / 0", None, 26, 1)],
 )
 def test_video_is_complete_however_program_ends(
     tmp_path: Path, source: str, time_limit_s: float | None, count: int, code: int

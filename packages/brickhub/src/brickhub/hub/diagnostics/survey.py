@@ -13,7 +13,8 @@ from brickhub.hub.program.generate import hub_line, onboard_text, sorted_imports
 from brickhub.hub.program.run_program import TIME_LIMIT_EXIT_CODE, describe_traceback, run_program
 from brickhub.hub.protocol import Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Transport
-from brickhub.robot import HUB_FLAT, Motor, Robot
+from brickhub.robot import Motor, Robot
+from brickhub.robot.spec import HUB_FLAT
 
 STALL_SPEED_DEG_S = 60
 STALL_TORQUE_MNM = 250
@@ -130,14 +131,8 @@ class WheelTurn:
     heading_deg: float
 
 
-def turn_wheels(transport: Transport, robot: Robot) -> list[WheelTurn]:
-    """Turn each wheel of the robot's drive base alone, forward and back, while the other one holds. This moves the robot.
-
-    Raises:
-        DescriptionError: the robot has no drive base.
-        HubError: the hub cannot be reached, or does not answer; the motors are then stopped.
-        HubProgramError: the program raised.
-    """
+def wheels_program(robot: Robot) -> HubProgram:
+    """Hub program of `turn_wheels`. Raises DescriptionError if the robot has no drive base."""
     base = robot.drive_base
     if base is None:
         raise DescriptionError(f"robot '{robot.name}' has no drive base, so no wheels to turn; describe it")
@@ -149,9 +144,19 @@ def turn_wheels(transport: Transport, robot: Robot) -> list[WheelTurn]:
         f"SETTLE_MS = {_SETTLE_MS}",
     ]
     imports = [*_IMPORTS, "from pybricks.tools import StopWatch, wait"]
-    program = _program(f"Turns the wheels of the robot '{robot.name}'.", imports, constants, robot, "wheels")
+    return _program(f"Turns the wheels of the robot '{robot.name}'.", imports, constants, robot, "wheels")
+
+
+def turn_wheels(transport: Transport, robot: Robot) -> list[WheelTurn]:
+    """Turn each wheel of the robot's drive base alone, forward and back, while the other one holds. This moves the robot.
+
+    Raises:
+        DescriptionError: the robot has no drive base.
+        HubError: the hub cannot be reached, or does not answer; the motors are then stopped.
+        HubProgramError: the program raised.
+    """
     turns = []
-    for line in run(transport, program, 5.0 + 4 * (_WHEEL_LIMIT_MS + _SETTLE_MS) / 1000):
+    for line in run(transport, wheels_program(robot), 5.0 + 4 * (_WHEEL_LIMIT_MS + _SETTLE_MS) / 1000):
         match line.split(" "):
             case ["wheel", name, wheel_deg, heading_deg]:
                 turns.append(WheelTurn(name, float(wheel_deg), float(heading_deg)))

@@ -161,9 +161,9 @@ def run_program(
                     pending = b""
             transcript.feed(transport.read(_READ_S if stdin is None else _READ_BESIDE_INPUT_S))
     except ProgramStoppedError:
-        code = transcript.end()
         if not is_late:
-            return code
+            return transcript.end()
+        transcript.end(is_stopped_by_us=True)
         stderr.write(time_limit_note(time_limit_s or 0.0))
         return TIME_LIMIT_EXIT_CODE
 
@@ -207,12 +207,14 @@ class Transcript:
             self._print(partial)
             self._line = self._line[len(partial) :]
 
-    def end(self) -> int:
-        """Flush at the end of the output; returns the exit code."""
+    def end(self, *, is_stopped_by_us: bool = False) -> int:
+        """Flush at the end of the output; returns the exit code. ``is_stopped_by_us``: leave out that it was stopped."""
         if self._line:
             self._print_pending()
             self._print(self._line)
         for line in self._pending:
+            if is_stopped_by_us and _STOPPED.fullmatch(line):
+                continue
             self._stderr.write(f"{line}\n")
         return int(_TRACEBACK_HEAD in self._pending)
 

@@ -1,6 +1,6 @@
 """MicroPython: watches the ports until the program is stopped. The hub tells an app what is plugged in; here nobody listens."""
+
 # mypy: ignore-errors
-# ruff: noqa: F821
 # --- the hub's part ---
 from pybricks.iodevices import PUPDevice
 from pybricks.parameters import Port

@@ -1,6 +1,6 @@
 """MicroPython: calibrates the IMU of a hub that a person rolls over its sides, and stores the result in ``hub.imu.settings``."""
+
 # mypy: ignore-errors
-# ruff: noqa: F821
 # --- the hub's part ---
 from pybricks.hubs import ThisHub
 from pybricks.parameters import Axis, Side
