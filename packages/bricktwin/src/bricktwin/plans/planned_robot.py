@@ -76,6 +76,8 @@ def planned(plan: Plan) -> PlannedRobot:
 
 _STEP_DEG, _FINE_DEG = 5.0, 0.5
 """Steps of the search, degrees of the driven part: coarse and fine."""
+_LEAST_WAY_DEG = 5.0
+"""Less than this between two stops is no way, degrees of the driven part."""
 
 
 @functools.lru_cache(maxsize=64)
@@ -89,6 +91,21 @@ def free_deg(planned: PlannedRobot, port: str, low: float, high: float) -> tuple
     sweep = _Sweep(planned, drive)
     ends = [start + sweep.reach((end - start) / drive.gear) * drive.gear for end in (low, high)]
     return min(start, ends[0]), max(start, ends[1])
+
+
+@functools.lru_cache(maxsize=64)
+def stops_deg(planned: PlannedRobot, port: str) -> tuple[float, float] | None:
+    """Angles of a motor at which what it drives meets other parts, degrees of its rotation sensor; ``None`` if it can turn all
+    around, or if nobody knows: wheels, and what is part of a linkage, whose other parts move too."""
+    articulation = planned.articulation
+    drive = next(drive for drive in articulation.drives if drive.port == port)
+    if articulation.rods or articulation.loops or any(wheel.link == drive.joint.child for wheel in articulation.wheels):
+        return None
+    start, turn = planned.device(port).angle_deg, 360.0 * abs(drive.gear)
+    low, high = free_deg(planned, port, start - turn, start + turn)
+    is_all_around = low <= start - turn or high >= start + turn
+    is_locked = high - low < _LEAST_WAY_DEG * abs(drive.gear)  # as it is drawn too closely
+    return None if is_all_around or is_locked else (low, high)
 
 
 class _Sweep:
