@@ -56,9 +56,7 @@ class Run(run.Run):
         body = self._made_body(stack)
         if free := motors_without_stops(body, self.file):
             stops = " ".join(f"--end-stop {port}=-90..90" for port in free)
-            print_note(
-                f"run_until_stalled ends only where something stops the motor, and in this twin nothing does; give {stops}"
-            )
+            print_note(f"run_until_stalled waits for something that stops the motor; in this twin nothing does: give {stops}")
         return body
 
     def _made_body(self, stack: ExitStack) -> Body | None:
@@ -77,7 +75,7 @@ class Run(run.Run):
 
 
 def motors_without_stops(body: Body | None, program: Path) -> list[str]:
-    """Ports of a twin's motors that nothing stops, apart from those of its drive base, if a program waits for a motor to stall."""
+    """Ports of a twin's motors that nothing stops, but those of its drive base, if a program waits for a motor to stall."""
     if body is None or "run_until_stalled" not in program.read_text(encoding="utf-8", errors="replace"):
         return []
     base = body.robot.drive_base
