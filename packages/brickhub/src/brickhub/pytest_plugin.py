@@ -104,10 +104,11 @@ class PybricksHub:
             machine.log = log
 
         body = self._body(robot, readings, end_stops)
+        has_stops = body is not None or isinstance(end_stops, Mapping)
         operation = Operation(
             presses=[parse_press(text) for text in presses],
             readings=[] if isinstance(readings, Mapping) else [parse_reading(text, self._folder) for text in readings],
-            end_stops={} if isinstance(end_stops, Mapping) else dict(map(parse_end_stop, end_stops)),
+            end_stops={} if has_stops else dict(map(parse_end_stop, end_stops)),
             devices=dict(map(parse_device, ports)),
             attend=attend,
         )
@@ -130,6 +131,7 @@ class PybricksHub:
         from brickhub.robot import BENCH, Robot
         from brickhub.target import find
         from brickhub.virtual.bench_body import BenchBody
+        from brickhub.virtual.given_readings import end_stops_of
 
         is_described = isinstance(robot, Robot)
         if any(given and isinstance(given, Mapping) is not is_described for given in (readings, end_stops)):
@@ -141,7 +143,8 @@ class PybricksHub:
             return robot
         file = self._folder / robot
         target = find(str(file) if file.is_file() else robot)
-        return None if target.robot is BENCH else target.make_body()
+        stops = end_stops_of(target.robot, end_stops)
+        return None if target.robot is BENCH else target.make_body(**({"end_stops": stops} if stops else {}))
 
     def _file(self, program: str | Path) -> Path:
         if isinstance(program, Path) or ("\n" not in program and program.endswith(".py")):

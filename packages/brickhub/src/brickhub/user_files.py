@@ -103,6 +103,11 @@ def without_folder(reference: str) -> str:
     return Path(reference).name if _parts(reference)[0].endswith(".py") else reference
 
 
+def without_name(reference: str) -> str:
+    """The file or module of a reference, without the name in it."""
+    return _parts(reference)[0]
+
+
 def load_object(reference: str, default: str | type, *, missing: str = "write one there") -> Any:
     """Object of that name in the user's code.
 
@@ -125,6 +130,14 @@ def load_object(reference: str, default: str | type, *, missing: str = "write on
     except AttributeError:
         wanted = "what" if isinstance(default, str) else f"a {default.__name__.lower()} that"
         raise UnknownNameError(f"there is no '{name}' in {location}; name {wanted} is written there") from None
+
+
+def objects_in(reference: str, kind: type) -> dict[str, Any]:
+    """All objects of a type in the file or module of a reference, by name; aliases of one object count once. Raises as
+    `load_object`."""
+    module = _load(_parts(reference)[0], reference)
+    found = {id(value): (name, value) for name, value in vars(module).items() if isinstance(value, kind)}
+    return dict(found.values())
 
 
 def _parts(reference: str) -> tuple[str, str]:

@@ -3,14 +3,17 @@
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
-from brickhub.errors import DescriptionError, UnknownNameError
+from brickhub.errors import DescriptionError, TwinError, UnknownNameError
 from brickhub.robot import HubKind, Robot
 from brickhub.target import Target, find_in_files, whole_interface
-from brickhub.user_files import is_reference
+from brickhub.user_files import is_reference, load_object, objects_in, without_name
+from brickhub.virtual.body import Body
 from bricktwin import robots
 from bricktwin.robots.planned import is_plan, read_facts
-from bricktwin.twin.make_body import make_body
+from bricktwin.twin.make_body import lies_on_bench, make_body
+from bricktwin.twin.scene import Scene
 
 
 def find(name: str) -> Target:
@@ -24,8 +27,47 @@ def find(name: str) -> Target:
         raise UnknownNameError(
             f"there is no robot '{name}'; choose {', '.join(robots.ROBOTS)}, or name a file: my_robot.ldr or my_robot.py"
         )
-    target = find_in_files(name)
-    return replace(target, make_body=partial(make_body, target.robot))
+    return _in_scene(find_in_files(name), name)
+
+
+def _in_scene(target: Target, reference: str) -> Target:
+    """The robot of a user's file in the only scene of that file, or on an open floor."""
+    scenes = objects_in(reference, Scene)
+    if len(scenes) == 1:
+        (scene,) = scenes.values()
+        return replace(target, make_body=partial(make_body, target.robot, scene=scene), scene=scene)
+    file = without_name(reference)
+    note = (
+        f"{file} has scenes {', '.join(scenes)}, and none is taken; name one: --scene {file}:{next(iter(scenes))}"
+        if scenes
+        else ""
+    )
+    return replace(target, make_body=partial(make_body, target.robot), note=note)
+
+
+def load_scene(reference: str) -> Scene:
+    """The scene that a user names: ``my_robot.py:ARENA``, or a file with a single one. Raises UnknownNameError if there is none,
+    DescriptionError if the file is wrong, or what is named is no scene."""
+    if not is_reference(reference):
+        raise UnknownNameError(
+            f"'{reference}' is not a scene; name a Python file with one, such as my_scene.py or my_scene.py:MAT"
+        )
+    scene = load_object(reference, Scene)
+    if not isinstance(scene, Scene):
+        raise DescriptionError(f"{reference} is not a scene; name a Scene that is written there")
+    return scene
+
+
+def body_of(target: Target, scene: Scene | None, **options: Any) -> Body:
+    """The body of a target in its own scene, or in another one; further options are those of `make_body`. Raises TwinError if a
+    robot on the bench is to be in a scene."""
+    if scene is None:
+        return target.make_body(**options)
+    if lies_on_bench(target.robot, scene) and not (scene.readings or scene.end_stops):
+        raise TwinError(
+            f"'{target.name}' lies on the bench, which is in no scene; leave out --scene, or take a robot with a body"
+        )
+    return target.make_body(scene=scene, **options)
 
 
 def with_body(robot: Robot) -> Target:

@@ -17,6 +17,7 @@ from brickhub.cli.terminal import Interrupted, print_note
 from brickhub.errors import DescriptionError
 
 if TYPE_CHECKING:
+    from brickhub.target import Target
     from brickhub.virtual.body import Body
     from brickhub.virtual.machine import Machine
     from brickhub.virtual.panel import Panel
@@ -56,7 +57,7 @@ class Run:
     reading: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=VALUE")] = ()
     """Reading of a sensor on the bench: B=red, B=40%, B=200mm, B=3N, B=10,-5deg, or B=@FILE with lines "seconds, value"."""
     end_stop: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=LOW..HIGH")] = ()
-    """End stops (deg) of a motor on the bench: C=-90..120."""
+    """End stops (deg) of a motor, at which it stalls: C=-90..120."""
     port: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=DEVICE")] = ()
     """Which motor or sensor is on a port of the bench: A=interactive, B=spike-large, C=ColorSensor, D=nothing. On others there is
     what the program asks for, medium motors of SPIKE."""
@@ -98,17 +99,18 @@ class Run:
             source = None if stdin is None or stdin.isatty() else stdin
             with ExitStack() as stack:
                 out, err = self.streams(stack)
+                body = self.body(stack)
+                operation = self._operation(stack, body)
                 if is_for_kit:
-                    body, operation = self.body(stack), self._operation(stack)
                     return run_kit_file(self.file, body, stderr=err, time_limit_s=self.time_limit_s, operation=operation)
                 return run_file(
                     self.file,
-                    self.body(stack),
+                    body,
                     stdout=self._without_files(out, stack),
                     stderr=err,
                     stdin=source,
                     time_limit_s=self.time_limit_s,
-                    operation=self._operation(stack),
+                    operation=operation,
                 )
         virtual = next((name for name in changed_options(self) if name not in ("--file", "--hub", "--time-limit-s")), None)
         if virtual is not None:
@@ -134,10 +136,25 @@ class Run:
         if self.robot is None:
             return self.faulty(None)
         from brickhub.robot import BENCH
+
+        target = self.target(self.robot)
+        return self.faulty(None if target.robot is BENCH else target.make_body(**self.stops_of(target)))
+
+    def stops_of(self, target: Target) -> dict[str, dict[str, tuple[float, float]]]:
+        """Arguments of `make_body` with the end stops that are given, by name of the motor, deg of the output."""
+        from brickhub.virtual.given_readings import end_stops_of
+
+        stops = end_stops_of(target.robot, self.end_stop)
+        return {"end_stops": stops} if stops else {}
+
+    def target(self, name: str) -> Target:
+        """The robot of that name; says what a person should know of it."""
         from brickhub.target import find
 
-        target = find(self.robot)
-        return self.faulty(None if target.robot is BENCH else target.make_body())
+        target = find(name)
+        if target.note:
+            print_note(target.note)
+        return target
 
     def faulty(self, body: Body | None) -> Body | None:
         """The body with the faults of ``--fault``."""
@@ -157,7 +174,8 @@ class Run:
         """Function that is given the machine before the program starts; ``stack`` closes what it needs."""
         return None
 
-    def _operation(self, stack: ExitStack) -> Operation:
+    def _operation(self, stack: ExitStack, body: Body | None) -> Operation:
+        """What a person does; a body has its end stops."""
         from brickhub.cli.key_listener import can_listen, keys_heard
         from brickhub.virtual.given_readings import parse_device, parse_end_stop, parse_reading
         from brickhub.virtual.panel import parse_press
@@ -179,7 +197,7 @@ class Run:
         return Operation(
             presses=[parse_press(text) for text in self.press],
             readings=[parse_reading(text) for text in self.reading],
-            end_stops=dict(parse_end_stop(text) for text in self.end_stop),
+            end_stops=dict(parse_end_stop(text) for text in self.end_stop) if body is None else {},
             devices=dict(parse_device(text) for text in self.port),
             realtime=self.realtime,
             firmware=self.firmware,

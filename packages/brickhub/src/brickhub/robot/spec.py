@@ -4,8 +4,8 @@ import enum
 import functools
 import math
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from importlib import metadata
 from typing import Any, ClassVar, TypeVar
 
@@ -30,6 +30,8 @@ class Motor:
         gears: teeth from the motor to the output, as in Pybricks, e.g. ``(20, 60)``. Empty takes those of the robot's plan, if
             any; ``(1, 1)`` means the motor's shaft.
         range_deg: range that the hub clamps every target to; ``None`` for endless rotation.
+        end_stops_deg: lowest and highest angle at which what the motor drives meets something, so that it stalls there; ``None``
+            if nothing is known. A virtual robot stops there; a real one has its own. Angles as in ``range_deg``.
         speed_limit_deg_s, acceleration_deg_s2, torque_limit_mnm: arguments of ``Motor.control.limits``; ``None`` keeps the
             firmware's default.
         zero_deg: output angle, after the hub is switched on, at which our angle is 0. It depends on how the motor is mounted;
@@ -42,6 +44,7 @@ class Motor:
     direction: Direction = Direction.CLOCKWISE
     gears: tuple[int, ...] = ()
     range_deg: tuple[int, int] | None = None
+    end_stops_deg: tuple[float, float] | None = None
     speed_limit_deg_s: int | None = None
     acceleration_deg_s2: int | None = None
     torque_limit_mnm: int | None = None
@@ -66,6 +69,10 @@ class Motor:
             )
         if self.range_deg is not None and self.range_deg[0] >= self.range_deg[1]:
             raise DescriptionError(f"motor '{self.name}': range {self.range_deg} is empty; give (lowest, highest) in degrees")
+        if self.end_stops_deg is not None and not self.end_stops_deg[0] < self.end_stops_deg[1]:
+            raise DescriptionError(
+                f"motor '{self.name}': end stops {self.end_stops_deg} leave no way; give (lowest, highest) in degrees"
+            )
         for field in ("speed_limit_deg_s", "acceleration_deg_s2", "torque_limit_mnm", "range_deg"):
             value = getattr(self, field)
             if value is not None and not self.kind.model.has_encoder:
@@ -322,6 +329,17 @@ def _find_device(robot: Robot, kind: str, devices: tuple[_Device, ...], name: st
             return device
     known = ", ".join(d.name for d in devices) or "none"
     raise DescriptionError(f"robot '{robot.name}' has no {kind} '{name}' (it has: {known})")
+
+
+def with_end_stops(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) -> Robot:
+    """The robot whose motors of these names meet something at these angles (deg of the output). Raises DescriptionError if it has
+    no such motor, or the stops leave no way."""
+    if not end_stops:
+        return robot
+    for name in end_stops:
+        robot.motor(name)
+    motors = (replace(motor, end_stops_deg=end_stops.get(motor.name, motor.end_stops_deg)) for motor in robot.motors)
+    return replace(robot, motors=tuple(motors))
 
 
 BENCH = Robot("bench", HubKind.PRIME, tuple(Motor(f"motor_{port.lower()}", port) for port in "ABCDEF"), needs_imu=True)

@@ -88,7 +88,7 @@ class BenchBody:
         self._readings = _readings_by_sense(robot, readings)
         self._kinds = {sensor.port: sensor.kind for sensor in robot.sensors}
         self._outputs = [(motor.name, motor.port, 1000.0 * motor.shaft_turns) for motor in robot.motors]
-        stops = _end_stops_mdeg(robot, end_stops)
+        stops = _end_stops_mdeg(robot, {**described_end_stops(robot), **end_stops})
         self._motors = {motor.port: BenchMotor(stops.get(motor.port)) for motor in robot.motors}
         self._time_ms = 0
 
@@ -143,6 +143,19 @@ class BenchBody:
 
     def rotation_deg(self) -> tuple[float, float, float]:
         return 0.0, 0.0, -self.heading_deg()
+
+
+def described_end_stops(robot: Robot) -> dict[str, tuple[float, float]]:
+    """End stops of a description (deg of the output), by name of the motor. Raises TwinError if one does not begin at 0, where a
+    motor on the bench is."""
+    stops = {motor.name: motor.end_stops_deg for motor in robot.motors if motor.end_stops_deg is not None}
+    for name, (low, high) in stops.items():
+        if not low <= 0.0 <= high:
+            raise TwinError(
+                f"motor '{name}' of '{robot.name}' has end stops {low:g} and {high:g}, but starts at 0 on the bench; "
+                "give the robot a model"
+            )
+    return stops
 
 
 def _end_stops_mdeg(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:

@@ -4,12 +4,12 @@
 import bisect
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from brickhub.errors import DescriptionError, TwinError
-from brickhub.robot import MotorKind, Sense, SensorKind
+from brickhub.robot import MotorKind, Robot, Sense, SensorKind
 from brickhub.virtual.readings_file import Row, read_rows
 from brickhub.virtual.stimuli import COLORS, Sensed
 
@@ -115,6 +115,20 @@ def parse_end_stop(text: str) -> tuple[str, tuple[float, float]]:
     if not low <= 0.0 <= high:
         raise DescriptionError(f"'{text}': the motor starts at 0; give a lowest angle below that and a highest above it")
     return match[1].upper(), (low, high)  # type: ignore[index]
+
+
+def end_stops_of(robot: Robot, texts: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """End stops (deg of the output) by name of the motor, of texts such as ``C=-90..120`` (deg of the shaft). Raises
+    DescriptionError if a text is invalid, or the robot has no motor on the port."""
+    motors = {motor.port: motor for motor in robot.motors}
+    stops = {}
+    for port, angles_deg in map(parse_end_stop, texts):
+        if port not in motors:
+            known = ", ".join(motors) or "none"
+            raise DescriptionError(f"'{robot.name}' has no motor on port {port} for an end stop; it has motors on {known}")
+        low, high = sorted(angle / motors[port].shaft_turns for angle in angles_deg)
+        stops[motors[port].name] = low, high
+    return stops
 
 
 def parse_device(text: str) -> tuple[str, MotorKind | SensorKind | None]:

@@ -174,7 +174,9 @@ def run_file(
         body = FittedBench(hub, *given, report=lambda line: stderr.write(f"{line}\n"))
         machine = Machine(body, Panel(hub, operation.presses, near=WIRELESS))
     elif operation.readings or operation.end_stops or operation.devices:
-        raise TwinError("readings, end stops and devices on ports are for the bench; omit them, or take --robot bench")
+        raise TwinError(
+            "readings and devices on ports are for the bench, and a body has its end stops; omit them, or take --robot bench"
+        )
     else:
         machine = Machine(body, Panel(body.robot.hub, operation.presses))
     machine.firmware = firmware

@@ -32,7 +32,8 @@ class Run(run.Run):
     program that imports LEGO's package `legoeducation` runs on this computer, and drives virtual devices of LEGO's kits.
 
     Without --robot, the virtual hub adapts to the program: its kind is the one that the program imports, and each port has the
-    device that the program expects there. With --video or --page, the robot is the two-wheeler by default.
+    device that the program expects there. With --video, --scene or --page, the robot is the two-wheeler
+    by default.
 
     Examples:
       bricksrl hub run main.py

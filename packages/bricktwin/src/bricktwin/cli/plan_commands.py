@@ -15,7 +15,7 @@ from bricktwin.plans import catalogue
 from bricktwin.plans.check import check
 from bricktwin.plans.parts_list import as_text, owned, parts_list, purchases, still_needed
 from bricktwin.plans.plan import Plan, read_plan
-from bricktwin.robots.planned import check_named, plan_file
+from bricktwin.robots.planned import check_named, plan_file, without_stops
 
 _ROBOTS = "two-wheeler, walker, robo-arm"
 _PLAN = f"An LDraw file (.ldr, .mpd), Studio's .io, or a robot: {_ROBOTS}."
@@ -59,6 +59,9 @@ class CheckPlan:
         for finding in findings:
             location = f"line {finding.line}" if finding.line else "the plan"
             print_line(f"{location:9} {finding.name:13} {finding.detail}")
+        if free := without_stops(plan):
+            remedy = "for one that homes a motor by stalling, write 0 !BRICKSRL STOPS LOW HIGH before the motor"
+            print_line(f"nothing stops {counted(len(free), 'motor')} ({', '.join(free)}) in a twin; {remedy}")
         kinds = len({placed.part for placed in plan.parts})
         parts, steps = counted(len(plan.parts), "part"), counted(len(plan.different_steps), "step")
         summary = f"{parts} of {counted(kinds, 'kind')}, {steps}, {plan.mass_g:.0f} g"

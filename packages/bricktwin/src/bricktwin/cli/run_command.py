@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from brickhub.cli import run_command as run
 from brickhub.cli.options import option
+from brickhub.cli.terminal import print_note
 
 if TYPE_CHECKING:
+    from brickhub.target import Target
     from brickhub.virtual.body import Body
 
 ROBOT_OF_FILMS = "two-wheeler"
@@ -24,12 +26,13 @@ class Run(run.Run):
     program that imports LEGO's package `legoeducation` runs on this computer, and drives virtual devices of LEGO's kits.
 
     Without --robot, the virtual hub adapts to the program: its kind is the one that the program imports, and each port has the
-    device that the program expects there. With --video, the robot is the two-wheeler by default.
+    device that the program expects there. With --video or --scene, the robot is the two-wheeler by default.
 
     Examples:
       bricktwin run main.py --robot walker --video walk.mp4
       bricktwin run main.py --robot my_robot.ldr --video drive.mp4
       bricktwin run main.py --robot my_robot.py --time-limit-s 60
+      bricktwin run main.py --robot my_robot.ldr --scene mat.py
       bricktwin run main.py --reading B=red --reading C=200mm --press left@2.5s
       bricktwin run main.py --hub ble
       bricktwin run lego_program.py --robot cart --video cart.mp4
@@ -37,14 +40,46 @@ class Run(run.Run):
 
     robot: Annotated[str | None, option(metavar="ROBOT")] = None
     """Virtual robot: two-wheeler, walker, robo-arm, cart or bench; a building plan, my_robot.ldr; my_robot.py."""
+    scene: Annotated[str | None, option(metavar="FILE:NAME")] = None
+    """Scene of the virtual robot: that of a Python file, my_scene.py, or my_scene.py:MAT. By default the only one in the robot's
+    own file."""
     video: Annotated[Path | None, option(metavar="FILE")] = None
     """Film the virtual robot into this mp4 file."""
 
-    def body(self, stack: ExitStack) -> Body | None:
-        if self.video is None:
-            return super().body(stack)
+    def target(self, name: str) -> Target:
+        """The robot of that name. What is said of its scenes is not for one that is given."""
         from brickhub.target import find
+
+        return super().target(name) if self.scene is None else find(name)
+
+    def body(self, stack: ExitStack) -> Body | None:
+        body = self._made_body(stack)
+        if free := motors_without_stops(body, self.file):
+            stops = " ".join(f"--end-stop {port}=-90..90" for port in free)
+            print_note(f"run_until_stalled waits for something that stops the motor; in this twin nothing does: give {stops}")
+        return body
+
+    def _made_body(self, stack: ExitStack) -> Body | None:
+        if self.video is None and self.scene is None:
+            return super().body(stack)
+        from bricktwin.target import body_of, load_scene
+
+        scene = None if self.scene is None else load_scene(self.scene)
+        target = self.target(self.robot or ROBOT_OF_FILMS)
+        body = body_of(target, scene, **self.stops_of(target))
+        if self.video is None:
+            return self.faulty(body)
         from bricktwin.twin.render.video import filmed
 
-        film = filmed(find(self.robot or ROBOT_OF_FILMS).make_body(), self.video)
-        return self.faulty(stack.enter_context(film))
+        return self.faulty(stack.enter_context(filmed(body, self.video)))
+
+
+def motors_without_stops(body: Body | None, program: Path) -> list[str]:
+    """Ports of a twin's motors that nothing stops, but those of its drive base, if a program waits for a motor to stall."""
+    if body is None or "run_until_stalled" not in program.read_text(encoding="utf-8", errors="replace"):
+        return []
+    base = body.robot.drive_base
+    wheels = () if base is None else (base.left, base.right)
+    free = [motor for motor in body.robot.motors if motor.name not in wheels and motor.end_stops_deg is None]
+    is_stopped = getattr(body, "is_stopped", lambda port: False)  # a bench has the stops of the description only
+    return [motor.port for motor in free if not is_stopped(motor.port)]

@@ -166,4 +166,6 @@ def _with_marks(whole: Reference, pieces: Sequence[Reference]) -> Reference:
     for piece in pieces:
         if whole.port is None and piece.port is not None:
             whole = replace(whole, port=piece.port, device=piece.device, angle_deg=piece.angle_deg)
+        if whole.stops_deg is None:
+            whole = replace(whole, stops_deg=piece.stops_deg)
     return whole

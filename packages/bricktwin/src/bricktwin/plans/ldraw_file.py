@@ -33,6 +33,7 @@ class Marks:
     Attributes:
         port, device: of a motor or sensor: the hub's port, and the name in the description.
         angle_deg: of a motor: reading of its rotation sensor in this position.
+        stops_deg: of a motor: readings at which what it drives meets something; ``None`` if nothing is said.
         is_free: meant to turn freely.
         is_fixed: fixed to the table, with its body.
         ball: middle of the ball that it holds in a scene with a ball [3], in the part's frame, LDU.
@@ -41,6 +42,7 @@ class Marks:
     port: str | None = None
     device: str | None = None
     angle_deg: float = 0.0
+    stops_deg: tuple[float, float] | None = None
     is_free: bool = False
     is_fixed: bool = False
     ball: Triple | None = None
@@ -291,6 +293,8 @@ class Document:
                 self.count = int(count)
             case ["PORT", port, *rest] if len(port) == 1 and len(rest) < 3 and (turn := numbers_of(rest[1:] or ["0"], _MAX_DEG)):
                 self._marks |= {"port": port.upper(), "device": rest[0] if rest else None, "angle_deg": turn[0]}
+            case ["STOPS", *ends] if len(stops := numbers_of(ends, _MAX_DEG)) == 2 and stops[0] < stops[1]:
+                self._marks["stops_deg"] = stops
             case ["FREE" | "FIXED" as mark]:
                 self._marks[f"is_{mark.lower()}"] = True
             case ["BALL", *place] if len(ball := numbers_of(place, _MAX_COORDINATE)) == 3:
@@ -299,7 +303,7 @@ class Document:
                 raise self._error(
                     number,
                     f"'{' '.join(words)}' is not understood",
-                    "write ROBOT NAME, PARTS COUNT, PORT LETTER [DEVICE [DEGREES]], FREE, FIXED or BALL X Y Z",
+                    "write ROBOT NAME, PARTS COUNT, PORT LETTER [DEVICE [DEGREES]], STOPS LOW HIGH, FREE, FIXED or BALL X Y Z",
                 )
 
     def _reference(self, number: int, words: list[str]) -> None:

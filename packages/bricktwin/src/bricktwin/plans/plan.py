@@ -71,6 +71,14 @@ class Placed(Marks):
         """Name for messages."""
         return f"{self.part.name} ({self.part.number})"
 
+    def with_marks_of(self, reference: Reference) -> "Placed":
+        """A motor or sensor with what a comment before its sub-model says of it."""
+        stops_deg = self.stops_deg if reference.stops_deg is None else reference.stops_deg
+        if reference.port is None:
+            return replace(self, stops_deg=stops_deg)
+        port, device, angle_deg = reference.port, reference.device, reference.angle_deg
+        return replace(self, port=port, device=device, angle_deg=angle_deg, stops_deg=stops_deg)
+
     @property
     def electric(self) -> Device:
         """The hub, motor or sensor that it is; only for one of `Plan.devices`."""
@@ -326,14 +334,13 @@ class _Builder:
             del self.steps[steps:]
         if reference.is_free or reference.is_fixed or reference.ball is not None:
             raise self._fault(reference, f"'{reference.name}' is no part; write FREE, FIXED and BALL before a part in it")
-        if reference.port is not None:  # of two equal sub-models, each has its own
+        if reference.port is not None or reference.stops_deg is not None:  # of two equal sub-models, each has its own
             devices = [self.parts[part] for part in parts if self.parts[part].part.device is not None]
             devices = [placed for placed in devices if placed.electric.kind is not DeviceKind.HUB]
             if len(devices) != 1:
                 text = f"'{reference.name}' has {len(devices)} motors and sensors; write PORT before a motor or sensor in it"
                 raise self._fault(reference, text)
-            port, device, angle_deg = reference.port, reference.device, reference.angle_deg
-            self.parts[devices[0].index] = replace(devices[0], port=port, device=device, angle_deg=angle_deg)
+            self.parts[devices[0].index] = devices[0].with_marks_of(reference)
         return parts
 
     def _place(self, reference: Reference, step: int, assembly: tuple[str, ...], model: Model) -> Placed | None:

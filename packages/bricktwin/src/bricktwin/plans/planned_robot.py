@@ -76,6 +76,8 @@ def planned(plan: Plan) -> PlannedRobot:
 
 _STEP_DEG, _FINE_DEG = 5.0, 0.5
 """Steps of the search, degrees of the driven part: coarse and fine."""
+_LEAST_WAY_DEG = 5.0
+"""Less than this between two stops is no way, degrees of the driven part."""
 
 
 @functools.lru_cache(maxsize=64)
@@ -91,6 +93,31 @@ def free_deg(planned: PlannedRobot, port: str, low: float, high: float) -> tuple
     return min(start, ends[0]), max(start, ends[1])
 
 
+@functools.lru_cache(maxsize=64)
+def stops_deg(planned: PlannedRobot, port: str) -> tuple[float, float] | None:
+    """Angles of a motor at which what it drives meets other parts, degrees of its rotation sensor; ``None`` if it can turn all
+    around, or if nobody knows: what has wheels, which give way, and what is part of a linkage, whose other parts move too."""
+    articulation = planned.articulation
+    drive = next(drive for drive in articulation.drives if drive.port == port)
+    carried = carried_by(articulation, drive)
+    if articulation.rods or articulation.loops or any(wheel.link in carried for wheel in articulation.wheels):
+        return None
+    start, turn = planned.device(port).angle_deg, 360.0 * abs(drive.gear)
+    low, high = free_deg(planned, port, start - turn, start + turn)
+    is_all_around = low <= start - turn or high >= start + turn
+    is_locked = high - low < _LEAST_WAY_DEG * abs(drive.gear)  # as it is drawn too closely
+    return None if is_all_around or is_locked else (low, high)
+
+
+def carried_by(articulation: Articulation, drive: Drive) -> set[int]:
+    """Bodies that a motor moves: what it drives, and all on that."""
+    carried = {drive.joint.child}
+    for joint in articulation.joints:
+        if joint.parent in carried:
+            carried.add(joint.child)
+    return carried
+
+
 class _Sweep:
     """Collision test of the parts that a motor moves."""
 
@@ -102,10 +129,7 @@ class _Sweep:
         self._parts = tuple(case if part is motor else part for part in planned.plan.parts)
         # In the plan's frame, LDU.
         self._axis, self._point = TO_TWIN.T @ drive.joint.axis, TO_TWIN.T @ drive.joint.point_m / M_PER_LDU
-        carried = {drive.joint.child}
-        for joint in articulation.joints:
-            if joint.parent in carried:
-                carried.add(joint.child)
+        carried = carried_by(articulation, drive)
         self._moved = {part for body in carried for part in articulation.bodies[body].parts}
         self._others = np.ones(len(self._parts), dtype=bool)
         self._others[list(self._moved)] = False

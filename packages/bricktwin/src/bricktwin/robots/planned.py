@@ -37,6 +37,7 @@ class DeviceFacts(NamedTuple):
         line: of the plan.
         port, label: of the plan; "" and ``None`` for a hub, and ``None`` for a device without a name.
         sides: of a hub, the directions of its top and its front; fewer if it is at an angle.
+        stops_deg: of a motor, the angles of its shaft at which what it drives meets something; empty if the plan says none.
         gears, ratio: of a motor, as in ``kinematics.Train``; none and 0 if it drives nothing.
         wheel_mm, wheel_left_m, is_forward: of a motor that turns a wheel: the wheel's diameter, 0 for none, its position to the
             left, and whether clockwise rolls forwards.
@@ -48,6 +49,7 @@ class DeviceFacts(NamedTuple):
     port: str
     label: str | None
     sides: tuple[str, ...]
+    stops_deg: tuple[float, ...]
     gears: tuple[int, ...]
     ratio: float
     wheel_mm: float = 0.0
@@ -96,8 +98,9 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
         sides = [name for axis in (top, front) for name, look in LOOKS.items() if axis @ look > _ALIGNED_COSINE]
         port, train = placed.port or "", trains.get(placed.port or "")
         gears, ratio = (train.gears, train.ratio) if train is not None else ((), 0.0)
-        name, part = placed.electric.name, placed.name
-        return DeviceFacts(name, part, placed.line, port, placed.device, tuple(sides), gears, ratio, *wheels.get(port, ()))
+        name, part, stops_deg = placed.electric.name, placed.name, placed.stops_deg or ()
+        driven = (gears, ratio, *wheels.get(port, ()))
+        return DeviceFacts(name, part, placed.line, port, placed.device, tuple(sides), stops_deg, *driven)
 
     return PlanFacts(*([facts(placed) for placed in design.plan.devices(kind)] for kind in DeviceKind))
 
@@ -108,7 +111,7 @@ def _decoded(data: bytes) -> PlanFacts:
 
 def _device(row: Sequence[Any]) -> DeviceFacts:
     facts = DeviceFacts(*row)
-    return facts._replace(sides=tuple(facts.sides), gears=tuple(facts.gears))
+    return facts._replace(sides=tuple(facts.sides), stops_deg=tuple(facts.stops_deg), gears=tuple(facts.gears))
 
 
 def is_plan(file: str) -> bool:
@@ -169,7 +172,17 @@ def _motors(robot: Robot, design: PlanFacts) -> tuple[Motor, ...]:
             name = part.label or f"motor_{part.port.lower()}"
             motors.append(Motor(name, part.port, MotorKind(part.name), direction))
     gears = {part.port: part.gears for part in design.motors}
-    return tuple(replace(motor, gears=motor.gears or gears.get(motor.port, ())) for motor in motors)
+    geared = [replace(motor, gears=motor.gears or gears.get(motor.port, ())) for motor in motors]
+    stops = {part.port: part.stops_deg for part in design.motors if part.stops_deg}
+    return tuple(_with_stops(motor, stops.get(motor.port)) for motor in geared)
+
+
+def _with_stops(motor: Motor, stops_deg: tuple[float, ...] | None) -> Motor:
+    """A motor with the end stops of the plan, if it has none of its own."""
+    if motor.end_stops_deg is not None or stops_deg is None:
+        return motor
+    low, high = sorted(angle / motor.shaft_turns for angle in stops_deg)
+    return replace(motor, end_stops_deg=(low, high))
 
 
 def _sensors(robot: Robot, design: PlanFacts) -> tuple[Sensor, ...]:
@@ -274,6 +287,21 @@ def check_named(plan: Plan) -> list[Finding]:
         return []
     found = disagreements(robot, (*robot.motors, *robot.sensors), robot.drive_base, robot.hub_sides, design)
     return [Finding(name, Outcome.ERROR, text, line) for line, name, text in found]
+
+
+def without_stops(plan: Plan) -> list[str]:
+    """Ports of the motors that turn no wheel and that nothing stops in a twin; empty for a plan that is no complete robot."""
+    from bricktwin.plans.planned_robot import planned, stops_deg
+
+    try:
+        design = planned(plan)
+    except PlanError:
+        return []
+    robot = robots.ROBOTS.get(plan.robot or "")
+    ranged = {motor.port for motor in (robot.motors if robot is not None else ()) if motor.range_deg or motor.end_stops_deg}
+    rolling = {drive.port for drive, _ in design.rolling}
+    others = [drive.port for drive in design.articulation.drives if drive.port not in ranged | rolling]
+    return sorted(port for port in others if design.device(port).stops_deg is None and stops_deg(design, port) is None)
 
 
 def check_description(robot: Robot, path: Path) -> None:

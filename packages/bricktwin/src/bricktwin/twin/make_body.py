@@ -4,9 +4,13 @@ import importlib
 import logging
 import os
 import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
 
 from brickhub.errors import TwinError
 from brickhub.robot import Robot
+from brickhub.robot.spec import with_end_stops
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.body import Body, Rng
 from bricktwin.twin.physics import Physics, RandomPhysics
@@ -18,7 +22,7 @@ class BenchTwin(BenchBody):
     sensor, or names one that the robot does not have.
 
     Args:
-        scene: scene with ``readings`` and ``end_stops``.
+        scene: scene with ``readings``.
         physics: the parameters, or a sampler of them for each episode; ``None`` for the firmware's own motor simulation at
             7.2 V.
 
@@ -48,24 +52,34 @@ class BenchTwin(BenchBody):
 _log = logging.getLogger(__name__)
 
 
-def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | RandomPhysics | None = None, seed: int = 0) -> Body:
+def make_body(
+    robot: Robot,
+    *,
+    scene: Scene | None = None,
+    physics: Physics | RandomPhysics | None = None,
+    seed: int = 0,
+    end_stops: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+) -> Body:
     """Build the body of a virtual robot. Raises TwinError if the robot cannot be placed in this scene, or a sensor has no
     readings.
 
     Args:
         robot: any robot. Without a MuJoCo model, its body is generated from its drive base, or is a bench, where its motors turn
-            without load, if it has no drive base or if the scene defines readings or end stops.
+            without load, if it has no drive base or if the scene defines readings.
         scene: surroundings of the robot; ``None`` for an open floor.
         physics: parameters, or a sampler of them for each episode; ``None`` for the defaults.
         seed: seed of the sensors' noise and of the first start.
+        end_stops: lowest and highest angle of a motor (deg at the output, by its name), in place of those of the scene and of the
+            description.
     """
     scene = scene or OPEN_FLOOR
-    has_stimuli = bool(scene.readings or scene.end_stops)
+    robot = with_end_stops(robot, {**scene.end_stops, **end_stops})
+    scene = replace(scene, end_stops={})
     if not lies_on_bench(robot, scene):
-        if has_stimuli:
+        if scene.readings:
             raise TwinError(
-                f"the MuJoCo model of '{robot.name}' has sensors of its own; omit the scene's readings and end stops, or "
-                "the model (model=None), and it lies on the bench"
+                f"the MuJoCo model of '{robot.name}' has sensors of its own; omit the scene's readings, or the model "
+                "(model=None), and it lies on the bench"
             )
         check_mujoco()
         from bricktwin.twin.mujoco_body import MujocoBody
@@ -84,7 +98,7 @@ def lies_on_bench(robot: Robot, scene: Scene) -> bool:
     """Whether `make_body` gives a robot no body that can be seen, only a bench."""
     if robot.model is not None or robot.plan is not None:
         return False
-    return robot.drive_base is None or bool(scene.readings or scene.end_stops)
+    return robot.drive_base is None or bool(scene.readings)
 
 
 ASKED_GL = "BRICKTWIN_MUJOCO_GL"

@@ -110,6 +110,10 @@ class MujocoBody:
         """Index of a motor's actuator in the model."""
         return self._terminals[port][0]
 
+    def is_stopped(self, port: str) -> bool:
+        """Whether the joint of a motor has end stops."""
+        return bool(self.model.jnt_limited[self.model.actuator_trnid[self.actuator(port), 0]])
+
     def _bind(self, prefix: str = "") -> None:
         """Look up all names and arrays once; ``prefix`` begins the names of this robot in an arena."""
         model, data = self.model, self.data

@@ -29,8 +29,8 @@ class Scene:
         readings: for a robot without a MuJoCo model: stimuli of its sensors, as functions of the angles of its motors (deg at the
             output, by motor name). The name of a sensor, such as ``"light"``, is its first sense, ``"light.ambient"`` another
             one; see ``virtual_hub/stimuli.py``.
-        end_stops: for a robot without a MuJoCo model: lowest and highest angle of a motor (deg at the output, by motor name),
-            relative to its angle when the hub is switched on.
+        end_stops: lowest and highest angle of a motor (deg at the output, by motor name), at which it stalls, in place of those
+            of the robot's description.
     """
 
     wall_distance_mm: tuple[float, float] | None = None

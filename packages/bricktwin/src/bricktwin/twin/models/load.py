@@ -13,12 +13,13 @@ The first body has a free joint if the robot is mobile. Feet of a legged robot a
 """
 
 import importlib
+import math
 from pathlib import Path
 
 import mujoco
 
 from brickhub.errors import TwinError, message_of
-from brickhub.robot import Robot, Sense
+from brickhub.robot import Motor, Robot, Sense
 from bricktwin.robots.planned import plan_file
 from bricktwin.twin.models import mjcf
 from bricktwin.twin.models.driving_robot import driving_robot
@@ -107,9 +108,27 @@ def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSp
             "(0 !BRICKSRL BALL X Y Z)"
         )
     add_objects(spec, scene)
+    for motor in robot.motors:
+        _set_end_stops(spec, robot, motor)
     if is_generated and alone and not scene.pushable:
         mjcf.pair_contacts(spec)
     return spec
+
+
+def _set_end_stops(spec: mujoco.MjSpec, robot: Robot, motor: Motor) -> None:
+    """Limit the joint of a motor to the end stops of its description. Raises TwinError if it does not start between them."""
+    if motor.end_stops_deg is None:
+        return
+    joint, actuator = spec.joint(f"motor_{motor.port}"), spec.actuator(f"motor_{motor.port}")
+    stops = [math.radians(angle * motor.shaft_turns) / float(actuator.gear[0]) for angle in motor.end_stops_deg]
+    low, high = sorted(stops)
+    if not low <= joint.ref <= high:
+        start = math.degrees(joint.ref * float(actuator.gear[0])) / motor.shaft_turns
+        raise TwinError(
+            f"motor '{motor.name}' of robot '{robot.name}' starts at {start:.0f} degrees, outside of its end stops "
+            f"{motor.end_stops_deg}; correct them, or the angle in its plan"
+        )
+    joint.limited, joint.range = True, [low, high]
 
 
 def _from_function(robot: Robot, model: str, scene: Scene) -> mujoco.MjSpec:

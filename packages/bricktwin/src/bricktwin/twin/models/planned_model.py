@@ -23,7 +23,7 @@ from bricktwin.plans.mechanism.kinematics import TO_TWIN, Hinge, Wheel, point_m_
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Placed
 from bricktwin.plans.planned_looks import cables_of, looks_of
-from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned_robot
+from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned_robot, stops_deg
 from bricktwin.robots.planned import check_description
 from bricktwin.twin.models import mjcf
 from bricktwin.twin.models.mounts import add_hub_site, add_sensor_site, mount_sensor
@@ -227,13 +227,23 @@ class _Builder:
         return sum(ends) / 2
 
     def _limit(self, shaft: mujoco.MjsJoint, motor: Motor, gear: float) -> None:
-        """Set the end stops of a motor with a range: where parts of the robot collide, or a little beyond the range."""
+        """Set the end stops of a motor: where parts of the robot collide; with a range, at most a little beyond it."""
         ends = _range_of_shaft(motor)
-        if ends is not None:
+        if motor.end_stops_deg is not None:
+            return  # which the description, or the plan, says
+        if ends is None:
+            self._limit_by_collisions(shaft, motor, gear)
+        else:
             shaft.limited = True
             lowest, highest = ends[0] - _BEYOND_DEG, ends[1] + _BEYOND_DEG
             low, high = free_deg(self.planned, motor.port, lowest, highest)  # wider if the plan's position is outside
             shaft.range = sorted(math.radians(angle) / gear for angle in (max(low, lowest), min(high, highest)))
+
+    def _limit_by_collisions(self, shaft: mujoco.MjsJoint, motor: Motor, gear: float) -> None:
+        """Set the end stops of a motor that can turn less than once: where what it drives meets other parts."""
+        stops = stops_deg(self.planned, motor.port)
+        if stops is not None:
+            shaft.limited, shaft.range = True, sorted(math.radians(angle) / gear for angle in stops)
 
     def _couple(self) -> None:
         """Couple bodies that are geared to a motor's joint."""
