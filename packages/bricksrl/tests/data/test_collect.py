@@ -9,6 +9,7 @@ from tensordict import TensorDictBase
 import bricksrl
 from bricksrl.data import Recorder, describe, load
 from bricksrl.data.collect import collect, random_policy
+from bricksrl.envs.connection import Reconnect
 from bricksrl.errors import HubError
 
 
@@ -107,3 +108,41 @@ def test_environment_without_task_is_recorded(tmp_path: Path) -> None:
     episodes = load(tmp_path / "set")
     assert episodes.description.env == "Cart" and episodes.description.observation[0].high == 1000.0
     assert episodes.rows[0].about.success is None and episodes.rows[0].about.program_hash is None
+
+
+def test_lost_episode_is_recorded_again(tmp_path: Path) -> None:
+    """With another seed, as the link of a virtual robot would break again; its steps are kept."""
+    from toys import LosingCart
+
+    told, lost = [], []
+    cart = LosingCart(3)
+    with Recorder(tmp_path / "set", describe(cart)) as recorder:
+        rows = collect(
+            cart,
+            random_policy(cart, 0),
+            recorder,
+            4,
+            name="random",
+            on_episode=lambda row: told.append(row.episode),
+            on_lost=lambda steps, error: lost.append((steps, str(error))),
+        )
+    recorded = load(tmp_path / "set").rows
+    assert [row.about.whole for row in recorded] == [True, True, False, True, True] and len(rows) == 5
+    assert told == [0, 1, 3, 4] and lost == [(2, "the hub did not answer; switch it on")]
+    assert recorded[2].length == 2 and len({row.about.seed for row in recorded}) == 5
+
+
+@pytest.mark.parametrize("at", [1, 2])
+def test_link_that_breaks_in_every_episode_ends_the_recording(tmp_path: Path, at: int) -> None:
+    from toys import LosingCart
+
+    class Hopeless(LosingCart):
+        def _is_lost(self) -> bool:
+            return self.resets > 1 and self.step_count + 1 == at
+
+    cart = Hopeless(at)
+    cart.reconnect = Reconnect(patience_s=60.0, wait=lambda _: None)
+    with Recorder(tmp_path / "set", describe(cart)) as recorder, pytest.raises(HubError, match="did not answer"):
+        collect(cart, random_policy(cart, 0), recorder, 4, name="random")
+    rows = load(tmp_path / "set").rows
+    assert cart.resets == 6 and [row.about.whole for row in rows] == [True] + [False] * (5 if at == 2 else 0)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -12,8 +13,11 @@ from toy_data import SEEING, TOY, record
 
 from bricksrl.data import Episodes, load
 from bricksrl.data.edit import merge, salvage, split
+from bricksrl.data.formats import export_numpy, export_parquet
 from bricksrl.data.integrity import check, recover
+from bricksrl.data.summary import plot
 from bricksrl.errors import DataError, WriteError
+from bricksrl.training import RunFolder, TrainConfig
 
 
 def same(ours: Episodes, theirs: Episodes) -> bool:
@@ -126,3 +130,44 @@ def test_check_leaves_no_thread_that_could_abort_the_exit(tmp_path: Path) -> Non
         "before = threads(); check(Path(sys.argv[1])); sys.exit(threads() - before)"
     )
     assert subprocess.run([sys.executable, "-c", code, root], check=False).returncode == 0
+
+
+def ways_into(folder: Path, outside: Path) -> list[Path]:
+    """Paths of new things in a folder."""
+    (outside / "link").symlink_to(folder)
+    (outside / "other").mkdir()
+    return [
+        folder / "joined",
+        folder / "data/chunk-000/joined",
+        folder / "new/er/joined",
+        outside / "link/joined",
+        outside / f"other/../{folder.name}/joined",
+        Path(os.path.relpath(folder / "joined")),
+    ]
+
+
+@pytest.mark.parametrize("way", range(6))
+def test_nothing_is_written_into_a_dataset(tmp_path: Path, way: int) -> None:
+    part = record(tmp_path / "my data", (3, 4))
+    out = ways_into(part, tmp_path)[way]
+    before = sorted(path for path in tmp_path.rglob("*"))
+    writers = (
+        lambda: merge([part, part], out),
+        lambda: split(part, tmp_path / "first", out, 0.5, 0),
+        lambda: split(part, out, tmp_path / "second", 0.5, 0),
+        lambda: salvage(part, out),
+        lambda: export_numpy(part, out.with_suffix(".npz")),
+        lambda: export_parquet(part, out.with_suffix(".parquet")),
+        lambda: plot(part, out.with_suffix(".png")),
+        lambda: record(out),
+        lambda: RunFolder.create(TrainConfig("WalkerSim-v0", run_dir=out), {}),
+    )
+    for write in writers:
+        with pytest.raises(DataError, match="is in the folder of the dataset .*my data, which holds nothing else; name another"):
+            write()
+    assert sorted(path for path in tmp_path.rglob("*")) == before and check(part) == []
+
+
+def test_a_dataset_may_stand_beside_others_and_in_the_folder_of_a_run(tmp_path: Path) -> None:
+    part = record(tmp_path / "run/data", (3, 4))
+    assert len(merge([part], tmp_path / "run/joined").rows) == 2

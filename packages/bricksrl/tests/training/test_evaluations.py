@@ -19,12 +19,14 @@ from bricksrl.agents.sac import SACSettings
 from bricksrl.data import load
 from bricksrl.data.dataset import Dataset
 from bricksrl.data.integrity import check
+from bricksrl.envs.rollout import play_episodes
 from bricksrl.errors import BricksError, CheckpointError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.policies import load_policy
 from bricksrl.training import Callback, RunFolder, TrainConfig, load_learner, recording, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.learner_side import InLoopLearner
+from bricksrl.training.restore import reproducible
 
 SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=1)
 
@@ -50,8 +52,10 @@ def test_best_checkpoint_is_kept(config: TrainConfig) -> None:
     best = max(found, key=lambda episode: found[episode])
     assert load_checkpoint(result.run_dir / "checkpoint.bin")["best"] == found[best]
     assert load_learner(result.run_dir, Cart(), which="best").episodes == best
-    again = evaluate(result.run_dir, Cart(), episodes=3, seed=config.seed, which="best", save=False)
-    assert again.return_mean == pytest.approx(found[best], abs=1e-5)
+    with reproducible(0):
+        learner = load_learner(result.run_dir, Cart(), which="best").learner
+        again = list(play_episodes(Cart(), learner.exploit, 3, config.seed, kind="selection"))
+    assert sum(score.return_ for score in again) / 3 == pytest.approx(found[best], abs=1e-5)
     load_policy(result.run_dir, Cart(), which="best")
 
 
@@ -259,3 +263,40 @@ def test_auto_selects_best_device(config: TrainConfig, tmp_path: Path, monkeypat
     train(replace(config, device="auto", episodes=3), env=Cart())
     train(replace(config, episodes=3, run_dir=tmp_path / "cpu"), env=Cart())
     assert_same_run(tmp_path / "run", tmp_path / "cpu")
+
+
+class Seeded(Cart):
+    """It notes the seeds of its episodes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seeds: list[int] = []
+
+    def _set_seed(self, seed: int | None) -> None:
+        self.seeds.append(seed or 0)
+        super()._set_seed(seed)
+
+
+@pytest.mark.parametrize("seed", [0, 1000])
+def test_no_seed_lets_an_evaluation_meet_other_episodes_of_the_run(config: TrainConfig, seed: int) -> None:
+    trained, evaluated = Seeded(), Seeded()
+    result = train(replace(config, seed=seed, eval_every=1, episodes=4), env=trained)
+    for number in (0, 1000):
+        evaluate(result.run_dir, evaluated, episodes=4, seed=number, save=False)
+    training = {seed for seed in trained.seeds if seed < 2**31}
+    selection = {seed for seed in trained.seeds if seed >= 2**31}
+    assert len(training) == 4 and len(selection) == config.eval_episodes
+    assert all(2**31 <= seed < 3 * 2**30 for seed in selection)
+    assert len({*evaluated.seeds}) == 8 and all(3 * 2**30 <= seed < 2**32 for seed in evaluated.seeds)
+
+
+def test_evaluation_follows_from_the_seeds_of_run_and_evaluation(config: TrainConfig, tmp_path: Path) -> None:
+    """Runs with one seed meet the same episodes, so that agents can be compared in pairs; others meet others."""
+    returns = {}
+    for agent, seed in (("random", 1), ("random", 2), ("sac", 1)):
+        run = train(TrainConfig("Cart", agent, episodes=1, seed=seed, run_dir=tmp_path / f"{agent}{seed}"), env=Cart()).run_dir
+        env = Seeded()
+        returns[agent, seed] = evaluate(run, env, episodes=2, save=False).returns, env.seeds
+        assert evaluate(run, Cart(), episodes=2, save=False).returns == returns[agent, seed][0]
+    assert returns["random", 1][1] == returns["sac", 1][1] != returns["random", 2][1]
+    assert returns["random", 1][0] != returns["random", 2][0]

@@ -53,7 +53,7 @@ class Evaluate:
     episodes: Annotated[int, option(metavar="N")] = 5
     """Episodes to evaluate."""
     seed: Seed = 1000
-    """Seed of the episodes; another seed gives other initial states."""
+    """Seed of the evaluation: with the run's seed it gives the episodes, which never are those of a training."""
     hub: Annotated[str | None, option(metavar="HUB")] = None
     """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT; by default as in training."""
     realtime: Flag = False

@@ -24,7 +24,7 @@ from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
 from bricksrl.envs import get_task, make
 from bricksrl.envs.options import EnvOptions
-from bricksrl.errors import DataError, DescriptionError, RunError, StoppedError, counted, hint
+from bricksrl.errors import DataError, DescriptionError, HubError, RunError, StoppedError, counted, hint
 from bricksrl.page.server import PageOptions
 from bricksrl.policies import config_of
 
@@ -36,12 +36,18 @@ if TYPE_CHECKING:
     from bricksrl.policies.policy import Player
 
 
+_PATIENCE_S = 300.0
+"""How long a lost robot is retried, as in a training by default."""
+
+
 @dataclass(frozen=True)
 class Record:
     """Record episodes of a policy or a human as a dataset in LeRobot's format.
 
-    Each episode is on the disk when its line is printed. Ctrl-C ends the recording and keeps the whole episodes; keys and signals
-    stop and pause the robot as in training. An existing dataset is extended, if it has the same robot, environment and shape.
+    Each episode is on the disk when its line is printed. Where the link to the robot breaks, the recording goes on when the
+    robot is back; that episode is kept as broken off, and does not count. Ctrl-C ends the recording and keeps the whole episodes;
+    keys and signals stop and pause the robot as in training. An existing dataset is extended, if it has the same robot,
+    environment and shape.
 
     Examples:
       bricksrl record RunAway-v0 --policy random --episodes 100 --out datasets/run_away_random
@@ -104,7 +110,7 @@ class Record:
                 self._collect(env, recorder, human, report, page)
         except (KeyboardInterrupt, StoppedError):
             raise Interrupted(f"saved {counted(count, 'whole episode')} in {self.out}") from None
-        print_line(f"dataset         {self.out}")
+        print_line(f"dataset         {self.out}, seed {self.seed}")
         if self.video is not None:
             print_line(f"video           {self.video}")
         print_line(f"look at it      bricksrl data info {quoted(self.out)}")
@@ -137,6 +143,7 @@ class Record:
         self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[EpisodeRow], None], page: LivePage | None
     ) -> None:
         from bricksrl.data.collect import collect
+        from bricksrl.envs.env_interface import interface_of
 
         def on_episode(episode: EpisodeRow) -> None:
             report(episode)
@@ -144,12 +151,17 @@ class Record:
                 page.end(episode.return_, f"{episode.episode + 1}")
                 page.begin()
 
+        def on_lost(steps: int, error: HubError) -> None:
+            print_note(f"{error}; {counted(steps, 'step')} of this episode are kept as broken off, and another one is recorded")
+
+        if (reconnect := interface_of(env).reconnect) is not None:
+            reconnect.patience_s = _PATIENCE_S
         hooks: dict[str, Any] = {"driver": human}
         if page is not None:
             page.attach(env)
             hooks = {"driver": human or page.driver, "on_frame": page.show_step_and_hold}
         player = self._player(env)
-        hooks |= {"reset_policy": player.reset, "on_episode": on_episode}
+        hooks |= {"reset_policy": player.reset, "on_episode": on_episode, "on_lost": on_lost}
         collect(env, player.act, recorder, self.episodes, name=self.policy, seed=self.seed, hub=self.robot.hub, **hooks)
 
     def _player(self, env: EnvBase) -> Player:

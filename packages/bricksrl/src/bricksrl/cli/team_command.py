@@ -14,6 +14,7 @@ from brickhub.cli.options import Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count
 from brickhub.files import check_writable, folder_with, quoted
+from brickhub.seed import evaluation_seed
 from bricksrl.cli.page import LivePageGroup, play_until_stopped, shown
 from bricksrl.cli.terminal import load_learning
 from bricksrl.cli.train import run_folder
@@ -159,7 +160,8 @@ class TrainTeam:
         from bricksrl.training.teams.team import play_team
 
         env = make_arena(team.config.env)
-        episodes = play_team(env, team.policy, self.episodes, _EVALUATION_SEED + self.seed)
+        seed = evaluation_seed(team.config.seed, _EVALUATION_SEED + self.seed)
+        episodes = play_team(env, team.policy, self.episodes, seed)
         succeeded = sum(episode.success for episode in episodes)
         mean_steps = sum(episode.length for episode in episodes) / len(episodes)
         count = counted(len(episodes), "episode")
@@ -167,7 +169,7 @@ class TrainTeam:
         if folder is not None:
             print_line(f"team            {folder / TEAM_FILE}")
             try:
-                film_arena(env, team.policy, folder / FILM_FILE, _FILMED_EPISODES, _EVALUATION_SEED)
+                film_arena(env, team.policy, folder / FILM_FILE, _FILMED_EPISODES, seed)
                 print_line(f"film            {folder / FILM_FILE}")
             except RenderingUnavailableError as error:
                 print_line(f"film            none: {error}")

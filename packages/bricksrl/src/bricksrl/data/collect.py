@@ -17,7 +17,8 @@ from brickhub.seed import check_seed
 from bricksrl.data.dataset import About, EpisodeRow
 from bricksrl.data.recorder import Recorder, Step
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.rollout import Driver, Policy, Rollout, play
+from bricksrl.envs.rollout import TRIES, Driver, Policy, Rollout, play
+from bricksrl.errors import HubError
 
 _VERSIONS = {name: metadata.version(name) for name in (*HOUSES, "torch", "torchrl", "mujoco")}
 
@@ -43,8 +44,12 @@ def collect(
     reset_policy: Callable[[], None] = lambda: None,
     on_episode: Callable[[EpisodeRow], None] = lambda _: None,
     on_frame: Callable[[TensorDictBase], None] = lambda _: None,
+    on_lost: Callable[[int, HubError], None] = lambda _steps, _error: None,
 ) -> list[EpisodeRow]:
     """Record episodes, and return their rows. An episode interrupted by a pause, an error or Ctrl-C is recorded up to that step.
+
+    So is one in which the link to the robot broke; it is played again, with another seed, after the robot has been reached as
+    ``env.reconnect`` says, and does not count.
 
     Args:
         name: name of the policy, to be stored.
@@ -54,16 +59,22 @@ def collect(
         reset_policy: as in `play`.
         on_episode: called with the row of each episode.
         on_frame: called with each step, as returned by TorchRL's ``EnvBase.step``.
+        on_lost: called with the number of steps of an episode in which the link broke, and the error.
 
     Raises:
-        HubError: the link to the robot failed.
+        HubError: the robot cannot be reached, or the link broke in each of ``TRIES`` episodes one after the other.
         DataError: the episode cannot be recorded.
         DescriptionError: the seed is invalid.
     """
     check_seed(seed)
-    ours, first = interface_of(env), len(recorder.rows)
-    for number in range(first, first + episodes):
-        episode_seed = int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1)
+    ours = interface_of(env)
+    first = len(recorder.rows)
+    complete = 0
+    lost = 0  # one after the other
+    while complete < episodes:
+        number = len(recorder.rows)
+        again = [lost] if lost else []  # a virtual link would break again
+        episode_seed = int(np.random.SeedSequence([seed, number, *again]).generate_state(1)[0] >> 1)
         env.set_seed(episode_seed)
         state = env.reset()
         provenance, steps, episode = about(env, name, seed=episode_seed, hub=hub), list[Step](), Rollout()
@@ -74,13 +85,21 @@ def collect(
                     steps.append(step_of(step, env))
                     on_frame(step)
                 if episode.is_lost:
-                    raise ours.link_error
+                    break
             is_cut = ours.is_cut
-            success = None if is_cut else episode.judged(env)[0]
+            success = None if is_cut or episode.is_lost else episode.judged(env)[0]
         except BaseException:
             recorder.write(steps, dataclasses.replace(provenance, whole=False))
             raise
-        recorder.write(steps, dataclasses.replace(provenance, success=success, whole=not is_cut))
+        recorder.write(steps, dataclasses.replace(provenance, success=success, whole=not (is_cut or episode.is_lost)))
+        if episode.is_lost:
+            lost += 1
+            on_lost(len(steps), ours.link_error)
+            if lost == TRIES:
+                raise ours.link_error
+            continue
+        complete += 1
+        lost = 0
         on_episode(recorder.rows[-1])
     return list(recorder.rows[first:])
 

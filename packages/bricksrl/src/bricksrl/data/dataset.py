@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -17,7 +18,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from brickhub.fields import check_fields
-from brickhub.files import folder_with, quoted, reading, write_durably
+from brickhub.files import folder_with, quoted, reading, refuse_existing, write_durably
 from bricksrl.data.columns import (
     RESTORE,
     STATISTICS,
@@ -284,6 +285,19 @@ class Dataset:
 def is_dataset(root: Path) -> bool:
     """True if the folder has a dataset, even an empty one."""
     return any((root / FILES[kind]).exists() for kind in ("description", "info"))
+
+
+def refuse_target(out: Path) -> None:
+    """Raise DataError if there is a file or folder at ``out``, or it is in the folder of a dataset, whose files it would join."""
+    refuse_existing(out, DataError)
+    refuse_within_dataset(out)
+
+
+def refuse_within_dataset(path: Path) -> None:
+    """Raise DataError if ``path`` is in the folder of a dataset, also by a link."""
+    for folder in Path(os.path.realpath(path)).parents:
+        if is_dataset(folder):
+            raise DataError(f"{path} is in the folder of the dataset {folder}, which holds nothing else; name another place")
 
 
 def dataset_folder(path: Path | str) -> Path:

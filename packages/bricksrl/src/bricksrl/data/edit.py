@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from brickhub.files import atomic_folder, refuse_existing
+from brickhub.files import atomic_folder
 from brickhub.seed import check_seed
-from bricksrl.data.dataset import Dataset, Episode, EpisodeRow, read_dataset, read_description, read_rows
+from bricksrl.data.dataset import Dataset, Episode, EpisodeRow, read_dataset, read_description, read_rows, refuse_target
 from bricksrl.data.reader import EpisodeReader
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError, counted
@@ -25,6 +25,7 @@ STEPS_PER_FILE = 20_000
 def merge(sources: Sequence[Path], out: Path) -> Dataset:
     """Merge the episodes of all ``sources``, in order, into a new dataset; a single source is copied compactly. Raises DataError
     if a source is damaged, their descriptions differ, or ``out`` exists."""
+    refuse_target(out)
     datasets = [read_dataset(source) for source in sources]
     for source, dataset in zip(sources[1:], datasets[1:], strict=True):
         differences = datasets[0].description.differences(dataset.description)
@@ -49,7 +50,7 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
     chosen = set(np.random.default_rng(seed).permutation(len(dataset.rows))[:count].tolist())
     drawn, others = ([row for row in dataset.rows if (row.episode in chosen) is is_drawn] for is_drawn in (True, False))
     for target in (first, second):
-        refuse_existing(target, DataError)
+        refuse_target(target)
     if first.resolve() == second.resolve():
         raise DataError(f"both parts are to go to {first}; give each a separate folder")
     read = EpisodeReader(dataset).read
@@ -64,7 +65,7 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
 def salvage(source: Path, out: Path) -> tuple[Dataset, list[str]]:
     """Write the intact episodes of a damaged dataset to a new one; returns it and messages on what was lost. Raises
     DataError if the description is damaged, no episode is intact, or ``out`` exists."""
-    refuse_existing(out, DataError)
+    refuse_target(out)
     description = read_description(source)
     lost: list[str] = []
     rows: list[EpisodeRow] = []
@@ -91,7 +92,7 @@ def salvage(source: Path, out: Path) -> tuple[Dataset, list[str]]:
 
 def write_dataset(out: Path, description: Description, episodes: Iterable[Episode]) -> Dataset:
     """Write a dataset atomically. Raises DataError if ``out`` exists, or there are no episodes."""
-    refuse_existing(out, DataError)
+    refuse_target(out)
     with atomic_folder(out) as folder:
         dataset = Dataset(folder, description)
         group: list[Episode] = []

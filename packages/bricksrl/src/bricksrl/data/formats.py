@@ -29,9 +29,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from brickhub.entry import Entry
-from brickhub.files import atomic_folder, reading, refuse_existing, write_durably
+from brickhub.files import atomic_folder, reading, write_durably
 from bricksrl.data.columns import read_bytes, to_parquet
-from bricksrl.data.dataset import About, Dataset
+from bricksrl.data.dataset import About, Dataset, refuse_target
 from bricksrl.data.edit import write_dataset
 from bricksrl.data.reader import COLUMNS, Episodes, load
 from bricksrl.data.recorder import Step, new_episode
@@ -58,7 +58,7 @@ _ORDERS = {
 def export_numpy(path: Path, out: Path) -> None:
     """Write an ``.npz`` file of arrays over all steps, as in `Episodes`, and ``description``, a JSON text. Raises DataError if
     the dataset cannot be read, or ``out`` exists."""
-    refuse_existing(out, DataError)
+    refuse_target(out)
     episodes = load(path)
     tensors = {name: getattr(episodes, name) for name in (*COLUMNS, "image", "next_image")}
     arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in tensors.items() if tensor is not None}
@@ -71,7 +71,7 @@ def export_numpy(path: Path, out: Path) -> None:
 def export_parquet(path: Path, out: Path) -> None:
     """Write a Parquet file with a row per step and a column per number, named after its channel; without images. Raises DataError
     as in `export_numpy`."""
-    refuse_existing(out, DataError)
+    refuse_target(out)
     episodes = load(path, images=False)
     columns: dict[str, Any] = {}
     names = [channel.name for channel in episodes.description.observation]
@@ -98,7 +98,7 @@ def export_minari(path: Path, out: Path) -> None:
         import minari
         from minari.data_collector import EpisodeBuffer
         from minari.namespace import NAMESPACE_METADATA_FILENAME
-    refuse_existing(out, DataError)
+    refuse_target(out)
     episodes = load(path)
     name = f"{out.absolute().parent.name}/{out.name}"
     buffers = [EpisodeBuffer(**_minari_episode(episodes, k)) for k in range(len(episodes.rows))]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -61,6 +62,17 @@ class Episodes:
 
     def __len__(self) -> int:
         return len(self.reward)
+
+    def observing(self, names: Sequence[str]) -> Episodes:
+        """The same transitions with these entries of the observation only, in this order; each must be there."""
+        places = [[entry.name for entry in self.description.observation].index(name) for name in names]
+        entries = tuple(self.description.observation[place] for place in places)
+        return dataclasses.replace(
+            self,
+            description=dataclasses.replace(self.description, observation=entries),
+            observation=self.observation[:, places],
+            next_observation=self.next_observation[:, places],
+        )
 
     def to_tensordict(self) -> TensorDict:
         """Transitions ``[N]`` in TorchRL's format: outcomes under ``next``, flags and rewards ``[N, 1]``."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from brickhub.files import is_unused, only_writer
 from bricksrl.data.columns import image_statistics
-from bricksrl.data.dataset import About, Dataset, Episode, EpisodeRow, is_dataset
+from bricksrl.data.dataset import About, Dataset, Episode, EpisodeRow, is_dataset, refuse_within_dataset
 from bricksrl.data.integrity import recover
 from bricksrl.data.schema import STEP_COLUMNS, Description
 from bricksrl.errors import DataError
@@ -78,6 +78,7 @@ class Recorder(contextlib.AbstractContextManager["Recorder"]):
         self._dataset = Dataset(root, description)
         self._lock: contextlib.ExitStack | None = None
         self._is_closed = False
+        refuse_within_dataset(root)
         if root.exists() and not root.is_dir():
             raise DataError(f"{root} is a file; choose a folder for the dataset")
         if is_dataset(root):

@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from brickhub.files import FULL, atomic_folder, refuse_existing, writing
-from bricksrl.data.dataset import dataset_folder
+from brickhub.files import FULL, atomic_folder, quoted, writing
+from bricksrl.data.dataset import dataset_folder, refuse_target
 from bricksrl.data.integrity import check
 from bricksrl.data.schema import CODEBASE_VERSION
 from bricksrl.data.summary import Summary, summarise
@@ -39,7 +39,7 @@ def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str =
     root = dataset_folder(path)
     faults = check(root)
     if faults:
-        raise DataError(f"{root} is not sound: {faults[0].detail}; see `bricksrl data check {root}`")
+        raise DataError(f"{root} is not sound: {faults[0].detail}; see `bricksrl data check {quoted(root)}`")
     summary = summarise(root)
     tags, files = ("LeRobot", "BricksRL", "reinforcement-learning"), "data/*/*.parquet"
     title = f"{summary.env} on {summary.robot or 'no robot'}"
@@ -95,7 +95,7 @@ def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
 @contextmanager
 def downloaded(repo: str, repo_type: str, out: Path, patterns: list[str], revision: str | None) -> Iterator[Path]:
     """Download a repository into a temporary folder, which is renamed to ``out`` on success and removed on an error."""
-    refuse_existing(out, DataError)
+    refuse_target(out)
     with atomic_folder(out) as folder, writing(out):
         with hub_client(repo) as api:
             api.snapshot_download(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.data.dataset import read_dataset
+from bricksrl.data.dataset import read_dataset, refuse_within_dataset
 from bricksrl.data.reader import read_columns
 from bricksrl.data.schema import ACTION, OBSERVATION
 from bricksrl.errors import counted, percent
@@ -107,6 +107,7 @@ def plot(path: Path | str, out: Path | str) -> None:
     """Plot the returns, and every channel and action over the steps of an episode, into an image file. Raises DataError if there
     is no dataset, or it is damaged."""
     out = check_picture(out)
+    refuse_within_dataset(out)
     dataset = read_dataset(path)
     description, columns = dataset.description, read_columns(dataset, [OBSERVATION, ACTION, "next.reward", "frame_index"])
     names = [f"{channel.name} [{channel.unit}]" if channel.unit else channel.name for channel in description.observation]

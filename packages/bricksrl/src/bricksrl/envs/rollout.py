@@ -9,14 +9,14 @@ from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase
 
-from brickhub.seed import derive_seed
+from brickhub.seed import EpisodeKind, episode_seed
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.task import metrics_of, success_of
 from bricksrl.envs.transforms import changes_nothing, own_frames, own_state
 from bricksrl.errors import DescriptionError
 
 TRIES = 5
-"""Tries of an evaluated episode in which the link may break."""
+"""Tries of an evaluated or a recorded episode in which the link may break."""
 
 Policy = Callable[["TensorDictBase"], "TensorDictBase"]
 """A TorchRL policy: writes "action" ``[m]``, in -1..1, into the environment's tensordict."""
@@ -172,20 +172,25 @@ class EpisodeScore:
 
 
 def play_episodes(
-    env: EnvBase, policy: Policy, episodes: int, seed: int, *, reset_policy: Callable[[], None] = lambda: None
+    env: EnvBase,
+    policy: Policy,
+    episodes: int,
+    seed: int,
+    *,
+    kind: EpisodeKind = "evaluation",
+    reset_policy: Callable[[], None] = lambda: None,
 ) -> Iterator[EpisodeScore]:
-    """Play whole episodes; episode ``k`` depends only on ``seed``, ``k`` and the policy, and on the number of copies if the
-    environment has some, which run in parallel. An episode in which the link to the robot broke is played again. Raises HubError
-    if it does so in ``TRIES`` of its tries."""
+    """Play whole episodes of a kind; episode ``k`` depends only on kind, ``seed``, ``k`` and the policy, and on the number of
+    copies if the environment has some, which run in parallel. An episode in which the link to the robot broke is played again.
+    Raises HubError if it does so in ``TRIES`` of its tries."""
     if env.batch_size:
-        yield from _play_copies(env, policy, episodes, seed, reset_policy)
+        yield from _play_copies(env, policy, episodes, lambda number: episode_seed(kind, seed, number), reset_policy)
         return
     for number in range(1, episodes + 1):
         episode, lost = None, 0
         while episode is None or episode.is_lost or interface_of(env).is_cut:  # what a pause truncated does not count either
             episode = Rollout()
-            start = derive_seed(seed, "evaluation", number)
-            seed_episode(env, derive_seed(start, "again", lost) if lost else start)  # a virtual link would break again
+            seed_episode(env, episode_seed(kind, seed, number, lost))  # a virtual link would break again
             for frame in play(env, policy, reset_policy=reset_policy):
                 episode.add(frame, env)
             lost += episode.is_lost
@@ -201,7 +206,7 @@ def longest_of(env: EnvBase) -> int:
 
 
 def _play_copies(
-    env: EnvBase, policy: Policy, episodes: int, seed: int, reset_policy: Callable[[], None]
+    env: EnvBase, policy: Policy, episodes: int, seed_of: Callable[[int], int], reset_policy: Callable[[], None]
 ) -> Iterator[EpisodeScore]:
     """The first episode of each copy, repeated until ``episodes`` are played, by return and length of the environment itself
     where it counts them. A task that judges more than the agent sees, such as the true pose of a robot in another process, or
@@ -209,7 +214,7 @@ def _play_copies(
     copies, task = env.batch_size.numel(), interface_of(env).task
     judge = None if task is None or task.has_hidden_entries or not changes_nothing(env) else task
     for start in range(0, episodes, copies):
-        seed_episode(env, derive_seed(seed, "evaluation", 1 + start))
+        seed_episode(env, seed_of(1 + start))
         reset_policy()
         rollout = env.rollout(longest_of(env), policy, break_when_any_done=False).cpu()
         frames, sizes = rollout["next"], rollout["action"].abs().mean(-1)

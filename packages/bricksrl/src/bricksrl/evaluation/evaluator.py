@@ -15,7 +15,7 @@ from torchrl.envs import EnvBase
 
 from brickhub.fields import Count, check_value
 from brickhub.files import write_durably
-from brickhub.seed import check_seed, derive_seed
+from brickhub.seed import EpisodeKind, check_seed, derive_seed, evaluation_seed
 from brickhub.user_files import is_reference, with_absolute_file
 from bricksrl.agents import algorithm
 from bricksrl.envs.connection import Placement
@@ -31,6 +31,8 @@ from bricksrl.training.run_folder import Origin, RunFolder
 
 _log = logging.getLogger(__name__)
 
+EVALUATION_SEED = 1000
+"""Seed of an evaluation by default."""
 MAX_COPIES = 1024
 """Maximum number of simulation copies that are evaluated in parallel."""
 OnEpisode = Callable[[int, float], None]
@@ -113,7 +115,8 @@ def evaluate(
     env: EnvBase | str | None = None,
     *,
     episodes: int = 5,
-    seed: int = 1000,
+    seed: int = EVALUATION_SEED,
+    kind: EpisodeKind = "evaluation",
     which: Which = "last",
     save: bool = True,
     on_episode: OnEpisode | None = None,
@@ -125,7 +128,8 @@ def evaluate(
 
     Args:
         env: an environment (it stays open) or an id; by default the environment of the training.
-        seed: seed of the episodes, which differ from those of any training.
+        seed: with the seed of the run it gives the episodes; see :mod:`brickhub.seed`.
+        kind: of the episodes; "selection" where the result chooses among agents.
         which: checkpoint: the last one, or that of the best evaluation during training.
         save: write the result to the run's ``evaluation.json``, replacing an earlier one.
         on_env: called with the environment before the robot moves, for instance to keep it for stop and pause.
@@ -143,6 +147,7 @@ def evaluate(
     check_value("episodes", episodes, Count)
     check_seed(seed)
     origin = RunFolder(run_dir).origin()
+    drawn = evaluation_seed(origin.seed, seed)
     env_id, hub = origin.env, origin.options.hub
     own: EnvBase | None = None
     if env is None or isinstance(env, str):
@@ -164,12 +169,12 @@ def evaluate(
     try:
         if on_env is not None:
             on_env(env)
-        with reproducible(derive_seed(seed, "evaluation")):
+        with reproducible(derive_seed(drawn, "evaluation")):
             trained = load_learner(run_dir, env, which=which)
             actor = trained.learner
             actor.act_on(env.device)  # type: ignore[union-attr]  # an id has become an environment
             scores = []
-            for score in play_episodes(env, actor.exploit, episodes, seed, reset_policy=actor.reset_policy):
+            for score in play_episodes(env, actor.exploit, episodes, drawn, kind=kind, reset_policy=actor.reset_policy):
                 scores.append(score)
                 if on_episode is not None:
                     on_episode(len(scores), score.return_)

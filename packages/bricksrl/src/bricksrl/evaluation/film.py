@@ -2,9 +2,10 @@
 
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -12,13 +13,15 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from brickhub.seed import episode_seed, evaluation_seed
 from brickhub.virtual.faults import sound_body
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import make_env
+from bricksrl.envs.robot_env import EpisodeState
 from bricksrl.envs.rollout import play, play_episodes
 from bricksrl.errors import TwinError
-from bricksrl.evaluation.evaluator import evaluation_options
+from bricksrl.evaluation.evaluator import EVALUATION_SEED, evaluation_options
 from bricksrl.policies.policy import named_policies
 from bricksrl.training.run_folder import RunFolder
 from bricktwin.twin.make_body import lies_on_bench
@@ -34,8 +37,6 @@ _HOLDS = (1, 2, 3, 4)
 _NORMAL_SPEED_S, _SPEED = 12.0, 2.0
 """Longer episodes are shown twice as fast."""
 _ARENA_FRAME_MS = 50
-_SEED = 1000
-"""Seed of the episode of a run, the first of its evaluation."""
 
 
 @dataclass(frozen=True)
@@ -70,23 +71,25 @@ def filmed_env(
     check_film(path)
     check_filmable(env)
     ours, task, number = interface_of(env), env.task, 0
-    last: list[Image] = []
+    last: list[Callable[[], Image]] = []  # draws how the episode ended, when its last step is counted
     expected_s = task.max_steps / task.rate_hz
     speed = _SPEED if expected_s > _NORMAL_SPEED_S else 1.0
     video, renderers = VideoWriter(path, _FPS), ExitStack()
 
     def end_episode() -> None:
-        for image in last * round(_FPS * _LAST_S):
-            video.add(image)
+        for draw in last:
+            image = draw()
+            for _ in range(round(_FPS * _LAST_S)):
+                video.add(image)
         last.clear()
         renderers.close()
 
     def install(connection: Connection) -> None:
         nonlocal number
+        end_episode()
         body = None if connection.twin is None else sound_body(connection.twin.body)
         if connection.twin is None or not isinstance(body, MujocoBody):
             raise TwinError(f"{task.id} has no virtual robot to film; leave out --video")
-        end_episode()
         room = Room(body, task.goal([0.0] * len(task.entries)))  # until one is drawn
         # At 25 images/s, an image covers 40 ms at speed 1; if it takes too long to draw, each is held for longer.
         limit_s = budget_s * speed / (expected_s * _FPS)
@@ -95,14 +98,15 @@ def filmed_env(
         hold = next((n for n in _HOLDS if cost_s <= n * limit_s), _HOLDS[-1])
         number, machine = number + 1, connection.twin.machine
 
-        def render() -> Image:
+        def render(episode: EpisodeState | None) -> Image:
             parts = [f"episode {number}"]
-            if (episode := ours.episode) is not None:
+            if episode is not None:
                 room.aim_for(task.goal(episode.observation.tolist()))
                 total, reward = sum(episode.rewards), episode.rewards[-1] if episode.rewards else 0.0
                 parts += [f"step {len(episode.rewards)}", f"reward {reward:.2f}", f"return {total:.1f}"]
             if task.walks:
-                parts.append(f"distance {ours.walk_metrics().get('forward_m', 0.0):.2f} m")
+                walked = {} if episode is None else episode.odometer.metrics()
+                parts.append(f"distance {walked.get('forward_m', 0.0):.2f} m")
             if speed != 1.0:
                 parts.append(f"{speed:g}x speed")
             room.follow()
@@ -110,12 +114,14 @@ def filmed_env(
 
         def show(image: Image) -> None:
             if ours.episode is not None:  # else the robot is being placed
-                last[:] = [image]
+                last[:] = [partial(render, ours.episode)]
                 for _ in range(hold):
                     video.add(image)
 
         renderers.callback(setattr, machine, "body", machine.body)
-        machine.body = Filmed(machine.body, render, round(1000 / _FPS * speed * hold), machine.time_ms, show)
+        machine.body = Filmed(
+            machine.body, lambda: render(ours.episode), round(1000 / _FPS * speed * hold), machine.time_ms, show
+        )
 
     with closing(video), ExitStack() as watch:
         watch.callback(end_episode)
@@ -150,9 +156,10 @@ def film_run(
     origin = RunFolder(run_dir).origin()
     with closing(make_env(origin.env, evaluation_options(origin, origin.env, hub="virtual"), seed=origin.seed)) as env:
         check_filmable(env)
-        policy = named_policies(run_dir, env, _SEED)[which]()
+        seed = evaluation_seed(origin.seed, EVALUATION_SEED)  # the first episode of its evaluation
+        policy = named_policies(run_dir, env, seed)[which]()
         with filmed_env(env, path, title, size=size, budget_s=budget_s):
-            (score,) = play_episodes(env, policy.act, 1, _SEED, reset_policy=policy.reset)
+            (score,) = play_episodes(env, policy.act, 1, seed, reset_policy=policy.reset)
     return Film(path, score.return_, score.metrics.get("forward_m", 0.0))
 
 
@@ -177,7 +184,7 @@ def film_arena(env: EnvBase, policy: TensorDictModuleBase, path: Path, episodes:
     works here."""
     with VideoWriter(path, 1000 / _ARENA_FRAME_MS) as video:
         for episode in range(episodes):
-            env.set_seed(seed + episode)
+            env.set_seed(episode_seed("evaluation", seed, 1 + episode))
             with Renderer(env.world.bodies[0], 480, 360, "arena") as renderer:
                 due_ms = 0
 

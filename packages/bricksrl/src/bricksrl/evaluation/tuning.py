@@ -245,7 +245,7 @@ def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
             result = train(config, StopAtSteps(), stop=stop)
             if result.interrupted and not (result.episodes and result.episodes[-1].steps >= tuning.steps):
                 raise KeyboardInterrupt
-            return evaluate(run_dir, episodes=tuning.episodes, save=False).return_mean
+            return evaluate(run_dir, episodes=tuning.episodes, kind="selection", save=False).return_mean
         except DivergedError:
             return math.nan
 

@@ -12,7 +12,7 @@ from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
 from brickhub.files import quoted
-from brickhub.seed import derive_seed
+from brickhub.seed import episode_seed
 from brickhub.user_files import without_folder
 from bricksrl.agents.learner import means
 from bricksrl.data.schema import describe
@@ -141,7 +141,7 @@ class Loop:
         is_random = number <= self.prefill_episodes
         phase = Phase.OFFLINE if self.config.updates else Phase.PREFILL if is_random else Phase.TRAIN
         policy = "random" if phase is Phase.PREFILL else without_folder(self.config.agent)
-        playing = Playing(number, phase, derive_seed(self.config.seed, "episode", number), policy)
+        playing = Playing(number, phase, episode_seed("training", self.config.seed, number), policy)
         total, episodes = self.config.updates, self.config.episodes
         due = total * number // episodes - total * (number - 1) // episodes
         for start in range(0, due, STRIDE):
@@ -228,11 +228,18 @@ class Loop:
         self.learner.finish(lambda: not self.signals.requested)  # the policy must not change meanwhile
         if (reconnect := reconnect_of(self.env)) is not None:
             reconnect.on_error = lambda _: None  # no episode of the run is affected
-        count, seed = self.config.eval_episodes, self.config.seed
+        player = play_episodes(
+            self.env,
+            self._exploit,
+            self.config.eval_episodes,
+            self.config.seed,
+            kind="selection",
+            reset_policy=self.actor.reset_policy,
+        )
         mean = None
         try:
             with unaffected(self.env):
-                played = list(play_episodes(self.env, self._exploit, count, seed, reset_policy=self.actor.reset_policy))
+                played = list(player)
             mean = sum(rollout.return_ for rollout in played) / len(played)
         except HubError:
             pass  # the run goes on

@@ -34,6 +34,8 @@ from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.config import SCRIPTED, TrainConfig, portable
 from bricksrl.training.run_folder import RunFolder
 
+_log = logging.getLogger(__name__)
+
 Which = Literal["last", "best"]
 """The last checkpoint of a run, or that of its best evaluation."""
 
@@ -190,11 +192,21 @@ def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
     if folder.config_path.exists():
         path = folder.read_config().data or path
     data = load(path, images=images)
-    for name in ("observation", "action"):
-        names, own = ([entry.name for entry in getattr(source, name)] for source in (data.description, describe(env)))
-        if names != own:
-            reason = f"{path} is of {data.description.env}: its {name} is [{', '.join(names)}], not [{', '.join(own)}]"
-            raise DataError(f"{reason}; choose data of this environment, or the environment of the data")
+    wanted = describe(env)
+    recorded = [entry.name for entry in data.description.observation]
+    observed = [entry.name for entry in wanted.observation]
+    if missing := [name for name in observed if name not in recorded]:
+        reason = f"{path} is of {data.description.env} and has no {', '.join(missing)}, which {wanted.env} observes"
+        way = f"learn in a task of your own that observes only [{', '.join(recorded)}], or choose other data"
+        raise DataError(f"{reason}; {way}")
+    if recorded != observed:
+        if unobserved := [name for name in recorded if name not in observed]:
+            _log.warning("%s has %s, which %s does not observe; it is left out", path, ", ".join(unobserved), wanted.env)
+        data = data.observing(observed)
+    actions, own = ([entry.name for entry in description.action] for description in (data.description, wanted))
+    if actions != own:
+        reason = f"{path} is of {data.description.env}: its action is [{', '.join(actions)}], not [{', '.join(own)}]"
+        raise DataError(f"{reason}; choose data of this environment, or the environment of the data")
     if not len(data):
         raise DataError(f"the dataset {path} is empty; give one with at least one step")
     return data

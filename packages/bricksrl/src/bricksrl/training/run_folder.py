@@ -15,6 +15,7 @@ from brickhub import HOUSES
 from brickhub.fields import check_value
 from brickhub.files import atomic_folder, folder_with, reading, write_durably
 from brickhub.user_files import without_folder
+from bricksrl.data.dataset import refuse_within_dataset
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.reference_returns import reference_lines
 from bricksrl.envs.task import MEASURED, MEASURED_TOO
@@ -57,6 +58,7 @@ class RunFolder:
         numbered = (default.with_name(f"{default.name}-{number}") for number in itertools.count(2))
         paths: Iterable[Path] = itertools.chain([default], numbered) if config.run_dir is None else [config.run_dir]
         for path in paths:
+            refuse_within_dataset(path)
             if path.exists():
                 continue
             try:

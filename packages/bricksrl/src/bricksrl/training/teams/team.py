@@ -11,7 +11,7 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from brickhub.seed import check_seed, derive_seed
+from brickhub.seed import check_seed, derive_seed, episode_seed
 from bricksrl.envs.arenas import make_arena
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import play
@@ -162,7 +162,7 @@ def play_team(env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: i
     link broke."""
     played = []
     for number in range(1, episodes + 1):
-        env.set_seed(derive_seed(seed, "evaluation", number))
+        env.set_seed(episode_seed("evaluation", seed, number))
         torch.manual_seed(derive_seed(seed, "policy", number))
         with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
             after = [frame["next"] for frame in play(env, policy)]
