@@ -146,6 +146,19 @@ def _parts(reference: str) -> tuple[str, str]:
     return (reference, "") if not colon or name.endswith(".py") else (location, name)
 
 
+def check_there(reference: str) -> None:
+    """Check that the file of a reference is there, before anything is imported for what is in it.
+    Raises UnknownNameError if not."""
+    location, _ = _parts(reference)
+    path = Path(location)
+    if not location.endswith(".py") or path.is_file():
+        return
+    if path.is_absolute():
+        raise UnknownNameError(f"there is no file {location}; put it there, or give the path of another Python file")
+    remedy = "give the path of a Python file, or go to the right folder"
+    raise UnknownNameError(f"there is no file {location} in {Path.cwd()}; {remedy}")
+
+
 def load_robot(reference: str) -> Robot:
     """Robot in the user's code; the name may be omitted for a file with a single robot. Raises as `load_object`, and
     DescriptionError if the named object is no robot."""
@@ -158,11 +171,7 @@ def load_robot(reference: str) -> Robot:
 def _load(location: str, reference: str) -> ModuleType:
     path = Path(location)
     is_file = location.endswith(".py")
-    if is_file and not path.is_file():
-        if path.is_absolute():
-            raise UnknownNameError(f"there is no file {location}; put it there, or give the path of another Python file")
-        remedy = "give the path of a Python file, or go to the right folder"
-        raise UnknownNameError(f"there is no file {location} in {Path.cwd()}; {remedy}")
+    check_there(reference)
     try:
         with beside(reference):
             return _run_file(path) if is_file else importlib.import_module(location)

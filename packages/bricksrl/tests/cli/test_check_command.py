@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from bricksrl.cli import main
 
 OWN = """
@@ -30,3 +32,17 @@ def test_task_from_file_is_checked(capsys, tmp_path):
 def test_unknown_task_prints_one_line(fails, tmp_path):
     fails("check", "RunAwy-v0", says="did you mean")
     fails("check", str(tmp_path / "own.py"), says="no file")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    ["check missing.py", "train RunAway-v0 --agent missing.py", "play missing", "data export missing --format numpy --out x"],
+)
+def test_what_is_missing_is_said_before_anything_is_loaded(monkeypatch, capsys, arguments):
+    """Torch takes seconds."""
+    from bricksrl.cli import data, envs, page, train
+
+    for module in (data, envs, page, train):
+        monkeypatch.setattr(module, "load_learning", lambda: pytest.fail("torch would be loaded"))
+    assert main(arguments.split()) == 2
+    assert "error: there is no" in capsys.readouterr().err

@@ -11,6 +11,7 @@ import pytest
 
 import bricksrl
 from bricksrl.envs import get_task
+from bricksrl.envs.options import parse_option
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.errors import DescriptionError, RunError, UnknownNameError
 
@@ -88,3 +89,71 @@ def test_environments_of_another_test_are_unknown(attempt: int) -> None:
     with pytest.raises(UnknownNameError):
         get_task("Leaked-v0")
     bricksrl.register(dataclasses.replace(RUN_AWAY, id="Leaked-v0"))
+
+
+OPTIONS = """
+from __future__ import annotations
+import enum
+from dataclasses import replace
+from typing import Literal, Optional
+from bricksrl.envs import get_task
+
+class Colour(enum.Enum):
+    RED = "red"
+
+def task(cost: float = 0.1, count: int = 5, sure: bool = False, kind: Literal["a", "b"] = "a",
+         name: str = "x", size: tuple[float, float] = (1, 2), goal: Optional[float] = None,
+         mode: Literal[1, 2] | None = None, colour: Colour = Colour.RED, free=0.5, anything=None):
+    return replace(get_task("RunAway-v0"), id="O-v0", doc=repr((name, size, colour)))
+
+def needs(cost: float, where):
+    return task(cost)
+"""
+
+
+@pytest.mark.parametrize(
+    ("option", "wanted"),
+    [
+        ("cost=viel", "cost is 'viel'; give a number"),
+        ("cost=true", "cost is True; give a number"),
+        ("cost=NaN", "cost is nan; give a number"),
+        ("cost=null", "cost is None; give a number"),
+        ("cost=1", None),
+        ("count=2.5", "count is 2.5; give a whole number"),
+        ("sure=yes", "sure is 'yes'; give True or False"),
+        ("kind=c", "kind is 'c'; choose a or b"),
+        ("name=1.5", "name is 1.5; give a text"),
+        ("name=5", None),
+        ("size=[1]", "size is (1,); give 2 values, each a number"),
+        ("size=[3, 4]", None),
+        ("goal=x", "goal is 'x'; give a number"),
+        ("goal=null", None),
+        ("mode=3", "mode is 3; give 1 or 2"),
+        ("colour=green", "colour is 'green'; give Colour.RED"),
+        ("colour=red", None),
+        ("free=x", "free is 'x'; give a number"),
+        ("anything=x", None),
+    ],
+)
+def test_option_is_what_its_annotation_says(tmp_path, monkeypatch, option: str, wanted: str | None) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "opts.py").write_text(OPTIONS)
+    named = dict([parse_option(option)])
+    if wanted is None:
+        get_task("opts.py:task", **named)
+        return
+    with pytest.raises(DescriptionError) as caught:
+        get_task("opts.py:task", **named)
+    assert str(caught.value) == f"opts.py:task: {wanted}"
+
+
+def test_missing_and_unknown_options_are_named(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "opts.py").write_text(OPTIONS)
+    with pytest.raises(DescriptionError, match=r"an option is missing; give cost \(a number\), where"):
+        get_task("opts.py:needs")
+    assert "('5', (3, 4), " in get_task("opts.py:task", name=5, size=[3, 4]).doc
+    with pytest.raises(TypeError, match=r"no option batchsize \(did you mean 'batch_size'\?\); .*batch_size, device"):
+        bricksrl.make("WalkerSim-v0", batchsize=32)
+    with pytest.raises(TypeError, match=r"no option hubb \(did you mean 'hub'\?\); its task has ends_at_wall, .*hub,"):
+        bricksrl.make("RunAway-v0", hubb="ble")

@@ -10,7 +10,7 @@ from brickhub.cli.options import Flag, Seed, option
 from brickhub.cli.terminal import print_line
 from brickhub.files import folder_with, only_writer, quoted
 from bricksrl.cli.terminal import load_learning
-from bricksrl.data.dataset import Dataset, dataset_folder
+from bricksrl.data.dataset import Dataset, dataset_folder, existing_dataset
 from bricksrl.data.edit import merge, salvage, split
 from bricksrl.data.formats import export_minari, export_numpy, export_parquet, import_paper
 from bricksrl.data.integrity import check, recover
@@ -203,6 +203,7 @@ class ExportData:
     """File or folder to write, which must not exist."""
 
     def execute(self) -> None:
+        existing_dataset(self.dataset)
         load_learning()
         {"numpy": export_numpy, "parquet": export_parquet, "minari": export_minari}[self.format](self.dataset, self.out)
         print_line(f"{self.format}  {self.out}")

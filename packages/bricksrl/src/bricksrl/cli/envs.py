@@ -11,6 +11,7 @@ from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import print_findings, print_line
+from brickhub.user_files import check_there, is_reference
 from bricksrl import agents, envs, robots
 from bricksrl.cli.terminal import load_learning
 from bricksrl.envs.arenas import ARENAS
@@ -140,6 +141,10 @@ class Check:
     """Environment or agent; `bricksrl list` shows them. Your own: my_task.py, my_task.py:TASK, module:TASK, my_agent.py."""
 
     def execute(self) -> int:
+        if is_reference(self.what):
+            check_there(self.what)
+        elif self.what not in agents.AGENTS:
+            envs.get_task(self.what)  # raises if there is none
         load_learning()
         from bricksrl.envs.env_checker import check_env
         from bricksrl.evaluation.agent_checker import check_agent, is_agent

@@ -168,6 +168,8 @@ class Play:
         if not is_run and len(folder.parts) > 1 and not is_reference(self.target):
             remedy = f"name {folder_with(folder, 'config.json', 'policy.json')}, or an environment"
             raise RunError(f"there is no run in {self.target}; {remedy}")
+        if not is_run:
+            get_task(self.target)  # raises if there is none, before anything is loaded
         is_virtual = parse_hub(self.robot.hub).is_virtual
         robot = make_robot(self.target, self.robot, seed=self.seed) if is_virtual and address is not None and not is_run else None
         if robot is not None and address is not None:

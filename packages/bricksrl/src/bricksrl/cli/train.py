@@ -18,11 +18,13 @@ from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count, Range
 from brickhub.files import only_writer, quoted, remove_unfinished
 from brickhub.hub.transports.address import parse_hub
+from brickhub.user_files import check_there
 from bricksrl.agents import check_agent
 from bricksrl.cli.evaluate import describe
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, has_screen, run_on_page, shown
 from bricksrl.cli.progress import RunProgress, train_seeds
 from bricksrl.cli.terminal import Device, EmergencyStop, driving, load_learning, placing, quiet, telling, with_human
+from bricksrl.data.dataset import existing_dataset
 from bricksrl.envs.options import EnvOptions, TransformOptions
 from bricksrl.envs.registry import get_task, training_episodes
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
@@ -123,6 +125,7 @@ class Train:
         if self.learning.eval_episodes != RunOptions.eval_episodes and not self.learning.eval_every:
             raise DescriptionError("--eval-episodes has no effect without --eval-every; omit it, or give both")
         self._check(self.env)
+        check_there(self.agent or "")
         load_learning()
         from bricksrl.training.run import train
 
@@ -239,6 +242,9 @@ class TrainOffline:
 
     def execute(self) -> None:
         address = shown(self.live_page, self.page)
+        check_there(self.agent)
+        get_task(self.env)  # raises if there is none
+        existing_dataset(self.data)
         load_learning()
         from bricksrl.training.run import train
 

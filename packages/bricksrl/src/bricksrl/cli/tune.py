@@ -12,7 +12,9 @@ from brickhub.cli.options import Flag, Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count
 from brickhub.files import quoted
+from brickhub.user_files import check_there
 from bricksrl.cli.terminal import load_learning
+from bricksrl.envs.registry import get_task
 from bricksrl.errors import RunError
 from bricksrl.evaluation.tuning import BEST, STUDY, Tuning, tune
 from bricksrl.training.run_folder import file_name
@@ -47,6 +49,8 @@ class Tune(Tuning):
             outcome = "ended early" if value is None else f"return {value:.4g}"
             print_line(f"trial {trial}  {outcome}" + ("" if best is None else f"  best {best:.4g}"))
 
+        check_there(self.agent)
+        get_task(self.env)  # raises if there is none
         try:
             load_learning()
             best = tune(tuning, folder, self.trials, seed=self.seed, on=self.on, on_trial=report)

@@ -306,12 +306,18 @@ def dataset_folder(path: Path | str) -> Path:
     return path / "data" if (path / "data" / info).exists() and not (path / info).exists() else path
 
 
-def read_dataset(path: Path | str) -> Dataset:
-    """Read the dataset in a folder, or in the folder of a run, without its steps. Raises DataError if there is no dataset, it is
-    damaged, or it was not made by BricksRL."""
+def existing_dataset(path: Path | str) -> Path:
+    """Folder of the dataset, as `dataset_folder`, without reading it. Raises DataError if there is none."""
     root, info = dataset_folder(path), FILES["info"]
     if not (root / info).exists():
         raise DataError(f"there is no dataset in {root}; choose {folder_with(root, info, f'data/{info}')}")
+    return root
+
+
+def read_dataset(path: Path | str) -> Dataset:
+    """Read the dataset in a folder, or in the folder of a run, without its steps. Raises DataError if there is no dataset, it is
+    damaged, or it was not made by BricksRL."""
+    root = existing_dataset(path)
     description = read_description(root)
     episodes = read_episode_count(root, description)
     dataset = read_all_rows(root, description)

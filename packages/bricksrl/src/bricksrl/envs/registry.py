@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
-from brickhub.fields import check_value
+from brickhub.fields import check_call, check_value
 from brickhub.hub.link.profiles import profile
 from brickhub.hub.transport import Pipe
 from brickhub.hub.transports.address import parse_hub
@@ -368,14 +368,32 @@ def _unknown(spec: _Spec, options: Iterable[str]) -> list[str]:
 
 def _build(env_id: str, spec: _Spec, options: dict[str, Any]) -> Task:
     if unknown := _unknown(spec, options):
-        parameters = inspect.signature(spec.build).parameters
-        known = f"it has {', '.join(parameters)}" if parameters else "it has no options at all"
-        python_message = f"unexpected keyword argument '{unknown[0]}'"
-        raise UnknownOptionError(f"{env_id} has no option {unknown[0]}; {known} ({python_message})")
+        raise UnknownOptionError(_unknown_option(env_id, spec, unknown[0]))
+    checked = check_call(f"{env_id}: ", spec.build, options)
     try:
-        return spec.build(**options)
+        return spec.build(**checked)
     except TypeError as error:
-        raise DescriptionError(f"{env_id} cannot be made with {options} ({error}); see its description") from error
+        given = ", ".join(options) or "no options"
+        raise DescriptionError(f"{env_id} cannot be made with {given} ({error}); see its description") from error
+
+
+_OF_SIMULATIONS = ("batch_size", "device", "kinematics")
+"""Arguments of `make` that only kinematic simulations take."""
+
+
+def _unknown_option(env_id: str, spec: _Spec, option: str) -> str:
+    """What is said about an option that an environment does not have: what it has instead."""
+    of_task = list(inspect.signature(spec.build).parameters)
+    of_all = [name for name in inspect.signature(make).parameters if name not in ("env_id", "options", "named")]
+    if spec.kinematics is None:
+        of_all = [name for name in of_all if name not in _OF_SIMULATIONS]
+        of_all += [field.name for field in fields(EnvOptions) if field.name != "options"]
+    else:
+        of_all += TRANSFORMS
+    own = f"its task has {', '.join(of_task)}" if of_task else "its task has none"
+    all_have = f"all environments like it have {', '.join(of_all)}"
+    python_message = f"unexpected keyword argument '{option}'"
+    return f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, {all_have} ({python_message})"
 
 
 def _spec(env_id: str) -> _Spec:
