@@ -73,8 +73,8 @@ class Reconnect:
     _tries: int = 0
 
     def until_answered(self, begin: Callable[[], _T], is_final: Callable[[BricksError], bool] = lambda _: False) -> _T:
-        """What ``begin`` returns, which is tried again after each HubError or CameraError. Raises the error if it is final, trying again is
-        useless, or ``patience_s`` is used up."""
+        """What ``begin`` returns, which is tried again after each HubError or CameraError. Raises the error if it is final, if it
+        is useless to try again, or if ``patience_s`` is used up."""
         while True:
             if self._error is not None and self._tries:
                 pause_s = min(_FIRST_PAUSE_S * 2.0 ** (self._tries - 1), _LONGEST_PAUSE_S)

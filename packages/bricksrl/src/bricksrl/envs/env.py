@@ -39,10 +39,10 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
     ``link_lost``    ``[1]``  bool     the link broke in this step
     ===============  =======  =======  =====================================================
 
-    A reset places the robot and reads its sensors; it moves no motor. The first reset opens the link. A link that breaks in a
-    step, or a camera that does, raises nothing: the link is closed, so that the motors stop, and the step ends the episode as
-    truncated and ``link_lost``, with the previous observation and images; it must not be learned from. The next reset reopens the link, with retries as
-    ``reconnect`` says.
+    A reset places the robot and reads its sensors; it moves no motor. The first reset opens the link. A link or a camera that
+    breaks in a step raises nothing: the link is closed, so that the motors stop, and the step ends the episode as truncated and
+    ``link_lost``, with the previous observation and images; it must not be learned from. The next reset reopens the link, with
+    retries as ``reconnect`` says.
 
     ``stop``, ``pause`` and ``resume`` may be called from any thread. A pause truncates the episode after the current step, so
     that no step spans it; the next reset waits for the end of the pause.

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.errors import BricksError, HubError
+from bricksrl.errors import BricksError, CameraError, HubError
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -34,7 +34,7 @@ class BricksEnv:
     task: Task | None = None
     robots: int = 0
     reconnect: Reconnect | None = None
-    link_error: HubError = HubError("no link has broken")
+    link_error: HubError | CameraError = HubError("no link has broken")
     in_reach: Callable[[], bool] = staticmethod(lambda: True)
     remake: Callable[..., object] | None = None
     _seed: int | None = None

@@ -13,7 +13,7 @@ from brickhub.seed import EpisodeKind, episode_seed
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.task import metrics_of, success_of
 from bricksrl.envs.transforms import changes_nothing, own_frames, own_state
-from bricksrl.errors import DescriptionError
+from bricksrl.errors import DescriptionError, HubError
 
 TRIES = 5
 """Tries of an evaluated or a recorded episode in which the link may break."""
@@ -209,22 +209,30 @@ def _play_copies(
     env: EnvBase, policy: Policy, episodes: int, seed_of: Callable[[int], int], reset_policy: Callable[[], None]
 ) -> Iterator[EpisodeScore]:
     """The first episode of each copy, repeated until ``episodes`` are played, by return and length of the environment itself
-    where it counts them. A task that judges more than the agent sees, such as the true pose of a robot in another process, or
-    what it sees through transforms, gives no success and no metrics."""
+    where it counts them; one that a lost link cut does not count. A task that judges more than the agent sees, such as the true
+    pose of a robot in another process, or what it sees through transforms, gives no success and no metrics. Raises HubError if
+    the links of all copies break again and again."""
     copies, task = env.batch_size.numel(), interface_of(env).task
     judge = None if task is None or task.has_hidden_entries or not changes_nothing(env) else task
-    for start in range(0, episodes, copies):
-        seed_episode(env, seed_of(1 + start))
+    started = played = in_vain = 0
+    while played < episodes:
+        seed_episode(env, seed_of(1 + started))
+        started += copies
         reset_policy()
         rollout = env.rollout(longest_of(env), policy, break_when_any_done=False).cpu()
         frames, sizes = rollout["next"], rollout["action"].abs().mean(-1)
         done = frames["done"].squeeze(-1)
         lengths = torch.where(done.any(-1), done.int().argmax(-1) + 1, done.shape[-1])
-        for copy in range(min(copies, episodes - start)):
+        whole = [copy for copy in range(copies) if not link_lost(rollout[copy, int(lengths[copy]) - 1])]
+        in_vain = 0 if whole else in_vain + 1
+        if in_vain == TRIES:
+            raise HubError(f"the links to all {copies} copies broke in {TRIES} rounds; look at what their robots say")
+        for copy in whole[: episodes - played]:
             episode = frames[copy, : int(lengths[copy])]
             success = None if judge is None else success_of(judge, episode["observation"])
             numbers = {} if judge is None else metrics_of(judge, episode["observation"])
             size = float(sizes[copy, : len(episode)].mean())
             return_ = float(episode["episode_reward"][-1] if "episode_reward" in episode else episode["reward"].sum())
             length = int(episode["step_count"][-1]) if "step_count" in episode else len(episode)
+            played += 1
             yield EpisodeScore(return_, length, size, success, numbers)

@@ -28,6 +28,7 @@ from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.fleet import fleet_robots as robots
 from bricksrl.training.fleet.fleet_robots import Member, make_fleet, members_of
 from bricksrl.training.fleet.schedule import FleetRobots
+from bricksrl.training.loop import Loop
 from bricksrl.training.restore import attach_dataset, make_learner_for
 from bricksrl.training.sources import Ended, Playing
 
@@ -274,6 +275,18 @@ def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
     ended = fleet._handle((stub.members[0], "ended", (True, {}, False, False)))
     assert isinstance(ended, Ended) and ended.episode is not None and ended.episode.length == 1
     assert stub.log == [("episode", 0)]
+
+
+def test_episode_lost_before_its_first_step_is_played_again_as_it_was(tmp_path: Path) -> None:
+    loop: Any = Loop.__new__(Loop)
+    loop.config, loop.prefill_episodes, loop.episodes, loop._started, loop._again = config(tmp_path / "run"), 2, [], 0, []
+    loop.learner, loop.signals = SimpleNamespace(end_episodes=lambda _robot: None), SimpleNamespace(requested=False)
+    one, two, three = (loop._next_episode(0) for _ in range(3))
+    assert [playing.phase for playing in (one, two, three)] == [Phase.PREFILL, Phase.PREFILL, Phase.TRAIN]
+    loop._ended(Ended(two, None))
+    again, four = loop._next_episode(0), loop._next_episode(0)
+    assert (again.number, again.phase, again.seed) == (2, Phase.PREFILL, two.seed)
+    assert (four.number, four.phase) == (4, Phase.TRAIN)
 
 
 def test_pause_reaches_robots_that_are_starting(tmp_path: Path) -> None:
