@@ -18,10 +18,11 @@ from typing import Any, Self
 
 from bricksrl.envs.arenas import ARENAS, arena_summary
 from bricksrl.envs.registry import is_simulation, list_envs
-from bricksrl.errors import BricksError
+from bricksrl.errors import BricksError, PageError
 from bricksrl.page.board import Board
 from bricksrl.page.server import PageOptions, PageServer, chosen
 from bricksrl.policies.by_name import TRAINED
+from bricksrl.training.config import MAX_NAME
 from bricksrl.training.run_folder import RunFolder
 from bricktwin.robots import ROBOTS
 
@@ -52,10 +53,11 @@ class Action:
 ACTIONS = {
     "play": Action("environment", ("play",), ("--page",)),
     "drive": Action("environment", ("drive",)),
-    "train": Action("environment", ("train",), ("--page", "--no-film"), is_alone=False),
+    "train": Action("environment", ("train",), ("--page",), is_alone=False),
     "game": Action("arena", ("team",), ("--page",)),
     "watch": Action("run", ("play",), ("--page",)),
     "compare": Action("run", ("compare",), out="png", has_page=False, is_alone=False),
+    "class": Action("class", ("compare", "--class"), has_page=False, is_alone=False),
     "build": Action("plan", ("plan", "show")),
     "booklet": Action("plan", ("plan", "steps"), out="pdf", has_page=False, is_alone=False),
     **{
@@ -63,6 +65,8 @@ ACTIONS = {
         for hub in ("virtual", "ble", "usb")
     },
 }
+_RUN_FILES = {"report.html": "text/html; charset=utf-8", "before_after.mp4": "video/mp4"}
+"""What can be taken home of a run."""
 _OUTPUTS = {"png": "image/png", "pdf": "application/pdf"}
 Launch = Callable[[Sequence[str], Path], "subprocess.Popen[str]"]
 
@@ -159,6 +163,10 @@ class StartPage(PageServer):
     def file(self, name: str) -> tuple[str, bytes] | None:
         """Files of the page, and results of its jobs."""
         results = {} if self._results is None else {path.name: path for path in self._results.iterdir()}
+        folder, _, ending = name.removeprefix("runs/").partition("/")
+        if ending in _RUN_FILES and folder in {run["name"] for run in self._runs()}:
+            path = self._folder / "runs" / folder / ending
+            return (_RUN_FILES[ending], path.read_bytes()) if path.exists() else None
         if name in results:
             return _OUTPUTS[name.rpartition(".")[2]], results[name].read_bytes()
         return super().file(name or "start.html")
@@ -169,7 +177,10 @@ class StartPage(PageServer):
             if name == "end":
                 self._end(job for job in self._jobs if job.number == value)
             elif name != "left":
-                self._begin(chosen("button", name, ACTIONS), value if isinstance(value, list) else [value])
+                pupil = ""
+                if name == "train" and isinstance(value, dict):
+                    value, pupil = value.get("env"), _pupil(value.get("name"))
+                self._begin(chosen("button", name, ACTIONS), value if isinstance(value, list) else [value], pupil)
         except BricksError as error:
             message = str(error)
         self.board.update_status(message=message)
@@ -179,10 +190,10 @@ class StartPage(PageServer):
         for job in jobs:
             job.end()
 
-    def _begin(self, name: str, values: list[Any]) -> None:
+    def _begin(self, name: str, values: list[Any], pupil: str = "") -> None:
         """Start the command of an action for names. Raises PageError for those that the page does not know."""
         action, runs = ACTIONS[name], self._runs()
-        known: dict[str, Iterable[str]] = {"environment": self._envs, "arena": ARENAS, "plan": self._plans}
+        known: dict[str, Iterable[str]] = {"environment": self._envs, "arena": ARENAS, "plan": self._plans, "class": ["runs"]}
         known["run"] = [run["name"] for run in runs]
         names = [chosen(action.kind, value, known[action.kind]) for value in values]
         number = 1 + max((job.number for job in self._jobs), default=0)
@@ -191,6 +202,7 @@ class StartPage(PageServer):
         words += ["--page-host", self._options.page_host] if action.has_page else []
         if name == "train":  # or the same run would come again
             words += ["--seed", f"{sum(run['env'] in names for run in runs)}"]
+            words += [f"--name={pupil}"] if pupil else []
         if action.is_alone:
             self._end(job for job in self._jobs if ACTIONS[job.action].is_alone)
         job = Job(number, name, ", ".join(names), self._launch(words, self._folder))
@@ -210,11 +222,26 @@ class StartPage(PageServer):
         for config in configs[:_MAX_RUNS]:
             run = RunFolder(config.parent)
             with contextlib.suppress(BricksError):
-                origin, returns = run.origin(), [episode.return_ for episode in run.read_episodes()]
-                last = returns[-_LAST_EPISODES:]
-                about = {"env": origin.env, "agent": origin.agent, "episodes": len(returns)}
+                config, returns = run.read_config(), [episode.return_ for episode in run.read_episodes()]
+                about = {"env": config.env, "agent": config.agent, "episodes": len(returns), "pupil": config.name}
+                about |= {"seed": config.seed, "has_report": (run.path / "report.html").exists()}
+                about |= {"has_film": (run.path / "before_after.mp4").exists()}
                 points = returns[:: 1 + len(returns) // _MAX_POINTS]
-                found.append(
-                    {**about, "name": run.path.name, "points": points, "return": sum(last) / len(last) if last else None}
-                )
+                found.append({**about, **_scored(run, returns), "name": run.path.name, "points": points})
         return found
+
+
+def _scored(run: RunFolder, returns: list[float]) -> dict[str, Any]:
+    """The return that the page shows of a run, and what it is: of the evaluation, or else of the last episodes."""
+    evaluation = run.own_evaluation(len(returns))
+    if evaluation is not None:
+        return {"return": evaluation["return_mean"], "score": "evaluation"}
+    last = returns[-_LAST_EPISODES:]
+    return {"return": sum(last) / len(last) if last else None, "score": f"mean of the last {_LAST_EPISODES} episodes"}
+
+
+def _pupil(name: Any) -> str:
+    """The name of who trains, as it was typed. Raises PageError if it is none."""
+    if not isinstance(name, str) or len(name) > MAX_NAME or not name.isprintable():
+        raise PageError(f"that is no name; give one line of up to {MAX_NAME} characters")
+    return name.strip()
