@@ -26,7 +26,7 @@ from bricksrl.cli.progress import RunProgress, train_seeds
 from bricksrl.cli.terminal import Device, EmergencyStop, driving, load_learning, placing, quiet, telling, with_human
 from bricksrl.data.dataset import existing_dataset
 from bricksrl.envs.options import EnvOptions, TransformOptions
-from bricksrl.envs.registry import get_task, training_episodes
+from bricksrl.envs.registry import get_task, is_simulation, training_episodes
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.evaluation.settings_text import read_settings, with_changes
 from bricksrl.page.server import PageOptions
@@ -341,7 +341,8 @@ def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | N
     evaluation.save()
     if page is not None:
         page.finish(f"Done. `bricksrl play {quoted(result.run_dir)} --page` shows what it has learned.")
-    with telling("filming before and after, and writing the report" if film else "writing the report"):
+    is_filmed = film and not is_simulation(evaluation.env)
+    with telling("filming before and after, and writing the report" if is_filmed else "writing the report"):
         summary, video = write_report(result.run_dir, result.episodes, evaluation, film=film)
     print_line(f"learning curve  {RunFolder(result.run_dir).curve_path}")
     print_line(f"video           {video}")

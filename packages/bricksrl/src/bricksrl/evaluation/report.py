@@ -2,7 +2,10 @@
 
 import base64
 import html
+import io
+import itertools
 from collections.abc import Iterable, Sequence
+from datetime import datetime
 from importlib import resources
 from pathlib import Path
 from string import Template
@@ -62,17 +65,22 @@ def write_report(run_dir: Path, episodes: Sequence[Episode], result: EvaluationR
     except (RenderingUnavailableError, TwinError) as error:
         reason = str(error)
     folder = RunFolder(run_dir)
+    name = folder.read_config().name
+    date = f"{datetime.now().astimezone():%d %B %Y}".lstrip("0")
     body = [
         f"<h1>{html.escape(result.env)}: what the robot has learned</h1>",
+        f"<p class=who>{html.escape(f'{name} · {date}' if name else date)}</p>",
         f"<p class=lead>{_lead(episodes, result, films)}</p>",
         *_film_part(films, reason),
+        *_picture(films),
         "<h2>Return, episode by episode</h2>",
         f'<img src="{_data_url(folder.curve_path, "image/png")}" alt="learning curve">',
         f"<p>{_CURVE}{_REFERENCES if result.env in REFERENCES else ''}</p>",
         "<h2>Evaluation</h2>",
         _table((html.escape(label), html.escape(value)) for label, value in rows(result)),
-        "<h2>Go on</h2>",
+        "<section class=screen><h2>Go on</h2>",
         _commands(run_dir, folder.origin(), result.trained_episodes),
+        "</section>",
     ]
     path = run_dir / "report.html"
     template = Template(resources.files("bricksrl.evaluation").joinpath("report.html").read_text(encoding="utf-8"))
@@ -100,7 +108,32 @@ def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | 
 
 
 def _film_part(films: Films | None, no_films: str) -> Iterable[str]:
-    yield "<h2>Before and after</h2>"
+    yield "<section class=screen><h2>Before and after</h2>"
+    yield from _film(films, no_films)
+    yield "</section>"
+
+
+def _picture(films: Films | None) -> Iterable[str]:
+    """Picture from the middle of the film after learning, for a print, which has no films."""
+    if films is None:
+        return
+    import imageio_ffmpeg
+    from PIL import Image
+
+    frames, _ = imageio_ffmpeg.count_frames_and_secs(str(films.after.path))
+    reader = imageio_ffmpeg.read_frames(str(films.after.path))
+    size = next(reader)["size"]
+    picture = next(itertools.islice(reader, frames // 2, None), None)
+    reader.close()
+    if picture is None:
+        return
+    data = io.BytesIO()
+    Image.frombytes("RGB", size, picture).save(data, "JPEG", quality=85)
+    text = base64.b64encode(data.getvalue()).decode()
+    yield f'<img class=print src="data:image/jpeg;base64,{text}" alt="the robot after learning">'
+
+
+def _film(films: Films | None, no_films: str) -> Iterable[str]:
     if films is None:
         yield f"<p>There is no film: {html.escape(no_films)}</p>"
         return

@@ -68,6 +68,8 @@ HEADERS = {
     "X-Frame-Options": "DENY",
 }
 """Headers of every response."""
+_DOCUMENT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; media-src data:; frame-ancestors 'none'"
+"""Content policy of a report, which has its looks and films inside, and must run nothing."""
 
 _log = logging.getLogger(__name__)
 
@@ -260,7 +262,10 @@ class PageServer:
         else:
             status, data = http.HTTPStatus.NOT_FOUND, b"there is no such file here\n"
         response = connection.respond(status, "")
-        for name, value in {"Content-Type": content_type, "Content-Length": str(len(data)), **HEADERS}.items():
+        headers = {"Content-Type": content_type, "Content-Length": str(len(data)), **HEADERS}
+        if path.endswith("/report.html"):
+            headers["Content-Security-Policy"] = _DOCUMENT_POLICY
+        for name, value in headers.items():
             response.headers.pop(name, None)
             response.headers[name] = value
         if path == "/" and refusal is None:

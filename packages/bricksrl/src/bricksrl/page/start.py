@@ -68,10 +68,11 @@ class Action:
 ACTIONS = {
     "play": Action("environment", ("play",), ("--page",)),
     "drive": Action("environment", ("drive",)),
-    "train": Action("environment", ("train",), ("--page", "--no-film"), is_alone=False),
+    "train": Action("environment", ("train",), ("--page",), is_alone=False),
     "game": Action("arena", ("team",), ("--page",)),
     "watch": Action("run", ("play",), ("--page",)),
     "compare": Action("run", ("compare",), out="png", has_page=False, is_alone=False),
+    "class": Action("class", ("compare", "--class"), has_page=False, is_alone=False),
     "build": Action("plan", ("plan", "show")),
     "booklet": Action("plan", ("plan", "steps"), out="pdf", has_page=False, is_alone=False),
     **{
@@ -81,6 +82,8 @@ ACTIONS = {
 }
 REAL_HUB = ("check ble", "check usb")
 """Actions that one visitor can do at a time."""
+_RUN_FILES = {"report.html": "text/html; charset=utf-8", "before_after.mp4": "video/mp4"}
+"""What can be taken home of a run."""
 _OUTPUTS = {"png": "image/png", "pdf": "application/pdf"}
 Launch = Callable[[Sequence[str], Path], "subprocess.Popen[str]"]
 
@@ -230,6 +233,10 @@ class StartPage(PageServer):
     def file(self, name: str) -> tuple[str, bytes] | None:
         """Files of the page, and results of its jobs."""
         results = {} if self._results is None else {path.name: path for path in self._results.iterdir()}
+        folder, _, ending = name.removeprefix("runs/").partition("/")
+        if ending in _RUN_FILES and folder in {run["name"] for run in self._runs()}:
+            path = self._folder / "runs" / folder / ending
+            return (_RUN_FILES[ending], path.read_bytes()) if path.exists() else None
         if name in results:
             return _OUTPUTS[name.rpartition(".")[2]], results[name].read_bytes()
         return super().file(name or "start.html")
@@ -280,7 +287,7 @@ class StartPage(PageServer):
         """Start the command of an action for names; the robot that the visitor had before ends. Raises PageError for names that
         the page does not know, and where others have all robots, or the hub, already."""
         action, runs = ACTIONS[name], self._runs()
-        known: dict[str, Iterable[str]] = {"environment": self._envs, "arena": ARENAS, "plan": self._plans}
+        known: dict[str, Iterable[str]] = {"environment": self._envs, "arena": ARENAS, "plan": self._plans, "class": ["runs"]}
         known["run"] = [run["name"] for run in runs]
         names = [chosen(action.kind, value, known[action.kind]) for value in values]
         number = 1 + max((job.number for job in self._jobs), default=0)
@@ -289,6 +296,7 @@ class StartPage(PageServer):
         words += ["--page-host", self._options.page_host] if action.has_page else []
         if name == "train":  # or the same run would come again
             words += ["--seed", f"{sum(run['env'] in names for run in runs)}"]
+            words += [f"--name={visitor.given_name}"] if visitor is not None and visitor.given_name else []
         if action.is_alone:
             alone = [job for job in self._jobs if ACTIONS[job.action].is_alone and job.is_running]
             others = [job for job in alone if visitor is not None and job.owner is not visitor]
@@ -345,13 +353,12 @@ class StartPage(PageServer):
         for config in configs[:_MAX_RUNS]:
             run = RunFolder(config.parent)
             with contextlib.suppress(BricksError, OSError):  # such as a run that is deleted now
-                origin, returns = run.origin(), [episode.return_ for episode in run.read_episodes()]
-                last = returns[-_LAST_EPISODES:]
-                about = {"env": origin.env, "agent": origin.agent, "episodes": len(returns)}
+                config, returns = run.read_config(), [episode.return_ for episode in run.read_episodes()]
+                about = {"env": config.env, "agent": config.agent, "episodes": len(returns), "pupil": config.name}
+                about |= {"seed": config.seed, "has_report": (run.path / "report.html").exists()}
+                about |= {"has_film": (run.path / "before_after.mp4").exists()}
                 points = returns[:: 1 + len(returns) // _MAX_POINTS]
-                found.append(
-                    {**about, "name": run.path.name, "points": points, "return": sum(last) / len(last) if last else None}
-                )
+                found.append({**about, **_scored(run, returns), "name": run.path.name, "points": points})
         return found
 
 
@@ -366,3 +373,12 @@ def _changed_s(path: Path) -> float:
         return path.stat().st_mtime
     except OSError:
         return 0.0
+
+
+def _scored(run: RunFolder, returns: list[float]) -> dict[str, Any]:
+    """The return that the page shows of a run, and what it is: of the evaluation, or else of the last episodes."""
+    evaluation = run.own_evaluation(len(returns))
+    if evaluation is not None:
+        return {"return": evaluation["return_mean"], "score": "evaluation"}
+    last = returns[-_LAST_EPISODES:]
+    return {"return": sum(last) / len(last) if last else None, "score": f"mean of the last {_LAST_EPISODES} episodes"}

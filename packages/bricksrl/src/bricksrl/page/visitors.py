@@ -7,6 +7,7 @@ A visitor is one browser, in one tab or several. Who reloads the page, or has cl
 from __future__ import annotations
 
 import hashlib
+import re
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ AWAY_S = 5.0
 ASK_S = 20.0
 """Time after which a question that is not answered is withdrawn."""
 _MAX_NAME, _MAX_KNOWN = 24, 64
+_OUR_NAME = re.compile(r"Visitor \d+( \(\d+\))?")
 
 
 @dataclass(eq=False)
@@ -38,6 +40,11 @@ class Visitor:
     left_s: float = 0.0
     is_asleep: bool = False
     note: str = ""
+
+    @property
+    def given_name(self) -> str:
+        """The name that the visitor has given; empty for one of ours."""
+        return "" if _OUR_NAME.fullmatch(self.name) else self.name
 
     @property
     def is_away(self) -> bool:

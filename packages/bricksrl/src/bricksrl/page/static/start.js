@@ -1,10 +1,11 @@
 // Start page: cards of environments, runs, plans and jobs. All state is the server's.
 
+import { short } from "./charts.js";
 import { $, cleanAddress, connect, element, fill, press } from "./connection.js";
 import { hear, showVisitors, you } from "./visitors.js";
 
 const TEXTS = { play: "Play", train: "Train", drive: "Drive", game: "Play together" };
-const DOES = { play: "plays", drive: "is driven", game: "is played", train: "learns", watch: "is shown", compare: "are compared", build: "is built", booklet: "gets its booklet", check: "is checked" };
+const DOES = { play: "plays", drive: "is driven", game: "is played", train: "learns", watch: "is shown", compare: "are compared", class: "are listed", build: "is built", booklet: "gets its booklet", check: "is checked" };
 let status = {}, awaited = null;
 const chosen = new Set();
 
@@ -52,9 +53,13 @@ function showRuns() {
       box.checked ? chosen.add(run.name) : chosen.delete(run.name);
       $("compare").disabled = chosen.size < 2;
     };
-    const about = element("small", { textContent: `${run.agent}, ${run.episodes} episodes · ${run.name}` });
-    const score = element("output", { textContent: run.return === null ? "" : run.return.toPrecision(3), title: "mean return of the last episodes" });
-    item.append(element("label", {}, box, element("span", {}, element("b", { textContent: run.env }), about)), curve(run.points), score, starter("Watch", "watch", run.name));
+    const about = element("small", { textContent: `${run.agent}, ${run.episodes} episodes, seed ${run.seed} · ${run.name}` });
+    const score = element("output", {}, element("b", { textContent: run.return === null ? "" : short(run.return) }), element("small", { textContent: run.score }));
+    const title = element("b", { textContent: run.pupil ? `${run.pupil} · ${run.env}` : run.env });
+    const home = element("span", { className: "home" });
+    if (run.has_report) home.append(element("a", { textContent: "Report", href: `runs/${encodeURIComponent(run.name)}/report.html`, target: "_blank", title: "print it: one sheet to hand out" }));
+    if (run.has_film) home.append(element("a", { textContent: "Film", href: `runs/${encodeURIComponent(run.name)}/before_after.mp4`, download: `${run.pupil || run.name}.mp4` }));
+    item.append(element("label", {}, box, element("span", {}, title, about)), curve(run.points), score, home, starter("Watch", "watch", run.name));
   });
 }
 
@@ -118,6 +123,7 @@ function address(url) {
   return to.href;
 }
 
+$("class").onclick = () => start("class", "runs");
 $("compare").onclick = () => start("compare", [...chosen]);
 $("check-start").onclick = () => start(`check ${$("check-hub").value}`, $("check-env").value);
 cleanAddress();
