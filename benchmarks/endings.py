@@ -202,7 +202,7 @@ class Browser:
 
     def close(self) -> None:
         """Close the tab."""
-        self._socket.close()
+        self._socket.close(1001)  # as a browser does
 
 
 def port_of(url: str) -> int:

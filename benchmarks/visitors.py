@@ -27,7 +27,7 @@ from benchmarks.session import Session
 from brickhub.errors import BricksError
 
 SIZES = {"Ada": (1280, 800), "Ben": (390, 844), "Cy": (844, 390)}
-_TIMEOUT_MS, _LOOK_S = 60_000, 1.0
+_TIMEOUT_MS, _LOOK_S = 120_000, 1.0
 _SEEN = """() => {
   const text = (id) => {
     const box = document.getElementById(id);

@@ -35,8 +35,8 @@ _MAX_JOBS, _MAX_LINES, _MAX_RUNS, _MAX_POINTS, _LAST_EPISODES = 12, 60, 30, 60, 
 _REFRESH_S, _END_S, _READ_S, _ANSWER_S = 1.0, 4.0, 1.0, 0.5
 _MAX_ROBOTS = 6
 """Robots of all visitors at a time."""
-_DESERTED_S, _ASLEEP_S = 3.0, 60.0
-"""Time after which a play ends at which nobody looks: closed tabs, and connections that broke."""
+_DESERTED_S, _ASLEEP_S = 5.0, 60.0
+"""Time after which a play ends at which nobody looks: after closed tabs; after connections that broke, or before the first look."""
 _log = logging.getLogger(__name__)
 _PAGE_LINE = re.compile(r"live page: (\S+)")
 
@@ -108,6 +108,7 @@ class Job:
         owner: the visitor who has started it.
         why: why it was ended, if it was.
         empty_s: monotonic time since which nobody is there who looks at it.
+        is_seen: whether somebody has looked at its page.
     """
 
     number: int
@@ -118,6 +119,7 @@ class Job:
     url: str = ""
     why: str = ""
     empty_s: float | None = None
+    is_seen: bool = False
     lines: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_LINES))
 
     def __post_init__(self) -> None:
@@ -316,10 +318,11 @@ class StartPage(PageServer):
             seen, now_s = job.visitors(), time.monotonic()
             if seen.get("here") or job.owner.tabs or not seen:
                 job.empty_s = None
+                job.is_seen = job.is_seen or bool(seen.get("here"))
                 continue
             job.empty_s = job.empty_s or now_s
-            is_asleep = job.owner.is_asleep or seen["asleep"]
-            if now_s - job.empty_s > (_ASLEEP_S if is_asleep else _DESERTED_S):
+            may_return = not job.is_seen or job.owner.is_asleep or seen["asleep"]
+            if now_s - job.empty_s > (_ASLEEP_S if may_return else _DESERTED_S):
                 self._end([job], "ended, as all its tabs were closed")
 
     def _tick(self) -> None:
