@@ -36,7 +36,8 @@ _SEEN = """() => {
   const all = (what) => [...document.querySelectorAll(what)].map((box) => box.innerText.replace(/\\s+/g, " ").trim());
   return {
     title: text("title") || "start page", state: text("state"), stop: text("stop-said"), note: text("note"),
-    others: text("others"), message: text("message"), questions: all("#questions .question"), seats: all("#seats:not([hidden]) button"),
+    others: text("others"), message: text("message"),
+    questions: all("#questions .question"), seats: all("#seats:not([hidden]) button"),
     driver: document.querySelector("#drive:not([hidden]) #driving:not([hidden]) #driver")?.textContent ?? "",
     jobs: all(".job:not(.over) > .row"),
   };

@@ -36,7 +36,7 @@ _REFRESH_S, _END_S, _READ_S, _ANSWER_S = 1.0, 4.0, 1.0, 0.5
 _MAX_ROBOTS = 6
 """Robots of all visitors at a time."""
 _DESERTED_S, _ASLEEP_S = 5.0, 60.0
-"""Time after which a play ends at which nobody looks: after closed tabs; after connections that broke, or before the first look."""
+"""Time after which a play ends that nobody looks at: after closed tabs; before the first look, and after connections that broke."""
 _log = logging.getLogger(__name__)
 _PAGE_LINE = re.compile(r"live page: (\S+)")
 
