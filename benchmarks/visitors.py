@@ -21,7 +21,7 @@ from typing import Any
 from playwright.sync_api import Browser as Chromium
 from playwright.sync_api import Page, sync_playwright
 
-from benchmarks.endings import Command, is_free, port_of
+from benchmarks.endings import Command, is_free
 from benchmarks.page_pictures import FLAGS
 from benchmarks.session import Session
 from brickhub.errors import BricksError
@@ -246,6 +246,6 @@ def main(session: Session) -> None:
             time.sleep(0.05)
         protocol.write("the computer", does=f"closes the terminal; after {time.monotonic() - ended_s:.1f} s nothing is left")
         result = {"seconds": protocol.now_s, "script_errors": protocol.errors, "processes_left": len(command.processes())}
-        result |= {"port_is_free": is_free(port_of(url)), "processes_of_plays_left": left, "protocol": protocol.lines}
+        result |= {"port_is_free": is_free(url), "processes_of_plays_left": left, "protocol": protocol.lines}
     shutil.rmtree(folder, ignore_errors=True)
     session.write(result)

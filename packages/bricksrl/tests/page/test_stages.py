@@ -106,7 +106,7 @@ def test_job_that_runs_is_never_dropped(page: StartPage) -> None:
 
 
 def test_deaf_jobs_end_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(start_page, "_END_S", 0.5)
+    monkeypatch.setattr(start_page, "_CLOSE_S", 0.5)
     page = StartPage(
         tmp_path,
         launch=lambda *_: subprocess.Popen(

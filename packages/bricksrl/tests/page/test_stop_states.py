@@ -165,7 +165,7 @@ def test_stop_is_reached_by_keyboard_and_seen_at_each_size(browser: object, widt
         page.keyboard.press("Enter")
         sees(page, "#stop-said", "The stop is sent")
         robot.is_at_rest.set()
-        sees(page, "#stop-said", "Confirmed")
+        sees(page, "#stop-said.confirmed", "Confirmed")
         for place in ("#stop", "#stop-said"):
             box = page.locator(place).bounding_box()
             assert box["x"] >= 0 and box["x"] + box["width"] <= width

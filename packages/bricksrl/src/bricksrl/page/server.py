@@ -50,8 +50,8 @@ _UNSEEN = ("arrived", "left", "renamed", "drive", "pull")
 """Presses after which a note to the visitor stays, as they are not made by a click."""
 _GOING_AWAY = 1001
 """Code with which a browser closes the connection of a tab that is closed."""
-_PING_S = 2.0
-"""Period of the questions whether a browser is there; one that does not answer for twice as long is gone."""
+_PING_S, _SILENT_S = 2.0, 8.0
+"""Period of the questions whether a browser is there; time without an answer after which it is gone."""
 _TICK_S, _CONFIRM_POLL_S = 0.5, 0.02
 CONFIRM_S = 3.0
 """Time that a robot has to confirm an emergency stop."""
@@ -226,7 +226,7 @@ class PageServer:
             max_size=_MAX_MESSAGE_BYTES,
             close_timeout=_CLOSE_TIMEOUT_S,
             ping_interval=_PING_S,
-            ping_timeout=2.0 * _PING_S,
+            ping_timeout=_SILENT_S,
             logger=logger,
         ) as server:
             self._ready.set()

@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from brickhub.cli.ending import DEADLINE_S
 from bricksrl.envs.arenas import ARENAS, arena_summary
 from bricksrl.envs.registry import is_simulation, list_envs
 from bricksrl.errors import BricksError, PageError
@@ -32,7 +33,11 @@ from bricksrl.training.run_folder import RunFolder
 from bricktwin.robots import ROBOTS
 
 _MAX_JOBS, _MAX_LINES, _MAX_RUNS, _MAX_POINTS, _LAST_EPISODES = 12, 60, 30, 60, 5
-_REFRESH_S, _END_S, _READ_S, _ANSWER_S = 1.0, 4.0, 1.0, 0.5
+_REFRESH_S, _READ_S, _ANSWER_S = 1.0, 0.5, 0.5
+_END_S = 4.0
+"""Time that a job has to end."""
+_CLOSE_S = DEADLINE_S - 1.0
+"""The same at the end of the page, whose own process has not much longer."""
 _MAX_ROBOTS = 6
 """Robots of all visitors at a time."""
 _DESERTED_S, _ASLEEP_S = 5.0, 60.0
@@ -173,11 +178,11 @@ class Job:
         return found
 
 
-def end_jobs(jobs: Sequence[Job]) -> None:
-    """End jobs, all at the same time."""
+def end_jobs(jobs: Sequence[Job], within_s: float = _END_S) -> None:
+    """End jobs, all at the same time; kill those that have not ended in time, such as frozen ones."""
     for job in jobs:
         job.ask_to_end()
-    deadline_s = time.monotonic() + _END_S
+    deadline_s = time.monotonic() + within_s
     for job in jobs:
         job.end_by(deadline_s)
 
@@ -224,7 +229,7 @@ class StartPage(PageServer):
     def close(self) -> None:
         """End all jobs and stop serving."""
         self._ended.set()
-        end_jobs(self._jobs)
+        end_jobs(self._jobs, _CLOSE_S)
         super().close()
         if self._results is not None:
             shutil.rmtree(self._results, ignore_errors=True)
