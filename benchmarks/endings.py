@@ -24,7 +24,9 @@ import subprocess
 import sys
 import tempfile
 import time
+import urllib.error
 import urllib.parse
+import urllib.request
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -202,7 +204,7 @@ class Browser:
 
     def close(self) -> None:
         """Close the tab."""
-        self._socket.close()
+        self._socket.close(1001)  # as a browser does
 
 
 def port_of(url: str) -> int:
@@ -210,11 +212,19 @@ def port_of(url: str) -> int:
     return urllib.parse.urlsplit(url).port or 80
 
 
-def is_free(port: int) -> bool:
-    """Whether nobody listens on a port of this computer."""
-    with socket.socket() as probe:
-        probe.settimeout(1.0)
-        return probe.connect_ex(("127.0.0.1", port)) != 0
+def is_free(url: str) -> bool:
+    """Whether a page is served no more; its port may be another program's by now, which does not know the token."""
+    parts = urllib.parse.urlsplit(url)
+    try:
+        with urllib.request.urlopen(f"http://{parts.netloc}/visitors.json?{parts.query}", timeout=1.0):
+            return False
+    except urllib.error.HTTPError as refusal:
+        refusal.close()
+        return True
+    except TimeoutError:  # somebody listens, and does not answer
+        return False
+    except OSError as error:
+        return not isinstance(getattr(error, "reason", None), TimeoutError)
 
 
 def drawn(number: int, seed: int) -> tuple[str, str, float]:
@@ -290,8 +300,8 @@ def _left(command: Command, urls: Sequence[str], way: str) -> tuple[list[int], l
     """Processes and ports that are left; a start page whose job's tab was closed goes on by itself."""
     left = command.processes()
     if way != "closed tab":
-        return left, [port_of(url) for url in urls if not is_free(port_of(url))]
-    return [pid for pid in left if pid != command.pid], [port_of(url) for url in urls[1:] if not is_free(port_of(url))]
+        return left, [port_of(url) for url in urls if not is_free(url)]
+    return [pid for pid in left if pid != command.pid], [port_of(url) for url in urls[1:] if not is_free(url)]
 
 
 def _rests(command: Command, urls: Sequence[str], browsers: Sequence[Browser], way: str) -> bool | None:

@@ -21,13 +21,13 @@ from typing import Any
 from playwright.sync_api import Browser as Chromium
 from playwright.sync_api import Page, sync_playwright
 
-from benchmarks.endings import Command, is_free, port_of
+from benchmarks.endings import Command, is_free
 from benchmarks.page_pictures import FLAGS
 from benchmarks.session import Session
 from brickhub.errors import BricksError
 
 SIZES = {"Ada": (1280, 800), "Ben": (390, 844), "Cy": (844, 390)}
-_TIMEOUT_MS, _LOOK_S = 60_000, 1.0
+_TIMEOUT_MS, _LOOK_S = 120_000, 1.0
 _SEEN = """() => {
   const text = (id) => {
     const box = document.getElementById(id);
@@ -36,7 +36,8 @@ _SEEN = """() => {
   const all = (what) => [...document.querySelectorAll(what)].map((box) => box.innerText.replace(/\\s+/g, " ").trim());
   return {
     title: text("title") || "start page", state: text("state"), stop: text("stop-said"), note: text("note"),
-    others: text("others"), message: text("message"), questions: all("#questions .question"), seats: all("#seats:not([hidden]) button"),
+    others: text("others"), message: text("message"),
+    questions: all("#questions .question"), seats: all("#seats:not([hidden]) button"),
     driver: document.querySelector("#drive:not([hidden]) #driving:not([hidden]) #driver")?.textContent ?? "",
     jobs: all(".job:not(.over) > .row"),
   };
@@ -245,6 +246,6 @@ def main(session: Session) -> None:
             time.sleep(0.05)
         protocol.write("the computer", does=f"closes the terminal; after {time.monotonic() - ended_s:.1f} s nothing is left")
         result = {"seconds": protocol.now_s, "script_errors": protocol.errors, "processes_left": len(command.processes())}
-        result |= {"port_is_free": is_free(port_of(url)), "processes_of_plays_left": left, "protocol": protocol.lines}
+        result |= {"port_is_free": is_free(url), "processes_of_plays_left": left, "protocol": protocol.lines}
     shutil.rmtree(folder, ignore_errors=True)
     session.write(result)

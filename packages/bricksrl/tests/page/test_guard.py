@@ -62,3 +62,32 @@ def test_browser_omits_port_80() -> None:
 
 def test_cookie_is_limited_to_page() -> None:
     assert "HttpOnly" in OURS.set_cookie and "SameSite=Strict" in OURS.set_cookie
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        "a[b]=1",
+        "x",
+        "=",
+        "name=va;lue",
+        'q="a b\\',
+        "\u00fc=\u2603",
+        "{}=[]",
+        "a=b=c",
+        ", ,",
+        "bricksrl_8091=other",
+        "$Version=1",
+        "a@b=c,d",
+    ],
+)
+def test_cookies_of_other_programs_do_no_harm(other: str) -> None:
+    for cookies in (f"{other}; bricksrl_8090=secret", f"bricksrl_8090=secret; {other}", f"{other};bricksrl_8090=secret;{other}"):
+        assert OURS.refusal("/ws", {**GOOD, "Cookie": cookies}, is_socket=True) is None
+    assert OURS.refusal("/ws", {**GOOD, "Cookie": other}, is_socket=True) is not None
+
+
+def test_of_two_cookies_of_our_name_one_may_be_old() -> None:
+    """A cookie of a deeper path, or of an earlier page on this port, comes first."""
+    cookies = "bricksrl_8090=old; bricksrl_8090=secret"
+    assert OURS.refusal("/ws", {**GOOD, "Cookie": cookies}, is_socket=True) is None

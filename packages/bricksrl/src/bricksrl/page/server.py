@@ -48,9 +48,10 @@ _SECRET, _NAME = "bricksrl_visitor", "bricksrl_name"
 _KEPT = "HttpOnly; SameSite=Strict; Path=/; Max-Age=31536000"
 _UNSEEN = ("arrived", "left", "renamed", "drive", "pull")
 """Presses after which a note to the visitor stays, as they are not made by a click."""
-_CLOSED_BY_BROWSER = (1000, 1001)
-_PING_S = 2.0
-"""Period of the questions whether a browser is there; one that does not answer for twice as long is gone."""
+_GOING_AWAY = 1001
+"""Code with which a browser closes the connection of a tab that is closed."""
+_PING_S, _SILENT_S = 2.0, 8.0
+"""Period of the questions whether a browser is there; time without an answer after which it is gone."""
 _TICK_S, _CONFIRM_POLL_S = 0.5, 0.02
 CONFIRM_S = 3.0
 """Time that a robot has to confirm an emergency stop."""
@@ -227,7 +228,7 @@ class PageServer:
             max_size=_MAX_MESSAGE_BYTES,
             close_timeout=_CLOSE_TIMEOUT_S,
             ping_interval=_PING_S,
-            ping_timeout=2.0 * _PING_S,
+            ping_timeout=_SILENT_S,
             logger=logger,
         ) as server:
             self._ready.set()
@@ -293,7 +294,7 @@ class PageServer:
             pass
         finally:
             self._connections -= 1
-            self.visitors.leave(visitor, closed=connection.close_code in _CLOSED_BY_BROWSER)
+            self.visitors.leave(visitor, closed=connection.close_code == _GOING_AWAY)
             sender.cancel()
             await asyncio.gather(sender, return_exceptions=True)
             self._presses.put(("left", None, visitor))

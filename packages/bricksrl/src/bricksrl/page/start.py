@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from brickhub.cli.ending import DEADLINE_S
 from bricksrl.envs.arenas import ARENAS, arena_summary
 from bricksrl.envs.registry import is_simulation, list_envs
 from bricksrl.errors import BricksError, PageError
@@ -32,11 +33,15 @@ from bricksrl.training.run_folder import RunFolder
 from bricktwin.robots import ROBOTS
 
 _MAX_JOBS, _MAX_LINES, _MAX_RUNS, _MAX_POINTS, _LAST_EPISODES = 12, 60, 30, 60, 5
-_REFRESH_S, _END_S, _READ_S, _ANSWER_S = 1.0, 4.0, 1.0, 0.5
+_REFRESH_S, _READ_S, _ANSWER_S = 1.0, 0.5, 0.5
+_END_S = 4.0
+"""Time that a job has to end."""
+_CLOSE_S = DEADLINE_S - 1.0
+"""The same at the end of the page, whose own process has not much longer."""
 _MAX_ROBOTS = 6
 """Robots of all visitors at a time."""
-_DESERTED_S, _ASLEEP_S = 3.0, 60.0
-"""Time after which a play ends at which nobody looks: closed tabs, and connections that broke."""
+_DESERTED_S, _ASLEEP_S = 5.0, 60.0
+"""Time after which a play ends that nobody looks at: after closed tabs; before the first look, and after connections that broke."""
 _log = logging.getLogger(__name__)
 _PAGE_LINE = re.compile(r"live page: (\S+)")
 
@@ -111,6 +116,7 @@ class Job:
         owner: the visitor who has started it.
         why: why it was ended, if it was.
         empty_s: monotonic time since which nobody is there who looks at it.
+        is_seen: whether somebody has looked at its page.
     """
 
     number: int
@@ -121,6 +127,7 @@ class Job:
     url: str = ""
     why: str = ""
     empty_s: float | None = None
+    is_seen: bool = False
     lines: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_LINES))
 
     def __post_init__(self) -> None:
@@ -174,11 +181,11 @@ class Job:
         return found
 
 
-def end_jobs(jobs: Sequence[Job]) -> None:
-    """End jobs, all at the same time."""
+def end_jobs(jobs: Sequence[Job], within_s: float = _END_S) -> None:
+    """End jobs, all at the same time; kill those that have not ended in time, such as frozen ones."""
     for job in jobs:
         job.ask_to_end()
-    deadline_s = time.monotonic() + _END_S
+    deadline_s = time.monotonic() + within_s
     for job in jobs:
         job.end_by(deadline_s)
 
@@ -225,7 +232,7 @@ class StartPage(PageServer):
     def close(self) -> None:
         """End all jobs and stop serving."""
         self._ended.set()
-        end_jobs(self._jobs)
+        end_jobs(self._jobs, _CLOSE_S)
         super().close()
         if self._results is not None:
             shutil.rmtree(self._results, ignore_errors=True)
@@ -324,10 +331,11 @@ class StartPage(PageServer):
             seen, now_s = job.visitors(), time.monotonic()
             if seen.get("here") or job.owner.tabs or not seen:
                 job.empty_s = None
+                job.is_seen = job.is_seen or bool(seen.get("here"))
                 continue
             job.empty_s = job.empty_s or now_s
-            is_asleep = job.owner.is_asleep or seen["asleep"]
-            if now_s - job.empty_s > (_ASLEEP_S if is_asleep else _DESERTED_S):
+            may_return = not job.is_seen or job.owner.is_asleep or seen["asleep"]
+            if now_s - job.empty_s > (_ASLEEP_S if may_return else _DESERTED_S):
                 self._end([job], "ended, as all its tabs were closed")
 
     def _tick(self) -> None:

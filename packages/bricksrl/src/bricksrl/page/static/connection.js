@@ -1,7 +1,7 @@
 // Connection to the server of a page: messages from it, presses to it, and the port of the start page that it was opened from.
 
 export const $ = (id) => document.getElementById(id);
-const PING_MS = 1000, SILENT_MS = 3000, OPEN_MS = 5000, MAX_RETRY_MS = 5000, GIVE_UP_MS = 600000, STOP_MS = 1000, RESEND_MS = 10000;
+const PING_MS = 1000, SILENT_MS = 4000, OPEN_MS = 5000, MAX_RETRY_MS = 5000, GIVE_UP_MS = 600000, STOP_MS = 1000, RESEND_MS = 10000, SILENT = 4000, GOING_AWAY = 1001;
 let socket = null, handlers = null, retry_ms = 300, timer = 0, isOver = false;
 let heard_ms = 0; // when the server answered last
 let begun_ms = 0; // when the present attempt to connect began
@@ -39,9 +39,9 @@ function open() {
     if (message.heard !== undefined) return stopHeard(message.heard);
     handlers.onText(message);
   };
-  mine.onclose = ({ reason }) => {
+  mine.onclose = ({ code, reason }) => {
     if (socket !== mine) return;
-    if (reason) return end(reason); // the server's last word
+    if (code === GOING_AWAY && reason) return end(reason); // the server's last word
     handlers.onChange("no connection");
     if (wasOpen) retry();
     else refusal().then((isRefused) => (isRefused ? end("this page has ended") : retry()));
@@ -96,7 +96,7 @@ function again() {
   const dead = socket;
   handlers.onChange("no connection");
   socket = null;
-  dead.close(); // its end may take a minute, and is not waited for
+  dead.close(SILENT, "silent"); // its end may take a minute, and is not waited for
   open();
 }
 

@@ -1,0 +1,128 @@
+"""Ends of a command that somebody else asks for."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+
+LONGEST_S = 30.0
+BEGIN = """
+import signal, sys, time
+from brickhub.cli import ending
+ending.DEADLINE_S = 0.3
+def ready():
+    print("ready", flush=True)
+"""
+DEAF = """
+with ending.ended_in_time():
+    is_ready = False
+    while True:
+        try:
+            if not is_ready:
+                ready()
+                is_ready = True
+            time.sleep(60)
+        except KeyboardInterrupt:
+            print("heard", flush=True)
+"""
+IN_C = """
+import hashlib
+with ending.ended_in_time():
+    ready()
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)
+"""
+WITH_PARENT = """
+with ending.ended_in_time():
+    ending.end_with_parent()
+    assert sys.stdin.readline() == "", "the command itself reads nothing"
+    ready()
+    ending.wait_for_end()
+"""
+ORDERLY = """
+from brickhub import cli
+class Line:
+    @staticmethod
+    def run(line, arguments):
+        ready()
+        ending.wait_for_end()
+sys.modules["brickhub.cli.app"] = Line
+cli.app = Line
+sys.modules["table"] = type("Table", (), {"LINE": None})
+try:
+    sys.exit(cli.start("table", None))
+finally:
+    print("the interpreter ends by itself", flush=True)
+"""
+
+
+@contextmanager
+def running(script: str, **options: object) -> Iterator[subprocess.Popen[str]]:
+    """A script that has said that it is ready."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", BEGIN + script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **options
+    )
+    with process:
+        try:
+            assert process.stdout is not None and process.stdout.readline() == "ready\n"
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("script", [DEAF, IN_C])
+def test_deaf_command_ends_at_the_deadline(script: str, number: signal.Signals) -> None:
+    with running(script) as process:
+        time.sleep(0.1)
+        process.send_signal(number)
+        assert process.wait(LONGEST_S) == 130
+
+
+def test_only_the_second_interrupt_has_a_deadline() -> None:
+    with running(DEAF) as process:
+        process.send_signal(signal.SIGINT)
+        assert process.stdout is not None and process.stdout.readline() == "heard\n"
+        time.sleep(0.6)
+        assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        assert process.wait(LONGEST_S) == 130
+
+
+def test_command_under_nohup_hears_no_closed_terminal() -> None:
+    with running(DEAF, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN)) as process:
+        process.send_signal(signal.SIGHUP)
+        time.sleep(0.6)
+        assert process.poll() is None
+
+
+def test_command_ends_with_its_parent() -> None:
+    with running(WITH_PARENT) as process:
+        assert process.stdin is not None
+        process.stdin.close()
+        assert process.wait(LONGEST_S) != 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_command_that_was_ended_does_not_wait_for_the_interpreter(number: signal.Signals) -> None:
+    with running(ORDERLY, stderr=subprocess.PIPE) as process:
+        process.send_signal(number)
+        said, error = process.communicate(timeout=LONGEST_S)
+        assert process.returncode == 130 and not said and "nothing was saved" in error
+
+
+def test_command_whose_terminal_is_closed_ends() -> None:
+    read, write = os.pipe()
+    with running(ORDERLY, stderr=write) as process:
+        os.close(read)
+        os.close(write)
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(LONGEST_S) == 130

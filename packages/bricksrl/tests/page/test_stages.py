@@ -1,0 +1,165 @@
+"""Jobs of the start page, of several visitors, without a browser. A job is a process that ends when its input does."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from bricksrl.page import start as start_page
+from bricksrl.page.start import StartPage
+from bricksrl.page.visitors import Visitor
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="cat is a program of POSIX")
+
+
+def launch(words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(["cat"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Iterator[StartPage]:
+    page = StartPage(tmp_path, launch=launch)
+    yield page
+    page.close()
+    assert not any(job.is_running for job in page._jobs)
+
+
+@pytest.fixture
+def people(page: StartPage) -> tuple[Visitor, Visitor]:
+    return page.visitors.arrive("a", "Ada"), page.visitors.arrive("b", "Ben")
+
+
+def running(page: StartPage) -> list[tuple[str, str]]:
+    return [(job["about"], job["owner"]) for job in page.board.status[1]["jobs"] if job["code"] is None]
+
+
+def test_each_visitor_has_a_robot_of_its_own(page: StartPage, people: tuple[Visitor, Visitor]) -> None:
+    ada, ben = people
+    page._press("drive", "Spinning-v0", ada)
+    page._press("play", "Walker-v1", ben)
+    assert running(page) == [("Walker-v1", "Ben"), ("Spinning-v0", "Ada")]
+    page._press("play", "Park-v0", ada)
+    assert running(page) == [("Park-v0", "Ada"), ("Walker-v1", "Ben")], "one's own robot makes room"
+    assert {*page.board.status[1]["holders"].values()} == {"Ada", "Ben"}
+
+
+def test_owner_is_asked_before_a_robot_is_ended(page: StartPage, people: tuple[Visitor, Visitor]) -> None:
+    ada, ben = people
+    page._press("drive", "Spinning-v0", ada)
+    number = page._jobs[0].number
+    page._press("end", number, ben)
+    (question,) = page.board.status[1]["questions"].items()
+    assert running(page) and question[1] == "Ben"
+    page._press("answer", [question[0], True], ben)
+    assert running(page), "it is not for Ben to say"
+    page._press("answer", [question[0], False], ada)
+    assert running(page) and ben.note == "Ada says no."
+    page._press("end", number, ben)
+    page._press("answer", [question[0], True], ada)
+    assert not running(page) and "Ben" in ada.note
+    assert page.board.status[1]["jobs"][0]["why"] == "ended for Ben"
+
+
+def test_robot_of_somebody_who_left_needs_no_question(page: StartPage, people: tuple[Visitor, Visitor]) -> None:
+    ada, ben = people
+    page._press("train", "RunAway-v0", ada)
+    page.visitors.leave(ada, closed=True)
+    ada.left_s -= 100.0
+    page._press("end", page._jobs[0].number, ben)
+    assert not running(page)
+
+
+def test_there_is_no_room_for_more_robots_than_are_allowed(
+    page: StartPage, people: tuple[Visitor, Visitor], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(start_page, "_MAX_ROBOTS", 1)
+    ada, ben = people
+    page._press("drive", "Spinning-v0", ada)
+    page._press("drive", "Spinning-v0", ben)
+    assert len(running(page)) == 1 and "Ada" in ben.note and not ada.note
+
+
+def test_one_visitor_at_a_time_checks_a_real_hub(page: StartPage, people: tuple[Visitor, Visitor]) -> None:
+    ada, ben = people
+    page._press("check ble", "RunAway-v0", ada)
+    page._press("check ble", "RunAway-v0", ben)
+    assert len(running(page)) == 1 and "Ada checks a hub" in ben.note
+    page._press("check virtual", "RunAway-v0", ben)
+    assert len(running(page)) == 2
+
+
+def test_job_that_runs_is_never_dropped(page: StartPage) -> None:
+    page._press("train", "RunAway-v0")
+    first = page._jobs[0]
+    for _ in range(start_page._MAX_JOBS + 3):
+        page._press("drive", "Spinning-v0")
+    assert first in page._jobs and len(page._jobs) == start_page._MAX_JOBS
+    for _ in range(start_page._MAX_JOBS + 1):
+        page._press("train", "RunAway-v0")
+    assert len(page._jobs) == sum(job.is_running for job in page._jobs) == start_page._MAX_JOBS + 3
+
+
+def test_deaf_jobs_end_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(start_page, "_CLOSE_S", 0.5)
+    page = StartPage(
+        tmp_path,
+        launch=lambda *_: subprocess.Popen(
+            [sys.executable, "-c", "import time; time.sleep(99)"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ),
+    )
+    for _ in range(4):
+        page._press("train", "RunAway-v0")
+    start_s = time.monotonic()
+    page.close()
+    assert not any(job.is_running for job in page._jobs) and time.monotonic() - start_s < 1.9
+
+
+@pytest.mark.parametrize(("is_asleep", "ends_after_s"), [(False, 5.1), (True, 60.1)])
+def test_play_ends_when_all_its_tabs_are_closed(
+    page: StartPage, people: tuple[Visitor, Visitor], monkeypatch: pytest.MonkeyPatch, is_asleep: bool, ends_after_s: float
+) -> None:
+    ada, _ = people
+    for action, name in (("train", "RunAway-v0"), ("play", "Walker-v1")):
+        page._press(action, name, ada)
+    training, play = page._jobs
+    training.url = play.url = "http://127.0.0.1:9/?token=x"
+    there: dict[str, object] = {"here": ["somebody"], "asleep": False}
+    monkeypatch.setattr(start_page.Job, "visitors", lambda _job: there)
+    now_s = [time.monotonic()]
+    monkeypatch.setattr(start_page.time, "monotonic", lambda: now_s[0])
+    page.visitors.leave(ada, closed=not is_asleep)
+    page._end_deserted()
+    there["here"] = []
+    page._end_deserted()
+    now_s[0] += ends_after_s - 0.2
+    page._end_deserted()
+    assert play.is_running
+    now_s[0] += 0.3
+    page._end_deserted()
+    assert not play.is_running and "closed" in play.why and training.is_running
+
+
+def test_run_that_vanishes_does_not_end_the_refreshing(page: StartPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = tmp_path / "runs" / "gone"
+    run.mkdir(parents=True)
+    (run / "config.json").symlink_to(tmp_path / "nowhere")
+    assert page._runs() == []
+    monkeypatch.setattr(start_page, "_REFRESH_S", 0.01)
+    asked = []
+
+    def fail() -> list[object]:
+        asked.append(1)
+        if len(asked) > 2:
+            page._ended.set()
+        raise OSError("gone")
+
+    monkeypatch.setattr(page, "_runs", fail)
+    page._refresh()
+    assert len(asked) == 3
+    monkeypatch.undo()
