@@ -104,8 +104,7 @@ def test_a_link_breaks_once(tmp_path: Path) -> None:
     while link.now_s() < 1.9:
         link.read()
     with pytest.raises(HubError, match="out of reach"):
-        for _ in range(10):
-            link.read()
+        [link.read() for _ in range(10)]
     for _ in range(3):
         try:
             link.open()

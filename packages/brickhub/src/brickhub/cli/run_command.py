@@ -29,8 +29,9 @@ class Run:
     """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit code 1 if it raises, 124
     at the time limit.
 
-    Files that it imports from its folder are included; those that it writes, as `motor.log.save` does, are saved beside it. The program can read standard input. Ctrl-C stops it and its motors. A
-    program that imports LEGO's package `legoeducation` runs on this computer, and drives virtual devices of LEGO's kits.
+    Files that it imports from its folder are included; those that it writes, as `motor.log.save` does, are saved beside it.
+    The program can read standard input. Ctrl-C stops it and its motors. A program that imports LEGO's package
+    `legoeducation` runs on this computer, and drives virtual devices of LEGO's kits.
 
     Without --robot, the virtual hub adapts to the program: its kind is the one that the program imports, and each port has the
     device that the program expects there.

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from brickhub.errors import DescriptionError, hint
+from brickhub.hub.link.profiles import LinkProfile
 from brickhub.robot import Motor, Robot, Sense, UltrasonicSensor
 from brickhub.virtual.body import Body, Rng
 from brickhub.virtual.stimuli import DEFAULT_STIMULI, Sensed
@@ -302,9 +303,17 @@ class FaultyBody:
     def battery_mv(self) -> int:
         return self.sound.battery_mv if self.faulty_battery_mv is None else self.faulty_battery_mv
 
+    @battery_mv.setter
+    def battery_mv(self, battery_mv: int) -> None:
+        self.sound.battery_mv = battery_mv
+
     @property
-    def link(self) -> Any:
+    def link(self) -> LinkProfile:
         return self.sound.link
+
+    @link.setter
+    def link(self, link: LinkProfile) -> None:
+        self.sound.link = link
 
     def reset(self, rng: Rng) -> None:
         self.sound.reset(rng)

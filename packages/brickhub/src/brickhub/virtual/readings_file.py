@@ -42,7 +42,7 @@ def read_rows(path: Path) -> list[Row]:
         names_columns = is_first and not any(character.isdigit() for character in cells[0])
         is_first = False
         if not names_columns:
-            rows.append(_row(cells, separator, place, rows))
+            rows.append(_row(cells, place, rows))
     if not rows:
         raise TwinError(f"{path} has no readings; write {_EXAMPLE}")
     return rows
@@ -89,7 +89,7 @@ def _with_point(cell: str) -> str:
     return cell if match is None else f"{match[1]}.{match[2]}{match[3]}"
 
 
-def _row(cells: list[str], separator: str, place: str, before: list[Row]) -> Row:
+def _row(cells: list[str], place: str, before: list[Row]) -> Row:
     try:
         time_s = float(cells[0])
     except ValueError:

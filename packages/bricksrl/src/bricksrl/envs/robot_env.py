@@ -263,7 +263,8 @@ class RobotEnv(BricksEnv):
             for watcher in self._watchers:
                 watcher(self._connection)
             if self._connection.twin is not None:
-                self._connection.twin.in_reach = self.in_reach
+                twin, own = self._connection.twin, self._connection.twin.in_reach  # which breaks by a fault of the robot
+                twin.in_reach = lambda: own() and self.in_reach()
             self._check_stop()  # a stop requested before this had no link to act on
         return self._connection
 

@@ -320,7 +320,7 @@ def check_moves(
     is_right: Callable[[str], bool | None] | None,
     advise: Callable[[Sequence[str]], str] | None = None,
 ) -> Iterator[Finding]:
-    """Check of each command by a small move, if a person allows it. ``advise``: what to do about motors that turn the wrong way."""
+    """Check of each command by a small move, if a person allows it. ``advise``: what to do about motors that turn wrongly."""
     if not may_move():
         yield Finding("directions", Outcome.SKIPPED, "nothing was moved, because nobody said yes")
         return

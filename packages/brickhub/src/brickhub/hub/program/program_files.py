@@ -16,8 +16,13 @@ _MARKERS = (*_BEGINNINGS, *_ENDS)
 _TABLES_AND_TEXTS = frozenset((".csv", ".dat", ".json", ".jsonl", ".log", ".md", ".tsv", ".txt"))
 """Endings of files that may be replaced."""
 _RUN_BY_A_COMPUTER = frozenset(
-    [".app", ".bat", ".bash", ".cfg", ".cmd", ".com", ".command", ".desktop", ".dll", ".dylib", ".exe", ".fish", ".hta", ".inf", ".ini", ".ipynb", ".jar", ".js", ".lnk", ".msi", ".pth", ".pl", ".ps1", ".py", ".pyc", ".pyd", ".pyi", ".pyw", ".pyz", ".rb", ".reg", ".scr", ".service", ".sh", ".so", ".toml", ".url", ".vbs", ".wsf", ".zsh"]
-)
+    (
+        ".app", ".bat", ".bash", ".cfg", ".cmd", ".com", ".command", ".desktop", ".dll",
+        ".dylib", ".exe", ".fish", ".hta", ".inf", ".ini", ".ipynb", ".jar", ".js", ".lnk",
+        ".msi", ".pl", ".pth", ".ps1", ".py", ".pyc", ".pyd", ".pyi", ".pyw", ".pyz", ".rb",
+        ".reg", ".scr", ".service", ".sh", ".so", ".toml", ".url", ".vbs", ".wsf", ".zsh",
+    )
+)  # fmt: skip
 """Endings of files that something runs, or takes its settings from."""
 _DEVICES_OF_WINDOWS = frozenset(("aux", "con", "nul", "prn", *(f"{name}{n}" for name in ("com", "lpt") for n in range(1, 10))))
 

@@ -1,4 +1,4 @@
-"""Modules that are frozen into the firmware, written anew: MicroPython, which the virtual hub runs where a program imports them."""
+"""Modules that are frozen into the firmware, written anew: MicroPython that the virtual hub runs where a program imports it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -16,12 +16,12 @@ def turn(motor, angle):
 
 
 wheels = [(name, Motor(port, direction, gears)) for name, port, direction, gears in MOTORS]
-for name, motor in wheels:
+for _, motor in wheels:
     motor.hold()
 for name, motor in wheels:
     forward = turn(motor, ANGLE_DEG)
     back = turn(motor, -ANGLE_DEG)
     print("wheel", name, forward[0] - back[0], forward[1] - back[1])
-for name, motor in wheels:
+for _, motor in wheels:
     motor.stop()
 print("end")
