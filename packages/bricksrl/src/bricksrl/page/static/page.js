@@ -67,7 +67,7 @@ function show() {
   $("title").textContent = status.title ?? "BricksRL";
   $("subtitle").textContent = status.subtitle ?? "";
   showState();
-  const message = status.message || status.note;
+  const message = [status.note, status.message].filter(Boolean).join(" · ");
   $("message").hidden = !message;
   $("message").textContent = message ?? "";
   $("message").classList.toggle("note", !status.message);
