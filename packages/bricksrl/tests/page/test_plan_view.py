@@ -40,7 +40,7 @@ def test_steps_show_their_parts() -> None:
     shown.press("step", None)
     assert np.isfinite(places(shown)[:, 0]).sum() == 7
     facts = shown.board.status[1]
-    assert facts["facts"]["step"] == "2 of 12"
+    assert facts["facts"]["step"] == "2 of 11"
     assert facts["note"].startswith("The motors hang below it")
     shown.press("reset", None)
     assert np.isfinite(places(shown)).all()

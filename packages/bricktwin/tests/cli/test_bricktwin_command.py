@@ -95,3 +95,69 @@ def test_robot_in_a_users_file_has_a_body(bricktwin, program: Path, tmp_path: Pa
 )
 def test_mismatched_options_print_one_line(fails, program: Path, options: tuple[str, ...], says: str) -> None:
     fails("run", str(program), *options, says=says)
+
+
+ROVER = """from brickhub.robot import DriveBase, HubKind, Motor, Mount, PoweredUpSensor, Robot, SensorKind
+from bricktwin.twin.objects import Line
+from bricktwin.twin.scene import Scene
+
+LIGHT = PoweredUpSensor("light", "C", SensorKind.COLOR, Mount((30, 0, 12), "down"))
+CAR = Robot("car", HubKind.PRIME, (Motor("left", "A"), Motor("right", "B")), (LIGHT,), DriveBase("left", "right", 56, 112))
+MAT = Scene(objects=(Line(points_mm=((-100.0, 0.0), (300.0, 0.0)), color="red", width_mm=60),))
+"""
+SEES = """from pybricks.parameters import Port
+from pybricks.pupdevices import ColorSensor
+print(ColorSensor(Port.C).color())
+"""
+OTHERS = "from rover import CAR, MAT\nOTHER = type(MAT)(light_pct=50)\n"
+NOTE = "others.py has scenes MAT, OTHER, and none is taken; name one: --scene others.py:MAT\n"
+
+
+@pytest.mark.parametrize(
+    ("options", "out", "err"),
+    [
+        (("--robot", "rover.py"), "Color.RED\n", ""),
+        (("--robot", "rover.py:CAR"), "Color.RED\n", ""),
+        (("--robot", "bare.py"), "Color.WHITE\n", ""),
+        (("--robot", "bare.py", "--scene", "rover.py"), "Color.RED\n", ""),
+        (("--robot", "others.py"), "Color.WHITE\n", NOTE),
+        (("--robot", "others.py", "--scene", "others.py:MAT"), "Color.RED\n", ""),
+        (("--robot", "rover.py", "--scene", "others.py:OTHER"), "Color.WHITE\n", ""),
+    ],
+)
+def test_scene_of_a_file_is_taken(bricktwin, tmp_path, monkeypatch, options, out, err):
+    monkeypatch.chdir(tmp_path)
+    for name, text in (("rover", ROVER), ("bare", "from rover import CAR\n"), ("others", OTHERS), ("main", SEES)):
+        (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.delitem(sys.modules, "rover", raising=False)
+    assert bricktwin("run", "main.py", *options) == (0, out, err)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--robot", "rover.py", "--scene", "rover.py:CAR"), "rover.py:CAR is not a scene; name a Scene"),
+        (("--robot", "rover.py", "--scene", "mat"), "'mat' is not a scene; name a Python file"),
+        (("--robot", "bench", "--scene", "rover.py"), "'bench' lies on the bench, which is in no scene"),
+        (("--hub", "ble", "--scene", "rover.py"), "leave out --hub, or --scene"),
+        (("--robot", "rover.py", "--end-stop", "D=-9..9"), "'car' has no motor on port D for an end stop; it has motors on A, B"),
+    ],
+)
+def test_scene_or_stop_that_cannot_be_is_refused(bricktwin, tmp_path, monkeypatch, options, says):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rover.py").write_text(ROVER)
+    (tmp_path / "main.py").write_text(SEES)
+    done = bricktwin("run", "main.py", *options)
+    assert (done.code, done.out) == (2, "")
+    assert says in done.err
+
+
+def test_homing_that_nothing_stops_is_said(bricktwin, tmp_path):
+    program = tmp_path / "home.py"
+    program.write_text(
+        "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\nMotor(Port.D).run_until_stalled(200)\n"
+    )
+    done = bricktwin("run", str(program), "--robot", "walker", "--time-limit-s", "0.2")
+    assert "in this twin nothing does: give --end-stop " in done.err
+    stops = [word for port in "ABCD" for word in ("--end-stop", f"{port}=-5..5")]
+    assert bricktwin("run", str(program), "--robot", "walker", *stops) == (0, "", "")

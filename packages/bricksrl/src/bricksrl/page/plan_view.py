@@ -40,6 +40,7 @@ class PlanView(PageServer):
         if not plan.parts:
             raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
         self._plan, self._lock = plan, threading.Lock()
+        self._steps = list(plan.different_steps)
         self._robot: PlannedRobot | None = None
         self._linkage: Linkage | None = None
         self._sliders: dict[str, str] = {}
@@ -50,7 +51,7 @@ class PlanView(PageServer):
             self._sliders = _sliders(self._robot, self._linkage)
         except PlanError as error:
             message = f"{error}. The joints are not shown."
-        self._step, self._angles = len(plan.steps), dict[str, float]()
+        self._step, self._angles = len(self._steps), dict[str, float]()
         self.board.show_scene(_scene(plan), self._poses())
         self.board.update_status(
             title=plan.title, subtitle="building plan", state="", controls=["step", "reset"], message=message
@@ -62,12 +63,12 @@ class PlanView(PageServer):
         with self._lock:
             match name, value:
                 case "step", _:
-                    self._step = self._step % len(self._plan.steps) + 1
+                    self._step = self._step % len(self._steps) + 1
                 case "reset", _:
-                    self._angles, self._step = {}, len(self._plan.steps)
+                    self._angles, self._step = {}, len(self._steps)
                     self._linkage = None if self._robot is None else Linkage(self._robot.articulation)
                 case "slider", ["Step", number] if is_finite(number):
-                    self._step = min(max(round(number), 1), len(self._plan.steps))
+                    self._step = min(max(round(number), 1), len(self._steps))
                 case "slider", [str(label), number] if is_finite(number) and label in self._sliders:
                     self._angles[self._sliders[label]] = math.radians(min(max(float(number), -_MAX_DEG), _MAX_DEG))
                 case _:
@@ -76,15 +77,15 @@ class PlanView(PageServer):
             self._publish()
 
     def _publish(self) -> None:
-        step = self._plan.steps[self._step - 1]
+        step = self._steps[self._step - 1]
         sliders: list[dict[str, Any]] = [
-            {"name": "Step", "low": 1, "high": len(self._plan.steps), "value": self._step, "text": f"{self._step}"}
+            {"name": "Step", "low": 1, "high": len(self._steps), "value": self._step, "text": f"{self._step}"}
         ]
         for label, joint in self._sliders.items():
             angle_deg = round(math.degrees(self._angles.get(joint, 0.0)))
             sliders.append({"name": label, "low": -_MAX_DEG, "high": _MAX_DEG, "value": angle_deg})
         assembly = step.assembly[-1].rpartition(":")[0] if step.assembly else ""
-        facts = {"step": f"{self._step} of {len(self._plan.steps)}", "parts": len(self._plan.present_parts(step))}
+        facts = {"step": f"{self._step} of {len(self._steps)}", "parts": len(self._plan.present_parts(step))}
         facts |= {"builds": assembly} if assembly else {}
         self.board.update_status(sliders=sliders, facts=facts, note=step.note)
 
@@ -92,7 +93,7 @@ class PlanView(PageServer):
         """Poses of the parts [parts, 7]."""
         if self._linkage is not None:
             self._linkage.turn(self._angles)
-        visible, positions = self._plan.present_parts(self._plan.steps[self._step - 1]), []
+        visible, positions = self._plan.present_parts(self._steps[self._step - 1]), []
         turns = np.empty((len(self._plan.parts), 4))
         for quaternion, placed in zip(turns, self._plan.parts, strict=True):
             turn, shift = (np.eye(3), np.zeros(3)) if self._linkage is None else self._linkage.motion(placed.index)

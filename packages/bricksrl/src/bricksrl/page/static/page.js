@@ -100,7 +100,7 @@ function show() {
   showState();
   showStop();
   showVisitors(status);
-  const message = status.message || status.note;
+  const message = [status.note, status.message].filter(Boolean).join(" · ");
   $("message").hidden = !message;
   $("message").textContent = message ?? "";
   $("message").classList.toggle("note", !status.message);
