@@ -80,6 +80,9 @@ def export_parquet(path: Path, out: Path) -> None:
         columns |= {f"{prefix}{name}": values[:, i].numpy() for i, name in enumerate(names)}
     columns |= {f"action_{c.name}": episodes.action[:, i].numpy() for i, c in enumerate(episodes.description.action)}
     flat = ("reward", "terminated", "truncated", "episode", "intervention", "age_s", "hub_time_s")
+    vectors = 2 * len(names) + len(episodes.description.action)
+    if len(columns) < vectors or not columns.keys().isdisjoint(flat):
+        raise DataError(f"{path} has two columns of one name ({', '.join(names)}, {', '.join(flat)}); export it as numpy")
     columns |= {name: getattr(episodes, name).numpy() for name in flat}
     units = {c.name: c.unit for c in episodes.description.observation}
     about = {"env": episodes.description.env, "units": json.dumps(units)}
