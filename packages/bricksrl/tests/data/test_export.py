@@ -1,14 +1,16 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import torch
-from toy_data import SEEING, record
+from toy_data import SEEING, TOY, record
 
 import bricksrl
+from brickhub.entry import Entry
 from bricksrl.data import load
 from bricksrl.data.collect import collect, random_policy
 from bricksrl.data.formats import export_minari, export_numpy, export_parquet
@@ -115,3 +117,11 @@ def test_picture_is_drawn(tmp_path: Path) -> None:
 
 def test_dataset_description_omits_model() -> None:
     assert "model" not in describe_task(get_task("RunAway-v0"), {}).robot
+
+
+@pytest.mark.parametrize("name", ["reward", "episode", "next_distance", "action_motor", "age_s"])
+def test_parquet_export_refuses_two_columns_of_one_name(tmp_path: Path, name: str) -> None:
+    named = replace(TOY, observation=(Entry(name), TOY.observation[1]))
+    with pytest.raises(DataError, match="two columns of one name"):
+        export_parquet(record(tmp_path / "set", description=named), tmp_path / "set.parquet")
+    assert not (tmp_path / "set.parquet").exists()

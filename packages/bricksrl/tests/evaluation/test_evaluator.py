@@ -20,6 +20,7 @@ from bricksrl import make
 from bricksrl.agents.sac import SACSettings
 from bricksrl.cli.evaluate import describe
 from bricksrl.envs.env_interface import BricksEnv
+from bricksrl.envs.rollout import play_episodes
 from bricksrl.envs.task import Entry
 from bricksrl.errors import CheckpointError, DescriptionError, RenderingUnavailableError, RunError
 from bricksrl.evaluation import evaluate
@@ -212,3 +213,23 @@ def test_films_in_a_folder_of_any_name_are_joined(tmp_path: Path, monkeypatch: p
         with VideoWriter(film, 10) as video:
             video.add(np.zeros((32, 32, 3), np.uint8))
     assert read_video(side_by_side(*films)).shape == (1, 540, 1080, 3)
+
+
+def test_film_ends_with_the_return_of_the_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[str] = []
+
+    def captioned(image: Any, title: str, text: str, marks: Any) -> Any:
+        shown.append(text)
+        return image
+
+    monkeypatch.setattr("bricksrl.evaluation.film.captioned", captioned)
+    with closing(make("RunAway-v0", seed=0)) as env:
+        try:
+            with filmed_env(env, tmp_path / "film.mp4", "runs", size=(64, 48), budget_s=0.2):
+                scores = list(play_episodes(env, lambda state: state.set("action", torch.ones(1)), 2, 0))
+        except RenderingUnavailableError as error:
+            pytest.skip(str(error))
+    last = {text.split("   ")[0]: text for text in shown}
+    for number, score in enumerate(scores, 1):
+        assert f"step {score.length}   " in last[f"episode {number}"]
+        assert f"return {score.return_:.1f}" in last[f"episode {number}"]

@@ -12,8 +12,9 @@ from brickhub.files import folder_with, only_writer, quoted
 from bricksrl.cli.terminal import load_learning
 from bricksrl.data.dataset import Dataset, dataset_folder, existing_dataset
 from bricksrl.data.edit import merge, salvage, split
-from bricksrl.data.formats import export_minari, export_numpy, export_parquet, import_paper
+from bricksrl.data.formats import export_minari, export_numpy, export_parquet, import_lerobot, import_paper
 from bricksrl.data.integrity import check, recover
+from bricksrl.data.lerobot import is_lerobot
 from bricksrl.data.schema import FILES
 from bricksrl.data.summary import plot, summarise
 from bricksrl.errors import DataError, counted
@@ -167,22 +168,29 @@ class PlotData:
 
 @dataclass(frozen=True)
 class Import:
-    """Import datasets of the BricksRL paper: folders of memory-mapped tensors, of one task or of all.
+    """Import a dataset that LeRobot recorded, or datasets of the BricksRL paper: folders of memory-mapped tensors, of one task or
+    of all.
 
     Examples:
+      bricksrl data import lerobot/my_walker --out datasets/walker
       bricksrl data import BricksRL-Datasets --out datasets/paper
       bricksrl data import my_buffer --env Walker-v0 --out datasets/walker
     """
 
     source: Annotated[Positional[Path], option(metavar="DIR")]
-    """Folder of one such dataset, or a parent folder of several."""
+    """Folder of one such dataset, or, of the paper's, a parent folder of several."""
     out: Annotated[Path, option(metavar="DIR")]
     """Folder to write to."""
     env: Annotated[str | None, option(metavar="ENV")] = None
-    """Environment of the datasets; by default inferred from the names of the folders."""
+    """Environment of the datasets; by default inferred from the robot that LeRobot names, or from the names of the folders."""
 
     def execute(self) -> None:
-        for source, dataset in import_paper(self.source, self.out, env=self.env):
+        if is_lerobot(self.source):
+            load_learning()
+            imported = [(self.source, import_lerobot(self.source, self.out, env=self.env))]
+        else:
+            imported = import_paper(self.source, self.out, env=self.env)
+        for source, dataset in imported:
             print_line(f"{source}: {dataset.description.env}, {_size(dataset)}: {dataset.root}")
 
 

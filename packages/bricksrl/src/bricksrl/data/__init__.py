@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from bricksrl.data.reader import Episodes as Episodes
     from bricksrl.data.reader import load as load
     from bricksrl.data.recorder import Recorder as Recorder
-    from bricksrl.data.recorder import Step as Step
+    from bricksrl.data.steps import Step as Step
 
 __all__ = ["About", "Description", "Episodes", "Recorder", "Step", "describe", "load"]
 
-_MODULES = {"About": "dataset", "Episodes": "reader", "Recorder": "recorder", "Step": "recorder", "load": "reader"}
+_MODULES = {"About": "dataset", "Episodes": "reader", "Recorder": "recorder", "Step": "steps", "load": "reader"}
 
 
 def __getattr__(name: str) -> Any:

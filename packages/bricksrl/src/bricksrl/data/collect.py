@@ -15,7 +15,8 @@ from torchrl.envs import EnvBase
 from brickhub import HOUSES
 from brickhub.seed import check_seed
 from bricksrl.data.dataset import About, EpisodeRow
-from bricksrl.data.recorder import Recorder, Step
+from bricksrl.data.recorder import Recorder
+from bricksrl.data.steps import Step
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import TRIES, Driver, Policy, Rollout, play
 from bricksrl.errors import HubError

@@ -330,7 +330,8 @@ def read_description(root: Path) -> Description:
     """Read the description in ``meta/bricksrl.json``. Raises DataError if it is damaged or missing."""
     path = root / FILES["description"]
     if not path.exists():
-        raise DataError(f"the dataset in {root} was not made by BricksRL: it has no meta/bricksrl.json; choose another")
+        way = f"`bricksrl data import {quoted(root)} --out NEW` makes it ours, if LeRobot recorded it"
+        raise DataError(f"the dataset in {root} was not made by BricksRL: it has no meta/bricksrl.json; {way}")
     return Description.from_json(read_bytes(path), str(path))
 
 

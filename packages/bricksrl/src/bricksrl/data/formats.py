@@ -1,4 +1,5 @@
-"""Datasets in the formats of others: export to NumPy, one plain Parquet file, and Minari; import of the paper's datasets.
+"""Datasets in the formats of others: export to NumPy, one plain Parquet file, and Minari; import of what LeRobot recorded, and of
+the paper's datasets.
 
 The paper's datasets are folders of memory-mapped tensors, as the released code saved its replay buffers. A folder holds
 ``meta.json`` with shapes and types, one ``.memmap`` file of plain numbers for each tensor, and the same below ``next``. Only
@@ -33,9 +34,10 @@ from brickhub.files import atomic_folder, reading, write_durably
 from bricksrl.data.columns import read_bytes, to_parquet
 from bricksrl.data.dataset import About, Dataset, refuse_target
 from bricksrl.data.edit import write_dataset
+from bricksrl.data.lerobot import read_lerobot
 from bricksrl.data.reader import COLUMNS, Episodes, load
-from bricksrl.data.recorder import Step, new_episode
 from bricksrl.data.schema import describe_task
+from bricksrl.data.steps import Step, new_episode
 from bricksrl.envs.registry import options_of
 from bricksrl.errors import DataError, installed
 
@@ -79,6 +81,9 @@ def export_parquet(path: Path, out: Path) -> None:
         columns |= {f"{prefix}{name}": values[:, i].numpy() for i, name in enumerate(names)}
     columns |= {f"action_{c.name}": episodes.action[:, i].numpy() for i, c in enumerate(episodes.description.action)}
     flat = ("reward", "terminated", "truncated", "episode", "intervention", "age_s", "hub_time_s")
+    vectors = 2 * len(names) + len(episodes.description.action)
+    if len(columns) < vectors or not columns.keys().isdisjoint(flat):
+        raise DataError(f"{path} has two columns of one name ({', '.join(names)}, {', '.join(flat)}); export it as numpy")
     columns |= {name: getattr(episodes, name).numpy() for name in flat}
     units = {c.name: c.unit for c in episodes.description.observation}
     about = {"env": episodes.description.env, "units": json.dumps(units)}
@@ -175,6 +180,12 @@ def _datasets_in(folder: Path) -> Iterator[None]:
             del os.environ["MINARI_DATASETS_PATH"]
         else:
             os.environ["MINARI_DATASETS_PATH"] = before
+
+
+def import_lerobot(source: Path, out: Path, *, env: str | None = None) -> Dataset:
+    """Write such a dataset as one of ours. Raises DataError as `read_lerobot`, and if ``out`` exists."""
+    description, episodes = read_lerobot(source, env)
+    return write_dataset(out, description, episodes)
 
 
 def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[tuple[Path, Dataset]]:

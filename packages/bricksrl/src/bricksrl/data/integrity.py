@@ -10,15 +10,22 @@ import numpy as np
 from brickhub.files import LOCK, TEMPORARY_PREFIX, quoted, remove_unfinished
 from brickhub.finding import Finding, Outcome
 from bricksrl.data.columns import join_statistics
-from bricksrl.data.dataset import Dataset, read_all_rows, read_dataset, read_description, read_episode_count
+from bricksrl.data.dataset import Dataset, dataset_folder, read_all_rows, read_dataset, read_description, read_episode_count
+from bricksrl.data.lerobot import is_lerobot, read_lerobot
 from bricksrl.data.reader import EpisodeReader
 from bricksrl.data.schema import FILES, NEXT, OBSERVATION
 from bricksrl.errors import DataError
 
 
-def check(root: Path) -> list[Finding]:
-    """Faults of a dataset; empty if it is intact. Nothing is changed, and no foreign file is opened. Raises DataError if there is
-    no dataset made by BricksRL."""
+def check(root: Path, task: str | None = None) -> list[Finding]:
+    """Faults of a dataset; empty if it is intact. Nothing is changed, and no foreign file is opened. Of one that LeRobot recorded
+    the first fault is told. Raises DataError if there is no dataset."""
+    if is_lerobot(root := dataset_folder(root)):
+        try:
+            read_lerobot(root, task)
+        except DataError as error:
+            return [Finding("steps", Outcome.ERROR, str(error))]
+        return []
     dataset = read_dataset(root)
     faults = {"steps": _steps(dataset), "files": _files(dataset), "index": _joint(dataset)}
     return [Finding(name, Outcome.ERROR, text) for name, texts in faults.items() for text in texts]

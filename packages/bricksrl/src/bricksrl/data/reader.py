@@ -15,13 +15,15 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from bricksrl.data.columns import arrow_types, decode, from_table, read_parquet, read_verified
-from bricksrl.data.dataset import Dataset, Episode, EpisodeRow, read_dataset
+from bricksrl.data.dataset import Dataset, Episode, EpisodeRow, dataset_folder, read_dataset
 from bricksrl.data.schema import ACTION, NEXT, OBSERVATION, STEP_COLUMNS, Description
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
     from tensordict import TensorDict
     from torch import Tensor
+
+    from bricksrl.envs.task import Task
 
 COLUMNS = {**STEP_COLUMNS, "episode": "episode_index"}
 """Columns of the tensors of `Episodes`, by name."""
@@ -92,18 +94,25 @@ class Episodes:
         return TensorDict({**step, "next": TensorDict(after, n)}, n)
 
 
-def load(path: Path | str, *, images: bool = True) -> Episodes:
-    """Load the dataset in a folder, or in the folder of a run. Nothing in it is executed, nothing is written. Raises DataError if
-    there is no dataset, it is damaged, or it was not made by BricksRL.
+def load(path: Path | str, *, images: bool = True, task: Task | str | None = None) -> Episodes:
+    """Load the dataset in a folder, or in the folder of a run; also one that LeRobot recorded. Nothing in it is executed, nothing
+    is written. Raises DataError if there is no dataset, it is damaged, or it does not have what is needed.
 
     Args:
         images: read the images too, if there are any.
+        task: whose rewards and ends what LeRobot recorded gets; by default that of the robot which it names.
     """
     import torch
 
-    dataset = read_dataset(path)
-    reader = EpisodeReader(dataset, COLUMNS.values(), images=images)
-    episodes = [reader.read(row) for row in dataset.rows]
+    from bricksrl.data.lerobot import is_lerobot, read_lerobot  # which writes datasets, by what is here
+
+    if is_lerobot(root := dataset_folder(path)):
+        dataset, episodes = _as_dataset(root, *read_lerobot(root, task))
+        reader = EpisodeReader(dataset, COLUMNS.values(), images=False)
+    else:
+        dataset = read_dataset(path)
+        reader = EpisodeReader(dataset, COLUMNS.values(), images=images)
+        episodes = [reader.read(row) for row in dataset.rows]
     columns = _joined(dataset, episodes)
     arrays = {name: columns[column] for name, column in COLUMNS.items()}
     if reader.image_key is not None:
@@ -112,6 +121,33 @@ def load(path: Path | str, *, images: bool = True) -> Episodes:
         arrays["next_image"] = np.concatenate([images[1:] for images in shown])
     tensors = {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()}
     return Episodes(description=dataset.description, rows=dataset.rows, **tensors)
+
+
+def _as_dataset(root: Path, description: Description, episodes: list[Episode]) -> tuple[Dataset, list[Episode]]:
+    """A dataset with rows of these episodes, which no file of ours holds, and the episodes with their numbers."""
+    rows = []
+    numbered = []
+    start = 0
+    for number, episode in enumerate(episodes):
+        # Single numbers are read from files as [steps], not [steps, 1]; `_joined` restores vectors of length 1.
+        columns = {name: values.reshape(-1) if values[0].size == 1 else values for name, values in episode.columns.items()}
+        length = len(columns["index"])
+        row = EpisodeRow(
+            episode=number,
+            length=length,
+            start=start,
+            return_=float(columns["next.reward"].sum(dtype=np.float64)),
+            terminated=bool(columns["next.terminated"][-1]),
+            interventions=0,
+            data_file=0,
+            data_sha256=None,
+            statistics={},
+            about=episode.about,
+        )
+        rows.append(row)
+        numbered.append(dataclasses.replace(episode, columns={**columns, "episode_index": np.full(length, number)}))
+        start += length
+    return Dataset(root, description, tuple(rows)), numbered
 
 
 def read_columns(dataset: Dataset, names: Iterable[str]) -> dict[str, NDArray[Any]]:

@@ -2,63 +2,15 @@
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
 from brickhub.files import is_unused, only_writer
-from bricksrl.data.columns import image_statistics
-from bricksrl.data.dataset import About, Dataset, Episode, EpisodeRow, is_dataset, refuse_within_dataset
+from bricksrl.data.dataset import About, Dataset, EpisodeRow, is_dataset, refuse_within_dataset
 from bricksrl.data.integrity import recover
-from bricksrl.data.schema import STEP_COLUMNS, Description
+from bricksrl.data.schema import Description
+from bricksrl.data.steps import Step, new_episode
 from bricksrl.errors import DataError
-
-Image = NDArray[np.uint8]
-
-
-@dataclass(frozen=True)
-class Step:
-    """One step of an episode.
-
-    Attributes:
-        observation, next_observation: ``[n]``, before and after the step.
-        action: ``[m]``, in -1..1, as given to the environment.
-        image, next_image: uint8 ``[side, side, 3]``, with a camera.
-        intervention: whether a human chose the action.
-        age_s: age of the observation when the action was sent to the robot.
-        hub_time_s: the hub's clock when it measured ``next_observation``; NaN without a hub.
-    """
-
-    observation: ArrayLike
-    action: ArrayLike
-    reward: float
-    next_observation: ArrayLike
-    terminated: bool
-    truncated: bool
-    image: Image | None = None
-    next_image: Image | None = None
-    intervention: bool = False
-    age_s: float = 0.0
-    hub_time_s: float = float("nan")
-
-
-def new_episode(steps: Sequence[Step], about: About, description: Description) -> Episode:
-    """Episode of these steps, as the first one of a dataset; `write_episodes` gives it another number."""
-    dtypes = {name: feature["dtype"] for name, feature in description.features.items()}
-    columns = {}
-    for name, column in STEP_COLUMNS.items():
-        columns[column] = np.stack([np.asarray(getattr(step, name), dtypes[column]).reshape(-1) for step in steps])
-    frames, zeros = np.arange(len(steps), dtype=np.int64), np.zeros(len(steps), np.int64)
-    columns["next.done"] = columns["next.terminated"] | columns["next.truncated"]
-    columns["timestamp"] = (frames / description.rate_hz).astype(np.float32)
-    columns |= {"frame_index": frames, "episode_index": zeros, "index": frames, "task_index": zeros}
-    if description.camera is None:
-        return Episode(about, columns)
-    shown = [*(step.image for step in steps), steps[-1].next_image]
-    images = np.stack([image for image in shown if image is not None])
-    return Episode(about, columns, images, image_statistics(images[:-1]))
 
 
 class Recorder(contextlib.AbstractContextManager["Recorder"]):

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bricksrl.data.dataset import About
-from bricksrl.data.recorder import Recorder, Step
+from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import Description
+from bricksrl.data.steps import Step
 
 
 class RunRecorder(Recorder):

@@ -22,6 +22,7 @@ from bricksrl.agents.networks import action_size
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.agents.teachers import Base, Scripted, add_base, imitate, restore
 from bricksrl.data import Episodes, describe, load
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import make
 from bricksrl.envs.simulation import resolve_device
@@ -191,7 +192,7 @@ def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
     folder = RunFolder(path)
     if folder.config_path.exists():
         path = folder.read_config().data or path
-    data = load(path, images=images)
+    data = load(path, images=images, task=interface_of(env).task)
     wanted = describe(env)
     recorded = [entry.name for entry in data.description.observation]
     observed = [entry.name for entry in wanted.observation]
