@@ -176,6 +176,21 @@ def test_a_link_that_is_lost_within_a_skip_ends_the_step(tmp_path: Path) -> None
     assert returns == pytest.approx([episode.return_ for episode in result.episodes], abs=1e-3)
 
 
+def test_a_robots_link_that_is_lost_within_a_skip_keeps_the_steps_before(tmp_path: Path) -> None:
+    task = replace(get_task("RunAway-v0"), max_steps=6)
+    hub = Forgetful(make_body(task.robot, scene=task.scene))
+    hub.answers_left = 4  # hello, reading, and a step of the three
+    env = HubEnv(task, lambda _seed: Connection(HubLink(hub, task.robot, task.interface), hub.reset, hub), seed=0)
+    settings = replace(preset("default", "sac"), hidden=(8,), batch_size=4, updates_per_step=0.1)
+    result = train(
+        TrainConfig("RunAway-v0", episodes=2, settings=settings, run_dir=tmp_path / "run"), env=TransformedEnv(env, FrameSkip(3))
+    )
+    env.close()
+    assert [(episode.length, episode.link_lost) for episode in result.episodes] == [(1, True), (6, False)]
+    data = load(tmp_path / "run")
+    assert len(data) == 7 and float(data.hub_time_s[0]) > 0
+
+
 @pytest.mark.parametrize("agent", ["sac", "td3", "droq", "redq"])
 def test_what_is_frozen_is_never_reset(agent: str) -> None:
     env = bricksrl.make("WalkerSim-v0", seed=0)

@@ -83,11 +83,13 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         episode = self._episode
+        age_s = 0.0 if episode is None else episode.age_s
         try:
             out = self._act(tensordict)
         except (HubError, CameraError) as error:
             if episode is None:
                 raise
+            episode.age_s = age_s  # of the last step that has an outcome
             self.link_error = error
             self.reconnect.failed(error)
             no, yes = torch.zeros(1, dtype=torch.bool), torch.ones(1, dtype=torch.bool)

@@ -94,6 +94,7 @@ class RobotEnv(BricksEnv):
         self._connection: Connection | None = None
         self._watchers: list[Callable[[Connection], None]] = []
         self._episode: EpisodeState | None = None
+        self._timed: EpisodeState | None = None  # also when the link has broken
         self._spans = [((c.high + c.low) / 2, (c.high - c.low) / 2) for c in task.interface.commands]
         self._observed = task.observed_channels
         self._images: dict[str, NDArray[np.uint8]] = {}  # the last ones of sensors
@@ -184,7 +185,7 @@ class RobotEnv(BricksEnv):
         episode = EpisodeState(drawn, [0.0] * len(task.command_entries), measured_s, odometer, zeros, tracker)
         if task.camera is not None:
             episode.watch = Watch(task.camera, self._host_rng, self._guarded(self._camera.frame))
-        self._episode = episode
+        self._episode = self._timed = episode
         episode.observation = self._observation_at_start(episode, reading)
         episode.images = self.image()
         return episode
@@ -240,9 +241,9 @@ class RobotEnv(BricksEnv):
 
     @property
     def timing(self) -> EpisodeState:
-        if self._episode is None or not self._episode.step_count:
+        if self._timed is None or not self._timed.step_count:
             raise BricksError(f"{self.task.id} has made no step yet; make one first")
-        return self._episode
+        return self._timed
 
     def walk_metrics(self) -> dict[str, float]:
         if self._episode is None:
