@@ -35,19 +35,19 @@ from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.envs import get_task
 from bricksrl.errors import HubError
 
-if "read" not in vars(VirtualHub).get("lost", {}):
-    VirtualHub.lost, read = {"read": VirtualHub.read, "answers": 0}, VirtualHub.read
+if not hasattr(VirtualHub, "commands_sent"):
+    write = VirtualHub.write
 
-    def losing(hub, timeout_s):
-        data = read(hub, timeout_s)
-        VirtualHub.lost["answers"] += bool(data)
-        if VirtualHub.lost["answers"] == 9:
+    def losing(hub, data):
+        VirtualHub.commands_sent += data[1] != 0  # a frame with actions
+        if VirtualHub.commands_sent == 5:
+            VirtualHub.commands_sent += 1
             raise HubError("the connection was lost; bring the hub nearer")
-        return data
+        write(hub, data)
 
-    VirtualHub.read = losing
+    VirtualHub.write = losing
 
-VirtualHub.lost["answers"] = 0
+VirtualHub.commands_sent = 0
 TASK = replace(get_task("NAME"), id="Losing-v0", doc="In short.", max_steps=6)
 '''
 _TRANSFORM = """from torchrl.envs import RewardScaling
@@ -134,7 +134,7 @@ def next_row(options: Mapping[str, Sequence[str]], left: set[Pair], refused: set
                 break
             row[name] = max(chances)[2]
         if len(row) == len(options) and len(pairs_of(row) & left) > most:
-            best, most = row, len(pairs_of(row) & left)
+            best, most = {name: row[name] for name in options}, len(pairs_of(row) & left)
     return best
 
 
