@@ -37,7 +37,7 @@ def test_the_exercises_show_what_the_page_says(capfd: pytest.CaptureFixture[str]
     """Commands and the lines that they print, in the order of the page."""
     printed = ""
     steps = re.findall(r"^    (bricksrl hub .*|brickhub .*)$|^```text\n((?:[^`\n].*\n)*)```", PAGE, re.MULTILINE)
-    assert len(steps) == 13
+    assert len(steps) == 14
     for command, block in steps:
         if command:
             program, *words = shlex.split(command)

@@ -5,6 +5,7 @@ import os
 import select
 import sys
 from collections.abc import Iterable
+from typing import TextIO
 
 from brickhub.finding import Finding, Outcome
 
@@ -95,8 +96,8 @@ def _answer() -> str | None:
         return stream.readline() or None
     try:
         handle = stream.fileno()
-    except (OSError, ValueError):  # a stream of a test, or a closed one
-        return None if stream.closed else stream.readline() or None
+    except (OSError, ValueError):  # no file: text in memory, or a stream that is closed
+        return _line_of_memory(stream)
     line = b""
     while len(line) < _LONGEST_ANSWER and not line.endswith(b"\n"):
         # Byte by byte, as what a buffer has taken out of the pipe cannot be waited for.
@@ -105,6 +106,14 @@ def _answer() -> str | None:
             break
         line += byte
     return line.decode("utf-8", "replace") or None
+
+
+def _line_of_memory(stream: TextIO) -> str | None:
+    """A line of a stream without a file; ``None`` if there is none, or it cannot be read."""
+    try:
+        return stream.readline() or None
+    except (OSError, ValueError):
+        return None
 
 
 def _is_readable(handle: int) -> bool:
