@@ -7,7 +7,7 @@ assemblies of LDraw.org's part library, in ``assemblies.csv``.
 import functools
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -137,7 +137,7 @@ def _expanded(reference: Reference) -> Iterator[Reference]:
     for number, piece in enumerate(shortcut.pieces):
         offset = reference.matrix @ piece.place + reference.offset
         colour = reference.colour if piece.colour == _OWN_COLOUR else piece.colour
-        marks = {} if number == 0 else {field.name: field.default for field in fields(Marks)}
+        marks = reference.marks if number == 0 else Marks().marks
         yield replace(reference, name=f"{piece.number}.dat", offset=offset, colour=colour, **marks)
 
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from bricktwin.plans.catalogue import DIRECT_COLOUR, colour_of
 from bricktwin.plans.geometry import Floats
-from bricktwin.plans.ldraw_file import colour_and_numbers, key_of
+from bricktwin.plans.ldraw_file import colour_and_numbers
+from bricktwin.plans.ldraw_text import key_of
 
 Triangles = dict[int, Floats]
 """Triangles [n, 3, 3] by colour code, counter-clockwise seen from outside."""
