@@ -14,14 +14,16 @@ from test_training_loop import assert_same_run, ctrl_c, names, rows
 from toys import Cart, LosingCart, assert_equal
 
 import bricksrl
+from brickhub.entry import Entry
 from bricksrl.agents import make_learner, preset
 from bricksrl.agents.act import ChunkPolicy
-from bricksrl.data import Recorder, describe
+from bricksrl.data import About, Recorder, Step, describe
 from bricksrl.data.collect import collect, random_policy
 from bricksrl.errors import CheckpointError, DataError, DescriptionError, HubError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, RunFolder, TrainConfig, load_learner, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
+from bricksrl.training.restore import read_for
 
 
 def recorded(root: Path, policy: Any = None, episodes: int = 12) -> str:
@@ -249,3 +251,18 @@ def test_iql_reaches_goals_of_demonstrations(tmp_path: Path) -> None:
     config = TrainConfig("RoboArmSim-v0", "iql", 1, settings=settings, data=str(tmp_path / "data"), updates=800)
     train(replace(config, run_dir=tmp_path / "run", record=False))
     assert evaluate(tmp_path / "run", episodes=10).success_rate >= 0.9
+
+
+def test_entries_that_are_not_observed_are_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """One line says it; the others are taken by name, in the environment's order."""
+    env = Cart()
+    own = describe(env)
+    wider = replace(own, observation=(Entry("acceleration_x"), *reversed(own.observation)))
+    steps = [Step([7.0, 2.0, 1.0], [0.5], 1.0, [7.0, 4.0, 3.0], False, True)]
+    with Recorder(tmp_path / "set", wider) as recorder:
+        recorder.write(steps, About())
+    data = read_for(str(tmp_path / "set"), env, images=False)
+    assert data.observation.tolist() == [[1.0, 2.0]] and data.next_observation.tolist() == [[3.0, 4.0]]
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{tmp_path / 'set'} has acceleration_x, which Cart does not observe; it is left out"
+    ]

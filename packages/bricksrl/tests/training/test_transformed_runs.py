@@ -14,7 +14,7 @@ from torchrl.envs import CatFrames, Compose, RewardSum, SerialEnv, StepCounter, 
 from toys import Cart
 
 import bricksrl
-from brickhub.seed import derive_seed
+from brickhub.seed import episode_seed, evaluation_seed
 from bricksrl.agents import preset
 from bricksrl.data import load
 from bricksrl.envs.rollout import seed_episode
@@ -120,7 +120,7 @@ def test_actions_of_another_range_are_scaled(tmp_path: Path) -> None:
     assert len(run.episodes) == 2
     judged = evaluate(data, WideCart(), episodes=1, seed=3, save=False)
     env = WideCart()
-    seed_episode(env, derive_seed(3, "evaluation", 1))
+    seed_episode(env, episode_seed("evaluation", evaluation_seed(RunFolder(data).read_config().seed, 3), 1))
     frames = env.rollout(8, bricksrl.load_policy(data, env))
     assert float(frames["next", "reward"].sum()) == pytest.approx(judged.return_mean, abs=1e-4)
 

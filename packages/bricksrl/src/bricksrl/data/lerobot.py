@@ -63,7 +63,7 @@ def read_lerobot(root: Path, task: Task | str | None = None) -> tuple[Descriptio
     # A robot clamps what it is told, and so do we.
     action = (2.0 * (columns[ACTION][:, actions] - low) / (high - low) - 1.0).clip(-1.0, 1.0)
     description = describe_task(task)
-    episodes = []
+    episodes: list[Episode] = []
     for number in range(info["total_episodes"]):
         at = np.flatnonzero(columns["episode_index"] == number)
         episodes += _episodes(task, description, observation[at], action[at])
@@ -199,7 +199,9 @@ def _episodes(task: Task, description: Description, states: NDArray[Any], action
     chosen = torch.from_numpy(actions[:-1].astype(np.float32))
     rewards = task.reward(before, chosen, after).reshape(-1).tolist()
     terminated = task.terminated(after).reshape(-1).tolist()
-    episodes, steps, first = [], list[Step](), 0
+    episodes: list[Episode] = []
+    steps: list[Step] = []
+    first = 0
     for number, (reward, is_over) in enumerate(zip(rewards, terminated, strict=True)):
         is_last = is_over or number == len(rewards) - 1
         truncated = is_last and not is_over
@@ -207,5 +209,6 @@ def _episodes(task: Task, description: Description, states: NDArray[Any], action
         if is_last:
             about = About(policy="lerobot", success=success_of(task, after[first : number + 1]))
             episodes.append(new_episode(steps, about, description))
-            steps, first = [], number + 1
+            steps = []
+            first = number + 1
     return episodes

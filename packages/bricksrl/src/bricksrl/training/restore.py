@@ -196,10 +196,9 @@ def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
     wanted = describe(env)
     recorded = [entry.name for entry in data.description.observation]
     observed = [entry.name for entry in wanted.observation]
-    if missing := [name for name in observed if name not in recorded]:
-        reason = f"{path} is of {data.description.env} and has no {', '.join(missing)}, which {wanted.env} observes"
-        way = f"learn in a task of your own that observes only [{', '.join(recorded)}], or choose other data"
-        raise DataError(f"{reason}; {way}")
+    if any(name not in recorded for name in observed):
+        reason = f"{path} is of {data.description.env}: its observation is [{', '.join(recorded)}], not [{', '.join(observed)}]"
+        raise DataError(f"{reason}; choose data of this environment, or learn in a task of your own that observes what they have")
     if recorded != observed:
         if unobserved := [name for name in recorded if name not in observed]:
             _log.warning("%s has %s, which %s does not observe; it is left out", path, ", ".join(unobserved), wanted.env)
