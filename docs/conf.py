@@ -61,6 +61,7 @@ def write(path: Path, text: str) -> None:
 def environments() -> str:
     """A section for each environment: its task's own description."""
     from bricksrl.envs import get_task, list_envs
+    from bricksrl.envs.registry import simulation_text
 
     parts = ["# Environments\n", "Each description comes from its task. `bricksrl list --json` prints them for programs.\n"]
     for env_id, summary in list_envs().items():
@@ -69,6 +70,8 @@ def environments() -> str:
         if (DOCS / "episodes" / f"{env_id}.json").exists():
             shown += TURNED.format(env_id)
         body = re.sub(r"^## ", "### ", get_task(env_id).doc.partition("\n")[2].strip(), flags=re.MULTILINE)
+        if simulated := simulation_text(env_id):
+            body = f"{simulated}\n\n{body[body.index('### ') :]}"  # in place of what a hub does
         parts.append(f"## {env_id}\n\n{summary}\n\n{shown}{body}\n")
     return "\n".join(parts)
 

@@ -189,3 +189,9 @@ def test_docstrings_of_modules_begin_with_their_subject():
     for path in paths:
         begins = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "Nothing").split()[0]
         assert begins not in {"How", "What", "When", "Where", "Whether", "Which", "Who", "Why"}, path
+
+
+def test_index_lists_each_example() -> None:
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    examples = {path.name for path in (ROOT / "examples").glob("[0-9]*.py")}
+    assert examples == set(re.findall(r"\(\.\./examples/([^)]*\.py)\)", index))

@@ -16,7 +16,7 @@ MINE = replace(spinning.SPINNING, id="Mine-v0", doc="Spins.", max_steps=4{change
 def test_each_check_prints_one_line(capsys):
     assert main(["check", "RunAway-v0"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 7
+    assert len(lines) == 8
     assert all(line.startswith("ok      ") for line in lines)
 
 

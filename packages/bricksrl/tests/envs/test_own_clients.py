@@ -193,3 +193,25 @@ def test_faulty_client_is_told_before_it_starts(folder: Path) -> None:
         bricksrl.make("../my_task.py").reset()
     with pytest.raises(DescriptionError, match="which neither streams nor reads AppData"):
         bricksrl.make("../my_task.py", streaming=True).reset()
+
+
+def test_check_names_what_never_changes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without a scene, an environment that cannot learn; what is said about the watchdog, once."""
+    without_scene = ENVIRONMENT.replace("scene = TWO_WHEELER", "other = TWO_WHEELER")
+    (folder / "my_env.py").write_text(without_scene)
+    assert main(["check", "../my_env.py:TaskEnvironment"]) == 0
+    printed = capsys.readouterr()
+    line = next(each for each in printed.out.splitlines() if " values " in each)
+    assert line.startswith("warning") and "state_4 (2000) never changed" in line
+    assert "the reward was always 0" in line
+    assert printed.err.count("has no watchdog") <= 1
+
+
+def test_value_outside_of_its_range_is_cut_and_named(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+    text = (folder / "mm.py").read_text()
+    (folder / "mm.py").write_text(text.replace("left_motor.angle() % 360", "left_motor.angle() % 360 + 400"))
+    with closing(bricksrl.make("../my_task.py", seed=0)) as env:
+        episode = env.rollout(3, back)
+    assert bool((episode["next", "observation"][:, 0] <= 360).all())
+    said = [message for message in caplog.messages if "outside of 0 to 360 deg" in message]
+    assert len(said) == 1 and "left_angle is 4" in said[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from bricksrl.envs.registry import get_task, list_envs
+from bricksrl.envs.registry import get_task, list_envs, simulation_text
 from bricksrl.envs.task import Task
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
@@ -55,3 +55,10 @@ def test_as_in_the_paper() -> None:
     assert [(e.low, e.high) for e in SPINNING.entries] == [(0, 360), (0, 360), (-90, 90), (-90, 90), (-100, 100), (0, 1)]
     assert (RUN_AWAY.max_steps, SPINNING.max_steps) == (20, 50)
     assert [getattr(c, "speed_deg_s", None) for c in SPINNING.interface.commands] == [400, 400]
+
+
+def test_simulations_say_what_they_leave_out() -> None:
+    assert simulation_text("Walker-v0") == ""
+    text = simulation_text("WalkerSim-v0")
+    assert "no hub" in text and "deviation of 0.1" in text and "pitch, roll, distance are always 0" in text
+    assert "0.05" in simulation_text("RoboArmSim-v0") and "firmware" in simulation_text("WalkerSim-v1")

@@ -10,6 +10,7 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded
 from torchrl.envs import EnvBase, ParallelEnv
 
+from brickhub.entry import Entry
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.robot_env import EpisodeState, RobotEnv
@@ -62,6 +63,8 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         for key, side_px in task.images.items():
             self.observation_spec[key] = Bounded(0, 255, (side_px, side_px, 3), dtype=torch.uint8)
         self.is_closed = False
+        self.outside: dict[str, float] = {}
+        """Entries that a client of the user's own answered outside of their ranges, each with the first such value."""
 
     def close(self, *, raise_if_closed: bool = True, **_: Any) -> None:
         """Stop the robot and close the link. May be called twice; a reset opens the link again."""
@@ -78,8 +81,24 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
     def _begin(self) -> TensorDictBase:
         episode = self.begin()
         self.is_closed = False
-        episode.observation = torch.from_numpy(episode.observation)
+        episode.observation = self._within(torch.from_numpy(episode.observation))
         return self._out(episode)
+
+    def _within(self, observation: torch.Tensor) -> torch.Tensor:
+        """An observation in the ranges of its entries; the first value of each that a client answers outside is said. Answers of
+        our own program are in their ranges."""
+        if self.task.client is None:
+            return observation
+        values = observation.tolist()
+        for index, entry in enumerate(self.task.entries):
+            low, high = entry.bounds
+            value = values[index]
+            values[index] = min(max(value, low), high) if math.isfinite(value) else value
+            if values[index] != value and math.isfinite(value) and entry.name not in self.outside:
+                self.outside[entry.name] = value
+                text = outside_text(entry, value)
+                _log.warning("%s: %s; it is cut to this range from now on", self.task.id, text)
+        return observation.new_tensor(values)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         episode = self._episode
@@ -114,6 +133,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             )
         if terminated.dtype is not torch.bool:
             raise DescriptionError(f"terminated of {task.id} is {terminated.tolist()}, not true or false; compare")
+        observation = self._within(observation)
         episode.observation = observation
         episode.images = self.image()
         episode.step_count += 1
@@ -174,6 +194,12 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         if len(stored) != len(observations):
             raise BricksError(f"{self.task.id} judges an episode before the next reset, and not {len(observations)} other steps")
         return torch.stack(stored)
+
+
+def outside_text(entry: Entry, value: float) -> str:
+    """What is said about a value outside of its entry's range."""
+    low, high = entry.bounds
+    return f"{entry.name} is {value:g}, outside of {low:g} to {high:g} {entry.unit}".rstrip()
 
 
 def _with_truth(episode: EpisodeState, observation: torch.Tensor, end: int) -> torch.Tensor:

@@ -1,14 +1,17 @@
 """Checker of environments and tasks: one finding for each part of an environment's contract."""
 
+import logging
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 
 import torch
+from tensordict import TensorDictBase
 
 from brickhub.finding import Finding, Outcome
 from brickhub.hub.program.compile import check_program
 from brickhub.user_files import line_of_user
+from bricksrl.envs.env import outside_text
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task, make
 from bricksrl.envs.task import Task
@@ -16,10 +19,18 @@ from bricksrl.errors import BricksError, RenderingUnavailableError
 
 _STEPS = 5
 _SEED = 7
+_EPISODES, _LONG = 3, 10
+"""Episodes of random actions, and their longest, whose values are looked at."""
+_MOST_SHOWN = 160
+"""Most characters that are shown of what a library says."""
 
 
 class Broken(Exception):
     """A failed check; the message says what is wrong."""
+
+
+class Doubtful(Exception):
+    """A check whose result may be meant so; the message says what is odd."""
 
 
 class Skip(Exception):
@@ -34,6 +45,11 @@ def check_env(env_id: str) -> Iterator[Finding]:
         env_id: as :func:`bricksrl.make` takes it.
     """
     task = get_task(env_id)
+    with _said_once():
+        yield from _all_checks(env_id, task)
+
+
+def _all_checks(env_id: str, task: Task) -> Iterator[Finding]:
     yield from run_checks(
         {
             "description": lambda: _description(task),
@@ -44,18 +60,42 @@ def check_env(env_id: str) -> Iterator[Finding]:
             **({"sensors": lambda: _sensors(env_id, task)} if task.sensors else {}),
             "determinism": lambda: _determinism(env_id, task),
             "twin": lambda: _twin(env_id),
+            "values": lambda: _values(env_id, task),
         }
     )
 
 
+@contextmanager
+def _said_once() -> Iterator[None]:
+    """Context in which the log says each thing once, as a check makes the environment many times."""
+    said: set[str] = set()
+
+    def is_new(record: logging.LogRecord) -> bool:
+        text = record.getMessage()
+        is_first = text not in said
+        said.add(text)
+        return is_first
+
+    handlers = list(logging.getLogger().handlers)
+    for handler in handlers:
+        handler.addFilter(is_new)
+    try:
+        yield
+    finally:
+        for handler in handlers:
+            handler.removeFilter(is_new)
+
+
 def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
-    """Run checks by name: each returns its result as text, or raises `Broken` or `Skip`."""
+    """Run checks by name: each returns its result as text, or raises `Broken`, `Doubtful` or `Skip`."""
     first_checks: dict[str, str] = {}
     for name, check in checks.items():
         try:
             yield Finding(name, Outcome.OK, check())
         except (Skip, RenderingUnavailableError) as reason:
             yield Finding(name, Outcome.SKIPPED, str(reason))
+        except Doubtful as doubt:
+            yield Finding(name, Outcome.WARNING, str(doubt))
         except Exception as error:  # noqa: BLE001 - any error of the user's functions is a finding
             error_type = "" if isinstance(error, (Broken, BricksError)) else f"{type(error).__name__}: "
             line = "" if isinstance(error, (Broken, BricksError)) else line_of_user(error)
@@ -115,7 +155,11 @@ def _specs(env_id: str) -> str:
 
     with closing(make(env_id, seed=_SEED)) as env:
         with warnings.catch_warnings(action="ignore"):
-            check_env_specs(env, seed=_SEED)
+            try:
+                check_env_specs(env, seed=_SEED)
+            except AssertionError as error:
+                first_line = next(iter(str(error).splitlines()), "")
+                raise Broken(f"what it returns does not fit its specs: {first_line[:_MOST_SHOWN]}") from None
         return f"observation {list(env.observation_spec['observation'].shape)}, action {list(env.action_spec.shape)}"
 
 
@@ -166,6 +210,63 @@ def _twin(env_id: str) -> str:
     if not bool(changed.any()):
         raise Broken("nothing that it observes changed in five steps; let the observation show what the commands do")
     return f"five steps in {elapsed_s:.2f} simulated seconds, {int(changed.sum())} of {len(changed)} entries changed"
+
+
+def _values(env_id: str, task: Task) -> str:
+    """What random actions change in some episodes: entries, rewards, and the robot by each action."""
+    observed, rewards = [], []
+    with closing(make(env_id, seed=_SEED)) as env, torch.random.fork_rng(devices=[]):
+        torch.manual_seed(_SEED)  # of the actions
+        for _ in range(_EPISODES):
+            episode = env.rollout(_LONG)
+            observed += [episode["observation"], episode["next", "observation"]]
+            rewards.append(episode["next", "reward"])
+        outside: dict[str, float] = getattr(interface_of(env), "outside", {})
+    entries = {entry.name: entry for entry in task.entries}
+    if outside:
+        text = ", ".join(outside_text(entries[name], value) for name, value in outside.items())
+        raise Broken(f"{text}; correct the client, or the range")
+    values, reward = torch.cat(observed), torch.cat(rewards)
+    wrong = [name for index, name in enumerate(entries) if not bool(values[:, index].isfinite().all())]
+    if wrong:
+        raise Broken(f"{', '.join(wrong)} is not always a number (NaN); correct what computes it")
+    doubts = []
+    constant = []
+    for index, name in enumerate(entries):
+        if bool((values[:, index] == values[0, index]).all()):
+            constant.append(f"{name} ({values[0, index]:g})")
+    if constant:
+        doubts.append(f"{', '.join(constant)} never changed; look at the sensor and the scene, or leave it out")
+    if bool((reward == reward[0]).all()):
+        doubts.append(f"the reward was always {float(reward[0]):g}; nothing can be learned from it")
+    if idle := _idle_actions(env_id, task):
+        doubts.append(f"action {', '.join(idle)} changed nothing; look at its port, its range and its units")
+    if doubts:
+        raise Doubtful("; ".join(doubts))
+    return f"in {len(values) // 2} random steps all entries and the reward changed, and each action changed something"
+
+
+def _idle_actions(env_id: str, task: Task) -> list[str]:
+    """Names of the commands whose smallest and largest action lead to the same observations and rewards."""
+    count = len(task.interface.commands)
+    return [command.name for index, command in enumerate(task.interface.commands) if _is_idle(env_id, index, count)]
+
+
+def _is_idle(env_id: str, index: int, count: int) -> bool:
+    first, second = (_outcome(env_id, index, count, value) for value in (-1.0, 1.0))
+    return first.shape == second.shape and bool((first == second).all())
+
+
+def _outcome(env_id: str, index: int, count: int, value: float) -> TensorDictBase:
+    """Observations and rewards of two steps in which one command has a value, and the others are 0."""
+    action = torch.zeros(count)
+    action[index] = value
+
+    def act(state: TensorDictBase) -> TensorDictBase:
+        return state.set("action", action.clone())
+
+    with closing(make(env_id, seed=_SEED)) as env:
+        return env.rollout(2, act).select(("next", "observation"), ("next", "reward"))
 
 
 def _functions(task: Task) -> str:

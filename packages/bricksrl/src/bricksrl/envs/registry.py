@@ -329,6 +329,22 @@ def is_simulation(env_id: str) -> bool:
     return _spec(env_id).kinematics is not None
 
 
+def simulation_text(env_id: str) -> str:
+    """How a kinematic simulation differs from the robot of its task, for its page; empty for a robot. Raises UnknownNameError if
+    there is no such environment."""
+    spec = _spec(env_id)
+    if spec.kinematics is None:
+        return ""
+    task, kinematics = get_task(env_id), spec.kinematics
+    commanded = set(task.interface.angle_indices.values())
+    silent = [channel.name for index, channel in enumerate(task.interface.channels) if index not in commanded]
+    motion = "at once" if kinematics.motion == "instant" else "as far as the firmware turns it in the time of a step"
+    noise = f"normal noise with a standard deviation of {kinematics.noise:g} is added to each {kinematics.noise_on}, in -1..1"
+    zeros = f" {', '.join(silent)} are always 0." if silent else ""
+    start = "An episode starts at angles that are drawn from their ranges, and so are goals."
+    return f"There is no hub: each motor turns by its command, {motion}; {noise}.{zeros} {start}"
+
+
 def training_episodes(env_id: str) -> int:
     """Default number of training episodes of an environment. Raises UnknownNameError if there is no environment of that name."""
     return _spec(env_id).episodes

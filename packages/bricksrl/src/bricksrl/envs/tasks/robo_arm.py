@@ -51,7 +51,7 @@ from bricksrl.errors import DescriptionError
 from bricktwin.robots import ROBO_ARM
 
 THRESHOLD_DEG = 50.0
-"""Sum of the four errors under which a goal counts as reached; the paper's stricter one is 20."""
+"""Sum of the four errors under which a goal counts as reached."""
 
 _TURNS_DEG = {"rotation": 100, "low": 30, "high": 60, "grab": 25}
 _CHANNELS = tuple(MotorAngle(m.name, *map(float, m.range_deg or (0, 360))) for m in ROBO_ARM.motors)
