@@ -240,7 +240,7 @@ function showDrive(canDrive) {
   $("take-over").hidden = !can_give_back;
   $("take-over").setAttribute("aria-pressed", String(in_charge));
   $("take-over").textContent = in_charge ? "Give back" : "Take over";
-  $("driver").textContent = in_charge ? "you drive" : "the agent drives";
+  $("driver").textContent = in_charge ? ["you drive", ...status.drive.moving].join("; ") : "the agent drives";
   fill($("sliders"), commands.map(({ name }) => name), "label", (label, name) => {
     const i = commands.findIndex((command) => command.name === name);
     label.className = "slider";
