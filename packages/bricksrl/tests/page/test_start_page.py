@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import time
@@ -15,6 +16,9 @@ from forked import Forked, ForkServer
 
 from bricksrl.page.server import PageOptions
 from bricksrl.page.start import StartPage
+from bricksrl.training.callbacks import Episode, Phase
+from bricksrl.training.config import TrainConfig
+from bricksrl.training.run_folder import RunFolder
 
 pytestmark = pytest.mark.realtime
 
@@ -154,4 +158,34 @@ def test_each_environment_has_a_picture(tmp_path: Path) -> None:
         assert kind == "image/jpeg" and 3_000 < len(data) < 60_000
     assert set(page.board.status[1]["plans"]) == {"two-wheeler", "walker", "robo-arm"}
     assert page.file("../start.py") is None and page.file("") == page.file("start.html")
+    page.close()
+
+
+def test_pupil_has_name_report_and_class_table(tmp_path: Path) -> None:
+    """What is typed is one word of the command, whatever it is."""
+    started = list[Sequence[str]]()
+
+    def launch(words: Sequence[str], folder: Path) -> object:
+        started.append(words)
+        return subprocess.Popen(["true"], stdout=subprocess.PIPE, text=True)
+
+    page = StartPage(tmp_path, launch=launch)
+    for name in ("Anna", "--episodes 9", "x" * 41, "a\nb", 3):
+        page._press("train", {"env": "RunAway-v0", "name": name})
+    assert [words[-1] for words in started] == ["--name=Anna", "--name=--episodes 9"]
+    run = tmp_path / "runs" / "one"
+    run.mkdir(parents=True)
+    folder = RunFolder(run)
+    folder.write_config(TrainConfig(env="RunAway-v0", name="Anna"))
+    folder.write_episodes([Episode(1, Phase.TRAIN, 10, 10, 13.3, None)])
+    (run / "report.html").write_text("a report")
+    scores = {"return_mean": 20.0, "return_std": 0.0, "episodes": 5, "trained_episodes": 1, "as_trained": True}
+    folder.evaluation_path.write_text(json.dumps(scores))
+    page._press("class", "runs")
+    assert started[-1] == ["compare", "--class", "runs"]
+    (shown,) = page.board.status[1]["runs"]
+    assert (shown["pupil"], shown["return"], shown["score"], shown["has_report"]) == ("Anna", 20.0, "evaluation", True)
+    assert page.file("runs/one/report.html") == ("text/html; charset=utf-8", b"a report")
+    for name in ("runs/one/config.json", "runs/../report.html", "runs/one/../one/report.html", "runs/two/report.html"):
+        assert page.file(name) is None
     page.close()

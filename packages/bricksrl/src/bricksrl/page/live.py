@@ -102,7 +102,13 @@ class PageDriver:
         """What the page shows of it."""
         names = [{"name": command.name, "unit": command.unit} for command in self.commands]
         shown = {"commands": names, "stick": stick_map(self.commands), "pushes": self.pushes, "actions": self.actions()}
-        return {**shown, "in_charge": self.in_charge}
+        least = [min(command.low, command.high, key=abs) for command in self.commands]
+        moving = [
+            f"{command.name} is at least {abs(value):g} {command.unit}"
+            for command, value in zip(self.commands, least, strict=True)
+            if command.low > 0.0 or command.high < 0.0
+        ]
+        return {**shown, "in_charge": self.in_charge, "moving": moving}
 
 
 def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
