@@ -24,13 +24,14 @@ LIGHT := packages/brickhub/tests
 TESTS := packages/bricksrl/tests tests packages/bricktwin/tests packages/brickhub/tests plugins
 CLOCKED = $(shell grep -rl mark.realtime $(TESTS) --include='test_*.py')
 
-.PHONY: help extras demo docs test test-slow check fast clocked light rest wheels format booklets clean $(HOUSES:%=test-%)
+.PHONY: help extras demo docs test test-slow test-shaken check fast clocked light rest wheels format booklets clean $(HOUSES:%=test-%)
 
 help:
 	@echo "make demo    a Walker learns to walk on a virtual hub: films before and after, a report"
 	@echo "make docs    the documentation site, into build/docs"
 	@echo "make test    everything that has to pass: make check, then the tests; test-brickhub and so on: of one house alone"
 	@echo "make test-slow  long evidence: trainings, thousands of random programs, every page of the documentation"
+	@echo "make test-shaken  the tests with starts that are a little off, and with the arithmetic of other processors"
 	@echo "make check   ruff, mypy, import-linter"
 	@echo "make wheels  the three distributions, into dist/"
 	@echo "make format  let ruff put the code in order"
@@ -81,6 +82,9 @@ clocked: $(INSTALLED)
 
 test-slow: $(INSTALLED)
 	$(PYTEST) --numprocesses auto -m slow
+
+test-shaken: $(INSTALLED)
+	$(BIN)/python -m benchmarks shaken
 
 $(HOUSES:%=test-%): test-%: $(INSTALLED)
 	$(MAKE) clocked TESTS=packages/$*/tests

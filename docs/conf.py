@@ -7,6 +7,7 @@ import io
 import os
 import re
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +34,9 @@ autodoc_typehints = "description"
 autodoc_member_order = "bysource"
 autodoc_class_signature = "separated"
 napoleon_use_ivar = True
-linkcheck_ignore = ["https://github.com/BricksRL/.*"]
 
-SOURCE = "https://github.com/BricksRL/bricksrl/blob/main"
+SOURCE = tomllib.loads(Path("../pyproject.toml").read_text(encoding="utf-8"))["tool"]["bricksrl"]["address"] + "/blob/main"
+linkcheck_ignore = [f"{SOURCE}.*"]
 
 
 def outside(_app: object, _name: str, source: list[str]) -> None:

@@ -1,4 +1,5 @@
-"""``pytest --shake SEED``: tests with starts that are a little off. ``--met FILE`` says which tests that touches."""
+"""``pytest --shake SEED``: tests with starts that are a little off. ``--met FILE`` says which tests that touches, and ``--only
+FILE`` runs those."""
 
 from __future__ import annotations
 
@@ -16,6 +17,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the options."""
     group = parser.getgroup("bricks")
     group.addoption("--shake", type=int, metavar="SEED", help="each body starts 1e-9 off, each first weight is 1e-7 off")
+    group.addoption("--only", type=Path, metavar="FILE", help="run only the tests whose names are in a file")
     group.addoption("--met", type=Path, metavar="FILE", help="append the names of the tests that meet something shaken")
 
 
@@ -34,6 +36,15 @@ def pytest_configure(config: pytest.Config) -> None:
         config.add_cleanup(lambda: Path(path).unlink(missing_ok=True))
         config.pluginmanager.register(_Meetings(Path(path), config.getoption("met")))
     shaking.shake_everything()
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what is not asked for."""
+    path = config.getoption("only")
+    if path is not None:
+        asked = set(path.read_text(encoding="utf-8").splitlines())
+        config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in asked])
+        items[:] = [item for item in items if item.nodeid in asked]
 
 
 class _Meetings:

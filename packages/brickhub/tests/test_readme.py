@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -68,7 +69,8 @@ def test_its_test_and_its_workflow_pass(reader: Path) -> None:
     (job,) = yaml.safe_load(README.blocks("yaml")[0])["jobs"].values()
     *_, install, test = (shlex.split(step["run"]) for step in job["steps"] if "run" in step)
     assert install[:3] == ["pip", "install", "pytest"] and test == ["pytest"]
-    assert install[3] == f"brickhub @ git+https://github.com/BricksRL/bricksrl#subdirectory=packages/{FOLDER.name}"
+    address = tomllib.loads((FOLDER.parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["bricksrl"]["address"]
+    assert install[3] == f"brickhub @ git+{address}#subdirectory=packages/{FOLDER.name}"
     command = [sys.executable, "-m", *test, "-p", "no:cacheprovider"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0 and "1 passed" in done.stdout, done.stdout

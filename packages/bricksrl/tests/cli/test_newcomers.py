@@ -156,7 +156,7 @@ def test_opengl_that_was_asked_for_is_named():
 @pytest.mark.realtime
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts processes in /proc")
 def test_sigterm_ends_a_training_whose_processes_start(start, tmp_path):
-    process = start("train", "Walker-v1", "--num-envs", "4", "--no-film", "--run", str(tmp_path / "run"))
+    process = start("train", "Walker-v1", "--num-envs", "2", "--no-film", "--run", str(tmp_path / "run"))
 
     def children() -> list[str]:
         return Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()

@@ -299,7 +299,9 @@ def test_start_pose_follows_scene() -> None:
     for seed in range(4):
         body.reset(np.random.default_rng(seed))
         places.append(body.pose())
-    assert all(pose.y_m == 0.1 and abs(pose.x_m) <= 0.2 and pose.heading_deg % 360 == pytest.approx(90) for pose in places)
+    for pose in places:
+        assert (pose.y_m, pose.heading_deg % 360) == pytest.approx((0.1, 90), abs=1e-6)
+        assert abs(pose.x_m) <= 0.2 + 1e-6
     assert len({pose.x_m for pose in places}) == 4
 
 

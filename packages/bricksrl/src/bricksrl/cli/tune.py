@@ -117,5 +117,5 @@ def _found(named: Path | None) -> Path:
         if folder.name == "benchmarks" and (folder / "registry.py").exists():
             return folder
     where = f"not in {named}" if named else "not in this package"
-    remedy = "run this in a clone of https://github.com/BricksRL/bricksrl"
+    remedy = "run this in the folder of the repository"
     raise RunError(f"the studies are in the folder benchmarks of the repository, {where}; {remedy}")
