@@ -33,7 +33,8 @@ _WORM_PITCH_RADIUS = 10.0
 _TOOTH = 7.854
 """Length of a tooth, pi mm: lead of a worm, pitch of a rack."""
 _LINK, _LINK_TOLERANCE = 16.0, 1.5
-"""Length of a chain's link, along its z axis: two teeth. Its largest offset from the previous link, and from a gear."""
+"""Length of a chain's link, along its z axis: two teeth. Its largest offset from a gear. From the previous link it may be
+half of its length away: LSynth fills a straight part with whole links."""
 _BARS = (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.PEG)
 _JOINTS = (Fit.TURNTABLE, Fit.BALL, Fit.SOCKET, Fit.RIM, Fit.TYRE)
 _SEAT_PLAY = 4.0
@@ -364,7 +365,7 @@ def _loops(parts: Sequence[Placed]) -> list[tuple[Floats, Floats]]:
     next_link = {}
     for number, link in enumerate(links):
         distances = np.linalg.norm(starts - link.to_plan(np.array([[0.0, 0.0, _LINK]])), axis=1)
-        if distances.min() < _LINK_TOLERANCE:
+        if distances.min() < _LINK / 2:
             next_link[number] = int(distances.argmin())
     remaining, loops = dict.fromkeys(range(len(links))), []
     while remaining:
