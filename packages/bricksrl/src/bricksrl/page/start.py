@@ -40,8 +40,8 @@ _CLOSE_S = DEADLINE_S - 1.0
 """The same at the end of the page, whose own process has not much longer."""
 _MAX_ROBOTS = 6
 """Robots of all visitors at a time."""
-_DESERTED_S, _ASLEEP_S = 5.0, 60.0
-"""Time after which a play ends that nobody looks at: after closed tabs; before the first look, and after connections that broke."""
+_DESERTED_S, _ASLEEP_S = 5.0, 120.0
+"""Time after which a play ends that nobody looks at: closed tabs; not looked at yet, or connections that broke."""
 _log = logging.getLogger(__name__)
 _PAGE_LINE = re.compile(r"live page: (\S+)")
 
@@ -324,7 +324,7 @@ class StartPage(PageServer):
             raise PageError(f"{owner} checks a hub; wait for its end, or ask for it")
 
     def _end_deserted(self) -> None:
-        """End plays whose visitors have closed all tabs. A phone that sleeps, whose connection broke, has a minute."""
+        """End plays whose visitors have closed all tabs. A phone that sleeps, whose connection broke, has two minutes."""
         for job in self._jobs:
             if not (job.is_running and job.url and job.owner is not None and ACTIONS[job.action].ends_alone):
                 continue
