@@ -179,10 +179,12 @@ class Browser:
 
     def __post_init__(self) -> None:
         from websockets.sync.client import connect
+        from websockets.typing import Origin
 
         host = self.url.split("/")[2]
         address = f"ws://{host}/ws?{urllib.parse.urlsplit(self.url).query}"
-        self._socket = connect(address, origin=f"http://{host}", compression=None, max_size=None, ping_interval=None)  # type: ignore[arg-type]
+        origin = Origin(f"http://{host}")
+        self._socket = connect(address, origin=origin, compression=None, max_size=None, ping_interval=None)
 
     def look(self) -> None:
         """Take what the page has said meanwhile."""

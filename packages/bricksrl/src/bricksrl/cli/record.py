@@ -24,7 +24,7 @@ from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
 from bricksrl.envs import get_task, make
 from bricksrl.envs.options import EnvOptions
-from bricksrl.errors import DataError, DescriptionError, HubError, RunError, StoppedError, counted, hint
+from bricksrl.errors import BricksError, DataError, DescriptionError, RunError, StoppedError, counted, hint
 from bricksrl.page.server import PageOptions
 from bricksrl.policies import config_of
 
@@ -151,7 +151,7 @@ class Record:
                 page.end(episode.return_, f"{episode.episode + 1}")
                 page.begin()
 
-        def on_lost(steps: int, error: HubError) -> None:
+        def on_lost(steps: int, error: BricksError) -> None:
             print_note(f"{error}; {counted(steps, 'step')} of this episode are kept as broken off, and another one is recorded")
 
         if (reconnect := interface_of(env).reconnect) is not None:

@@ -19,7 +19,7 @@ from bricksrl.data.recorder import Recorder
 from bricksrl.data.steps import Step
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import TRIES, Driver, Policy, Rollout, play
-from bricksrl.errors import HubError
+from bricksrl.errors import BricksError
 
 _VERSIONS = {name: metadata.version(name) for name in (*HOUSES, "torch", "torchrl", "mujoco")}
 
@@ -45,7 +45,7 @@ def collect(
     reset_policy: Callable[[], None] = lambda: None,
     on_episode: Callable[[EpisodeRow], None] = lambda _: None,
     on_frame: Callable[[TensorDictBase], None] = lambda _: None,
-    on_lost: Callable[[int, HubError], None] = lambda _steps, _error: None,
+    on_lost: Callable[[int, BricksError], None] = lambda _steps, _error: None,
 ) -> list[EpisodeRow]:
     """Record episodes, and return their rows. An episode interrupted by a pause, an error or Ctrl-C is recorded up to that step.
 

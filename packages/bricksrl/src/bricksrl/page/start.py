@@ -357,11 +357,12 @@ class StartPage(PageServer):
     def _runs(self) -> list[dict[str, Any]]:
         """The runs in the folder, the latest first, with the mean return of the last episodes."""
         found = []
-        configs = sorted(self._folder.glob("runs/*/config.json"), key=_changed_s, reverse=True)
-        for config in configs[:_MAX_RUNS]:
-            run = RunFolder(config.parent)
+        paths = sorted(self._folder.glob("runs/*/config.json"), key=_changed_s, reverse=True)
+        for path in paths[:_MAX_RUNS]:
+            run = RunFolder(path.parent)
             with contextlib.suppress(BricksError, OSError):  # such as a run that is deleted now
-                config, returns = run.read_config(), [episode.return_ for episode in run.read_episodes()]
+                config = run.read_config()
+                returns = [episode.return_ for episode in run.read_episodes()]
                 about = {"env": config.env, "agent": config.agent, "episodes": len(returns), "pupil": config.name}
                 about |= {"seed": config.seed, "has_report": (run.path / "report.html").exists()}
                 about |= {"has_film": (run.path / "before_after.mp4").exists()}
