@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -118,6 +119,28 @@ def test_deaf_jobs_end_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     start_s = time.monotonic()
     page.close()
     assert not any(job.is_running for job in page._jobs) and time.monotonic() - start_s < 1.9
+
+
+def test_what_a_job_leaves_ends_with_it(tmp_path: Path) -> None:
+    """A process of its group that is frozen hears of no end."""
+    script = "import subprocess, sys; print(subprocess.Popen(['sleep', '99']).pid, flush=True); sys.stdin.read()"
+    page = StartPage(
+        tmp_path,
+        launch=lambda *_: subprocess.Popen(
+            [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+        ),
+    )
+    page._press("train", "RunAway-v0")
+    limit_s = time.monotonic() + 30.0
+    while not page._jobs[0].lines:
+        assert time.monotonic() < limit_s
+        time.sleep(0.01)
+    left = int(page._jobs[0].lines[0])
+    os.kill(left, signal.SIGSTOP)
+    page.close()
+    while Path(f"/proc/{left}").exists() and " Z " not in Path(f"/proc/{left}/stat").read_text():
+        assert time.monotonic() < limit_s
+        time.sleep(0.01)
 
 
 @pytest.mark.parametrize(("is_asleep", "ends_after_s"), [(False, 5.1), (True, 120.1)])

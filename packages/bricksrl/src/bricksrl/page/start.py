@@ -6,8 +6,10 @@ A press starts the command of its row in a process of its own. Values of presses
 import contextlib
 import json
 import logging
+import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -161,7 +163,10 @@ class Job:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
-        self.reader.join(_READ_S)  # a process that it has started may hold its output open
+        if hasattr(os, "killpg"):  # what it has left in its group, such as a process that was frozen
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self.process.pid, signal.SIGKILL)
+        self.reader.join(_READ_S)
 
     def described(self) -> dict[str, Any]:
         """What the page shows of it."""
