@@ -20,8 +20,8 @@ from bricksrl.training import TrainConfig, train
 from bricktwin.twin.make_body import make_body
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-DRIVING_LINES = 35  # the whole file of a driving robot with its task, its body and its floor
-LONG = {"16_sequences": 100}
+DRIVING_LINES = 50  # the whole file of a driving robot with its task, its body and its floor
+LONG = {"16_sequences": 120}
 OWN_LINES = 40  # what issue and README promise for a task or a robot of one's own
 
 
@@ -41,7 +41,7 @@ def main(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 def test_examples_are_short() -> None:
     paths = sorted(EXAMPLES.glob("*.py"))
     assert [path.name[:3] for path in paths] == [f"{number:02}_" for number in range(1, len(paths) + 1)]
-    assert all(len(path.read_text(encoding="utf-8").splitlines()) <= LONG.get(path.stem, 50) for path in paths)
+    assert all(len(path.read_text(encoding="utf-8").splitlines()) <= LONG.get(path.stem, 60) for path in paths)
 
 
 def test_first_run(main, capsys) -> None:
