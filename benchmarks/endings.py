@@ -183,8 +183,7 @@ class Browser:
 
         host = self.url.split("/")[2]
         address = f"ws://{host}/ws?{urllib.parse.urlsplit(self.url).query}"
-        origin = Origin(f"http://{host}")
-        self._socket = connect(address, origin=origin, compression=None, max_size=None, ping_interval=None)
+        self._socket = connect(address, origin=Origin(f"http://{host}"), compression=None, max_size=None, ping_interval=None)
 
     def look(self) -> None:
         """Take what the page has said meanwhile."""
@@ -341,8 +340,7 @@ def _act(command: Command, browsers: Sequence[Browser], way: str) -> None:
             for browser in browsers:
                 browser.close()
         case "frozen job":
-            job = max(pid for pid in command.processes() if pid != command.pid)
-            os.kill(job, signal.SIGSTOP)
+            os.kill(_job_of(command), signal.SIGSTOP)
             os.kill(command.pid, signal.SIGTERM)
         case "two INTs":
             os.kill(command.pid, signal.SIGINT)
@@ -353,6 +351,14 @@ def _act(command: Command, browsers: Sequence[Browser], way: str) -> None:
             os.kill(command.pid, signal.SIGTERM)
         case _:
             os.kill(command.pid, signal.Signals[f"SIG{way}"])
+
+
+def _job_of(command: Command) -> int:
+    """The process of the job of a start page."""
+    for pid in command.processes():
+        if b"bricksrl.cli.job" in Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0"):
+            return pid
+    raise BricksError("the page has no job")
 
 
 def summary(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
