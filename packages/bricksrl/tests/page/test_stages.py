@@ -76,6 +76,20 @@ def test_robot_of_somebody_who_left_needs_no_question(page: StartPage, people: t
     assert not running(page)
 
 
+def test_owner_who_is_at_the_robot_is_asked(
+    page: StartPage, people: tuple[Visitor, Visitor], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ada, ben = people
+    page._press("drive", "Spinning-v0", ada)
+    page._jobs[0].url = "http://127.0.0.1:9/?token=x"
+    monkeypatch.setattr(start_page.Job, "visitors", lambda _job: {"here": [ada.key], "asleep": False})
+    page.visitors.leave(ada, closed=True)
+    ada.left_s -= 100.0
+    page._end_deserted()
+    page._press("end", page._jobs[0].number, ben)
+    assert running(page) and page.board.status[1]["questions"]
+
+
 def test_there_is_no_room_for_more_robots_than_are_allowed(
     page: StartPage, people: tuple[Visitor, Visitor], monkeypatch: pytest.MonkeyPatch
 ) -> None:

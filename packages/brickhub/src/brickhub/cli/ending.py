@@ -18,7 +18,7 @@ from collections.abc import Iterator
 
 from brickhub.cli.key_listener import interrupt_main
 
-DEADLINE_S = 3.0
+DEADLINE_S = 3.5
 """Time for an end in order."""
 INTERRUPTED = 130
 """Exit code of a command that was ended, as in shells after Ctrl-C."""

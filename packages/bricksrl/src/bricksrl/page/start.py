@@ -38,7 +38,7 @@ _MAX_JOBS, _MAX_LINES, _MAX_RUNS, _MAX_POINTS, _LAST_EPISODES = 12, 60, 30, 60, 
 _REFRESH_S, _READ_S, _ANSWER_S = 1.0, 0.5, 0.5
 _END_S = 4.0
 """Time that a job has to end."""
-_CLOSE_S = DEADLINE_S - 1.0
+_CLOSE_S = DEADLINE_S - 1.5
 """The same at the end of the page, whose own process has not much longer."""
 _MAX_ROBOTS = 6
 """Robots of all visitors at a time."""
@@ -334,6 +334,8 @@ class StartPage(PageServer):
             if not (job.is_running and job.url and job.owner is not None and ACTIONS[job.action].ends_alone):
                 continue
             seen, now_s = job.visitors(), time.monotonic()
+            if job.owner.key in seen.get("here", ()):
+                job.owner.left_s = now_s  # is not away, but at the robot
             if seen.get("here") or job.owner.tabs or not seen:
                 job.empty_s = None
                 job.is_seen = job.is_seen or bool(seen.get("here"))
