@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import sys
 from contextlib import closing
 from pathlib import Path
@@ -138,6 +139,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_existing_task_with_a_client_beside_its_file(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING), closing(bricksrl.make("../my_task.py", seed=0)) as env:
         episode = env.rollout(4, back)
+        env.reset()  # another episode has a robot of its own
         assert env.task.program == str(folder / "mm.py")
     moved = episode["next", "observation"][:, 4] - episode["observation"][:, 4]
     assert moved.tolist() == pytest.approx([100.0] * 4, abs=15), "the command is in millimetres, as the task says"
@@ -155,6 +157,22 @@ def test_environment_of_the_paper_is_trained(folder: Path, capsys: pytest.Captur
     data = load(run)
     assert data.description.env == "TaskEnvironment-v0" and len(data) == sum(episode.length for episode in episodes)
     assert main(["resume", str(run), "--episodes", "26"]) == 0
+
+
+@pytest.mark.slow
+def test_environment_of_the_page_learns_what_the_page_says(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = (Path(__file__).parents[4] / "docs" / "own_client.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    (folder / "client.py").write_text(blocks[0])
+    (folder / "my_env.py").write_text(next(block for block in blocks if "class TaskEnvironment" in block))
+    run = folder / "run"
+    # With a report, whose environment is that of the file.
+    assert main(["train", "../my_env.py:TaskEnvironment", "--episodes", "12", "--no-film", "--run", str(run)]) == 0
+    printed = capsys.readouterr()
+    assert "report " in printed.out
+    assert printed.err.count("has no watchdog") <= 2, "said once by the training, and once by the evaluation"
+    returns = [episode.return_ for episode in RunFolder(run).read_episodes()]
+    assert sum(returns[-5:]) / 5 > 15, "the page says 16 to 18"
 
 
 def test_environment_has_a_time_limit(folder: Path) -> None:

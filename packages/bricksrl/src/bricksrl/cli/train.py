@@ -341,7 +341,8 @@ def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | N
     evaluation.save()
     if page is not None:
         page.finish(f"Done. `bricksrl play {quoted(result.run_dir)} --page` shows what it has learned.")
-    is_filmed = film and not is_simulation(evaluation.env)
+    trained_env = RunFolder(result.run_dir).read_config().env  # the evaluation names the task, which may be of a file
+    is_filmed = film and not is_simulation(trained_env)
     with telling("filming before and after, and writing the report" if is_filmed else "writing the report"):
         summary, video = write_report(result.run_dir, result.episodes, evaluation, film=film)
     print_line(f"learning curve  {RunFolder(result.run_dir).curve_path}")

@@ -197,8 +197,10 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
 
     physics = RandomPhysics() if options.randomize else options.known_physics
     link = None if options.link is None else profile(options.link)
+    warns = True  # the first robot's link; each episode has a robot, and so a link, of its own
 
     def connect(twin_seed: int) -> Connection:
+        nonlocal warns
         body = make_body(task.robot, scene=task.scene, physics=physics, seed=twin_seed)
         faulty = with_faults(body, options.fault)
         twin = virtual_robot(faulty, realtime=options.realtime, link=link, seed=twin_seed)
@@ -210,7 +212,9 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
         readers = tuple(reader_of(sensor, world) for sensor in task.sensors)
         # A robot with faults is somebody's own, to which the calibration that was saved for the virtual hub belongs.
         calibrate = calibration_of(twin) if options.fault and isinstance(twin, VirtualHub) else None
-        return Connection(_link(task, options, twin, calibrate), twin.reset, twin, camera, pose, readers)
+        robot_link = _link(task, options, twin, calibrate, warns=warns)
+        warns = False
+        return Connection(robot_link, twin.reset, twin, camera, pose, readers)
 
     return connect
 
@@ -265,8 +269,11 @@ def _real(
     return task, lambda _seed: connection
 
 
-def _link(task: Task, options: EnvOptions, transport: Any, calibrate: Calibration | None = None) -> RobotLink:
-    """Link over a transport to a hub, or over a radio to devices of LEGO's kits, as the robot has them."""
+def _link(
+    task: Task, options: EnvOptions, transport: Any, calibrate: Calibration | None = None, *, warns: bool = True
+) -> RobotLink:
+    """Link over a transport to a hub, or over a radio to devices of LEGO's kits, as the robot has them. ``warns`` is whether it
+    says what it lacks."""
     from brickhub.hub.link.kit_link import KitLink
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.hub.link.own_client import ClientLink
@@ -278,7 +285,7 @@ def _link(task: Task, options: EnvOptions, transport: Any, calibrate: Calibratio
     if task.client is not None:
         if options.streaming or task.streams or options.app_data:
             raise DescriptionError(f"{task.program} is a client of your own, which neither streams nor reads AppData; omit both")
-        return ClientLink(transport, task.robot, task.interface, task.client)
+        return ClientLink(transport, task.robot, task.interface, task.client, warns=warns)
     link_type = StreamingLink if options.streaming or task.streams else HubLink
     pipe = Pipe.APP_DATA if options.app_data else Pipe.STDIN
     return link_type(transport, task.robot, task.interface, pipe=pipe, calibrate=calibrate)

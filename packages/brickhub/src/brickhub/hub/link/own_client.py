@@ -105,12 +105,22 @@ class _AnswerDecoder(FrameDecoder):
 
 class ClientLink(HubLink):
     """A :class:`HubLink` to a client of one's own; further arguments as there. ``read`` sends zeros, or the values nearest to
-    zero, as such a client answers only a command. Raises ProgramError if the program cannot run on this hub, DescriptionError if
-    its formats do not fit the interface."""
+    zero, as such a client answers only a command. ``warns`` is whether it says, once, that there is no watchdog. Raises
+    ProgramError if the program cannot run on this hub, DescriptionError if its formats do not fit the interface."""
 
-    def __init__(self, transport: Transport, robot: Robot, interface: Interface, client: OwnClient, **options: Any) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        robot: Robot,
+        interface: Interface,
+        client: OwnClient,
+        *,
+        warns: bool = True,
+        **options: Any,
+    ) -> None:
         client.check(interface)
-        self._client, self._is_told = client, False
+        self._client = client
+        self._warns = warns
         self._at_rest = [min(max(0.0, command.low), command.high) for command in interface.commands]
         super().__init__(transport, robot, interface, **options)
 
@@ -128,8 +138,8 @@ class ClientLink(HubLink):
         self.act(self._at_rest)
 
     def _start_program(self) -> None:
-        if not self._is_told:
-            self._is_told = True
+        if self._warns:
+            self._warns = False
             _log.warning("%s has no watchdog: if the link breaks, motors may run on; switch the hub off then", self.program.name)
         self._run_program()
         self._started_s = self.now_s()
