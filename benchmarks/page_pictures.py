@@ -1,11 +1,17 @@
 """Pictures of the live page, taken in a headless Chromium.
 
     python -m benchmarks page_pictures
+    python -m benchmarks page_pictures --looks
 
 Writes for the documentation ``docs/images/page.png``, a trained Walker, ``docs/images/page_phone.png``, a 2Wheeler driven
 by hand on a screen as wide as a phone's, ``docs/images/page_goal.png``, the bay of Park, ``docs/images/page_tag.png``, a phone
 that drives the runner, and ``docs/images/start_page.png``; and for the start page a picture of each environment, drawn as in
-films. Needs Chromium, OpenGL and some minutes.
+films.
+
+``--looks`` writes into ``studies/page_pictures/looks`` what is to be looked at after a change of the page: the first frame of
+each card's page, and the start page in a class, each at three sizes; and the sheet that is printed of a run.
+
+Needs Chromium, OpenGL and some minutes.
 """
 
 from __future__ import annotations
@@ -14,6 +20,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -37,6 +44,10 @@ FOLDER = Path(__file__).parents[1] / "docs" / "images"
 ENVIRONMENTS = Path(__file__).parents[1] / "packages" / "bricksrl" / "src" / "bricksrl" / "page" / "pictures"
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 SEED, STEPS = 3, 2
+SIZES_PX = {"laptop": (1366, 768), "upright": (390, 844), "across": (844, 390)}
+"""Of windows: a laptop, and a phone in both directions."""
+NAMES = ("Anna", "Ben and Carla", "The group at the window")
+"""Of visitors of a class."""
 SIZE_PX = (480, 300)
 """Of the picture of an environment."""
 
@@ -120,9 +131,61 @@ def take_arena(env_id: str, robot: str, path: Path) -> None:
         page.screenshot(path=path)
 
 
+def take_sizes(page: Page, path: Path, *, whole: bool = False) -> None:
+    """Take the picture of a page at each size; ``whole`` with what is below the window."""
+    for name, (width, height) in SIZES_PX.items():
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(1_500)  # until it is drawn at rest
+        page.screenshot(path=path.with_name(f"{path.name}_{name}.png"), full_page=whole)
+
+
+def look_at_cards(folder: Path, only: list[str]) -> None:
+    """Take the first frame of each card's page at each size."""
+    for env_id in only:
+        command = ("team", env_id, "--page") if env_id in ARENAS else ("play", env_id, "--page")
+        with served(".", *command) as url, tab(url, 1366, 768) as page:
+            page.locator("#scene[data-frames]:not([data-frames='0'])").wait_for()
+            pause = page.get_by_role("button", name="Pause", exact=True)
+            if pause.is_visible():
+                pause.click()
+            take_sizes(page, folder / env_id)
+
+
+def look_at_class(folder: Path) -> None:
+    """Take the start page with runs and three visitors at each size, its table of the class, and the sheet of a run."""
+    with tempfile.TemporaryDirectory() as place:
+        for seed, name in enumerate(NAMES):
+            words = ("train", "RunAway-v0", "--episodes", "4", "--seed", str(seed), "--name", name)
+            subprocess.run([sys.executable, "-m", "bricksrl", *words], cwd=place, check=True)  # noqa: S603  our own command
+        report = next(Path(place).glob("runs/*/report.html")).resolve()
+        with served(place, "page") as url, tab(url, 1366, 768, ".env img") as page:
+            browser = page.context.browser
+            others = [browser.new_context().new_page() for _ in NAMES[1:]] if browser is not None else []
+            for name, one in zip(NAMES, (page, *others), strict=True):
+                one.goto(url)
+                one.locator("#own-name").fill(name)
+                one.locator("#own-name").press("Enter")
+            page.locator(f"#others:has-text('{NAMES[-1]}')").wait_for()
+            page.get_by_role("button", name="Table of the class").click()
+            page.locator(".job .chip.finished").wait_for()
+            take_sizes(page, folder / "start", whole=True)
+            page.goto(report.as_uri())
+            page.pdf(path=folder / "sheet.pdf", prefer_css_page_size=True)
+
+
 def main(session: Session) -> None:
     """Take the pictures."""
-    session.parse()
+    cards = [*(env_id for env_id in list_envs() if not is_simulation(env_id)), *ARENAS]
+    session.parser.add_argument("--looks", nargs="*", metavar="CARD", help="only pictures to look at, of these cards, or of all")
+    looks = session.parse().looks
+    if looks is not None:
+        folder = session.folder / "looks"
+        folder.mkdir(parents=True, exist_ok=True)
+        if not looks:
+            look_at_class(folder)
+        look_at_cards(folder, looks or cards)
+        print(folder)
+        return
     pictures = session.place_of(FOLDER)
     environments = session.place_of(ENVIRONMENTS)
     for env_id in list_envs():

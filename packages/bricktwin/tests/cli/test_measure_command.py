@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,8 @@ def test_measure_a_virtual_robot(bricktwin, fails, tmp_path: Path) -> None:
     assert physics.distance_bias_mm == pytest.approx(25, abs=5)
     report = (out / "report.html").read_text()
     assert "gyroscope, scale error" in report and report.count("<svg") == report.count("</svg>") == 1
+    assert "<main>" in report and "@media print" in report, "the look of a run's report"
+    assert not re.search(r"\de[+-]\d\d", done.out + re.sub(r'd="[^"]*"', "", report)), "numbers without exponents"
     assert read_log(out / "log.jsonl").about["hub"] == "virtual"
     again = tmp_path / "again"
     fails("twin", "measure", "robo-arm", "--out", str(again), says="cannot be taken in hand")

@@ -6,9 +6,7 @@ import io
 import itertools
 from collections.abc import Iterable, Sequence
 from datetime import datetime
-from importlib import resources
 from pathlib import Path
-from string import Template
 from typing import NamedTuple
 
 from brickhub.files import quoted, write_durably
@@ -19,6 +17,7 @@ from bricksrl.evaluation.evaluator import EvaluationResult
 from bricksrl.evaluation.film import Film, film_run, side_by_side
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.run_folder import Origin, RunFolder
+from bricktwin.report_page import plain_number, report_page
 
 FILM_BUDGET_S = 10.0
 """Approximate drawing time of each film of a run."""
@@ -83,8 +82,7 @@ def write_report(run_dir: Path, episodes: Sequence[Episode], result: EvaluationR
         "</section>",
     ]
     path = run_dir / "report.html"
-    template = Template(resources.files("bricksrl.evaluation").joinpath("report.html").read_text(encoding="utf-8"))
-    text = template.substitute(title=html.escape(result.env), body="\n".join(body))
+    text = report_page(f"{result.env}: report", "\n".join(body))
     write_durably(path, text.encode(errors="surrogateescape"))  # names of folders that this computer's locale cannot read
     return path, str(films.both) if films is not None else f"none: {reason}"
 
@@ -94,12 +92,12 @@ def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | 
     text = (
         f"The agent <b>{html.escape(result.agent)}</b> learned for {learned} ({counted(last.steps, 'step')} of the robot) in "
         f"{last.seconds:.0f} s. Then it did its best in {played}: a mean return of "
-        f"<b>{result.return_mean:.4g}</b>"
+        f"<b>{plain_number(result.return_mean)}</b>"
     )
     reference = REFERENCES.get(result.env)
     if reference is not None:
-        by_hand = f"a controller written by hand {reference['by hand']:.4g}"
-        text += f", where random actions get {reference['random']:.4g} and {by_hand}"
+        by_hand = f"a controller written by hand {plain_number(reference['by hand'])}"
+        text += f", where random actions get {plain_number(reference['random'])} and {by_hand}"
     walked = result.metrics.get("forward_m")
     if walked is not None:
         text += f". It walked <b>{walked:.2f} m</b> in an episode"
@@ -141,8 +139,8 @@ def _film(films: Films | None, no_films: str) -> Iterable[str]:
     source = _data_url(films.both, "video/mp4") if small else html.escape(films.both.name)
     yield f'<video src="{source}" controls autoplay loop muted playsinline></video>'
     links = ", ".join(f'<a href="{path.name}">{path.name}</a>' for path in (films.before.path, films.after.path, films.both))
-    before, after = films.before.return_, films.after.return_
-    yield f"<p>Left before learning (return {before:.4g}), right after it (return {after:.4g}). The files: {links}.</p>"
+    before, after = plain_number(films.before.return_), plain_number(films.after.return_)
+    yield f"<p>Left before learning (return {before}), right after it (return {after}). The files: {links}.</p>"
 
 
 _UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg", "_pct": "%", "_px": "px"}
@@ -152,8 +150,12 @@ _UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg
 def rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
     """Labels and texts of an evaluation, with its 95 % intervals."""
     interval = result.return_interval
-    mean = f" (95 % interval of the mean: {interval.low:.4g} to {interval.high:.4g})" if interval is not None else ""
-    yield "return", f"{result.return_mean:.4g} ± {result.return_std:.4g}{mean}"
+    mean = (
+        f" (95 % interval of the mean: {plain_number(interval.low)} to {plain_number(interval.high)})"
+        if interval is not None
+        else ""
+    )
+    yield "return", f"{plain_number(result.return_mean)} ± {plain_number(result.return_std)}{mean}"
     if result.success_rate is not None:
         rate = result.success_interval
         bounds = f" (95 % interval of the rate: {percent(rate.low)} to {percent(rate.high)})" if rate is not None else ""
@@ -165,7 +167,7 @@ def rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
 def labelled(name: str, value: float) -> tuple[str, str]:
     """Label and value of a metric, with its unit: "forward speed" and "0.05246 m/s" for ``forward_speed_m_s``."""
     ending, unit = next(((ending, unit) for ending, unit in _UNITS.items() if name.endswith(ending)), ("", ""))
-    return name.removesuffix(ending).replace("_", " "), f"{value:.4g} {unit}".rstrip()
+    return name.removesuffix(ending).replace("_", " "), f"{plain_number(value)} {unit}".rstrip()
 
 
 def _table(rows: Iterable[tuple[str, str]]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from brickhub.files import write_durably
 from bricktwin.drawing import import_matplotlib
 from bricktwin.measure.results import Comparison
 from bricktwin.measure.session import SessionLog
+from bricktwin.report_page import plain_number, report_page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,29 +30,38 @@ def lines(comparison: Comparison) -> Iterator[tuple[str, str, str, str, str]]:
             continue
         name, value = f"{one.name}, {one.unit}", comparison.robot[one.name]
         if one.name not in comparison.twin:
-            yield name, f"{value:.4g}", "", "", ""
+            yield name, plain_number(value), "", "", ""
         elif not one.parameter:
-            yield name, f"{value:.4g}", f"{comparison.twin[one.name]:.4g}", "", ""
+            yield name, plain_number(value), plain_number(comparison.twin[one.name]), "", ""
         else:
             low, nominal, high = comparison.scale(one)
             remark = "" if low <= value <= high else f"outside of what --randomize draws ({one.parameter})"
-            yield name, f"{value:.4g}", f"{nominal:.4g}", f"{low:.4g} to {high:.4g}", remark
+            yield name, plain_number(value), plain_number(nominal), f"{plain_number(low)} to {plain_number(high)}", remark
 
 
 def write_report(path: Path, log: SessionLog, comparison: Comparison) -> None:
     """Write the page. Raises WriteError if that is impossible."""
-    rows = [HEAD, *lines(comparison)]
-    table = "\n".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    about = html.escape(", ".join(f"{name} {value}" for name, value in log.about.items()))
-    page = f"""<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{html.escape(log.robot)}, measured</title>
-<style>body {{ font: 15px sans-serif; margin: 2em }} td {{ padding: 0 1.2em 0 0 }} svg {{ max-width: 100% }}</style></head>
-<body><h1>{html.escape(log.robot)}, measured</h1><p>{about}</p>
-<table>{table}</table>
-{_plots(log, comparison)}
-</body></html>
-"""
+    about = ", ".join(f"{name} {value}" for name, value in log.about.items())
+    body = [
+        f"<h1>{html.escape(log.robot)}, measured</h1>",
+        f"<p class=who>{html.escape(about)}</p>",
+        "<h2>Its numbers beside its twin's</h2>",
+        _table(comparison),
+        "<h2>Where they lie</h2>",
+        _plots(log, comparison),
+    ]
+    page = report_page(f"{log.robot}, measured", "\n".join(body))
     write_durably(path, page.encode())
+
+
+def _table(comparison: Comparison) -> str:
+    """The numbers, as HTML."""
+    rows = [_row("th", HEAD), *(_row("td", cells) for cells in lines(comparison))]
+    return f"<table class=numbers>{''.join(rows)}</table>"
+
+
+def _row(tag: str, cells: Iterable[str]) -> str:
+    return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"
 
 
 def _plots(log: SessionLog, comparison: Comparison) -> str:
@@ -80,8 +90,8 @@ def _draw_ranges(axes: Axes, comparison: Comparison) -> None:
         axes.plot([(nominal - low) / (high - low)], [place], "|", color=_TWIN, markersize=14)
         share = (comparison.robot[one.name] - low) / (high - low)
         axes.plot([min(max(share, _OUTSIDE[0]), _OUTSIDE[1])], [place], "o", color=_ROBOT)
-        axes.text(0.0, place + 0.2, f"{low:.3g}", fontsize=7, va="top")
-        axes.text(1.0, place + 0.2, f"{high:.3g} {one.unit}", fontsize=7, va="top", ha="right")
+        axes.text(0.0, place + 0.2, plain_number(low, 3), fontsize=7, va="top")
+        axes.text(1.0, place + 0.2, f"{plain_number(high, 3)} {one.unit}", fontsize=7, va="top", ha="right")
     axes.set_yticks(range(len(shown)), [one.name for one in shown])
     axes.set_xlim(-0.35, 1.35)
     axes.set_xticks([])
