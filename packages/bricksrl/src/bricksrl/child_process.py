@@ -55,17 +55,29 @@ class _Pickler(pickle.Pickler):
         return (from_numpy, (obj.cpu().numpy(),)) if type(obj) is Tensor else NotImplemented
 
 
+def own_python(*arguments: str) -> tuple[list[str], dict[str, str]]:
+    """Command and environment variables of a process that runs Python with these arguments.
+
+    It imports from where this process does. By itself Python would import first what lies in the present folder, where
+    a stranger's ``copy.py`` may lie beside the run or the data that he sent.
+    """
+    folders = [os.path.abspath(folder) for folder in sys.path]  # noqa: PTH100  "" is the present one; links stay
+    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(folders)}
+    return [sys.executable, "-P", *arguments], variables
+
+
 class ChildProcess:
     """A process that runs a module, with further environment ``variables``; Ctrl-C in the terminal does not reach it. Raises
     OSError if it cannot be started."""
 
     def __init__(self, module: str, deliver: Deliver, **variables: str) -> None:
         flags = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
+        command, own_variables = own_python("-m", module)
         self._process = subprocess.Popen(  # noqa: S603  our own interpreter
-            [sys.executable, "-m", module],
+            command,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env={**os.environ, **variables},
+            env={**own_variables, **variables},
             start_new_session=True,
             creationflags=flags,
         )

@@ -53,6 +53,7 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")  # for terminals that lack a character
     if arguments is not None:
         return _run(table, arguments)
+    os.environ["PYTHONSAFEPATH"] = "1"  # processes started from here import nothing from the present folder by themselves
     from brickhub.cli.ending import INTERRUPTED, ended_in_time
 
     with ended_in_time() as is_asked:

@@ -3,7 +3,6 @@
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +12,7 @@ from typing import ClassVar
 from brickhub.cli import doctor
 from brickhub.cli.doctor import Answer
 from brickhub.finding import Outcome
+from bricksrl.child_process import own_python
 from bricktwin.twin.make_body import check_mujoco
 
 _LOW_SPACE_GB, _NO_SPACE_GB = 5.0, 0.5
@@ -40,8 +40,11 @@ def check_physics() -> Answer:
 
 def check_opengl() -> Answer:
     """Check that OpenGL renders, in a separate process, because a broken driver may crash it."""
+    command, variables = own_python("-c", _DRAW)
     try:
-        process = subprocess.run([sys.executable, "-c", _DRAW], capture_output=True, text=True, timeout=_DRAW_S, check=False)  # noqa: S603
+        process = subprocess.run(  # noqa: S603  our own interpreter
+            command, env=variables, capture_output=True, text=True, timeout=_DRAW_S, check=False
+        )
     except subprocess.TimeoutExpired:
         return Outcome.WARNING, f"nothing was drawn within {_DRAW_S:g} s; all but pictures and videos works"
     if process.returncode == 0:

@@ -11,7 +11,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -24,6 +23,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from brickhub.cli.ending import DEADLINE_S
+from bricksrl.child_process import own_python
 from bricksrl.envs.arenas import ARENAS, arena_summary
 from bricksrl.envs.registry import is_simulation, list_envs
 from bricksrl.errors import BricksError, PageError
@@ -98,9 +98,11 @@ Launch = Callable[[Sequence[str], Path], "subprocess.Popen[str]"]
 def launch(words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
     """Start a command of ``bricksrl`` in a folder, with all that it says on one pipe; Ctrl-C does not reach it. It ends when its
     standard input does, which also happens if this process is killed."""
+    command, variables = own_python("-u", "-m", "bricksrl.cli.job", *words)
     return subprocess.Popen(  # noqa: S603  our own interpreter
-        [sys.executable, "-u", "-m", "bricksrl.cli.job", *words],
+        command,
         cwd=folder,
+        env=variables,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
