@@ -20,7 +20,7 @@ END: Message = ("end", None)
 """Asks a child to end; also stands for the parent's disappearance."""
 Deliver = Callable[[Message | None], None]
 """Receives messages in order, then ``None`` when the other side is gone; called in a separate thread."""
-ORPHAN_S = 1.5
+ORPHAN_S = 1.0
 """Time after the parent's end, within which a child that is busy ends by force."""
 Send = Callable[..., None]
 """Sends a message: a kind, and any content. Raises OSError if the other side is gone."""

@@ -15,7 +15,7 @@ from typing import Any
 
 AWAY_S = 5.0
 """Time without a tab after which a visitor is away."""
-ASK_S = 20.0
+ASK_S = 60.0
 """Time after which a question that is not answered is withdrawn."""
 _MAX_NAME, _MAX_KNOWN = 24, 64
 _OUR_NAME = re.compile(r"Visitor \d+( \(\d+\))?")
