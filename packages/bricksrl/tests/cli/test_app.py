@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 import bricksrl as package
-from bricksrl.cli.app import run
+from brickhub.cli.app import parse
+from bricksrl.cli.app import LINE, run
 
 HUB_TOOLS = ("hub scan", "hub check", "hub latency", "hub calibrate", "hub stop")
 COMMANDS = ("list", "train", "train-offline", "resume", "evaluate", "doctor", "hub", "hub program", "hub run", *HUB_TOOLS)
@@ -22,6 +23,18 @@ HEAVY = ("torch", "torchrl", "tensordict", "mujoco", "matplotlib", "scipy")
 def test_version(bricksrl):
     done = bricksrl("--version")
     assert (done.returncode, done.stdout, done.stderr) == (0, f"bricksrl {package.__version__}\n", "")
+
+
+@pytest.mark.parametrize("columns", ["40", "80", "200"])
+def test_lists_of_commands_end_no_line_in_mid_sentence(columns, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", columns)
+    for words in ([], *([group] for group in LINE.groups)):
+        with pytest.raises(SystemExit):
+            parse(LINE, [*words, "--help"])
+        box = capsys.readouterr().out.rpartition("(required)")[2]
+        text = " ".join(re.sub(r"[│╭╮╰╯─]", " ", box).split())
+        said = [each.strip() for each in text.split("•")[1:]]
+        assert said and all(each.endswith(".") for each in said), said
 
 
 def test_help_imports_no_torch():

@@ -139,11 +139,18 @@ def _listing(commands: Mapping[str, str]) -> SubcommandApp:
 
 @cache
 def _summaries(module: str) -> dict[str, str]:
-    """First line of the help of each command of a module, which is not imported: that of a training takes long."""
+    """First sentence of the help of each command of a module, which is not imported: that of a training takes long."""
     spec = importlib.util.find_spec(module)
     source = Path(cast(str, spec and spec.origin)).read_text(encoding="utf-8")
     classes = [node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)]
-    return {node.name: (ast.get_docstring(node) or "").partition("\n")[0] for node in classes}
+    return {node.name: _first_sentence(ast.get_docstring(node) or "") for node in classes}
+
+
+def _first_sentence(text: str) -> str:
+    """First sentence of a help, on one line though it is written on several; its first paragraph if no full stop ends one."""
+    paragraph = " ".join(text.partition("\n\n")[0].split())
+    sentence = re.match(r".+?\.(?=\s|$)", paragraph)
+    return sentence[0] if sentence else paragraph
 
 
 def _load(place: str) -> type:
