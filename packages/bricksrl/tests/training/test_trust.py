@@ -91,6 +91,8 @@ def test_what_comes_with_bricksrl_needs_no_trust() -> None:
     assert code_in({"settings": {"structure": "linear"}, "agent": "gait"}) == ()
     config = TrainConfig("Spinning-v0", options={"robot": "cart"}, link="mac", log="wandb", base="runs/a", start="runs/b")
     assert code_in(config.to_dict()) == ()
+    for name in ("Anna", "Ben and Carla", "anna.py", "group:Anna"):  # of a pupil, on another computer
+        assert code_in(TrainConfig("RunAway-v0", name=name).to_dict()) == ()
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -56,7 +56,7 @@ class RunOptions:
     """Record all transitions as a dataset in the run's folder data, unless --no-record is given."""
     log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], option(metavar="NAME")] = "none"
     """Also log to tensorboard, wandb or trackio; metrics.csv is always written."""
-    name: Annotated[str, option(metavar="NAME")] = ""
+    name: Annotated[str, option(metavar="NAME"), NotCode()] = ""
     """Name of who trains, in a class; report and tables show it."""
     patience_s: Annotated[float, Range(), option(name="patience", metavar="SECONDS")] = 300.0
     """How long to retry when the link to a robot is lost; 0 gives up at once."""
