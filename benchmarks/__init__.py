@@ -1,1 +1,2 @@
-"""Benchmarks: what is behind each number of the documentation. `python -m benchmarks` lists them."""
+"""Benchmarks: what is behind each number of the documentation. `python -m benchmarks` lists
+them."""

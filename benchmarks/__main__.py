@@ -1,8 +1,9 @@
 """Command line of the benchmarks.
 
-python -m benchmarks                       list them, and how long they take
-python -m benchmarks NAME [--quick] ...    run one; the same command goes on where it was interrupted
-python -m benchmarks tables [--check]      write the tables of the documentation from the results, or compare them
+python -m benchmarks                       list them, and how long they take python -m benchmarks
+NAME [--quick] ...    run one; the same command goes on where it was interrupted python -m
+benchmarks tables [--check]      write the tables of the documentation from the results, or compare
+them
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ from brickhub.errors import BricksError, UnknownNameError, hint
 def run(words: Sequence[str]) -> int:
     """Run a benchmark, or list all; returns the exit code. Raises Interrupted after Ctrl-C."""
     if not words or words[0] in ("-h", "--help"):
-        print_line(f"{(__doc__ or '').strip()}\n\nThey take so long on two cores, in full and with --quick:")
+        print_line(
+            f"{(__doc__ or '').strip()}\n\n"
+            "They take so long on two cores, in full and with --quick:"
+        )
         for group, benchmarks in GROUPS.items():
             print_line(f"\n{group}")
             for one in benchmarks:
@@ -29,7 +33,10 @@ def run(words: Sequence[str]) -> int:
         return 0
     name, *rest = words
     if name not in BENCHMARKS:
-        raise UnknownNameError(f"there is no benchmark '{name}'{hint(name, BENCHMARKS)}; choose {', '.join(BENCHMARKS)}")
+        raise UnknownNameError(
+            f"there is no benchmark '{name}'{hint(name, BENCHMARKS)}; choose "
+            f"{', '.join(BENCHMARKS)}"
+        )
     benchmark = BENCHMARKS[name]
     module = import_module(f"benchmarks.{benchmark.module}")
     session = Session(benchmark, module.__doc__ or "", rest)
@@ -52,11 +59,20 @@ def _write_page(benchmark: Benchmark, session: Session) -> None:
     """Write the tables of a result beside it, if it has any."""
     from benchmarks.tables import SECTIONS, section
 
-    names = [] if session.is_quick else [name for name in benchmark.also if session.published(name).exists()]
+    names = (
+        []
+        if session.is_quick
+        else [name for name in benchmark.also if session.published(name).exists()]
+    )
     if benchmark.name in SECTIONS and session.path().exists():
-        results = {benchmark.name: read_result(session.path()), **{name: read_result(session.published(name)) for name in names}}
+        results = {
+            benchmark.name: read_result(session.path()),
+            **{name: read_result(session.published(name)) for name in names},
+        }
         path = session.path().with_suffix(".md")
-        path.write_text("\n".join(section(name, result) for name, result in results.items()), encoding="utf-8")
+        path.write_text(
+            "\n".join(section(name, result) for name, result in results.items()), encoding="utf-8"
+        )
         print_line(f"tables   {path}")
 
 

@@ -2,9 +2,10 @@
 
     python -m benchmarks ablation
 
-An agent trains in a simulation with the default preset, with the paper's, and with the default one in which a single setting is
-the paper's, for `STEPS` robot steps in total. Means over the seeds of ``EVALUATED_EPISODES`` deterministic episodes, with 95 %
-bootstrap intervals over the seeds; all variants use the same seeds. Earlier results of other agents stay in the result.
+An agent trains in a simulation with the default preset, with the paper's, and with the default one
+in which a single setting is the paper's, for `STEPS` robot steps in total. Means over the seeds of
+``EVALUATED_EPISODES`` deterministic episodes, with 95 % bootstrap intervals over the seeds; all
+variants use the same seeds. Earlier results of other agents stay in the result.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ PRODUCTS: dict[str, Any] = {"batch_size": 256, "actor_delay": 1, "mirror": False
 
 
 def variants(env: str, agent: str) -> dict[str, tuple[str, dict[str, Any]]]:
-    """Preset and changes by variant: default, default with one value of the paper, or with `PRODUCTS`, paper."""
+    """Preset and changes by variant: default, default with one value of the paper, or with
+    `PRODUCTS`, paper."""
     default, paper = (asdict(settings_for(env, name, agent)) for name in ("default", "paper"))
     without_effect = FOR_IMAGES + FOR_GOALS * env.startswith("Walker")
     differ = [name for name in paper if paper[name] != default[name] and name not in without_effect]
@@ -43,7 +45,9 @@ def main(session: Session) -> None:
     parser = session.parser
     parser.add_argument("--agent", default="sac", choices=AGENTS)
     parser.add_argument("--only", nargs="+", help="variants to train")
-    parser.add_argument("--steps", type=int, help="robot steps, in place of those of each environment")
+    parser.add_argument(
+        "--steps", type=int, help="robot steps, in place of those of each environment"
+    )
     args = session.parse(envs=list(STEPS), seeds=5)
     agent, known = args.agent, session.known().get("environments", {})
     cells: dict[str, tuple[Any, ...]] = {}
@@ -53,9 +57,24 @@ def main(session: Session) -> None:
         known.setdefault(env, {})[agent] = {"steps": steps, "variants": found}
         for name, (preset_name, changes) in variants(env, agent).items():
             if args.only is None or name in args.only:
-                cells[f"{env}-{agent}-{name}-{steps}"] = (env, agent, preset_name, (steps,), "steps", changes)
-                settings.append((found, name, changes or asdict(settings_for(env, preset_name, agent))))
-    for (found, name, setting), runs in zip(settings, session.by_seed(run, cells, args.seeds).values(), strict=True):
+                cells[f"{env}-{agent}-{name}-{steps}"] = (
+                    env,
+                    agent,
+                    preset_name,
+                    (steps,),
+                    "steps",
+                    changes,
+                )
+                settings.append(
+                    (found, name, changes or asdict(settings_for(env, preset_name, agent)))
+                )
+    for (found, name, setting), runs in zip(
+        settings, session.by_seed(run, cells, args.seeds).values(), strict=True
+    ):
         (outcome,) = summary(runs)
-        found[name] = {"setting": setting, "returns": [marks[-1]["return"] for marks in runs], **outcome}
+        found[name] = {
+            "setting": setting,
+            "returns": [marks[-1]["return"] for marks in runs],
+            **outcome,
+        }
     session.write({"evaluated_episodes": EVALUATED_EPISODES, "environments": known})

@@ -2,9 +2,10 @@
 
     python -m benchmarks arena --seeds 5 --film docs/images/tag.mp4
 
-Each catcher learns Tag-v0 in the kinematic simulation, half of whose copies have the scripted runner and half the random one (a
-catcher trained against only one of them does not catch the other). It is then evaluated in the arena itself, two virtual hubs in
-one MuJoCo world, in some episodes per seed against each runner, with other starts than in training. The scripted and a random
+Each catcher learns Tag-v0 in the kinematic simulation, half of whose copies have the scripted
+runner and half the random one (a catcher trained against only one of them does not catch the
+other). It is then evaluated in the arena itself, two virtual hubs in one MuJoCo world, in some
+episodes per seed against each runner, with other starts than in training. The scripted and a random
 catcher are measured too. Agents that are not measured again stay in the result.
 """
 
@@ -24,7 +25,11 @@ from bricksrl.training.teams.groups import TeamSettings, team_policy
 from bricksrl.training.teams.team import TeamConfig, load_team, play_team, train_team
 
 ENV, FRAMES, COPIES = "Tag-v0", 300_000, 256
-SETTINGS = {"ippo": TeamSettings(), "mappo": TeamSettings(), "sac": TeamSettings(updates_per_step=8.0)}
+SETTINGS = {
+    "ippo": TeamSettings(),
+    "mappo": TeamSettings(),
+    "sac": TeamSettings(updates_per_step=8.0),
+}
 FRAMES_OF = {"ippo": FRAMES, "mappo": FRAMES, "sac": 100_000}
 RUNNERS = ("flee", "random")
 EVALUATION_SEED = 7000
@@ -35,7 +40,8 @@ Played = list[tuple[bool, int]]
 
 
 def rate(played: Played, *, seeds: int) -> dict[str, Any]:
-    """Share of episodes that the catcher won, with its Wilson interval from five seeds on, and their mean length."""
+    """Share of episodes that the catcher won, with its Wilson interval from five seeds on, and
+    their mean length."""
     successes = [success for success, _ in played]
     result: dict[str, Any] = {"won": sum(successes), "episodes": len(successes)}
     result["rate"] = round(sum(successes) / len(successes), 3)
@@ -48,18 +54,28 @@ def rate(played: Played, *, seeds: int) -> dict[str, Any]:
 
 def play(env: Any, policy: Any, episodes: int, seed: int) -> Played:
     """Play episodes of the arena."""
-    return [(bool(episode.success), episode.length) for episode in play_team(env, policy, episodes, seed)]
+    return [
+        (bool(episode.success), episode.length)
+        for episode in play_team(env, policy, episodes, seed)
+    ]
 
 
-def train_and_play(agent: str, seed: int, episodes: int, path: Path, film: Path | None) -> dict[str, Any]:
+def train_and_play(
+    agent: str, seed: int, episodes: int, path: Path, film: Path | None
+) -> dict[str, Any]:
     """Train a catcher, save it to ``path``, play against each runner, and film three episodes."""
     started_s = time.process_time()
-    config = TeamConfig(ENV, {"catcher": agent}, {"runner": ",".join(RUNNERS)}, FRAMES_OF[agent], COPIES, seed)
+    config = TeamConfig(
+        ENV, {"catcher": agent}, {"runner": ",".join(RUNNERS)}, FRAMES_OF[agent], COPIES, seed
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     train_team(config, SETTINGS[agent]).save(path)
     cpu_s, env = time.process_time() - started_s, make_arena(ENV)
     played = {
-        runner: play(env, load_team(path, {"runner": runner}).policy, episodes, EVALUATION_SEED + seed) for runner in RUNNERS
+        runner: play(
+            env, load_team(path, {"runner": runner}).policy, episodes, EVALUATION_SEED + seed
+        )
+        for runner in RUNNERS
     }
     if film is not None:
         film_arena(env, load_team(path).policy, film, 3, EVALUATION_SEED)
@@ -69,8 +85,12 @@ def train_and_play(agent: str, seed: int, episodes: int, path: Path, film: Path 
 
 def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """Summary of all seeds of an algorithm."""
-    played = {runner: [episode for run in runs for episode in run["played"][runner]] for runner in RUNNERS}
-    rates = {f"against_{runner}": rate(episodes, seeds=len(runs)) for runner, episodes in played.items()}
+    played = {
+        runner: [episode for run in runs for episode in run["played"][runner]] for runner in RUNNERS
+    }
+    rates = {
+        f"against_{runner}": rate(episodes, seeds=len(runs)) for runner, episodes in played.items()
+    }
     return {"seeds": len(runs), "training_cpu_s": [run["training_cpu_s"] for run in runs], **rates}
 
 

@@ -1,9 +1,10 @@
-"""Random actions and hand-written controllers in every environment, next to the paper's measurements on its robots.
+"""Random actions and hand-written controllers in every environment, next to the paper's
+measurements on its robots.
 
     python -m benchmarks baselines
 
-One process, one thread. The paper's numbers are means and standard deviations over five episodes on LEGO robots (its tables 2
-and 3); those of its simulations are from the same robots.
+One process, one thread. The paper's numbers are means and standard deviations over five episodes on
+LEGO robots (its tables 2 and 3); those of its simulations are from the same robots.
 """
 
 from __future__ import annotations
@@ -23,9 +24,15 @@ from bricksrl.envs.rollout import Policy, Rollout, play, seed_episode
 from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval, wilson_interval
 
 REASONS = {
-    "RunAway-v0": "The virtual robot starts 200 to 300 mm before the wall; the paper does not say where its robot did.",
+    "RunAway-v0": (
+        "The virtual robot starts 200 to 300 mm before the wall; the paper does not say "
+        "where its robot did."
+    ),
     "RoboArm-v0": "The paper's success rate depends on its threshold, 50 degrees here.",
-    "RoboArm_mixed-v0": "An episode ends at the goal; how often random actions cross it depends on camera and goals.",
+    "RoboArm_mixed-v0": (
+        "An episode ends at the goal; how often random actions cross it depends on camera "
+        "and goals."
+    ),
 }
 SEED = 2000
 
@@ -38,7 +45,9 @@ def episode(env: Any, policy: Policy) -> tuple[float, bool, dict[str, float]]:
     return rollout.return_, bool(rollout.judged(env)[0]), env.walk_metrics()
 
 
-def measure(env_id: str, policy: Policy, episodes: int, options: EnvOptions | None = None) -> dict[str, Any]:
+def measure(
+    env_id: str, policy: Policy, episodes: int, options: EnvOptions | None = None
+) -> dict[str, Any]:
     """Results over episodes, each with its own seed."""
     env = bricksrl.make(env_id, options, seed=SEED)
     torch.manual_seed(SEED)
@@ -49,7 +58,10 @@ def measure(env_id: str, policy: Policy, episodes: int, options: EnvOptions | No
     env.close()
     returns = [run[0] for run in runs]
     successes = sum(run[1] for run in runs)
-    interval, rate = stratified_bootstrap_interval([returns], mean), wilson_interval(successes, episodes)
+    interval, rate = (
+        stratified_bootstrap_interval([returns], mean),
+        wilson_interval(successes, episodes),
+    )
     result: dict[str, Any] = {
         "episodes": episodes,
         "return_mean": round(float(np.mean(returns)), 2),
@@ -60,7 +72,9 @@ def measure(env_id: str, policy: Policy, episodes: int, options: EnvOptions | No
     }
     names = runs[0][2]
     if names:
-        result["walk"] = {name: round(float(np.mean([run[2][name] for run in runs])), 4) for name in names}
+        result["walk"] = {
+            name: round(float(np.mean([run[2][name] for run in runs])), 4) for name in names
+        }
     return result
 
 
@@ -83,12 +97,18 @@ def main(session: Session) -> None:
             "random": lambda state, size=size: state.set("action", 2.0 * torch.rand(size) - 1.0),  # type: ignore[misc]
             "scripted": CONTROLLERS[env_id],
         }
-        table[env_id] = {name: measure(env_id, policy, args.episodes) for name, policy in policies.items()}
-        table[env_id]["scripted"]["controller"] = (CONTROLLERS[env_id].__doc__ or "").splitlines()[0]
+        table[env_id] = {
+            name: measure(env_id, policy, args.episodes) for name, policy in policies.items()
+        }
+        table[env_id]["scripted"]["controller"] = (CONTROLLERS[env_id].__doc__ or "").splitlines()[
+            0
+        ]
         table[env_id]["paper"] = paper_of(env_id)
         if env_id in REASONS:
             table[env_id]["why_they_differ"] = REASONS[env_id]
         print(env_id, table[env_id], flush=True)
     known: dict[str, Any] = session.known().get("environments", {})
     known.update(table)
-    session.write({"environments": {env_id: known[env_id] for env_id in CONTROLLERS if env_id in known}})
+    session.write(
+        {"environments": {env_id: known[env_id] for env_id in CONTROLLERS if env_id in known}}
+    )

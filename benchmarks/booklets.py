@@ -1,9 +1,11 @@
-"""Booklets, tested by building from them: what each step shows, how many parts it has, whether they can be put on in its order.
+"""Booklets, tested by building from them: what each step shows, how many parts it has, whether they
+can be put on in its order.
 
     python -m benchmarks booklets [PLAN ...]
 
-Each step is drawn with and without the other parts: of each of its parts, at least a quarter must be seen in its picture or its
-inset. Its parts come from outside, in its order, along straight paths, and hold on what is there.
+Each step is drawn with and without the other parts: of each of its parts, at least a quarter must
+be seen in its picture or its inset. Its parts come from outside, in its order, along straight
+paths, and hold on what is there.
 """
 
 from __future__ import annotations
@@ -17,7 +19,14 @@ import numpy as np
 from benchmarks.session import Session
 from bricktwin.plans.building import Occupancy
 from bricktwin.plans.connections import connections, neighbours, reached
-from bricktwin.plans.instructions import MAX_KINDS, MAX_PIECES, MIN_VISIBLE, Instruction, instructions, kind_of
+from bricktwin.plans.instructions import (
+    MAX_KINDS,
+    MAX_PIECES,
+    MIN_VISIBLE,
+    Instruction,
+    instructions,
+    kind_of,
+)
 from bricktwin.plans.picture import Picture, Studio
 from bricktwin.plans.plan import Plan, read_plan
 
@@ -30,7 +39,10 @@ _ZOOM = 1.0
 
 def shares(pictures: list[Picture], step: Instruction) -> list[float]:
     """The visible share of each item of a step, in the picture that shows it best."""
-    return [max(picture.visible(item) for picture in pictures if item[0] in picture.alone) for item in step.items]
+    return [
+        max(picture.visible(item) for picture in pictures if item[0] in picture.alone)
+        for item in step.items
+    ]
 
 
 def without_way(plan: Plan, step: Instruction, occupancy: Occupancy) -> int:
@@ -39,7 +51,10 @@ def without_way(plan: Plan, step: Instruction, occupancy: Occupancy) -> int:
     present[list(step.before)] = True
     for move in step.moves:
         if present.any():
-            is_free = all(occupancy.is_free(move.parts, present, move.outward * distance) for distance in _PATH_LDU)
+            is_free = all(
+                occupancy.is_free(move.parts, present, move.outward * distance)
+                for distance in _PATH_LDU
+            )
             failed += 0 if move.outward.any() and is_free else len(move.items)
         present[move.parts] = True
     return failed
@@ -49,7 +64,11 @@ def look(path: Path) -> dict[str, Any]:
     """Counts of the booklet of one plan."""
     started_s = time.process_time()
     plan, studio = read_plan(path), Studio()
-    steps, occupancy, links = list(instructions(plan, studio)), Occupancy(plan.parts), connections(plan.parts)
+    steps, occupancy, links = (
+        list(instructions(plan, studio)),
+        Occupancy(plan.parts),
+        connections(plan.parts),
+    )
     planned_s = time.process_time() - started_s
     seen, too_many, way, loose = [], 0, 0, 0
     for step in steps:
@@ -79,7 +98,9 @@ def look(path: Path) -> dict[str, Any]:
 
 def main(session: Session) -> None:
     """Build from the booklets of all plans and write the counts."""
-    session.parser.add_argument("plans", nargs="*", help="names of our plans, or files; ours by default")
+    session.parser.add_argument(
+        "plans", nargs="*", help="names of our plans, or files; ours by default"
+    )
     counts = {}
     for name in session.parse().plans or OURS:
         path = PLANS / f"{name}.ldr" if name in OURS else Path(name)

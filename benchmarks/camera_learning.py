@@ -3,8 +3,8 @@
     python -m benchmarks camera_learning --seeds 5
     python -m benchmarks camera_learning --preset paper --marks 100 250 --seeds 3
 
-Initial episodes of random actions are included. Each agent trains as in `learning.py`, with marks after numbers of episodes.
-Medians and ranges over the seeds; times are training times.
+Initial episodes of random actions are included. Each agent trains as in `learning.py`, with marks
+after numbers of episodes. Medians and ranges over the seeds; times are training times.
 """
 
 from __future__ import annotations
@@ -26,8 +26,13 @@ def summary(runs: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
     for at_mark in zip(*runs, strict=True):
         rates = [mark["success_rate"] for mark in at_mark]
         names = ("steps", "return", "cpu_s", "wall_s")
-        others = {f"{name}_median": statistics.median(mark[name] for mark in at_mark) for name in names}
-        success = {"success_median": statistics.median(rates), "success_range": [min(rates), max(rates)]}
+        others = {
+            f"{name}_median": statistics.median(mark[name] for mark in at_mark) for name in names
+        }
+        success = {
+            "success_median": statistics.median(rates),
+            "success_range": [min(rates), max(rates)],
+        }
         medians.append({"episodes": at_mark[0]["episodes"], **success, **others})
     return medians
 
@@ -42,9 +47,16 @@ def main(session: Session) -> None:
     ends = sorted(args.marks)
     for agent in args.agents:
         name = f"{agent}-{args.preset}-{'-'.join(map(str, ends))}"
-        runs = session.by_seed(run, {name: (ENV, agent, args.preset, ends, "episode", {})}, args.seeds)[name]
+        runs = session.by_seed(
+            run, {name: (ENV, agent, args.preset, ends, "episode", {})}, args.seeds
+        )[name]
         marks = summary(runs)
         learned = next((mark["episodes"] for mark in marks if mark["success_median"] >= GOAL), None)
         results[agent] = {"learned_after_episodes": learned, "summary": marks, "seeds": runs}
-    result = {"env": ENV, "preset": args.preset, "evaluated_episodes": EVALUATED_EPISODES, "agents": results}
+    result = {
+        "env": ENV,
+        "preset": args.preset,
+        "evaluated_episodes": EVALUATED_EPISODES,
+        "agents": results,
+    }
     session.write(result, "" if args.preset == "default" else f"_{args.preset}")

@@ -1,4 +1,5 @@
-"""Speed of the camera task on one core, rendered with OpenGL and by ray casting, and cost of its replay and its learning.
+"""Speed of the camera task on one core, rendered with OpenGL and by ray casting, and cost of its
+replay and its learning.
 
     python -m benchmarks camera_speed
 
@@ -91,7 +92,8 @@ def unavailable(*_args: Any, **_kwargs: Any) -> None:
 
 
 def learning(name: str) -> dict[str, float]:
-    """Cost of an update and an action of SAC, and the size of a replay buffer of the paper's run."""
+    """Cost of an update and an action of SAC, and the size of a replay buffer of the paper's
+    run."""
     env = bricksrl.make(ENV, seed=0)
     learner = make_learner("sac", env, preset(name, "sac", images=True))
     generator = torch.Generator().manual_seed(0)
@@ -102,9 +104,18 @@ def learning(name: str) -> dict[str, float]:
 
     for _ in range(REPLAY_STEPS // EPISODE_STEPS):
         done = torch.zeros(EPISODE_STEPS, 1, dtype=torch.bool)
-        after = {**rows(EPISODE_STEPS), "reward": -torch.ones(EPISODE_STEPS, 1), "terminated": done, "done": done.clone()}
+        after = {
+            **rows(EPISODE_STEPS),
+            "reward": -torch.ones(EPISODE_STEPS, 1),
+            "terminated": done,
+            "done": done.clone(),
+        }
         after["done"][-1] = True
-        frames = {**rows(EPISODE_STEPS), "action": torch.zeros(EPISODE_STEPS, 3), "next": TensorDict(after, [EPISODE_STEPS])}
+        frames = {
+            **rows(EPISODE_STEPS),
+            "action": torch.zeros(EPISODE_STEPS, 3),
+            "next": TensorDict(after, [EPISODE_STEPS]),
+        }
         learner.remember(TensorDict(frames, [EPISODE_STEPS]))
     before = TensorDict(rows(1), [1])[0]
     assert learner.memory is not None
@@ -122,7 +133,10 @@ def main(session: Session) -> None:
     session.parse()
     torch.set_num_threads(1)
     torch.manual_seed(0)
-    result: dict[str, Any] = {"env": ENV, "opengl": {**speed(), "drawn_with": os.environ.get("MUJOCO_GL", "")}}
+    result: dict[str, Any] = {
+        "env": ENV,
+        "opengl": {**speed(), "drawn_with": os.environ.get("MUJOCO_GL", "")},
+    }
     with mock.patch("bricktwin.twin.render.opengl.Renderer", unavailable):
         result["rays"] = speed()
     result["sac"] = {name: learning(name) for name in ("default", "paper")}

@@ -1,4 +1,5 @@
-"""What the paper's figures show, beside the same figures drawn from the study `paper`: the table of docs/paper.md."""
+"""What the paper's figures show, beside the same figures drawn from the study `paper`: the table of
+docs/paper.md."""
 
 from __future__ import annotations
 
@@ -41,7 +42,9 @@ def _last(cell: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _each(cells: Cells, column: str) -> dict[str, dict[str, Any]]:
-    return {agent: cells[agent, column] for agent in ("td3", "sac", "droq") if (agent, column) in cells}
+    return {
+        agent: cells[agent, column] for agent in ("td3", "sac", "droq") if (agent, column) in cells
+    }
 
 
 def _named(values: Mapping[str, float]) -> str:
@@ -64,16 +67,27 @@ def all_learn(column: str) -> Callable[[Cells], Answer]:
 
 def _strategies(metric: str, higher: str, lower: str) -> Callable[[Cells], Answer]:
     def answer(cells: Cells) -> Answer:
-        values = {agent: _last(cell)["metrics"][metric] for agent, cell in _each(cells, "RunAway-v0").items()}
-        return _named(values), values[higher] > values[lower] if {higher, lower} <= values.keys() else None
+        values = {
+            agent: _last(cell)["metrics"][metric]
+            for agent, cell in _each(cells, "RunAway-v0").items()
+        }
+        return _named(values), values[higher] > values[lower] if {
+            higher,
+            lower,
+        } <= values.keys() else None
 
     return answer
 
 
 def episodes_to(cell: Mapping[str, Any], goal: float) -> float:
-    """Median over the seeds: episodes until the mean of five reached ``goal``; infinite if most never did."""
+    """Median over the seeds: episodes until the mean of five reached ``goal``; infinite if most
+    never did."""
     return median(
-        next((n for n, value in enumerate(smoothed(one["return"]), 1) if value >= goal and n >= 5), inf) for one in cell["curves"]
+        next(
+            (n for n, value in enumerate(smoothed(one["return"]), 1) if value >= goal and n >= 5),
+            inf,
+        )
+        for one in cell["curves"]
     )
 
 
@@ -86,7 +100,10 @@ def _sooner(cells: Cells) -> Answer:
 
 def _better_in_simulation(cells: Cells) -> Answer:
     on_robot, in_simulation = (
-        {agent: fmean(fmean(one["return"][-5:]) for one in cell["curves"]) for agent, cell in _each(cells, column).items()}
+        {
+            agent: fmean(fmean(one["return"][-5:]) for one in cell["curves"])
+            for agent, cell in _each(cells, column).items()
+        }
         for column in ("Walker-v0", _SIM)
     )
     both = in_simulation.keys() & on_robot.keys()
@@ -95,7 +112,10 @@ def _better_in_simulation(cells: Cells) -> Answer:
 
 
 def _camera(cells: Cells) -> Answer:
-    rates = {agent: 100 * _last(cell)["success_rate"] for agent, cell in _each(cells, "RoboArm_mixed-v0").items()}
+    rates = {
+        agent: 100 * _last(cell)["success_rate"]
+        for agent, cell in _each(cells, "RoboArm_mixed-v0").items()
+    }
     text = f"success in %: {_named(rates)}"
     return text, rates["sac"] > 50 and rates["td3"] < 50 if {"sac", "td3"} <= rates.keys() else None
 
@@ -104,22 +124,38 @@ def _fewer_steps(cells: Cells) -> Answer:
     cell = cells.get(("sac", "RoboArm_mixed-v0"))
     if cell is None:
         return "", None
-    first, last = (fmean(fmean(one["episode_steps"][part]) for one in cell["curves"]) for part in (slice(25), slice(-25, None)))
-    return f"SAC, steps of the first and the last 25 episodes: {number(first)}, {number(last)}", last < first
+    first, last = (
+        fmean(fmean(one["episode_steps"][part]) for one in cell["curves"])
+        for part in (slice(25), slice(-25, None))
+    )
+    return (
+        f"SAC, steps of the first and the last 25 episodes: {number(first)}, {number(last)}",
+        last < first,
+    )
 
 
 def _slower_is_sooner(cells: Cells) -> Answer:
     goal = paper.RETURNS["Walker-v0"]["droq"][0]
     columns = {"2 Hz": "Walker-v0, 2 Hz", "4 Hz": "Walker-v0", "11 Hz": "Walker-v0, 11 Hz"}
-    counts = {name: episodes_to(cells["droq", column], goal) for name, column in columns.items() if ("droq", column) in cells}
-    reached = {name: number(count) if count < inf else "not reached" for name, count in counts.items()}
-    text = f"episodes to {number(goal)}: " + ", ".join(f"{name} {text}" for name, text in reached.items())
+    counts = {
+        name: episodes_to(cells["droq", column], goal)
+        for name, column in columns.items()
+        if ("droq", column) in cells
+    }
+    reached = {
+        name: number(count) if count < inf else "not reached" for name, count in counts.items()
+    }
+    text = f"episodes to {number(goal)}: " + ", ".join(
+        f"{name} {text}" for name, text in reached.items()
+    )
     return text, counts["2 Hz"] < counts["11 Hz"] if {"2 Hz", "11 Hz"} <= counts.keys() else None
 
 
 def _transferred(column: str) -> Callable[[Cells], Answer]:
     def answer(cells: Cells) -> Answer:
-        medians = {agent: median(_last(cell)["returns"]) for agent, cell in _each(cells, column).items()}
+        medians = {
+            agent: median(_last(cell)["returns"]) for agent, cell in _each(cells, column).items()
+        }
         theirs = {agent: cells[agent, column]["paper"]["return"][0] for agent in medians}
         text = f"medians over the seeds: {_named(medians)}; in the paper: {_named(theirs)}"
         return text, all(medians[agent] >= theirs[agent] for agent in medians) if medians else None
@@ -138,8 +174,14 @@ CLAIMS = (
     Claim("camera", "SAC learns, TD3 fails", _camera),
     Claim("camera", "episodes become shorter", _fewer_steps),
     Claim("rates", "DroQ learns sooner at 2 Hz than at 11 Hz", _slower_is_sooner),
-    Claim("strategies", "TD3 acts more strongly than DroQ", _strategies("action_size", "td3", "droq")),
-    Claim("strategies", "TD3 gets farther from the wall than DroQ", _strategies("final_distance_mm", "td3", "droq")),
+    Claim(
+        "strategies", "TD3 acts more strongly than DroQ", _strategies("action_size", "td3", "droq")
+    ),
+    Claim(
+        "strategies",
+        "TD3 gets farther from the wall than DroQ",
+        _strategies("final_distance_mm", "td3", "droq"),
+    ),
     Claim("sim_to_robot", "what learned in WalkerSim-v0 walks", _transferred(_SIM)),
     Claim("sim_to_robot", "what learned in RoboArmSim-v0 reaches", _transferred(_ARM_SIM)),
 )

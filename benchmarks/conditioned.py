@@ -1,7 +1,9 @@
-"""A policy conditioned on the physics, whose numbers of the physics can be searched (Yu et al., 2019, arXiv:1903.01390).
+"""A policy conditioned on the physics, whose numbers of the physics can be searched (Yu et al.,
+2019, arXiv:1903.01390).
 
-SAC learns in drawn worlds and observes the drawn numbers beside its sensors. In a world that nobody knows they are the few
-bounded numbers of a structured policy: those that walk best are searched, whether they are the true ones or not.
+SAC learns in drawn worlds and observes the drawn numbers beside its sensors. In a world that nobody
+knows they are the few bounded numbers of a structured policy: those that walk best are searched,
+whether they are the true ones or not.
 """
 
 from __future__ import annotations
@@ -33,13 +35,23 @@ from bricksrl.training.restore import load_learner
 from bricktwin.twin.physics import PARAMETERS, Physics
 
 _MOTORS = tuple(f"motor_{number}_scale" for number in range(1, 5))
-_NAMES = ("battery_v", "friction_scale", "mass_scale", "motor_friction_scale", "slope_deg", "link_interval_ms", *_MOTORS)
+_NAMES = (
+    "battery_v",
+    "friction_scale",
+    "mass_scale",
+    "motor_friction_scale",
+    "slope_deg",
+    "link_interval_ms",
+    *_MOTORS,
+)
 _LOAD = PARAMETERS["side_load_g"]
 ENTRIES = (
     *(Entry(name, *PARAMETERS[name].random_range, unit=PARAMETERS[name].unit) for name in _NAMES),
-    Entry("side_load_g", -_LOAD.random_range[1], _LOAD.random_range[1], unit=_LOAD.unit),  # a mirrored step has it on the right
+    # a mirrored step has it on the right
+    Entry("side_load_g", -_LOAD.random_range[1], _LOAD.random_range[1], unit=_LOAD.unit),
 )
-"""The numbers of the physics that the policy knows, those that change how the Walker walks, in the ranges that are drawn."""
+"""The numbers of the physics that the policy knows, those that change how the Walker walks, in the
+ranges that are drawn."""
 
 
 def shares(numbers: Tensor) -> Tensor:
@@ -52,12 +64,17 @@ class KnownPhysics(Transform):  # type: ignore[misc]
     """Appends the numbers of a virtual robot's present physics to its observation."""
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        twin: Any = interface_of(self.parent).twin  # none where the layout of the observation is found by trying
+        # none where the layout of the observation is found by trying
+        twin: Any = interface_of(self.parent).twin
         physics = Physics() if twin is None else twin.body.physics
         numbers = torch.tensor([getattr(physics, entry.name) for entry in ENTRIES])
-        return next_tensordict.set("observation", torch.cat((next_tensordict["observation"], shares(numbers))))
+        return next_tensordict.set(
+            "observation", torch.cat((next_tensordict["observation"], shares(numbers)))
+        )
 
-    def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+    def _reset(
+        self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
         return self._call(tensordict_reset)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
@@ -72,20 +89,29 @@ def known(seed: int, **options: Any) -> EnvBase:
 
 
 def mirror_of(task: Task, layout: ObservationLayout) -> MirrorRows:
-    """The mirror of the task's steps, with the numbers: the load changes sides, motors take each other's strength."""
+    """The mirror of the task's steps, with the numbers: the load changes sides, motors take each
+    other's strength."""
     observed, acted = mirrors(task)
     robot, n = task.robot, len(observed.places)
     motors = [motor.name for motor in robot.motors]
     names, motors = [entry.name for entry in ENTRIES], [motor.name for motor in robot.motors]
-    places = {name: _MOTORS[motors.index(robot.in_mirror(motor)[0])] for name, motor in zip(_MOTORS, motors, strict=True)}
+    places = {
+        name: _MOTORS[motors.index(robot.in_mirror(motor)[0])]
+        for name, motor in zip(_MOTORS, motors, strict=True)
+    }
     images = (n + names.index(places.get(name, name)) for name in names)
     signs = (-1 if name == "side_load_g" else 1 for name in names)
-    whole = Mirror((*observed.places, *images), (*observed.signs, *signs), (*observed.wraps, *(False for _ in names)))
+    whole = Mirror(
+        (*observed.places, *images),
+        (*observed.signs, *signs),
+        (*observed.wraps, *(False for _ in names)),
+    )
     return MirrorRows(layout, whole, acted)
 
 
 class Mirrored(Callback):
-    """Callback that mirrors half of each batch, as SAC does by itself where it observes a symmetric robot alone."""
+    """Callback that mirrors half of each batch, as SAC does by itself where it observes a symmetric
+    robot alone."""
 
     def __init__(self, layout: ObservationLayout) -> None:
         self.layout = layout
@@ -97,7 +123,8 @@ class Mirrored(Callback):
 class Conditioned(nn.Module):
     """Structure: a trained policy that is told the numbers."""
 
-    numbers = (*ENTRIES[:-1], replace(ENTRIES[-1], low=0.0))  # the drawn loads: inputs are held within what was seen
+    # the drawn loads: inputs are held within what was seen
+    numbers = (*ENTRIES[:-1], replace(ENTRIES[-1], low=0.0))
 
     def __init__(self, policy: Learner) -> None:
         super().__init__()
@@ -105,7 +132,9 @@ class Conditioned(nn.Module):
 
     def forward(self, observation: Tensor, numbers: Tensor) -> Tensor:
         told = torch.cat((observation, shares(numbers)), -1)
-        action: Tensor = self._policy.exploit(TensorDict({"observation": told}, told.shape[:-1]))["action"]
+        action: Tensor = self._policy.exploit(TensorDict({"observation": told}, told.shape[:-1]))[
+            "action"
+        ]
         return action
 
 
@@ -115,12 +144,18 @@ def of_run(run: str) -> Conditioned:
 
 
 def conditioned(seed: int, episodes: int, folder: Path) -> TrainConfig:
-    """Train the policy in drawn worlds; the search over its numbers on the nominal twin, which is still to be run."""
+    """Train the policy in drawn worlds; the search over its numbers on the nominal twin, which is
+    still to be run."""
     policy, structure = (folder / "policy").absolute(), (folder / "structure.py").absolute()
-    config = TrainConfig(WALKER, "sac", episodes, seed, randomize=True, record=False, run_dir=policy)
+    config = TrainConfig(
+        WALKER, "sac", episodes, seed, randomize=True, record=False, run_dir=policy
+    )
     env = known(seed, randomize=True)
     train(config, Mirrored(layout_of(env)), env=env)
     called = f"of_run({str(policy)!r})"
-    structure.write_text(f"from benchmarks.conditioned import of_run\n\n\ndef make(env):\n    return {called}\n", "utf-8")
+    structure.write_text(
+        f"from benchmarks.conditioned import of_run\n\n\ndef make(env):\n    return {called}\n",
+        "utf-8",
+    )
     settings = replace(preset("default", "gait"), structure=f"{structure}:make")
     return TrainConfig(WALKER, "gait", STEPS // 100, seed, settings=settings, record=False)

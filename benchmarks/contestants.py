@@ -1,7 +1,9 @@
-"""Agents whose updates are compared: ours, the same ones written with TorchRL's losses, Stable-Baselines3, and SBX.
+"""Agents whose updates are compared: ours, the same ones written with TorchRL's losses,
+Stable-Baselines3, and SBX.
 
-Each function makes ``UPDATES`` updates of one agent: two layers of 256, batches of 256, an observation of 8 numbers and an action
-of 4, from its own replay buffer with 10,000 random transitions.
+Each function makes ``UPDATES`` updates of one agent: two layers of 256, batches of 256, an
+observation of 8 numbers and an action of 4, from its own replay buffer with 10,000 random
+transitions.
 """
 
 from __future__ import annotations
@@ -49,7 +51,8 @@ def bare_environment() -> Any:
 
 
 def learner_of(agent: str, **changes: Any) -> Any:
-    """Our learner with the paper's settings except for networks and batch, filled with random transitions."""
+    """Our learner with the paper's settings except for networks and batch, filled with random
+    transitions."""
     import torch
 
     from bricksrl.agents import make_learner, preset
@@ -86,8 +89,8 @@ def torchrl(agent: str, *, tuned: bool = False) -> Update:
     """The agent as in TorchRL's examples: its loss on each batch, Adam, soft targets.
 
     Args:
-        tuned: optimised: no vmap, fused Adam, one backward pass, and no computation of the actor's loss in updates without
-            the actor.
+        tuned: optimised: no vmap, fused Adam, one backward pass, and no computation of the actor's
+            loss in updates without the actor.
     """
     import torch
     from tensordict.nn import TensorDictModule
@@ -99,17 +102,22 @@ def torchrl(agent: str, *, tuned: bool = False) -> Update:
     torch.manual_seed(0)
     values = {"loss_function": "l2", "action_spec": spec(), "deactivate_vmap": tuned}
     adam: dict[str, Any] = {"lr": 3e-4, "fused": tuned}
-    delay = {"sac": 1, "td3": 2, "crossq": 3}.get(agent, UPDATES)  # the actor learns in each update of this number
+    # the actor learns in each update of this number
+    delay = {"sac": 1, "td3": 2, "crossq": 3}.get(agent, UPDATES)
     if agent == "td3":
         mlp = MLP(OBSERVATION, ACTION, num_cells=list(HIDDEN), activation_class=nn.ReLU)
         actor = TensorDictModule(nn.Sequential(mlp, nn.Tanh()), ["observation"], ["action"])
         loss = objectives.TD3Loss(actor, critic(), **values)
     elif agent == "crossq":
         adam |= {"lr": 1e-3, "betas": (0.5, 0.999)}
-        loss = objectives.CrossQLoss(_torchrl_actor(batch_norm=True), critic(batch_norm=True), num_qvalue_nets=2, **values)
+        loss = objectives.CrossQLoss(
+            _torchrl_actor(batch_norm=True), critic(batch_norm=True), num_qvalue_nets=2, **values
+        )
     else:
         norm: dict[str, Any] = {"layer_norm": True, "dropout": 0.01} if agent == "droq" else {}
-        loss = objectives.SACLoss(_torchrl_actor(), critic(**norm), num_qvalue_nets=10 if agent == "redq" else 2, **values)
+        loss = objectives.SACLoss(
+            _torchrl_actor(), critic(**norm), num_qvalue_nets=10 if agent == "redq" else 2, **values
+        )
     loss.make_value_estimator(gamma=0.99)
     targets = None if agent == "crossq" else objectives.SoftUpdate(loss, tau=0.005)
     optimizer, buffer = torch.optim.Adam(loss.parameters(), **adam), stored()
@@ -126,7 +134,10 @@ def torchrl(agent: str, *, tuned: bool = False) -> Update:
         if tuned and not with_actor:
             return loss.qvalue_v2_loss(batch)[0]
         parts = loss(batch)
-        return sum(parts[f"loss_{name}"] for name in ("qvalue", *(("actor", "alpha") if with_actor else ())))
+        return sum(
+            parts[f"loss_{name}"]
+            for name in ("qvalue", *(("actor", "alpha") if with_actor else ()))
+        )
 
     def update() -> None:
         for i in range(1, UPDATES + 1):
@@ -159,10 +170,20 @@ def critic(*, layer_norm: bool = False, dropout: float = 0.0, batch_norm: bool =
             if layer_norm:
                 norm = {"norm_class": nn.LayerNorm, "norm_kwargs": {"normalized_shape": HIDDEN[0]}}
             if batch_norm:
-                norm = {"norm_class": nn.BatchNorm1d, "norm_kwargs": {"num_features": HIDDEN[0], "momentum": 0.01, "eps": 1e-3}}
+                norm = {
+                    "norm_class": nn.BatchNorm1d,
+                    "norm_kwargs": {"num_features": HIDDEN[0], "momentum": 0.01, "eps": 1e-3},
+                }
             size = OBSERVATION + ACTION
             first = [nn.BatchNorm1d(size, momentum=0.01, eps=1e-3)] if batch_norm else []
-            mlp = MLP(size, 1, num_cells=list(HIDDEN), activation_class=nn.ReLU, dropout=dropout or None, **norm)
+            mlp = MLP(
+                size,
+                1,
+                num_cells=list(HIDDEN),
+                activation_class=nn.ReLU,
+                dropout=dropout or None,
+                **norm,
+            )
             self.layers = nn.Sequential(*first, mlp)
 
         def forward(self, observation: Tensor, action: Tensor) -> Tensor:
@@ -181,7 +202,10 @@ def _torchrl_actor(*, batch_norm: bool = False) -> Any:
 
     norm: dict[str, Any] = {}
     if batch_norm:
-        norm = {"norm_class": nn.BatchNorm1d, "norm_kwargs": {"num_features": HIDDEN[0], "momentum": 0.01, "eps": 1e-3}}
+        norm = {
+            "norm_class": nn.BatchNorm1d,
+            "norm_kwargs": {"num_features": HIDDEN[0], "momentum": 0.01, "eps": 1e-3},
+        }
     first = [nn.BatchNorm1d(OBSERVATION, momentum=0.01, eps=1e-3)] if batch_norm else []
     mlp = MLP(OBSERVATION, 2 * ACTION, num_cells=list(HIDDEN), activation_class=nn.ReLU, **norm)
     return gaussian_policy(nn.Identity(), nn.Sequential(*first, mlp), spec())
@@ -194,8 +218,17 @@ def transitions() -> TensorDict:
 
     done = torch.zeros(STORED, 1, dtype=torch.bool)
     observation, following = (torch.rand(2, STORED, OBSERVATION) * 2 - 1).unbind()
-    after = {"observation": following, "reward": observation.sum(-1, keepdim=True), "done": done, "terminated": done.clone()}
-    data = {"observation": observation, "action": torch.rand(STORED, ACTION) * 2 - 1, "next": TensorDict(after, [STORED])}
+    after = {
+        "observation": following,
+        "reward": observation.sum(-1, keepdim=True),
+        "done": done,
+        "terminated": done.clone(),
+    }
+    data = {
+        "observation": observation,
+        "action": torch.rand(STORED, ACTION) * 2 - 1,
+        "next": TensorDict(after, [STORED]),
+    }
     return TensorDict(data, [STORED])
 
 
@@ -229,10 +262,17 @@ def sbx(agent: str) -> Update:
     """SBX's own agent, in JAX; DroQ is a setting of its SAC."""
     import sbx as jax_agents
 
-    algorithm = {"sac": jax_agents.SAC, "droq": jax_agents.SAC, "td3": jax_agents.TD3, "crossq": jax_agents.CrossQ}[agent]
+    algorithm = {
+        "sac": jax_agents.SAC,
+        "droq": jax_agents.SAC,
+        "td3": jax_agents.TD3,
+        "crossq": jax_agents.CrossQ,
+    }[agent]
     critic = {"dropout_rate": 0.01, "layer_norm": True} if agent == "droq" else {}
     options = {"policy_delay": UPDATES} if agent == "droq" else {}
-    return _baseline(algorithm, options, {"net_arch": {"pi": list(HIDDEN), "qf": list(HIDDEN)}, **critic})
+    return _baseline(
+        algorithm, options, {"net_arch": {"pi": list(HIDDEN), "qf": list(HIDDEN)}, **critic}
+    )
 
 
 def _baseline(algorithm: Any, options: dict[str, Any], policy: dict[str, Any]) -> Update:
@@ -247,13 +287,23 @@ def _baseline(algorithm: Any, options: dict[str, Any], policy: dict[str, Any]) -
         observation_space = Box(-1.0, 1.0, (OBSERVATION,), np.float32)
         action_space = Box(-1.0, 1.0, (ACTION,), np.float32)
 
-    model = algorithm("MlpPolicy", Still(), batch_size=BATCH, buffer_size=STORED, seed=0, policy_kwargs=policy, **options)
+    model = algorithm(
+        "MlpPolicy",
+        Still(),
+        batch_size=BATCH,
+        buffer_size=STORED,
+        seed=0,
+        policy_kwargs=policy,
+        **options,
+    )
     model.set_logger(configure(None, []))
     rng = np.random.default_rng(0)
     for _ in range(STORED):
         observation, next_observation = rng.uniform(-1, 1, (2, 1, OBSERVATION)).astype(np.float32)
         action = rng.uniform(-1, 1, (1, ACTION)).astype(np.float32)
-        model.replay_buffer.add(observation, next_observation, action, observation.sum(-1), np.zeros(1), [{}])
+        model.replay_buffer.add(
+            observation, next_observation, action, observation.sum(-1), np.zeros(1), [{}]
+        )
     return lambda: model.train(gradient_steps=UPDATES, batch_size=BATCH)
 
 

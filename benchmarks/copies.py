@@ -1,10 +1,12 @@
-"""Learning from many simulated copies: CPU seconds until the deterministic policy reaches a return on WalkerSim-v0.
+"""Learning from many simulated copies: CPU seconds until the deterministic policy reaches a return
+on WalkerSim-v0.
 
     python -m benchmarks copies [--seeds 5] [--limit 120]
 
-PPO with 4,096 copies to -12, SAC with 256 copies to -10.5, one thread, each run in its own process, start-up included. After
-each round (as many steps of all copies as an episode has) the policy is evaluated on deterministic episodes, which is included in
-the time. A run that does not reach the return within ``--limit`` CPU seconds counts with this limit.
+PPO with 4,096 copies to -12, SAC with 256 copies to -10.5, one thread, each run in its own process,
+start-up included. After each round (as many steps of all copies as an episode has) the policy is
+evaluated on deterministic episodes, which is included in the time. A run that does not reach the
+return within ``--limit`` CPU seconds counts with this limit.
 """
 
 from __future__ import annotations
@@ -61,7 +63,10 @@ def main(session: Session) -> None:
     agents: dict[str, Any] = {}
     for agent in args.agents:
         copies, goal = GOALS[agent]
-        jobs = {f"{agent}-{seed}-{args.limit:g}": (agent, seed, args.limit) for seed in range(args.seeds)}
+        jobs = {
+            f"{agent}-{seed}-{args.limit:g}": (agent, seed, args.limit)
+            for seed in range(args.seeds)
+        }
         runs = list(session.outcomes(run, jobs, processes=1, fresh=True))
         times = [rounds[-1][0] if rounds[-1][2] >= goal else args.limit for rounds in runs]
         agents[agent] = {
@@ -73,5 +78,9 @@ def main(session: Session) -> None:
             "rounds": runs,
         }
         result = agents[agent]
-        print(f"{agent}: {result['cpu_s_median']} CPU s to {goal}, {result['reached']} of {len(runs)}")
-    session.write({"setup": {"env": ENV, "evaluated": EVALUATED, "limit_s": args.limit}, "agents": agents})
+        print(
+            f"{agent}: {result['cpu_s_median']} CPU s to {goal}, {result['reached']} of {len(runs)}"
+        )
+    session.write(
+        {"setup": {"env": ENV, "evaluated": EVALUATED, "limit_s": args.limit}, "agents": agents}
+    )

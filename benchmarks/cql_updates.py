@@ -1,10 +1,11 @@
-"""Cost of a CQL update: ours, with the gradient at drawn actions and at all of them, and TorchRL's ``CQLLoss``.
+"""Cost of a CQL update: ours, with the gradient at drawn actions and at all of them, and TorchRL's
+``CQLLoss``.
 
     python -m benchmarks cql_updates
 
-The paper's settings (10 sampled actions of each kind, networks of two layers of 256, batches of 256), an observation of 8 numbers
-and an action of 4, one thread. All take turns for ``ROUNDS`` rounds in one process; medians of the CPU time and of the ratio in
-each round.
+The paper's settings (10 sampled actions of each kind, networks of two layers of 256, batches of
+256), an observation of 8 numbers and an action of 4, one thread. All take turns for ``ROUNDS``
+rounds in one process; medians of the CPU time and of the ratio in each round.
 """
 
 from __future__ import annotations
@@ -16,7 +17,17 @@ import torch
 from torch import nn
 from torchrl.objectives import CQLLoss, SoftUpdate
 
-from benchmarks.contestants import ACTION, HIDDEN, OBSERVATION, UPDATES, Update, critic, learner_of, spec, stored
+from benchmarks.contestants import (
+    ACTION,
+    HIDDEN,
+    OBSERVATION,
+    UPDATES,
+    Update,
+    critic,
+    learner_of,
+    spec,
+    stored,
+)
 from benchmarks.session import Session
 from bricksrl.agents.networks import gaussian_policy, mlp
 
@@ -51,12 +62,20 @@ def torchrl() -> Update:
         deactivate_vmap=True,
     )
     loss.make_value_estimator(gamma=0.99)
-    targets, optimizer, buffer = SoftUpdate(loss, tau=0.005), torch.optim.Adam(loss.parameters(), lr=3e-4, fused=True), stored()
+    targets, optimizer, buffer = (
+        SoftUpdate(loss, tau=0.005),
+        torch.optim.Adam(loss.parameters(), lr=3e-4, fused=True),
+        stored(),
+    )
 
     def update() -> None:
         for _ in range(UPDATES):
             batch = buffer.sample()
-            losses = [*loss.q_loss(batch)[:1], *loss.cql_loss(batch)[:1], loss.alpha_prime_loss(batch)[0]]
+            losses = [
+                *loss.q_loss(batch)[:1],
+                *loss.cql_loss(batch)[:1],
+                loss.alpha_prime_loss(batch)[0],
+            ]
             actor_loss, metadata = loss.actor_loss(batch)
             total = sum([*losses, actor_loss, loss.alpha_loss(metadata)[0]])
             assert isinstance(total, torch.Tensor)
@@ -78,8 +97,13 @@ def main(session: Session) -> None:
     for _ in range(ROUNDS):
         for name, update in contestants.items():
             runs[name].append(measure(update))
-    ratio = statistics.median(other / own for other, own in zip(runs["torchrl"], runs["ours"], strict=True))
+    ratio = statistics.median(
+        other / own for other, own in zip(runs["torchrl"], runs["ours"], strict=True)
+    )
     cpu_ms = {name: round(statistics.median(values), 2) for name, values in runs.items()}
-    result = {"cpu_ms": cpu_ms, "updates_per_cpu_s": {name: round(1e3 / value, 1) for name, value in cpu_ms.items()}}
+    result = {
+        "cpu_ms": cpu_ms,
+        "updates_per_cpu_s": {name: round(1e3 / value, 1) for name, value in cpu_ms.items()},
+    }
     print(result)
     session.write({**result, "cpu_ratio": round(ratio, 2), "rounds": ROUNDS})

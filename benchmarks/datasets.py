@@ -2,9 +2,10 @@
 
     python -m benchmarks datasets
 
-For each of the four tasks a SAC agent is trained, and two datasets are recorded: of the trained agent (expert) and of random
-actions, ``--episodes`` each. They are in ``<out>/<task>-expert`` and ``<out>/<task>-random``, the runs in ``<out>/<task>-sac``;
-existing ones are kept. Tasks run in parallel, one per core.
+For each of the four tasks a SAC agent is trained, and two datasets are recorded: of the trained
+agent (expert) and of random actions, ``--episodes`` each. They are in ``<out>/<task>-expert`` and
+``<out>/<task>-random``, the runs in ``<out>/<task>-sac``; existing ones are kept. Tasks run in
+parallel, one per core.
 """
 
 from __future__ import annotations
@@ -48,11 +49,16 @@ def make(env_id: str, out: Path, episodes: int, trained: int) -> dict[str, Any]:
             "episodes": summary.episodes,
             "success_rate": summary.success_rate,
         }
-    return {**result, "seconds": time.perf_counter() - started_s, "cpu_seconds": time.process_time() - cpu_s}
+    return {
+        **result,
+        "seconds": time.perf_counter() - started_s,
+        "cpu_seconds": time.process_time() - cpu_s,
+    }
 
 
 def record(env_id: str, path: Path, run: Path | None, episodes: int) -> None:
-    """Record a dataset of a run's agent, or of random actions; it is renamed to ``path`` when it is complete."""
+    """Record a dataset of a run's agent, or of random actions; it is renamed to ``path`` when it is
+    complete."""
     import bricksrl
     from bricksrl.data import Recorder, describe
     from bricksrl.data.collect import collect, random_policy
@@ -63,7 +69,9 @@ def record(env_id: str, path: Path, run: Path | None, episodes: int) -> None:
     try:
         policy = random_policy(env, SEED) if run is None else load_policy(run, env)
         with Recorder(unfinished, describe(env)) as recorder:
-            collect(env, policy, recorder, episodes, name="random" if run is None else "sac", seed=SEED)
+            collect(
+                env, policy, recorder, episodes, name="random" if run is None else "sac", seed=SEED
+            )
     finally:
         env.close(raise_if_closed=False)
     unfinished.rename(path)
@@ -78,11 +86,16 @@ def made(
     quick: bool = False,
     processes: int | None = None,
 ) -> dict[str, dict[str, Any]]:
-    """Summaries of the datasets by task; those that are missing in the folder ``out`` are recorded."""
+    """Summaries of the datasets by task; those that are missing in the folder ``out`` are
+    recorded."""
     if quick:
         episodes, trained = 2, 2
     jobs = [(task, out, episodes, trained or TASKS[task]) for task in tasks]
-    parts = {out / f"{task}-{episodes}-{trained}.json": job for job in jobs for task, _, episodes, trained in (job,)}
+    parts = {
+        out / f"{task}-{episodes}-{trained}.json": job
+        for job in jobs
+        for task, _, episodes, trained in (job,)
+    }
     results = dict(zip(tasks, outcomes(make, parts, processes), strict=True))
     for task, result in results.items():
         if isinstance(result, Failure):
@@ -102,4 +115,11 @@ def main(session: Session) -> None:
     out = args.out or session.place_of(FOLDER)
     results = made(out, args.tasks, args.episodes, args.trained, processes=session.jobs)
     print(*(f"{task}: {result}" for task, result in results.items()), sep="\n")
-    session.write({"seed": SEED, "tasks": results, "paper": DATASETS, "seconds": time.perf_counter() - started_s})
+    session.write(
+        {
+            "seed": SEED,
+            "tasks": results,
+            "paper": DATASETS,
+            "seconds": time.perf_counter() - started_s,
+        }
+    )

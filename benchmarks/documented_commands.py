@@ -1,12 +1,15 @@
-"""Documentation of an earlier commit, run with today's code: what users once learned to type and to import must keep working.
+"""Documentation of an earlier commit, run with today's code: what users once learned to type and to
+import must keep working.
 
     python -m benchmarks documented_commands             # about ten minutes
     python -m benchmarks documented_commands --quick     # parse and import only, in about a minute
 
-Takes README, docs, notebooks and examples of the commit from Git, and runs each page in its order in a new folder with the
-commit's examples and plans, one process a page. As in the tests of the documentation, commands get fewer episodes, updates and
-copies, and no video. A command is only parsed if it needs a hub, a browser, a camera, a cluster, hours or the reader's files.
-Commands within a text may have placeholders; their words and flags are looked up in the help. Exit code 1 if anything failed.
+Takes README, docs, notebooks and examples of the commit from Git, and runs each page in its order
+in a new folder with the commit's examples and plans, one process a page. As in the tests of the
+documentation, commands get fewer episodes, updates and copies, and no video. A command is only
+parsed if it needs a hub, a browser, a camera, a cluster, hours or the reader's files. Commands
+within a text may have placeholders; their words and flags are looked up in the help. Exit code 1 if
+anything failed.
 """
 
 from __future__ import annotations
@@ -39,9 +42,17 @@ from benchmarks.session import Session
 
 COMMIT = "81c92bc"
 """Last commit before the packages were parted."""
-CONTENT = ("README.md", "docs", "examples", "plugins/lerobot_robot_bricksrl/README.md", "plans", "src/bricksrl/robots/plans")
+CONTENT = (
+    "README.md",
+    "docs",
+    "examples",
+    "plugins/lerobot_robot_bricksrl/README.md",
+    "plans",
+    "src/bricksrl/robots/plans",
+)
 FOLLOWED = ("README", "start", "watch", "lesson", "own", "policies")
-"""Pages that are followed from top to bottom; the others also have commands for the reader's robots and files."""
+"""Pages that are followed from top to bottom; the others also have commands for the reader's robots
+and files."""
 OURS = ("brickhub", "bricktwin", "bricksrl")
 CHANGED = {
     "bricksrl hub rename": "a sentence in docs/hardware.md",
@@ -50,7 +61,8 @@ CHANGED = {
     "bricksrl train Walker-v0 --from runs/iql --data": "--demonstrations",
     "bricksrl train Walker-v0 --agent sac --from runs/bc --data": "--demonstrations",
 }
-"""Beginnings of what really had to change, and the new name of each, which stands in the changelog."""
+"""Beginnings of what really had to change, and the new name of each, which stands in the
+changelog."""
 EXAMPLES: dict[str, dict[str, Any]] = {
     "02_train": {"episodes": 2},
     "07_batched_simulation": {"batch_size": 200, "steps": 20},
@@ -71,7 +83,8 @@ class ParsedOnlyError(Exception):
 
 @dataclass(frozen=True)
 class Item:
-    """Command, import, snippet or example of a page, as its reader sees it, and the function that tries it."""
+    """Command, import, snippet or example of a page, as its reader sees it, and the function that
+    tries it."""
 
     kind: str
     text: str
@@ -103,13 +116,21 @@ def commands(text: str) -> list[str]:
     """All ``bricksrl`` commands in the blocks of a page."""
     lines = [line for block in blocks(text, "bash") for line in block.splitlines()]
     lines += re.findall(r"^ {4}(bricksrl .*)$", text, re.MULTILINE)
-    return [shlex.join(shlex.split(line, comments=True)) for line in lines if line.startswith("bricksrl ")]
+    return [
+        shlex.join(shlex.split(line, comments=True))
+        for line in lines
+        if line.startswith("bricksrl ")
+    ]
 
 
 def mentions(text: str, program: str) -> list[str]:
     """Commands within the text of a page, each once."""
     prose = re.sub(r"^ *```.*?^ *```", "", text, flags=re.MULTILINE | re.DOTALL)
-    return list(dict.fromkeys(" ".join(found.split()) for found in re.findall(rf"`({program} [^`]+)`", prose)))
+    return list(
+        dict.fromkeys(
+            " ".join(found.split()) for found in re.findall(rf"`({program} [^`]+)`", prose)
+        )
+    )
 
 
 def imports(source: str) -> list[str]:
@@ -129,7 +150,10 @@ def indented_imports(text: str) -> list[str]:
 
 def names(text: str) -> list[str]:
     """Dotted names of our modules and of what is in them, each once."""
-    return sorted(set(re.findall(r"(?<![\w/.])bricksrl(?:\.[A-Za-z_]\w*)+\b(?!\.json)", text)) - {"bricksrl.json"})
+    return sorted(
+        set(re.findall(r"(?<![\w/.])bricksrl(?:\.[A-Za-z_]\w*)+\b(?!\.json)", text))
+        - {"bricksrl.json"}
+    )
 
 
 def cheap(words: list[str]) -> list[str]:
@@ -154,7 +178,9 @@ def obstacle(words: list[str]) -> str | None:
     """What a command needs that is not here, besides files."""
     needs = {
         "a hub": any(word.startswith(("ble", "usb")) for word in words),
-        "a browser": words[0] in ("drive", "play") or words[:2] == ["plan", "show"] or "--page" in words,
+        "a browser": words[0] in ("drive", "play")
+        or words[:2] == ["plan", "show"]
+        or "--page" in words,
         "a camera": words[0] == "camera",
         "a cluster": "--on" in words,
         "hours": words[0] == "study" and len(words) > 1,
@@ -212,7 +238,8 @@ def look_up(line: str) -> None:
     with contextlib.suppress(SystemExit), contextlib.redirect_stdout(shown):
         parse([*named, "--help"])
     usage, rest = shown.getvalue().partition("\n")[::2]
-    known = re.findall(r"[a-z][a-z-]*", usage.partition("[-h]")[0])[2:]  # after "usage" and "bricksrl"
+    # after "usage" and "bricksrl"
+    known = re.findall(r"[a-z][a-z-]*", usage.partition("[-h]")[0])[2:]
     if "{" in usage and len(named) > len(known):
         raise AssertionError(f"`bricksrl {' '.join(known)}` has no command {named[len(known)]}")
     if unknown := [word for word in words if word.startswith("--") and word not in usage + rest]:
@@ -228,7 +255,9 @@ def run_import(source: str) -> None:
         package = (error.name or "").partition(".")[0]
         if package in OURS or not package:
             raise
-        raise ParsedOnlyError("runs on a hub" if package == "pybricks" else f"needs {package}") from None
+        raise ParsedOnlyError(
+            "runs on a hub" if package == "pybricks" else f"needs {package}"
+        ) from None
 
 
 def run_source(source: str, title: str, names: dict[str, Any], *, quick: bool) -> None:
@@ -292,9 +321,16 @@ def items(source: Path, page: str, quick: bool) -> Iterator[Item]:
 
 
 def _page(path: Path, quick: bool) -> Iterator[Item]:
-    text, is_followed = path.read_text(encoding="utf-8"), path.stem in FOLLOWED and path.parent.parent.name != "plugins"
+    text, is_followed = (
+        path.read_text(encoding="utf-8"),
+        path.stem in FOLLOWED and path.parent.parent.name != "plugins",
+    )
     for line in commands(text):
-        yield Item("command", line, functools.partial(run_command, line, quick=quick, is_followed=is_followed))
+        yield Item(
+            "command",
+            line,
+            functools.partial(run_command, line, quick=quick, is_followed=is_followed),
+        )
     for line in mentions(text, "bricksrl"):
         yield Item("mention", line, functools.partial(look_up, line))
     for line in dict.fromkeys(re.findall(r"python benchmarks/\w+\.py", text)):
@@ -303,19 +339,24 @@ def _page(path: Path, quick: bool) -> Iterator[Item]:
         yield from _imports(imports(block))
         if is_followed:
             short = block.replace("episodes=15", "episodes=1")
-            yield Item("snippet", block, functools.partial(run_source, short, path.name, {}, quick=quick))
+            yield Item(
+                "snippet", block, functools.partial(run_source, short, path.name, {}, quick=quick)
+            )
     yield from _imports(indented_imports(text))
     for name in names(text):
         yield Item("name", name, functools.partial(find_name, name))
 
 
 def _cells(path: Path, quick: bool) -> Iterator[Item]:
-    shared = {"__name__": "notebook", "bricksrl": importlib.import_module("bricksrl")}  # as after the cell that installs it
+    # as after the cell that installs it
+    shared = {"__name__": "notebook", "bricksrl": importlib.import_module("bricksrl")}
     for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
         if cell["cell_type"] == "code" and "install" not in cell["metadata"].get("tags", []):
             source = "".join(cell["source"])
             yield from _imports(imports(source))
-            attempt = functools.partial(run_source, source, f"{path.name}:{cell.get('id')}", shared, quick=quick)
+            attempt = functools.partial(
+                run_source, source, f"{path.name}:{cell.get('id')}", shared, quick=quick
+            )
             yield Item("cell", source, attempt)
 
 
@@ -327,7 +368,9 @@ def _imports(sources: list[str]) -> Iterator[Item]:
 def attempt(item: Item, page: str) -> Outcome:
     """Try one item; anything that it raises is its failure."""
     start_s, state, reason = time.perf_counter(), "ran", ""
-    new_name = next((CHANGED[beginning] for beginning in CHANGED if item.text.startswith(beginning)), None)
+    new_name = next(
+        (CHANGED[beginning] for beginning in CHANGED if item.text.startswith(beginning)), None
+    )
     try:
         if new_name is not None:
             raise ParsedOnlyError(f"now {new_name}")
@@ -336,11 +379,14 @@ def attempt(item: Item, page: str) -> Outcome:
         state, reason = "parsed", str(error)
     except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever users would see
         state, reason = "failed", f"{type(error).__name__}: {error}"
-    return Outcome(page, item.kind, item.text, state, reason, round(time.perf_counter() - start_s, 2))
+    return Outcome(
+        page, item.kind, item.text, state, reason, round(time.perf_counter() - start_s, 2)
+    )
 
 
 def work(source: Path, page: str, quick: bool, out: Path) -> None:
-    """Try all items of a page, in this process and in the present folder, and write a line for each to ``out``."""
+    """Try all items of a page, in this process and in the present folder, and write a line for each
+    to ``out``."""
     with contextlib.suppress(ImportError):
         from bricksrl.cli import train
 
@@ -350,7 +396,12 @@ def work(source: Path, page: str, quick: bool, out: Path) -> None:
             outcome = attempt(item, page)
             if outcome.state == "failed":  # what it said last
                 sys.stdout.flush()
-                told = out.with_name("log.txt").read_text(encoding="utf-8", errors="replace").rstrip().rpartition("\n")[-1]
+                told = (
+                    out.with_name("log.txt")
+                    .read_text(encoding="utf-8", errors="replace")
+                    .rstrip()
+                    .rpartition("\n")[-1]
+                )
                 outcome = dataclasses.replace(outcome, reason=f"{outcome.reason} ({told})")
             lines.write(json.dumps(dataclasses.asdict(outcome)) + "\n")
             lines.flush()
@@ -362,18 +413,31 @@ def work(source: Path, page: str, quick: bool, out: Path) -> None:
 def checked_out(folder: Path) -> Path:
     """The documentation of the commit, in a new folder."""
     git = ["git", "archive", "--format=tar", COMMIT, "--", *CONTENT]
-    made = subprocess.run(git, capture_output=True, check=False)  # noqa: S603 - the commit is a constant
+    # - the commit is a constant
+    made = subprocess.run(git, capture_output=True, check=False)  # noqa: S603
     if made.returncode:
-        raise SystemExit(f"error: the history here has no commit {COMMIT}; start it in a whole clone (git fetch --unshallow)")
+        raise SystemExit(
+            f"error: the history here has no commit {COMMIT}; start it in a whole clone (git "
+            "fetch --unshallow)"
+        )
     with tarfile.open(fileobj=io.BytesIO(made.stdout)) as archive:
         archive.extractall(folder, filter="data")
     return folder
 
 
 def pages(source: Path) -> list[str]:
-    """README, pages, notebooks, the plugin's README and the folder of examples, relative to ``source``."""
-    found = [source / "README.md", *sorted(source.glob("docs/*.md")), *sorted(source.glob("docs/reference/*.md"))]
-    found += [*sorted(source.glob("docs/tutorials/*.ipynb")), *sorted(source.glob("plugins/*/README.md")), source / "examples"]
+    """README, pages, notebooks, the plugin's README and the folder of examples, relative to
+    ``source``."""
+    found = [
+        source / "README.md",
+        *sorted(source.glob("docs/*.md")),
+        *sorted(source.glob("docs/reference/*.md")),
+    ]
+    found += [
+        *sorted(source.glob("docs/tutorials/*.ipynb")),
+        *sorted(source.glob("plugins/*/README.md")),
+        source / "examples",
+    ]
     return [str(path.relative_to(source)) for path in found]
 
 
@@ -384,8 +448,19 @@ def try_page(source: Path, page: str, quick: bool) -> list[Outcome]:
             shutil.copytree(source / name, Path(folder) / name)
         out, log = Path(folder) / "outcomes.jsonl", Path(folder) / "log.txt"
         out.touch()
-        line = [sys.executable, "-m", "benchmarks.documented_commands", page, str(source), str(out), *(["--quick"] * quick)]
-        settings = {"XDG_CONFIG_HOME": str(source / ".config"), "XDG_CACHE_HOME": str(source / ".cache")}
+        line = [
+            sys.executable,
+            "-m",
+            "benchmarks.documented_commands",
+            page,
+            str(source),
+            str(out),
+            *(["--quick"] * quick),
+        ]
+        settings = {
+            "XDG_CONFIG_HOME": str(source / ".config"),
+            "XDG_CACHE_HOME": str(source / ".cache"),
+        }
         env = {**os.environ, **QUIET, **settings}
         root = str(Path(__file__).resolve().parents[1])
         env["PYTHONPATH"] = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
@@ -393,13 +468,22 @@ def try_page(source: Path, page: str, quick: bool) -> list[Outcome]:
         with log.open("wb") as told:
             try:
                 subprocess.run(  # noqa: S603 - this file
-                    line, cwd=folder, env=env, stdin=subprocess.DEVNULL, stdout=told, stderr=told, timeout=_PAGE_S, check=True
+                    line,
+                    cwd=folder,
+                    env=env,
+                    stdin=subprocess.DEVNULL,
+                    stdout=told,
+                    stderr=told,
+                    timeout=_PAGE_S,
+                    check=True,
                 )
             except subprocess.CalledProcessError as error:
                 reason = f"the process ended with exit code {error.returncode}"
             except subprocess.TimeoutExpired:
                 reason = f"still running after {_PAGE_S:g} s"
-        outcomes = [Outcome(**json.loads(text)) for text in out.read_text(encoding="utf-8").splitlines()]
+        outcomes = [
+            Outcome(**json.loads(text)) for text in out.read_text(encoding="utf-8").splitlines()
+        ]
     if reason:
         last = outcomes[-1].text if outcomes else "the start"
         outcomes.append(Outcome(page, "page", f"after {last}", "failed", reason))
@@ -409,7 +493,9 @@ def try_page(source: Path, page: str, quick: bool) -> list[Outcome]:
 def main(session: Session) -> int:
     """Try all pages and print the table; returns 1 if anything failed."""
     parser = session.parser
-    parser.add_argument("--only", default="", metavar="TEXT", help="pages whose names contain this text")
+    parser.add_argument(
+        "--only", default="", metavar="TEXT", help="pages whose names contain this text"
+    )
     args = session.parse()
     start_s, outcomes = time.perf_counter(), list[Outcome]()
     with tempfile.TemporaryDirectory() as folder:
@@ -418,9 +504,13 @@ def main(session: Session) -> int:
             if args.only in page:
                 found = try_page(source, page, session.is_quick)
                 outcomes += found
-                print(page, dict(collections.Counter(outcome.state for outcome in found)), flush=True)
+                print(
+                    page, dict(collections.Counter(outcome.state for outcome in found)), flush=True
+                )
     kinds = collections.Counter(f"{outcome.kind} {outcome.state}" for outcome in outcomes)
-    parsed_only = collections.Counter(outcome.reason for outcome in outcomes if outcome.state == "parsed")
+    parsed_only = collections.Counter(
+        outcome.reason for outcome in outcomes if outcome.state == "parsed"
+    )
     failed = [dataclasses.asdict(outcome) for outcome in outcomes if outcome.state == "failed"]
     for line in (*sorted(kinds.items()), *parsed_only.most_common(), *failed):
         print(line)

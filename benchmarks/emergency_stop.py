@@ -1,11 +1,13 @@
-"""Time until the motors stop after an emergency stop, over Bluetooth simulated by Bumble at several connection intervals.
+"""Time until the motors stop after an emergency stop, over Bluetooth simulated by Bumble at several
+connection intervals.
 
     python -m benchmarks emergency_stop
 
-Two moments: in the middle of a step, when the computer waits for the answer and only sends keepalives; and any moment of short
-steps in close succession, where a write always waits for its acknowledgement. Bluetooth lets no other write overtake it, so the
-stop arrives with the third connection event at the latest. Events are counted too, since a loaded machine wakes its threads late.
-Needs the packages of the extra ``dev``.
+Two moments: in the middle of a step, when the computer waits for the answer and only sends
+keepalives; and any moment of short steps in close succession, where a write always waits for its
+acknowledgement. Bluetooth lets no other write overtake it, so the stop arrives with the third
+connection event at the latest. Events are counted too, since a loaded machine wakes its threads
+late. Needs the packages of the extra ``dev``.
 """
 
 from __future__ import annotations
@@ -78,7 +80,9 @@ def main(session: Session) -> None:
                     link = world.link(interface(step_ms), timeout_s=20.0, answer_timeout_s=2.0)
                     link.open()
                     world.set_interval(interval_ms)
-                    stop_ms, events = zip(*(trial(world, link, rng) for _ in range(trials)), strict=True)
+                    stop_ms, events = zip(
+                        *(trial(world, link, rng) for _ in range(trials)), strict=True
+                    )
                 finally:
                     world.close()
             row = {

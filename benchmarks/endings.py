@@ -1,11 +1,12 @@
-"""Endings of pages, plays, teams and trainings, drawn by a seed: what is left of each afterwards, and how long it takes.
+"""Endings of pages, plays, teams and trainings, drawn by a seed: what is left of each afterwards,
+and how long it takes.
 
     python -m benchmarks endings
 
-Each trial starts a command, with a browser's connection where it has a page, and ends it in one of the
-ways of :data:`WAYS`. Then all processes that descend from it are counted, wherever they are in the tree,
-and the ports of its pages. A virtual robot is in one of these processes: its motors turn for as long as
-that lives. What is not over after :data:`HANG_S` is a hang. Linux only.
+Each trial starts a command, with a browser's connection where it has a page, and ends it in one of
+the ways of :data:`WAYS`. Then all processes that descend from it are counted, wherever they are in
+the tree, and the ports of its pages. A virtual robot is in one of these processes: its motors turn
+for as long as that lives. What is not over after :data:`HANG_S` is a hang. Linux only.
 """
 
 from __future__ import annotations
@@ -81,12 +82,16 @@ KINDS = {
     "page, driven": Kind(_PAGE, "live page", ("drive", "Spinning-v0"), _OF_JOBS),
     "page, played": Kind(_PAGE, "live page", ("play", "Walker-v1"), _OF_JOBS),
     "page, a game": Kind(_PAGE, "live page", ("game", "Tag-v0"), _OF_JOBS),
-    "page, training": Kind(_PAGE, "live page", ("train", "RunAway-v0"), (*_SIGNALS, *_BROWSERS, "frozen job")),
+    "page, training": Kind(
+        _PAGE, "live page", ("train", "RunAway-v0"), (*_SIGNALS, *_BROWSERS, "frozen job")
+    ),
     "page alone": Kind(_PAGE, "live page", None, (*_SIGNALS, *_BROWSERS)),
     "play": Kind(("play", "Walker-v1", "--page"), "live page", None, (*_SIGNALS, *_BROWSERS)),
     "play in the terminal": Kind(("play", "Walker-v1"), "episode 1 "),
     "drive": Kind(("drive", "Spinning-v0"), "live page", None, (*_SIGNALS, *_BROWSERS)),
-    "team that plays": Kind(("team", "Tag-v0", "--page"), "live page", None, (*_SIGNALS, *_BROWSERS)),
+    "team that plays": Kind(
+        ("team", "Tag-v0", "--page"), "live page", None, (*_SIGNALS, *_BROWSERS)
+    ),
     "team that trains": Kind(("team", "Tag-v0", "--copies", "32"), "step "),
     "training": Kind(_TRAIN, "return "),
     "training with a page": Kind((*_TRAIN, "--page"), "return ", None, (*_SIGNALS, *_BROWSERS)),
@@ -97,7 +102,8 @@ KINDS = {
 
 
 class Command:
-    """Command in a process of its own, in a terminal of its own if ``has_terminal``; it is over with its context."""
+    """Command in a process of its own, in a terminal of its own if ``has_terminal``; it is over
+    with its context."""
 
     def __init__(self, words: Sequence[str], folder: Path, *, has_terminal: bool) -> None:
         self.mark = f"{os.getpid()}-{time.monotonic_ns()}"
@@ -113,7 +119,13 @@ class Command:
         else:
             self._output, write = os.pipe()
             self._process = subprocess.Popen(  # noqa: S603  our own interpreter
-                command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=write, stderr=write, start_new_session=True
+                command,
+                cwd=folder,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=write,
+                stderr=write,
+                start_new_session=True,
             )
             os.close(write)
             self.pid = self._process.pid
@@ -136,7 +148,9 @@ class Command:
     def listen(self) -> None:
         """Take what it has said meanwhile, so that it is never kept waiting."""
         with contextlib.suppress(OSError):
-            while select.select([self._output], [], [], 0)[0] and (data := os.read(self._output, 65536)):
+            while select.select([self._output], [], [], 0)[0] and (
+                data := os.read(self._output, 65536)
+            ):
                 self.said += data.decode(errors="replace")
 
     def wait_for(self, condition: Callable[[], bool], what: str) -> None:
@@ -163,7 +177,9 @@ class Command:
         found = []
         for entry in Path("/proc").iterdir():
             with contextlib.suppress(OSError, IndexError):
-                if not entry.name.isdecimal() or wanted not in (entry / "environ").read_bytes().split(b"\0"):
+                if not entry.name.isdecimal() or wanted not in (
+                    entry / "environ"
+                ).read_bytes().split(b"\0"):
                     continue
                 if (entry / "stat").read_text().rpartition(")")[2].split()[0] != "Z":
                     found.append(int(entry.name))
@@ -183,7 +199,13 @@ class Browser:
 
         host = self.url.split("/")[2]
         address = f"ws://{host}/ws?{urllib.parse.urlsplit(self.url).query}"
-        self._socket = connect(address, origin=Origin(f"http://{host}"), compression=None, max_size=None, ping_interval=None)
+        self._socket = connect(
+            address,
+            origin=Origin(f"http://{host}"),
+            compression=None,
+            max_size=None,
+            ping_interval=None,
+        )
 
     def look(self) -> None:
         """Take what the page has said meanwhile."""
@@ -199,7 +221,8 @@ class Browser:
 
     def reset(self) -> None:
         """End the connection without a word, as a broken network does."""
-        option = (1).to_bytes(4, sys.byteorder) + (0).to_bytes(4, sys.byteorder)  # l_onoff, l_linger
+        # l_onoff, l_linger
+        option = (1).to_bytes(4, sys.byteorder) + (0).to_bytes(4, sys.byteorder)
         self._socket.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, option)
         self._socket.socket.close()
 
@@ -214,10 +237,13 @@ def port_of(url: str) -> int:
 
 
 def is_free(url: str) -> bool:
-    """Whether a page is served no more; its port may be another program's by now, which does not know the token."""
+    """Whether a page is served no more; its port may be another program's by now, which does not
+    know the token."""
     parts = urllib.parse.urlsplit(url)
     try:
-        with urllib.request.urlopen(f"http://{parts.netloc}/visitors.json?{parts.query}", timeout=1.0):
+        with urllib.request.urlopen(
+            f"http://{parts.netloc}/visitors.json?{parts.query}", timeout=1.0
+        ):
             return False
     except urllib.error.HTTPError as refusal:
         refusal.close()
@@ -229,7 +255,8 @@ def is_free(url: str) -> bool:
 
 
 def drawn(number: int, seed: int) -> tuple[str, str, float]:
-    """Kind and way of a trial, and the seconds for which the command works before; each kind in turn."""
+    """Kind and way of a trial, and the seconds for which the command works before; each kind in
+    turn."""
     rng = random.Random(f"{seed}-{number}")
     name = list(KINDS)[number % len(KINDS)]
     ways = KINDS[name].ways
@@ -240,7 +267,8 @@ def trial(number: int, seed: int) -> dict[str, Any]:
     """Start a command and end it; what was left."""
     name, way, delay_s = drawn(number, seed)
     kind = KINDS[name]
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background makes us, and so them, ignore it
+    # a shell in the background makes us, and so them, ignore it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     folder = Path(tempfile.mkdtemp(prefix="bricksrl-ending-"))
     try:
         with Command(kind.words, folder, has_terminal=way == "closed terminal") as command:
@@ -298,15 +326,21 @@ def _url_of_job(command: Command, page: Browser) -> str:
 
 
 def _left(command: Command, urls: Sequence[str], way: str) -> tuple[list[int], list[int]]:
-    """Processes and ports that are left; a start page whose job's tab was closed goes on by itself."""
+    """Processes and ports that are left; a start page whose job's tab was closed goes on by
+    itself."""
     left = command.processes()
     if way != "closed tab":
         return left, [port_of(url) for url in urls if not is_free(url)]
-    return [pid for pid in left if pid != command.pid], [port_of(url) for url in urls[1:] if not is_free(url)]
+    return [pid for pid in left if pid != command.pid], [
+        port_of(url) for url in urls[1:] if not is_free(url)
+    ]
 
 
-def _rests(command: Command, urls: Sequence[str], browsers: Sequence[Browser], way: str) -> bool | None:
-    """Whether a robot comes to rest once the browser that drives it is cut off; ``None`` where none is driven so."""
+def _rests(
+    command: Command, urls: Sequence[str], browsers: Sequence[Browser], way: str
+) -> bool | None:
+    """Whether a robot comes to rest once the browser that drives it is cut off; ``None`` where none
+    is driven so."""
     if way not in ("frozen browser", "cut connection"):
         return None
     page = browsers[-1]
@@ -370,7 +404,9 @@ def summary(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "processes_left": sum(result["processes_left"] for result in results),
         "ports_left": sum(result["ports_left"] for result in results),
         "hangs": sum(result["seconds"] >= HANG_S for result in results),
-        "over_5_s": sum(result["seconds"] > 5.0 for result in results if result["way"] != "closed tab"),
+        "over_5_s": sum(
+            result["seconds"] > 5.0 for result in results if result["way"] != "closed tab"
+        ),
         "driven_robots_cut_off": len(rested),
         "of_which_came_to_rest": sum(rested),
         "seconds": _seconds(results),
@@ -386,7 +422,10 @@ def _seconds(results: Sequence[dict[str, Any]]) -> dict[str, float]:
 
 def _groups(results: Sequence[dict[str, Any]], by: str) -> Iterator[tuple[str, dict[str, Any]]]:
     for name, count in Counter(result[by] for result in results).items():
-        yield name, {"trials": count, **_seconds([result for result in results if result[by] == name])}
+        yield (
+            name,
+            {"trials": count, **_seconds([result for result in results if result[by] == name])},
+        )
 
 
 def main(session: Session) -> None:

@@ -1,10 +1,12 @@
-"""Recorded episodes of the virtual robots, in 3D to turn: pages of the documentation that need no server.
+"""Recorded episodes of the virtual robots, in 3D to turn: pages of the documentation that need no
+server.
 
     python -m benchmarks episodes [ENV ...]
 
-Records the first seconds of the best policy that each environment has, or of its controller: the poses of all drawn bodies, 20
-times a second, in ``docs/episodes/<environment>.json``. The documentation's build adds the scene and the live page's own viewer,
-and writes a page for each (:func:`page_of`).
+Records the first seconds of the best policy that each environment has, or of its controller: the
+poses of all drawn bodies, 20 times a second, in ``docs/episodes/<environment>.json``. The
+documentation's build adds the scene and the live page's own viewer, and writes a page for each
+(:func:`page_of`).
 """
 
 from __future__ import annotations
@@ -76,9 +78,13 @@ def record(env_id: str) -> dict[str, Any]:
         name, make_policy = list(array_policies(env_id, env.task, 0).items())[-1]
         policy, shots = make_policy(), Shots(env)
 
-        def act(tensordict: TensorDictBase) -> TensorDictBase:  # by its argument TorchRL knows a policy
+        # by its argument TorchRL knows a policy
+        def act(tensordict: TensorDictBase) -> TensorDictBase:
             shots.goal = env.task.goal(tensordict["observation"].tolist())
-            arrays = {key: tensordict[key].numpy().copy() for key in {"observation", "image"} & set(tensordict.keys())}
+            arrays = {
+                key: tensordict[key].numpy().copy()
+                for key in {"observation", "image"} & set(tensordict.keys())
+            }
             return tensordict.set("action", torch.as_tensor(policy(arrays), dtype=torch.float32))
 
         for _ in range(EPISODES.get(env_id, 1)):
@@ -87,15 +93,28 @@ def record(env_id: str) -> dict[str, Any]:
             env.twin.machine.pace = shots
             env.rollout(env.task.max_steps, act, auto_reset=False, tensordict=start)
     poses = np.round(np.array(shots.poses[: LONGEST_MS // PERIOD_MS], "<f4"), 4)
-    return {"env": env_id, "policy": name, "period_ms": PERIOD_MS, "frames": len(poses), "poses": packed(poses.tobytes())}
+    return {
+        "env": env_id,
+        "policy": name,
+        "period_ms": PERIOD_MS,
+        "frames": len(poses),
+        "poses": packed(poses.tobytes()),
+    }
 
 
 def page_of(path: Path) -> str:
-    """HTML page of a recorded episode, with all that it needs. Raises RunError if its robot has other bodies now."""
+    """HTML page of a recorded episode, with all that it needs. Raises RunError if its robot has
+    other bodies now."""
     episode = json.loads(path.read_text(encoding="utf-8"))
     scene = mirror_of(get_task(episode["env"])).scene
-    if len(gzip.decompress(base64.b64decode(episode["poses"]))) != 28 * len(scene.bodies) * episode["frames"]:
-        raise RunError(f"{path} shows other bodies than {episode['env']}; record it again by `python -m benchmarks episodes`")
+    if (
+        len(gzip.decompress(base64.b64decode(episode["poses"])))
+        != 28 * len(scene.bodies) * episode["frames"]
+    ):
+        raise RunError(
+            f"{path} shows other bodies than {episode['env']}; record it again by `python -m "
+            "benchmarks episodes`"
+        )
     viewer = (STATIC / "scene3d.js").read_text(encoding="utf-8").replace("export class", "class")
     parts = {
         "TITLE": f"{episode['env']}: an episode to turn",

@@ -1,11 +1,13 @@
 """Figures of the paper, drawn from the results of the studies.
 
-    python -m benchmarks figures            # docs/images/paper_*.png, and PDF and SVG in studies/figures
-    python -m benchmarks figures --quick    # from the quick form of the study `paper`, which is run first
+    python -m benchmarks figures            # docs/images/paper_*.png, and PDF and SVG in
+    studies/figures python -m benchmarks figures --quick    # from the quick form of the study
+    `paper`, which is run first
 
-The six of the paper: learning curves of the 2Wheeler, of the Walker and of the RoboArm, the camera task, DroQ at 11 and 2 Hz,
-strategies on RunAway-v0; and one of simulation to robot. A line is the mean of the seeds over five episodes, its band the 95 %
-bootstrap interval. A figure without results is left out, and said.
+The six of the paper: learning curves of the 2Wheeler, of the Walker and of the RoboArm, the camera
+task, DroQ at 11 and 2 Hz, strategies on RunAway-v0; and one of simulation to robot. A line is the
+mean of the seeds over five episodes, its band the 95 % bootstrap interval. A figure without results
+is left out, and said.
 """
 
 from __future__ import annotations
@@ -32,12 +34,17 @@ WINDOW = 5
 """Episodes whose mean is a point of a curve."""
 AGENTS = {"td3": "TD3", "sac": "SAC", "droq": "DroQ", "random": "random"}
 COLORS = {"td3": "#c44e52", "sac": "#4c72b0", "droq": "#55a868", "random": "#8c8c8c"}
-_NAMES = {"return": "return", "episode_steps": "steps of an episode", "error_sum_deg": "final error in degrees"}
+_NAMES = {
+    "return": "return",
+    "episode_steps": "steps of an episode",
+    "error_sum_deg": "final error in degrees",
+}
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure: a row of panels, each drawn by a function of its axes and the cells of a study; it returns False without any.
+    """A figure: a row of panels, each drawn by a function of its axes and the cells of a study; it
+    returns False without any.
 
     Attributes:
         study: name of the study that it is drawn from.
@@ -57,18 +64,31 @@ def smoothed(values: Sequence[float]) -> np.ndarray:
     return np.asarray((sums[ends] - sums[starts]) / (ends - starts))
 
 
-def curve(column: str, measure: str = "return", rows: Sequence[str] = tuple(AGENTS)) -> Callable[[Axes, Cells], bool]:
-    """A panel with a measure over the training episodes in an environment, a line for each agent."""
+def curve(
+    column: str, measure: str = "return", rows: Sequence[str] = tuple(AGENTS)
+) -> Callable[[Axes, Cells], bool]:
+    """A panel with a measure over the training episodes in an environment, a line for each
+    agent."""
 
     def draw(axes: Axes, cells: Cells) -> bool:
-        found = {cell["row"]: cell["curves"] for cell in cells if cell["column"] == column and cell["row"] in rows}
+        found = {
+            cell["row"]: cell["curves"]
+            for cell in cells
+            if cell["column"] == column and cell["row"] in rows
+        }
         for row, curves in found.items():
             seeds = [smoothed(one[measure]) for one in curves if one.get(measure)]
             if seeds:
                 _line(axes, seeds, AGENTS[row], COLORS[row])
         reference = paper.RETURNS.get(column, {}).get("random")
         if measure == "return" and reference is not None:
-            axes.axhline(reference[0], color=COLORS["random"], linestyle=":", linewidth=1, label="random, in the paper")
+            axes.axhline(
+                reference[0],
+                color=COLORS["random"],
+                linestyle=":",
+                linewidth=1,
+                label="random, in the paper",
+            )
         axes.set(title=column.rpartition(" from ")[2], xlabel="episode", ylabel=_NAMES[measure])
         return bool(found)
 
@@ -79,7 +99,11 @@ def rates(columns: Mapping[str, str], row: str) -> Callable[[Axes, Cells], bool]
     """A panel with the returns of one agent in several environments."""
 
     def draw(axes: Axes, cells: Cells) -> bool:
-        found = {cell["column"]: cell["curves"] for cell in cells if cell["row"] == row and cell["column"] in columns}
+        found = {
+            cell["column"]: cell["curves"]
+            for cell in cells
+            if cell["row"] == row and cell["column"] in columns
+        }
         for column, color in zip(found, ("#4c72b0", "#c44e52", "#55a868"), strict=False):
             _line(axes, [smoothed(one["return"]) for one in found[column]], columns[column], color)
         axes.set(title=AGENTS[row], xlabel="episode", ylabel="return")
@@ -93,8 +117,16 @@ def bars(column: str, metric: str, label: str) -> Callable[[Axes, Cells], bool]:
 
     def draw(axes: Axes, cells: Cells) -> bool:
         found = [cell for cell in cells if cell["column"] == column and cell["row"] in AGENTS]
-        last = [list(cell["conditions"].values())[-1]["metrics"].get(metric, float("nan")) for cell in found]
-        axes.bar([AGENTS[cell["row"]] for cell in found], last, color=[COLORS[cell["row"]] for cell in found], width=0.6)
+        last = [
+            list(cell["conditions"].values())[-1]["metrics"].get(metric, float("nan"))
+            for cell in found
+        ]
+        axes.bar(
+            [AGENTS[cell["row"]] for cell in found],
+            last,
+            color=[COLORS[cell["row"]] for cell in found],
+            width=0.6,
+        )
         axes.set(title=column, ylabel=label)
         return bool(found)
 
@@ -102,14 +134,21 @@ def bars(column: str, metric: str, label: str) -> Callable[[Axes, Cells], bool]:
 
 
 def transfer(columns: Mapping[str, str]) -> Callable[[Axes, Cells], bool]:
-    """A panel with the returns on the robot of agents that were trained in its simulation, beside the paper's."""
+    """A panel with the returns on the robot of agents that were trained in its simulation, beside
+    the paper's."""
 
     def draw(axes: Axes, cells: Cells) -> bool:
         labels = list[str]()
         for cell in cells:
             if cell["column"] in columns and cell["row"] in AGENTS:
                 last, x = list(cell["conditions"].values())[-1], len(labels)
-                axes.plot([x] * len(last["returns"]), last["returns"], "o", color=COLORS[cell["row"]], markersize=4)
+                axes.plot(
+                    [x] * len(last["returns"]),
+                    last["returns"],
+                    "o",
+                    color=COLORS[cell["row"]],
+                    markersize=4,
+                )
                 mean, deviation = cell["paper"]["return"]
                 axes.errorbar(x + 0.2, mean, deviation, color="black", marker="_", capsize=3)
                 labels.append(f"{AGENTS[cell['row']]}\n{columns[cell['column']]}")
@@ -125,7 +164,9 @@ def _line(axes: Axes, seeds: Sequence[np.ndarray], label: str, color: str) -> No
     values = np.stack([one[:shortest] for one in seeds])
     episodes = np.arange(1, shortest + 1)
     axes.plot(episodes, values.mean(0), color=color, label=label)
-    intervals = [interval for column in values.T if (interval := seeds_interval(column)) is not None]
+    intervals = [
+        interval for column in values.T if (interval := seeds_interval(column)) is not None
+    ]
     if len(intervals) == shortest:
         low, high = np.array([ends(interval) for interval in intervals]).T
         axes.fill_between(episodes, low, high, color=color, alpha=0.2, linewidth=0)
@@ -144,9 +185,20 @@ FIGURES = (
             for measure in ("return", "error_sum_deg", "episode_steps")
         ),
     ),
-    Figure("camera", "RoboArm with a camera", (curve("RoboArm_mixed-v0"), curve("RoboArm_mixed-v0", "episode_steps"))),
     Figure(
-        "rates", "Steps a second", (rates({"Walker-v0, 11 Hz": "11 Hz", "Walker-v0, 2 Hz": "2 Hz", "Walker-v0": "4 Hz"}, "droq"),)
+        "camera",
+        "RoboArm with a camera",
+        (curve("RoboArm_mixed-v0"), curve("RoboArm_mixed-v0", "episode_steps")),
+    ),
+    Figure(
+        "rates",
+        "Steps a second",
+        (
+            rates(
+                {"Walker-v0, 11 Hz": "11 Hz", "Walker-v0, 2 Hz": "2 Hz", "Walker-v0": "4 Hz"},
+                "droq",
+            ),
+        ),
     ),
     Figure(
         "strategies",
@@ -167,12 +219,25 @@ def draw(figure: Figure, cells: Cells, place: Path, forms: Sequence[str]) -> lis
     columns = min(3, len(figure.panels))
     rows = -(-len(figure.panels) // columns)
     canvas = Canvas(figsize=(4.2 * columns, 3.2 * rows), layout="constrained")
-    drawn = [panel(canvas.add_subplot(rows, columns, i + 1), cells) for i, panel in enumerate(figure.panels)]
+    drawn = [
+        panel(canvas.add_subplot(rows, columns, i + 1), cells)
+        for i, panel in enumerate(figure.panels)
+    ]
     if not any(drawn):
         return []
-    labels = {label: handle for axes in canvas.axes for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    labels = {
+        label: handle
+        for axes in canvas.axes
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
     if labels:
-        canvas.legend(labels.values(), labels.keys(), loc="outside lower center", ncols=len(labels), frameon=False)
+        canvas.legend(
+            labels.values(),
+            labels.keys(),
+            loc="outside lower center",
+            ncols=len(labels),
+            frameon=False,
+        )
     canvas.suptitle(figure.title)
     paths = [place / f"paper_{figure.name}.{form}" for form in forms]
     for path in paths:
@@ -194,7 +259,12 @@ def main(session: Session) -> None:
     vectors = session.place_of(Path("studies") / "figures")
     images = vectors if session.is_apart else IMAGES
     for figure in FIGURES:
-        path = results / (f"{figure.study}/study.json" if session.is_quick else f"study_{figure.study}.json")
+        path = results / (
+            f"{figure.study}/study.json" if session.is_quick else f"study_{figure.study}.json"
+        )
         cells = json.loads(path.read_text())["cells"] if path.exists() else []
-        paths = [*draw(figure, cells, images, ("png",)), *draw(figure, cells, vectors, ("pdf", "svg"))]
+        paths = [
+            *draw(figure, cells, images, ("png",)),
+            *draw(figure, cells, vectors, ("pdf", "svg")),
+        ]
         print(f"{figure.name}: {', '.join(map(str, paths)) or 'no results yet'}", flush=True)

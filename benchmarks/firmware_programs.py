@@ -1,15 +1,15 @@
 """Random programs on the virtual hub and on the firmware, built for a computer.
 
-    git clone --branch v4.1.0b2 https://github.com/pybricks/pybricks-micropython
-    cd pybricks-micropython
-    sed -i 's/% 16/% 50000/' lib/pbio/drv/clock/clock_test.c
-    sed -i 's/initial_angle = 123456/initial_angle = 0/' lib/pbio/platform/virtual_hub/platform.c
-    make -C bricks/virtualhub BUILD=build CI_MODE=1
-    python -m benchmarks firmware_programs pybricks-micropython/bricks/virtualhub/build/pybricks-virtualhub
+    git clone --branch v4.1.0b2 https://github.com/pybricks/pybricks-micropython cd
+    pybricks-micropython sed -i 's/% 16/% 50000/' lib/pbio/drv/clock/clock_test.c sed -i
+    's/initial_angle = 123456/initial_angle = 0/' lib/pbio/platform/virtual_hub/platform.c make -C
+    bricks/virtualhub BUILD=build CI_MODE=1 python -m benchmarks firmware_programs
+    pybricks-micropython/bricks/virtualhub/build/pybricks-virtualhub
 
-A program is the same if both print the same, to the last digit. The others are kept in ``--keep`` with both outputs. The firmware
-is changed twice: its clock stands still while a program computes, and its motors start at 0 degrees, as here. It compiles
-programs with ``pybricksdev``, which has to be on the path.
+A program is the same if both print the same, to the last digit. The others are kept in ``--keep``
+with both outputs. The firmware is changed twice: its clock stands still while a program computes,
+and its motors start at 0 degrees, as here. It compiles programs with ``pybricksdev``, which has to
+be on the path.
 """
 
 from __future__ import annotations
@@ -70,16 +70,34 @@ def motor_moves(rng: random.Random, motor: str) -> tuple[str, ...]:
 
 
 def motor_reading(rng: random.Random, motor: str) -> str:
-    readings = ("angle()", "speed()", f"speed({rng.choice((20, 50, 100, 200))})", "load()", "stalled()", "done()")
-    return f"print(s.time(), {', '.join(f'{motor}.{reading}' for reading in rng.sample(readings, 3))})"
+    readings = (
+        "angle()",
+        "speed()",
+        f"speed({rng.choice((20, 50, 100, 200))})",
+        "load()",
+        "stalled()",
+        "done()",
+    )
+    return (
+        f"print(s.time(), {', '.join(f'{motor}.{reading}' for reading in rng.sample(readings, 3))})"
+    )
 
 
 def motor_setting(rng: random.Random, motor: str) -> str:
     return rng.choice(
         (
-            f"{motor}.control.limits({rng.randint(100, 1200)}, {rng.randint(200, 5000)}, {rng.randint(50, 700)})",
-            f"{motor}.control.limits(acceleration=({rng.randint(200, 5000)}, {rng.randint(200, 5000)}))",
-            f"{motor}.control.pid({rng.randint(2000, 40000)}, {rng.randint(0, 20000)}, {rng.randint(0, 3000)})",
+            (
+                f"{motor}.control.limits({rng.randint(100, 1200)}, {rng.randint(200, 5000)}, "
+                f"{rng.randint(50, 700)})"
+            ),
+            (
+                f"{motor}.control.limits(acceleration=({rng.randint(200, 5000)}, "
+                f"{rng.randint(200, 5000)}))"
+            ),
+            (
+                f"{motor}.control.pid({rng.randint(2000, 40000)}, {rng.randint(0, 20000)}, "
+                f"{rng.randint(0, 3000)})"
+            ),
             f"{motor}.control.target_tolerances({rng.randint(0, 100)}, {rng.randint(1, 30)})",
             f"{motor}.control.stall_tolerances({rng.randint(1, 200)}, {rng.randint(10, 500)})",
             f"{motor}.settings({rng.randint(2000, 9000)})",
@@ -115,9 +133,18 @@ def base_moves(rng: random.Random) -> tuple[str, ...]:
 def base_setting(rng: random.Random) -> str:
     return rng.choice(
         (
-            f"b.settings({rng.randint(50, 400)}, {rng.randint(100, 1500)}, {rng.randint(50, 400)}, {rng.randint(100, 1500)})",
-            f"b.settings(straight_acceleration=({rng.randint(100, 1500)}, {rng.randint(100, 1500)}))",
-            f"b.distance_control.pid({rng.randint(2000, 40000)}, {rng.randint(0, 20000)}, {rng.randint(0, 3000)})",
+            (
+                f"b.settings({rng.randint(50, 400)}, {rng.randint(100, 1500)}, "
+                f"{rng.randint(50, 400)}, {rng.randint(100, 1500)})"
+            ),
+            (
+                f"b.settings(straight_acceleration=({rng.randint(100, 1500)}, "
+                f"{rng.randint(100, 1500)}))"
+            ),
+            (
+                f"b.distance_control.pid({rng.randint(2000, 40000)}, {rng.randint(0, 20000)}, "
+                f"{rng.randint(0, 3000)})"
+            ),
             f"b.heading_control.target_tolerances({rng.randint(1, 100)}, {rng.randint(1, 30)})",
         )
     )
@@ -137,7 +164,11 @@ def read(rng: random.Random, reading: str) -> list[str]:
     """Reading after a wait, or in some turns of a loop."""
     if rng.random() < 0.5:
         return [f"wait({rng.randint(0, 400)})", reading]
-    return [f"for i in range({rng.randint(1, 5)}):", f"    wait({rng.randint(1, 60)})", f"    {reading}"]
+    return [
+        f"for i in range({rng.randint(1, 5)}):",
+        f"    wait({rng.randint(1, 60)})",
+        f"    {reading}",
+    ]
 
 
 def motors(rng: random.Random) -> list[str]:
@@ -162,7 +193,10 @@ def base(rng: random.Random) -> list[str]:
     return [
         f"m = Motor(Port.A, Direction.{one})",
         f"n = Motor(Port.B, Direction.{other})",
-        f"b = DriveBase(m, n, {rng.choice((46, 56, 62.4, 88))}, {rng.choice((80, 88.5, 112, 140))})",
+        (
+            f"b = DriveBase(m, n, {rng.choice((46, 56, 62.4, 88))}, "
+            f"{rng.choice((80, 88.5, 112, 140))})"
+        ),
     ]
 
 
@@ -193,14 +227,26 @@ def tasks(rng: random.Random) -> list[str]:
                     [f"await {move}"],
                     [motor_command(rng, motor)],
                     [base_command(rng)],
-                    [f"for i in range({rng.randint(1, 4)}):", f"    await wait({rng.randint(0, 60)})", f"    {here}"],
-                    [f"await multitask(wait({rng.randint(0, 300)}), {move}, race={rng.random() < 0.5})"],
+                    [
+                        f"for i in range({rng.randint(1, 4)}):",
+                        f"    await wait({rng.randint(0, 60)})",
+                        f"    {here}",
+                    ],
+                    [
+                        (
+                            f"await multitask(wait({rng.randint(0, 300)}), {move}, "
+                            f"race={rng.random() < 0.5})"
+                        )
+                    ],
                 )
             )
             lines += [f"    {line}" for line in step]
             lines.append(f"    {here}")
     calls = ", ".join(f"{name}()" for name in names)
-    lines += ["async def main():", f"    print(await multitask({calls}, race={rng.random() < 0.4}))"]
+    lines += [
+        "async def main():",
+        f"    print(await multitask({calls}, race={rng.random() < 0.4}))",
+    ]
     return [*lines, "run_task(main())", "print(s.time(), m.angle(), n.angle())"]
 
 
@@ -240,7 +286,11 @@ def on_virtual_hub(program: Path) -> str:
 def on_firmware(binary: Path, program: Path) -> str:
     try:
         process = subprocess.run(  # noqa: S603 - the firmware that the caller has built
-            [binary.absolute(), program], stdin=subprocess.DEVNULL, capture_output=True, timeout=_TIMEOUT_S, check=False
+            [binary.absolute(), program],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=_TIMEOUT_S,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         return NO_END
@@ -258,7 +308,9 @@ def compare(kind: str, number: int, binary: Path, folder: Path) -> tuple[str, st
 def main(session: Session) -> None:
     parser = session.parser
     parser.add_argument("binary", type=Path, help="the firmware, built for a computer")
-    parser.add_argument("--programs", type=int, default=300, help="programs of each kind (default: 300)")
+    parser.add_argument(
+        "--programs", type=int, default=300, help="programs of each kind (default: 300)"
+    )
     parser.add_argument("--first", type=int, default=0, help="number of the first one (default: 0)")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     parser.add_argument("--keep", type=Path, help="folder for the programs that differ")
@@ -268,15 +320,28 @@ def main(session: Session) -> None:
     for kind in args.kinds:
         differ = []
         with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(2) as pool:
-            compared = pool.map(lambda number, kind=kind: compare(kind, number, args.binary, Path(folder)), numbers)
+            compared = pool.map(
+                lambda number, kind=kind: compare(kind, number, args.binary, Path(folder)), numbers
+            )
             for number, (source, ours, theirs) in zip(numbers, compared, strict=True):
                 if ours != theirs:
                     differ.append(number)
                     if args.keep is not None:
                         args.keep.mkdir(parents=True, exist_ok=True)
-                        for name, text in ((f"{number}.py", source), (f"{number}.ours", ours), (f"{number}.firmware", theirs)):
+                        for name, text in (
+                            (f"{number}.py", source),
+                            (f"{number}.ours", ours),
+                            (f"{number}.firmware", theirs),
+                        ):
                             (args.keep / f"{kind}_{name}").write_text(text, encoding="utf-8")
-        print(f"{kind}: {len(numbers) - len(differ)} of {len(numbers)} the same; differ: {differ}", flush=True)
-        result["kinds"][kind] = {"programs": len(numbers), "same": len(numbers) - len(differ), "differ": differ}
+        print(
+            f"{kind}: {len(numbers) - len(differ)} of {len(numbers)} the same; differ: {differ}",
+            flush=True,
+        )
+        result["kinds"][kind] = {
+            "programs": len(numbers),
+            "same": len(numbers) - len(differ),
+            "differ": differ,
+        }
     if args.first == 0:
         session.write(result)

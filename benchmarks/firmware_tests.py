@@ -3,10 +3,11 @@
     git clone https://github.com/pybricks/pybricks-micropython
     python -m benchmarks firmware_tests pybricks-micropython/tests/virtualhub
 
-Runs every program below the folder with a file of its expected output (``x.py.exp`` or ``x.exp``), on the bench. Programs that
-cannot run on a hub are counted separately, with the reason: they skip themselves, or need a module or long integers that no hub
-has. Other differences are listed by name, with the first differing line. Two tests of the firmware need a motor with end stops,
-and some of MicroPython's own tests expect the configuration for a PC.
+Runs every program below the folder with a file of its expected output (``x.py.exp`` or ``x.exp``),
+on the bench. Programs that cannot run on a hub are counted separately, with the reason: they skip
+themselves, or need a module or long integers that no hub has. Other differences are listed by name,
+with the first differing line. Two tests of the firmware need a motor with end stops, and some of
+MicroPython's own tests expect the configuration for a PC.
 """
 
 from __future__ import annotations
@@ -58,16 +59,24 @@ def verdict(printed: str, expected: str) -> str:
         if match := re.search(pattern, printed):
             return reason.format(*match.groups())
     lines = zip([*printed.splitlines(), "(end)"], [*expected.splitlines(), "(end)"], strict=False)
-    actual, right = next(((actual, right) for actual, right in lines if actual != right), ("(end)", "(more)"))
+    actual, right = next(
+        ((actual, right) for actual, right in lines if actual != right), ("(end)", "(more)")
+    )
     return f"differs: {actual!r}, expected {right!r}"
 
 
 def main(session: Session) -> None:
     parser = session.parser
     parser.add_argument("folder", type=Path, help="where the programs are")
-    parser.add_argument("--robot", default="bench", help="the virtual robot that they run on (default: bench)")
-    parser.add_argument("--time-limit-s", type=float, default=60.0, help="simulated seconds for each (default: 60)")
-    parser.add_argument("--timeout-s", type=float, default=60.0, help="real seconds for each (default: 60)")
+    parser.add_argument(
+        "--robot", default="bench", help="the virtual robot that they run on (default: bench)"
+    )
+    parser.add_argument(
+        "--time-limit-s", type=float, default=60.0, help="simulated seconds for each (default: 60)"
+    )
+    parser.add_argument(
+        "--timeout-s", type=float, default=60.0, help="real seconds for each (default: 60)"
+    )
     args = session.parse()
     folders: defaultdict[str, Counter[str]] = defaultdict(Counter)
     differences: dict[str, str] = {}
@@ -76,11 +85,16 @@ def main(session: Session) -> None:
         if exp is None:
             continue
         name = program.relative_to(args.folder)
-        result = verdict(output(program, args.robot, args.time_limit_s, args.timeout_s), exp.read_text(encoding="utf-8"))
+        result = verdict(
+            output(program, args.robot, args.time_limit_s, args.timeout_s),
+            exp.read_text(encoding="utf-8"),
+        )
         if result.startswith("differs"):
             differences[name.as_posix()] = result
             print(f"{name.as_posix()} {result}")
         folders[name.parent.as_posix()][result.partition(":")[0]] += 1
     for folder, counts in folders.items():
         print(folder, dict(counts))
-    session.write({"folders": {name: dict(c) for name, c in folders.items()}, "differences": differences})
+    session.write(
+        {"folders": {name: dict(c) for name, c in folders.items()}, "differences": differences}
+    )

@@ -2,9 +2,10 @@
 
     python -m benchmarks first_body
 
-Each measurement is a process of its own, which imports MuJoCo, imports and makes the robot and its first body, and then a later
-body. The result is the time of the first body with its imports, less that of the later one. Processes with the model kept and
-without a cache take turns, after one that warms up; medians. Takes about a minute.
+Each measurement is a process of its own, which imports MuJoCo, imports and makes the robot and its
+first body, and then a later body. The result is the time of the first body with its imports, less
+that of the later one. Processes with the model kept and without a cache take turns, after one that
+warms up; medians. Takes about a minute.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ ROBOTS = {
     "walker": "robots.WALKER",
     "robo-arm": "robots.ROBO_ARM",
     "two-wheeler": "robots.TWO_WHEELER",
-    "plan=walker.ldr": "Robot('mine', HubKind.PRIME, plan=str(plan_file('bricktwin.robots.plans:walker.ldr')))",
+    "plan=walker.ldr": (
+        "Robot('mine', HubKind.PRIME, plan=str(plan_file('bricktwin.robots.plans:walker.ldr')))"
+    ),
 }
 """Expressions of the robots."""
 _PROCESS = """
@@ -49,7 +52,10 @@ def measure(robot: str, cache: str) -> tuple[float, float, float]:
     """CPU seconds of a process: import of MuJoCo, first and later body."""
     environment = {**os.environ, **ONE_THREAD, "XDG_CACHE_HOME": cache}
     code = _PROCESS.format(robot=ROBOTS[robot])
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True)  # noqa: S603 - our own code
+    # - our own code
+    done = subprocess.run(  # noqa: S603
+        [sys.executable, "-c", code], env=environment, capture_output=True, check=True
+    )
     mujoco_s, first_s, later_s = json.loads(done.stdout)
     return mujoco_s, first_s, later_s
 
@@ -65,9 +71,17 @@ def main(session: Session) -> None:
             for _ in range(args.runs + 1):
                 for name, cache in caches.items():
                     times[name].append(measure(robot, cache))
-            above = {name: [first_s - later_s for _, first_s, later_s in times[name][1:]] for name in caches}
-            results[robot] = {f"{name}_cpu_s": round(statistics.median(values), 3) for name, values in above.items()}
+            above = {
+                name: [first_s - later_s for _, first_s, later_s in times[name][1:]]
+                for name in caches
+            }
+            results[robot] = {
+                f"{name}_cpu_s": round(statistics.median(values), 3)
+                for name, values in above.items()
+            }
             results[robot]["kept_max_cpu_s"] = round(max(above["kept"]), 3)
-            results[robot]["import_mujoco_cpu_s"] = round(statistics.median(row[0] for row in times["kept"][1:]), 3)
+            results[robot]["import_mujoco_cpu_s"] = round(
+                statistics.median(row[0] for row in times["kept"][1:]), 3
+            )
             print(robot, results[robot])
     session.write({"runs": args.runs, "robots": results})

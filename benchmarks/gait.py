@@ -2,10 +2,10 @@
 
     python -m benchmarks gait
 
-Each seed searches for 300 robot steps; the gait that it keeps is compared with the hand-written trot, in the same episodes on the
-same twin. CPU seconds are those of the run without its start-up. A picture in docs/images shows what the searches of all
-seeds together know of the landscape. On the hub: the gait of the first seed, and SAC's policies as networks, see
-`bricksrl.policies.hub_export`.
+Each seed searches for 300 robot steps; the gait that it keeps is compared with the hand-written
+trot, in the same episodes on the same twin. CPU seconds are those of the run without its start-up.
+A picture in docs/images shows what the searches of all seeds together know of the landscape. On the
+hub: the gait of the first seed, and SAC's policies as networks, see `bricksrl.policies.hub_export`.
 """
 
 from __future__ import annotations
@@ -28,12 +28,16 @@ from bricksrl.agents.search.gait import PolicySearch, Posterior, bounds, embedde
 from bricksrl.training import TrainConfig, train
 
 STEPS, EPISODES, SEED, FIRST_SEED = 300, 2, 4711, 100
-"""Robot steps of a search; episodes of an evaluation, and its seed; first seed of the searches. Settings were chosen on others
-and on the first four of these; the last six chose none."""
+"""Robot steps of a search; episodes of an evaluation, and its seed; first seed of the searches.
+Settings were chosen on others and on the first four of these; the last six chose none."""
 WALKER = "Walker-v1"
 PICTURES = Path(__file__).parent.parent / "docs" / "images"
 SIX_LEGS = f"{Path(__file__).parent.parent / 'examples' / '15_six_legs.py'}:WALK"
-ON_HUB = {"gait": (WALKER, "gait", 3), "network": (WALKER, "sac", 12), "network with the distance": ("RunAway-v0", "sac", 12)}
+ON_HUB = {
+    "gait": (WALKER, "gait", 3),
+    "network": (WALKER, "sac", 12),
+    "network with the distance": ("RunAway-v0", "sac", 12),
+}
 """Environment, agent and training episodes of what is exported."""
 
 
@@ -67,7 +71,10 @@ def evaluated(env_id: str, policy: Any) -> dict[str, float]:
     played = list(play_episodes(env, policy, EPISODES, SEED))
     env.close()
     speeds = [episode.metrics["forward_speed_m_s"] for episode in played]
-    return {"return": sum(episode.return_ for episode in played) / EPISODES, "speed_m_s": sum(speeds) / EPISODES}
+    return {
+        "return": sum(episode.return_ for episode in played) / EPISODES,
+        "speed_m_s": sum(speeds) / EPISODES,
+    }
 
 
 def trot() -> dict[str, float]:
@@ -79,14 +86,26 @@ def search(env_id: str, seed: int) -> dict[str, Any]:
     """A search: the gait that it keeps, and its trials."""
     watch = Watch(STEPS)
     with tempfile.TemporaryDirectory() as parent:
-        config = TrainConfig(env_id, "gait", STEPS, seed, record=False, run_dir=Path(parent) / "run")
+        config = TrainConfig(
+            env_id, "gait", STEPS, seed, record=False, run_dir=Path(parent) / "run"
+        )
         steps = train(config, watch, stop=watch.stop).episodes[-1].steps
     learner: PolicySearch = watch.learner
     names = [entry.name for entry in learner.actor.structure.numbers]
-    best = {name: round(value, 3) for name, value in zip(names, learner.actor.best.tolist(), strict=True)}
+    best = {
+        name: round(value, 3)
+        for name, value in zip(names, learner.actor.best.tolist(), strict=True)
+    }
     trials = {"numbers": learner.numbers.tolist(), "scores": learner.scores.tolist()}
     outcome = evaluated(env_id, TensorDictModule(learner.actor, ["observation"], ["action"]))
-    return {"steps": steps, **outcome, "falls": watch.falls, "cpu_s": round(watch.cpu_s, 2), "best": best, "trials": trials}
+    return {
+        "steps": steps,
+        **outcome,
+        "falls": watch.falls,
+        "cpu_s": round(watch.cpu_s, 2),
+        "best": best,
+        "trials": trials,
+    }
 
 
 def on_hub(env_id: str, agent: str, episodes: int) -> dict[str, Any]:
@@ -96,11 +115,16 @@ def on_hub(env_id: str, agent: str, episodes: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
         train(TrainConfig(env_id, agent, episodes, record=False, run_dir=folder))
-        return {"env": env_id, "agent": agent, **asdict(export_program(folder, Path(parent) / "program.py"))}
+        return {
+            "env": env_id,
+            "agent": agent,
+            **asdict(export_program(folder, Path(parent) / "program.py")),
+        }
 
 
 def draw(path: Path, searches: list[dict[str, Any]]) -> None:
-    """Draw what the Gaussian process of all trials knows of speed and phase; a dot for each trial."""
+    """Draw what the Gaussian process of all trials knows of speed and phase; a dot for each
+    trial."""
     from bricksrl.agents.search.structures import oscillators
     from bricksrl.envs import make
     from bricksrl.plotting import new_figure, save
@@ -114,7 +138,9 @@ def draw(path: Path, searches: list[dict[str, Any]]) -> None:
     axis = torch.linspace(0.0, 1.0, 61)
     across, along = (low[i] + axis * (high[i] - low[i]) for i in (0, 1))
     grid = torch.stack(torch.meshgrid(across, along, indexing="xy"), -1).view(-1, 2)
-    means, _ = Posterior(embedded(numbers, entries), scores, torch.zeros(len(scores))).at(embedded(grid, entries))
+    means, _ = Posterior(embedded(numbers, entries), scores, torch.zeros(len(scores))).at(
+        embedded(grid, entries)
+    )
     figure = new_figure(6.4, 5.2)
     axes = figure.subplots()
     image = axes.pcolormesh(across, along, means.view(61, 61), cmap="viridis", shading="gouraud")
@@ -127,17 +153,27 @@ def draw(path: Path, searches: list[dict[str, Any]]) -> None:
 
 def main(session: Session) -> None:
     """Measure, and write."""
-    session.parser.add_argument("--on-hub", nargs="*", default=list(ON_HUB), choices=list(ON_HUB), metavar="KIND")
+    session.parser.add_argument(
+        "--on-hub", nargs="*", default=list(ON_HUB), choices=list(ON_HUB), metavar="KIND"
+    )
     args = session.parse(seeds=10, six_legs_seeds=3)
     (reference,) = session.outcomes(trot, {"trot": ()})
-    walkers, sixes = (range(FIRST_SEED, FIRST_SEED + count) for count in (args.seeds, args.six_legs_seeds))
+    walkers, sixes = (
+        range(FIRST_SEED, FIRST_SEED + count) for count in (args.seeds, args.six_legs_seeds)
+    )
     walker = list(session.outcomes(search, {f"walker-{seed}": (WALKER, seed) for seed in walkers}))
     six = list(session.outcomes(search, {f"six-legs-{seed}": (SIX_LEGS, seed) for seed in sixes}))
-    programs = list(session.outcomes(on_hub, {f"hub-{name.replace(' ', '-')}": ON_HUB[name] for name in args.on_hub}))
+    programs = list(
+        session.outcomes(
+            on_hub, {f"hub-{name.replace(' ', '-')}": ON_HUB[name] for name in args.on_hub}
+        )
+    )
     if walker:
         draw(session.place_of(PICTURES) / "gait_landscape.png", walker)
     for one in (*walker, *six):
         del one["trials"]
     for one in walker:
         one["of_trot"] = round(one["return"] / reference["return"], 3)
-    session.write({"steps": STEPS, "trot": reference, "walker": walker, "six_legs": six, "hub": programs})
+    session.write(
+        {"steps": STEPS, "trot": reference, "walker": walker, "six_legs": six, "hub": programs}
+    )

@@ -1,11 +1,12 @@
-"""LEGO's kits, virtual, behind LEGO's own package: what LEGO publishes, our own programs, and drawn faults of the link.
+"""LEGO's kits, virtual, behind LEGO's own package: what LEGO publishes, our own programs, and drawn
+faults of the link.
 
     git clone https://github.com/LEGO/LEGOEducation
     python -m benchmarks kit_programs --lego LEGOEducation
 
-Each program runs in a process of its own, on a bench with a device of each kind, and its speed is that of simulated time. Faults
-are drawn as in ``test_kit_link.py``: the devices are out of reach at some time of a run, for 10 ms to 45 s. Needs the extra
-`legoeducation`.
+Each program runs in a process of its own, on a bench with a device of each kind, and its speed is
+that of simulated time. Faults are drawn as in ``test_kit_link.py``: the devices are out of reach at
+some time of a run, for 10 ms to 45 s. Needs the extra `legoeducation`.
 """
 
 from __future__ import annotations
@@ -30,9 +31,20 @@ def program(source: str) -> dict[str, Any]:
         file, readings = Path(folder) / "program.py", Path(folder) / "seen.csv"
         file.write_text(source, encoding="utf-8")
         readings.write_text("0, white\n2.5, red\n", encoding="utf-8")
-        command = [sys.executable, "-m", "brickhub", "run", str(file), "--reading", f"D=@{readings}", "--time-limit-s", "100"]
+        command = [
+            sys.executable,
+            "-m",
+            "brickhub",
+            "run",
+            str(file),
+            "--reading",
+            f"D=@{readings}",
+            "--time-limit-s",
+            "100",
+        ]
         began_s = time.perf_counter()
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)  # noqa: S603 - our own command
+        # - our own command
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)  # noqa: S603
         wall_s = time.perf_counter() - began_s
     return {
         "code": done.returncode,
@@ -50,7 +62,8 @@ def faults(count: int, seed: int) -> dict[str, Any]:
 
 
 def speed() -> float:
-    """Simulated seconds per second, of the cart on its course, each step of 60 ms commanded and read."""
+    """Simulated seconds per second, of the cart on its course, each step of 60 ms commanded and
+    read."""
     import bricksrl
 
     env = bricksrl.make("LineFollow-v0", seed=0, robot="cart")
@@ -79,9 +92,13 @@ def main(session: Session) -> None:
     parts = {f"faults-{seed}-{size}": (size, seed) for seed, size in enumerate(sizes)}
     courses = list(session.outcomes(faults, parts))
     result = {
-        "programs": {group: sum(name.startswith(group) for name in found) for group in ("own", "lego")},
+        "programs": {
+            group: sum(name.startswith(group) for name in found) for group in ("own", "lego")
+        },
         "failed": failed,
-        "wall_s_median": round(statistics.median(outcome["wall_s"] for outcome in found.values()), 2),
+        "wall_s_median": round(
+            statistics.median(outcome["wall_s"] for outcome in found.values()), 2
+        ),
         "speed_of_learning": round(speed(), 1),
         "faults": sum(course["faults"] for course in courses),
         "steps_lost": sum(course["steps_lost"] for course in courses),

@@ -1,8 +1,10 @@
-"""Exchanges over each link of the virtual hub, one after the other and after pauses, against published and estimated times.
+"""Exchanges over each link of the virtual hub, one after the other and after pauses, against
+published and estimated times.
 
     python -m benchmarks link_exchanges
 
-An exchange is a reading of the sensors over the link that trains robots (brickhub's HubLink), retries included.
+An exchange is a reading of the sensors over the link that trains robots (brickhub's HubLink),
+retries included.
 """
 
 from __future__ import annotations
@@ -28,7 +30,10 @@ EXPECTED: dict[str, dict[str, Any]] = {
     "linux": {
         "exchanges": {"p50": 90, "p95": 105, "p99.9": 300},
         "after_pause": {"p95": 300},
-        "source": "11 Hz in the BricksRL paper; 30 to 50 ms (bluez#847); up to 300 ms after a pause (gattlib#223); p95 estimated",
+        "source": (
+            "11 Hz in the BricksRL paper; 30 to 50 ms (bluez#847); up to 300 ms after a "
+            "pause (gattlib#223); p95 estimated"
+        ),
     },
     "bad-room": {
         "exchanges": {"p50": 95, "p95": 190, "p99.9": 500},
@@ -42,18 +47,32 @@ def measure(name: str, exchanges: int, pauses: int) -> dict[str, Any]:
     """Quantiles over one link, in ms."""
     hub, interface = VirtualHub(BenchBody(BENCH), link=PROFILES[name]), whole_interface(BENCH)
     with HubLink(hub, BENCH, interface) as link:
-        rows = {"exchanges": [link.read().round_trip_s for _ in range(exchanges)], "after_pause": list[float]()}
+        rows = {
+            "exchanges": [link.read().round_trip_s for _ in range(exchanges)],
+            "after_pause": list[float](),
+        }
         for _ in range(pauses):
             hub.run_on_until(hub.machine.time_ms + PAUSE_MS)
             rows["after_pause"].append(link.read().round_trip_s)
-        counts = {"resends": link.statistics.resends, "watchdog_ms": round(1000 * link.statistics.watchdog_s)}
-    quantiles = {row: {f"p{one:g}": round(1000 * percentile(times_s, one)) for one in PERCENTS} for row, times_s in rows.items()}
+        counts = {
+            "resends": link.statistics.resends,
+            "watchdog_ms": round(1000 * link.statistics.watchdog_s),
+        }
+    quantiles = {
+        row: {f"p{one:g}": round(1000 * percentile(times_s, one)) for one in PERCENTS}
+        for row, times_s in rows.items()
+    }
     return {**quantiles, **counts, "count": exchanges, "pauses": pauses}
 
 
 def main(session: Session) -> None:
     """Measure all links and write."""
     args = session.parse(exchanges=10_000)
-    parts = {f"{name}-{args.exchanges}": (name, args.exchanges, args.exchanges // 10) for name in PROFILES}
+    parts = {
+        f"{name}-{args.exchanges}": (name, args.exchanges, args.exchanges // 10)
+        for name in PROFILES
+    }
     measured = dict(zip(PROFILES, session.outcomes(measure, parts), strict=True))
-    session.write({"links": {name: found | {"expected": EXPECTED[name]} for name, found in measured.items()}})
+    session.write(
+        {"links": {name: found | {"expected": EXPECTED[name]} for name, found in measured.items()}}
+    )

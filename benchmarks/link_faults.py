@@ -1,10 +1,12 @@
-"""Seeded faults on the link while a robot is trained over a simulated radio; fails at the first harmful one.
+"""Seeded faults on the link while a robot is trained over a simulated radio; fails at the first
+harmful one.
 
-    python -m benchmarks link_faults --faults 1000
-    python -m benchmarks link_faults --faults 3 --end-ms 10000 --jobs 1      # with the second stage of a real hub
+    python -m benchmarks link_faults --faults 1000 python -m benchmarks link_faults --faults 3
+    --end-ms 10000 --jobs 1      # with the second stage of a real hub
 
-Everything runs in real time: some seconds per fault, and several hubs in parallel. The hub
-ends its program half a second after it has stopped its motors, not after ten as a real one, so that a thousand take minutes.
+Everything runs in real time: some seconds per fault, and several hubs in parallel. The hub ends its
+program half a second after it has stopped its motors, not after ten as a real one, so that a
+thousand take minutes.
 """
 
 from __future__ import annotations
@@ -43,7 +45,9 @@ def course(faults: int, seed: int, end_ms: int) -> dict[str, Any]:
     program = importlib.import_module("brickhub.hub.program.generate")
     program.END_MS = end_ms  # type: ignore[attr-defined]
     with tempfile.TemporaryDirectory() as folder:
-        return dict(vars(importlib.import_module("fault_course").run_course(Path(folder), faults, seed)))
+        return dict(
+            vars(importlib.import_module("fault_course").run_course(Path(folder), faults, seed))
+        )
 
 
 def main(session: Session) -> None:
@@ -53,7 +57,8 @@ def main(session: Session) -> None:
     args = session.parse(faults=1000, end_ms=500, seed=0)
     sizes = [min(args.course, args.faults - start) for start in range(0, args.faults, args.course)]
     jobs = {
-        f"{args.seed + number}-{size}-{args.end_ms}": (size, args.seed + number, args.end_ms) for number, size in enumerate(sizes)
+        f"{args.seed + number}-{size}-{args.end_ms}": (size, args.seed + number, args.end_ms)
+        for number, size in enumerate(sizes)
     }
     start_s = time.monotonic()
     reports = list(session.outcomes(course, jobs, session.jobs or WORKERS))
@@ -65,7 +70,9 @@ def main(session: Session) -> None:
 
 def summary(reports: list[dict[str, Any]]) -> dict[str, Any]:
     """Summary of all courses so far."""
-    result: dict[str, Any] = {"faults_in_all": sum(sum(report["faults"].values()) for report in reports)}
+    result: dict[str, Any] = {
+        "faults_in_all": sum(sum(report["faults"].values()) for report in reports)
+    }
     for name in _COUNTED:
         total: Counter[str] = sum((Counter(report[name]) for report in reports), Counter())
         result[name] = dict(sorted(total.items()))

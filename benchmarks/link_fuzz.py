@@ -1,9 +1,11 @@
-"""Fuzzing of the frame decoders: for any bytes, only our exceptions, and resynchronisation within two frames.
+"""Fuzzing of the frame decoders: for any bytes, only our exceptions, and resynchronisation within
+two frames.
 
     python -m benchmarks link_fuzz --seconds 600
 
-Every decoded stream is compared with what was sent. A checksum of 8 bits misses some damage: of streams damaged in several
-places, about one frame in 256 candidates passes; these are counted. It always detects one flipped bit, and a burst within a byte.
+Every decoded stream is compared with what was sent. A checksum of 8 bits misses some damage: of
+streams damaged in several places, about one frame in 256 candidates passes; these are counted. It
+always detects one flipped bit, and a burst within a byte.
 """
 
 from __future__ import annotations
@@ -13,8 +15,21 @@ import time
 from collections import Counter
 
 from benchmarks.session import Session
-from brickhub.hub.protocol import UP_PAYLOAD_BYTES, DataFrame, FrameDecoder, Up, control_frame, data_frame, hello_payload
-from brickhub.hub.transports.profile import parse_capabilities, parse_event, parse_hub_kind, parse_version
+from brickhub.hub.protocol import (
+    UP_PAYLOAD_BYTES,
+    DataFrame,
+    FrameDecoder,
+    Up,
+    control_frame,
+    data_frame,
+    hello_payload,
+)
+from brickhub.hub.transports.profile import (
+    parse_capabilities,
+    parse_event,
+    parse_hub_kind,
+    parse_version,
+)
 from brickhub.hub.transports.usb import Framer, decode_cobs, encode_cobs
 from bricksrl.errors import HubProtocolError
 
@@ -61,10 +76,14 @@ def fuzz_frames(rng: random.Random, counts: Counter[str]) -> None:
     """Fuzz our frames: after the damage they are received from the second one on."""
     decoder = FrameDecoder(PAYLOAD_BYTES, UP_PAYLOAD_BYTES)
     sent = frames(rng, rng.randint(1, 8))
-    received = [frame for piece in pieces(rng, damage(rng, b"".join(sent))) for frame in decoder.feed(piece)]
+    received = [
+        frame for piece in pieces(rng, damage(rng, b"".join(sent))) for frame in decoder.feed(piece)
+    ]
     known = {frame[2:-1] for frame in sent if frame[1]}
     counts["frames heard"] += len(received)
-    counts["damage that the checksum cannot see"] += sum(isinstance(f, DataFrame) and f.payload not in known for f in received)
+    counts["damage that the checksum cannot see"] += sum(
+        isinstance(f, DataFrame) and f.payload not in known for f in received
+    )
     after = [
         data_frame(1, bytes(PAYLOAD_BYTES)),
         data_frame(2, rng.randbytes(PAYLOAD_BYTES)),
@@ -72,7 +91,10 @@ def fuzz_frames(rng: random.Random, counts: Counter[str]) -> None:
     ]
     received_after = [frame for data in after for frame in decoder.feed(data)]
     expected = DataFrame(2, after[1][2:-1])
-    undetected = any(isinstance(f, DataFrame) and data_frame(f.seq, f.payload) not in after for f in received_after)
+    undetected = any(
+        isinstance(f, DataFrame) and data_frame(f.seq, f.payload) not in after
+        for f in received_after
+    )
     assert expected in received_after or undetected, "not back in step with the second frame"
     counts["fooled on the way back"] += undetected
     flipped = bytearray(after[1])
@@ -113,4 +135,6 @@ def main(session: Session) -> None:
                 fuzz(rng, counts)
             counts["streams"] += 2
     print(dict(counts))
-    session.write({"seed": args.seed, "seconds": args.seconds, "counts": dict(sorted(counts.items()))})
+    session.write(
+        {"seed": args.seed, "seconds": args.seconds, "counts": dict(sorted(counts.items()))}
+    )

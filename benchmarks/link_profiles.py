@@ -1,9 +1,11 @@
-"""SAC on each robot over each link of the virtual hub: trained and evaluated there, with the default preset.
+"""SAC on each robot over each link of the virtual hub: trained and evaluated there, with the
+default preset.
 
     python -m benchmarks link_profiles
     python -m benchmarks link_profiles --envs Walker-v1 --links linux --seeds 3
 
-Walker-v1 also with the time of a step that is given behind its name. Other environments and links stay in the result.
+Walker-v1 also with the time of a step that is given behind its name. Other environments and links
+stay in the result.
 """
 
 from __future__ import annotations
@@ -17,7 +19,10 @@ from brickhub.hub.link.profiles import PROFILES
 
 TASKS: dict[str, tuple[str, dict[str, Any]]] = {
     **{env_id: (env_id, {}) for env_id in EPISODES if env_id != "RoboArm_mixed-v0"},
-    **{f"Walker-v1, {step_ms} ms": ("Walker-v1", {"step_ms": step_ms}) for step_ms in (150, 100, 60)},
+    **{
+        f"Walker-v1, {step_ms} ms": ("Walker-v1", {"step_ms": step_ms})
+        for step_ms in (150, 100, 60)
+    },
 }
 """Environment and its options, by the name of the row."""
 
@@ -35,8 +40,23 @@ def main(session: Session) -> None:
         name = f"{row.replace(', ', '-').replace(' ', '')}-{link}-{episodes}"
         parts[name] = (env_id, "sac", episodes, {"link": link, "options": options})
     known: dict[str, Any] = session.known().get("environments", {})
-    for (row, link), runs in zip(cells, session.by_seed(run, parts, args.seeds).values(), strict=True):
-        known.setdefault(row, {})[link] = {"episodes": args.episodes or EPISODES[TASKS[row][0]], **summary(runs), "seeds": runs}
-        print(row, link, {name: known[row][link][name] for name in ("return_mean", "return_interval")}, flush=True)
-    ordered = {row: {link: known[row][link] for link in PROFILES if link in known[row]} for row in TASKS if row in known}
+    for (row, link), runs in zip(
+        cells, session.by_seed(run, parts, args.seeds).values(), strict=True
+    ):
+        known.setdefault(row, {})[link] = {
+            "episodes": args.episodes or EPISODES[TASKS[row][0]],
+            **summary(runs),
+            "seeds": runs,
+        }
+        print(
+            row,
+            link,
+            {name: known[row][link][name] for name in ("return_mean", "return_interval")},
+            flush=True,
+        )
+    ordered = {
+        row: {link: known[row][link] for link in PROFILES if link in known[row]}
+        for row in TASKS
+        if row in known
+    }
     session.write({"agent": "sac", "preset": "default", "environments": ordered})

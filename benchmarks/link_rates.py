@@ -1,9 +1,10 @@
-"""Rates of the link: lock-step and streaming over a simulated radio, and our own overhead without a radio.
+"""Rates of the link: lock-step and streaming over a simulated radio, and our own overhead without a
+radio.
 
     python -m benchmarks link_rates
 
-Takes about a minute. The hub is simulated (Bumble delivers at connection events; the generated program runs in it), so this
-measures our side and the protocol; a real hub adds the radio's losses.
+Takes about a minute. The hub is simulated (Bumble delivers at connection events; the generated
+program runs in it), so this measures our side and the protocol; a real hub adds the radio's losses.
 """
 
 from __future__ import annotations
@@ -27,14 +28,17 @@ from brickhub.hub.transport import HubProgram
 from bricksrl.envs import get_task
 from bricktwin.robots import TWO_WHEELER, WALKER
 
-TESTS = [str(Path(__file__).parents[1] / "packages/brickhub" / tests) for tests in ("tests", "tests/hub")]
+TESTS = [
+    str(Path(__file__).parents[1] / "packages/brickhub" / tests) for tests in ("tests", "tests/hub")
+]
 INTERVALS_MS = (7.5, 15.0, 30.0, 45.0)
 SECONDS = 4.0
 OVERHEAD_EXCHANGES = 5000
 
 
 class EchoTransport:
-    """A hub without radio and program that answers each frame at once, to measure our own overhead."""
+    """A hub without radio and program that answers each frame at once, to measure our own
+    overhead."""
 
     def __init__(self, link_wire: Any, hello: bytes) -> None:
         self._wire, self._hello = link_wire, hello
@@ -79,7 +83,11 @@ def lock_step(world: Any, link: HubLink, interval_ms: float) -> dict[str, Any]:
         times_ms.append(1000 * link.read().round_trip_s)
     rate_hz = len(times_ms) / (time.monotonic() - start_s)
     over_ms = statistics.median(times_ms) - 2 * interval_ms
-    return {"rate_hz": round(rate_hz, 1), **spread(times_ms), "over_two_intervals_ms": round(over_ms, 3)}
+    return {
+        "rate_hz": round(rate_hz, 1),
+        **spread(times_ms),
+        "over_two_intervals_ms": round(over_ms, 3),
+    }
 
 
 def stream(world: Any, link: StreamingLink, interval_ms: float) -> dict[str, Any]:
@@ -88,7 +96,10 @@ def stream(world: Any, link: StreamingLink, interval_ms: float) -> dict[str, Any
     link.act([0.0, 0.0])
     start_s = time.monotonic()
     ages_ms = [1000 * link.act([10.0, -10.0]).age_s for _ in range(int(SECONDS * 10))]
-    return {"steps_hz": round(len(ages_ms) / (time.monotonic() - start_s), 2), "age": spread(ages_ms)}
+    return {
+        "steps_hz": round(len(ages_ms) / (time.monotonic() - start_s), 2),
+        "age": spread(ages_ms),
+    }
 
 
 def overhead() -> dict[str, Any]:
@@ -112,7 +123,11 @@ def main(session: Session) -> None:
     session.parse()
     sys.path[:0] = TESTS
     ble_world = importlib.import_module("ble_world")
-    result: dict[str, Any] = {"overhead_without_radio": overhead(), "lock_step": {}, "streaming": {}}
+    result: dict[str, Any] = {
+        "overhead_without_radio": overhead(),
+        "lock_step": {},
+        "streaming": {},
+    }
     print(result)
     with tempfile.TemporaryDirectory() as folder:
         world = ble_world.World(Path(folder), WALKER)

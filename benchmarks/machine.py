@@ -1,4 +1,5 @@
-"""The machine and the versions that a result was measured with; no name of a machine or a person."""
+"""The machine and the versions that a result was measured with; no name of a machine or a
+person."""
 
 from __future__ import annotations
 
@@ -20,13 +21,27 @@ ONE_THREAD = {
     "TF_CPP_MIN_LOG_LEVEL": "3",
 }
 """Environment variables for one thread in any library; to be set before torch or JAX is loaded."""
-_PACKAGES = ("brickhub", "bricktwin", "bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy", "greenlet")
+_PACKAGES = (
+    "brickhub",
+    "bricktwin",
+    "bricksrl",
+    "torch",
+    "torchrl",
+    "tensordict",
+    "mujoco",
+    "numpy",
+    "greenlet",
+)
 
 
 def describe() -> dict[str, Any]:
     """Processor, number of cores, system and versions."""
     return {
-        "machine": {"processor": _processor(), "cores": os.cpu_count(), "system": platform.system()},
+        "machine": {
+            "processor": _processor(),
+            "cores": os.cpu_count(),
+            "system": platform.system(),
+        },
         "versions": {"python": platform.python_version(), **_versions()},
     }
 

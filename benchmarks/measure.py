@@ -1,9 +1,10 @@
-"""Two minutes with a robot: what `twin measure` finds of drawn virtual robots, beside what they are.
+"""Two minutes with a robot: what `twin measure` finds of drawn virtual robots, beside what they
+are.
 
     python -m benchmarks measure
 
-Each robot has random physics, with one of the links of the virtual hub, and is handled by a person who errs by a degree and a
-second. The measurement sees what a real hub sends. Takes two minutes.
+Each robot has random physics, with one of the links of the virtual hub, and is handled by a person
+who errs by a degree and a second. The measurement sees what a real hub sends. Takes two minutes.
 """
 
 from __future__ import annotations
@@ -86,7 +87,8 @@ def errors(robot: Robot, seed: int) -> dict[str, Any]:
     late_pct = max(numbers[f"link, over {LATE_MS:g} ms"], 1e-9)
     speeds = true_speeds_deg_s(robot, physics)
     tilts = [
-        abs(getattr(fitted, name) - getattr(physics, name)) for name in ("acceleration_bias_x_mm_s2", "acceleration_bias_y_mm_s2")
+        abs(getattr(fitted, name) - getattr(physics, name))
+        for name in ("acceleration_bias_x_mm_s2", "acceleration_bias_y_mm_s2")
     ]
     return {
         "robot": robot.name,
@@ -96,7 +98,10 @@ def errors(robot: Robot, seed: int) -> dict[str, Any]:
             "link p50, ms": abs(numbers["link, median"] - p50),
             "link p95, %": 100.0 * abs(numbers["link, 95 of 100 within"] / p95 - 1.0),
             "link over 150 ms, times": max(late_pct / share_pct, share_pct / late_pct),
-            "motors, %": max(100.0 * abs(numbers[f"speed of {name}, free"] / speed - 1.0) for name, speed in speeds.items()),
+            "motors, %": max(
+                100.0 * abs(numbers[f"speed of {name}, free"] / speed - 1.0)
+                for name, speed in speeds.items()
+            ),
             "gyro scale, %": abs(fitted.gyro_scale_error_pct - physics.gyro_scale_error_pct),
             "drift, deg/min": abs(fitted.gyro_drift_deg_min - physics.gyro_drift_deg_min),
             "tilt, deg": float(np.degrees(np.arctan(max(tilts) / GRAVITY_MM_S2))),
@@ -107,7 +112,9 @@ def errors(robot: Robot, seed: int) -> dict[str, Any]:
 
 def main(session: Session) -> None:
     """Measure all and write the result."""
-    session.parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1, len(ROBOTS) + 1)))
+    session.parser.add_argument(
+        "--seeds", type=int, nargs="+", default=list(range(1, len(ROBOTS) + 1))
+    )
     args = session.parse()
     rows = []
     for number, seed in enumerate(args.seeds):
@@ -117,6 +124,10 @@ def main(session: Session) -> None:
         rows.append(row)
     worst = {name: max(row["errors"][name] for row in rows) for name in LIMITS}
     print(
-        {name: (value, LIMITS[name], "ok" if value <= LIMITS[name] else "TOO MUCH") for name, value in worst.items()}, flush=True
+        {
+            name: (value, LIMITS[name], "ok" if value <= LIMITS[name] else "TOO MUCH")
+            for name, value in worst.items()
+        },
+        flush=True,
     )
     session.write({"robots": rows, "worst": worst, "limits": LIMITS})

@@ -2,7 +2,8 @@
 
     python -m benchmarks memory
 
-Each runs in its own process; MiB of resident memory. A full buffer has a million transitions, and is saved once.
+Each runs in its own process; MiB of resident memory. A full buffer has a million transitions, and
+is saved once.
 """
 
 from __future__ import annotations
@@ -44,7 +45,10 @@ def full_buffer() -> None:
         learner.remember(frames)
     learner.make_updates(1)
     with tempfile.TemporaryDirectory() as folder:
-        save_checkpoint(Path(folder) / "checkpoint.bin", {"agent": learner.state_dict(), "generator": torch.get_rng_state()})
+        save_checkpoint(
+            Path(folder) / "checkpoint.bin",
+            {"agent": learner.state_dict(), "generator": torch.get_rng_state()},
+        )
 
 
 def peak(work: Callable[[], None], connection: Connection) -> None:

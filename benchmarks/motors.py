@@ -2,9 +2,9 @@
 
     python -m benchmarks motors
 
-A motor of each kind turns on a stand in the twin: without load, against a constant torque, and against one that grows until the
-shaft stands still. LEGO's sheets give each speed within 15 %. Motors without a sheet have the curves that Pybricks measured.
-Takes a few seconds.
+A motor of each kind turns on a stand in the twin: without load, against a constant torque, and
+against one that grows until the shaft stands still. LEGO's sheets give each speed within 15 %.
+Motors without a sheet have the curves that Pybricks measured. Takes a few seconds.
 """
 
 from __future__ import annotations
@@ -44,7 +44,13 @@ class Stand:
     """A motor on the stand, at 7.2 V from the start."""
 
     def __init__(self, kind: MotorKind, *, battery_v: float = SHEET_V) -> None:
-        robot = Robot("stand", HubKind.PRIME, motors=(Motor("motor", PORT, kind),), model=f"{__name__}:stand", needs_imu=False)
+        robot = Robot(
+            "stand",
+            HubKind.PRIME,
+            motors=(Motor("motor", PORT, kind),),
+            model=f"{__name__}:stand",
+            needs_imu=False,
+        )
         self.body = MujocoBody(robot, OPEN_FLOOR, Physics(battery_v=battery_v, battery_ohm=0.0), 0)
         self.body.set_voltage(PORT, round(battery_v * 1000))
         self.time_ms = 0
@@ -81,12 +87,19 @@ def measure(kind: MotorKind) -> dict[str, Any]:
         "stall_ncm": 100 * Stand(kind).stall_nm(),
         "stall_full_battery_ncm": 100 * Stand(kind, battery_v=8.3).stall_nm(),
     }
-    by_sheet = sheet and {"free_rpm": sheet.free_rpm, "loaded_rpm": sheet.loaded_rpm, "stall_ncm": 100 * sheet.stall_nm}
+    by_sheet = sheet and {
+        "free_rpm": sheet.free_rpm,
+        "loaded_rpm": sheet.loaded_rpm,
+        "stall_ncm": 100 * sheet.stall_nm,
+    }
     return {
         "load_ncm": round(100 * load_nm, 2),
         "twin": {name: round(value, 1) for name, value in twin.items()},
         "sheet": by_sheet or None,
-        "deviation_pct": {name: round(100 * (twin[name] / value - 1), 1) for name, value in (by_sheet or {}).items()},
+        "deviation_pct": {
+            name: round(100 * (twin[name] / value - 1), 1)
+            for name, value in (by_sheet or {}).items()
+        },
         "firmware_rated_deg_s": MOTOR_TYPES[kind].max_speed_deg_s,
     }
 

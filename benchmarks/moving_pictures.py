@@ -1,12 +1,14 @@
-"""GIFs of robots, for the documentation: before and after learning, from the films of runs, and of each environment.
+"""GIFs of robots, for the documentation: before and after learning, from the films of runs, and of
+each environment.
 
     bricksrl train Walker-v1 --episodes 20 --seed 0 --run runs/walker
     python -m benchmarks moving_pictures runs/walker
     python -m benchmarks moving_pictures Walker-v1 Park-v0
 
-Writes ``docs/images/<environment>_learning.gif`` of a run, with as many pixels and colours as fit into a megabyte, and
-``docs/images/<environment>.gif`` of an environment, with those that fit into 400 kB: the first seconds of
-an episode of the policy that comes with it, or of its controller. A film may be given instead of a run.
+Writes ``docs/images/<environment>_learning.gif`` of a run, with as many pixels and colours as fit
+into a megabyte, and ``docs/images/<environment>.gif`` of an environment, with those that fit into
+400 kB: the first seconds of an episode of the policy that comes with it, or of its controller. A
+film may be given instead of a run.
 """
 
 from __future__ import annotations
@@ -56,31 +58,52 @@ def frames(video: Path, longest_s: float) -> Iterator[Image.Image]:
 
 
 def _palette(picture: Image.Image, colours: int) -> Image.Image:
-    """An image with the best palette for a picture, in which rare colours have more weight than their area."""
-    colours_found, counts = np.unique(np.asarray(picture).reshape(-1, 3) >> 2, axis=0, return_counts=True)
+    """An image with the best palette for a picture, in which rare colours have more weight than
+    their area."""
+    colours_found, counts = np.unique(
+        np.asarray(picture).reshape(-1, 3) >> 2, axis=0, return_counts=True
+    )
     pixels = np.repeat(colours_found << 2, np.ceil(counts**0.5).astype(int), axis=0)
-    return Image.fromarray(pixels[None].astype(np.uint8)).quantize(colours, dither=Image.Dither.NONE, kmeans=2)
+    return Image.fromarray(pixels[None].astype(np.uint8)).quantize(
+        colours, dither=Image.Dither.NONE, kmeans=2
+    )
 
 
 def gif(pictures: list[Image.Image], width: int, colours: int) -> bytes:
     """An endless GIF with one palette for all images, so that unchanged pixels cost nothing."""
-    small = [image.resize((width, round(width * image.height / image.width)), Image.Resampling.LANCZOS) for image in pictures]
+    small = [
+        image.resize((width, round(width * image.height / image.width)), Image.Resampling.LANCZOS)
+        for image in pictures
+    ]
     palette = _palette(small[len(small) // 2], colours)
     flat = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in small]
     data = io.BytesIO()
-    flat[0].save(data, "GIF", save_all=True, append_images=flat[1:], duration=round(1000 / FPS), loop=0, optimize=True)
+    flat[0].save(
+        data,
+        "GIF",
+        save_all=True,
+        append_images=flat[1:],
+        duration=round(1000 / FPS),
+        loop=0,
+        optimize=True,
+    )
     return data.getvalue()
 
 
 def film_env(env_id: str, path: Path) -> list[Image.Image]:
-    """Film the best policy that an environment has, and return what it saw by a camera, in each step."""
+    """Film the best policy that an environment has, and return what it saw by a camera, in each
+    step."""
     seen = []
     with closing(bricksrl.make(env_id, seed=0)) as env:
         *_, make_policy = array_policies(env_id, env.task, 0).values()
         policy = make_policy()
 
-        def act(tensordict: TensorDictBase) -> TensorDictBase:  # by its argument TorchRL knows a policy
-            arrays = {name: tensordict[name].numpy().copy() for name in {"observation", "image"} & set(tensordict.keys())}
+        # by its argument TorchRL knows a policy
+        def act(tensordict: TensorDictBase) -> TensorDictBase:
+            arrays = {
+                name: tensordict[name].numpy().copy()
+                for name in {"observation", "image"} & set(tensordict.keys())
+            }
             if "image" in arrays:
                 seen.append(Image.fromarray(arrays["image"]))
             return tensordict.set("action", torch.as_tensor(policy(arrays), dtype=torch.float32))
@@ -93,7 +116,12 @@ def film_env(env_id: str, path: Path) -> list[Image.Image]:
 
 def main(session: Session) -> None:
     parser = session.parser
-    parser.add_argument("sources", nargs="+", metavar="RUN", help="folder of a run that was filmed, a film, or an environment")
+    parser.add_argument(
+        "sources",
+        nargs="+",
+        metavar="RUN",
+        help="folder of a run that was filmed, a film, or an environment",
+    )
     for source in session.parse().sources:
         path, most, longest_s, seen = Path(source), MAX_BYTES, LONGEST_S, list[Image.Image]()
         with tempfile.TemporaryDirectory() as folder:
@@ -115,4 +143,8 @@ def main(session: Session) -> None:
                 break
         path = session.place_of(FOLDER) / f"{name}.gif"
         path.write_bytes(data)
-        print(f"{path}: {len(data) / 1000:.0f} kB, {width} px wide, {colours} colours, {len(pictures)} pictures", flush=True)
+        print(
+            f"{path}: {len(data) / 1000:.0f} kB, {width} px wide, {colours} colours, "
+            f"{len(pictures)} pictures",
+            flush=True,
+        )

@@ -3,10 +3,12 @@
     python -m benchmarks mutants [--count 60] [--seed 36] [--only 3 7]
     python -m benchmarks mutants --table
 
-Faults of the last commit are drawn by a seed, two thirds of them in the two lower houses: a file by its number of statements,
-then an operator, then a place. Each is put into a copy of the tree, where the tests of the module's name run, then those of its
-folder, up to the first that fails. It counts if the test, run alone, fails again with the fault and passes without it. What
-never ends has failed. Verdicts in the result are not repeated, unless `--only` names them: an interrupted script resumes.
+Faults of the last commit are drawn by a seed, two thirds of them in the two lower houses: a file by
+its number of statements, then an operator, then a place. Each is put into a copy of the tree, where
+the tests of the module's name run, then those of its folder, up to the first that fails. It counts
+if the test, run alone, fails again with the fault and passes without it. What never ends has
+failed. Verdicts in the result are not repeated, unless `--only` names them: an interrupted script
+resumes.
 """
 
 from __future__ import annotations
@@ -36,12 +38,26 @@ ROOT = Path(__file__).parent.parent
 SHARES = {"brickhub": 0.4, "bricktwin": 0.27, "bricksrl": 0.33}
 TEMPLATES = "cli/templates"
 TEST_S, QUIET_S = 180.0, 400.0
-"""Longest time of a test without a limit of its own, and of a run of pytest that reports nothing."""
+"""Longest time of a test without a limit of its own, and of a run of pytest that reports
+nothing."""
 
 _BOUNDARY = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
-_NEGATION = {ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
+_NEGATION = {
+    ast.Lt: ast.GtE,
+    ast.GtE: ast.Lt,
+    ast.Gt: ast.LtE,
+    ast.LtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+}
 _NEGATION |= {ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In}
-_ARITHMETIC = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult}
+_ARITHMETIC = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+}
 _EXTREMES = {"min": "max", "max": "min"}
 _Node = TypeVar("_Node", bound=ast.AST)
 Change = tuple[str, ast.AST]
@@ -100,7 +116,10 @@ def _expressions(node: ast.AST) -> Iterator[Change]:
         case ast.Compare():
             yield from _comparisons(node)
         case ast.BinOp(left=left, op=op, right=right):
-            is_text = any(isinstance(side, ast.JoinedStr | ast.Constant) and not _is_number(side) for side in (left, right))
+            is_text = any(
+                isinstance(side, ast.JoinedStr | ast.Constant) and not _is_number(side)
+                for side in (left, right)
+            )
             if not is_text and (other := _ARITHMETIC.get(type(op))):
                 yield "arithmetic", _with(node, op=other())
         case ast.Constant():
@@ -122,7 +141,9 @@ def _statements(node: ast.AST) -> Iterator[Change]:
         case ast.Return(value=ast.expr() as value):
             if not isinstance(value, ast.Constant) or value.value is not None:
                 yield "return", ast.Return(ast.Constant(None))
-            if isinstance(value, ast.Compare | ast.BoolOp) or (isinstance(value, ast.UnaryOp) and isinstance(value.op, ast.Not)):
+            if isinstance(value, ast.Compare | ast.BoolOp) or (
+                isinstance(value, ast.UnaryOp) and isinstance(value.op, ast.Not)
+            ):
                 yield "return", ast.Return(ast.UnaryOp(ast.Not(), value))
         case ast.Expr(value=ast.Call()):
             yield "statement", ast.Pass()
@@ -131,9 +152,13 @@ def _statements(node: ast.AST) -> Iterator[Change]:
 
 
 def _children(node: ast.AST) -> list[ast.AST]:
-    """What is executed of a node: no annotations, decorators and texts, nothing for types or for a script alone."""
+    """What is executed of a node: no annotations, decorators and texts, nothing for types or for a
+    script alone."""
     match node:
-        case ast.FunctionDef(args=arguments, body=body) | ast.AsyncFunctionDef(args=arguments, body=body):
+        case (
+            ast.FunctionDef(args=arguments, body=body)
+            | ast.AsyncFunctionDef(args=arguments, body=body)
+        ):
             return [*arguments.defaults, *filter(None, arguments.kw_defaults), *body]
         case ast.ClassDef(body=body):
             return [*body]
@@ -171,9 +196,21 @@ def faults(text: str) -> dict[Fault, Place]:
         if name and (not is_body or is_function or isinstance(node, ast.ClassDef)):
             function = f"{function}.{name}" if function else name
         for operator, other in [*_expressions(node), *_statements(node)]:
-            assert isinstance(node, ast.expr | ast.stmt) and node.end_lineno and node.end_col_offset is not None
-            known = (function, operator, ast.unparse(node), ast.unparse(ast.fix_missing_locations(other)))
-            begin, end = starts[node.lineno - 1] + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
+            assert (
+                isinstance(node, ast.expr | ast.stmt)
+                and node.end_lineno
+                and node.end_col_offset is not None
+            )
+            known = (
+                function,
+                operator,
+                ast.unparse(node),
+                ast.unparse(ast.fix_missing_locations(other)),
+            )
+            begin, end = (
+                starts[node.lineno - 1] + node.col_offset,
+                starts[node.end_lineno - 1] + node.end_col_offset,
+            )
             found[Fault(*known, equal[known])] = begin, end
             equal[known] += 1
         for child in _children(node):
@@ -193,9 +230,20 @@ def draw(tree: Path, seed: int, count: int) -> list[dict[str, Any]]:
     """Mutants of a tree, in random order."""
     rng, drawn = random.Random(seed), list[dict[str, Any]]()
     for house, share in SHARES.items():
-        found = sorted(path for path in (tree / "packages" / house / "src").rglob("*.py") if TEMPLATES not in str(path))
-        texts = {str(path.relative_to(tree)): text for path in found if faults(text := path.read_text(encoding="utf-8"))}
-        weights = [sum(isinstance(node, ast.stmt) for node in ast.walk(ast.parse(text))) for text in texts.values()]
+        found = sorted(
+            path
+            for path in (tree / "packages" / house / "src").rglob("*.py")
+            if TEMPLATES not in str(path)
+        )
+        texts = {
+            str(path.relative_to(tree)): text
+            for path in found
+            if faults(text := path.read_text(encoding="utf-8"))
+        }
+        weights = [
+            sum(isinstance(node, ast.stmt) for node in ast.walk(ast.parse(text)))
+            for text in texts.values()
+        ]
         chosen: dict[tuple[str, Fault], None] = {}
         while len(chosen) < max(1, round(share * count)):
             file = rng.choices(list(texts), weights)[0]
@@ -219,7 +267,8 @@ class Tree:
 
     @classmethod
     def make(cls, scratch: Path, broken: list[str]) -> Tree:
-        """Check the commit out. Byte code is found by the digest of its source, so that no fault is missed."""
+        """Check the commit out. Byte code is found by the digest of its source, so that no fault is
+        missed."""
         folder = scratch / "tree"
         subprocess.run(["git", "clone", "--quiet", "--shared", ROOT, folder], check=True)  # noqa: S603, S607
         tree = cls(folder, scratch, broken)
@@ -228,7 +277,8 @@ class Tree:
         return tree
 
     def near(self, file: str) -> list[list[str]]:
-        """Arguments of pytest for the tests near a file: those of its name, then those of its folder."""
+        """Arguments of pytest for the tests near a file: those of its name, then those of its
+        folder."""
         above, _, inner = file.partition("/src/")
         own = [str(path) for path in sorted(self.folder.rglob(f"test_{Path(inner).stem}.py"))]
         folder = (self.folder / above / "tests").joinpath(*Path(inner).parent.parts[1:])
@@ -238,16 +288,40 @@ class Tree:
 
     def failure(self, *arguments: str) -> str | None:
         """Run pytest up to the first failure; the name of the test that failed."""
-        limit = (f"--timeout={TEST_S}", "--timeout-method=thread")  # the other method lets Hypothesis begin the test again
-        options = ("-x", "-v", "--color=no", "-p", "no:cacheprovider", f"--rootdir={self.folder}", *limit)
-        words = [*options, f"--basetemp={self.scratch / 'tmp'}", *(f"--deselect={name}" for name in self.broken), *arguments]
+        # the other method lets Hypothesis begin the test again
+        limit = (f"--timeout={TEST_S}", "--timeout-method=thread")
+        options = (
+            "-x",
+            "-v",
+            "--color=no",
+            "-p",
+            "no:cacheprovider",
+            f"--rootdir={self.folder}",
+            *limit,
+        )
+        words = [
+            *options,
+            f"--basetemp={self.scratch / 'tmp'}",
+            *(f"--deselect={name}" for name in self.broken),
+            *arguments,
+        ]
         path = os.pathsep.join(map(str, self.folder.glob("packages/*/src")))
-        env = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1"}
+        env = {
+            **os.environ,
+            "PYTHONPATH": path,
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "OMP_NUM_THREADS": "1",
+        }
         command = [sys.executable, "-m", "pytest", "-m", "not slow and not realtime", *words]
         log = self.scratch / "log.txt"
         with log.open("w") as out:
             process = subprocess.Popen(  # noqa: S603
-                command, cwd=self.folder, env=env, stdout=out, stderr=subprocess.STDOUT, start_new_session=True
+                command,
+                cwd=self.folder,
+                env=env,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
             )
             try:
                 while process.poll() is None and time.time() - log.stat().st_mtime < QUIET_S:
@@ -257,7 +331,11 @@ class Tree:
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(process.pid, signal.SIGKILL)  # also what tests have left behind
                 process.wait()
-        return None if process.returncode in (0, 5) else failed_tests(log.read_text(errors="replace"))[0]
+        return (
+            None
+            if process.returncode in (0, 5)
+            else failed_tests(log.read_text(errors="replace"))[0]
+        )
 
     def killer(self, file: str, wrong: str) -> str | None:
         """The test near a file that finds a fault in it."""
@@ -267,7 +345,9 @@ class Tree:
             try:
                 path.write_text(wrong, encoding="utf-8")
                 while name := self.failure(*stage, *(f"--deselect={one}" for one in doubtful)):
-                    alone = [*stage, "--collect-only"] if name.startswith("pytest itself") else [name]
+                    alone = (
+                        [*stage, "--collect-only"] if name.startswith("pytest itself") else [name]
+                    )
                     again = self.failure(*alone)
                     path.write_text(right, encoding="utf-8")
                     fails_anyway = self.failure(*alone) is not None
@@ -282,26 +362,43 @@ class Tree:
 
 
 def failed_tests(output: str) -> list[str]:
-    """The names of the failed tests in what pytest has written; of the last that began if it could not say."""
+    """The names of the failed tests in what pytest has written; of the last that began if it could
+    not say."""
     if names := re.findall(
-        r"^(?:\[gw\d\] .*?)?(?:FAILED|ERROR) (\S+?\.py(?:::\w+)*(?:\[.*?\])?)(?: - | *$)", output, re.MULTILINE
+        r"^(?:\[gw\d\] .*?)?(?:FAILED|ERROR) (\S+?\.py(?:::\w+)*(?:\[.*?\])?)(?: - | *$)",
+        output,
+        re.MULTILINE,
     ):
         return list(dict.fromkeys(names))
-    if begun := re.findall(r"^(?:\[gw\d\] .*? )?(\S+?\.py::\w+(?:::\w+)*(?:\[.*?\])?)(?: |$)", output, re.MULTILINE):
+    if begun := re.findall(
+        r"^(?:\[gw\d\] .*? )?(\S+?\.py::\w+(?:::\w+)*(?:\[.*?\])?)(?: |$)", output, re.MULTILINE
+    ):
         return [str(begun[-1])]
-    match = re.search(r"^(?:ImportError while loading conftest '(.*)'|\S*(?:Error|Exit)\b.*)", output, re.MULTILINE)
+    match = re.search(
+        r"^(?:ImportError while loading conftest '(.*)'|\S*(?:Error|Exit)\b.*)",
+        output,
+        re.MULTILINE,
+    )
     return [f"pytest itself: {(match[0] if match else output.strip()[-200:])!r}"]
 
 
 def verdict(tree: Tree, mutant: dict[str, Any]) -> dict[str, Any]:
-    """Whether a mutant dies by a test near it, and by which; it is ``gone`` if the tree has no such place."""
-    path, fault = tree.folder / mutant["file"], Fault(*(mutant[name] for name in Fault.__dataclass_fields__))
+    """Whether a mutant dies by a test near it, and by which; it is ``gone`` if the tree has no such
+    place."""
+    path, fault = (
+        tree.folder / mutant["file"],
+        Fault(*(mutant[name] for name in Fault.__dataclass_fields__)),
+    )
     text = path.read_text(encoding="utf-8") if path.exists() else ""
     if fault not in faults(text):
         return {"state": "gone"}
     start_s = time.monotonic()
     test = tree.killer(mutant["file"], mutated(text, fault, faults(text)[fault]))
-    return {"state": "died" if test else "survived", "test": test, "seconds": round(time.monotonic() - start_s)}
+    return {
+        "state": "died" if test else "survived",
+        "test": test,
+        "seconds": round(time.monotonic() - start_s),
+    }
 
 
 def shown(mutant: dict[str, Any]) -> str:
@@ -309,24 +406,39 @@ def shown(mutant: dict[str, Any]) -> str:
     before, after = (" ".join(mutant[key].split()) for key in ("before", "after"))
     start = max(0, _common(before, after) - 20)
     end = max(0, _common(before[:start:-1], after[:start:-1]) - 20)
-    short = [("… " if start else "") + text[start : len(text) - end] + (" …" if end else "") for text in (before, after)]
-    return " → ".join(f"`{text if len(text) <= 70 else text[:67] + ' …'}`" for text in short).replace("|", "\\|")
+    short = [
+        ("… " if start else "") + text[start : len(text) - end] + (" …" if end else "")
+        for text in (before, after)
+    ]
+    return " → ".join(
+        f"`{text if len(text) <= 70 else text[:67] + ' …'}`" for text in short
+    ).replace("|", "\\|")
 
 
 def _common(one: str, other: str) -> int:
-    return next((i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
+    return next(
+        (i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b),
+        min(len(one), len(other)),
+    )
 
 
 def report(result: dict[str, Any]) -> str:
     """A table of all mutants, and their sums."""
-    verdicts = [result["verdicts"].get(str(i), {"state": "not run"}) for i in range(len(result["mutants"]))]
+    verdicts = [
+        result["verdicts"].get(str(i), {"state": "not run"}) for i in range(len(result["mutants"]))
+    ]
     rows = []
     for i, (one, found) in enumerate(zip(result["mutants"], verdicts, strict=True)):
         where = f"`{one['file'].partition('/src/')[2]}` {one['function']}"
         rows.append((str(i), one["house"], where, shown(one), found.get("test") or found["state"]))
-    sums = ", ".join(f"{n} {state}" for state, n in Counter(one["state"] for one in verdicts).items())
+    sums = ", ".join(
+        f"{n} {state}" for state, n in Counter(one["state"] for one in verdicts).items()
+    )
     left_out = ", ".join(result["broken"]) or "none"
-    return f"{table(('no.', 'house', 'where', 'fault', 'found by'), rows)}\n{sums}; tests left out: {left_out}"
+    return (
+        f"{table(('no.', 'house', 'where', 'fault', 'found by'), rows)}\n{sums}; tests left "
+        f"out: {left_out}"
+    )
 
 
 def main(session: Session) -> None:

@@ -1,4 +1,5 @@
-"""Odd inputs at the command line (options, files, environments, signals): no traceback, no lost data, no wrong verdict.
+"""Odd inputs at the command line (options, files, environments, signals): no traceback, no lost
+data, no wrong verdict.
 
 Most run in this process. The same seed gives the same inputs.
 """
@@ -51,31 +52,41 @@ VALUES = (
 )
 FLAGS = {
     "train RoboArmSim-v0 --agent random --episodes 1": (
-        "--agent", "--preset", "--settings", "--set", "--device", "--num-envs", "--eval-every", "--eval-episodes", "--stop-at",
+        "--agent", "--preset", "--settings", "--set", "--device", "--num-envs", "--eval-every",
+        "--eval-episodes", "--stop-at",
         "--episodes", "--seed", "--seeds", "--from", "--base", "--demonstrations",
         "--patience", "--hub", "--physics", "--option", "--take-over",
     ),
     "evaluate RUN --episodes 1": ("--env", "--episodes", "--seed", "--hub", "--physics"),
-    "record RoboArmSim-v0 --episodes 1 --out NEW": ("--policy", "--episodes", "--seed", "--out", "--hub", "--option"),
+    "record RoboArmSim-v0 --episodes 1 --out NEW": ("--policy", "--episodes", "--seed", "--out",
+        "--hub", "--option"),
     "data split DATA --out NEW --rest NEW2": ("--share", "--seed", "--out"),
     "data export DATA --format numpy --out NEW": ("--format", "--out"),
     "data plot DATA --out NEW.png": ("--out",),
     "compare RUN": ("--out",),
     "hub program RunAway-v0": ("--out",),
-    "tune RoboArmSim-v0 --agent random --folder NEW": ("--agent", "--trials", "--steps", "--seeds", "--episodes", "--seed"),
+    "tune RoboArmSim-v0 --agent random --folder NEW": ("--agent", "--trials", "--steps", "--seeds",
+        "--episodes", "--seed"),
 }  # fmt: skip
 PLACES = (
-    "train ODD", "evaluate ODD", "resume ODD", "compare ODD", "plot ODD --out NEW.png", "check ODD", "settings ODD", "trust ODD",
-    "data info ODD", "data check ODD", "data repair ODD", "data merge ODD --out NEW", "hub program ODD", "hub run ODD",
+    "train ODD", "evaluate ODD", "resume ODD", "compare ODD", "plot ODD --out NEW.png", "check ODD",
+    "settings ODD", "trust ODD",
+    "data info ODD", "data check ODD", "data repair ODD", "data merge ODD --out NEW",
+    "hub program ODD", "hub run ODD",
     "plan check ODD", "plan parts ODD", "new task ODD", "ODD", "data ODD", "hub ODD",
     "export ODD --format torch-export --out NEW",
 )  # fmt: skip
 ENVIRONMENTS: tuple[dict[str, str], ...] = (
-    {"LC_ALL": "C", "PYTHONUTF8": "0"}, {"PYTHONIOENCODING": "ascii"}, {"PYTHONIOENCODING": "utf-16"}, {"COLUMNS": "0"},
-    {"COLUMNS": "-5"}, {"COLUMNS": "x"}, {"COLUMNS": "3"}, {"TERM": "dumb"}, {"TERM": ""}, {"HOME": "/nonexistent"}, {"HOME": ""},
-    {"XDG_CONFIG_HOME": "/dev/null"}, {"XDG_CACHE_HOME": "/dev/null"}, {"MPLBACKEND": "nope"}, {"MPLCONFIGDIR": "/dev/null"},
-    {"MUJOCO_GL": "osmesa"}, {"MUJOCO_GL": "nope"}, {"MUJOCO_GL": ""}, {"PYTHONOPTIMIZE": "1"}, {"PYTHONOPTIMIZE": "2"},
-    {"PYTHONDONTWRITEBYTECODE": "1"}, {"PYTHONHASHSEED": "7"}, {"NO_COLOR": "1"}, {"FORCE_COLOR": "1"}, {"LANG": "xx_XX"},
+    {"LC_ALL": "C", "PYTHONUTF8": "0"}, {"PYTHONIOENCODING": "ascii"},
+    {"PYTHONIOENCODING": "utf-16"}, {"COLUMNS": "0"},
+    {"COLUMNS": "-5"}, {"COLUMNS": "x"}, {"COLUMNS": "3"}, {"TERM": "dumb"}, {"TERM": ""},
+    {"HOME": "/nonexistent"}, {"HOME": ""},
+    {"XDG_CONFIG_HOME": "/dev/null"}, {"XDG_CACHE_HOME": "/dev/null"}, {"MPLBACKEND": "nope"},
+    {"MPLCONFIGDIR": "/dev/null"},
+    {"MUJOCO_GL": "osmesa"}, {"MUJOCO_GL": "nope"}, {"MUJOCO_GL": ""}, {"PYTHONOPTIMIZE": "1"},
+    {"PYTHONOPTIMIZE": "2"},
+    {"PYTHONDONTWRITEBYTECODE": "1"}, {"PYTHONHASHSEED": "7"}, {"NO_COLOR": "1"},
+    {"FORCE_COLOR": "1"}, {"LANG": "xx_XX"},
 )  # fmt: skip
 
 
@@ -119,7 +130,10 @@ def run(arguments: list[str]) -> Outcome:
     except TookTooLong:
         fault = f"took more than {LONGEST_S} s"
     except BaseException as error:  # noqa: BLE001  any error is a fault
-        fault = f"traceback: {type(error).__name__}: {error} {traceback.format_tb(error.__traceback__)[-1].strip()}"[:400]
+        fault = (
+            f"traceback: {type(error).__name__}: {error} "
+            f"{traceback.format_tb(error.__traceback__)[-1].strip()}"
+        )[:400]
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
@@ -128,7 +142,8 @@ def run(arguments: list[str]) -> Outcome:
 
 
 def verdict(code: int, err: str) -> str:
-    """Fault in how a command ended: a traceback, another exit code than it may have, or an error of several lines."""
+    """Fault in how a command ended: a traceback, another exit code than it may have, or an error of
+    several lines."""
     if "Traceback (most recent call last)" in err:
         return f"traceback: {err.strip().splitlines()[-1]}"[:400]
     if code not in (0, 1, 2):
@@ -174,8 +189,17 @@ class Workshop:
 
     def words(self, command: str, at: Path, odd: str = "") -> list[str]:
         """The words of a command with paths in place of RUN, DATA, NEW."""
-        names = {"RUN": str(self.run), "DATA": str(self.data), "NEW": str(at / "new"), "NEW2": str(at / "new2"), "ODD": odd}
-        return [re.sub(r"^(RUN|DATA|NEW2|NEW|ODD)", lambda match: names[match[1]], word) for word in command.split()]
+        names = {
+            "RUN": str(self.run),
+            "DATA": str(self.data),
+            "NEW": str(at / "new"),
+            "NEW2": str(at / "new2"),
+            "ODD": odd,
+        }
+        return [
+            re.sub(r"^(RUN|DATA|NEW2|NEW|ODD)", lambda match: names[match[1]], word)
+            for word in command.split()
+        ]
 
 
 def try_option(shop: Workshop, command: str, value: str, folder: Path) -> str:
@@ -185,12 +209,19 @@ def try_option(shop: Workshop, command: str, value: str, folder: Path) -> str:
     words = words if "ODD" in command else [*words, value]
     if words[0] == "train" and "--run" not in words:
         words += ["--run", str(folder / "made")]
-    return run(words).fault or ("a run or a dataset was changed" if digest(shop.root) != before else "")
+    return run(words).fault or (
+        "a run or a dataset was changed" if digest(shop.root) != before else ""
+    )
 
 
 def options(shop: Workshop, rng: random.Random, count: int) -> Cases:
     """Odd values of options, and odd paths."""
-    pairs = [(f"{base} {flag}", value) for base, flags in FLAGS.items() for flag in flags for value in VALUES]
+    pairs = [
+        (f"{base} {flag}", value)
+        for base, flags in FLAGS.items()
+        for flag in flags
+        for value in VALUES
+    ]
     pairs += [(place, value) for place in PLACES for value in VALUES]
     for command, value in rng.sample(pairs, count):
         yield f"{command} {value[:40]!r}", partial(try_option, shop, command, value)
@@ -203,7 +234,9 @@ def damaged(data: bytes, how: str, rng: random.Random) -> bytes:
         "cut": data[:middle],
         "empty": b"",
         "zeros": bytes(len(data)),
-        "flip": data[:middle] + bytes([data[middle] ^ (1 << rng.randrange(8))]) + data[middle + 1 :] if len(data) > 1 else b"",
+        "flip": data[:middle] + bytes([data[middle] ^ (1 << rng.randrange(8))]) + data[middle + 1 :]
+        if len(data) > 1
+        else b"",
         "brackets": b"[" * 100_000,
         "null": b"null",
         "twice": data + data,
@@ -228,13 +261,25 @@ def try_file(shop: Workshop, command: str, place: Path, how: str, seed: int, fol
 
 def files(shop: Workshop, rng: random.Random, count: int) -> Cases:
     """Damaged files of runs and datasets."""
-    in_run = [path.relative_to(shop.root) for path in shop.run.glob("*") if path.suffix in (".json", ".csv", ".bin")]
-    in_data = [path.relative_to(shop.root) for path in shop.data.rglob("*") if path.is_file() and not path.name.startswith(".")]
+    in_run = [
+        path.relative_to(shop.root)
+        for path in shop.run.glob("*")
+        if path.suffix in (".json", ".csv", ".bin")
+    ]
+    in_data = [
+        path.relative_to(shop.root)
+        for path in shop.data.rglob("*")
+        if path.is_file() and not path.name.startswith(".")
+    ]
     for _ in range(count):
         place = rng.choice(in_run) if rng.random() < 0.5 else rng.choice(in_data)
         how = rng.choice(["cut", "empty", "zeros", "flip", "brackets", "null", "twice", "noise"])
         seed, is_run = rng.randrange(2**31), place.parts[0] == "run"
-        choices = ("evaluate ODD --episodes 1", "resume ODD", "compare ODD") if is_run else ("data check ODD", "data info ODD")
+        choices = (
+            ("evaluate ODD --episodes 1", "resume ODD", "compare ODD")
+            if is_run
+            else ("data check ODD", "data info ODD")
+        )
         command = rng.choice(choices)
         yield f"{command} with {place} {how}", partial(try_file, shop, command, place, how, seed)
 
@@ -242,7 +287,10 @@ def files(shop: Workshop, rng: random.Random, count: int) -> Cases:
 def _same_json(before: bytes, after: bytes) -> bool:
     """True if two JSON files differ at most in white space or the last digits of a number."""
     try:
-        first, second = (re.sub(r"(\d\.\d{5})\d+", r"\1", json.dumps(json.loads(data))) for data in (before, after))
+        first, second = (
+            re.sub(r"(\d\.\d{5})\d+", r"\1", json.dumps(json.loads(data)))
+            for data in (before, after)
+        )
     except (ValueError, RecursionError):
         return False
     return first == second
@@ -265,8 +313,12 @@ def try_mutant(kind: str, seed: int, folder: Path) -> str:
     from bricksrl.cli import templates
 
     generator = random.Random(seed)
-    lines = (Path(templates.__file__).parent / f"{kind}.py").read_text(encoding="utf-8").splitlines()
-    index = generator.choice([index for index, line in enumerate(lines) if line.strip() and index > 8])
+    lines = (
+        (Path(templates.__file__).parent / f"{kind}.py").read_text(encoding="utf-8").splitlines()
+    )
+    index = generator.choice(
+        [index for index, line in enumerate(lines) if line.strip() and index > 8]
+    )
     line, number = lines[index], generator.choice(["-1", "0", "1e9", "nan", "None"])
     lines[index : index + 1] = generator.choice(
         (
@@ -284,7 +336,10 @@ def mutants(_shop: Workshop, rng: random.Random, count: int) -> Cases:
     """Mutants of the templates of user files."""
     for _ in range(count):
         kind, seed = rng.choice(["task", "robot", "agent"]), rng.randrange(2**31)
-        yield f"check of a mutant of the {kind} template, seed {seed}", partial(try_mutant, kind, seed)
+        yield (
+            f"check of a mutant of the {kind} template, seed {seed}",
+            partial(try_mutant, kind, seed),
+        )
 
 
 def process(arguments: list[str], variables: dict[str, str], folder: Path) -> subprocess.Popen[str]:
@@ -292,7 +347,13 @@ def process(arguments: list[str], variables: dict[str, str], folder: Path) -> su
     command = [sys.executable, "-m", "bricksrl", *arguments]
     env = {**os.environ, "MUJOCO_GL": "disable", **variables}
     return subprocess.Popen(  # noqa: S603  our own interpreter
-        command, cwd=folder, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
+        command,
+        cwd=folder,
+        env=env,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
     )
 
 
@@ -305,7 +366,14 @@ def try_environment(shop: Workshop, command: str, variables: dict[str, str], fol
 
 def environments(shop: Workshop, rng: random.Random, count: int) -> Cases:
     """Odd environments."""
-    commands = ("list", "settings sac", "hub program RunAway-v0", "evaluate RUN --episodes 1", "data info DATA", "train --help")
+    commands = (
+        "list",
+        "settings sac",
+        "hub program RunAway-v0",
+        "evaluate RUN --episodes 1",
+        "data info DATA",
+        "train --help",
+    )
     pairs = [(variables, command) for variables in ENVIRONMENTS for command in commands]
     for variables, command in rng.sample(pairs, count):
         yield f"{command} with {variables}", partial(try_environment, shop, command, variables)
@@ -331,14 +399,24 @@ def try_signal(command: str, which: int, delay_s: float, folder: Path) -> str:
         return outcome.fault or ("" if outcome.code == 0 else f"the run is lost: {outcome.err}")
     outcome = run(["data", "check", "made"])
     is_sound = outcome.code == 0 or "there is no dataset" in outcome.err
-    return outcome.fault or ("" if is_sound else f"the dataset is damaged: {outcome.out}{outcome.err}"[:300])
+    return outcome.fault or (
+        "" if is_sound else f"the dataset is damaged: {outcome.out}{outcome.err}"[:300]
+    )
 
 
 def signals(_shop: Workshop, rng: random.Random, count: int) -> Cases:
     """Signals at random moments."""
     for _ in range(count):
-        which, delay_s = rng.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]), rng.uniform(0.3, 12.0)
-        command = rng.choice(["train RoboArmSim-v0 --episodes 500 --run made", "record RunAway-v0 --episodes 500 --out made"])
+        which, delay_s = (
+            rng.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]),
+            rng.uniform(0.3, 12.0),
+        )
+        command = rng.choice(
+            [
+                "train RoboArmSim-v0 --episodes 500 --run made",
+                "record RunAway-v0 --episodes 500 --out made",
+            ]
+        )
         about = f"{signal.Signals(which).name} after {delay_s:.1f} s in {command}"
         yield about, partial(try_signal, command, which, delay_s)
 

@@ -1,10 +1,12 @@
-"""The paper's table of offline learning, measured on the virtual robots, next to the paper's numbers.
+"""The paper's table of offline learning, measured on the virtual robots, next to the paper's
+numbers.
 
     python -m benchmarks offline --seeds 5
 
-Each agent learns from each dataset with the paper's settings and number of updates, and is evaluated on ``EVALUATED`` episodes of
-the virtual robot. Missing datasets are recorded first. Earlier cells stay in the result, so that the command may be run in parts.
-One thread per process; the most expensive runs come first. Means over the seeds of the mean returns, with 95 % bootstrap
+Each agent learns from each dataset with the paper's settings and number of updates, and is
+evaluated on ``EVALUATED`` episodes of the virtual robot. Missing datasets are recorded first.
+Earlier cells stay in the result, so that the command may be run in parts. One thread per process;
+the most expensive runs come first. Means over the seeds of the mean returns, with 95 % bootstrap
 intervals over seeds.
 """
 
@@ -37,12 +39,23 @@ OFFLINE_UPDATES = {
 """Updates that the paper made from each of its datasets, by task and kind of dataset."""
 
 
-def run(env: str, agent: str, updates: int, preset_name: str, data: str, seed: int) -> dict[str, Any]:
+def run(
+    env: str, agent: str, updates: int, preset_name: str, data: str, seed: int
+) -> dict[str, Any]:
     """Train one agent on one dataset, and evaluate it."""
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
         settings = preset(preset_name, agent)
-        config = TrainConfig(env, agent, episodes=1, seed=seed, settings=settings, data=data, updates=updates, run_dir=run_dir)
+        config = TrainConfig(
+            env,
+            agent,
+            episodes=1,
+            seed=seed,
+            settings=settings,
+            data=data,
+            updates=updates,
+            run_dir=run_dir,
+        )
         started_s = time.process_time()
         train(config)
         cpu_s = time.process_time() - started_s
@@ -55,7 +68,9 @@ def updates_of(env: str, kind: str, share: float) -> int:
     return max(1, round(share * OFFLINE_UPDATES[env][kind]))
 
 
-def summary(env: str, kind: str, agent: str, updates: int, runs: list[dict[str, Any]]) -> dict[str, Any]:
+def summary(
+    env: str, kind: str, agent: str, updates: int, runs: list[dict[str, Any]]
+) -> dict[str, Any]:
     """One cell of the table."""
     means = [run["return_mean"] for run in runs]
     interval = stratified_bootstrap_interval([means], mean)
@@ -73,22 +88,42 @@ def summary(env: str, kind: str, agent: str, updates: int, runs: list[dict[str, 
 def main(session: Session) -> None:
     """Run all jobs and write the table."""
     parser = session.parser
-    parser.add_argument("--data", type=Path, help=f"folder with the datasets <env>-<kind> (default: {datasets.FOLDER})")
+    parser.add_argument(
+        "--data",
+        type=Path,
+        help=f"folder with the datasets <env>-<kind> (default: {datasets.FOLDER})",
+    )
     parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
     parser.add_argument("--agents", nargs="+", default=AGENTS, choices=AGENTS)
-    parser.add_argument("--share", type=float, default=1.0, help="share of the updates, for a quick look")
+    parser.add_argument(
+        "--share", type=float, default=1.0, help="share of the updates, for a quick look"
+    )
     args = session.parse(envs=list(OFFLINE_UPDATES), preset="paper", seeds=5)
     data = (args.data or session.place_of(datasets.FOLDER)).absolute()
-    missing = [env for env in args.envs if not all((data / f"{env}-{kind}").exists() for kind in args.kinds)]
+    missing = [
+        env
+        for env in args.envs
+        if not all((data / f"{env}-{kind}").exists() for kind in args.kinds)
+    ]
     datasets.made(data, missing, quick=session.is_quick, processes=session.jobs)
     cells = list(itertools.product(args.agents, args.envs, args.kinds))
     parts = {}
     for agent, env, kind in cells:
         updates = updates_of(env, kind, args.share)
-        parts[f"{args.preset}-{env}-{kind}-{agent}-{updates}"] = env, agent, updates, args.preset, str(data / f"{env}-{kind}")
+        parts[f"{args.preset}-{env}-{kind}-{agent}-{updates}"] = (
+            env,
+            agent,
+            updates,
+            args.preset,
+            str(data / f"{env}-{kind}"),
+        )
     found: dict[tuple[str, str, str], dict[str, Any]] = {}
-    for (agent, env, kind), of_cell in zip(cells, session.by_seed(run, parts, args.seeds).values(), strict=True):
-        found[env, kind, agent] = summary(env, kind, agent, updates_of(env, kind, args.share), of_cell)
+    for (agent, env, kind), of_cell in zip(
+        cells, session.by_seed(run, parts, args.seeds).values(), strict=True
+    ):
+        found[env, kind, agent] = summary(
+            env, kind, agent, updates_of(env, kind, args.share), of_cell
+        )
     variant = "" if args.preset == "paper" else f"_{args.preset}"
     known: dict[str, dict[str, dict[str, Any]]] = session.known(variant).get("datasets", {})
     order = list(OFFLINE_UPDATES)

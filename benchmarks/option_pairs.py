@@ -1,8 +1,10 @@
-"""Pairs of options of `train`, `evaluate` and `record`: each pair is run for two episodes, in which a link is lost.
+"""Pairs of options of `train`, `evaluate` and `record`: each pair is run for two episodes, in which
+a link is lost.
 
-The rows are a covering array: every two values of two options occur together in one of them. A row may work, or be refused in
-one line; a traceback is a fault, and so is a run whose metrics and dataset disagree. A row that is refused is cut down to the
-pair that is refused, and its other pairs are tried in further rows.
+The rows are a covering array: every two values of two options occur together in one of them. A row
+may work, or be refused in one line; a traceback is a fault, and so is a run whose metrics and
+dataset disagree. A row that is refused is cut down to the pair that is refused, and its other pairs
+are tried in further rows.
 """
 
 from __future__ import annotations
@@ -113,11 +115,18 @@ def pairs_of(row: Row) -> set[Pair]:
 def all_pairs(options: Mapping[str, Sequence[str]]) -> set[Pair]:
     """Every two values of two options."""
     values = [[(name, value) for value in given] for name, given in options.items()]
-    return {frozenset(pair) for one, other in itertools.combinations(values, 2) for pair in itertools.product(one, other)}
+    return {
+        frozenset(pair)
+        for one, other in itertools.combinations(values, 2)
+        for pair in itertools.product(one, other)
+    }
 
 
-def next_row(options: Mapping[str, Sequence[str]], left: set[Pair], refused: set[Pair], rng: random.Random) -> Row | None:
-    """A row with as many as possible of the pairs that are left, and none that is refused; ``None`` if there is none."""
+def next_row(
+    options: Mapping[str, Sequence[str]], left: set[Pair], refused: set[Pair], rng: random.Random
+) -> Row | None:
+    """A row with as many as possible of the pairs that are left, and none that is refused; ``None``
+    if there is none."""
     best, most = None, 0
     order = sorted(left, key=sorted)
     for first in rng.sample(order, min(len(order), 20)):
@@ -140,7 +149,8 @@ def next_row(options: Mapping[str, Sequence[str]], left: set[Pair], refused: set
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a row did: ``fault`` is empty unless it is one; ``said`` is the reason if it was refused."""
+    """What a row did: ``fault`` is empty unless it is one; ``said`` is the reason if it was
+    refused."""
 
     code: int
     said: str = ""
@@ -163,7 +173,11 @@ def run(words: list[str], made: Path) -> Outcome:
     said = err.getvalue().strip()
     if code not in (0, 2) or "Traceback" in said:
         return Outcome(1, fault=f"code {code}: {said[-300:]}")
-    return Outcome(int(code), said.splitlines()[-1] if code and said else "", "" if code else _disagreement(made))
+    return Outcome(
+        int(code),
+        said.splitlines()[-1] if code and said else "",
+        "" if code else _disagreement(made),
+    )
 
 
 def _disagreement(made: Path) -> str:
@@ -179,14 +193,22 @@ def _disagreement(made: Path) -> str:
     if int(rows[-1]["steps"]) != len(steps):
         return f"{rows[-1]['steps']} steps in the metrics, {len(steps)} in the dataset"
     apart = abs(sum(float(row["return"]) for row in rows) - float(steps.reward.sum()))
-    return f"the returns differ by {apart:g} from the dataset's rewards" if apart > 1e-2 * (1 + len(steps)) else ""
+    return (
+        f"the returns differ by {apart:g} from the dataset's rewards"
+        if apart > 1e-2 * (1 + len(steps))
+        else ""
+    )
 
 
 def words_of(command: str, row: Row, made: Path) -> list[str]:
     """The command line of a row."""
     first, *others = row.items()
     words = [command, first[1], *(word for _, value in others for word in value.split())]
-    ends = {"train": f"--episodes 2 --no-film --run {made}", "evaluate": "--episodes 2", "record": f"--episodes 2 --out {made}"}
+    ends = {
+        "train": f"--episodes 2 --no-film --run {made}",
+        "evaluate": "--episodes 2",
+        "record": f"--episodes 2 --out {made}",
+    }
     return [*words, *ends[command].split()]
 
 
@@ -196,14 +218,19 @@ def prepare(folder: Path) -> None:
     Path("camera.py").write_text(_TASK.replace("NAME", "RoboArm_mixed-v0"))
     Path("mine.py").write_text(_TRANSFORM)
     small = f"--agent sac {_SMALL} --episodes 2 --no-film".split()
-    for name, more in (("earlier", []), ("skipping", ["--frame-skip", "3"]), ("normal", ["--normalize"])):
+    for name, more in (
+        ("earlier", []),
+        ("skipping", ["--frame-skip", "3"]),
+        ("normal", ["--normalize"]),
+    ):
         outcome = run(["train", "hub.py", *small, *more, "--run", name], folder / name)
         if outcome.code or outcome.fault:
             raise RuntimeError(f"{name}: {outcome}")
 
 
 def reduced(command: str, row: Row, code: int, count: Iterator[int], folder: Path) -> Row:
-    """The options of a row, without those that may have their default while it still ends with this code."""
+    """The options of a row, without those that may have their default while it still ends with this
+    code."""
     options, needed = OPTIONS[command], dict(row)
     for name in row:
         default = options[name][0]
@@ -234,7 +261,9 @@ def cover(command: str, rows: int, rng: random.Random, folder: Path) -> dict[str
             left -= pairs_of(row)
             continue
         needed = reduced(command, row, 2, count, folder)
-        gone = {pair for pair in all_pairs(options) if len(needed) <= 2 and set(needed.items()) <= pair}
+        gone = {
+            pair for pair in all_pairs(options) if len(needed) <= 2 and set(needed.items()) <= pair
+        }
         if not gone:  # three options, or none that can be omitted: this row is not tried again
             gone = pairs_of(row) & left
             alone.append(needed)
@@ -242,7 +271,8 @@ def cover(command: str, rows: int, rng: random.Random, folder: Path) -> dict[str
         refused |= gone if len(needed) <= 2 else set()
         left -= gone
     return {
-        "pairs": total, "tried": total - len(left) - len(refused), "refused": len(refused), "left": len(left), "rows": done,
+        "pairs": total, "tried": total - len(left) - len(refused), "refused": len(refused),
+        "left": len(left), "rows": done,
         "reasons": reasons, "faults": faults,
     }  # fmt: skip
 

@@ -1,10 +1,13 @@
-"""Oracles of a change that must change nothing: digests of models, hub programs and motion logs, and returns to the last digit.
+"""Oracles of a change that must change nothing: digests of models, hub programs and motion logs,
+and returns to the last digit.
 
-    python -m benchmarks oracles --folder DIR                    # before the change
-    python -m benchmarks oracles --folder NEW --before DIR       # after it: each difference, and exit code 1 if there is one
+    python -m benchmarks oracles --folder DIR                    # before the change python -m
+    benchmarks oracles --folder NEW --before DIR       # after it: each difference, and exit code 1
+    if there is one
 
-On one computer, because torch's kernels differ between processors. Where models are kept in a cache, run it twice: the first run
-builds them, the second loads them. Takes about four CPU minutes; ``--only 'model *'`` makes a part, by name.
+On one computer, because torch's kernels differ between processors. Where models are kept in a
+cache, run it twice: the first run builds them, the second loads them. Takes about four CPU minutes;
+``--only 'model *'`` makes a part, by name.
 """
 
 from __future__ import annotations
@@ -43,7 +46,13 @@ from bricktwin.twin.arena import ArenaWorld
 from bricktwin.twin.make_body import lies_on_bench, make_body
 from bricktwin.twin.scene import OPEN_FLOOR
 
-EPISODES = {"RunAway-v0": 40, "WalkerSim-v0": 20, "Walker-v1": 20, "Park-v0": 20, "LineFollow-v0": 20}
+EPISODES = {
+    "RunAway-v0": 40,
+    "WalkerSim-v0": 20,
+    "Walker-v1": 20,
+    "Park-v0": 20,
+    "LineFollow-v0": 20,
+}
 """Episodes of SAC with seed 0. One is random; the robots have learned most after these."""
 RESUMED = "RunAway-v0"
 """Environment of the run that stops half way."""
@@ -52,9 +61,14 @@ Oracle = Callable[[], Any]
 
 
 def oracles() -> Iterator[tuple[str, Oracle]]:
-    """Models of robots on an open floor, of each environment's scene and of each arena; hub programs; motion logs; runs."""
+    """Models of robots on an open floor, of each environment's scene and of each arena; hub
+    programs; motion logs; runs."""
     scenes: dict[Any, str] = {(robot, OPEN_FLOOR): robot.name for robot in ROBOTS.values()}
-    interfaces = {robot.name: (robot, whole_interface(robot)) for robot in ROBOTS.values() if robot.hub.model.runs_programs}
+    interfaces = {
+        robot.name: (robot, whole_interface(robot))
+        for robot in ROBOTS.values()
+        if robot.hub.model.runs_programs
+    }
     for env_id in list_envs():
         task = get_task(env_id)
         scenes.setdefault((task.robot, task.scene), env_id)
@@ -113,14 +127,19 @@ def _motion_log(robot: str) -> str:
 
 
 def _learned(env_id: str, first: int) -> dict[str, Any]:
-    """Returns and last losses with all digits, and a digest of the policy; the run is resumed after ``first`` episodes."""
+    """Returns and last losses with all digits, and a digest of the policy; the run is resumed after
+    ``first`` episodes."""
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
-        result = train(TrainConfig(env=env_id, episodes=first, seed=0, record=False, run_dir=run_dir))
+        result = train(
+            TrainConfig(env=env_id, episodes=first, seed=0, record=False, run_dir=run_dir)
+        )
         if first < EPISODES[env_id]:
             result = resume(run_dir, episodes=EPISODES[env_id])
         policy = load_checkpoint(run_dir / "checkpoint.bin")["agent"]["policy"]
-    weights = digest(*(value.numpy().tobytes() for value in policy.values() if isinstance(value, torch.Tensor)))
+    weights = digest(
+        *(value.numpy().tobytes() for value in policy.values() if isinstance(value, torch.Tensor))
+    )
     returns = [episode.return_ for episode in result.episodes]
     return {"returns": returns, "losses": result.episodes[-1].measures, "weights": weights}
 
@@ -128,8 +147,12 @@ def _learned(env_id: str, first: int) -> dict[str, Any]:
 def main(session: Session) -> int:
     """Compute the oracles, write them, and compare them with those before."""
     parser = session.parser
-    parser.add_argument("--before", type=Path, metavar="DIR", help="folder of the oracles to compare with")
-    parser.add_argument("--only", default="*", metavar="PATTERN", help="names, such as 'model *' or '*Walker*'")
+    parser.add_argument(
+        "--before", type=Path, metavar="DIR", help="folder of the oracles to compare with"
+    )
+    parser.add_argument(
+        "--only", default="*", metavar="PATTERN", help="names, such as 'model *' or '*Walker*'"
+    )
     args = session.parse()
     found = {}
     for name, oracle in oracles():
@@ -138,7 +161,11 @@ def main(session: Session) -> int:
             found[name] = json.loads(json.dumps(oracle()))
     session.write({"oracles": found})
     before = read_result(args.before / "study.json")["oracles"] if args.before else found
-    wrong = [f"{name}: {before.get(name)} before, {value} now" for name, value in found.items() if value != before.get(name)]
+    wrong = [
+        f"{name}: {before.get(name)} before, {value} now"
+        for name, value in found.items()
+        if value != before.get(name)
+    ]
     whole, parts = found.get(f"learning {RESUMED}"), found.get(f"resumed {RESUMED}")
     if whole is not None and parts is not None and whole != parts:
         wrong.append(f"the resumed run: {whole} as a whole, {parts} in parts")

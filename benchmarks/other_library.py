@@ -1,9 +1,11 @@
-"""The example of docs/libraries.md: Stable-Baselines3's SAC on Walker-v1, with our features and without.
+"""The example of docs/libraries.md: Stable-Baselines3's SAC on Walker-v1, with our features and
+without.
 
     python -m benchmarks other_library [--seeds 3] [--steps 2000]
 
-The code is that of the page, with another seed, and for ``raw`` without its wrapper. The trained agent then plays five episodes
-without exploration. The share is that of the hand-written trot's mean return.
+The code is that of the page, with another seed, and for ``raw`` without its wrapper. The trained
+agent then plays five episodes without exploration. The share is that of the hand-written trot's
+mean return.
 """
 
 from __future__ import annotations
@@ -45,7 +47,9 @@ def learned(way: str, seed: int, steps: int) -> dict[str, Any]:
     for episode in range(EPISODES):
         observation, total, ended = env.reset(seed=1000 + episode)[0], 0.0, False
         while not ended:
-            observation, reward, terminated, truncated, _ = env.step(agent.predict(observation, deterministic=True)[0])
+            observation, reward, terminated, truncated, _ = env.step(
+                agent.predict(observation, deterministic=True)[0]
+            )
             total, ended = total + float(reward), terminated or truncated
         returns.append(round(total, 2))
     env.close()
@@ -57,11 +61,23 @@ def main(session: Session) -> None:
     session.parser.add_argument("--ways", nargs="+", default=list(WAYS), choices=WAYS)
     args = session.parse(seeds=3, steps=2000)
     trot = REFERENCES[ENV]["by hand"]
-    parts = {f"{way}-{seed}-{args.steps}": (way, seed, args.steps) for way in args.ways for seed in range(args.seeds)}
+    parts = {
+        f"{way}-{seed}-{args.steps}": (way, seed, args.steps)
+        for way in args.ways
+        for seed in range(args.seeds)
+    }
     outcomes = session.outcomes(learned, parts)
     runs = {way: [next(outcomes) for _ in range(args.seeds)] for way in args.ways}
     for way, found in runs.items():
         mean = statistics.mean(run["mean"] for run in found)
-        print(f"{way:9} {mean:7.1f}, {mean / trot:.2f} of the trot's {trot:.1f}; seeds {[run['mean'] for run in found]}")
-    setup = {"env": ENV, "steps": args.steps, "stable_baselines3": version("stable-baselines3"), "trot": trot}
+        print(
+            f"{way:9} {mean:7.1f}, {mean / trot:.2f} of the trot's {trot:.1f}; seeds "
+            f"{[run['mean'] for run in found]}"
+        )
+    setup = {
+        "env": ENV,
+        "steps": args.steps,
+        "stable_baselines3": version("stable-baselines3"),
+        "trot": trot,
+    }
     session.write({**setup, "runs": runs})

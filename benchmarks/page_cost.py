@@ -2,8 +2,9 @@
 
     python -m benchmarks page_cost
 
-Walker-v1, the same episodes each time, in turn without a page, with a page without visitors, and with one that a connection reads
-all the time (in its own process, which draws nothing). One thread learns; the page's own thread is included in the CPU time.
+Walker-v1, the same episodes each time, in turn without a page, with a page without visitors, and
+with one that a connection reads all the time (in its own process, which draws nothing). One thread
+learns; the page's own thread is included in the CPU time.
 """
 
 from __future__ import annotations
@@ -41,12 +42,18 @@ try:
         poses += isinstance(message, bytes) and message[0] == 1
 except Exception:
     print(poses / (time.monotonic() - start), total / (time.monotonic() - start))
-"""
+"""  # noqa: E501
 
 
 def run(episodes: int, folder: Path, kind: str) -> dict[str, float]:
     """CPU and wall seconds of a run, and frames and bytes per second of the reader."""
-    config = TrainConfig(ENV, episodes=episodes, settings=settings_for(ENV, "default", "sac"), run_dir=folder, record=False)
+    config = TrainConfig(
+        ENV,
+        episodes=episodes,
+        settings=settings_for(ENV, "default", "sac"),
+        run_dir=folder,
+        record=False,
+    )
     result: dict[str, float] = {}
     if kind == "without":
         cpu_s, wall_s = time.process_time(), time.perf_counter()
@@ -57,7 +64,8 @@ def run(episodes: int, folder: Path, kind: str) -> dict[str, float]:
         reader = None
         if kind == "watched":
             reader_command = [sys.executable, "-c", READER, page.url]
-            reader = subprocess.Popen(reader_command, stdout=subprocess.PIPE, text=True)  # noqa: S603  our own arguments
+            # our own arguments
+            reader = subprocess.Popen(reader_command, stdout=subprocess.PIPE, text=True)  # noqa: S603
             time.sleep(1.0)
         cpu_s, wall_s = time.process_time(), time.perf_counter()
         train(config, PageCallback(page, stop), driver=page.driver, stop=stop)
@@ -81,7 +89,10 @@ def main(session: Session) -> None:
     base = statistics.median(run_times["cpu_s"] for run_times in runs["without"])
     results: dict[str, Any] = {"env": ENV, "episodes": args.episodes, "repeats": args.repeats}
     for kind in kinds:
-        median = {name: statistics.median(run_times[name] for run_times in runs[kind]) for name in runs[kind][0]}
+        median = {
+            name: statistics.median(run_times[name] for run_times in runs[kind])
+            for name in runs[kind][0]
+        }
         results[kind] = {
             **{name: round(value, 3) for name, value in median.items()},
             "cpu_ratio": round(median["cpu_s"] / base, 3),

@@ -1,9 +1,11 @@
-"""Memory of the live page over ten minutes: of the process that plays and serves, and of a browser tab.
+"""Memory of the live page over ten minutes: of the process that plays and serves, and of a browser
+tab.
 
     python -m benchmarks page_memory --minutes 10
 
-A Walker plays in real time on a page that a headless Chromium shows. Resident memory and the tab's heap (after a garbage
-collection) are read every half minute; growth is the slope of a line through them without the first two minutes.
+A Walker plays in real time on a page that a headless Chromium shows. Resident memory and the tab's
+heap (after a garbage collection) are read every half minute; growth is the slope of a line through
+them without the first two minutes.
 """
 
 from __future__ import annotations
@@ -26,7 +28,12 @@ from bricksrl.page.live import LivePage
 from bricksrl.page.play import play_on_page
 from bricksrl.policies.policy import random_player
 
-FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+FLAGS = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+)
 WARM_S = 120.0
 
 
@@ -36,7 +43,11 @@ def resident_mb() -> float:
     if status.exists():
         line = next(line for line in status.read_text().splitlines() if line.startswith("VmRSS"))
         return float(line.split()[1]) / 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 / (1024 if sys.platform == "darwin" else 1)
+    return (
+        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        / 1024
+        / (1024 if sys.platform == "darwin" else 1)
+    )
 
 
 def main(session: Session) -> None:
@@ -47,7 +58,9 @@ def main(session: Session) -> None:
 
     def look() -> None:
         with sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(FLAGS))
+            browser = playwright.chromium.launch(
+                executable_path=shutil.which("chromium"), args=list(FLAGS)
+            )
             tab = browser.new_page(viewport={"width": 800, "height": 600})
             tab.goto(page.url)
             tab.wait_for_selector("#scene[data-frames]", timeout=120_000)
@@ -71,11 +84,14 @@ def main(session: Session) -> None:
     table = np.array(rows)
     late = table[table[:, 0] > min(WARM_S, 12 * args.minutes)]
     slopes = {
-        name: float(np.polyfit(late[:, 0] / 60, late[:, column], 1)[0]) for name, column in (("process", 1), ("tab_heap", 2))
+        name: float(np.polyfit(late[:, 0] / 60, late[:, column], 1)[0])
+        for name, column in (("process", 1), ("tab_heap", 2))
     }
     results = {
         "minutes": args.minutes,
-        "frames_per_s": round(float((table[-1, 3] - table[0, 3]) / (table[-1, 0] - table[0, 0])), 2),
+        "frames_per_s": round(
+            float((table[-1, 3] - table[0, 3]) / (table[-1, 0] - table[0, 0])), 2
+        ),
         "process_mb": [round(value, 1) for value in table[:, 1].tolist()],
         "tab_heap_mb": [round(value, 2) for value in table[:, 2].tolist()],
         "growth_mb_per_minute": {name: round(value, 3) for name, value in slopes.items()},

@@ -3,13 +3,15 @@
     python -m benchmarks page_pictures
     python -m benchmarks page_pictures --looks
 
-Writes for the documentation ``docs/images/page.png``, a trained Walker, ``docs/images/page_phone.png``, a 2Wheeler driven
-by hand on a screen as wide as a phone's, ``docs/images/page_goal.png``, the bay of Park, ``docs/images/page_tag.png``, a phone
-that drives the runner, and ``docs/images/start_page.png``; and for the start page a picture of each environment, drawn as in
-films.
+Writes for the documentation ``docs/images/page.png``, a trained Walker,
+``docs/images/page_phone.png``, a 2Wheeler driven by hand on a screen as wide as a phone's,
+``docs/images/page_goal.png``, the bay of Park, ``docs/images/page_tag.png``, a phone that drives
+the runner, and ``docs/images/start_page.png``; and for the start page a picture of each
+environment, drawn as in films.
 
-``--looks`` writes into ``studies/page_pictures/looks`` what is to be looked at after a change of the page: the first frame of
-each card's page, and the start page in a class, each at three sizes; and the sheet that is printed of a run.
+``--looks`` writes into ``studies/page_pictures/looks`` what is to be looked at after a change of
+the page: the first frame of each card's page, and the start page in a class, each at three sizes;
+and the sheet that is printed of a run.
 
 Needs Chromium, OpenGL and some minutes.
 """
@@ -41,8 +43,15 @@ from bricktwin.twin.render.opengl import Renderer
 from bricktwin.twin.render.video import Room
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
-ENVIRONMENTS = Path(__file__).parents[1] / "packages" / "bricksrl" / "src" / "bricksrl" / "page" / "pictures"
-FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+ENVIRONMENTS = (
+    Path(__file__).parents[1] / "packages" / "bricksrl" / "src" / "bricksrl" / "page" / "pictures"
+)
+FLAGS = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+)
 SEED, STEPS = 3, 2
 SIZES_PX = {"laptop": (1366, 768), "upright": (390, 844), "across": (844, 390)}
 """Of windows: a laptop, and a phone in both directions."""
@@ -54,9 +63,13 @@ SIZE_PX = (480, 300)
 
 @contextmanager
 def served(folder: str, *arguments: str) -> Iterator[str]:
-    """Address of the page of a ``bricksrl`` command, run in a folder until the end of this context."""
+    """Address of the page of a ``bricksrl`` command, run in a folder until the end of this
+    context."""
     words = [sys.executable, "-m", "bricksrl", *arguments]
-    process = subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)  # noqa: S603  our own command
+    # our own command
+    process = subprocess.Popen(  # noqa: S603
+        words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
     try:
         for line in process.stdout or ():
             match = re.search(r"http://\S+", line)
@@ -72,7 +85,9 @@ def served(folder: str, *arguments: str) -> Iterator[str]:
 def tab(url: str, width: int, height: int, shows: str = "#scene") -> Iterator[Page]:
     """The page in a browser of this size, once it shows an element."""
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(FLAGS))
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=list(FLAGS)
+        )
         page = browser.new_context(viewport={"width": width, "height": height}).new_page()
         page.set_default_timeout(600_000)
         page.goto(url)
@@ -89,7 +104,8 @@ def take(page: Page, path: Path) -> None:
 
 
 def draw_environment(env_id: str, path: Path) -> None:
-    """Draw an environment after some steps of its controller, with its goal, as films do, from the front if nothing is ahead."""
+    """Draw an environment after some steps of its controller, with its goal, as films do, from the
+    front if nothing is ahead."""
     env = make_robot(env_id, seed=SEED)
     if env is None:
         raise BricksError(f"{env_id} has no robot to draw; give one that has")
@@ -98,7 +114,11 @@ def draw_environment(env_id: str, path: Path) -> None:
         body: Any = None if env.twin is None else env.twin.body
         room = Room(body, env.task.goal(observation.tolist()))
         for _ in range(STEPS if act is not None and not env.task.images else 0):
-            observation = env.move(np.clip((act or CONTROLLERS[env_id])({"observation": observation}), -1.0, 1.0).tolist())
+            observation = env.move(
+                np.clip(
+                    (act or CONTROLLERS[env_id])({"observation": observation}), -1.0, 1.0
+                ).tolist()
+            )
         has_wall = env.task.scene.wall_distance_mm is not None  # which would hide the robot
         room.camera.azimuth = 62.0 if has_wall else 125.0
         room.camera.distance *= 0.9 if has_wall else 0.68
@@ -111,7 +131,9 @@ def draw(body: MujocoBody, camera: Any, path: Path, decorate: Any = None) -> Non
     """Draw a robot's world as a picture of an environment."""
     width, height = SIZE_PX
     with Renderer(body, 2 * width, 2 * height, camera, shadows=True, decorate=decorate) as renderer:
-        Image.fromarray(renderer.render()).resize(SIZE_PX, Image.Resampling.LANCZOS).save(path, quality=82)
+        Image.fromarray(renderer.render()).resize(SIZE_PX, Image.Resampling.LANCZOS).save(
+            path, quality=82
+        )
 
 
 def draw_arena(env_id: str, path: Path) -> None:
@@ -156,15 +178,21 @@ def train_class(folder: Path) -> None:
     for seed, name in enumerate(NAMES):
         words = ["train", "RunAway-v0", "--episodes", "4", "--seed", str(seed), "--name", name]
         words += ["--no-film"] if seed else []
-        subprocess.run([sys.executable, "-m", "bricksrl", *words], cwd=folder, check=True)  # noqa: S603  our own command
+        # our own command
+        subprocess.run([sys.executable, "-m", "bricksrl", *words], cwd=folder, check=True)  # noqa: S603
 
 
 def look_at_class(place: Path, folder: Path) -> None:
-    """Take the start page with the runs of a class and three visitors at each size, its table, and the sheet of a run."""
-    report = next(path.with_name("report.html") for path in place.glob("runs/*/before_after.mp4")).resolve()
+    """Take the start page with the runs of a class and three visitors at each size, its table, and
+    the sheet of a run."""
+    report = next(
+        path.with_name("report.html") for path in place.glob("runs/*/before_after.mp4")
+    ).resolve()
     with served(str(place), "page") as url, tab(url, 1366, 768, ".env img") as page:
         browser = page.context.browser
-        others = [browser.new_context().new_page() for _ in NAMES[1:]] if browser is not None else []
+        others = (
+            [browser.new_context().new_page() for _ in NAMES[1:]] if browser is not None else []
+        )
         for name, one in zip(NAMES, (page, *others), strict=True):
             one.goto(url)
             one.locator("#own-name").fill(name)
@@ -180,7 +208,12 @@ def look_at_class(place: Path, folder: Path) -> None:
 def main(session: Session) -> None:
     """Take the pictures."""
     cards = [*(env_id for env_id in list_envs() if not is_simulation(env_id)), *ARENAS]
-    session.parser.add_argument("--looks", nargs="*", metavar="CARD", help="only pictures to look at, of these cards, or of all")
+    session.parser.add_argument(
+        "--looks",
+        nargs="*",
+        metavar="CARD",
+        help="only pictures to look at, of these cards, or of all",
+    )
     looks = session.parse().looks
     if looks is not None:
         folder = session.folder / "looks"

@@ -1,4 +1,5 @@
-"""Parts of a benchmark, such as the trainings of its seeds: made in processes, and kept, so that none is made twice."""
+"""Parts of a benchmark, such as the trainings of its seeds: made in processes, and kept, so that
+none is made twice."""
 
 from __future__ import annotations
 
@@ -37,15 +38,17 @@ def outcomes(
     resumable: bool = False,
     ray: Any = None,
 ) -> Iterator[Any]:
-    """Outcomes of the parts, in order, each as soon as it is there; a `Failure` for a part that raised a `BricksError`. Raises
-    RunError if a process was killed.
+    """Outcomes of the parts, in order, each as soon as it is there; a `Failure` for a part that
+    raised a `BricksError`. Raises RunError if a process was killed.
 
     Args:
         function: makes a part from its arguments; its outcome has to survive JSON.
         parts: arguments by the file that keeps the outcome.
-        processes: concurrent processes, of one thread each; by default the number of cores. A single one is this process.
+        processes: concurrent processes, of one thread each; by default the number of cores. A
+            single one is this process.
         fresh: make each part in a process of its own, so that its start-up counts.
-        resumable: Ctrl-C may end a part in its own way, with files from which it is resumed; else it is at once.
+        resumable: Ctrl-C may end a part in its own way, with files from which it is resumed; else
+            it is at once.
         ray: the connected module, to make them on a cluster.
     """
     orders = [(function, path, arguments, resumable) for path, arguments in parts.items()]
@@ -69,19 +72,26 @@ def outcomes(
 
 
 def kept(path: Path) -> Any:
-    """The outcome in a file; ``None`` if there is none, or the file is damaged, so that the part is made again."""
+    """The outcome in a file; ``None`` if there is none, or the file is damaged, so that the part is
+    made again."""
     try:
         return dict(json.loads(path.read_bytes()))["outcome"]
     except (OSError, ValueError, TypeError, LookupError):
         return None
 
 
-def _outcome(function: Callable[..., Any], path: Path, arguments: tuple[Any, ...], resumable: bool) -> Any:
+def _outcome(
+    function: Callable[..., Any], path: Path, arguments: tuple[Any, ...], resumable: bool
+) -> Any:
     """The kept outcome of a part, or else a new one."""
     if (outcome := kept(path)) is not None:
         return outcome
     try:
-        with nullcontext() if resumable else mock.patch.object(StopSignals, "_on_interrupt", _interrupt):
+        with (
+            nullcontext()
+            if resumable
+            else mock.patch.object(StopSignals, "_on_interrupt", _interrupt)
+        ):
             outcome = function(*arguments)
     except BricksError as error:
         return Failure(error)

@@ -1,9 +1,11 @@
-"""Trained robots in the box: a small SAC for each environment, its weights, settings and returns in bricksrl/policies/trained.
+"""Trained robots in the box: a small SAC for each environment, its weights, settings and returns in
+bricksrl/policies/trained.
 
     python -m benchmarks policies --envs RunAway-v0
 
-Each learns with small networks, is evaluated every few episodes, and the best of these is kept as plain numbers and evaluated
-on episodes that it has not seen. The camera task is left out: its policy reads images.
+Each learns with small networks, is evaluated every few episodes, and the best of these is kept as
+plain numbers and evaluated on episodes that it has not seen. The camera task is left out: its
+policy reads images.
 """
 
 from __future__ import annotations
@@ -46,8 +48,8 @@ LAYERS = ("weights", "biases")
 
 
 def plain_of(policy: Policy) -> PlainPolicy:
-    """The numbers of an agent's policy. Raises DescriptionError for one with images, transforms, or other layers than an `mlp` of
-    linear layers with ReLU."""
+    """The numbers of an agent's policy. Raises DescriptionError for one with images, transforms, or
+    other layers than an `mlp` of linear layers with ReLU."""
     from tensordict.nn import NormalParamExtractor
     from torch import nn
 
@@ -58,10 +60,23 @@ def plain_of(policy: Policy) -> PlainPolicy:
     encoder, body = (actors[0].encoder, actors[0].body) if len(actors) == 1 else (None, None)
     layers = list(body) if isinstance(body, nn.Sequential) else []
     are_plain = bool(layers) and all(isinstance(layer, nn.Linear | nn.ReLU) for layer in layers)
-    if not are_plain or not isinstance(encoder, Encoder) or encoder.images or encoder.numbers.normalize:
-        raise DescriptionError("only linear layers with ReLU on plain observations can be written as plain numbers")
+    if (
+        not are_plain
+        or not isinstance(encoder, Encoder)
+        or encoder.images
+        or encoder.numbers.normalize
+    ):
+        raise DescriptionError(
+            "only linear layers with ReLU on plain observations can be written as plain numbers"
+        )
     numbers, linear = encoder.numbers, [layer for layer in layers if isinstance(layer, nn.Linear)]
-    ends = (*numbers.seen.bounds(), numbers.linear, numbers.scale, numbers.offset, numbers.angle_matrix)
+    ends = (
+        *numbers.seen.bounds(),
+        numbers.linear,
+        numbers.scale,
+        numbers.offset,
+        numbers.angle_matrix,
+    )
     tensors = (*ends, numbers.goal, numbers.reached, numbers.period, numbers.goal_scale)
     weights = [layer.weight.detach().cpu().numpy() for layer in linear]
     biases = [layer.bias.detach().cpu().numpy() for layer in linear]
@@ -69,14 +84,22 @@ def plain_of(policy: Policy) -> PlainPolicy:
         m = len(biases[-1]) // 2
         weights[-1], biases[-1] = weights[-1][:m], biases[-1][:m]
     arrays = [*(tensor.cpu().numpy() for tensor in tensors), tuple(weights), tuple(biases)]
-    values: dict[str, Any] = dict(zip((field.name for field in fields(PlainPolicy)), arrays, strict=True))
+    values: dict[str, Any] = dict(
+        zip((field.name for field in fields(PlainPolicy)), arrays, strict=True)
+    )
     return PlainPolicy(**values)
 
 
 def save(policy: PlainPolicy, path: Path) -> None:
     """Write a policy to a file ``.npz``; equal policies give equal files."""
-    arrays = {field.name: getattr(policy, field.name) for field in fields(policy) if field.name not in LAYERS}
-    layers = {f"{name}_{i}": array for name in LAYERS for i, array in enumerate(getattr(policy, name))}
+    arrays = {
+        field.name: getattr(policy, field.name)
+        for field in fields(policy)
+        if field.name not in LAYERS
+    }
+    layers = {
+        f"{name}_{i}": array for name in LAYERS for i, array in enumerate(getattr(policy, name))
+    }
     np.savez_compressed(path, **arrays, **layers)
 
 
@@ -91,7 +114,9 @@ def run(env: str, episodes: int, out: str) -> dict[str, Any]:
         settings = replace(preset("default", "sac"), hidden=HIDDEN)
         options = {"settings": settings, "eval_every": every, "record": False, "run_dir": folder}
         train(TrainConfig(env, "sac", episodes, SEED, **options))
-        result = evaluate(folder, episodes=EVALUATED_EPISODES, seed=EVALUATED_SEED, which="best", save=False)
+        result = evaluate(
+            folder, episodes=EVALUATED_EPISODES, seed=EVALUATED_SEED, which="best", save=False
+        )
         save(plain_of(load_policy(folder, which="best")), Path(out))
     return {
         "env": env,
@@ -106,14 +131,22 @@ def run(env: str, episodes: int, out: str) -> dict[str, Any]:
 
 def main(session: Session) -> None:
     """Train, and write the files and their table; policies of other environments stay."""
-    session.parser.add_argument("--episodes", type=int, help="of each training (default: those of the table)")
+    session.parser.add_argument(
+        "--episodes", type=int, help="of each training (default: those of the table)"
+    )
     args = session.parse(envs=list(EPISODES))
     place = session.place_of(FOLDER)
-    jobs = {env: (env, args.episodes or EPISODES[env], str(place / path_of(env).name)) for env in args.envs}
+    jobs = {
+        env: (env, args.episodes or EPISODES[env], str(place / path_of(env).name))
+        for env in args.envs
+    }
     rows: dict[str, Any] = {} if session.is_apart else dict(TRAINED)
     rows |= {row["env"]: row for row in session.outcomes(run, jobs)}
     with (place / "policies.csv").open("w", encoding="utf-8", newline="") as file:
-        file.write(f"# Written by `python -m benchmarks policies`; returns over {EVALUATED_EPISODES} episodes of other seeds.\n")
+        file.write(
+            f"# Written by `python -m benchmarks policies`; returns over {EVALUATED_EPISODES} "
+            "episodes of other seeds.\n"
+        )
         table = csv.DictWriter(file, list(next(iter(rows.values()))), lineterminator="\n")
         table.writeheader()
         table.writerows(rows[env] for env in EPISODES if env in rows)

@@ -1,14 +1,17 @@
-"""A race to a return of -20 on WalkerSim-v0: our agents, Stable-Baselines3 and SBX, in robot steps and CPU seconds.
+"""A race to a return of -20 on WalkerSim-v0: our agents, Stable-Baselines3 and SBX, in robot steps
+and CPU seconds.
 
     python -m benchmarks race [--seeds 5] [--first-seed 0] [--every 100] [--limit 4000]
 
-Each contestant trains in its own process with one thread, start-up (imports, compilation) included, and is evaluated after
-every ``--every`` steps on 40 deterministic episodes, whose time is not included; it has reached the goal once their mean return
-is -20. The others run twice: with our features and the values of our default settings (learning rate, discount, temperature,
-networks, layer normalisation where they have it, updates per step, initial random episodes), and with their own defaults on raw
-observations; a delayed actor and mirrored batches only we have. The contestants take turns seed by seed, so that all run under
-the same load; the result is the median over the seeds. A contestant that does not reach the goal within ``--limit`` steps
-counts with this limit. Other contestants stay in the result.
+Each contestant trains in its own process with one thread, start-up (imports, compilation) included,
+and is evaluated after every ``--every`` steps on 40 deterministic episodes, whose time is not
+included; it has reached the goal once their mean return is -20. The others run twice: with our
+features and the values of our default settings (learning rate, discount, temperature, networks,
+layer normalisation where they have it, updates per step, initial random episodes), and with their
+own defaults on raw observations; a delayed actor and mirrored batches only we have. The contestants
+take turns seed by seed, so that all run under the same load; the result is the median over the
+seeds. A contestant that does not reach the goal within ``--limit`` steps counts with this limit.
+Other contestants stay in the result.
 """
 
 from __future__ import annotations
@@ -53,7 +56,8 @@ class Race:
         self._env = bricksrl.make(ENV, batch_size=EVALUATED, seed=1000)
 
     def is_over(self, steps: int, act: Callable[[Any], Any]) -> bool:
-        """Evaluate ``act``, observations ``[40, n]`` to actions ``[40, m]``, after ``steps``; true at the goal or limit."""
+        """Evaluate ``act``, observations ``[40, n]`` to actions ``[40, m]``, after ``steps``; true
+        at the goal or limit."""
         import torch
 
         started_s = time.process_time()
@@ -101,14 +105,22 @@ def run_ours(agent: str, seed: int, race: Race) -> None:
                 torch.set_rng_state(state)
 
     def act(observation: torch.Tensor) -> torch.Tensor:
-        action: torch.Tensor = judge.learner.exploit(TensorDict({"observation": observation}, [len(observation)]))["action"]
+        action: torch.Tensor = judge.learner.exploit(
+            TensorDict({"observation": observation}, [len(observation)])
+        )["action"]
         return action
 
     judge = Judge()
     with tempfile.TemporaryDirectory() as parent:
         episodes = race.limit // 100 + 1
         config = TrainConfig(
-            ENV, agent, episodes, seed, settings=preset("default", agent), record=False, run_dir=Path(parent) / "run"
+            ENV,
+            agent,
+            episodes,
+            seed,
+            settings=preset("default", agent),
+            record=False,
+            run_dir=Path(parent) / "run",
         )
         train(config, judge, stop=stop)
 
@@ -137,9 +149,19 @@ def run_other(package: str, agent: str, seed: int, race: Race, *, like_ours: boo
     policy: dict[str, Any] = {}
     if like_ours:
         ours = preset("default", agent)
-        settings = {"learning_rate": ours.learning_rate, "gamma": ours.gamma, "batch_size": ours.batch_size}
-        settings |= {"gradient_steps": round(ours.updates_per_step), "learning_starts": 100 * ours.prefill_episodes}
-        settings |= {"ent_coef": f"auto_{ours.alpha_init}", "target_entropy": ours.target_entropy * ACTIONS}
+        settings = {
+            "learning_rate": ours.learning_rate,
+            "gamma": ours.gamma,
+            "batch_size": ours.batch_size,
+        }
+        settings |= {
+            "gradient_steps": round(ours.updates_per_step),
+            "learning_starts": 100 * ours.prefill_episodes,
+        }
+        settings |= {
+            "ent_coef": f"auto_{ours.alpha_init}",
+            "target_entropy": ours.target_entropy * ACTIONS,
+        }
         policy = {"net_arch": list(ours.hidden)}
         if package == "sbx" and agent == "sac":
             policy["layer_norm"] = ours.critic_norm == "layer"
@@ -148,7 +170,9 @@ def run_other(package: str, agent: str, seed: int, race: Race, *, like_ours: boo
         settings |= {"gradient_steps": 20, "policy_delay": 20}
     module = importlib.import_module(package)
     algorithm = module.CrossQ if agent == "crossq" else module.SAC
-    model = algorithm("MlpPolicy", env, seed=seed, policy_kwargs=policy or None, device="cpu", **settings)
+    model = algorithm(
+        "MlpPolicy", env, seed=seed, policy_kwargs=policy or None, device="cpu", **settings
+    )
 
     def act(observation: torch.Tensor) -> Any:
         inputs = features(observation) if like_ours else observation.numpy()
@@ -168,7 +192,8 @@ def run_other(package: str, agent: str, seed: int, race: Race, *, like_ours: boo
 def run(name: str, seed: int, limit: int, every: int) -> list[tuple[int, float, float]]:
     """Evaluations of a contestant: steps, CPU seconds, return."""
     if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # what starts threads all the same shares one core with them
+        # what starts threads all the same shares one core with them
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     package, agent = CONTESTANTS[name]
     if not package:
         collect_rarely()  # as the command does
@@ -187,24 +212,47 @@ def main(session: Session) -> None:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--every", type=int, default=100, help="robot steps between evaluations")
     parser.add_argument("--limit", type=int, default=4000, help="robot steps at most")
-    parser.add_argument("--contestants", nargs="+", default=list(CONTESTANTS), choices=list(CONTESTANTS))
+    parser.add_argument(
+        "--contestants", nargs="+", default=list(CONTESTANTS), choices=list(CONTESTANTS)
+    )
     args = session.parse()
-    names = [name for name in args.contestants if not CONTESTANTS[name][0] or importlib.util.find_spec(CONTESTANTS[name][0])]
+    names = [
+        name
+        for name in args.contestants
+        if not CONTESTANTS[name][0] or importlib.util.find_spec(CONTESTANTS[name][0])
+    ]
     for name in set(args.contestants) - set(names):
-        print(f"{name} is left out: {CONTESTANTS[name][0]} is missing; pip install 'bricksrl[benchmarks]'")
+        print(
+            f"{name} is left out: {CONTESTANTS[name][0]} is missing; pip install "
+            "'bricksrl[benchmarks]'"
+        )
     seeds = range(args.first_seed, args.first_seed + args.seeds)
-    jobs = {f"{name}-{seed}-{args.every}-{args.limit}": (name, seed, args.limit, args.every) for seed in seeds for name in names}
+    jobs = {
+        f"{name}-{seed}-{args.every}-{args.limit}": (name, seed, args.limit, args.every)
+        for seed in seeds
+        for name in names
+    }
     runs: dict[str, list[Any]] = {}
-    for (name, *_), evaluations in zip(jobs.values(), session.outcomes(run, jobs, processes=1, fresh=True), strict=True):
+    for (name, *_), evaluations in zip(
+        jobs.values(), session.outcomes(run, jobs, processes=1, fresh=True), strict=True
+    ):
         runs.setdefault(name, []).append(evaluations)
     known = session.known()
     setup = {"env": ENV, "goal": GOAL, "limit": args.limit, "evaluated_episodes": EVALUATED}
     results: dict[str, Any] = known["contestants"] if known.get("setup") == setup else {}
-    results |= {name: summary(runs_of) | {"every": args.every, "seeds": list(seeds)} for name, runs_of in runs.items()}
+    results |= {
+        name: summary(runs_of) | {"every": args.every, "seeds": list(seeds)}
+        for name, runs_of in runs.items()
+    }
     for name, result in results.items():
         reached = f"{result['there']} of {len(result['runs'])} there"
         print(f"{name:22} {result['steps']:6} steps {result['cpu_s']:7.1f} s CPU, {reached}")
-    session.write({"setup": setup, "contestants": {name: results[name] for name in CONTESTANTS if name in results}})
+    session.write(
+        {
+            "setup": setup,
+            "contestants": {name: results[name] for name in CONTESTANTS if name in results},
+        }
+    )
 
 
 def summary(runs: list[Any]) -> dict[str, Any]:

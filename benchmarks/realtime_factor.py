@@ -1,15 +1,17 @@
-"""Speed of the virtual robots: simulated seconds per CPU second on one core, hub program, link and environment included.
+"""Speed of the virtual robots: simulated seconds per CPU second on one core, hub program, link and
+environment included.
 
     python -m benchmarks realtime_factor
     python -m benchmarks realtime_factor --envs Walker-v1 RunAway-v0
     git worktree add ../before 81c92bce && python -m benchmarks realtime_factor --before ../before
 
-With ``--before`` the same robots run in another tree too, a piece here and a piece there, which tells changes of the code from
-those of the load.
+With ``--before`` the same robots run in another tree too, a piece here and a piece there, which
+tells changes of the code from those of the load.
 
-The result also has the speed of MuJoCo alone, from a replay of the same ``mj_step`` calls with the same states and voltages, and
-the ratio of the total time to it. Random actions, in pieces that are replayed immediately, so that other load affects both;
-medians over the pieces. Takes about a minute.
+The result also has the speed of MuJoCo alone, from a replay of the same ``mj_step`` calls with the
+same states and voltages, and the ratio of the total time to it. Random actions, in pieces that are
+replayed immediately, so that other load affects both; medians over the pieces. Takes about a
+minute.
 """
 
 from __future__ import annotations
@@ -50,10 +52,13 @@ class Steps:
         self._after: NDArray[Any] | None = None
 
     def __call__(self, model: Any, data: Any, nstep: int = 1) -> None:
-        """Replacement for ``mj_step``: records the voltages, and the state if it was changed since the last step."""
+        """Replacement for ``mj_step``: records the voltages, and the state if it was changed since
+        the last step."""
         before = self._state()
         moved = self._after is None or not np.array_equal(before, self._after)
-        self._calls.append((before if moved else None, data.ctrl.copy(), model.opt.disableactuator, nstep))
+        self._calls.append(
+            (before if moved else None, data.ctrl.copy(), model.opt.disableactuator, nstep)
+        )
         _mj_step(model, data, nstep)
         self._after = self._state()
 
@@ -155,7 +160,12 @@ def measure(env_id: str, tree: Path | None = None) -> dict[str, Any]:
         with mock.patch.object(mujoco, "mj_step", recorder):
             recorded.run(actions)
         cpu_s, physics_s = timed.run(actions), recorder.again()
-        piece = (timed.simulated_s / cpu_s, steps / cpu_s, timed.simulated_s / physics_s, cpu_s / physics_s)
+        piece = (
+            timed.simulated_s / cpu_s,
+            steps / cpu_s,
+            timed.simulated_s / physics_s,
+            cpu_s / physics_s,
+        )
         pieces.append(piece)
         times_before += [] if before is None else [piece[0] / before.factor(steps)]
         steps = round(steps * PIECE_SIMULATED_S / timed.simulated_s)
@@ -164,8 +174,11 @@ def measure(env_id: str, tree: Path | None = None) -> dict[str, Any]:
     if before is not None:
         before.close()
     names = ("realtime_factor", "steps_per_cpu_s", "mj_step_factor", "ratio")
-    columns = dict(zip(names, zip(*pieces[1:], strict=True), strict=True))  # the first piece warms up
-    medians: dict[str, Any] = {name: round(statistics.median(column), 2) for name, column in columns.items()}
+    # the first piece warms up
+    columns = dict(zip(names, zip(*pieces[1:], strict=True), strict=True))
+    medians: dict[str, Any] = {
+        name: round(statistics.median(column), 2) for name, column in columns.items()
+    }
     if times_before:
         medians["times_before"] = round(statistics.median(times_before[1:]), 2)
     return {**medians, "ratios": [round(ratio, 2) for ratio in sorted(columns["ratio"])]}
@@ -176,7 +189,9 @@ def main(session: Session) -> None:
     virtual = [env_id for env_id in list_envs() if "Sim-" not in env_id]
     parser = session.parser
     parser.add_argument("--envs", nargs="+", default=virtual, choices=virtual)
-    parser.add_argument("--before", type=Path, metavar="TREE", help="checkout of another commit to compare with")
+    parser.add_argument(
+        "--before", type=Path, metavar="TREE", help="checkout of another commit to compare with"
+    )
     args = session.parse()
     torch.set_num_threads(1)
     results: dict[str, Any] = {}

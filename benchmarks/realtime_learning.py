@@ -1,10 +1,12 @@
-"""Asynchronous learning in real time: wall time relative to the robot's motion, and number of updates.
+"""Asynchronous learning in real time: wall time relative to the robot's motion, and number of
+updates.
 
     python -m benchmarks realtime_learning --episodes 4
 
-Trains each agent on `Walker-v0 --realtime` (100 steps of 250 ms per episode) with its default settings. Motion is the duration of
-the same steps in simulated time, where the computer costs nothing: the step and the two connection events of its command and its
-answer. Updates are counted until the robot's last step; those after it are reported separately.
+Trains each agent on `Walker-v0 --realtime` (100 steps of 250 ms per episode) with its default
+settings. Motion is the duration of the same steps in simulated time, where the computer costs
+nothing: the step and the two connection events of its command and its answer. Updates are counted
+until the robot's last step; those after it are reported separately.
 """
 
 from __future__ import annotations
@@ -34,8 +36,13 @@ class Clock(Callback):
         self.at_s.setdefault(episode, []).append(time.perf_counter())
 
     def steps_s(self) -> list[float]:
-        """Duration of each step except the first of each episode, without the initial random episode."""
-        return [later - before for times in list(self.at_s.values())[1:] for before, later in pairwise(times)]
+        """Duration of each step except the first of each episode, without the initial random
+        episode."""
+        return [
+            later - before
+            for times in list(self.at_s.values())[1:]
+            for before, later in pairwise(times)
+        ]
 
 
 def motion_s() -> float:
@@ -56,11 +63,15 @@ def run(agent: str, episodes: int, motion: float) -> dict[str, Any]:
     clock = Clock()
     cpu_s = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        config = TrainConfig(ENV, agent, episodes=episodes, realtime=True, record=False, run_dir=Path(folder) / "run")
+        config = TrainConfig(
+            ENV, agent, episodes=episodes, realtime=True, record=False, run_dir=Path(folder) / "run"
+        )
         result: RunResult = train(config, clock)
     cpu_s = time.process_time() - cpu_s
     steps = clock.steps_s()
-    requested = config.settings.updates_per_step if config.settings is not None and agent != "random" else 0
+    requested = (
+        config.settings.updates_per_step if config.settings is not None and agent != "random" else 0
+    )
     reached = result.updates_per_step
     return {
         "steps": len(steps),
@@ -85,5 +96,9 @@ def main(session: Session) -> None:
     for agent in args.agents:
         agents[agent] = run(agent, args.episodes, motion)
         print(agent, agents[agent], flush=True)
-    setup = {"environment": ENV, "episodes": args.episodes, "motion_ms_per_step": round(1e3 * motion, 1)}
+    setup = {
+        "environment": ENV,
+        "episodes": args.episodes,
+        "motion_ms_per_step": round(1e3 * motion, 1),
+    }
     session.write({**setup, "agents": agents})

@@ -2,10 +2,11 @@
 
     python -m benchmarks record_kill --kills 200 [--lerobot PYTHON]
 
-A process records episodes of known content and reports each commit. It is killed, the dataset is read and compared, and another
-process continues recording into the same folder: ``KILLS_PER_FOLDER`` kills per folder, every second folder with images. An
-episode is lost if its commit was reported and it is missing or differs. The dataset is read with our reader, with pyarrow alone,
-and with LeRobot if it is installed.
+A process records episodes of known content and reports each commit. It is killed, the dataset is
+read and compared, and another process continues recording into the same folder:
+``KILLS_PER_FOLDER`` kills per folder, every second folder with images. An episode is lost if its
+commit was reported and it is missing or differs. The dataset is read with our reader, with pyarrow
+alone, and with LeRobot if it is installed.
 """
 
 from __future__ import annotations
@@ -36,8 +37,12 @@ LONGEST_S = 0.15
 """Longest delay of a kill; recording an episode takes about as long."""
 STEPS = 20
 _CHANNELS = (Entry("angle", 0.0, 360.0, "deg", wraps=True), Entry("distance", unit="mm"))
-BLIND = Description("Toy-v0", 4.0, _CHANNELS, (Entry("motor", -100.0, 100.0, "deg"),), {"name": "toy"})
-SEEING = Description(BLIND.env, 4.0, _CHANNELS, BLIND.action, BLIND.robot, camera="webcam", image_px=32)
+BLIND = Description(
+    "Toy-v0", 4.0, _CHANNELS, (Entry("motor", -100.0, 100.0, "deg"),), {"name": "toy"}
+)
+SEEING = Description(
+    BLIND.env, 4.0, _CHANNELS, BLIND.action, BLIND.robot, camera="webcam", image_px=32
+)
 
 
 def steps(number: int, side: int) -> list[Step]:
@@ -71,7 +76,8 @@ def record(root: Path, description: Description) -> None:
 
 
 def killed_after(root: Path, kind: str, commits: int, delay_s: float) -> int:
-    """Start a recording, kill it ``delay_s`` after so many commits; returns the last reported number of episodes."""
+    """Start a recording, kill it ``delay_s`` after so many commits; returns the last reported
+    number of episodes."""
     command = [sys.executable, __file__, str(root), kind]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:  # noqa: S603
         assert process.stdout is not None
@@ -80,12 +86,14 @@ def killed_after(root: Path, kind: str, commits: int, delay_s: float) -> int:
             raise RuntimeError("the recording process ended by itself")
         time.sleep(delay_s)
         process.kill()
-        lines = (output + process.stdout.read()).split("\n")[:-1]  # the last line counts only if it is whole
+        # the last line counts only if it is whole
+        lines = (output + process.stdout.read()).split("\n")[:-1]
     return int(lines[-1])
 
 
 def opened(root: Path, committed: int) -> dict[str, Any]:
-    """Numbers of episodes, of lost ones and of unreported ones, and whether pyarrow reads the dataset."""
+    """Numbers of episodes, of lost ones and of unreported ones, and whether pyarrow reads the
+    dataset."""
     if not committed and not (root / "meta/info.json").exists():
         return {"episodes": 0, "lost": 0, "beyond": 0, "pyarrow": True}
     import pyarrow.dataset
@@ -97,14 +105,29 @@ def opened(root: Path, committed: int) -> dict[str, Any]:
     wrong = 0
     for number in range(len(data.rows)):
         expected, mask = steps(number, data.description.image_px), data.episode == number
-        same = [np.array_equal(data.observation[mask], np.stack([np.asarray(step.observation) for step in expected]))]
+        same = [
+            np.array_equal(
+                data.observation[mask],
+                np.stack([np.asarray(step.observation) for step in expected]),
+            )
+        ]
         same.append(bool((data.reward[mask] == number).all()))
         if data.image is not None and data.next_image is not None:
-            same.append(np.array_equal(data.image[mask], np.stack([step.image for step in expected if step.image is not None])))
-            same.append(np.array_equal(data.next_image[mask][-1], np.asarray(expected[-1].next_image)))
+            same.append(
+                np.array_equal(
+                    data.image[mask],
+                    np.stack([step.image for step in expected if step.image is not None]),
+                )
+            )
+            same.append(
+                np.array_equal(data.next_image[mask][-1], np.asarray(expected[-1].next_image))
+            )
         wrong += not all(same)
     table = pyarrow.dataset.dataset(root / "data").to_table()
-    rows = sum(pyarrow.parquet.read_table(path).num_rows for path in (root / "meta/episodes").rglob("*.parquet"))
+    rows = sum(
+        pyarrow.parquet.read_table(path).num_rows
+        for path in (root / "meta/episodes").rglob("*.parquet")
+    )
     return {
         "episodes": len(data.rows),
         "lost": wrong + max(0, committed - len(data.rows)),
@@ -117,7 +140,8 @@ class LeRobot:
     """LeRobot's reader, in a process of the Python where it is installed."""
 
     def __init__(self, python: str) -> None:
-        command = [python, "-I", str(Path(__file__).with_name("lerobot_reader.py"))]  # our modules are not its
+        # our modules are not its
+        command = [python, "-I", str(Path(__file__).with_name("lerobot_reader.py"))]
         environment = {**os.environ, "HF_HUB_OFFLINE": "1"}
         self._process = subprocess.Popen(  # noqa: S603
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
@@ -128,7 +152,12 @@ class LeRobot:
     def __enter__(self) -> LeRobot:
         return self
 
-    def __exit__(self, exc_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._process.communicate(timeout=30)
 
     def opens(self, root: Path, committed: int) -> bool:
@@ -165,7 +194,9 @@ def recorded(number: int, side: int) -> dict[str, str]:
         "next.reward": digest(np.array([step.reward for step in expected], np.float32)),
     }
     if side:
-        digests["image"] = digest(np.stack([step.image for step in expected if step.image is not None]))
+        digests["image"] = digest(
+            np.stack([step.image for step in expected if step.image is not None])
+        )
     return digests
 
 
@@ -180,14 +211,20 @@ def measure(kills: int, seed: int, lerobot: LeRobot | None) -> dict[str, Any]:
             committed = killed_after(root, kind, rng.randrange(3), rng.uniform(0.0, LONGEST_S))
             results.append(opened(root, committed))
             exists = (root / "meta/info.json").exists()
-            results[-1]["lerobot"] = lerobot is not None and (not exists or lerobot.opens(root, committed))
+            results[-1]["lerobot"] = lerobot is not None and (
+                not exists or lerobot.opens(root, committed)
+            )
             if not (kill + 1) % KILLS_PER_FOLDER:
-                print(f"{kill + 1} kills, {sum(r['lost'] for r in results)} episodes lost", flush=True)
+                print(
+                    f"{kill + 1} kills, {sum(r['lost'] for r in results)} episodes lost", flush=True
+                )
     return {
         "kills": kills,
         "seed": seed,
         "recorded_episodes": sum(
-            r["episodes"] for i, r in enumerate(results) if (i + 1) % KILLS_PER_FOLDER == 0 or i + 1 == kills
+            r["episodes"]
+            for i, r in enumerate(results)
+            if (i + 1) % KILLS_PER_FOLDER == 0 or i + 1 == kills
         ),
         "lost_committed_episodes": sum(r["lost"] for r in results),
         "kills_after_which_our_reader_opened_it": len(results),
@@ -208,7 +245,9 @@ def _of(lerobot: LeRobot, results: list[dict[str, Any]]) -> dict[str, Any]:
 def main(session: Session) -> None:
     """Run from the command line."""
     parser = session.parser
-    parser.add_argument("--lerobot", metavar="PYTHON", help="the Python of an environment that has LeRobot")
+    parser.add_argument(
+        "--lerobot", metavar="PYTHON", help="the Python of an environment that has LeRobot"
+    )
     args = session.parse(kills=200, seed=0)
     with LeRobot(args.lerobot) if args.lerobot else nullcontext() as lerobot:
         session.write(measure(args.kills, args.seed, lerobot))

@@ -21,7 +21,15 @@ def _studies() -> list[Benchmark]:
 
 def _benchmark(row: dict[str, str]) -> Benchmark:
     minutes, quick_minutes = float(row["minutes"]), float(row["quick_minutes"])
-    return Benchmark(row["name"], row["title"], minutes, quick_minutes, row["quick"], row["needs"], tuple(row["also"].split()))
+    return Benchmark(
+        row["name"],
+        row["title"],
+        minutes,
+        quick_minutes,
+        row["quick"],
+        row["needs"],
+        tuple(row["also"].split()),
+    )
 
 
 GROUPS: dict[str, list[Benchmark]] = {"studies of the paper's tables": _studies()}

@@ -1,10 +1,12 @@
-"""Starts of the virtual robots: where a robot is put, and where it is after one more second with its motors held.
+"""Starts of the virtual robots: where a robot is put, and where it is after one more second with
+its motors held.
 
     python -m benchmarks resets
 
-After a few random steps each robot is put at a start, its motors hold the angles that they have, and a second passes. A start is
-at rest if the robot has turned by at most 2 degrees and moved by at most 3 mm; of a robot on a fixed base every joint counts.
-Then a Walker is trained, and its falls in 200 evaluation episodes are counted. Takes ten minutes, most of it for the Walker.
+After a few random steps each robot is put at a start, its motors hold the angles that they have,
+and a second passes. A start is at rest if the robot has turned by at most 2 degrees and moved by at
+most 3 mm; of a robot on a fixed base every joint counts. Then a Walker is trained, and its falls in
+200 evaluation episodes are counted. Takes ten minutes, most of it for the Walker.
 """
 
 from __future__ import annotations
@@ -47,7 +49,9 @@ def moved(body: MujocoBody, start: np.ndarray[Any, Any]) -> tuple[float, float]:
         return math.degrees(np.abs(body.data.qpos - start).max()), 0.0
     at, pose = body.base_address, body.data.qpos
     cosine = min(abs(float(pose[at + 3 : at + 7] @ start[at + 3 : at + 7])), 1.0)
-    return math.degrees(2.0 * math.acos(cosine)), 1000.0 * float(np.linalg.norm((pose - start)[at : at + 3]))
+    return math.degrees(2.0 * math.acos(cosine)), 1000.0 * float(
+        np.linalg.norm((pose - start)[at : at + 3])
+    )
 
 
 def starts(env_id: str, count: int) -> dict[str, Any]:
@@ -70,13 +74,20 @@ def starts(env_id: str, count: int) -> dict[str, Any]:
     env.close()
     turns_deg, ways_mm = zip(*ways, strict=True)
     restless = sum(turn > MOST_DEG or way > MOST_MM for turn, way in ways)
-    return {"starts": count, "restless": restless, "most_deg": round(max(turns_deg), 2), "most_mm": round(max(ways_mm), 2)}
+    return {
+        "starts": count,
+        "restless": restless,
+        "most_deg": round(max(turns_deg), 2),
+        "most_mm": round(max(ways_mm), 2),
+    }
 
 
 def falls(episodes: int, evaluated: int) -> dict[str, Any]:
     """Falls of a trained Walker: episodes of its evaluation that end before their time."""
     with tempfile.TemporaryDirectory() as folder:
-        run = train(TrainConfig(WALKER, "sac", episodes=episodes, seed=0, run_dir=Path(folder) / "run")).run_dir
+        run = train(
+            TrainConfig(WALKER, "sac", episodes=episodes, seed=0, run_dir=Path(folder) / "run")
+        ).run_dir
         result = evaluate(run, episodes=evaluated)
     return {
         "trained_episodes": episodes,
@@ -90,7 +101,9 @@ def main(session: Session) -> None:
     """Put down all robots, train a Walker, and write."""
     virtual = [env_id for env_id in list_envs() if "Sim-" not in env_id]
     session.parser.add_argument("--starts", type=int, default=125, help="of each environment")
-    session.parser.add_argument("--episodes", type=int, default=200, help="of the Walker's evaluation; 0 for none")
+    session.parser.add_argument(
+        "--episodes", type=int, default=200, help="of the Walker's evaluation; 0 for none"
+    )
     args = session.parse()
     parts = {env_id: (env_id, args.starts) for env_id in virtual}
     found = dict(zip(parts, session.outcomes(starts, parts), strict=True))

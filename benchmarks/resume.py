@@ -2,8 +2,8 @@
 
     python -m benchmarks resume
 
-Trains SAC on `WalkerSim-v0` twice with one seed: uninterrupted, and stopped within an episode three times. The returns must be
-equal to the last bit; `results/resume.png` shows both curves.
+Trains SAC on `WalkerSim-v0` twice with one seed: uninterrupted, and stopped within an episode three
+times. The returns must be equal to the last bit; `results/resume.png` shows both curves.
 """
 
 from __future__ import annotations
@@ -47,9 +47,22 @@ def draw(path: Path, whole: list[float], parts: list[float]) -> None:
     axes = figure.add_subplot()
     episodes = range(1, len(whole) + 1)
     axes.plot(episodes, whole, color="#9fb8dc", linewidth=6, label="uninterrupted")
-    axes.plot(episodes, parts, "o-", color="#0b5cad", linewidth=1.2, markersize=4, label="interrupted and resumed")
+    axes.plot(
+        episodes,
+        parts,
+        "o-",
+        color="#0b5cad",
+        linewidth=1.2,
+        markersize=4,
+        label="interrupted and resumed",
+    )
     for number, (episode, step) in enumerate(STOPS):
-        axes.axvline(episode - 1 + step / 100, color="#6b7280", linestyle=":", label=None if number else "interruption")
+        axes.axvline(
+            episode - 1 + step / 100,
+            color="#6b7280",
+            linestyle=":",
+            label=None if number else "interruption",
+        )
     axes.set_xlabel("episode")
     axes.set_ylabel("return (sum of rewards)")
     axes.set_title(f"{ENV} · sac", loc="left", fontweight="bold")
@@ -71,7 +84,9 @@ def main(session: Session) -> None:
             callback = StopAt(at)
             parts = resume(parts_dir, callback, stop=callback.stop)
         returns = [[episode.return_ for episode in result.episodes] for result in (whole, parts)]
-        same = all(torch.equal(a, b) for a, b in zip(weights(whole_dir), weights(parts_dir), strict=True))
+        same = all(
+            torch.equal(a, b) for a, b in zip(weights(whole_dir), weights(parts_dir), strict=True)
+        )
     difference = max(abs(a - b) for a, b in zip(*returns, strict=True))
     result = {"environment": ENV, "episodes": EPISODES, "interrupted_at": STOPS}
     outcome = {"largest_difference_of_returns": difference, "weights_are_equal": same}

@@ -17,7 +17,9 @@ def controller(policy: ArrayPolicy) -> Policy:
 
     @functools.wraps(policy)
     def act(state: TensorDictBase) -> TensorDictBase:
-        inputs = {key: state[key].numpy().copy() for key in ("observation", "image") if key in state}
+        inputs = {
+            key: state[key].numpy().copy() for key in ("observation", "image") if key in state
+        }
         return state.set("action", torch.as_tensor(policy(inputs), dtype=torch.float32))
 
     return act

@@ -2,9 +2,10 @@
 
     python -m benchmarks seeds
 
-Part one: updates of three networks of two layers of 256 (two critics and an actor, as in SAC) on batches of 256, for five seeds:
-one after the other, and as one batched matrix product for all; on one thread and on all. The products are most of an update.
-Part two: five seeds of SAC on `WalkerSim-v0`, each in a process, as many in parallel as there are cores, and one at a time.
+Part one: updates of three networks of two layers of 256 (two critics and an actor, as in SAC) on
+batches of 256, for five seeds: one after the other, and as one batched matrix product for all; on
+one thread and on all. The products are most of an update. Part two: five seeds of SAC on
+`WalkerSim-v0`, each in a process, as many in parallel as there are cores, and one at a time.
 """
 
 from __future__ import annotations
@@ -68,7 +69,9 @@ def stacked_or_not(threads: int) -> dict[str, float]:
 def processes(jobs: int, episodes: int) -> float:
     """Wall seconds for all seeds."""
     with tempfile.TemporaryDirectory() as folder:
-        config = TrainConfig("WalkerSim-v0", episodes=episodes, record=False, run_dir=Path(folder) / "all")
+        config = TrainConfig(
+            "WalkerSim-v0", episodes=episodes, record=False, run_dir=Path(folder) / "all"
+        )
         started_s = time.perf_counter()
         train_seeds(config, SEEDS, jobs=jobs)
         return time.perf_counter() - started_s
@@ -78,8 +81,19 @@ def main(session: Session) -> None:
     """Measure both and write the results."""
     args = session.parse(episodes=10)
     cores = os.cpu_count() or 1
-    updates: dict[str, Any] = {f"{threads}_threads": stacked_or_not(threads) for threads in sorted({1, cores})}
-    wall_s = {f"{jobs}_at_a_time_s": round(processes(jobs, args.episodes), 1) for jobs in sorted({1, cores})}
-    setup = {"seeds": SEEDS, "networks": NETWORKS, "hidden": HIDDEN, "batch_size": BATCH, "episodes": args.episodes}
+    updates: dict[str, Any] = {
+        f"{threads}_threads": stacked_or_not(threads) for threads in sorted({1, cores})
+    }
+    wall_s = {
+        f"{jobs}_at_a_time_s": round(processes(jobs, args.episodes), 1)
+        for jobs in sorted({1, cores})
+    }
+    setup = {
+        "seeds": SEEDS,
+        "networks": NETWORKS,
+        "hidden": HIDDEN,
+        "batch_size": BATCH,
+        "episodes": args.episodes,
+    }
     print(updates, wall_s)
     session.write({"setup": setup, "updates": updates, "processes": wall_s})

@@ -1,4 +1,5 @@
-"""Sensors of the virtual robots: what they read, nominal and at the ends of their random ranges, beside what is published.
+"""Sensors of the virtual robots: what they read, nominal and at the ends of their random ranges,
+beside what is published.
 
     python -m benchmarks senses
 
@@ -33,7 +34,7 @@ from pybricks.tools import wait
 hub = PrimeHub()
 left, right, eyes = Motor(Port.E, Direction.COUNTERCLOCKWISE), Motor(Port.A), UltrasonicSensor(Port.C)
 hub.imu.reset_heading(0)
-"""
+"""  # noqa: E501
 BASE = "base = DriveBase(left, right, 56, 130)\n"
 
 
@@ -94,7 +95,10 @@ def wall(angle_deg: float) -> Scene:
 
 TURN = f"{BASE}base.turn(1080)\nwait(500)\nprint(hub.imu.heading())"
 DRIVE = f"{BASE}base.straight(1000)\nprint(hub.imu.heading())"
-APPROACH = f"{BASE}base.drive(200, 0)\nwhile eyes.distance() >= 2000:\n    wait(10)\nprint(eyes.distance())\nbase.stop()"
+APPROACH = (
+    f"{BASE}base.drive(200, 0)\nwhile eyes.distance() >= 2000:\n    wait(10)\n"
+    "print(eyes.distance())\nbase.stop()"
+)
 EXCHANGED = """
 base = DriveBase(right, left, 56, 130)
 base.use_gyro(True)
@@ -111,22 +115,39 @@ MEASURES = (
         lambda body, read: 360.0 * read[0] / body.pose().heading_deg,
     ),
     Measure("heading after a minute at rest", "deg", "0.37", "gyro_drift_deg_min", REST, mean),
-    Measure("noise of the gyroscope", "deg/s", "0.1", "gyro_noise_deg_s", repeated(f"hub.imu.{GYRO}"), spread),
-    Measure("pitch at rest", "deg", "0.7 to 1.1", BIAS.format("x"), repeated("hub.imu.tilt()[0]"), mean),
-    Measure("roll at rest", "deg", "0.7 to 1.1", BIAS.format("y"), repeated("hub.imu.tilt()[1]"), mean),
+    Measure("noise of the gyroscope", "deg/s", "0.1", "gyro_noise_deg_s",
+        repeated(f"hub.imu.{GYRO}"), spread),
+    Measure("pitch at rest", "deg", "0.7 to 1.1", BIAS.format("x"), repeated("hub.imu.tilt()[0]"),
+        mean),
+    Measure("roll at rest", "deg", "0.7 to 1.1", BIAS.format("y"), repeated("hub.imu.tilt()[1]"),
+        mean),
     Measure(
         "vertical acceleration at rest", "mm/s2", "9810 +- 120 to 184", BIAS.format("z"),
         repeated("hub.imu.acceleration(Axis.Z)"), mean,
     ),
-    Measure("distance of a wall at 500 mm", "mm", "500 +- 20", "distance_bias_mm", repeated(EYES), mean, wall(0)),
-    Measure("readings of it that fail", "%", "", "distance_dropout_share", repeated(EYES, 1000), missed, wall(0)),
-    Measure("distance of a wall at 30 degrees", "mm", "", "echo_angle_deg", repeated(EYES), mean, wall(30)),
-    Measure("distance of a wall at 45 degrees", "mm", "", "echo_angle_deg", repeated(EYES), mean, wall(45)),
-    Measure("distance of a wall at 60 degrees", "mm", "", "echo_angle_deg", repeated(EYES), mean, wall(60)),
-    Measure("first distance of a curtain, approaching", "mm", "1500", "soft_range_mm", APPROACH, mean, CURTAIN),
-    Measure("heading after 1 m straight, without gyroscope", "deg", "", "wheel_difference_pct", DRIVE, mean),
+    Measure("distance of a wall at 500 mm", "mm", "500 +- 20", "distance_bias_mm", repeated(EYES),
+        mean, wall(0)),
+    Measure("readings of it that fail", "%", "", "distance_dropout_share", repeated(EYES, 1000),
+        missed, wall(0)),
+    Measure("distance of a wall at 30 degrees", "mm", "", "echo_angle_deg", repeated(EYES), mean,
+        wall(30)),
+    Measure("distance of a wall at 45 degrees", "mm", "", "echo_angle_deg", repeated(EYES), mean,
+        wall(45)),
+    Measure("distance of a wall at 60 degrees", "mm", "", "echo_angle_deg", repeated(EYES), mean,
+        wall(60)),
+    Measure("first distance of a curtain, approaching", "mm", "1500", "soft_range_mm", APPROACH,
+        mean, CURTAIN),
+    Measure("heading after 1 m straight, without gyroscope", "deg", "", "wheel_difference_pct",
+        DRIVE, mean),
 )  # fmt: skip
-SPIN = Measure("left and right exchanged, gyroscope on", "deg", "spins on the spot (pybricks/support#1220)", "", EXCHANGED, mean)
+SPIN = Measure(
+    "left and right exchanged, gyroscope on",
+    "deg",
+    "spins on the spot (pybricks/support#1220)",
+    "",
+    EXCHANGED,
+    mean,
+)
 
 
 def main(session: Session) -> None:
@@ -150,4 +171,9 @@ def main(session: Session) -> None:
         print(*rows[-1].values(), sep=", ", flush=True)
     spins = [round(SPIN.at(Physics(), seed), 1) for seed in range(SEEDS)]
     print(SPIN.name, spins, flush=True)
-    session.write({"rows": rows, "exchanged": {"name": SPIN.name, "published": SPIN.published, "heading_deg": spins}})
+    session.write(
+        {
+            "rows": rows,
+            "exchanged": {"name": SPIN.name, "published": SPIN.published, "heading_deg": spins},
+        }
+    )

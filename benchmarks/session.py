@@ -64,23 +64,31 @@ class Session:
         parser: where the benchmark adds its options.
         folder: of the finished parts.
         jobs: number of concurrent processes, if it was given.
-        is_apart: whether the folder has the result too, as ``study.json`` with the page ``study.md``.
+        is_apart: whether the folder has the result too, as ``study.json`` with the page
+            ``study.md``.
     """
 
     def __init__(self, benchmark: Benchmark, description: str, words: Sequence[str]) -> None:
         prog = f"python -m benchmarks {benchmark.name}"
         common = Arguments(prog=prog, add_help=False, allow_abbrev=False)
-        common.add_argument("--quick", action="store_true", help="a small form, to see that everything works")
+        common.add_argument(
+            "--quick", action="store_true", help="a small form, to see that everything works"
+        )
         common.add_argument(
             "--folder",
             type=Path,
             metavar="DIR",
-            help="folder of the finished parts, and of the result, which is otherwise in benchmarks/results, as the parts in "
-            f"studies/{benchmark.name}; a published result is shown there, and measured only with other options or --again",
+            help="folder of the finished parts, and of the result, which is otherwise in "
+            "benchmarks/results, as the parts in "
+            f"studies/{benchmark.name}; a published result is shown there, and measured only with "
+            "other options or --again",
         )
         common.add_argument("--again", action="store_true", help="make what is there again")
         common.add_argument(
-            "--jobs", type=int, metavar="N", help="concurrent processes, where nothing is timed (default: the number of cores)"
+            "--jobs",
+            type=int,
+            metavar="N",
+            help="concurrent processes, where nothing is timed (default: the number of cores)",
         )
         given, self.words = common.parse_known_args(words)
         self.benchmark, self.is_quick, self.is_again = benchmark, given.quick, given.again
@@ -88,19 +96,33 @@ class Session:
             raise DescriptionError(f"jobs is {given.jobs}; give 1 or more")
         self.jobs: int | None = given.jobs
         self.is_apart = given.quick or given.folder is not None
-        self.folder: Path = given.folder or Path("studies") / f"{benchmark.name}{'-quick' if given.quick else ''}"
-        self.parser = Arguments(prog=prog, description=description, parents=[common], formatter_class=RawDescriptionHelpFormatter)
+        self.folder: Path = (
+            given.folder or Path("studies") / f"{benchmark.name}{'-quick' if given.quick else ''}"
+        )
+        self.parser = Arguments(
+            prog=prog,
+            description=description,
+            parents=[common],
+            formatter_class=RawDescriptionHelpFormatter,
+        )
 
     def parse(self, **defaults: Any) -> Namespace:
-        """The options, those of the quick form unless they are given. ``defaults`` are further options: numbers, texts, and lists
-        of which some may be chosen."""
+        """The options, those of the quick form unless they are given. ``defaults`` are further
+        options: numbers, texts, and lists of which some may be chosen."""
         for name, default in defaults.items():
-            kind: dict[str, Any] = {"nargs": "+", "choices": default} if isinstance(default, list) else {"type": type(default)}
+            kind: dict[str, Any] = (
+                {"nargs": "+", "choices": default}
+                if isinstance(default, list)
+                else {"type": type(default)}
+            )
             self.parser.add_argument(f"--{name.replace('_', '-')}", default=default, **kind)
-        return self.parser.parse_args([*(shlex.split(self.benchmark.quick) if self.is_quick else ()), *self.words])
+        return self.parser.parse_args(
+            [*(shlex.split(self.benchmark.quick) if self.is_quick else ()), *self.words]
+        )
 
     def place_of(self, folder: Path) -> Path:
-        """A folder of pictures or of datasets; if this session is apart, one of that name in its own folder."""
+        """A folder of pictures or of datasets; if this session is apart, one of that name in its
+        own folder."""
         place = self.folder / folder.name if self.is_apart else folder
         place.mkdir(parents=True, exist_ok=True)
         return place
@@ -113,8 +135,8 @@ class Session:
         *,
         fresh: bool = False,
     ) -> Iterator[Any]:
-        """Outcomes of the parts by name, as `outcomes` makes them; those of an earlier run of the same command are kept. Raises
-        RunError at the first that fails."""
+        """Outcomes of the parts by name, as `outcomes` makes them; those of an earlier run of the
+        same command are kept. Raises RunError at the first that fails."""
         from benchmarks.parts import Failure, outcomes
         from bricksrl.errors import RunError
 
@@ -124,31 +146,53 @@ class Session:
                 path.unlink(missing_ok=True)
         there = sum(path.exists() for path in paths)
         if there:
-            print(f"{there} of {len(paths)} parts are in {self.folder}; --again makes them again", flush=True)
-        for path, outcome in zip(paths, outcomes(function, paths, processes or self.jobs, fresh=fresh), strict=True):
+            print(
+                f"{there} of {len(paths)} parts are in {self.folder}; --again makes them again",
+                flush=True,
+            )
+        for path, outcome in zip(
+            paths, outcomes(function, paths, processes or self.jobs, fresh=fresh), strict=True
+        ):
             if isinstance(outcome, Failure):
                 raise RunError(f"{path.stem}: {outcome}")
             print(f"{path.stem} done", flush=True)
             yield outcome
 
-    def by_seed(self, function: Callable[..., Any], cells: Mapping[str, tuple[Any, ...]], seeds: int) -> dict[str, list[Any]]:
-        """Outcomes of the seeds 0, 1, ... of each cell, by its name: of the function of the cell's arguments and a seed."""
-        parts = {f"{name}-{seed}": (*arguments, seed) for name, arguments in cells.items() for seed in range(seeds)}
+    def by_seed(
+        self, function: Callable[..., Any], cells: Mapping[str, tuple[Any, ...]], seeds: int
+    ) -> dict[str, list[Any]]:
+        """Outcomes of the seeds 0, 1, ... of each cell, by its name: of the function of the cell's
+        arguments and a seed."""
+        parts = {
+            f"{name}-{seed}": (*arguments, seed)
+            for name, arguments in cells.items()
+            for seed in range(seeds)
+        }
         found = self.outcomes(function, parts)
         return {name: list(itertools.islice(found, seeds)) for name in cells}
 
     def path(self, variant: str = "") -> Path:
         """File of the result, or of a variant, such as ``_default``."""
-        return self.folder / f"study{variant}.json" if self.is_apart else self.published(f"{self.benchmark.result}{variant}")
+        return (
+            self.folder / f"study{variant}.json"
+            if self.is_apart
+            else self.published(f"{self.benchmark.result}{variant}")
+        )
 
     def published(self, name: str = "") -> Path:
         """File of the published result of this benchmark, or of another one."""
         return RESULTS / f"{name or self.benchmark.result}.json"
 
     def shows_published(self) -> bool:
-        """Whether the published result is shown in a folder, rather than measured. A study has runs of its own in each folder."""
+        """Whether the published result is shown in a folder, rather than measured. A study has runs
+        of its own in each folder."""
         is_plain = not self.is_quick and not self.is_again and not self.words
-        return self.is_apart and is_plain and self.benchmark.result == self.benchmark.name and self.published().exists()
+        return (
+            self.is_apart
+            and is_plain
+            and self.benchmark.result == self.benchmark.name
+            and self.published().exists()
+        )
 
     def known(self, variant: str = "") -> dict[str, Any]:
         """The result so far; empty if there is none."""
@@ -173,7 +217,10 @@ def read_result(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError):
         result = None
     if not isinstance(result, dict) or not result.keys() >= {"machine", "versions"}:
-        raise BricksError(f"{path} is not the result of a benchmark; delete it, and the same command measures it again")
+        raise BricksError(
+            f"{path} is not the result of a benchmark; delete it, and the same command measures "
+            "it again"
+        )
     return result
 
 

@@ -1,9 +1,10 @@
-"""Speed of the batched simulations: environment steps per second through ``EnvBase``, resets of ended copies included.
+"""Speed of the batched simulations: environment steps per second through ``EnvBase``, resets of
+ended copies included.
 
     python -m benchmarks simulation_speed
 
-Every batch size runs with the same random actions, on one thread and on all cores; medians over several runs. The rate per CPU
-second is independent of other load. Takes about two minutes.
+Every batch size runs with the same random actions, on one thread and on all cores; medians over
+several runs. The rate per CPU second is independent of other load. Takes about two minutes.
 """
 
 from __future__ import annotations
@@ -34,7 +35,10 @@ def measure(env: EnvBase, action: torch.Tensor) -> dict[str, float]:
         _, state = env.step_and_maybe_reset(state)
         calls += 1
     steps = calls * action.shape[0]
-    return {"steps_per_s": steps / wall_s, "steps_per_cpu_s": steps / (time.process_time() - started_cpu_s)}
+    return {
+        "steps_per_s": steps / wall_s,
+        "steps_per_cpu_s": steps / (time.process_time() - started_cpu_s),
+    }
 
 
 def measure_batch(env_id: str, batch_size: int, threads: int) -> dict[str, Any]:
@@ -45,7 +49,9 @@ def measure_batch(env_id: str, batch_size: int, threads: int) -> dict[str, Any]:
     action = env.action_spec.rand()
     measure(env, action)  # the first run warms up
     runs = [measure(env, action) for _ in range(RUNS)]
-    result: dict[str, Any] = {name: round(statistics.median(run[name] for run in runs)) for name in runs[0]}
+    result: dict[str, Any] = {
+        name: round(statistics.median(run[name] for run in runs)) for name in runs[0]
+    }
     result["runs"] = [round(run["steps_per_s"]) for run in runs]
     print(f"{env_id} batch {batch_size}, {threads} threads: {result['steps_per_s']:,} steps/s")
     return {"batch_size": batch_size, "threads": threads, **result}
@@ -56,7 +62,11 @@ def main(session: Session) -> None:
     session.parse()
     threads = sorted({1, os.cpu_count() or 1})
     results = {
-        env_id: [measure_batch(env_id, size, count) for count in threads for size in BATCH_SIZES] for env_id in ENVIRONMENTS
+        env_id: [measure_batch(env_id, size, count) for count in threads for size in BATCH_SIZES]
+        for env_id in ENVIRONMENTS
     }
-    best = {env_id: max(entry["steps_per_s"] for entry in entries) for env_id, entries in results.items()}
+    best = {
+        env_id: max(entry["steps_per_s"] for entry in entries)
+        for env_id, entries in results.items()
+    }
     session.write({"best_steps_per_s": best, "environments": results})

@@ -2,8 +2,9 @@
 
     python -m benchmarks startup
 
-Each command runs several times in its own process; medians of wall time and of CPU time, which is independent of other load. The
-program prints one word. `hub check` without a hub ends when it has found none. Takes about a minute.
+Each command runs several times in its own process; medians of wall time and of CPU time, which is
+independent of other load. The program prints one word. `hub check` without a hub ends when it has
+found none. Takes about a minute.
 """
 
 from __future__ import annotations
@@ -36,11 +37,17 @@ def measure(arguments: list[str], runs: int) -> dict[str, Any]:
     for _ in range(runs + 1):
         before, start_s = _children_s(), time.perf_counter()
         subprocess.run(  # noqa: S603 - our own command
-            [sys.executable, "-m", "bricksrl", *arguments], stdin=subprocess.DEVNULL, capture_output=True, check=False
+            [sys.executable, "-m", "bricksrl", *arguments],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            check=False,
         )
         wall_s.append(time.perf_counter() - start_s)
         cpu_s.append(_children_s() - before)
-    return {"wall_s": round(statistics.median(wall_s[1:]), 3), "cpu_s": round(statistics.median(cpu_s[1:]), 3)}
+    return {
+        "wall_s": round(statistics.median(wall_s[1:]), 3),
+        "cpu_s": round(statistics.median(cpu_s[1:]), 3),
+    }
 
 
 def _children_s() -> float:
@@ -57,6 +64,11 @@ def main(session: Session) -> None:
         program.write_text("print('hello')\n")
         results = {}
         for words in COMMANDS:
-            results[words] = measure([str(program) if word == "PROGRAM" else word for word in words.split()], args.runs)
-            print(f"{results[words]['wall_s']:.2f} s wall, {results[words]['cpu_s']:.2f} s CPU  bricksrl {words}")
+            results[words] = measure(
+                [str(program) if word == "PROGRAM" else word for word in words.split()], args.runs
+            )
+            print(
+                f"{results[words]['wall_s']:.2f} s wall, {results[words]['cpu_s']:.2f} s CPU  "
+                f"bricksrl {words}"
+            )
     session.write({"commands": results})

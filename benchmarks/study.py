@@ -1,8 +1,10 @@
-"""Runner of studies: trains each cell of a table with several seeds, evaluates, and writes the results.
+"""Runner of studies: trains each cell of a table with several seeds, evaluates, and writes the
+results.
 
-The folder of a study holds a run folder for each cell and seed, so that the same command resumes an interrupted study and repeats
-no finished run. Its ``study.json`` has the numbers, the processor and the versions; its ``study.md`` the tables. Both are written
-after every seed, of all that is in the folder.
+The folder of a study holds a run folder for each cell and seed, so that the same command resumes an
+interrupted study and repeats no finished run. Its ``study.json`` has the numbers, the processor and
+the versions; its ``study.md`` the tables. Both are written after every seed, of all that is in the
+folder.
 """
 
 from __future__ import annotations
@@ -27,24 +29,34 @@ from brickhub.files import write_durably
 from bricksrl.cli.terminal import load_learning
 from bricksrl.errors import DataError, RunError
 from bricksrl.evaluation.multi_seed import connected, parse_on
-from bricksrl.evaluation.statistics import ends, interquartile_mean, probability_of_improvement, seeds_interval, wilson_interval
+from bricksrl.evaluation.statistics import (
+    ends,
+    interquartile_mean,
+    probability_of_improvement,
+    seeds_interval,
+    wilson_interval,
+)
 
 if TYPE_CHECKING:
     from bricksrl.training import RunResult
     from bricksrl.training.callbacks import Episode
 
 OUTCOME = "outcome.json"
-"""File with the outcome of a seed: steps, wall time and CPU time (null if resumed) of its training; the time of its steps by the
-hub's clock (null without a hub); whether it reached its ``stop_at`` return (null without one); the results of the conditions."""
+"""File with the outcome of a seed: steps, wall time and CPU time (null if resumed) of its training;
+the time of its steps by the hub's clock (null without a hub); whether it reached its ``stop_at``
+return (null without one); the results of the conditions."""
 _FIRST_EVALUATION = 1000
-"""Seed of the evaluation of seed 0. Each seed has episodes of its own, so that intervals over seeds cover their chance too."""
+"""Seed of the evaluation of seed 0. Each seed has episodes of its own, so that intervals over seeds
+cover their chance too."""
 OnSeed = Callable[[str, int, str | None], None]
 """Called with the name of a cell, a seed, and its error or ``None``, when the seed is done."""
 
 
 def name_of(cell: Cell) -> str:
     """Name of a cell's folder."""
-    return "".join(char if char.isalnum() or char in "-." else "_" for char in f"{cell.row}-{cell.column}")
+    return "".join(
+        char if char.isalnum() or char in "-." else "_" for char in f"{cell.row}-{cell.column}"
+    )
 
 
 def main(session: Session) -> None:
@@ -52,13 +64,22 @@ def main(session: Session) -> None:
     study = session.benchmark
     assert isinstance(study, Study)
     session.parser.add_argument(
-        "--seeds", type=int, metavar="N", help="seeds per cell (default: the study's, 2 in the quick form)"
+        "--seeds",
+        type=int,
+        metavar="N",
+        help="seeds per cell (default: the study's, 2 in the quick form)",
     )
     session.parser.add_argument(
-        "--on", metavar="WHERE", help="ray, or ray:ADDRESS for a cluster whose computers share the folder"
+        "--on",
+        metavar="WHERE",
+        help="ray, or ray:ADDRESS for a cluster whose computers share the folder",
     )
     session.parser.add_argument(
-        "--only", nargs="+", default=(), metavar="PATTERN", help="only cells of these names, e.g. 'td3-*'"
+        "--only",
+        nargs="+",
+        default=(),
+        metavar="PATTERN",
+        help="only cells of these names, e.g. 'td3-*'",
     )
     args = session.parse()
     if args.seeds is not None and args.seeds < 1:
@@ -92,9 +113,14 @@ def run_seed(cell: Cell, seed: int, path: Path) -> dict[str, Any]:
         _check_whole(resume(path))
     else:
         before_s = _cpu_s()
-        _check_whole(train(TrainConfig(**{**config, "seed": seed, "run_dir": path, "asynchronous": False})))
+        _check_whole(
+            train(TrainConfig(**{**config, "seed": seed, "run_dir": path, "asynchronous": False}))
+        )
         cpu_s = _cpu_s() - before_s
-    results = [_evaluate_condition(path, seed, number, condition) for number, condition in enumerate(cell.conditions)]
+    results = [
+        _evaluate_condition(path, seed, number, condition)
+        for number, condition in enumerate(cell.conditions)
+    ]
     episodes = RunFolder(path).read_episodes()
     goal, last = cell.config.get("stop_at"), [episode.return_ for episode in episodes[-WINDOW:]]
     reached = None if goal is None else len(last) == WINDOW and sum(last) / WINDOW >= goal
@@ -111,15 +137,24 @@ def run_seed(cell: Cell, seed: int, path: Path) -> dict[str, Any]:
 
 
 def _curve(episodes: Sequence[Episode]) -> dict[str, list[float]]:
-    """Return, steps and the task's metrics of each training episode, with four digits; metrics only if all have them."""
+    """Return, steps and the task's metrics of each training episode, with four digits; metrics only
+    if all have them."""
     named = [episode.measures for episode in episodes if not episode.link_lost]
     names = [name for name in named[0] if all(name in measures for measures in named)]
-    rows = [{"return": one.return_, "episode_steps": one.length, **one.measures} for one in episodes if not one.link_lost]
-    return {name: [float(f"{row[name]:.4g}") for row in rows] for name in ("return", "episode_steps", *names)}
+    rows = [
+        {"return": one.return_, "episode_steps": one.length, **one.measures}
+        for one in episodes
+        if not one.link_lost
+    ]
+    return {
+        name: [float(f"{row[name]:.4g}") for row in rows]
+        for name in ("return", "episode_steps", *names)
+    }
 
 
 def _check_whole(result: RunResult) -> None:
-    """Raise KeyboardInterrupt after a training that Ctrl-C has ended: it is resumed later, and has no outcome yet."""
+    """Raise KeyboardInterrupt after a training that Ctrl-C has ended: it is resumed later, and has
+    no outcome yet."""
     if result.interrupted:
         raise KeyboardInterrupt
 
@@ -130,7 +165,8 @@ def _cpu_s() -> float:
 
 
 def _evaluate_condition(run: Path, seed: int, number: int, condition: Condition) -> dict[str, Any]:
-    """Evaluate a run under a condition, after further training there if the condition asks for it."""
+    """Evaluate a run under a condition, after further training there if the condition asks for
+    it."""
     from bricksrl.evaluation import evaluate
     from bricksrl.training import RunFolder, TrainConfig, train
 
@@ -139,14 +175,41 @@ def _evaluate_condition(run: Path, seed: int, number: int, condition: Condition)
         run_dir = run.with_name(f"{run.name}-condition-{number}")
         shutil.rmtree(run_dir, ignore_errors=True)  # left by an interrupted study
         config = RunFolder(run).read_config()
-        base = {"agent": config.agent, "settings": config.settings, "start": str(run), "seed": seed, "run_dir": run_dir}
-        options = {**base, "episodes": condition.learn_episodes, "asynchronous": False, **condition.named}
+        base = {
+            "agent": config.agent,
+            "settings": config.settings,
+            "start": str(run),
+            "seed": seed,
+            "run_dir": run_dir,
+        }
+        options = {
+            **base,
+            "episodes": condition.learn_episodes,
+            "asynchronous": False,
+            **condition.named,
+        }
         _check_whole(train(TrainConfig(condition.env or config.env, **options)))
-    options = {"episodes": condition.episodes, "seed": _FIRST_EVALUATION + seed, "save": False, **condition.named}
+    options = {
+        "episodes": condition.episodes,
+        "seed": _FIRST_EVALUATION + seed,
+        "save": False,
+        **condition.named,
+    }
     result = evaluate(run_dir, condition.env, **options)
-    successes = None if result.success_rate is None else round(result.success_rate * result.episodes)
-    metrics = {**result.metrics, "action_size": result.action_size, "episode_steps": float(np.mean(result.lengths))}
-    return {"condition": condition.name, "returns": result.returns, "successes": successes, "metrics": metrics}
+    successes = (
+        None if result.success_rate is None else round(result.success_rate * result.episodes)
+    )
+    metrics = {
+        **result.metrics,
+        "action_size": result.action_size,
+        "episode_steps": float(np.mean(result.lengths)),
+    }
+    return {
+        "condition": condition.name,
+        "returns": result.returns,
+        "successes": successes,
+        "metrics": metrics,
+    }
 
 
 def robot_seconds(run: Path) -> float | None:
@@ -160,7 +223,9 @@ def robot_seconds(run: Path) -> float | None:
     total_s = 0.0
     for number in data.episode.unique():
         times_s = data.hub_time_s[data.episode == number]
-        if len(times_s) > 1:  # times start at the end of the first step, whose duration is taken as the mean of the others
+        # times start at the end of the first step, whose duration is taken as the mean of the
+        # others
+        if len(times_s) > 1:
             total_s += float(times_s[-1] - times_s[0]) * len(times_s) / (len(times_s) - 1)
     return total_s if np.isfinite(total_s) else None
 
@@ -176,9 +241,9 @@ def run_study(
     only: Sequence[str] = (),
     on_seed: OnSeed = lambda *_: None,
 ) -> Path:
-    """Run the missing parts of a study, and write ``study.json`` and ``study.md``; returns the path of the latter. Raises
-    RunError if no cell was chosen, there is no such cluster, the folder is of another study, or a seed failed; the others are
-    kept, and the same command resumes.
+    """Run the missing parts of a study, and write ``study.json`` and ``study.md``; returns the path
+    of the latter. Raises RunError if no cell was chosen, there is no such cluster, the folder is of
+    another study, or a seed failed; the others are kept, and the same command resumes.
 
     Args:
         quick: run the quick form, a smoke test of the study.
@@ -188,17 +253,31 @@ def run_study(
         on: "ray", or "ray:ADDRESS", with a folder shared by all computers.
     """
     cells = study.cells(quick)
-    chosen = [cell for cell in cells if not only or any(fnmatchcase(name_of(cell), pattern) for pattern in only)]
+    chosen = [
+        cell
+        for cell in cells
+        if not only or any(fnmatchcase(name_of(cell), pattern) for pattern in only)
+    ]
     if not chosen:
-        raise RunError(f"no cell of '{study.name}' matches {', '.join(only)}; choose from {', '.join(map(name_of, cells))}")
+        raise RunError(
+            f"no cell of '{study.name}' matches {', '.join(only)}; choose from "
+            f"{', '.join(map(name_of, cells))}"
+        )
     _check_folder(folder, study, quick=quick)
     count = seeds or (2 if quick else study.seeds)
-    runs = {(folder / name_of(cell) / f"seed-{seed}").absolute(): (cell, seed) for cell in chosen for seed in range(count)}
+    runs = {
+        (folder / name_of(cell) / f"seed-{seed}").absolute(): (cell, seed)
+        for cell in chosen
+        for seed in range(count)
+    }
     parts = {path / OUTCOME: (*run, path) for path, run in runs.items()}
     errors = []
     with nullcontext() if on is None else connected(parse_on(on), jobs) as ray:
-        written = write_study(folder, _result(study, cells, folder, quick=quick))  # marks the folder before it has any run
-        for (cell, seed), outcome in zip(runs.values(), outcomes(run_seed, parts, jobs, resumable=True, ray=ray), strict=True):
+        # marks the folder before it has any run
+        written = write_study(folder, _result(study, cells, folder, quick=quick))
+        for (cell, seed), outcome in zip(
+            runs.values(), outcomes(run_seed, parts, jobs, resumable=True, ray=ray), strict=True
+        ):
             error = outcome if isinstance(outcome, Failure) else None
             on_seed(name_of(cell), seed, error)
             if error is not None:
@@ -224,11 +303,24 @@ def _check_folder(folder: Path, study: Study, *, quick: bool) -> None:
 def _result(study: Study, cells: Sequence[Cell], folder: Path, *, quick: bool) -> dict[str, Any]:
     """Numbers of a study, of all seeds that are done."""
     paths_of = {name_of(cell): (folder / name_of(cell)).glob(f"seed-*/{OUTCOME}") for cell in cells}
-    done = {name: [outcome for path in paths if (outcome := kept(path))] for name, paths in paths_of.items()}
-    outcomes_of = {name: sorted(found, key=lambda outcome: outcome["seed"]) for name, found in done.items()}
-    result = {"study": study.name, "title": study.title, "quick": quick, "heads": study.heads, "metrics": study.metrics}
+    done = {
+        name: [outcome for path in paths if (outcome := kept(path))]
+        for name, paths in paths_of.items()
+    }
+    outcomes_of = {
+        name: sorted(found, key=lambda outcome: outcome["seed"]) for name, found in done.items()
+    }
+    result = {
+        "study": study.name,
+        "title": study.title,
+        "quick": quick,
+        "heads": study.heads,
+        "metrics": study.metrics,
+    }
     result |= describe()
-    result["cells"] = [summary(cell, outcomes_of[name_of(cell)]) for cell in cells if outcomes_of[name_of(cell)]]
+    result["cells"] = [
+        summary(cell, outcomes_of[name_of(cell)]) for cell in cells if outcomes_of[name_of(cell)]
+    ]
     result["improvements"] = improvements(cells, outcomes_of)
     missing = [name for name, outcomes in outcomes_of.items() if not outcomes]
     missing_note = f"Not run: {', '.join(missing)}." if missing else ""
@@ -264,9 +356,17 @@ def summary(cell: Cell, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 def _condition_summary(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Summary of one condition: a mean return per seed, and the successes of all episodes."""
-    by_seed = [[item for item in outcome["judged"] if item["condition"] == name] for outcome in outcomes]
-    returns = [float(np.mean([value for item in results for value in item["returns"]])) for results in by_seed]
-    result: dict[str, Any] = {"returns": returns, "return_iqm": float(interquartile_mean(np.array(returns)))}
+    by_seed = [
+        [item for item in outcome["judged"] if item["condition"] == name] for outcome in outcomes
+    ]
+    returns = [
+        float(np.mean([value for item in results for value in item["returns"]]))
+        for results in by_seed
+    ]
+    result: dict[str, Any] = {
+        "returns": returns,
+        "return_iqm": float(interquartile_mean(np.array(returns))),
+    }
     result["return_95"] = ends(seeds_interval(returns))
     result["episodes"] = sum(len(item["returns"]) for results in by_seed for item in results)
     successes = [item["successes"] for results in by_seed for item in results]
@@ -276,21 +376,38 @@ def _condition_summary(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
             result["success_95"] = ends(wilson_interval(sum(successes), result["episodes"]))
     metrics = {name for results in by_seed for item in results for name in item["metrics"]}
     result["metrics"] = {
-        metric: float(np.mean([item["metrics"][metric] for results in by_seed for item in results if metric in item["metrics"]]))
+        metric: float(
+            np.mean(
+                [
+                    item["metrics"][metric]
+                    for results in by_seed
+                    for item in results
+                    if metric in item["metrics"]
+                ]
+            )
+        )
         for metric in sorted(metrics)
     }
     return result
 
 
-def improvements(cells: Sequence[Cell], outcomes_of: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Probability, per column, that a seed of the first row outscores one of each other row in the last condition."""
+def improvements(
+    cells: Sequence[Cell], outcomes_of: dict[str, list[dict[str, Any]]]
+) -> list[dict[str, Any]]:
+    """Probability, per column, that a seed of the first row outscores one of each other row in the
+    last condition."""
     columns: dict[str, list[Cell]] = {}
     for cell in cells:
         columns.setdefault(cell.column, []).append(cell)
     pairs = []
     for column, rows in columns.items():
-        finished = [(cell, outcomes_of[name_of(cell)]) for cell in rows if outcomes_of[name_of(cell)]]
-        scored = {cell.row: _condition_summary(cell.conditions[-1].name, done)["returns"] for cell, done in finished}
+        finished = [
+            (cell, outcomes_of[name_of(cell)]) for cell in rows if outcomes_of[name_of(cell)]
+        ]
+        scored = {
+            cell.row: _condition_summary(cell.conditions[-1].name, done)["returns"]
+            for cell, done in finished
+        }
         for row, scores in list(scored.items())[1:]:
             first, others = next(iter(scored.items()))
             probability, interval = probability_of_improvement(others, scores)

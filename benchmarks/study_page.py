@@ -15,30 +15,57 @@ Numbers = dict[str, Any]
 Column = Callable[[Numbers], str]
 """Text of a cell of the study in a column of its table."""
 WIDE = 2
-"""Most conditions that are shown side by side, a cell of the study in a row; more of them are the rows of tables of their own."""
+"""Most conditions that are shown side by side, a cell of the study in a row; more of them are the
+rows of tables of their own."""
 _UNITS = {"_m_s": ", m/s", "_mm": ", mm", "_deg": ", degrees"}
 
 
 def page(result: Numbers) -> str:
-    """Tables in Markdown, without empty columns: a row for each cell; if it has many conditions, a table for each measure."""
-    quick = " (quick form: it checks that everything works and says nothing about learning)" if result["quick"] else ""
+    """Tables in Markdown, without empty columns: a row for each cell; if it has many conditions, a
+    table for each measure."""
+    quick = (
+        " (quick form: it checks that everything works and says nothing about learning)"
+        if result["quick"]
+        else ""
+    )
     command = f"bricksrl study {result['study']}{' --quick' if result['quick'] else ''}"
     lines = [f"# {result['title']}{quick}", ""]
-    lines += [f"Command: `{command}`. Numbers are interquartile means over seeds. Square brackets are"]
-    lines += ["95 % intervals; fewer than 5 seeds have none. All robots here are virtual; the paper used real LEGO robots.", ""]
+    lines += [
+        f"Command: `{command}`. Numbers are interquartile means over seeds. Square brackets are"
+    ]
+    lines += [
+        (
+            "95 % intervals; fewer than 5 seeds have none. All robots here are virtual; the paper "
+            "used real LEGO robots."
+        ),
+        "",
+    ]
     cells = _joined(result["cells"])
     conditions = list(dict.fromkeys(name for cell in cells for name in cell["conditions"]))
     measures = _measures(result)
     is_wide = len(conditions) <= WIDE
-    columns = _labels(result) | (_side_by_side(measures, conditions) if is_wide else {}) | _about_training()
-    shown = {head: texts for head, text in columns.items() if any(texts := [text(cell) for cell in cells])}
+    columns = (
+        _labels(result)
+        | (_side_by_side(measures, conditions) if is_wide else {})
+        | _about_training()
+    )
+    shown = {
+        head: texts
+        for head, text in columns.items()
+        if any(texts := [text(cell) for cell in cells])
+    }
     lines += markdown_table(list(shown), zip(*shown.values(), strict=True))
     if not is_wide:
         for name, text in measures.items():
             lines += _by_condition(name, text, cells, conditions)
     if result.get("improvements"):
         pairs = [
-            (pair["column"], pair["row"], pair["over"], f"{pair['probability']:.2f}{_within(pair['probability_95'])}")
+            (
+                pair["column"],
+                pair["row"],
+                pair["over"],
+                f"{pair['probability']:.2f}{_within(pair['probability_95'])}",
+            )
             for pair in result["improvements"]
         ]
         head = (*reversed(result["heads"]), "over", "probability of improvement")
@@ -46,7 +73,11 @@ def page(result: Numbers) -> str:
     for note in result.get("notes", ()):
         lines += ["", note]
     machine, versions = result["machine"], result["versions"]
-    lines += ["", f"{machine['processor']}, {machine['cores']} cores; " + ", ".join(f"{k} {v}" for k, v in versions.items())]
+    lines += [
+        "",
+        f"{machine['processor']}, {machine['cores']} cores; "
+        + ", ".join(f"{k} {v}" for k, v in versions.items()),
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -56,7 +87,10 @@ def _joined(cells: Iterable[Numbers]) -> list[Numbers]:
     for cell in cells:
         earlier = joined.setdefault((cell["row"], cell["column"]), cell)
         if earlier is not cell:
-            joined[cell["row"], cell["column"]] = {**cell, "conditions": {**earlier["conditions"], **cell["conditions"]}}
+            joined[cell["row"], cell["column"]] = {
+                **cell,
+                "conditions": {**earlier["conditions"], **cell["conditions"]},
+            }
     return list(joined.values())
 
 
@@ -74,7 +108,9 @@ def _measures(result: Numbers) -> dict[str, Column]:
     """Measures by heading, each a function of the results under one condition."""
     return {
         "return": lambda values: f"{number(values['return_iqm'])}{_within(values['return_95'])}",
-        "success": lambda values: percent(values.get("success_rate")) + _within_percent(values.get("success_95")),
+        "success": lambda values: (
+            percent(values.get("success_rate")) + _within_percent(values.get("success_95"))
+        ),
         **{_readable(name): _metric(name) for name in result.get("metrics", ())},
     }
 
@@ -93,7 +129,8 @@ def _metric(name: str) -> Column:
 
 
 def _side_by_side(measures: Mapping[str, Column], conditions: Sequence[str]) -> dict[str, Column]:
-    """Columns for return and success under each condition, beside the paper's, and for other metrics under the last one."""
+    """Columns for return and success under each condition, beside the paper's, and for other
+    metrics under the last one."""
     columns: dict[str, Column] = {}
     for name, text in measures.items():
         with_paper = name in ("return", "success")
@@ -106,7 +143,9 @@ def _side_by_side(measures: Mapping[str, Column], conditions: Sequence[str]) -> 
 
 
 def _under(condition: str, text: Column) -> Column:
-    return lambda cell: text(cell["conditions"][condition]) if condition in cell["conditions"] else ""
+    return lambda cell: (
+        text(cell["conditions"][condition]) if condition in cell["conditions"] else ""
+    )
 
 
 def _paper(name: str) -> Column:
@@ -125,13 +164,21 @@ def _about_training() -> dict[str, Column]:
     }
 
 
-def _by_condition(name: str, text: Column, cells: Sequence[Numbers], conditions: Sequence[str]) -> list[str]:
-    """Table of one measure: a row for each condition, a column for each cell that has it. Of success only the conditions under
-    which some failed."""
+def _by_condition(
+    name: str, text: Column, cells: Sequence[Numbers], conditions: Sequence[str]
+) -> list[str]:
+    """Table of one measure: a row for each condition, a column for each cell that has it. Of
+    success only the conditions under which some failed."""
     title = f"{name[0].upper()}{name[1:]}:"
     if name == "success":
-        results = [(condition, values) for cell in cells for condition, values in cell["conditions"].items()]
-        failing = {condition for condition, values in results if values.get("success_rate", 1.0) < 1.0}
+        results = [
+            (condition, values)
+            for cell in cells
+            for condition, values in cell["conditions"].items()
+        ]
+        failing = {
+            condition for condition, values in results if values.get("success_rate", 1.0) < 1.0
+        }
         if not failing and any("success_rate" in values for _, values in results):
             return ["", "Success: 100 % under all conditions."]
         title = "Success, which is 100 % under all other conditions:"
@@ -171,4 +218,8 @@ def _minutes(cell: Numbers, name: str) -> str:
 
 def _over_seeds(values: Sequence[float | None], unit: float, form: str) -> str:
     known = [value for value in values if value is not None]
-    return f"{float(interquartile_mean(np.array(known))) / unit:{form}}" if known and len(known) == len(values) else ""
+    return (
+        f"{float(interquartile_mean(np.array(known))) / unit:{form}}"
+        if known and len(known) == len(values)
+        else ""
+    )

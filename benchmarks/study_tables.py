@@ -46,9 +46,9 @@ class Cell:
     """One training, run with several seeds, and its evaluations.
 
     Attributes:
-        row, column: position in the table.
-        config: fields of `TrainConfig`; seed and folder are set by the study. ``preset`` names the agent's settings.
-        paper: the paper's numbers: "return" (mean and standard deviation), "success" (rate), "minutes" of a training.
+        row, column: position in the table. config: fields of `TrainConfig`; seed and folder are set
+        by the study. ``preset`` names the agent's settings. paper: the paper's numbers: "return"
+        (mean and standard deviation), "success" (rate), "minutes" of a training.
     """
 
     row: str
@@ -84,17 +84,32 @@ class Study(Benchmark):
         return f"study_{self.name}"
 
 
-_PAPER = "Success on RunAway-v0, where the paper has none, is a final distance of 1 m; the greatest return, 20, needs less."
-_STOPPED = (
-    "Training stops as soon as five consecutive episodes reach, on average, the return of the paper's best agent. Some do so by "
-    "luck: the policy is then worse than that return when it is evaluated, as some of the camera task are."
+_PAPER = (
+    "Success on RunAway-v0, where the paper has none, is a final distance of 1 m; the "
+    "greatest return, 20, needs less."
 )
-_RATES = "An episode takes the same time at every rate, and has more steps at a higher one: compare speeds, not returns."
+_STOPPED = (
+    "Training stops as soon as five consecutive episodes reach, on average, the return of the "
+    "paper's best agent. Some do so by "
+    "luck: the policy is then worse than that return when it is evaluated, as some of the camera "
+    "task are."
+)
+_RATES = (
+    "An episode takes the same time at every rate, and has more steps at a higher one: "
+    "compare speeds, not returns."
+)
 ON_THE_ROBOT = ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0", "RoboArm_mixed-v0")
 IN_SIMULATION = {"WalkerSim-v0": "Walker-v0", "RoboArmSim-v0": "RoboArm-v0"}
 PAPER_AGENTS = ("td3", "sac", "droq", "random")
-DROQ_EPISODES = {"Walker-v0": 27, "WalkerSim-v0": 27, "RoboArm-v0": 120, "RoboArmSim-v0": 120, "RoboArm_mixed-v0": 60}
-"""Episodes of DroQ with the paper's settings where the paper's would take hours; on the Walker its curve is flat by then."""
+DROQ_EPISODES = {
+    "Walker-v0": 27,
+    "WalkerSim-v0": 27,
+    "RoboArm-v0": 120,
+    "RoboArmSim-v0": 120,
+    "RoboArm_mixed-v0": 60,
+}
+"""Episodes of DroQ with the paper's settings where the paper's would take hours; on the Walker its
+curve is flat by then."""
 
 
 def _episodes(env: str, quick: bool) -> int:
@@ -106,12 +121,26 @@ def _played(count: int, quick: bool, env: str | None = None) -> Condition:
     return Condition(f"{count} episodes", env, episodes=2 if quick else count)
 
 
-def _cell(agent: str, env: str, quick: bool, conditions: tuple[Condition, ...], column: str = "", **config: Any) -> Cell:
+def _cell(
+    agent: str,
+    env: str,
+    quick: bool,
+    conditions: tuple[Condition, ...],
+    column: str = "",
+    **config: Any,
+) -> Cell:
     """Cell of an agent that the paper trained in this environment, with the paper's numbers."""
-    numbers: dict[str, Any] = {"return": paper.RETURNS[env][agent], "success": paper.SUCCESS.get(env, {}).get(agent)}
+    numbers: dict[str, Any] = {
+        "return": paper.RETURNS[env][agent],
+        "success": paper.SUCCESS.get(env, {}).get(agent),
+    }
     known = {name: value for name, value in numbers.items() if value is not None}
     return Cell(
-        agent, column or env, {"env": env, "agent": agent, "episodes": _episodes(env, quick), **config}, conditions, known
+        agent,
+        column or env,
+        {"env": env, "agent": agent, "episodes": _episodes(env, quick), **config},
+        conditions,
+        known,
     )
 
 
@@ -135,7 +164,8 @@ def _agents(quick: bool, agents: Sequence[str] = PAPER_AGENTS, **config: Any) ->
 
 
 def _paper_settings(quick: bool) -> tuple[Cell, ...]:
-    """The paper's agents with its settings; the Walker at the paper's 2 Hz too, and DroQ at 11 Hz, for as many steps."""
+    """The paper's agents with its settings; the Walker at the paper's 2 Hz too, and DroQ at 11 Hz,
+    for as many steps."""
     agents = ("sac",) if quick else ("td3", "sac", "droq")
     rates = {"2 Hz": (500, agents), "11 Hz": (91, ("droq",))}
     at_rates = tuple(
@@ -152,23 +182,38 @@ def _paper_settings(quick: bool) -> tuple[Cell, ...]:
         for agent in (() if quick else of)
     )
     cells = _agents(quick, agents, preset="paper") + at_rates + (() if quick else _longer())
-    return tuple(_shortened(cell) if cell.row == "droq" and cell.config["env"] in DROQ_EPISODES else cell for cell in cells)
+    return tuple(
+        _shortened(cell) if cell.row == "droq" and cell.config["env"] in DROQ_EPISODES else cell
+        for cell in cells
+    )
 
 
 def _longer() -> tuple[Cell, ...]:
-    """Cells below the paper's with twice its episodes: do TD3's seeds that turn one way only learn the other, and does SAC's
-    return, which still rises, become the paper's?"""
-    spun, reached = ((_played(5, False, env), _played(20, False, env)) for env in (None, "RoboArm-v0"))
+    """Cells below the paper's with twice its episodes: do TD3's seeds that turn one way only learn
+    the other, and does SAC's return, which still rises, become the paper's?"""
+    spun, reached = (
+        (_played(5, False, env), _played(20, False, env)) for env in (None, "RoboArm-v0")
+    )
     arm = "RoboArm-v0 from RoboArmSim-v0, 500 episodes"
     return (
-        _cell("td3", "Spinning-v0", False, spun, "Spinning-v0, 30 episodes", preset="paper", episodes=30),
+        _cell(
+            "td3",
+            "Spinning-v0",
+            False,
+            spun,
+            "Spinning-v0, 30 episodes",
+            preset="paper",
+            episodes=30,
+        ),
         _cell("sac", "RoboArmSim-v0", False, reached, arm, preset="paper", episodes=500),
     )
 
 
 def _shortened(cell: Cell) -> Cell:
     """A cell of DroQ, which makes 20 updates a step, with fewer episodes, and compiled."""
-    return replace(cell, config={**cell.config, "episodes": DROQ_EPISODES[cell.config["env"]], "compile": True})
+    return replace(
+        cell, config={**cell.config, "episodes": DROQ_EPISODES[cell.config["env"]], "compile": True}
+    )
 
 
 def drawn_twins(count: int = DRAWN_TWINS) -> list[Physics]:
@@ -192,41 +237,73 @@ OUTSIDE = {
 
 def _sim_to_robot(quick: bool) -> tuple[Cell, ...]:
     drawn, episodes = drawn_twins(2 if quick else DRAWN_TWINS), 1 if quick else 5
-    tested = {"WalkerSim-v0": "Walker-v0", "WalkerSim-v1": "Walker-v0", "RoboArmSim-v0": "RoboArm-v0", "Walker-v1": "Walker-v1"}
+    tested = {
+        "WalkerSim-v0": "Walker-v0",
+        "WalkerSim-v1": "Walker-v0",
+        "RoboArmSim-v0": "RoboArm-v0",
+        "Walker-v1": "Walker-v1",
+    }
     cells = []
     for env, test_env in list(tested.items())[: 1 if quick else None]:
         fixed_base = test_env == "RoboArm-v0"
-        outside = [(name, physics) for name, physics in OUTSIDE.items() if not (fixed_base and physics.side_load_g)]
+        outside = [
+            (name, physics)
+            for name, physics in OUTSIDE.items()
+            if not (fixed_base and physics.side_load_g)
+        ]
         loads = {"side_load_g": 0.0} if fixed_base else {}
         twins = [*(("drawn twins", replace(physics, **loads)) for physics in drawn), *outside]
         conditions = [Condition("nominal twin", test_env, episodes=2 if quick else 20)]
-        conditions += [Condition(name, test_env, {"physics": physics}, episodes) for name, physics in twins]
+        conditions += [
+            Condition(name, test_env, {"physics": physics}, episodes) for name, physics in twins
+        ]
         for learn_episodes in (1,) if quick else (2, 5):
             continued = [*twins[:LEARN_ON_TWINS], *outside][: 2 if quick else None]
             conditions += [
-                Condition(f"{name}, {learn_episodes} episodes later", test_env, {"physics": physics}, episodes, learn_episodes)
+                Condition(
+                    f"{name}, {learn_episodes} episodes later",
+                    test_env,
+                    {"physics": physics},
+                    episodes,
+                    learn_episodes,
+                )
                 for name, physics in continued
             ]
         options = {"randomize": True} if env == test_env else {}
-        cells.append(Cell("sac", env, {"env": env, "episodes": _episodes(env, quick), **options}, tuple(conditions)))
+        cells.append(
+            Cell(
+                "sac",
+                env,
+                {"env": env, "episodes": _episodes(env, quick), **options},
+                tuple(conditions),
+            )
+        )
     return tuple(cells)
 
 
 def _drawn_worlds(quick: bool) -> tuple[Cell, ...]:
     """A Walker that learned in drawn worlds, in others, and in the nominal one over each link."""
     drawn = drawn_twins(2 if quick else DRAWN_TWINS)
-    worlds = [Condition(f"world {n}", named={"physics": one, "link": "linux"}, episodes=2) for n, one in enumerate(drawn, 1)]
+    worlds = [
+        Condition(f"world {n}", named={"physics": one, "link": "linux"}, episodes=2)
+        for n, one in enumerate(drawn, 1)
+    ]
     links = [Condition(f"nominal, {link}", named={"link": link}, episodes=5) for link in PROFILES]
     config = {"env": "Walker-v1", "episodes": 2 if quick else 40, "randomize": True}
     return (Cell("sac", "Walker-v1", config, (*worlds, *links)),)
 
 
 def _communication(quick: bool) -> tuple[Cell, ...]:
-    """Step rates over a link of 15 ms, and link intervals at 4 Hz, each in lock-step and streaming."""
+    """Step rates over a link of 15 ms, and link intervals at 4 Hz, each in lock-step and
+    streaming."""
     rates_hz = {4.0: 250} if quick else {2.0: 500, 4.0: 250, 11.0: 91, 30.0: 33}
     intervals_ms = (45.0,) if quick else (7.5, 30.0, 45.0)
-    variants: dict[str, dict[str, Any]] = {f"{hz:g} Hz": {"options": {"step_ms": step_ms}} for hz, step_ms in rates_hz.items()}
-    variants |= {f"4 Hz, {ms:g} ms": {"physics": Physics(link_interval_ms=ms)} for ms in intervals_ms}
+    variants: dict[str, dict[str, Any]] = {
+        f"{hz:g} Hz": {"options": {"step_ms": step_ms}} for hz, step_ms in rates_hz.items()
+    }
+    variants |= {
+        f"4 Hz, {ms:g} ms": {"physics": Physics(link_interval_ms=ms)} for ms in intervals_ms
+    }
     config = {"env": "Walker-v0", "episodes": 2 if quick else 20}
     conditions = (Condition("as trained", episodes=2 if quick else 20),)
     return tuple(
@@ -237,11 +314,14 @@ def _communication(quick: bool) -> tuple[Cell, ...]:
 
 
 def _strategies(quick: bool) -> tuple[Cell, ...]:
-    return tuple(_cell(agent, "RunAway-v0", quick, (_played(20, quick),)) for agent in ("td3", "sac", "droq"))
+    return tuple(
+        _cell(agent, "RunAway-v0", quick, (_played(20, quick),)) for agent in ("td3", "sac", "droq")
+    )
 
 
 def _robot_time(quick: bool) -> tuple[Cell, ...]:
-    """SAC, trained until the mean return of five consecutive episodes reaches that of the paper's best agent."""
+    """SAC, trained until the mean return of five consecutive episodes reaches that of the paper's
+    best agent."""
     cells = []
     for env in ("RunAway-v0",) if quick else ON_THE_ROBOT:
         goal = max(mean for mean, _ in paper.RETURNS[env].values())
@@ -251,7 +331,15 @@ def _robot_time(quick: bool) -> tuple[Cell, ...]:
 
 
 STUDIES = (
-    Study("agents", "Agents of the paper, on the robot and from simulation", 360, 5, cells=_agents, metrics=_STEPS, note=_PAPER),
+    Study(
+        "agents",
+        "Agents of the paper, on the robot and from simulation",
+        360,
+        5,
+        cells=_agents,
+        metrics=_STEPS,
+        note=_PAPER,
+    ),
     Study(
         "paper",
         "The paper's settings, on the robot and from simulation",
@@ -261,7 +349,14 @@ STUDIES = (
         metrics=_STEPS,
         note=_PAPER,
     ),
-    Study("sim-to-robot", "From simulation to robots with other physics", 720, 4, cells=_sim_to_robot, metrics=_WALK),
+    Study(
+        "sim-to-robot",
+        "From simulation to robots with other physics",
+        720,
+        4,
+        cells=_sim_to_robot,
+        metrics=_WALK,
+    ),
     Study(
         "communication",
         "Steps a second and the link's interval, streaming or not",
@@ -272,8 +367,23 @@ STUDIES = (
         note=_RATES,
         heads=("exchange", "rate and interval of the link"),
     ),
-    Study("drawn-worlds", "The Walker in drawn worlds and over each link", 20, 2, cells=_drawn_worlds, metrics=_WALK),
+    Study(
+        "drawn-worlds",
+        "The Walker in drawn worlds and over each link",
+        20,
+        2,
+        cells=_drawn_worlds,
+        metrics=_WALK,
+    ),
     Study("strategies", "Strategies on RunAway-v0", 30, 2, cells=_strategies, metrics=_STRATEGY),
-    Study("robot-time", "Robot minutes to a working policy", 30, 2, cells=_robot_time, metrics=_STEPS, note=_STOPPED),
+    Study(
+        "robot-time",
+        "Robot minutes to a working policy",
+        30,
+        2,
+        cells=_robot_time,
+        metrics=_STEPS,
+        note=_STOPPED,
+    ),
 )
 """All studies."""

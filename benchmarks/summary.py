@@ -23,7 +23,9 @@ def robot_arm(result: Result) -> str:
     """Robot steps until all 40 evaluated episodes of all seeds reach the goal."""
     arm = result["environments"]["RoboArmSim-v0"]
     steps = (
-        next(f"{name} {mark['mark']}" for mark in arm[agent]["summary"] if mark["success_mean"] == 1)
+        next(
+            f"{name} {mark['mark']}" for mark in arm[agent]["summary"] if mark["success_mean"] == 1
+        )
         for agent, name in AGENTS.items()
     )
     return ", ".join(steps)
@@ -40,12 +42,16 @@ def walker(result: Result) -> str:
             for mark in agents[agent]["summary"]
             if mark["mark"] == episodes * _EPISODE_STEPS
         }
-        parts.append(f"after {episodes}: {', '.join(f'{name} {number(mean)}' for name, mean in means.items())}")
+        parts.append(
+            f"after {episodes}: "
+            f"{', '.join(f'{name} {number(mean)}' for name, mean in means.items())}"
+        )
     return "; ".join(parts)
 
 
 def race(result: Result) -> str:
-    """Median CPU seconds, robot steps and number of seeds of the contestants with the same settings."""
+    """Median CPU seconds, robot steps and number of seeds of the contestants with the same
+    settings."""
     names = {
         "ours_sac": "SAC",
         "ours_td3": "TD3",
@@ -55,22 +61,29 @@ def race(result: Result) -> str:
     parts = []
     for key, name in names.items():
         entry = result["contestants"][key]
-        parts.append(f"{name} {entry['cpu_s']:.1f} s, {entry['steps']:.0f} steps (n={len(entry['runs'])})")
+        parts.append(
+            f"{name} {entry['cpu_s']:.1f} s, {entry['steps']:.0f} steps (n={len(entry['runs'])})"
+        )
     return f"{'; '.join(parts[:2])}; with the same features and settings {'; '.join(parts[2:])}"
 
 
 def robot_time(result: Result) -> str:
-    """Robot minutes (interquartile mean) to the return of the paper's best agent, and the paper's training time."""
+    """Robot minutes (interquartile mean) to the return of the paper's best agent, and the paper's
+    training time."""
     cells = []
     for cell in result["cells"]:
         minutes = interquartile_mean(np.array(cell["robot_s"])) / 60
-        cells.append(f"{cell['column'].removesuffix('-v0')} {minutes:.1f} ({cell['paper']['minutes']:.0f})")
+        cells.append(
+            f"{cell['column'].removesuffix('-v0')} {minutes:.1f} ({cell['paper']['minutes']:.0f})"
+        )
     return ", ".join(cells)
 
 
 def camera(result: Result) -> str:
     """Median success rates."""
-    marks = {mark["episodes"]: mark["success_median"] for mark in result["agents"]["sac"]["summary"]}
+    marks = {
+        mark["episodes"]: mark["success_median"] for mark in result["agents"]["sac"]["summary"]
+    }
     return f"{percent(marks[50])} and {percent(marks[100])}"
 
 
@@ -84,7 +97,10 @@ def teachers(result: Result) -> str:
 def realtime_learning(result: Result) -> str:
     """Share of the updates asked for that SAC made."""
     sac = result["agents"]["sac"]
-    return f"{100 * sac['updates_per_step_reached'] / sac['updates_per_step_asked']:.1f} % of those asked for"
+    return (
+        f"{100 * sac['updates_per_step_reached'] / sac['updates_per_step_asked']:.1f} % of "
+        "those asked for"
+    )
 
 
 def realtime_factor(result: Result) -> str:
@@ -104,7 +120,10 @@ def simulation_speed(result: Result) -> str:
 
 def fleet(result: Result) -> str:
     """Times as fast."""
-    return ", ".join(f"{times:g} times as fast to {count} in a row" for count, times in result["times_as_fast"].items())
+    return ", ".join(
+        f"{times:g} times as fast to {count} in a row"
+        for count, times in result["times_as_fast"].items()
+    )
 
 
 def arena(result: Result) -> str:
@@ -121,21 +140,38 @@ def sim_to_robot(result: Result) -> str:
     parts = []
     for name in ("nominal twin", "drawn twins"):
         entry = conditions[name]
-        parts.append(f"{name}: {entry['metrics']['forward_speed_m_s']:.3f} m/s, return {number(entry['return_iqm'])}")
+        parts.append(
+            f"{name}: {entry['metrics']['forward_speed_m_s']:.3f} m/s, return "
+            f"{number(entry['return_iqm'])}"
+        )
     return "; ".join(parts)
 
 
 LINK_RATES = "{lock_step[15 ms][p50_ms]:.0f} ms, which is two connection intervals of 15 ms"
 LINK_FAULTS = (
-    "the motors ran for {longest_silent_drive_ms} ms at most (watchdog: {watchdog_ms} ms); training continued after each"
+    "the motors ran for {longest_silent_drive_ms} ms at most (watchdog: {watchdog_ms} ms); "
+    "training continued after each"
 )
 ROWS: tuple[tuple[str, str, str | Callable[[Result], str], str], ...] = (
-    ("learning", "robot steps until 40 of 40 episodes reach the goal in `RoboArmSim-v0`, ten seeds", robot_arm, ""),
+    (
+        "learning",
+        "robot steps until 40 of 40 episodes reach the goal in `RoboArmSim-v0`, ten seeds",
+        robot_arm,
+        "",
+    ),
     ("learning", "return in `WalkerSim-v0` after so many episodes, ten seeds", walker, ""),
-    ("race", "CPU time until a return of -20 in `WalkerSim-v0`, start-up included, median", race, ""),
+    (
+        "race",
+        "CPU time until a return of -20 in `WalkerSim-v0`, start-up included, median",
+        race,
+        "",
+    ),
     (
         "study_robot-time",
-        "robot minutes until five consecutive episodes reach the return of the paper's best agent (the paper's training time)",
+        (
+            "robot minutes until five consecutive episodes reach the return of the paper's best "
+            "agent (the paper's training time)"
+        ),
         robot_time,
         "bricksrl study robot-time",
     ),
@@ -145,28 +181,64 @@ ROWS: tuple[tuple[str, str, str | Callable[[Result], str], str], ...] = (
         sim_to_robot,
         "bricksrl study sim-to-robot",
     ),
-    ("camera_learning", "success rate of the camera task after 50 and 100 episodes, median of five seeds", camera, ""),
-    ("teachers", "SAC on the Walker with a gait's demonstrations, in 1,000 robot steps, the worst of five seeds", teachers, ""),
-    ("realtime_learning", "updates done while the robot moves (`Walker-v0 --realtime`)", realtime_learning, ""),
-    ("fleet", "four robots with one learner instead of one robot, until perfect episodes of RunAway", fleet, ""),
+    (
+        "camera_learning",
+        "success rate of the camera task after 50 and 100 episodes, median of five seeds",
+        camera,
+        "",
+    ),
+    (
+        "teachers",
+        (
+            "SAC on the Walker with a gait's demonstrations, in 1,000 robot steps, the worst of "
+            "five seeds"
+        ),
+        teachers,
+        "",
+    ),
+    (
+        "realtime_learning",
+        "updates done while the robot moves (`Walker-v0 --realtime`)",
+        realtime_learning,
+        "",
+    ),
+    (
+        "fleet",
+        "four robots with one learner instead of one robot, until perfect episodes of RunAway",
+        fleet,
+        "",
+    ),
     ("arena", "Tag: episodes that the catcher wins after training (MAPPO, CPU time)", arena, ""),
     (
         "realtime_factor",
-        "speed of the virtual robots on one core, times real time (total cost over that of the physics)",
+        (
+            "speed of the virtual robots on one core, times real time (total cost over that of the "
+            "physics)"
+        ),
         realtime_factor,
         "",
     ),
     ("simulation_speed", "speed of the batched simulations", simulation_speed, ""),
     ("link_rates", "one exchange over a simulated radio link", LINK_RATES, ""),
-    ("link_faults", "1,000 faults injected into that link, including killed processes", LINK_FAULTS, ""),
+    (
+        "link_faults",
+        "1,000 faults injected into that link, including killed processes",
+        LINK_FAULTS,
+        "",
+    ),
 )
-"""Name of the result, what it is, its text or a function that makes it, and its command if not the script of that name."""
+"""Name of the result, what it is, its text or a function that makes it, and its command if not the
+script of that name."""
 
 
 def summary() -> str:
     """The table of all rows whose results exist."""
     rows = [
-        [what, text.format(**found) if isinstance(text, str) else text(found), f"`{command or f'python -m benchmarks {name}'}`"]
+        [
+            what,
+            text.format(**found) if isinstance(text, str) else text(found),
+            f"`{command or f'python -m benchmarks {name}'}`",
+        ]
         for name, what, text, command in ROWS
         if (path := RESULTS / f"{name}.json").exists() and (found := json.loads(path.read_text()))
     ]

@@ -66,7 +66,7 @@ differ by seed, and are below the paper's on RunAway-v0 and RoboArm-v0. With the
 paper's on RoboArm-v0. There CQL depends on which random episodes were recorded: on two other datasets (`bricksrl record
 RoboArm-v0 --policy random --episodes 100 --seed N`, then `bricksrl train-offline RoboArm-v0 --agent cql --preset paper
 --updates 10000`) one seed each gave -67 and -93. With the default settings CQL is above the paper's on all four.
-"""
+"""  # noqa: E501
 
 STUDIES_HEAD = """# Studies
 
@@ -92,7 +92,7 @@ goal, and another to stand still at one of the two goals; its actor explores by 
 In `sim-to-robot`, training with randomised physics (Walker-v1) walks fastest on robots that it has not seen. Outside of the
 ranges it was trained in, no policy fails; a link of 100 ms costs each a third of its speed, which five episodes there do not
 bring back.
-"""
+"""  # noqa: E501
 
 
 def robots(result: Result) -> str:
@@ -106,13 +106,18 @@ def robots(result: Result) -> str:
         note = f"walks {metrics['forward_speed_m_s']:.3f} m/s" if walks else ""
         if summary.get("success_rate") is not None and not walks:
             low, high = summary["success_interval"]
-            note = f"success {percent(summary['success_rate'])}" + (f" [{100 * low:.0f}, {100 * high:.0f}]" if is_enough else "")
+            note = f"success {percent(summary['success_rate'])}" + (
+                f" [{100 * low:.0f}, {100 * high:.0f}]" if is_enough else ""
+            )
             if "sac_success_rate" in paper:
                 note += f" (paper: {percent(paper['sac_success_rate'])})"
             if "on_line_share" in metrics:
                 note += f"; on the line for {100 * metrics['on_line_share']:.1f} % of the time"
             if "final_error_mm" in metrics:
-                note += f"; final error {metrics['final_error_mm']:.0f} mm and {metrics['final_error_deg']:.1f} degrees"
+                note += (
+                    f"; final error {metrics['final_error_mm']:.0f} mm and "
+                    f"{metrics['final_error_deg']:.1f} degrees"
+                )
         rows.append(
             [
                 f"`{env}`",
@@ -124,7 +129,15 @@ def robots(result: Result) -> str:
                 f"{summary['training_cpu_s_median']:.0f} s",
             ]
         )
-    head = ["environment", "seeds", "episodes", "return", "SAC in the paper", "success and metrics", "CPU time of training"]
+    head = [
+        "environment",
+        "seeds",
+        "episodes",
+        "return",
+        "SAC in the paper",
+        "success and metrics",
+        "CPU time of training",
+    ]
     return table(head, rows)
 
 
@@ -142,7 +155,9 @@ def baselines(result: Result) -> str:
         if "random_success" in paper:
             paper_cell += f", {percent(paper['random_success'])}"
         rows.append([f"`{env}`", *cells, paper_cell, entry.get("why_they_differ", "")])
-    return table(["environment", "random", "hand-written", "random in the paper", "why they differ"], rows)
+    return table(
+        ["environment", "random", "hand-written", "random in the paper", "why they differ"], rows
+    )
 
 
 def learning(result: Result) -> str:
@@ -163,7 +178,10 @@ def learning(result: Result) -> str:
                 for mark in entry["summary"]
                 if mark["mark"] in SHOWN_MARKS
             ]
-    return table(["environment", "agent", "seeds", "robot steps in total", "return", "success", "CPU time"], rows)
+    return table(
+        ["environment", "agent", "seeds", "robot steps in total", "return", "success", "CPU time"],
+        rows,
+    )
 
 
 def camera(result: Result) -> str:
@@ -173,15 +191,32 @@ def camera(result: Result) -> str:
         for mark in entry["summary"]:
             low, high = mark["success_range"]
             success = f"{percent(mark['success_median'])} ({100 * low:.0f} to {100 * high:.0f})"
-            rows.append([agent, str(len(entry["seeds"])), str(mark["episodes"]), success, f"{mark['cpu_s_median']:.0f} s"])
-    return table(["agent", "seeds", "episodes in total", "success: median (range)", "CPU time"], rows)
+            rows.append(
+                [
+                    agent,
+                    str(len(entry["seeds"])),
+                    str(mark["episodes"]),
+                    success,
+                    f"{mark['cpu_s_median']:.0f} s",
+                ]
+            )
+    return table(
+        ["agent", "seeds", "episodes in total", "success: median (range)", "CPU time"], rows
+    )
 
 
 def transforms_camera(result: Result) -> str:
     """Success of the camera task from the image, and from numbers made of it."""
     rows = []
     for name, rates in result["success"].items():
-        rows.append([name, str(result["episodes"]), percent(sum(rates) / len(rates)), ", ".join(map(percent, rates))])
+        rows.append(
+            [
+                name,
+                str(result["episodes"]),
+                percent(sum(rates) / len(rates)),
+                ", ".join(map(percent, rates)),
+            ]
+        )
     return table(["SAC reads", "episodes", "success: mean", "of each seed"], rows)
 
 
@@ -191,12 +226,28 @@ def seeds(result: Result) -> str:
     one_s = at_a_time["1_at_a_time_s"]
     for name, wall_s in at_a_time.items():
         count = name.split("_")[0]
-        rows.append(["training", f"one process per seed, {count} at a time", f"{wall_s:.0f} s", f"{one_s / wall_s:.2f}"])
+        rows.append(
+            [
+                "training",
+                f"one process per seed, {count} at a time",
+                f"{wall_s:.0f} s",
+                f"{one_s / wall_s:.2f}",
+            ]
+        )
     for name, times in result["updates"].items():
         threads, alone_ms = name.split("_")[0], times["one_after_the_other_ms"]
-        rows.append(["updates", f"one after the other, threads: {threads}", f"{alone_ms:.1f} ms", "1"])
+        rows.append(
+            ["updates", f"one after the other, threads: {threads}", f"{alone_ms:.1f} ms", "1"]
+        )
         stacked_ms = times["stacked_ms"]
-        rows.append(["updates", f"stacked, threads: {threads}", f"{stacked_ms:.1f} ms", f"{alone_ms / stacked_ms:.2f}"])
+        rows.append(
+            [
+                "updates",
+                f"stacked, threads: {threads}",
+                f"{stacked_ms:.1f} ms",
+                f"{alone_ms / stacked_ms:.2f}",
+            ]
+        )
     return table(["what", "how", "wall time", "speedup"], rows)
 
 
@@ -207,12 +258,35 @@ def ablation(result: Result) -> str:
         for agent, entry in agents.items():
             for name, variant in entry["variants"].items():
                 is_preset = name in ("default", "paper")
-                label = f"`{name}`" if is_preset else " ".join(f"`{key}={value}`" for key, value in variant["setting"].items())
-                cell = within(variant["return_mean"], variant["return_interval"], len(variant["returns"]))
+                label = (
+                    f"`{name}`"
+                    if is_preset
+                    else " ".join(f"`{key}={value}`" for key, value in variant["setting"].items())
+                )
+                cell = within(
+                    variant["return_mean"], variant["return_interval"], len(variant["returns"])
+                )
                 success = percent(variant["success_mean"]) if env.startswith("RoboArm") else ""
-                seeds, cpu = str(len(variant["returns"])), f"{variant['cpu_s']:.0f} s" if "cpu_s" in variant else ""
-                rows.append([f"`{env}`", agent, seeds, str(entry["steps"]), label, cell, success, cpu])
-    return table(["environment", "agent", "seeds", "robot steps", "settings", "return", "success", "CPU time"], rows)
+                seeds, cpu = (
+                    str(len(variant["returns"])),
+                    f"{variant['cpu_s']:.0f} s" if "cpu_s" in variant else "",
+                )
+                rows.append(
+                    [f"`{env}`", agent, seeds, str(entry["steps"]), label, cell, success, cpu]
+                )
+    return table(
+        [
+            "environment",
+            "agent",
+            "seeds",
+            "robot steps",
+            "settings",
+            "return",
+            "success",
+            "CPU time",
+        ],
+        rows,
+    )
 
 
 def literature(result: Result) -> str:
@@ -221,10 +295,21 @@ def literature(result: Result) -> str:
     first, *_ = environments.values()
     rows = []
     for variant, entry in first.items():
-        points = [point for entries in environments.values() for point in entries[variant]["summary"]]
-        cells = [within(point["return_mean"], point["return_interval"], len(entry["seeds"])) for point in points]
-        rows.append([variant, str(len(entry["seeds"])), *cells, f"{entry['summary'][-1]['cpu_s']:.0f} s"])
-    marks = [f"{env}, {point['mark']} steps" for env, entries in environments.items() for point in entries[rows[0][0]]["summary"]]
+        points = [
+            point for entries in environments.values() for point in entries[variant]["summary"]
+        ]
+        cells = [
+            within(point["return_mean"], point["return_interval"], len(entry["seeds"]))
+            for point in points
+        ]
+        rows.append(
+            [variant, str(len(entry["seeds"])), *cells, f"{entry['summary'][-1]['cpu_s']:.0f} s"]
+        )
+    marks = [
+        f"{env}, {point['mark']} steps"
+        for env, entries in environments.items()
+        for point in entries[rows[0][0]]["summary"]
+    ]
     return table(["variant", "seeds", *marks, "CPU time in WalkerSim-v0"], rows)
 
 
@@ -242,7 +327,13 @@ def datasets(result: Result) -> str:
                 f"{entry['random']['transitions']} ({paper['random_transitions']})",
             ]
         )
-    head = ["task", "expert: mean return (paper)", "transitions (paper)", "random: mean return", "transitions (paper)"]
+    head = [
+        "task",
+        "expert: mean return (paper)",
+        "transitions (paper)",
+        "random: mean return",
+        "transitions (paper)",
+    ]
     return table(head, rows)
 
 
@@ -274,33 +365,83 @@ def teachers(result: Result) -> str:
             continue
         shares = [[value / run["gait"] for value in run["returns"]] for run in runs]
         places = (0, 2, 5, len(shares[0]) - 1)
-        at = [f"{statistics.median(seed[min(place, len(seed) - 1)] for seed in shares):.2f}" for place in places]
-        explored = statistics.median(value / run["gait"] for run in runs for value in run["explored"])
+        at = [
+            f"{statistics.median(seed[min(place, len(seed) - 1)] for seed in shares):.2f}"
+            for place in places
+        ]
+        explored = statistics.median(
+            value / run["gait"] for run in runs for value in run["explored"]
+        )
         falls = sum(run["falls"] for run in runs)
-        rows.append([name, str(len(runs)), *at, f"{min(map(min, shares)):.2f}", f"{explored:.2f}", str(falls)])
-    head = ["", "seeds", "at once", "after 200 steps", "500", "1,000", "the worst of all", "while it explores", "falls"]
+        rows.append(
+            [
+                name,
+                str(len(runs)),
+                *at,
+                f"{min(map(min, shares)):.2f}",
+                f"{explored:.2f}",
+                str(falls),
+            ]
+        )
+    head = [
+        "",
+        "seeds",
+        "at once",
+        "after 200 steps",
+        "500",
+        "1,000",
+        "the worst of all",
+        "while it explores",
+        "falls",
+    ]
     return f"Returns in shares of the gait's, medians:\n\n{table(head, rows)}"
 
 
 def worlds(result: Result) -> str:
     """What each way makes of other worlds, and the time of a step."""
-    names = {"gait": "gait", "sac": "SAC", "conditioned": "SAC, told the physics", "fitted": "gait, in a fitted twin"}
+    names = {
+        "gait": "gait",
+        "sac": "SAC",
+        "conditioned": "SAC, told the physics",
+        "fitted": "gait, in a fitted twin",
+    }
     measured = {**result["worlds"], **result["drawn"]}
     ways = [way for way in names if any(_adapted(_part(row, way)) for row in measured.values())]
-    rows = [[name, number(row["best"]), *(_adapted(_part(row, way)) for way in ways)] for name, row in measured.items()]
-    sums = [f"{part['lost']:.1f} lost, {part['regained']:.1f} regained" if part else "" for part in map(result["ways"].get, ways)]
+    rows = [
+        [name, number(row["best"]), *(_adapted(_part(row, way)) for way in ways)]
+        for name, row in measured.items()
+    ]
+    sums = [
+        f"{part['lost']:.1f} lost, {part['regained']:.1f} regained" if part else ""
+        for part in map(result["ways"].get, ways)
+    ]
     rows.insert(len(result["worlds"]), ["these in all", "", *sums])
-    seeds = {way: max(len(_part(row, way).get("before", ())) for row in measured.values()) for way in ways}
+    seeds = {
+        way: max(len(_part(row, way).get("before", ())) for row in measured.values())
+        for way in ways
+    }
     heads = [f"{names[way]}, {seeds[way]} seeds" for way in ways]
     found = table(["world", "best of 400 trials there", *heads], rows)
-    found = f"Returns before and after 60 s there, and the gain with its standard error, over the seeds:\n\n{found}"
+    found = (
+        "Returns before and after 60 s there, and the gain with its standard error, over the "
+        f"seeds:\n\n{found}"
+    )
     if not result["steps"]:
         return found
     times = list(dict.fromkeys(row["step_ms"] for row in result["steps"]))
-    speeds = {(row["link"], row["step_ms"]): f"{1000 * row['speed_m_s']:.0f}" for row in result["steps"]}
+    speeds = {
+        (row["link"], row["step_ms"]): f"{1000 * row['speed_m_s']:.0f}" for row in result["steps"]
+    }
     links = dict.fromkeys(row["link"] for row in result["steps"])
-    steps = table(["link", *(f"{ms} ms" for ms in times)], [[link, *(speeds[link, ms] for ms in times)] for link in links])
-    return f"{found}\nSpeed in mm/s of a gait by the time of a step, `--option step_ms=...`, over each link:\n\n{steps}"
+    steps = table(
+        ["link", *(f"{ms} ms" for ms in times)],
+        [[link, *(speeds[link, ms] for ms in times)] for link in links],
+    )
+    return (
+        f"{found}\n"
+        "Speed in mm/s of a gait by the time of a step, `--option step_ms=...`, over each link:\n"
+        f"\n{steps}"
+    )
 
 
 def _part(row: Result, way: str) -> Result:
@@ -322,16 +463,28 @@ def step_times(result: Result) -> str:
     times, rows = list(dict.fromkeys(row["step_ms"] for row in result["gaits"])), []
     for streaming, way in ((False, "with an exchange for each"), (True, "streamed")):
         found = [row for row in result["gaits"] if row["streaming"] is streaming]
-        rows.append([way, *(f"{1000 * row['speed_m_s']:.0f} ({row['really_ms']:.0f})" for row in found)])
+        rows.append(
+            [way, *(f"{1000 * row['speed_m_s']:.0f} ({row['really_ms']:.0f})" for row in found)]
+        )
     gaits = table(["steps", *(f"{ms} ms" for ms in times)], rows)
     learned = []
     for marks in zip(*(run["marks"] for run in result["sac"]), strict=True):
-        walked_s, whole_s, speeds = ([mark[key] for mark in marks] for key in ("walked_s", "with_resets_s", "speed_m_s"))
-        spread = f"{1000 * statistics.fmean(speeds):.0f} ({1000 * min(speeds):.0f} to {1000 * max(speeds):.0f})"
+        walked_s, whole_s, speeds = (
+            [mark[key] for mark in marks] for key in ("walked_s", "with_resets_s", "speed_m_s")
+        )
+        spread = (
+            f"{1000 * statistics.fmean(speeds):.0f} ({1000 * min(speeds):.0f} to "
+            f"{1000 * max(speeds):.0f})"
+        )
         times_s = (f"{statistics.fmean(each):.0f} s" for each in (walked_s, whole_s))
         learned.append([str(marks[0]["steps"]), *times_s, str(len(marks)), spread])
-    after = table(["robot steps", "walked for", "with resets", "seeds", "mm/s: mean (range)"], learned)
-    told = "SAC from nothing in `Walker-v2`: streamed steps of 100 ms, heading and last commands observed"
+    after = table(
+        ["robot steps", "walked for", "with resets", "seeds", "mm/s: mean (range)"], learned
+    )
+    told = (
+        "SAC from nothing in `Walker-v2`: streamed steps of 100 ms, heading and last commands "
+        "observed"
+    )
     return f"Gaits, mm/s (and ms that a step really takes):\n\n{gaits}\n{told}:\n\n{after}"
 
 
@@ -340,7 +493,9 @@ def updates(result: Result) -> str:
     rows = []
     for agent, entry in result["agents"].items():
         others = [
-            f"{entry[peer]['cpu_ms']:.2f} ({entry[peer]['cpu_times_ours']:.2f} x)" if peer in entry else ""
+            f"{entry[peer]['cpu_ms']:.2f} ({entry[peer]['cpu_times_ours']:.2f} x)"
+            if peer in entry
+            else ""
             for peer in ("ours_compiled", "torchrl_tuned", "torchrl", "sb3", "sbx")
         ]
         rows.append([agent, f"{entry['ours']['cpu_ms']:.2f}", *others])
@@ -356,11 +511,16 @@ def copies(result: Result) -> str:
             str(entry["copies"]),
             f"{entry['goal']:g}",
             f"{entry['reached']} of {len(entry['cpu_s'])}",
-            f"{entry['cpu_s_median']:.0f} s [{min(entry['cpu_s']):.0f} to {max(entry['cpu_s']):.0f}]",
+            (
+                f"{entry['cpu_s_median']:.0f} s [{min(entry['cpu_s']):.0f} to "
+                f"{max(entry['cpu_s']):.0f}]"
+            ),
         ]
         for agent, entry in result["agents"].items()
     ]
-    return table(["agent", "copies", "goal", "seeds that reach it", "CPU time, median [min to max]"], rows)
+    return table(
+        ["agent", "copies", "goal", "seeds that reach it", "CPU time, median [min to max]"], rows
+    )
 
 
 def race(result: Result) -> str:
@@ -368,7 +528,13 @@ def race(result: Result) -> str:
     rows = []
     for name, entry in result["contestants"].items():
         package, _, agent = name.removesuffix("_like_ours").partition("_")
-        settings = "default" if package == "ours" else "as ours" if name.endswith("_like_ours") else "its own"
+        settings = (
+            "default"
+            if package == "ours"
+            else "as ours"
+            if name.endswith("_like_ours")
+            else "its own"
+        )
         times = [run[-1][1] for run in entry["runs"]]
         rows.append(
             [
@@ -399,12 +565,22 @@ def other_library(result: Result) -> str:
         mean = sum(means) / len(means)
         found = f"{number(mean)} [{min(means):.1f} to {max(means):.1f}]"
         rows.append([way, str(len(runs)), found, f"{mean / result['trot']:.2f}"])
-    return table(["observations", "seeds", f"return after {result['steps']:,} steps", "share of the hand-written trot's"], rows)
+    return table(
+        [
+            "observations",
+            "seeds",
+            f"return after {result['steps']:,} steps",
+            "share of the hand-written trot's",
+        ],
+        rows,
+    )
 
 
 def cql_updates(result: Result) -> str:
     """CPU milliseconds per CQL update."""
-    rows = [[name, f"{cpu_ms:.1f}", f"{1e3 / cpu_ms:.1f}"] for name, cpu_ms in result["cpu_ms"].items()]
+    rows = [
+        [name, f"{cpu_ms:.1f}", f"{1e3 / cpu_ms:.1f}"] for name, cpu_ms in result["cpu_ms"].items()
+    ]
     return table(["CQL", "CPU ms per update", "updates per CPU second"], rows)
 
 
@@ -427,15 +603,22 @@ def fleet(result: Result) -> str:
     for count, times in result["times_as_fast"].items():
         one, four = (result[name]["in_a_row"][count] for name in ("1_robot", "4_robots"))
         cells = [
-            within(robots["solved_s_iqm"], robots["solved_s_95"]) if "solved_s_95" in robots else "" for robots in (one, four)
+            within(robots["solved_s_iqm"], robots["solved_s_95"]) if "solved_s_95" in robots else ""
+            for robots in (one, four)
         ]
         rows.append([f"{count} in a row", *cells, "" if times is None else f"{times:.1f}"])
     cut = result["cut"]
-    lost = cut["frames_of_ended_episodes_missing_in_the_dataset"] + cut["frames_in_the_buffer_that_the_dataset_lacks"]
+    lost = (
+        cut["frames_of_ended_episodes_missing_in_the_dataset"]
+        + cut["frames_in_the_buffer_that_the_dataset_lacks"]
+    )
     note = (
-        f"The link of one robot was cut for 30 s: it left after {cut['left_s_after_the_cut'][0]:g} s and was back after "
-        f"{cut['back_s_after_the_cut'][0]:g} s; the others made {cut['episodes_of_the_others_meanwhile']} episodes meanwhile; "
-        f"{lost} frames were lost, {cut['frames_linked_with_another_robots']} were linked with another robot's.\n"
+        "The link of one robot was cut for 30 s: it left after "
+        f"{cut['left_s_after_the_cut'][0]:g} s and was back after "
+        f"{cut['back_s_after_the_cut'][0]:g} s; the others made "
+        f"{cut['episodes_of_the_others_meanwhile']} episodes meanwhile; "
+        f"{lost} frames were lost, {cut['frames_linked_with_another_robots']} were linked with "
+        "another robot's.\n"
     )
     head = ["perfect episodes", "one robot, s", "four robots, s", "times as fast"]
     return f"{table(head, rows)}\n{note}"
@@ -444,19 +627,39 @@ def fleet(result: Result) -> str:
 def arena(result: Result) -> str:
     """Catchers of Tag against both runners."""
     scripts = {
-        name: {f"against_{runner}": result["scripts"][f"{key}_against_{runner}"] for runner in ("flee", "random")}
+        name: {
+            f"against_{runner}": result["scripts"][f"{key}_against_{runner}"]
+            for runner in ("flee", "random")
+        }
         for name, key in (("the script", "chase"), ("random", "random"))
     }
     rows = []
     for catcher, entry in {**result["agents"], **scripts}.items():
         cells = []
         for outcome in (entry["against_flee"], entry["against_random"]):
-            ends = f" [{', '.join(f'{100 * end:.0f}' for end in outcome['rate_95'])}]" if "rate_95" in outcome else ""
+            ends = (
+                f" [{', '.join(f'{100 * end:.0f}' for end in outcome['rate_95'])}]"
+                if "rate_95" in outcome
+                else ""
+            )
             cells.append(f"{percent(outcome['rate'])}{ends}, {outcome['steps_mean']:g} steps")
-        cpu_s = f"{statistics.median(entry['training_cpu_s']):.0f} s" if "training_cpu_s" in entry else ""
+        cpu_s = (
+            f"{statistics.median(entry['training_cpu_s']):.0f} s"
+            if "training_cpu_s" in entry
+            else ""
+        )
         rows.append([catcher, str(entry.get("seeds", "")), cpu_s, *cells])
-    head = ["catcher", "seeds", "CPU time of training", "wins against the script", "wins against a random runner"]
-    note = "The catcher is alone in its group: MAPPO, whose critic sees the whole group, is the same as IPPO here.\n"
+    head = [
+        "catcher",
+        "seeds",
+        "CPU time of training",
+        "wins against the script",
+        "wins against a random runner",
+    ]
+    note = (
+        "The catcher is alone in its group: MAPPO, whose critic sees the whole group, is the "
+        "same as IPPO here.\n"
+    )
     return f"{table(head, rows)}\n{note}"
 
 
@@ -474,7 +677,13 @@ def realtime_factor(result: Result) -> str:
         ]
         for env, entry in result["environments"].items()
     ]
-    head = ["environment", "times real time", "steps per CPU second", "`mj_step` alone, times real time", "total over `mj_step`"]
+    head = [
+        "environment",
+        "times real time",
+        "steps per CPU second",
+        "`mj_step` alone, times real time",
+        "total over `mj_step`",
+    ]
     return table([*head, *([f"times the speed of {before}"] if before else [])], rows)
 
 
@@ -491,7 +700,12 @@ def simulation_speed(result: Result) -> str:
 def link_rates(result: Result) -> str:
     """Exchanges over a simulated radio."""
     rows = [
-        [interval, f"{entry['p50_ms']:.1f} ms", f"{entry['p99_ms']:.1f} ms", f"{entry['rate_hz']:.1f} Hz"]
+        [
+            interval,
+            f"{entry['p50_ms']:.1f} ms",
+            f"{entry['p99_ms']:.1f} ms",
+            f"{entry['rate_hz']:.1f} Hz",
+        ]
         for interval, entry in result["lock_step"].items()
     ]
     return table(["connection interval", "one exchange: median", "p99", "rate"], rows)
@@ -508,7 +722,10 @@ def motors(result: Result) -> str:
         ]
         source = "LEGO's data sheet" if sheet else "Pybricks' measured curve"
         rows.append([kind, cells[0], f"{cells[1]} at {entry['load_ncm']:g} Ncm", cells[2], source])
-    return table(["motor at 7.2 V", "free, rpm (sheet)", "loaded, rpm (sheet)", "stall, Ncm (sheet)", "of"], rows)
+    return table(
+        ["motor at 7.2 V", "free, rpm (sheet)", "loaded, rpm (sheet)", "stall, Ncm (sheet)", "of"],
+        rows,
+    )
 
 
 def transforms(result: Result) -> str:
@@ -516,10 +733,18 @@ def transforms(result: Result) -> str:
     rows = []
     for name, entry in result["transforms"].items():
         apart = within(entry["difference"], entry["interval"]) if "interval" in entry else ""
-        rows.append([f"`{name}`", str(len(entry["returns"])), number(statistics.fmean(entry["returns"])), apart])
+        rows.append(
+            [
+                f"`{name}`",
+                str(len(entry["returns"])),
+                number(statistics.fmean(entry["returns"])),
+                apart,
+            ]
+        )
     text = table(["transform", "seeds", "return", "difference to plain"], rows)
     return text + (
-        f"\n`{result['env']}`, returns of the environment itself after {result['steps']} steps of the robot. With FrameSkip an\n"
+        f"\n`{result['env']}`, returns of the environment itself after {result['steps']} steps of "
+        "the robot. With FrameSkip an\n"
         "agent's step is two of the robot, so it made half of the updates.\n"
     )
 
@@ -527,12 +752,23 @@ def transforms(result: Result) -> str:
 def resets(result: Result) -> str:
     """Starts at rest, and falls of a trained Walker."""
     rows = [
-        [f"`{env}`", str(entry["starts"]), str(entry["restless"]), f"{entry['most_deg']:.2f}", f"{entry['most_mm']:.2f}"]
+        [
+            f"`{env}`",
+            str(entry["starts"]),
+            str(entry["restless"]),
+            f"{entry['most_deg']:.2f}",
+            f"{entry['most_mm']:.2f}",
+        ]
         for env, entry in result["environments"].items()
     ]
-    text = table(["environment", "starts", "not at rest", "largest turn, degrees", "largest way, mm"], rows)
+    text = table(
+        ["environment", "starts", "not at rest", "largest turn, degrees", "largest way, mm"], rows
+    )
     if walker := result.get("walker"):
-        text += f"\nFalls of a trained Walker in {walker['episodes']} evaluation episodes: {walker['falls']}.\n"
+        text += (
+            f"\nFalls of a trained Walker in {walker['episodes']} evaluation episodes: "
+            f"{walker['falls']}.\n"
+        )
     return text
 
 
@@ -551,9 +787,17 @@ def senses(result: Result) -> str:
     exchanged = result["exchanged"]
     turned = ", ".join(number(heading_deg) for heading_deg in exchanged["heading_deg"])
     rows.append(
-        [f"{exchanged['name']}: heading after 4 s, deg", exchanged["published"], turned, "", "noise of the gyroscope alone"]
+        [
+            f"{exchanged['name']}: heading after 4 s, deg",
+            exchanged["published"],
+            turned,
+            "",
+            "noise of the gyroscope alone",
+        ]
     )
-    return table(["reading", "published", "nominal twin", "drawn twins", "parameter and source"], rows)
+    return table(
+        ["reading", "published", "nominal twin", "drawn twins", "parameter and source"], rows
+    )
 
 
 def link_exchanges(result: Result) -> str:
@@ -563,9 +807,17 @@ def link_exchanges(result: Result) -> str:
         expected = link["expected"]
         for row, label in (("exchanges", ""), ("after_pause", " after a pause of 1 s")):
             given = {percent: f" ({value})" for percent, value in expected.get(row, {}).items()}
-            times = [f"{link[row][percent]}{given.get(percent, '')}" for percent in ("p50", "p95", "p99", "p99.9")]
-            rows.append([f"{name}{label}", *times, expected["source"] if row == "exchanges" else ""])
-    return table(["link; ms, measured (expected)", "p50", "p95", "p99", "p99.9", "source of the expected"], rows)
+            times = [
+                f"{link[row][percent]}{given.get(percent, '')}"
+                for percent in ("p50", "p95", "p99", "p99.9")
+            ]
+            rows.append(
+                [f"{name}{label}", *times, expected["source"] if row == "exchanges" else ""]
+            )
+    return table(
+        ["link; ms, measured (expected)", "p50", "p95", "p99", "p99.9", "source of the expected"],
+        rows,
+    )
 
 
 def link_profiles(result: Result) -> str:
@@ -574,7 +826,15 @@ def link_profiles(result: Result) -> str:
     rows = []
     for row, found in result["environments"].items():
         cells = [found.get(link) for link in links]
-        rows.append([row, *(f"{cell['return_mean']:.4g}{success_of(cell)}" if cell else "-" for cell in cells)])
+        rows.append(
+            [
+                row,
+                *(
+                    f"{cell['return_mean']:.4g}{success_of(cell)}" if cell else "-"
+                    for cell in cells
+                ),
+            ]
+        )
     return table(["mean return (success)", *links], rows)
 
 
@@ -587,7 +847,10 @@ def measured_robots(result: Result) -> str:
     """Errors of the measurement of drawn robots."""
     robots = result["robots"]
     head = ["error", *(f"{row['robot']}, {row['robot_time_s']:.0f} s" for row in robots), "allowed"]
-    rows = [[name, *(f"{row['errors'][name]:.3g}" for row in robots), f"{limit:g}"] for name, limit in result["limits"].items()]
+    rows = [
+        [name, *(f"{row['errors'][name]:.3g}" for row in robots), f"{limit:g}"]
+        for name, limit in result["limits"].items()
+    ]
     return f"{table(head, rows)}\n{_LATE}"
 
 
@@ -595,7 +858,7 @@ _LATE = """\
 Over the link `mac` one exchange in 9,000 takes over 150 ms: two sessions in three see none, so their share cannot be told from
 two minutes. With the bursts of the virtual link taken as known, the losses seen would give it within a factor of
 two in two sessions of three (counted: in none); bursts of a real link are not known, so `twin measure` tells what it has seen.
-"""
+"""  # noqa: E501
 
 
 def kit_learning(result: Result) -> str:
@@ -603,15 +866,30 @@ def kit_learning(result: Result) -> str:
     rows = []
     for env_id, entry in result["environments"].items():
         cart, hub, seeds = entry["cart"], entry["hub"], len(entry["seeds"]["cart"])
-        learned = [within(each["return_mean"], each["return_interval"], seeds) for each in (cart, hub)]
-        pairs = ["{} ({})".format(*(show(each[key]) for each in (cart, hub))) for key, show in _ON_BOTH.items()]
+        learned = [
+            within(each["return_mean"], each["return_interval"], seeds) for each in (cart, hub)
+        ]
+        pairs = [
+            "{} ({})".format(*(show(each[key]) for each in (cart, hub)))
+            for key, show in _ON_BOTH.items()
+        ]
         shares = number(entry["share_of_return"]), number(entry["share_of_score"])
         rows.append([f"`{env_id}`", f"{seeds} x {entry['episodes']}", *pairs, *learned, *shares])
-    head = ["task", "seeds x episodes", "ms a step (with a hub)", "by hand (with a hub)", "success of SAC (with a hub)"]
+    head = [
+        "task",
+        "seeds x episodes",
+        "ms a step (with a hub)",
+        "by hand (with a hub)",
+        "success of SAC (with a hub)",
+    ]
     return table([*head, "SAC on the cart", "with a hub", "share", "from random actions on"], rows)
 
 
-_ON_BOTH: dict[str, Callable[[Any], str]] = {"step_ms": str, "scripted_return": number, "success_rate": percent}
+_ON_BOTH: dict[str, Callable[[Any], str]] = {
+    "step_ms": str,
+    "scripted_return": number,
+    "success_rate": percent,
+}
 
 
 def kit_programs(result: Result) -> str:
@@ -619,8 +897,14 @@ def kit_programs(result: Result) -> str:
     counts = result["programs"]
     failed = {group: sum(name.startswith(group) for name in result["failed"]) for group in counts}
     rows = [
-        [f"programs of our own that end as they should, of {counts['own']}", str(counts["own"] - failed["own"])],
-        [f"programs and pieces that LEGO publishes, of {counts['lego']}", str(counts["lego"] - failed["lego"])],
+        [
+            f"programs of our own that end as they should, of {counts['own']}",
+            str(counts["own"] - failed["own"]),
+        ],
+        [
+            f"programs and pieces that LEGO publishes, of {counts['lego']}",
+            str(counts["lego"] - failed["lego"]),
+        ],
         [f"faults of the link without a hang, of {result['faults']}", str(result["faults"])],
         ["steps that ended as lost in them", str(result["steps_lost"])],
         ["simulated seconds a second, of the cart on its line", f"{result['speed_of_learning']:g}"],
@@ -631,23 +915,64 @@ def kit_programs(result: Result) -> str:
 def gait(result: Result) -> str:
     """Policy search, and policies on the hub."""
     walker, six, trot = result["walker"], result["six_legs"], result["trot"]
-    rows = [["Walker-v1, hand-written trot", "", number(trot["return"]), f"{1000 * trot['speed_m_s']:.0f}", "", ""]]
-    for name, runs in filter(lambda row: row[1], (("Walker-v1, gait", walker), ("six legs, gait", six))):
-        returns, speeds, cpu_s = ([run[key] for run in runs] for key in ("return", "speed_m_s", "cpu_s"))
-        ranges = f"{min(returns):.1f} to {max(returns):.1f}", f"{1000 * min(speeds):.0f} to {1000 * max(speeds):.0f}"
-        rows.append([name, str(len(runs)), *ranges, str(sum(run["falls"] for run in runs)), f"{max(cpu_s):.1f}"])
+    rows = [
+        [
+            "Walker-v1, hand-written trot",
+            "",
+            number(trot["return"]),
+            f"{1000 * trot['speed_m_s']:.0f}",
+            "",
+            "",
+        ]
+    ]
+    for name, runs in filter(
+        lambda row: row[1], (("Walker-v1, gait", walker), ("six legs, gait", six))
+    ):
+        returns, speeds, cpu_s = (
+            [run[key] for run in runs] for key in ("return", "speed_m_s", "cpu_s")
+        )
+        ranges = (
+            f"{min(returns):.1f} to {max(returns):.1f}",
+            f"{1000 * min(speeds):.0f} to {1000 * max(speeds):.0f}",
+        )
+        rows.append(
+            [
+                name,
+                str(len(runs)),
+                *ranges,
+                str(sum(run["falls"] for run in runs)),
+                f"{max(cpu_s):.1f}",
+            ]
+        )
     searched = table(["", "seeds", "return", "mm/s", "falls", "CPU s, at most"], rows)
     rows = [
         [
-            *(f"`{one['env']}`", f"{one['agent']}: {one['kind']}", f"{one['policy_return']:.1f}", f"{one['hub_return']:.1f}"),
+            *(
+                f"`{one['env']}`",
+                f"{one['agent']}: {one['kind']}",
+                f"{one['policy_return']:.1f}",
+                f"{one['hub_return']:.1f}",
+            ),
             *(f"{one['program_bytes']:,}", f"{one['heap_bytes']:,}", f"{one['computing_ms']} ms"),
         ]
         for one in result["hub"]
     ]
-    head = ["", "policy", "its return", "on the hub alone", "bytes of program", "of objects", "computes"]
+    head = [
+        "",
+        "policy",
+        "its return",
+        "on the hub alone",
+        "bytes of program",
+        "of objects",
+        "computes",
+    ]
     alone = table(head, rows)
     found = f"After {result['steps']} robot steps:\n\n{searched}"
-    return f"{found}\nAs programs without a computer, on the virtual hub:\n\n{alone}" if rows else found
+    return (
+        f"{found}\nAs programs without a computer, on the virtual hub:\n\n{alone}"
+        if rows
+        else found
+    )
 
 
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
@@ -657,12 +982,18 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "learning": ("Learning in the simulations, evaluated without exploration", learning),
     "copies": ("Learning from many copies of WalkerSim-v0 at once, start-up included", copies),
     "race": ("Race to a return of -20 on WalkerSim-v0, start-up included", race),
-    "other_library": ("Stable-Baselines3's SAC on Walker-v1, by the example of the page on other libraries", other_library),
+    "other_library": (
+        "Stable-Baselines3's SAC on Walker-v1, by the example of the page on other libraries",
+        other_library,
+    ),
     "gait": ("Gaits by policy search, and policies on the hub alone", gait),
     "worlds": ("A minute in other worlds, and the time of a step", worlds),
     "step_times": ("Streamed steps: gaits, and SAC after five minutes", step_times),
     "camera_learning": ("The camera task", camera),
-    "transforms_camera": ("The camera task through 64 numbers of a random convolution", transforms_camera),
+    "transforms_camera": (
+        "The camera task through 64 numbers of a random convolution",
+        transforms_camera,
+    ),
     "seeds": ("Five seeds at once: parallel processes or stacked networks", seeds),
     "transforms": ("SAC behind TorchRL's transforms", transforms),
     "ablation": ("Ablation: each default setting set back to the paper's value", ablation),
@@ -673,12 +1004,21 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "teachers": ("SAC with a gait as its teacher, on Walker-v1", teachers),
     "updates": ("Cost of an update", updates),
     "cql_updates": ("Cost of a CQL update", cql_updates),
-    "realtime_learning": ("Learning in parallel with a robot that takes real time", realtime_learning),
+    "realtime_learning": (
+        "Learning in parallel with a robot that takes real time",
+        realtime_learning,
+    ),
     "fleet": ("Four robots with one learner against one, SAC on RunAway-v0 in real time", fleet),
     "arena": ("Tag: catchers trained in the simulation, in the arena", arena),
-    "realtime_factor": ("Speed of the virtual robots, hub program and environment included", realtime_factor),
+    "realtime_factor": (
+        "Speed of the virtual robots, hub program and environment included",
+        realtime_factor,
+    ),
     "simulation_speed": ("Speed of the batched simulations", simulation_speed),
-    "motors": ("Motors of the twins, free, under load and stalled, against LEGO's data sheets", motors),
+    "motors": (
+        "Motors of the twins, free, under load and stalled, against LEGO's data sheets",
+        motors,
+    ),
     "resets": ("Starts of the virtual robots after random steps", resets),
     "senses": ("Sensors of the virtual robots, beside what is published", senses),
     "link_exchanges": ("Exchanges over each link of the virtual hub", link_exchanges),
@@ -704,14 +1044,25 @@ def section(name: str, result: Result) -> str:
 def page() -> str:
     """All of docs/results.md."""
     paths = {name: RESULTS / f"{name}.json" for name in SECTIONS}
-    return "\n".join((HEAD, *(section(name, json.loads(path.read_text())) for name, path in paths.items() if path.exists())))
+    return "\n".join(
+        (
+            HEAD,
+            *(
+                section(name, json.loads(path.read_text()))
+                for name, path in paths.items()
+                if path.exists()
+            ),
+        )
+    )
 
 
 def studies() -> str:
     """All of docs/studies.md: the studies that were made."""
     paths = [RESULTS / f"{study.result}.json" for study in STUDIES]
     parts = [study_page(json.loads(path.read_text())) for path in paths if path.exists()]
-    return "\n".join((STUDIES_HEAD, *(re.sub("^#", "##", part, flags=re.MULTILINE) for part in parts)))
+    return "\n".join(
+        (STUDIES_HEAD, *(re.sub("^#", "##", part, flags=re.MULTILINE) for part in parts))
+    )
 
 
 def commands(text: str) -> str:
@@ -735,15 +1086,25 @@ def readme(text: str) -> str:
 def virtual_hub(text: str) -> str:
     """The page of the virtual hub with the current comparison with the firmware."""
     kinds = json.loads((RESULTS / "firmware_programs.json").read_text())["kinds"]
-    rows = [[PROGRAMS[kind], str(counts["programs"]), str(counts["same"])] for kind, counts in kinds.items()]
-    return BLOCK.sub(lambda _: f"\n{table(['random programs', 'number', 'print the same'], rows)}\n", text)
+    rows = [
+        [PROGRAMS[kind], str(counts["programs"]), str(counts["same"])]
+        for kind, counts in kinds.items()
+    ]
+    return BLOCK.sub(
+        lambda _: f"\n{table(['random programs', 'number', 'print the same'], rows)}\n", text
+    )
 
 
 def architecture(text: str) -> str:
     """The page of the architecture with the walks of today's code."""
     walks = json.loads((RESULTS / "walks.json").read_text())["walks"]
-    rows = [[name, str(len(files)), ", ".join(f"`{file}`" for file in files)] for name, files in walks.items()]
-    return BLOCK.sub(lambda _: f"\n{table(['value', 'files', 'in the order of its way'], rows)}\n", text)
+    rows = [
+        [name, str(len(files)), ", ".join(f"`{file}`" for file in files)]
+        for name, files in walks.items()
+    ]
+    return BLOCK.sub(
+        lambda _: f"\n{table(['value', 'files', 'in the order of its way'], rows)}\n", text
+    )
 
 
 def paper_page(text: str) -> str:
@@ -757,7 +1118,12 @@ def main(session: Session) -> None:
     session.parser.add_argument("--check", action="store_true")
     args = session.parse()
     pages = {PAGE: page(), STUDIES_PAGE: studies()}
-    blocks = {README: readme, BENCHMARKS_PAGE: commands, VIRTUAL_HUB_PAGE: virtual_hub, ARCHITECTURE_PAGE: architecture}
+    blocks = {
+        README: readme,
+        BENCHMARKS_PAGE: commands,
+        VIRTUAL_HUB_PAGE: virtual_hub,
+        ARCHITECTURE_PAGE: architecture,
+    }
     blocks[PAPER_PAGE] = paper_page
     for path, written in blocks.items():
         pages[path] = written(path.read_text(encoding="utf-8"))
@@ -765,4 +1131,7 @@ def main(session: Session) -> None:
         if not args.check:
             path.write_text(text, encoding="utf-8")
         elif not path.exists() or path.read_text(encoding="utf-8") != text:
-            raise RunError(f"{path.relative_to(ROOT)} does not match the results; run python -m benchmarks tables")
+            raise RunError(
+                f"{path.relative_to(ROOT)} does not match the results; run python -m "
+                "benchmarks tables"
+            )

@@ -1,9 +1,10 @@
-"""Teachers: SAC on the Walker that starts from a gait, as a base that it adds to or as demonstrations that it imitates first.
+"""Teachers: SAC on the Walker that starts from a gait, as a base that it adds to or as
+demonstrations that it imitates first.
 
     python -m benchmarks teachers
 
-Each seed searches a gait for 300 robot steps, and goes on with SAC for 1,000; before the first of them and after each episode its
-best actions are evaluated in the same episodes as the gait.
+Each seed searches a gait for 300 robot steps, and goes on with SAC for 1,000; before the first of
+them and after each episode its best actions are evaluated in the same episodes as the gait.
 """
 
 from __future__ import annotations
@@ -18,7 +19,11 @@ from benchmarks.session import Session
 from bricksrl.training import TrainConfig, train
 from bricksrl.training.callbacks import Callback
 
-WAYS: dict[str, tuple[str, ...]] = {"demonstrations": ("demonstrations",), "base": ("base",), "alone": ()}
+WAYS: dict[str, tuple[str, ...]] = {
+    "demonstrations": ("demonstrations",),
+    "base": ("base",),
+    "alone": (),
+}
 """Fields of the configuration that name the gait's run."""
 EPISODE = 100
 """Steps of an episode."""
@@ -73,5 +78,9 @@ def taught(way: str, seed: int, episodes: int) -> dict[str, Any]:
 def main(session: Session) -> None:
     """Measure, and write."""
     args = session.parse(seeds=5, episodes=10, ways=list(WAYS))
-    parts = {f"{way}-{seed}-{args.episodes}": (way, seed, args.episodes) for way in args.ways for seed in range(args.seeds)}
+    parts = {
+        f"{way}-{seed}-{args.episodes}": (way, seed, args.episodes)
+        for way in args.ways
+        for seed in range(args.seeds)
+    }
     session.write({"env": WALKER, "runs": list(session.outcomes(taught, parts))})

@@ -1,10 +1,12 @@
-"""Cost of an update: our agents, TorchRL's losses, Stable-Baselines3 and SBX, in CPU time and wall time.
+"""Cost of an update: our agents, TorchRL's losses, Stable-Baselines3 and SBX, in CPU time and wall
+time.
 
     python -m benchmarks updates [--agents sac td3] [--contestants ours sb3] [--rounds 9]
 
-Every contestant runs in its own process with one thread, and all take turns for ``--rounds`` rounds; medians of the times and of
-the ratios in each round. An update is one of the critics; DroQ and REDQ make 20 of them for one of the actor. `contestants`
-describes each contestant. The time to the first update includes the imports, and SBX's compilation.
+Every contestant runs in its own process with one thread, and all take turns for ``--rounds``
+rounds; medians of the times and of the ratios in each round. An update is one of the critics; DroQ
+and REDQ make 20 of them for one of the actor. `contestants` describes each contestant. The time to
+the first update includes the imports, and SBX's compilation.
 """
 
 from __future__ import annotations
@@ -27,11 +29,13 @@ NEEDS = {"sb3": "stable_baselines3", "sbx": "sbx"}
 
 
 def work(name: str, agent: str, connection: Connection) -> None:
-    """A contestant's process: builds its agent, updates once, then at each request; sends the times."""
+    """A contestant's process: builds its agent, updates once, then at each request; sends the
+    times."""
     from benchmarks.contestants import CONTESTANTS, UPDATES
 
     if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # what starts threads all the same shares one core with them
+        # what starts threads all the same shares one core with them
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     update = CONTESTANTS[name][0](agent)
     update()
     connection.send(time.process_time())
@@ -50,7 +54,9 @@ class Contestant:
         context = multiprocessing.get_context("spawn")
         self._connection, child = context.Pipe()
         started_s = time.perf_counter()
-        self._process: BaseProcess = context.Process(target=work, args=(name, agent, child), daemon=True)
+        self._process: BaseProcess = context.Process(
+            target=work, args=(name, agent, child), daemon=True
+        )
         self._process.start()
         child.close()
         cpu_s = self._connection.recv()
@@ -69,7 +75,9 @@ class Contestant:
 
     def summary(self) -> dict[str, Any]:
         """Medians."""
-        cpu_ms, wall_ms = (round(statistics.median(values), 2) for values in zip(*self.rounds, strict=True))
+        cpu_ms, wall_ms = (
+            round(statistics.median(values), 2) for values in zip(*self.rounds, strict=True)
+        )
         return {"cpu_ms": cpu_ms, "wall_ms": wall_ms, "to_first_update": self.first}
 
 
@@ -80,7 +88,9 @@ def available() -> list[str]:
     names = []
     for name in CONTESTANTS:
         if name in NEEDS and importlib.util.find_spec(NEEDS[name]) is None:
-            print(f"{name} is left out: {NEEDS[name]} is missing; pip install 'bricksrl[benchmarks]'")
+            print(
+                f"{name} is left out: {NEEDS[name]} is missing; pip install 'bricksrl[benchmarks]'"
+            )
             continue
         names.append(name)
     return names
@@ -96,11 +106,16 @@ def race(agent: str, names: list[str], rounds: int) -> dict[str, Any]:
             contestant.take_turn()
     for contestant in contestants:
         contestant.end()
-    summaries: dict[str, Any] = {contestant.name: contestant.summary() for contestant in contestants}
+    summaries: dict[str, Any] = {
+        contestant.name: contestant.summary() for contestant in contestants
+    }
     ours = contestants[0].rounds
     for contestant in contestants[1:]:
         for index, unit in enumerate(("cpu", "wall")):
-            ratios = [other[index] / own[index] for other, own in zip(contestant.rounds, ours, strict=True)]
+            ratios = [
+                other[index] / own[index]
+                for other, own in zip(contestant.rounds, ours, strict=True)
+            ]
             summaries[contestant.name][f"{unit}_times_ours"] = round(statistics.median(ratios), 2)
     return summaries
 
@@ -133,7 +148,11 @@ def main(session: Session) -> None:
     os.environ.update(ONE_THREAD)  # before torch or JAX is loaded, here and in the processes
     from benchmarks.contestants import ACTION, BATCH, HIDDEN, OBSERVATION
 
-    names = [name for name in available() if args.contestants is None or name in ("ours", *args.contestants)]
+    names = [
+        name
+        for name in available()
+        if args.contestants is None or name in ("ours", *args.contestants)
+    ]
     agents: dict[str, Any] = {}
     for agent in args.agents:
         agents[agent] = race(agent, names, args.rounds)
@@ -141,9 +160,23 @@ def main(session: Session) -> None:
         for name, result in agents[agent].items():
             times = f"{result['cpu_times_ours']} times ours" if "cpu_times_ours" in result else ""
             first = result["to_first_update"]
-            print(f"{agent:7}{name:15}{result['cpu_ms']:8.2f} ms CPU  {first['wall_s']:7.1f} s to the first  {times}", flush=True)
-    setup = {"hidden": HIDDEN, "batch_size": BATCH, "observation": OBSERVATION, "action": ACTION, "rounds": args.rounds}
-    others = {name: metadata.version(name) for name in ("stable-baselines3", "sbx-rl", "jax") if _installed(name)}
+            print(
+                f"{agent:7}{name:15}{result['cpu_ms']:8.2f} ms CPU  {first['wall_s']:7.1f} s to "
+                f"the first  {times}",
+                flush=True,
+            )
+    setup = {
+        "hidden": HIDDEN,
+        "batch_size": BATCH,
+        "observation": OBSERVATION,
+        "action": ACTION,
+        "rounds": args.rounds,
+    }
+    others = {
+        name: metadata.version(name)
+        for name in ("stable-baselines3", "sbx-rl", "jax")
+        if _installed(name)
+    }
     session.write({"setup": setup, "agents": agents, "compared_with": others})
 
 

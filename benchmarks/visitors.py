@@ -2,9 +2,9 @@
 
     python -m benchmarks visitors
 
-Ada drives a robot, Ben drives the runner of Tag, Cy watches a Walker and comes to Ben's game. They ask each other, reload,
-stop, and are cut off from a server that is frozen. The result is the protocol: what was done, and every change of what each one
-saw. Needs Chromium; Linux only.
+Ada drives a robot, Ben drives the runner of Tag, Cy watches a Walker and comes to Ben's game. They
+ask each other, reload, stop, and are cut off from a server that is frozen. The result is the
+protocol: what was done, and every change of what each one saw. Needs Chromium; Linux only.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _SEEN = """() => {
     driver: document.querySelector("#drive:not([hidden]) #driving:not([hidden]) #driver")?.textContent ?? "",
     jobs: all(".job:not(.over) > .row"),
   };
-}"""
+}"""  # noqa: E501
 
 
 class Visit:
@@ -130,7 +130,9 @@ def button(name: str) -> Callable[[Page], object]:
 
 def card(env: str, name: str) -> Callable[[Page], object]:
     """A click on a button of an environment's card."""
-    return lambda page: page.get_by_label(env, exact=True).get_by_role("button", name=name, exact=True).click()
+    return lambda page: (
+        page.get_by_label(env, exact=True).get_by_role("button", name=name, exact=True).click()
+    )
 
 
 def drives(page: Page, key: str = "ArrowUp") -> None:
@@ -153,7 +155,9 @@ def story(command: Command, protocol: Protocol, pictures: Path, rest_s: float) -
     """What the visitors do; they rest for so long between two scenes."""
     ada, ben, cy = protocol.visits
     ada.does("Drive on the card of Spinning-v0", card("Spinning-v0", "Drive"), "EMERGENCY STOP")
-    ben.does("Play together on the card of Tag-v0", card("Tag-v0", "Play together"), "Drive the runner")
+    ben.does(
+        "Play together on the card of Tag-v0", card("Tag-v0", "Play together"), "Drive the runner"
+    )
     cy.does("Play on the card of Walker-v1", card("Walker-v1", "Play"), "EMERGENCY STOP")
     protocol.wait(rest_s)
     ada.does("drives forward", drives)
@@ -161,10 +165,16 @@ def story(command: Command, protocol: Protocol, pictures: Path, rest_s: float) -
     ben.does("drives forward", drives)
     protocol.wait(rest_s)
 
-    cy.does("goes back to the start page", lambda page: page.get_by_role("link", name="Start").click(), "Ask Ben")
+    cy.does(
+        "goes back to the start page",
+        lambda page: page.get_by_role("link", name="Start").click(),
+        "Ask Ben",
+    )
     cy.takes_picture(pictures, "start_page")
     tag = ".job:has-text('Tag-v0'):not(.over) a.main"
-    cy.does("opens Ben's game", lambda page: page.locator(tag).click(), "Ben drives the runner. Ask")
+    cy.does(
+        "opens Ben's game", lambda page: page.locator(tag).click(), "Ben drives the runner. Ask"
+    )
     cy.does("asks for the runner", button("Ben drives the runner. Ask"), "You have asked Ben")
     protocol.wait(2.0)
     ben.takes_picture(pictures, "asked_on_a_phone")
@@ -185,7 +195,11 @@ def story(command: Command, protocol: Protocol, pictures: Path, rest_s: float) -
     ben.does("drives the catcher", drives)
     protocol.wait(rest_s)
 
-    cy.does("stops everything with the space bar", lambda page: page.keyboard.press("Space"), "Confirmed")
+    cy.does(
+        "stops everything with the space bar",
+        lambda page: page.keyboard.press("Space"),
+        "Confirmed",
+    )
     protocol.wait(2.0)
     cy.takes_picture(pictures, "confirmed_across")
     ben.takes_picture(pictures, "stopped_by_another_on_a_phone")
@@ -208,9 +222,17 @@ def story(command: Command, protocol: Protocol, pictures: Path, rest_s: float) -
     ada.does("drives on", drives)
     protocol.wait(rest_s)
 
-    ben.does("goes back to the start page", lambda page: page.get_by_role("link", name="Start").click(), "Ask Ada")
+    ben.does(
+        "goes back to the start page",
+        lambda page: page.get_by_role("link", name="Start").click(),
+        "Ask Ada",
+    )
     ben.does("asks Ada to end her robot", button("Ask Ada to end it"), "You have asked Ada")
-    ada.does("goes to the start page too", lambda page: page.get_by_role("link", name="Start").click(), "Ben asks for your")
+    ada.does(
+        "goes to the start page too",
+        lambda page: page.get_by_role("link", name="Start").click(),
+        "Ben asks for your",
+    )
     ada.takes_picture(pictures, "asked_to_end")
     ada.does("says yes", button("Yes"), "as you said yes")
     protocol.wait(rest_s)
@@ -226,7 +248,9 @@ def main(session: Session) -> None:
     with Command(("page",), folder, has_terminal=False) as command, sync_playwright() as playwright:
         command.wait_for(lambda: "live page: " in command.said, "the page")
         url = command.said.partition("live page: ")[2].split()[0]
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(FLAGS))
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=list(FLAGS)
+        )
         protocol = Protocol()
         protocol.visits = [Visit(name, browser, url, protocol) for name in SIZES]
         try:
@@ -237,15 +261,29 @@ def main(session: Session) -> None:
             del protocol.visits[1:]
             protocol.wait(12.0)
             left = len(command.processes()) - 1
-            protocol.write("the computer", does=f"had {jobs} processes of robots, and has {left} after their visitors left")
+            protocol.write(
+                "the computer",
+                does=f"had {jobs} processes of robots, and has {left} after their visitors left",
+            )
         finally:
             browser.close()
         os.kill(command.pid, signal.SIGHUP)
         ended_s = time.monotonic()
         while command.processes() and time.monotonic() < ended_s + 20.0:
             time.sleep(0.05)
-        protocol.write("the computer", does=f"closes the terminal; after {time.monotonic() - ended_s:.1f} s nothing is left")
-        result = {"seconds": protocol.now_s, "script_errors": protocol.errors, "processes_left": len(command.processes())}
-        result |= {"port_is_free": is_free(url), "processes_of_plays_left": left, "protocol": protocol.lines}
+        protocol.write(
+            "the computer",
+            does=f"closes the terminal; after {time.monotonic() - ended_s:.1f} s nothing is left",
+        )
+        result = {
+            "seconds": protocol.now_s,
+            "script_errors": protocol.errors,
+            "processes_left": len(command.processes()),
+        }
+        result |= {
+            "port_is_free": is_free(url),
+            "processes_of_plays_left": left,
+            "protocol": protocol.lines,
+        }
     shutil.rmtree(folder, ignore_errors=True)
     session.write(result)

@@ -1,10 +1,12 @@
-"""Walks: the files of the packages that hold a value on its way from the command line to its effect.
+"""Walks: the files of the packages that hold a value on its way from the command line to its
+effect.
 
     python -m benchmarks walks
 
-A frame holds a value that is one of its variables, or an attribute of its ``self``. The values: a run's configuration (any object
-of its class), `--seed` and `--episodes` (a number that occurs nowhere else), `--randomize` (a variable of that name that is true,
-and the sampler of physics that it makes). `python -m benchmarks tables` writes the result into docs/architecture.md.
+A frame holds a value that is one of its variables, or an attribute of its ``self``. The values: a
+run's configuration (any object of its class), `--seed` and `--episodes` (a number that occurs
+nowhere else), `--randomize` (a variable of that name that is true, and the sampler of physics that
+it makes). `python -m benchmarks tables` writes the result into docs/architecture.md.
 """
 
 from __future__ import annotations
@@ -60,15 +62,30 @@ def walked(holds: Holds) -> Iterator[dict[str, None]]:
 
 
 def walk(holds: Holds, *words: str, is_endless: bool = False) -> list[str]:
-    """The files that hold a value while a robot is trained for two episodes, evaluated and reported on."""
+    """The files that hold a value while a robot is trained for two episodes, evaluated and reported
+    on."""
     from bricksrl.cli import main as command
 
     if is_endless:
         timer = threading.Timer(INTERRUPT_S, os.kill, (os.getpid(), signal.SIGINT))
         timer.daemon = True
         timer.start()
-    with tempfile.TemporaryDirectory() as folder, redirect_stdout(StringIO()), redirect_stderr(StringIO()) as said:
-        run = ("train", "RunAway-v0", *words, "--run", f"{folder}/run", "--set", "prefill_episodes=1", "--set", "hidden=16")
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        redirect_stdout(StringIO()),
+        redirect_stderr(StringIO()) as said,
+    ):
+        run = (
+            "train",
+            "RunAway-v0",
+            *words,
+            "--run",
+            f"{folder}/run",
+            "--set",
+            "prefill_episodes=1",
+            "--set",
+            "hidden=16",
+        )
         with walked(holds) as files:
             code = command(run)
     assert code == (130 if is_endless else 0), said.getvalue()
@@ -88,7 +105,11 @@ def measure() -> dict[str, list[str]]:
         "configuration of a run": walk(lambda _, value: type(value) is TrainConfig, *short),
         "`--seed`": walk(is_mark, *short, "--seed", str(MARK)),
         "`--randomize`": walk(
-            lambda name, value: (name == "randomize" and value is True) or type(value) is RandomPhysics, *short, "--randomize"
+            lambda name, value: (
+                (name == "randomize" and value is True) or type(value) is RandomPhysics
+            ),
+            *short,
+            "--randomize",
         ),
         "`--episodes`": walk(is_mark, "--episodes", str(MARK), is_endless=True),
     }

@@ -1,9 +1,11 @@
-"""Other worlds: what was learned on the twin, in worlds outside of all drawn ones and in drawn ones, and after a minute there.
+"""Other worlds: what was learned on the twin, in worlds outside of all drawn ones and in drawn
+ones, and after a minute there.
 
     python -m benchmarks worlds
     python -m benchmarks worlds --ways sac conditioned --steps-ms
 
-Each seed of a way learns once, and goes on from there for 60 s of robot time in each world, as `bricksrl train --from RUN` does:
+Each seed of a way learns once, and goes on from there for 60 s of robot time in each world, as
+`bricksrl train --from RUN` does:
 
 ==============  ========================================  =====================================================================
 way             learns before                             in a world
@@ -15,12 +17,13 @@ conditioned     40 episodes in drawn worlds, told their   searches the numbers o
 fitted          as gait                                   fits a twin to its motion there, and searches on in that twin
 ==============  ========================================  =====================================================================
 
-What can be had in a world is the best of 400 trials of gaits there: three quarters spread over all numbers, the others where the
-Gaussian process of the first ones has its highest hopes. All are evaluated in the same five episodes. Earlier results of other
-ways and worlds stay.
+What can be had in a world is the best of 400 trials of gaits there: three quarters spread over all
+numbers, the others where the Gaussian process of the first ones has its highest hopes. All are
+evaluated in the same five episodes. Earlier results of other ways and worlds stay.
 
-And which time of a step suits which Bluetooth link: the speed of gaits that were searched for 75 s of robot time.
-"""
+And which time of a step suits which Bluetooth link: the speed of gaits that were searched for 75 s
+of robot time.
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -58,11 +61,13 @@ from bricktwin.twin.system_id import fit
 EPISODES, LATER = 5, 2
 """Episodes of an evaluation; of 100 steps, in a world after the nominal twin."""
 SAC_EPISODES, COMMANDS = 40, 160
-"""Episodes of SAC in drawn worlds; commands of the motion to which a twin is fitted, in 22 s of the robot's time."""
+"""Episodes of SAC in drawn worlds; commands of the motion to which a twin is fitted, in 22 s of the
+robot's time."""
 DRAWN = {f"drawn {number}": physics for number, physics in enumerate(drawn_twins(3), 1)}
 WORLDS = OUTSIDE | DRAWN
 SPREAD, HOPES, HOPE = 300, 100, 1.0
-"""Trials in a world that are spread over all numbers, and those where the process hopes; standard deviations of hope."""
+"""Trials in a world that are spread over all numbers, and those where the process hopes; standard
+deviations of hope."""
 LINKS, STEPS_MS = ("mac", "linux", "bad-room"), (250, 150, 100, 60)
 SEARCH_MS, TRIAL_MS, SETTLE_MS = 75_000, 2_500, 1_000
 """Time of a search, of a trial, and of its first part, which does not count."""
@@ -78,8 +83,14 @@ def sac(seed: int, episodes: int, _: Path) -> TrainConfig:
     return TrainConfig(WALKER, "sac", episodes, seed, randomize=True, record=False)
 
 
-WAYS: dict[str, Callable[[int, int, Path], TrainConfig]] = {"gait": gait, "sac": sac, "conditioned": conditioned, "fitted": gait}
-"""What a way learns before: the run of a seed, with so many episodes of SAC; the folder is for what comes before it."""
+WAYS: dict[str, Callable[[int, int, Path], TrainConfig]] = {
+    "gait": gait,
+    "sac": sac,
+    "conditioned": conditioned,
+    "fitted": gait,
+}
+"""What a way learns before: the run of a seed, with so many episodes of SAC; the folder is for what
+comes before it."""
 
 
 def prepared(way: str, runs: str, episodes: int, seed: int) -> str:
@@ -91,24 +102,39 @@ def prepared(way: str, runs: str, episodes: int, seed: int) -> str:
     return str(folder / "run")
 
 
-def adapted(way: str, runs: str, world: str, twin: dict[str, float] | None, seed: int) -> tuple[float, float]:
-    """Return in a world of a seed's run, and of the same after a minute there, or after as many steps in a twin of it."""
+def adapted(
+    way: str, runs: str, world: str, twin: dict[str, float] | None, seed: int
+) -> tuple[float, float]:
+    """Return in a world of a seed's run, and of the same after a minute there, or after as many
+    steps in a twin of it."""
     start, physics = Path(runs) / f"{way}-{seed}" / "run", WORLDS[world]
     place = physics if twin is None else Physics(**twin)
-    config = replace(RunFolder(start).read_config(), episodes=LATER, randomize=False, physics=place, start=str(start))
+    config = replace(
+        RunFolder(start).read_config(),
+        episodes=LATER,
+        randomize=False,
+        physics=place,
+        start=str(start),
+    )
     with tempfile.TemporaryDirectory() as parent:
         run = Path(parent) / "run"
         train(replace(config, run_dir=run))
-        before, after = (evaluate(path, episodes=EPISODES, seed=SEED, save=False, physics=physics) for path in (start, run))
+        before, after = (
+            evaluate(path, episodes=EPISODES, seed=SEED, save=False, physics=physics)
+            for path in (start, run)
+        )
     return before.return_mean, after.return_mean
 
 
 def fitted_twin(world: str) -> dict[str, float]:
-    """Physics of a twin that is fitted to the motion of a robot in a world, as `bricktwin twin record` and `twin fit` do it."""
+    """Physics of a twin that is fitted to the motion of a robot in a world, as `bricktwin twin
+    record` and `twin fit` do it."""
     robot = get_task(WALKER).robot
     interface = whole_interface(robot)
     commands = identification_commands(interface, COMMANDS, np.random.default_rng(SEED))
-    with HubLink(VirtualHub(make_body(robot, physics=WORLDS[world], seed=SEED)), robot, interface) as link:
+    with HubLink(
+        VirtualHub(make_body(robot, physics=WORLDS[world], seed=SEED)), robot, interface
+    ) as link:
         log = record(link, robot, interface, commands)
     return asdict(fit(log, robot=robot).physics)
 
@@ -136,10 +162,14 @@ def best_of_many(world: str) -> float:
                 if len(search.scores) == tried:
                     continue
                 if len(search.scores) == SPREAD:
-                    posterior = Posterior(embedded(search.numbers, entries), search.scores, search.worlds)
+                    posterior = Posterior(
+                        embedded(search.numbers, entries), search.scores, search.worlds
+                    )
                     candidates = search._candidates(entries, search.numbers[search.scores.argmax()])
                     means, deviations = posterior.at(embedded(candidates, entries))
-                    plan += list(candidates[(means + HOPE * deviations).argsort(descending=True)[:HOPES]])
+                    plan += list(
+                        candidates[(means + HOPE * deviations).argsort(descending=True)[:HOPES]]
+                    )
                 if len(search.scores) == SPREAD + HOPES:
                     break
                 search.actor.trial.copy_(plan[len(search.scores)])
@@ -158,17 +188,36 @@ def stepped(link: str, step_ms: int) -> dict[str, Any]:
     options: dict[str, Any] = {"options": {"step_ms": step_ms}, "link": link}
     with tempfile.TemporaryDirectory() as parent:
         run = Path(parent) / "run"
-        train(TrainConfig(WALKER, "gait", SEARCH_MS // 25_000, settings=settings, record=False, run_dir=run, **options))
+        train(
+            TrainConfig(
+                WALKER,
+                "gait",
+                SEARCH_MS // 25_000,
+                settings=settings,
+                record=False,
+                run_dir=run,
+                **options,
+            )
+        )
         found = evaluate(run, episodes=2, seed=SEED, save=False)
-    return {"link": link, "step_ms": step_ms, "return": found.return_mean, "speed_m_s": found.metrics["forward_speed_m_s"]}
+    return {
+        "link": link,
+        "step_ms": step_ms,
+        "return": found.return_mean,
+        "speed_m_s": found.metrics["forward_speed_m_s"],
+    }
 
 
 def main(session: Session) -> None:
     """Measure, and write."""
     session.parser.add_argument("--seeds", type=int, default=5)
     session.parser.add_argument("--ways", nargs="+", default=list(WAYS), choices=list(WAYS))
-    session.parser.add_argument("--episodes", type=int, default=SAC_EPISODES, help="of SAC in drawn worlds")
-    session.parser.add_argument("--worlds", nargs="+", default=list(WORLDS), choices=list(WORLDS), metavar="WORLD")
+    session.parser.add_argument(
+        "--episodes", type=int, default=SAC_EPISODES, help="of SAC in drawn worlds"
+    )
+    session.parser.add_argument(
+        "--worlds", nargs="+", default=list(WORLDS), choices=list(WORLDS), metavar="WORLD"
+    )
     session.parser.add_argument("--steps-ms", type=int, nargs="*", default=list(STEPS_MS))
     args = session.parse()
     known = session.known()
@@ -182,15 +231,35 @@ def main(session: Session) -> None:
         session.by_seed(prepared, {way: (way, runs, args.episodes)}, args.seeds)
         fits = {f"fit-{_name(world)}": (world,) for world in args.worlds if way == "fitted"}
         twins = list(session.outcomes(fitted_twin, fits)) or [None] * len(args.worlds)
-        cells = {f"{way}-{_name(one)}": (way, runs, one, twin) for one, twin in zip(args.worlds, twins, strict=True)}
-        for world, seeds in zip(args.worlds, session.by_seed(adapted, cells, args.seeds).values(), strict=True):
+        cells = {
+            f"{way}-{_name(one)}": (way, runs, one, twin)
+            for one, twin in zip(args.worlds, twins, strict=True)
+        }
+        for world, seeds in zip(
+            args.worlds, session.by_seed(adapted, cells, args.seeds).values(), strict=True
+        ):
             rows[world] |= gains(seeds) if way == "gait" else {way: gains(seeds)}
-    links = {f"step-{link}-{step_ms}": (link, step_ms) for link in LINKS for step_ms in args.steps_ms}
+    links = {
+        f"step-{link}-{step_ms}": (link, step_ms) for link in LINKS for step_ms in args.steps_ms
+    }
     outside = {world: row for world, row in rows.items() if world in OUTSIDE}
     steps = list(session.outcomes(stepped, links)) or known.get("steps", [])
     drawn = {world: row for world, row in rows.items() if world in DRAWN}
-    ways = {way: totals(outside.values(), way) for way in WAYS if all(_of(row, way) for row in outside.values())}
-    session.write({"env": WALKER, "worlds": outside, **ways.get("gait", {}), "ways": ways, "drawn": drawn, "steps": steps})
+    ways = {
+        way: totals(outside.values(), way)
+        for way in WAYS
+        if all(_of(row, way) for row in outside.values())
+    }
+    session.write(
+        {
+            "env": WALKER,
+            "worlds": outside,
+            **ways.get("gait", {}),
+            "ways": ways,
+            "drawn": drawn,
+            "steps": steps,
+        }
+    )
 
 
 def totals(rows: Iterable[dict[str, Any]], way: str) -> dict[str, float]:
@@ -201,7 +270,8 @@ def totals(rows: Iterable[dict[str, Any]], way: str) -> dict[str, float]:
 
 
 def _of(row: dict[str, Any], way: str) -> dict[str, Any]:
-    """The results of a way in a world, empty if there are none; those of the gait are in the row itself."""
+    """The results of a way in a world, empty if there are none; those of the gait are in the row
+    itself."""
     part: dict[str, Any] = row.get(way, {}) if way != "gait" else row if "gain" in row else {}
     return part
 

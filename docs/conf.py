@@ -1,4 +1,5 @@
-"""Sphinx: pages of `docs`, reference from docstrings, environments from their tasks, the command line from its own help."""
+"""Sphinx: pages of `docs`, reference from docstrings, environments from their tasks, the command
+line from its own help."""
 
 from __future__ import annotations
 
@@ -12,7 +13,9 @@ from pathlib import Path
 from typing import Any
 
 DOCS = Path(__file__).parent
-sys.path[:0] = [str(DOCS.parent / "packages" / house / "src") for house in ("brickhub", "bricktwin", "bricksrl")]
+sys.path[:0] = [
+    str(DOCS.parent / "packages" / house / "src") for house in ("brickhub", "bricktwin", "bricksrl")
+]
 sys.path.append(str(DOCS.parent))
 
 import bricksrl
@@ -35,21 +38,28 @@ autodoc_member_order = "bysource"
 autodoc_class_signature = "separated"
 napoleon_use_ivar = True
 
-SOURCE = tomllib.loads(Path("../pyproject.toml").read_text(encoding="utf-8"))["tool"]["bricksrl"]["address"] + "/blob/main"
+SOURCE = (
+    tomllib.loads(Path("../pyproject.toml").read_text(encoding="utf-8"))["tool"]["bricksrl"][
+        "address"
+    ]
+    + "/blob/main"
+)
 linkcheck_ignore = [f"{SOURCE}.*"]
 
 
 def outside(_app: object, _name: str, source: list[str]) -> None:
     """Links to files outside of `docs` lead to the repository."""
     source[0] = re.sub(r"\]\(\.\./(?!\w+\.(?:md|ipynb))([^)]+)\)", rf"]({SOURCE}/\1)", source[0])
-    source[0] = re.sub(r"\]\(\.\./(README|CONTRIBUTING|CHANGELOG|SECURITY)\.md\)", rf"]({SOURCE}/\1.md)", source[0])
+    source[0] = re.sub(
+        r"\]\(\.\./(README|CONTRIBUTING|CHANGELOG|SECURITY)\.md\)", rf"]({SOURCE}/\1.md)", source[0]
+    )
 
 
 TURNED = """```{{raw}} html
 <iframe src="../episodes/{0}.html" title="{0}, to turn" loading="lazy" style="width: 100%; height: 400px; border: 0"></iframe>
 ```
 
-"""
+"""  # noqa: E501
 """An episode in 3D, on a page of its own."""
 
 
@@ -64,13 +74,19 @@ def environments() -> str:
     from bricksrl.envs import get_task, list_envs
     from bricksrl.envs.registry import simulation_text
 
-    parts = ["# Environments\n", "Each description comes from its task. `bricksrl list --json` prints them for programs.\n"]
+    parts = [
+        "# Environments\n",
+        "Each description comes from its task. `bricksrl list --json` prints them for programs.\n",
+    ]
     for env_id, summary in list_envs().items():
         picture = f"images/{env_id.lower().replace('-', '_')}.gif"
-        shown = f"![An episode of {env_id}](../{picture})\n\n" if (DOCS / picture).exists() else ""  # a simulation has no robot
+        # a simulation has no robot
+        shown = f"![An episode of {env_id}](../{picture})\n\n" if (DOCS / picture).exists() else ""
         if (DOCS / "episodes" / f"{env_id}.json").exists():
             shown += TURNED.format(env_id)
-        body = re.sub(r"^## ", "### ", get_task(env_id).doc.partition("\n")[2].strip(), flags=re.MULTILINE)
+        body = re.sub(
+            r"^## ", "### ", get_task(env_id).doc.partition("\n")[2].strip(), flags=re.MULTILINE
+        )
         if simulated := simulation_text(env_id):
             body = f"{simulated}\n\n{body[body.index('### ') :]}"  # in place of what a hub does
         parts.append(f"## {env_id}\n\n{summary}\n\n{shown}{body}\n")
@@ -84,12 +100,30 @@ def commands() -> str:
     import bricktwin.cli.command_table
 
     os.environ["COLUMNS"] = "100"
-    parts = ["# Command line\n", "All commands, with the help that `bricksrl COMMAND --help` prints. The last sections are for"]
-    parts += ["those who have `brickhub` or `bricktwin` alone; the same commands are `bricksrl hub`, `plan` and `twin`.\n"]
-    for line in (bricksrl.cli.app.LINE, brickhub.cli.command_table.LINE, bricktwin.cli.command_table.LINE):
+    parts = [
+        "# Command line\n",
+        (
+            "All commands, with the help that `bricksrl COMMAND --help` prints. The last "
+            "sections are for"
+        ),
+    ]
+    parts += [
+        (
+            "those who have `brickhub` or `bricktwin` alone; the same commands are `bricksrl hub`, "
+            "`plan` and `twin`.\n"
+        )
+    ]
+    for line in (
+        bricksrl.cli.app.LINE,
+        brickhub.cli.command_table.LINE,
+        bricktwin.cli.command_table.LINE,
+    ):
         names = [[name] for name in line.commands]
         names += [[group, name] for group, (_, below) in line.groups.items() for name in below]
-        parts += [f"## {line.prog} {' '.join(name)}\n\n```text\n{help_of(line, name)}\n```\n" for name in sorted(names)]
+        parts += [
+            f"## {line.prog} {' '.join(name)}\n\n```text\n{help_of(line, name)}\n```\n"
+            for name in sorted(names)
+        ]
     return "\n".join(parts)
 
 

@@ -1,4 +1,5 @@
-"""First run: the 2Wheeler drives away from a wall. With `hub="ble"`, the same lines move a real robot."""
+"""First run: the 2Wheeler drives away from a wall. With `hub="ble"`, the same lines move a real
+robot."""
 
 import torch
 from tensordict import TensorDictBase

@@ -21,7 +21,9 @@ PARK = Task(
     id="StopAtWall-v0",
     doc="The 2Wheeler stops at 400 mm from a wall.",
     robot=TWO_WHEELER,
-    interface=Interface(commands=(DriveStraight(-100, 100),), channels=(Distance("eyes"),), settle=UntilDone()),
+    interface=Interface(
+        commands=(DriveStraight(-100, 100),), channels=(Distance("eyes"),), settle=UntilDone()
+    ),
     scene=Scene(wall_distance_mm=(150.0, 800.0)),
     max_steps=15,
     reward=lambda previous, action, observation: -error_mm(observation) / 100.0,

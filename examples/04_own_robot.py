@@ -1,6 +1,8 @@
-"""Your own robot: a Technic hub turns a black disc with a white quarter under a colour sensor, and learns to find white.
+"""Your own robot: a Technic hub turns a black disc with a white quarter under a colour sensor, and
+learns to find white.
 
-This robot has no MuJoCo model, so it lies on a bench: its motor turns without load, and the scene says what its sensor reads.
+This robot has no MuJoCo model, so it lies on a bench: its motor turns without load, and the scene
+says what its sensor reads.
 """
 
 from torch import Tensor
@@ -12,7 +14,12 @@ from bricksrl.training import TrainConfig, train
 from bricksrl.twin.scene import Scene
 
 disc = Motor("disc", "A", kind=MotorKind.TECHNIC_L, gears=(12, 36))
-DISC = Robot("disc", HubKind.TECHNIC, motors=(disc,), sensors=(PoweredUpSensor("light", "B", SensorKind.COLOR),))
+DISC = Robot(
+    "disc",
+    HubKind.TECHNIC,
+    motors=(disc,),
+    sensors=(PoweredUpSensor("light", "B", SensorKind.COLOR),),
+)
 
 
 def white(observation: Tensor) -> Tensor:
@@ -28,7 +35,9 @@ FIND_WHITE = Task(
         channels=(MotorAngle("disc"), SensorReading("light", "reflection", 0, 100, "%")),
         settle=Wait(200),
     ),
-    scene=Scene(readings={"light": lambda angles: 90.0 if 135 < angles["disc"] % 360 < 225 else 10.0}),
+    scene=Scene(
+        readings={"light": lambda angles: 90.0 if 135 < angles["disc"] % 360 < 225 else 10.0}
+    ),
     max_steps=20,
     reward=lambda previous, action, observation: white(observation) / 100.0,
     success=lambda observations: white(observations)[..., -1, 0] > 50.0,
@@ -36,4 +45,9 @@ FIND_WHITE = Task(
 )
 
 if __name__ == "__main__":
-    print([round(episode.return_, 1) for episode in train(TrainConfig(f"{__file__}:FIND_WHITE", episodes=30)).episodes])
+    print(
+        [
+            round(episode.return_, 1)
+            for episode in train(TrainConfig(f"{__file__}:FIND_WHITE", episodes=30)).episodes
+        ]
+    )

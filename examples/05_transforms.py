@@ -1,7 +1,16 @@
-"""TorchRL transforms on a robot: repeat actions, normalise observations, stack the last three frames."""
+"""TorchRL transforms on a robot: repeat actions, normalise observations, stack the last three
+frames."""
 
 import torch
-from torchrl.envs import CatFrames, Compose, FrameSkipTransform, ObservationNorm, RewardSum, StepCounter, TransformedEnv
+from torchrl.envs import (
+    CatFrames,
+    Compose,
+    FrameSkipTransform,
+    ObservationNorm,
+    RewardSum,
+    StepCounter,
+    TransformedEnv,
+)
 
 import bricksrl
 
@@ -23,7 +32,12 @@ def main() -> None:
     )
     episode = env.rollout(100)
     print("steps:", episode.shape[0], "of 50 on the robot")
-    print("frames:", list(episode["frames"].shape), "observation within:", episode["observation"].abs().max().item())
+    print(
+        "frames:",
+        list(episode["frames"].shape),
+        "observation within:",
+        episode["observation"].abs().max().item(),
+    )
     print("return:", episode["next", "episode_reward"][-1].item())
     assert torch.equal(episode["frames"][5, -6:], episode["observation"][5])
     env.close()

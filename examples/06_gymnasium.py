@@ -13,7 +13,9 @@ def main() -> None:
     while not done:
         towards_left = observation[5] == 0
         action = [-1.0, 1.0] if towards_left else [1.0, -1.0]
-        observation, reward, terminated, truncated, info = env.step(env.action_space.dtype.type(action))
+        observation, reward, terminated, truncated, info = env.step(
+            env.action_space.dtype.type(action)
+        )
         total, done = total + reward, terminated or truncated
     print(f"return: {total:.0f}, {info}")
     env.close()

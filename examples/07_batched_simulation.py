@@ -21,10 +21,14 @@ def main(batch_size: int = 4096, steps: int = 100) -> None:
     state = env.reset()
     arrivals, started_s = 0, time.perf_counter()
     for _ in range(steps):
-        outcome, state = env.step_and_maybe_reset(straight_to_the_goal(state))  # arms at their goal get a new one
+        # arms at their goal get a new one
+        outcome, state = env.step_and_maybe_reset(straight_to_the_goal(state))
         arrivals += int(outcome["next", "terminated"].sum())
     seconds = time.perf_counter() - started_s
-    print(f"{batch_size * steps / seconds:,.0f} steps a second, {batch_size * steps / arrivals:.2f} steps to a goal")
+    print(
+        f"{batch_size * steps / seconds:,.0f} steps a second, {batch_size * steps / arrivals:.2f} "
+        "steps to a goal"
+    )
 
 
 if __name__ == "__main__":

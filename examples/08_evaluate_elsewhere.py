@@ -1,4 +1,5 @@
-"""Transfer: train in a simulation without a hub, evaluate on the virtual Walker, which runs the hub's program."""
+"""Transfer: train in a simulation without a hub, evaluate on the virtual Walker, which runs the
+hub's program."""
 
 from bricksrl.evaluation import evaluate
 from bricksrl.training import TrainConfig, train

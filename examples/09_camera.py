@@ -1,9 +1,17 @@
-"""A camera for any task, with TorchRL transforms: stack the last two images, repeat each action for two steps."""
+"""A camera for any task, with TorchRL transforms: stack the last two images, repeat each action for
+two steps."""
 
 from dataclasses import replace
 
 import torch
-from torchrl.envs import CatFrames, Compose, FrameSkipTransform, ObservationNorm, ToTensorImage, TransformedEnv
+from torchrl.envs import (
+    CatFrames,
+    Compose,
+    FrameSkipTransform,
+    ObservationNorm,
+    ToTensorImage,
+    TransformedEnv,
+)
 
 import bricksrl
 from bricksrl.envs import get_task
@@ -11,13 +19,21 @@ from bricksrl.envs.vision.camera import CameraView
 from bricksrl.envs.vision.encoders import encode_images
 from bricksrl.errors import EncoderError
 
-TASK = replace(get_task("Spinning-v0"), id="SeenSpinning-v0", camera=CameraView("chase", width_px=128, height_px=96, image_px=64))
+TASK = replace(
+    get_task("Spinning-v0"),
+    id="SeenSpinning-v0",
+    camera=CameraView("chase", width_px=128, height_px=96, image_px=64),
+)
 
 
 def main() -> None:
     bricksrl.register(TASK)
     env = bricksrl.make("SeenSpinning-v0", seed=0)
-    print("on the robot:", env.observation_spec["image"].dtype, list(env.observation_spec["image"].shape))
+    print(
+        "on the robot:",
+        env.observation_spec["image"].dtype,
+        list(env.observation_spec["image"].shape),
+    )
 
     transformed = TransformedEnv(
         env,

@@ -1,7 +1,9 @@
-"""Pybricks program: a robot backs away from a wall and measures its distance. It runs on a LEGO hub and does not need BricksRL.
+"""Pybricks program: a robot backs away from a wall and measures its distance. It runs on a LEGO hub
+and does not need BricksRL.
 
-bricksrl hub run examples/10_hub_program.py --robot RunAway-v0 --video away.mp4   # a virtual robot, filmed
-bricksrl hub run examples/10_hub_program.py --hub ble                             # your own 2Wheeler
+bricksrl hub run examples/10_hub_program.py --robot RunAway-v0 --video away.mp4   # a virtual robot,
+filmed bricksrl hub run examples/10_hub_program.py --hub ble                             # your own
+2Wheeler
 """
 
 from pybricks.hubs import PrimeHub
@@ -19,4 +21,10 @@ eyes = UltrasonicSensor(Port.C)
 print("the wall is", eyes.distance(), "mm away")
 while eyes.distance() < FAR_MM:
     base.straight(-100)
-print("now it is", eyes.distance(), "mm away, and the hub looks", round(hub.imu.heading()), "degrees to the right")
+print(
+    "now it is",
+    eyes.distance(),
+    "mm away, and the hub looks",
+    round(hub.imu.heading()),
+    "degrees to the right",
+)

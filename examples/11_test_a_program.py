@@ -1,4 +1,5 @@
-"""Test of a Pybricks program without a hub: on the virtual hub, in a robot whose sensor sees a wall 80 cm ahead.
+"""Test of a Pybricks program without a hub: on the virtual hub, in a robot whose sensor sees a wall
+80 cm ahead.
 
 pytest examples/11_test_a_program.py   # brickhub alone is enough: it has the fixture `pybricks_hub`
 """
@@ -19,7 +20,7 @@ while eyes.distance() > 150:
     pass
 base.brake()
 print("stopped", eyes.distance(), "mm before the wall")
-"""
+"""  # noqa: E501
 ROVER = Robot(
     "rover",
     HubKind.PRIME,

@@ -1,4 +1,5 @@
-"""Your own algorithm in a few lines: DDPG (Lillicrap et al., 2016) with TorchRL's loss, which BricksRL does not include.
+"""Your own algorithm in a few lines: DDPG (Lillicrap et al., 2016) with TorchRL's loss, which
+BricksRL does not include.
 
 bricksrl check examples/12_own_agent.py
 bricksrl train RoboArmSim-v0 --agent examples/12_own_agent.py --set noise=0.2
@@ -20,8 +21,14 @@ class Settings(settings.OffPolicySettings):
 def build(env, settings: Settings, device="cpu"):
     features, m = encoder.make_encoder(env, settings), networks.action_size(env)
     body = networks.make_body(settings, features.size, m, norm="layer")
-    critic = operators.critic_operator(features, networks.make_body(settings, features.size + m, 1, norm="layer"))
-    actor, policy = networks.deterministic_policy(features, body, networks.action_spec(env), noise=settings.noise)
+    critic = operators.critic_operator(
+        features, networks.make_body(settings, features.size + m, 1, norm="layer")
+    )
+    actor, policy = networks.deterministic_policy(
+        features, body, networks.action_spec(env), noise=settings.noise
+    )
     loss = DDPGLoss(actor, critic, delay_actor=True, delay_value=True).to(device)
     loss.make_value_estimator(gamma=settings.gamma)
-    return learner.off_policy_learner(env, settings, policy.to(device), loss, SoftUpdate(loss, tau=0.005))
+    return learner.off_policy_learner(
+        env, settings, policy.to(device), loss, SoftUpdate(loss, tau=0.005)
+    )

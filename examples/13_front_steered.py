@@ -1,4 +1,5 @@
-"""A robot from its building plan: a car with a driven and steered front axle learns to drive in a circle.
+"""A robot from its building plan: a car with a driven and steered front axle learns to drive in a
+circle.
 
 Ports, motors, wheels, masses and the twin are read from the LDraw file next to this one.
 
@@ -17,7 +18,13 @@ from bricksrl.robots import HubKind, Motor, Robot
 from bricksrl.training import TrainConfig, train
 
 steering = Motor("steering", range_deg=(-40, 40))
-CAR = Robot("front-steered", HubKind.PRIME, motors=(steering,), needs_imu=True, plan=str(Path(__file__).with_suffix(".ldr")))
+CAR = Robot(
+    "front-steered",
+    HubKind.PRIME,
+    motors=(steering,),
+    needs_imu=True,
+    plan=str(Path(__file__).with_suffix(".ldr")),
+)
 
 
 def turning(observation: Tensor) -> Tensor:
@@ -29,7 +36,10 @@ CIRCLE = Task(
     doc="A front-steered car goes round to the left, as fast as it can.",
     robot=CAR,
     interface=Interface(
-        commands=(RunAngle("steering", -20, 20, speed_deg_s=300), RunAngle("drive", 0, 120, speed_deg_s=500)),
+        commands=(
+            RunAngle("steering", -20, 20, speed_deg_s=300),
+            RunAngle("drive", 0, 120, speed_deg_s=500),
+        ),
         channels=(MotorAngle("steering", -45, 45), YawRate()),
         settle=Wait(250),
     ),
@@ -40,4 +50,9 @@ CIRCLE = Task(
 )
 
 if __name__ == "__main__":
-    print([round(episode.return_, 1) for episode in train(TrainConfig(f"{__file__}:CIRCLE", episodes=30)).episodes])
+    print(
+        [
+            round(episode.return_, 1)
+            for episode in train(TrainConfig(f"{__file__}:CIRCLE", episodes=30)).episodes
+        ]
+    )

@@ -1,14 +1,26 @@
-"""Your own driving robot: a Technic hub with two large motors and a color sensor learns to stop on a grey stripe.
+"""Your own driving robot: a Technic hub with two large motors and a color sensor learns to stop on
+a grey stripe.
 
 bricksrl check examples/14_driving_robot.py
 bricksrl train examples/14_driving_robot.py --episodes 15
 
-Because it has a drive base, its virtual body follows from these numbers. It drives on a floor, and its sensor sees the floor.
+Because it has a drive base, its virtual body follows from these numbers. It drives on a floor, and
+its sensor sees the floor.
 """
 
 from bricksrl.envs import Task
 from bricksrl.hub.interface import DriveStraight, Interface, SensorReading, UntilDone
-from bricksrl.robots import Direction, DriveBase, HubKind, Motor, MotorKind, Mount, PoweredUpSensor, Robot, SensorKind
+from bricksrl.robots import (
+    Direction,
+    DriveBase,
+    HubKind,
+    Motor,
+    MotorKind,
+    Mount,
+    PoweredUpSensor,
+    Robot,
+    SensorKind,
+)
 from bricksrl.twin.objects import Field
 from bricksrl.twin.scene import Scene
 
@@ -23,7 +35,9 @@ STOP = Task(
     id="StopOnGrey-v0",
     doc="A robot drives ahead and back until its color sensor is over the grey stripe.",
     robot=ROVER,
-    interface=Interface((DriveStraight(-80, 80),), (SensorReading("light", "reflection", 0, 100, "%"),), UntilDone()),
+    interface=Interface(
+        (DriveStraight(-80, 80),), (SensorReading("light", "reflection", 0, 100, "%"),), UntilDone()
+    ),
     scene=Scene(objects=FLOOR, start_mm=((-150, 250), (0, 0))),
     max_steps=15,
     reward=lambda previous, action, observation: -(observation - 40.0).abs() / 40.0,

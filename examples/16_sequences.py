@@ -1,10 +1,12 @@
-"""An agent that reads sequences: a small decision transformer (Chen et al., 2021, https://arxiv.org/abs/2106.01345).
+"""An agent that reads sequences: a small decision transformer (Chen et al., 2021,
+https://arxiv.org/abs/2106.01345).
 
-It is asked for a return, and acts on its last observations. Its replay buffer is TorchRL's, with a sampler of slices of episodes:
+It is asked for a return, and acts on its last observations. Its replay buffer is TorchRL's, with a
+sampler of slices of episodes:
 
-    bricksrl train WalkerSim-v0 --episodes 20 --run runs/sac
-    bricksrl train-offline WalkerSim-v0 --agent examples/16_sequences.py --data runs/sac --updates 2000 --run runs/offline
-    bricksrl train WalkerSim-v0 --agent examples/16_sequences.py --from runs/offline
+    bricksrl train WalkerSim-v0 --episodes 20 --run runs/sac bricksrl train-offline WalkerSim-v0
+    --agent examples/16_sequences.py --data runs/sac --updates 2000 --run runs/offline bricksrl
+    train WalkerSim-v0 --agent examples/16_sequences.py --from runs/offline
 """
 
 from dataclasses import dataclass
@@ -35,15 +37,23 @@ class Settings:
 
 
 class Transformer(TensorDictModuleBase):
-    """Policy: the last observations ``[*copies, n]``, and the return asked for, to "action" ``[*copies, m]``."""
+    """Policy: the last observations ``[*copies, n]``, and the return asked for, to "action"
+    ``[*copies, m]``."""
 
     def __init__(self, env: EnvBase, settings: Settings) -> None:
         super().__init__()
         spec = env.full_observation_spec_unbatched["observation"]
         self.in_keys, self.out_keys, self.asked = ["observation"], ["action"], settings.asked
-        self.register_buffer("scale", torch.maximum(spec.low.abs(), spec.high.abs()).clamp(1.0, 1e4))
-        layer = nn.TransformerEncoderLayer(settings.width, 4, 2 * settings.width, dropout=0.0, batch_first=True)
-        self.token, self.place = nn.Linear(len(self.scale) + 1, settings.width), nn.Embedding(SLICE, settings.width)
+        self.register_buffer(
+            "scale", torch.maximum(spec.low.abs(), spec.high.abs()).clamp(1.0, 1e4)
+        )
+        layer = nn.TransformerEncoderLayer(
+            settings.width, 4, 2 * settings.width, dropout=0.0, batch_first=True
+        )
+        self.token, self.place = (
+            nn.Linear(len(self.scale) + 1, settings.width),
+            nn.Embedding(SLICE, settings.width),
+        )
         self.body = nn.TransformerEncoder(layer, 2, enable_nested_tensor=False)
         self.head = nn.Linear(settings.width, env.full_action_spec_unbatched["action"].shape[-1])
         self.reset()
@@ -53,9 +63,12 @@ class Transformer(TensorDictModuleBase):
         self.seen: list[Tensor] = []
 
     def actions(self, observed: Tensor, to_go: Tensor) -> Tensor:
-        """Actions ``[batch, time, m]`` for observations ``[batch, time, n]`` and returns to go ``[batch, time, 1]``."""
+        """Actions ``[batch, time, m]`` for observations ``[batch, time, n]`` and returns to go
+        ``[batch, time, 1]``."""
         time = observed.shape[1]
-        tokens = self.token(torch.cat((observed / self.scale, to_go / 10.0), -1)) + self.place(torch.arange(time))
+        tokens = self.token(torch.cat((observed / self.scale, to_go / 10.0), -1)) + self.place(
+            torch.arange(time)
+        )
         mask = nn.Transformer.generate_square_subsequent_mask(time)
         acted: Tensor = self.head(self.body(tokens, mask=mask, is_causal=True)).tanh()
         return acted
@@ -65,7 +78,9 @@ class Transformer(TensorDictModuleBase):
         self.seen = [*self.seen, tensordict["observation"]][-SLICE:]
         observed = torch.stack(self.seen, -2)
         rows = observed.reshape(-1, *observed.shape[-2:])
-        action = self.actions(rows, torch.full_like(rows[..., :1], self.asked))[:, -1].view(*observed.shape[:-2], -1)
+        action = self.actions(rows, torch.full_like(rows[..., :1], self.asked))[:, -1].view(
+            *observed.shape[:-2], -1
+        )
         if exploration_type() == ExplorationType.RANDOM:
             action = (action + 0.1 * torch.randn_like(action)).clamp(-1.0, 1.0)
         return tensordict.set("action", action)
@@ -82,7 +97,13 @@ class ImitationLoss(LossModule):
         """The loss of a batch ``[slices * SLICE]``."""
         rows = batch.view(-1, SLICE)
         to_go = rows["next", "reward"].flip(1).cumsum(1).flip(1)
-        return TensorDict({"loss_action": (self.policy.actions(rows["observation"], to_go) - rows["action"]).square().mean()})
+        return TensorDict(
+            {
+                "loss_action": (self.policy.actions(rows["observation"], to_go) - rows["action"])
+                .square()
+                .mean()
+            }
+        )
 
 
 def build(env: EnvBase, settings: Settings, device: str = "cpu") -> Learner:
@@ -90,5 +111,7 @@ def build(env: EnvBase, settings: Settings, device: str = "cpu") -> Learner:
     policy = Transformer(env, settings).to(device)
     loss = ImitationLoss(policy)
     sampler = SliceSampler(slice_len=SLICE, end_key=("next", "done"))
-    memory = TensorDictReplayBuffer(storage=LazyTensorStorage(100_000), sampler=sampler, batch_size=32 * SLICE)
+    memory = TensorDictReplayBuffer(
+        storage=LazyTensorStorage(100_000), sampler=sampler, batch_size=32 * SLICE
+    )
     return Learner(policy, loss, torch.optim.Adam(loss.parameters(), 1e-3), memory)

@@ -1,4 +1,5 @@
-"""Circles of modules: imports in functions and names of processes count, imports for types and packages' ``__init__`` do not."""
+"""Circles of modules: imports in functions and names of processes count, imports for types and
+packages' ``__init__`` do not."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ MODULES = {
 
 
 def named(node: ast.AST) -> Iterator[str]:
-    """Everything below a node that may be the name of a module: imports, and strings, as processes are started by them."""
+    """Everything below a node that may be the name of a module: imports, and strings, as processes
+    are started by them."""
     if isinstance(node, ast.Import):
         yield from (alias.name for alias in node.names)
     elif isinstance(node, ast.ImportFrom):
@@ -27,7 +29,9 @@ def named(node: ast.AST) -> Iterator[str]:
         yield from (str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names))
     elif isinstance(node, ast.Constant) and isinstance(node.value, str):
         yield node.value
-    for_types = node.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING" else []
+    for_types = (
+        node.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING" else []
+    )
     for child in ast.iter_child_nodes(node):
         if child not in for_types:
             yield from named(child)
@@ -35,7 +39,10 @@ def named(node: ast.AST) -> Iterator[str]:
 
 def circles(sources: dict[str, str]) -> set[frozenset[str]]:
     """Sets of modules that reach each other, from texts by names of modules."""
-    nexts = {name: (set(named(ast.parse(text))) & sources.keys()) - {name} for name, text in sources.items()}
+    nexts = {
+        name: (set(named(ast.parse(text))) & sources.keys()) - {name}
+        for name, text in sources.items()
+    }
     reached: dict[str, set[str]] = {}
     for name in sources:
         found, new = set[str](), nexts[name]
@@ -43,7 +50,11 @@ def circles(sources: dict[str, str]) -> set[frozenset[str]]:
             found |= new
             new = set[str]().union(*(nexts[other] for other in new)) - found
         reached[name] = found
-    return {frozenset(n for n in reached[name] if name in reached[n]) for name in sources if name in reached[name]}
+    return {
+        frozenset(n for n in reached[name] if name in reached[n])
+        for name in sources
+        if name in reached[name]
+    }
 
 
 @pytest.mark.parametrize(
@@ -67,4 +78,6 @@ def test_circle_is_found(text: str, is_circle: bool) -> None:
 
 def test_no_module_reaches_itself() -> None:
     assert len(MODULES) > 250
-    assert circles({name: path.read_text(encoding="utf-8") for name, path in MODULES.items()}) == set()
+    assert (
+        circles({name: path.read_text(encoding="utf-8") for name, path in MODULES.items()}) == set()
+    )

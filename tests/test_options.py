@@ -34,14 +34,22 @@ def reasons(source: str) -> list[str]:
             continue
         words = {keyword.arg: keyword.value for keyword in node.keywords}
         if name == "importorskip":
-            found.append(ast.unparse(words["reason"]) if "reason" in words else f"could not import {ast.unparse(node.args[0])}")
+            found.append(
+                ast.unparse(words["reason"])
+                if "reason" in words
+                else f"could not import {ast.unparse(node.args[0])}"
+            )
         elif isinstance(said := words.get("reason", node.args[0]), ast.Constant | ast.JoinedStr):
             found.append(ast.unparse(said))
     return found
 
 
 def test_every_reason_is_listed_with_what_brings_it():
-    files = [path for folder in ("packages", "tests", "plugins") for path in (ROOT / folder).rglob("tests/**/*.py")]
+    files = [
+        path
+        for folder in ("packages", "tests", "plugins")
+        for path in (ROOT / folder).rglob("tests/**/*.py")
+    ]
     texts = [text for path in files if "skip" in (text := path.read_text(encoding="utf-8"))]
     said = [reason for text in texts for reason in reasons(text)]
     assert len(said) > 30
@@ -49,12 +57,23 @@ def test_every_reason_is_listed_with_what_brings_it():
 
 
 def test_what_is_skipped_is_told_with_the_command_that_brings_it():
-    tests = {f"packages/a/tests/test_page.py::test_{n}": "no Chromium is on this computer" for n in range(5)}
-    lines = skipped.told({**tests, "test_plugin.py": "could not import 'lerobot': No module", "a::b": "it rains"})
+    tests = {
+        f"packages/a/tests/test_page.py::test_{n}": "no Chromium is on this computer"
+        for n in range(5)
+    }
+    lines = skipped.told(
+        {**tests, "test_plugin.py": "could not import 'lerobot': No module", "a::b": "it rains"}
+    )
     assert lines == [
-        "5 skipped without Chromium; to have them: apt install chromium (elsewhere: .venv/bin/playwright install chromium)",
+        (
+            "5 skipped without Chromium; to have them: apt install chromium (elsewhere: "
+            ".venv/bin/playwright install chromium)"
+        ),
         "    test_page.py::test_0, test_page.py::test_1, test_page.py::test_2 and 2 more",
-        "1 skipped without something that nobody has listed; to have them: add it to LACKS in tests/plugins/skipped.py",
+        (
+            "1 skipped without something that nobody has listed; to have them: add it to LACKS in "
+            "tests/plugins/skipped.py"
+        ),
         "    a::b: it rains",
         "1 skipped without LeRobot; to have them: nothing: it wants an older torch than BricksRL",
         "    test_plugin.py",
@@ -69,19 +88,50 @@ def test_in_ci_only_what_cannot_be_had_is_skipped(ci, code, tmp_path, monkeypatc
     )
     (tmp_path / "test_two.py").write_text("import pytest\npytest.importorskip('lerobot')\n")
     monkeypatch.setenv("CI", ci)
-    paths = os.pathsep.join([str(ROOT / "tests" / "plugins"), *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "skipped", "-c", os.devnull, "--rootdir", ".", "--skips", "skips"]
-    more = ["-p", "no:cacheprovider", "-p", "no:hypothesispytest", *(["--numprocesses", "1"] if ci else [])]
+    paths = os.pathsep.join(
+        [str(ROOT / "tests" / "plugins"), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+    )
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "skipped",
+        "-c",
+        os.devnull,
+        "--rootdir",
+        ".",
+        "--skips",
+        "skips",
+    ]
+    more = [
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        "no:hypothesispytest",
+        *(["--numprocesses", "1"] if ci else []),
+    ]
     environment = {**os.environ, "PYTHONPATH": paths}
     done = subprocess.run(
-        [*command, *more, "."], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120, check=False
+        [*command, *more, "."],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
     assert done.returncode == code, done.stdout + done.stderr
-    assert "1 skipped without Chromium" in done.stdout and "1 skipped without LeRobot" in done.stdout
+    assert (
+        "1 skipped without Chromium" in done.stdout and "1 skipped without LeRobot" in done.stdout
+    )
     assert ("must not be skipped" in done.stdout) == bool(ci)
     assert skipped.main([str(tmp_path / "skips")]) == code
     assert "1 skipped without Chromium" in capsys.readouterr().out
-    (tmp_path / "skips" / "other.json").write_text(json.dumps({"test_page.py": "no Chromium is here"}))
+    (tmp_path / "skips" / "other.json").write_text(
+        json.dumps({"test_page.py": "no Chromium is here"})
+    )
     skipped.main([str(tmp_path / "skips")])
     assert "2 skipped without Chromium" in capsys.readouterr().out, "all runs are summed up"
 
@@ -89,7 +139,8 @@ def test_in_ci_only_what_cannot_be_had_is_skipped(ci, code, tmp_path, monkeypatc
 def test_first_weights_are_a_little_off_and_nothing_else_is_drawn(monkeypatch):
     monkeypatch.setattr(shaking, "_SEED", 3)
     init = ModuleType("init")
-    before = getattr(torch.nn.init.uniform_, "__wrapped__", torch.nn.init.uniform_)  # these tests may be shaken themselves
+    # these tests may be shaken themselves
+    before = getattr(torch.nn.init.uniform_, "__wrapped__", torch.nn.init.uniform_)
     init.uniform_ = before
     shaking._shake_weights(init)
     weights, off = (torch.nn.Parameter(torch.empty(8, 8)) for _ in range(2))
@@ -120,7 +171,10 @@ def test_cpu_time_of_a_process_and_what_it_started():
     spin = "import time\nwhile time.process_time() < 0.3: pass\nprint('spun', flush=True)\n"
     before_s = cpu_times.children_s(os.getpid())
     with subprocess.Popen(
-        [sys.executable, "-c", f"{spin}input()"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", f"{spin}input()"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
     ) as child:
         assert child.stdout.readline() == "spun\n"
         living_s = cpu_times.children_s(os.getpid()) - before_s

@@ -24,12 +24,17 @@ ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 PROJECTS = {
-    house: tomllib.loads((ROOT / "packages" / house / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    house: tomllib.loads(
+        (ROOT / "packages" / house / "pyproject.toml").read_text(encoding="utf-8")
+    )["project"]
     for house in HOUSES
 }
 SOURCES = {house: ROOT / "packages" / house / "src" / house for house in HOUSES}
 LINES = {
-    house: importlib.import_module(f"{house}.cli.{'app' if house == 'bricksrl' else 'command_table'}").LINE for house in HOUSES
+    house: importlib.import_module(
+        f"{house}.cli.{'app' if house == 'bricksrl' else 'command_table'}"
+    ).LINE
+    for house in HOUSES
 }
 """The command of each house."""
 PAGES = [
@@ -40,7 +45,11 @@ PAGES = [
 
 
 def test_one_version_everywhere():
-    newest = re.search(r"^## \[(\d+\.\d+\.\d+)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    newest = re.search(
+        r"^## \[(\d+\.\d+\.\d+)\]",
+        (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"),
+        re.MULTILINE,
+    )
     assert newest is not None
     for place, house in enumerate(HOUSES):
         assert importlib.import_module(house).__version__ == metadata.version(house) == newest[1]
@@ -52,7 +61,12 @@ def test_one_version_everywhere():
 def test_imports_go_one_way():
     command = Path(sys.executable).with_name("lint-imports")
     done = subprocess.run(
-        [command, "--no-logo", "--no-cache"], cwd=ROOT, capture_output=True, text=True, timeout=120, check=False
+        [command, "--no-logo", "--no-cache"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
     assert done.returncode == 0, done.stdout
 
@@ -60,10 +74,23 @@ def test_imports_go_one_way():
 def test_files_are_found_by_their_name():
     crowded = []
     for package in SOURCES.values():
-        folders = {path.parent for path in package.rglob("*") if "__pycache__" not in path.parts and path.is_file()}
-        crowded += [folder.name for folder in folders if sum(path.is_file() for path in folder.iterdir()) > 20]
-        modules = [path.relative_to(package) for path in package.rglob("*.py") if path.name != "__init__.py"]
-        others = {"hub", "plans", "templates", "twin"} if package.name == "bricksrl" else set()  # names of the other houses
+        folders = {
+            path.parent
+            for path in package.rglob("*")
+            if "__pycache__" not in path.parts and path.is_file()
+        }
+        crowded += [
+            folder.name
+            for folder in folders
+            if sum(path.is_file() for path in folder.iterdir()) > 20
+        ]
+        modules = [
+            path.relative_to(package)
+            for path in package.rglob("*.py")
+            if path.name != "__init__.py"
+        ]
+        # names of the other houses
+        others = {"hub", "plans", "templates", "twin"} if package.name == "bricksrl" else set()
         names = Counter(path.name for path in modules if not others & {*path.parts})
         assert [name for name, count in names.items() if count > 1] == []
     assert sorted(crowded) == []
@@ -71,7 +98,9 @@ def test_files_are_found_by_their_name():
 
 def test_published_tables_match_results():
     command = [sys.executable, "-m", "benchmarks", "tables", "--check"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -80,8 +109,16 @@ def test_every_dependency_is_pinned():
     for project in PROJECTS.values():
         extras = project["optional-dependencies"]
         # no test installs the others
-        optional = [names for extra, names in extras.items() if extra not in {"encoders", "loggers", "notebook"}]
-        wanted = {_name(requirement) for names in (project["dependencies"], *optional) for requirement in names}
+        optional = [
+            names
+            for extra, names in extras.items()
+            if extra not in {"encoders", "loggers", "notebook"}
+        ]
+        wanted = {
+            _name(requirement)
+            for names in (project["dependencies"], *optional)
+            for requirement in names
+        }
         assert wanted - set(HOUSES) <= pinned, project["name"]
 
 
@@ -122,8 +159,13 @@ def test_gymnasium_registration_is_order_free(program):
 
 
 def test_package_import_loads_no_torch():
-    program = "import bricksrl, sys; print(sorted({'gymnasium', 'numpy', 'torch', 'mujoco'} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    program = (
+        "import bricksrl, sys; print(sorted({'gymnasium', 'numpy', 'torch', 'mujoco'} & "
+        "set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
+    )
     assert done.stdout == "[]\n"
 
 
@@ -150,12 +192,22 @@ def test_readme_has_commands():
 
 @pytest.mark.parametrize("command", _commands("make") + _commands("make", CONTRIBUTING))
 def test_make_targets_exist(command):
-    done = subprocess.run(["make", "--dry-run", *shlex.split(command)[1:]], cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["make", "--dry-run", *shlex.split(command)[1:]],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
 
 
 def test_houses_are_installed_with_those_they_need():
-    installs = [re.findall(r"--editable packages/(\w+)", line) for page in PAGES for line in page.read_text("utf-8").splitlines()]
+    installs = [
+        re.findall(r"--editable packages/(\w+)", line)
+        for page in PAGES
+        for line in page.read_text("utf-8").splitlines()
+    ]
     assert list(HOUSES) in installs
     assert all(tuple(houses) == HOUSES[: len(houses)] for houses in installs)
 
@@ -187,8 +239,12 @@ def test_docstrings_of_modules_begin_with_their_subject():
     paths = sorted(path for source in SOURCES.values() for path in source.rglob("*.py"))
     assert len(paths) > 250
     for path in paths:
-        begins = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "Nothing").split()[0]
-        assert begins not in {"How", "What", "When", "Where", "Whether", "Which", "Who", "Why"}, path
+        begins = (
+            ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "Nothing"
+        ).split()[0]
+        assert begins not in {"How", "What", "When", "Where", "Whether", "Which", "Who", "Why"}, (
+            path
+        )
 
 
 def test_index_lists_each_example() -> None:

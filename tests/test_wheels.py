@@ -1,4 +1,5 @@
-"""Wheels of the three distributions, collected and installed as docs/start.md says, into empty environments."""
+"""Wheels of the three distributions, collected and installed as docs/start.md says, into empty
+environments."""
 
 from __future__ import annotations
 
@@ -49,34 +50,67 @@ class Environment:
 
     def install(self, *arguments: str) -> None:
         """Install with pip; wheels of ours come from the local folder."""
-        constraints = ("--constraint", str(ROOT / "constraints.txt"), "--find-links", str(self._wheels))
-        self.run("python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *constraints, *arguments)
+        constraints = (
+            "--constraint",
+            str(ROOT / "constraints.txt"),
+            "--find-links",
+            str(self._wheels),
+        )
+        self.run(
+            "python",
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--disable-pip-version-check",
+            *constraints,
+            *arguments,
+        )
 
-    def run(self, program: str, *arguments: str, folder: Path = ROOT.parent, **variables: str) -> str:
+    def run(
+        self, program: str, *arguments: str, folder: Path = ROOT.parent, **variables: str
+    ) -> str:
         """Output of a program of the environment, which must end well."""
-        environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | variables
+        environment = {
+            name: value for name, value in os.environ.items() if name != "PYTHONPATH"
+        } | variables
         done = subprocess.run(
-            [str(self._bin / program), *arguments], cwd=folder, env=environment, capture_output=True, text=True, check=False
+            [str(self._bin / program), *arguments],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
         )
         assert done.returncode == 0, (arguments, done.stdout[-2000:], done.stderr[-2000:])
         return done.stdout
 
     def size_mb(self) -> float:
         """Size of all packages with byte code, without pip."""
-        site = Path(self.run("python", "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip())
+        site = Path(
+            self.run(
+                "python", "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"
+            ).strip()
+        )
         self.run("python", "-m", "compileall", "-q", str(site))
         files = (
             path
             for path in site.rglob("*")
-            if path.is_file() and not path.relative_to(site).parts[0].startswith(("pip", "setuptools"))
+            if path.is_file()
+            and not path.relative_to(site).parts[0].startswith(("pip", "setuptools"))
         )
         return sum(path.stat().st_size for path in files) / 1e6
 
 
 def documented(command: str) -> list[str]:
-    """Arguments of the command of docs/start.md for a class without internet that begins so; packages of others are left out."""
+    """Arguments of the command of docs/start.md for a class without internet that begins so;
+    packages of others are left out."""
     lines = (ROOT / "docs" / "start.md").read_text(encoding="utf-8").splitlines()
-    return [*shlex.split(next(line for line in lines if line.startswith(command)))[1:], "--no-deps", "--quiet"]
+    return [
+        *shlex.split(next(line for line in lines if line.startswith(command)))[1:],
+        "--no-deps",
+        "--quiet",
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +129,13 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_class_installs_without_a_network(wheels: Path, tmp_path: Path) -> None:
     environment = Environment(tmp_path / "env", wheels)
-    environment.run("python", *documented("python -m pip install --no-index"), "brickhub", "bricktwin", folder=wheels.parent)
+    environment.run(
+        "python",
+        *documented("python -m pip install --no-index"),
+        "brickhub",
+        "bricktwin",
+        folder=wheels.parent,
+    )
     told = environment.run("bricksrl", "--version", PYTHONPATH=sysconfig.get_path("purelib"))
     assert told.startswith("bricksrl")
 
@@ -104,7 +144,11 @@ def test_wheels_hold_their_files(wheels: Path) -> None:
     for house in HOUSES:
         names = zipfile.ZipFile(next(wheels.glob(f"{house}-*.whl"))).namelist()
         source = ROOT / "packages" / house / "src"
-        wanted = [path for path in (source / house).rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+        wanted = [
+            path
+            for path in (source / house).rglob("*")
+            if path.is_file() and "__pycache__" not in path.parts
+        ]
         assert {path.relative_to(source).as_posix() for path in wanted} <= set(names)
 
 
@@ -113,16 +157,32 @@ def test_brickhub_alone(wheels: Path, tmp_path: Path) -> None:
     environment = Environment(tmp_path / "env", wheels)
     environment.install("brickhub")
     assert environment.size_mb() <= 30.0
-    count, *loaded = environment.run("python", "-c", IMPORT_ALL, "brickhub", "numpy", "mujoco", "torch").split()
+    count, *loaded = environment.run(
+        "python", "-c", IMPORT_ALL, "brickhub", "numpy", "mujoco", "torch"
+    ).split()
     assert int(count) > 90 and loaded == []
     (tmp_path / "main.py").write_text(PROGRAM)
     assert environment.run("brickhub", "run", "main.py", folder=tmp_path) == "done\n"
     environment.install("brickhub[test]")
-    pytest_arguments = ("-m", "pytest", "-q", "--numprocesses", "2", "-p", "no:cacheprovider", "packages/brickhub/tests")
-    told = environment.run("python", *pytest_arguments, "-m", "not slow and not realtime", folder=ROOT)
+    pytest_arguments = (
+        "-m",
+        "pytest",
+        "-q",
+        "--numprocesses",
+        "2",
+        "-p",
+        "no:cacheprovider",
+        "packages/brickhub/tests",
+    )
+    told = environment.run(
+        "python", *pytest_arguments, "-m", "not slow and not realtime", folder=ROOT
+    )
     assert "failed" not in told and int(told.split(" passed")[0].split()[-1]) > 1800
     environment.run(
-        "python", "-c", "import importlib.util as u; assert not any(map(u.find_spec, ('numpy', 'mujoco', 'torch', 'bricktwin')))"
+        "python",
+        "-c",
+        "import importlib.util as u; assert not any(map(u.find_spec, ('numpy', 'mujoco', "
+        "'torch', 'bricktwin')))",
     )
 
 
@@ -139,8 +199,25 @@ def test_bricktwin_without_torch(wheels: Path, tmp_path: Path) -> None:
         "Motor(Port.A).run_time(300, 1000)\nprint('done')\n"
     )
     plan = str(ROOT / "examples" / "13_front_steered.ldr")
-    assert environment.run("bricktwin", "run", "main.py", "--robot", "walker", "--video", "walk.mp4", folder=tmp_path) == "done\n"
-    assert environment.run("bricktwin", "run", "drive.py", "--robot", plan, "--video", "drive.mp4", folder=tmp_path) == "done\n"
+    assert (
+        environment.run(
+            "bricktwin",
+            "run",
+            "main.py",
+            "--robot",
+            "walker",
+            "--video",
+            "walk.mp4",
+            folder=tmp_path,
+        )
+        == "done\n"
+    )
+    assert (
+        environment.run(
+            "bricktwin", "run", "drive.py", "--robot", plan, "--video", "drive.mp4", folder=tmp_path
+        )
+        == "done\n"
+    )
     assert all((tmp_path / name).stat().st_size > 10_000 for name in ("walk.mp4", "drive.mp4"))
 
 
@@ -150,9 +227,20 @@ def test_bricksrl_learns_from_its_wheel(wheels: Path, tmp_path: Path) -> None:
     environment.install("--no-deps", *HOUSES)
     others = sysconfig.get_path("purelib")
     told = environment.run(
-        "bricksrl", "train", "WalkerSim-v0", "--episodes", "2", "--run", "run", folder=tmp_path, PYTHONPATH=others
+        "bricksrl",
+        "train",
+        "WalkerSim-v0",
+        "--episodes",
+        "2",
+        "--run",
+        "run",
+        folder=tmp_path,
+        PYTHONPATH=others,
     )
     assert "episode" in told and (tmp_path / "run" / "config.json").exists()
-    program = "import brickhub, bricktwin, bricksrl; print(*(module.__file__ for module in (brickhub, bricktwin, bricksrl)))"
+    program = (
+        "import brickhub, bricktwin, bricksrl; print(*(module.__file__ for module in "
+        "(brickhub, bricktwin, bricksrl)))"
+    )
     files = environment.run("python", "-c", program, PYTHONPATH=others).split()
     assert all(str(tmp_path) in file for file in files)

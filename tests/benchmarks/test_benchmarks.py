@@ -24,14 +24,24 @@ from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownName
 from bricksrl.evaluation.multi_seed import connected
 
 ROOT = Path(__file__).parents[2]
-MARK = {"mark": 100, "return": 2.5, "success_rate": 0.5, "steps": 100, "episodes": 1, "cpu_s": 1.0, "wall_s": 1.0}
+MARK = {
+    "mark": 100,
+    "return": 2.5,
+    "success_rate": 0.5,
+    "steps": 100,
+    "episodes": 1,
+    "cpu_s": 1.0,
+    "wall_s": 1.0,
+}
 
 
 @pytest.mark.parametrize("name", BENCHMARKS)
 def test_each_name_answers_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="^0$"):
         run([name, "--help"])
-    subject = (import_module(f"benchmarks.{BENCHMARKS[name].module}").__doc__ or "").partition("\n")[0]
+    subject = (import_module(f"benchmarks.{BENCHMARKS[name].module}").__doc__ or "").partition(
+        "\n"
+    )[0]
     shown = capsys.readouterr().out
     assert subject in shown and "--quick" in shown and "--again" in shown
 
@@ -40,12 +50,17 @@ def test_each_benchmark_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run([]) == 0
     listed = capsys.readouterr().out
     assert all(f"  {name} " in listed and one.title in listed for name, one in BENCHMARKS.items())
-    modules = {path.stem for path in (ROOT / "benchmarks").glob("*.py") if "def main(session: Session)" in path.read_text()}
+    modules = {
+        path.stem
+        for path in (ROOT / "benchmarks").glob("*.py")
+        if "def main(session: Session)" in path.read_text()
+    }
     assert modules == {one.module for one in BENCHMARKS.values()}
 
 
 @pytest.mark.parametrize(
-    ("name", "options"), [("link_fuzz", ["--seconds", "1"]), pytest.param("baselines", [], marks=pytest.mark.slow)]
+    ("name", "options"),
+    [("link_fuzz", ["--seconds", "1"]), pytest.param("baselines", [], marks=pytest.mark.slow)],
 )
 def test_quick_form_runs(name: str, options: list[str], tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks", name, "--quick", *options]
@@ -53,7 +68,9 @@ def test_quick_form_runs(name: str, options: list[str], tmp_path: Path) -> None:
     subprocess.run(command, cwd=tmp_path, env=variables, check=True, timeout=200)
     (result,) = tmp_path.glob(f"studies/{name}-quick/study.json")
     written = json.loads(result.read_text())
-    assert {"processor", "cores", "system"} == set(written["machine"]) and "mujoco" in written["versions"]
+    assert {"processor", "cores", "system"} == set(written["machine"]) and "mujoco" in written[
+        "versions"
+    ]
 
 
 def test_finished_parts_are_not_made_again(
@@ -69,9 +86,14 @@ def test_finished_parts_are_not_made_again(
         return real(*job)  # type: ignore[arg-type]
 
     monkeypatch.setattr(learning, "EVALUATED_EPISODES", 2)
-    folder, words = tmp_path / "here", ["ablation", "--quick", "--folder", str(tmp_path / "here"), "--jobs", "1"]
+    folder, words = (
+        tmp_path / "here",
+        ["ablation", "--quick", "--folder", str(tmp_path / "here"), "--jobs", "1"],
+    )
     monkeypatch.setattr(ablation, "run", interrupted)
-    with pytest.raises(Interrupted, match=r"what is finished is in .*here; the same command goes on"):
+    with pytest.raises(
+        Interrupted, match=r"what is finished is in .*here; the same command goes on"
+    ):
         run(words)
     assert len(list(folder.glob("*-default-*.json"))) == 1 and not (folder / "study.json").exists()
     assert run(words) == 0
@@ -86,12 +108,23 @@ def test_finished_parts_are_not_made_again(
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no process groups")
 def test_ctrl_c_keeps_no_training_that_it_has_ended(tmp_path: Path) -> None:
-    options = ["--episodes", "60", "--seeds", "4", "--jobs", "2", "--folder", str(tmp_path / "parts")]
+    options = [
+        "--episodes",
+        "60",
+        "--seeds",
+        "4",
+        "--jobs",
+        "2",
+        "--folder",
+        str(tmp_path / "parts"),
+    ]
     command = [sys.executable, "-m", "benchmarks", "robots", "--envs", "RunAway-v0", *options]
     runs = tmp_path / "runs"
     runs.mkdir()
     variables = {**os.environ, "TMPDIR": str(runs)}
-    with subprocess.Popen(command, cwd=ROOT, env=variables, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+    with subprocess.Popen(
+        command, cwd=ROOT, env=variables, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
         while len(list(runs.rglob("metrics.csv"))) < 2:
             assert process.poll() is None
             time.sleep(0.1)
@@ -103,12 +136,16 @@ def test_ctrl_c_keeps_no_training_that_it_has_ended(tmp_path: Path) -> None:
 
 
 def _returns(folder: Path) -> list[float]:
-    found = json.loads((folder / "study.json").read_text())["environments"]["RoboArmSim-v0"]["sac"]["variants"]
+    found = json.loads((folder / "study.json").read_text())["environments"]["RoboArmSim-v0"]["sac"][
+        "variants"
+    ]
     return list(found["default"]["returns"])
 
 
 @pytest.mark.parametrize("damaged", ['{"outcome": ', "[1]", "{}"])
-def test_damaged_part_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damaged: str) -> None:
+def test_damaged_part_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damaged: str
+) -> None:
     monkeypatch.setattr(ablation, "run", lambda *job: [MARK])
     words = ["ablation", "--quick", "--folder", str(tmp_path), "--jobs", "1"]
     assert run(words) == 0
@@ -129,35 +166,61 @@ def test_parts_are_made_on_a_cluster(tmp_path: Path) -> None:
     """Its workers have the package only, not the benchmarks."""
     with connected(None, 1) as ray:
         ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
-        good, bad = outcomes(_root, {tmp_path / "good.json": (4.0,), tmp_path / "bad.json": (-1.0,)}, ray=ray)
+        good, bad = outcomes(
+            _root, {tmp_path / "good.json": (4.0,), tmp_path / "bad.json": (-1.0,)}, ray=ray
+        )
     assert good == 2.0 and isinstance(bad, Failure) and bad == "-1.0 has no root"
-    assert json.loads((tmp_path / "good.json").read_text()) == {"outcome": 2.0} and not (tmp_path / "bad.json").exists()
+    assert (
+        json.loads((tmp_path / "good.json").read_text()) == {"outcome": 2.0}
+        and not (tmp_path / "bad.json").exists()
+    )
 
 
 def test_failed_part_is_one_line(tmp_path: Path) -> None:
-    words = ["teachers", "--folder", str(tmp_path), "--ways", "alone", "--seeds", "1", "--episodes", "0"]
+    words = [
+        "teachers",
+        "--folder",
+        str(tmp_path),
+        "--ways",
+        "alone",
+        "--seeds",
+        "1",
+        "--episodes",
+        "0",
+    ]
     with pytest.raises(RunError, match=r"^alone-0-0: .*episodes is 0"):
         run(words)
 
 
 @pytest.mark.parametrize("name", ["offline", "datasets", "ablation", "learning"])
-def test_published_result_is_shown(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_published_result_is_shown(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = tmp_path / "shown"
     assert run([name, "--folder", str(folder)]) == 0
     sections = (folder / "study.md").read_text().removeprefix("## ").split("\n\n## ")
     published = (ROOT / "docs" / "results.md").read_text()
-    assert len(sections) == 1 + len(BENCHMARKS[name].also) and all(f"## {section}" in published for section in sections)
+    assert len(sections) == 1 + len(BENCHMARKS[name].also) and all(
+        f"## {section}" in published for section in sections
+    )
     monkeypatch.setattr(session, "RESULTS", tmp_path)
     for content in ("", "[1]", '{"machine": 1}'):
         (tmp_path / f"{name}.json").write_text(content)
-        with pytest.raises(BricksError, match=r"json is not the result of a benchmark; delete it, and the same command measures"):
+        with pytest.raises(
+            BricksError,
+            match=r"json is not the result of a benchmark; delete it, and the same command "
+            r"measures",
+        ):
             run([name, "--folder", str(folder)])
 
 
 def test_mistakes_are_one_line(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match=r"no benchmark 'robot' \(did you mean 'robots'\?\)"):
         run(["robot"])
-    with pytest.raises(DescriptionError, match="--secnds 1; `python -m benchmarks link_fuzz --help` lists the options"):
+    with pytest.raises(
+        DescriptionError,
+        match="--secnds 1; `python -m benchmarks link_fuzz --help` lists the options",
+    ):
         run(["link_fuzz", "--secnds", "1"])
 
 

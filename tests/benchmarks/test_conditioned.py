@@ -1,4 +1,5 @@
-"""A policy conditioned on the physics: what it is told, in the mirror too, and as a structure to search in."""
+"""A policy conditioned on the physics: what it is told, in the mirror too, and as a structure to
+search in."""
 
 from __future__ import annotations
 
@@ -28,7 +29,9 @@ def test_policy_is_told_the_physics_and_a_structure_acts_as_if_told_its_numbers(
         numbers = torch.tensor([getattr(physics, entry.name) for entry in ENTRIES])
         assert torch.equal(state["observation"][8:], shares(numbers))
         slopes.append(physics.slope_deg)
-        assert torch.equal(structure(state["observation"][:8], numbers), policy.exploit(state.clone())["action"])
+        assert torch.equal(
+            structure(state["observation"][:8], numbers), policy.exploit(state.clone())["action"]
+        )
     assert slopes[0] != slopes[1] and -1.0 <= shares(numbers).min() <= shares(numbers).max() <= 1.0
     env.close()
 

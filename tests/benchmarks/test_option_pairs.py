@@ -23,12 +23,25 @@ def test_every_pair_is_in_a_row_unless_it_is_refused(command: str) -> None:
         left -= pairs_of(row)
         rows += 1
     assert len(left) < 4 and rows < 80, "a pair may have no row that is not refused"
-    assert words_of(command, {name: values[0] for name, values in options.items()}, Path("made"))[0] == command
+    assert (
+        words_of(command, {name: values[0] for name, values in options.items()}, Path("made"))[0]
+        == command
+    )
 
 
 @pytest.mark.slow
 def test_some_rows_work(tmp_path: Path) -> None:
-    words = ["option_pairs", "--rows", "2", "--commands", "train", "record", "evaluate", "--folder", str(tmp_path)]
+    words = [
+        "option_pairs",
+        "--rows",
+        "2",
+        "--commands",
+        "train",
+        "record",
+        "evaluate",
+        "--folder",
+        str(tmp_path),
+    ]
     assert run(words) == 0
     found = json.loads((tmp_path / "study.json").read_text())
     assert all(found[command]["rows"] == 2 and not found[command]["faults"] for command in OPTIONS)

@@ -39,6 +39,11 @@ def test_a_curve_has_an_interval_from_five_seeds_on(seeds: int, bands: int) -> N
 def test_a_claim_holds_does_not_or_was_not_run() -> None:
     agents = ("td3", "sac", "droq")
     said = claims([cell(agent, 5) for agent in agents])
-    assert "| `paper_2wheeler` | all learn RunAway-v0 in 40 episodes | TD3 20, SAC 20, DroQ 20 | holds |" in said
+    assert (
+        "| `paper_2wheeler` | all learn RunAway-v0 in 40 episodes | TD3 20, SAC 20, DroQ 20 "
+        "| holds |"
+    ) in said
     assert "not run in full" in claims([cell("sac", 5)]).splitlines()[2]
-    assert "does not hold" in claims([cell(agent, 5, last=-0.5) for agent in agents]).splitlines()[2]
+    assert (
+        "does not hold" in claims([cell(agent, 5, last=-0.5) for agent in agents]).splitlines()[2]
+    )

@@ -26,13 +26,21 @@ from bricktwin.twin.physics import Physics
 
 HEADS, MACHINE = ["row", "column"], {"processor": "P", "cores": 2}
 SMALL = SACSettings(hidden=(8,), batch_size=8, updates_per_step=0.1)
-AFTER = (Condition("same", episodes=2), Condition("twin", "Walker-v0", {"physics": Physics(friction_scale=0.8)}, 1))
+AFTER = (
+    Condition("same", episodes=2),
+    Condition("twin", "Walker-v0", {"physics": Physics(friction_scale=0.8)}, 1),
+)
 
 
 def cells(quick: bool) -> tuple[Cell, ...]:
     agents = {"sac": (SMALL, AFTER), "random": (None, AFTER[:1])}
     return tuple(
-        Cell(agent, "WalkerSim-v0", {"env": "WalkerSim-v0", "agent": agent, "episodes": 2, "settings": settings}, after)
+        Cell(
+            agent,
+            "WalkerSim-v0",
+            {"env": "WalkerSim-v0", "agent": agent, "episodes": 2, "settings": settings},
+            after,
+        )
         for agent, (settings, after) in agents.items()
     )
 
@@ -51,8 +59,12 @@ def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
     assert [cell["row"] for cell in result["cells"]] == ["sac", "random"]
     found = result["cells"][0]["conditions"]
     assert found["same"]["episodes"] == 4 and found["twin"]["episodes"] == 2
-    assert found["same"]["return_95"] is None and result["improvements"][0]["probability_95"] is None
-    assert {"processor", "cores", "system"} == set(result["machine"]) and "torch" in result["versions"]
+    assert (
+        found["same"]["return_95"] is None and result["improvements"][0]["probability_95"] is None
+    )
+    assert {"processor", "cores", "system"} == set(result["machine"]) and "torch" in result[
+        "versions"
+    ]
     text = page.read_text()
     assert (
         "| agent | environment | settings | seeds | return, same | return, twin |" in text
@@ -68,26 +80,37 @@ def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
     times_s[0] = None  # of a resumed run, only the last part is known
     assert json.loads((tmp_path / "toy" / "study.json").read_text())["cells"] == result["cells"]
     assert untouched.stat().st_mtime_ns == before
-    assert len((folder / "metrics.csv").read_text().splitlines()) == 3, "the run was not made again, only evaluated"
+    assert len((folder / "metrics.csv").read_text().splitlines()) == 3, (
+        "the run was not made again, only evaluated"
+    )
 
 
 @pytest.mark.parametrize("damaged", ['{"seed": 0, ', "[1]", '{"seed": 0}'])
 def test_seed_with_a_damaged_outcome_is_evaluated_again(tmp_path: Path, damaged: str) -> None:
     for _ in range(2):
         text = run_study(TOY, tmp_path, quick=True, seeds=1, jobs=1, only=("random-*",)).read_text()
-        assert "Command: `bricksrl study toy --quick`." in text and "| random | WalkerSim-v0 | default | 1 | -" in text
+        assert (
+            "Command: `bricksrl study toy --quick`." in text
+            and "| random | WalkerSim-v0 | default | 1 | -" in text
+        )
         (tmp_path / "random-WalkerSim-v0" / "seed-0" / "outcome.json").write_text(damaged)
 
 
 def test_folder_of_another_study_raises(tmp_path: Path) -> None:
     run_study(TOY, tmp_path, quick=True, seeds=1, jobs=1, only=("random-*",))
-    with pytest.raises(RunError, match=r"has the study 'toy' in quick form; choose another folder$"):
+    with pytest.raises(
+        RunError, match=r"has the study 'toy' in quick form; choose another folder$"
+    ):
         run_study(TOY, tmp_path, seeds=1, jobs=1, only=("random-*",))
     with pytest.raises(RunError, match="has the study 'toy'"):
-        run_study(replace(TOY, name="other"), tmp_path, quick=True, seeds=1, jobs=1, only=("random-*",))
+        run_study(
+            replace(TOY, name="other"), tmp_path, quick=True, seeds=1, jobs=1, only=("random-*",)
+        )
 
 
-def test_study_that_cannot_run_makes_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_study_that_cannot_run_makes_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(RunError, match="no 'slurm' to run on"):
         run_study(TOY, tmp_path / "study", quick=True, on="slurm")
     monkeypatch.setitem(sys.modules, "ray", None)
@@ -98,16 +121,24 @@ def test_study_that_cannot_run_makes_no_folder(tmp_path: Path, monkeypatch: pyte
 
 def test_each_seed_is_evaluated_on_episodes_of_its_own(tmp_path: Path) -> None:
     run_study(TOY, tmp_path, quick=True, jobs=1, only=("random-*",))
-    one, other = json.loads((tmp_path / "study.json").read_text())["cells"][0]["conditions"]["same"]["returns"]
+    one, other = json.loads((tmp_path / "study.json").read_text())["cells"][0]["conditions"][
+        "same"
+    ]["returns"]
     assert one != other
 
 
 def test_only_chosen_cells_are_run(tmp_path: Path) -> None:
     page = run_study(TOY, tmp_path, quick=True, jobs=1, only=("random-*",))
     assert "| random |" in page.read_text() and "Not run: sac-WalkerSim-v0." in page.read_text()
-    assert "| random |" in run_study(TOY, tmp_path, quick=True, seeds=1, jobs=1, only=("sac-*",)).read_text(), "kept"
+    assert (
+        "| random |"
+        in run_study(TOY, tmp_path, quick=True, seeds=1, jobs=1, only=("sac-*",)).read_text()
+    ), "kept"
     assert "Not run" not in page.read_text()
-    with pytest.raises(RunError, match="no cell of 'toy' matches ppo-\\*; choose from sac-WalkerSim-v0, random-WalkerSim-v0"):
+    with pytest.raises(
+        RunError,
+        match="no cell of 'toy' matches ppo-\\*; choose from sac-WalkerSim-v0, random-WalkerSim-v0",
+    ):
         run_study(TOY, tmp_path, quick=True, only=("ppo-*",))
 
 
@@ -117,9 +148,18 @@ def test_workers_end_with_a_study_that_is_killed(tmp_path: Path) -> None:
     assert_runs_end_with(study, tmp_path)
 
 
-def test_training_that_ctrl_c_ends_has_no_outcome_and_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_training_that_ctrl_c_ends_has_no_outcome_and_is_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     config = {"env": "WalkerSim-v0", "episodes": 4, "settings": SMALL}
-    study = Study("i", "I", 6, 6, seeds=5, cells=lambda _: (Cell("sac", "c", config, (Condition("same", episodes=1),)),))
+    study = Study(
+        "i",
+        "I",
+        6,
+        6,
+        seeds=5,
+        cells=lambda _: (Cell("sac", "c", config, (Condition("same", episodes=1),)),),
+    )
     append = RunFolder.append
 
     def interrupt(folder: RunFolder, episode: Episode) -> None:
@@ -142,8 +182,14 @@ def test_training_that_ctrl_c_ends_has_no_outcome_and_is_resumed(tmp_path: Path,
 def test_killed_process_raises_one_line(tmp_path: Path) -> None:
     (tmp_path / "killed.py").write_text("import os\nos._exit(9)\n")
     config = {"env": str(tmp_path / "killed.py"), "episodes": 1}
-    study = Study("k", "K", 6, 6, seeds=5, cells=lambda _: (Cell("sac", "c", config, (Condition("same"),)),))
-    with pytest.raises(RunError, match="a process was killed, maybe for lack of memory; repeat the command with fewer --jobs"):
+    study = Study(
+        "k", "K", 6, 6, seeds=5, cells=lambda _: (Cell("sac", "c", config, (Condition("same"),)),)
+    )
+    with pytest.raises(
+        RunError,
+        match="a process was killed, maybe for lack of memory; repeat the command with "
+        "fewer --jobs",
+    ):
         run_study(study, tmp_path / "study", seeds=2, jobs=2)
 
 
@@ -155,23 +201,45 @@ def test_page_shows_all_seeds_of_the_folder(tmp_path: Path) -> None:
 
 def test_failed_seed_is_reported_others_kept(tmp_path: Path) -> None:
     def broken(quick: bool) -> tuple[Cell, ...]:
-        return (simulated(quick)[1], Cell("none", "Nowhere-v0", {"env": "Nowhere-v0", "settings": SMALL}, AFTER))
+        return (
+            simulated(quick)[1],
+            Cell("none", "Nowhere-v0", {"env": "Nowhere-v0", "settings": SMALL}, AFTER),
+        )
 
-    with pytest.raises(RunError, match="2 of 4 runs failed; the first: none-Nowhere-v0 seed 0: there is no environment"):
+    with pytest.raises(
+        RunError,
+        match="2 of 4 runs failed; the first: none-Nowhere-v0 seed 0: there is no environment",
+    ):
         run_study(Study("b", "B", 6, 6, seeds=2, cells=broken), tmp_path / "b", jobs=1)
     assert len(json.loads((tmp_path / "b" / "study.json").read_text())["cells"]) == 1
 
 
 def outcome(seed: int, returns: list[float], successes: int | None) -> dict:
-    judged = {"condition": "same", "returns": returns, "successes": successes, "metrics": {"x_m": seed}}
-    return {"seed": seed, "judged": [judged], "steps": 10, "wall_s": 1.0, "robot_s": 120.0, "reached": True}
+    judged = {
+        "condition": "same",
+        "returns": returns,
+        "successes": successes,
+        "metrics": {"x_m": seed},
+    }
+    return {
+        "seed": seed,
+        "judged": [judged],
+        "steps": 10,
+        "wall_s": 1.0,
+        "robot_s": 120.0,
+        "reached": True,
+    }
 
 
 def test_study_intervals_need_five_seeds() -> None:
     cell = Cell("r", "c", {}, (Condition("same"),))
-    few = summary(cell, [outcome(seed, [seed, seed + 1], 1) for seed in range(4)])["conditions"]["same"]
+    few = summary(cell, [outcome(seed, [seed, seed + 1], 1) for seed in range(4)])["conditions"][
+        "same"
+    ]
     assert few["return_95"] is None and "success_95" not in few and few["success_rate"] == 0.5
-    many = summary(cell, [outcome(seed, [seed, seed + 1], 1) for seed in range(5)])["conditions"]["same"]
+    many = summary(cell, [outcome(seed, [seed, seed + 1], 1) for seed in range(5)])["conditions"][
+        "same"
+    ]
     assert many["return_iqm"] == 2.5 and many["return_95"][0] < 2.5 < many["return_95"][1]
     assert many["success_95"] == pytest.approx([0.237, 0.763], abs=1e-3)
     assert many["metrics"] == {"x_m": 2.0}
@@ -180,20 +248,46 @@ def test_study_intervals_need_five_seeds() -> None:
 def test_no_study_interval_below_five_seeds() -> None:
     assert seeds_interval([1.0, 2.0, 3.0, 4.0]) is None
     interval = seeds_interval([1.0, 2.0, 3.0, 4.0, 5.0])
-    assert interval is not None and interval.low < interquartile_mean(np.arange(1.0, 6.0)) < interval.high
+    assert (
+        interval is not None
+        and interval.low < interquartile_mean(np.arange(1.0, 6.0)) < interval.high
+    )
 
 
 def test_study_page_compares_with_paper() -> None:
-    cell = Cell("sac", "Robot-v0", {}, (Condition("same"),), {"return": (1.0, 0.5), "success": 0.7, "minutes": 15})
-    result = {"title": "T", "study": "t", "quick": False, "heads": HEADS, "metrics": ["x_m"], "machine": MACHINE}
-    found = {**result, "versions": {}, "cells": [summary(cell, [outcome(seed, [2.0], 1) for seed in range(5)])]}
+    cell = Cell(
+        "sac",
+        "Robot-v0",
+        {},
+        (Condition("same"),),
+        {"return": (1.0, 0.5), "success": 0.7, "minutes": 15},
+    )
+    result = {
+        "title": "T",
+        "study": "t",
+        "quick": False,
+        "heads": HEADS,
+        "metrics": ["x_m"],
+        "machine": MACHINE,
+    }
+    found = {
+        **result,
+        "versions": {},
+        "cells": [summary(cell, [outcome(seed, [2.0], 1) for seed in range(5)])],
+    }
     lines = page(found).splitlines()
     names = [name.strip() for name in lines[5].strip("|").split("|")]
     row = dict(zip(names, (value.strip() for value in lines[7].strip("|").split("|")), strict=True))
-    assert row["return"] == "2 [2, 2]" and row["the paper's return"] == "1 ± 0.5" and row["the paper's success"] == "70 %"
+    assert (
+        row["return"] == "2 [2, 2]"
+        and row["the paper's return"] == "1 ± 0.5"
+        and row["the paper's success"] == "70 %"
+    )
     assert row["success"] == "100 % [57, 100]" and row["x m"] == "2" and row["reached"] == "5 of 5"
     assert row["robot minutes"] == "2.0" and row["the paper's minutes"] == "15"
-    assert "robot minutes" not in page({**found, "cells": [{**found["cells"][0], "robot_s": [None] * 5}]})
+    assert "robot minutes" not in page(
+        {**found, "cells": [{**found["cells"][0], "robot_s": [None] * 5}]}
+    )
 
 
 def test_study_page_has_a_table_for_each_measure_of_many_conditions() -> None:
@@ -201,36 +295,85 @@ def test_study_page_has_a_table_for_each_measure_of_many_conditions() -> None:
     outcomes = [
         {
             **outcome(seed, [], 0),
-            "judged": [{**outcome(seed, [k, k], 2 - k % 2)["judged"][0], "condition": name} for k, name in enumerate(names)],
+            "judged": [
+                {**outcome(seed, [k, k], 2 - k % 2)["judged"][0], "condition": name}
+                for k, name in enumerate(names)
+            ],
         }
         for seed in range(5)
     ]
-    cells = [summary(Cell("sac", column, {}, tuple(map(Condition, names))), outcomes) for column in ("A-v0", "B-v0")]
-    about = {"title": "T", "study": "t", "quick": False, "heads": ["agent", "environment"], "metrics": ["speed_m_s"]}
+    cells = [
+        summary(Cell("sac", column, {}, tuple(map(Condition, names))), outcomes)
+        for column in ("A-v0", "B-v0")
+    ]
+    about = {
+        "title": "T",
+        "study": "t",
+        "quick": False,
+        "heads": ["agent", "environment"],
+        "metrics": ["speed_m_s"],
+    }
     text = page({**about, "machine": MACHINE, "versions": {}, "cells": cells})
-    assert "| agent | environment | settings | seeds |" in text and "| sac | B-v0 | default | 5 |" in text
-    assert "Return:\n\n| condition | A-v0 | B-v0 |" in text and "| carpet | 2 [2, 2] | 2 [2, 2] |" in text
-    assert "| slope | 50 % [24, 76] |" in text and "| carpet | 100 %" not in text and "Success, which is 100 %" in text
-    without_failures = {**cells[0], "conditions": {name: {**cells[0]["conditions"]["same"]} for name in names}}
+    assert (
+        "| agent | environment | settings | seeds |" in text
+        and "| sac | B-v0 | default | 5 |" in text
+    )
+    assert (
+        "Return:\n\n| condition | A-v0 | B-v0 |" in text
+        and "| carpet | 2 [2, 2] | 2 [2, 2] |" in text
+    )
+    assert (
+        "| slope | 50 % [24, 76] |" in text
+        and "| carpet | 100 %" not in text
+        and "Success, which is 100 %" in text
+    )
+    without_failures = {
+        **cells[0],
+        "conditions": {name: {**cells[0]["conditions"]["same"]} for name in names},
+    }
     text = page({**about, "machine": MACHINE, "versions": {}, "cells": [without_failures]})
     assert "Success: 100 % under all conditions." in text
 
 
 def test_study_page_joins_cells_and_names_units() -> None:
     cell = Cell("bc", "A-v0", {}, (Condition("same"),))
-    paper, default = (summary(cell, [outcome(seed, [value], None) for seed in range(5)]) for value in (1.0, 2.0))
-    default["conditions"] = {"other": {**default["conditions"]["same"], "metrics": {"pitch_deg": 3.0}}}
-    about = {"title": "T", "study": "t", "quick": False, "heads": HEADS, "metrics": ["pitch_deg"], "machine": MACHINE}
+    paper, default = (
+        summary(cell, [outcome(seed, [value], None) for seed in range(5)]) for value in (1.0, 2.0)
+    )
+    default["conditions"] = {
+        "other": {**default["conditions"]["same"], "metrics": {"pitch_deg": 3.0}}
+    }
+    about = {
+        "title": "T",
+        "study": "t",
+        "quick": False,
+        "heads": HEADS,
+        "metrics": ["pitch_deg"],
+        "machine": MACHINE,
+    }
     lines = page({**about, "versions": {}, "cells": [paper, default]}).splitlines()
-    assert lines[5].startswith("| row | column | settings | seeds | return, same | return, other | pitch, degrees |")
-    assert lines[7].startswith("| bc | A-v0 | default | 5 | 1 [1, 1] | 2 [2, 2] | 3 |") and not lines[8]
+    assert lines[5].startswith(
+        "| row | column | settings | seeds | return, same | return, other | pitch, degrees |"
+    )
+    assert (
+        lines[7].startswith("| bc | A-v0 | default | 5 | 1 [1, 1] | 2 [2, 2] | 3 |")
+        and not lines[8]
+    )
 
 
 def test_study_page_shows_cpu_time_where_all_seeds_have_it() -> None:
     cell = Cell("sac", "Robot-v0", {}, (Condition("same"),))
-    earlier = [outcome(seed, [2.0], 1) for seed in range(5)]  # of a study before CPU times were measured
+    # of a study before CPU times were measured
+    earlier = [outcome(seed, [2.0], 1) for seed in range(5)]
     later = [{**one, "cpu_s": 90.0} for one in earlier]
-    result = {"title": "T", "study": "t", "quick": False, "heads": HEADS, "machine": MACHINE, "versions": {}}
+    result = {
+        "title": "T",
+        "study": "t",
+        "quick": False,
+        "heads": HEADS,
+        "machine": MACHINE,
+        "versions": {},
+    }
     heads = []
     for outcomes in (earlier, later, [*earlier[:4], later[4]]):
         text = page({**result, "cells": [summary(cell, outcomes)]})
@@ -239,15 +382,29 @@ def test_study_page_shows_cpu_time_where_all_seeds_have_it() -> None:
 
 
 def test_fine_tuning_leaves_original_run(tmp_path: Path) -> None:
-    later = Condition("later", "RunAway-v0", {"physics": Physics(friction_scale=0.8)}, 1, learn_episodes=2)
+    later = Condition(
+        "later", "RunAway-v0", {"physics": Physics(friction_scale=0.8)}, 1, learn_episodes=2
+    )
     config = {"env": "RunAway-v0", "agent": "sac", "episodes": 2, "settings": SMALL, "stop_at": 1e6}
-    study = Study("l", "L", 6, 6, seeds=5, cells=lambda _: (Cell("sac", "c", config, (Condition("same", episodes=1), later)),))
+    study = Study(
+        "l",
+        "L",
+        6,
+        6,
+        seeds=5,
+        cells=lambda _: (Cell("sac", "c", config, (Condition("same", episodes=1), later)),),
+    )
     run_study(study, tmp_path, seeds=1, jobs=1)
     cell = json.loads((tmp_path / "study.json").read_text())["cells"][0]
     assert set(cell["conditions"]) == {"same", "later"} and cell["reached"] == [False]
-    assert {"action_size", "episode_steps", "largest_pitch_deg"} <= set(cell["conditions"]["later"]["metrics"])
+    assert {"action_size", "episode_steps", "largest_pitch_deg"} <= set(
+        cell["conditions"]["later"]["metrics"]
+    )
     folders = tmp_path / "sac-c"
-    lines = [len((folders / name / "metrics.csv").read_text().splitlines()) for name in ("seed-0", "seed-0-condition-1")]
+    lines = [
+        len((folders / name / "metrics.csv").read_text().splitlines())
+        for name in ("seed-0", "seed-0-condition-1")
+    ]
     assert lines == [3, 3]
 
 

@@ -22,7 +22,9 @@ def test_value_is_found_where_a_frame_holds_it():
     assert not list(files)
 
 
-@pytest.mark.parametrize("name", ["configuration of a run", "`--seed`", "`--randomize`", "`--episodes`"])
+@pytest.mark.parametrize(
+    "name", ["configuration of a run", "`--seed`", "`--randomize`", "`--episodes`"]
+)
 def test_walk_visits_eight_files_at_most(name):
     files = json.loads((RESULTS / "walks.json").read_text())["walks"][name]
     assert 2 <= len(files) <= 8

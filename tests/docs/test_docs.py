@@ -25,12 +25,22 @@ from bricksrl.envs.registry import _BUILT_IN
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-FOLLOWED = [ROOT / "README.md", *(DOCS / f"{name}.md" for name in ("start", "watch", "lesson", "own", "policies"))]
+FOLLOWED = [
+    ROOT / "README.md",
+    *(DOCS / f"{name}.md" for name in ("start", "watch", "lesson", "own", "policies")),
+]
 """Pages with executed commands."""
 READ = [path for path in sorted(DOCS.glob("*.md")) if path not in FOLLOWED]
 """Pages with commands for the reader's robots and files, which are only parsed."""
 READMES = sorted((ROOT / "packages").glob("*/README.md"))
-LINES = {line.prog: line for line in (brickhub.cli.command_table.LINE, bricktwin.cli.command_table.LINE, bricksrl.cli.app.LINE)}
+LINES = {
+    line.prog: line
+    for line in (
+        brickhub.cli.command_table.LINE,
+        bricktwin.cli.command_table.LINE,
+        bricksrl.cli.app.LINE,
+    )
+}
 NOTEBOOKS = sorted((DOCS / "tutorials").glob("*.ipynb"))
 
 
@@ -45,7 +55,11 @@ def commands(page: Path, house: str = "bricksrl") -> list[list[str]]:
     """Arguments of all commands of a house on a page."""
     lines = [line for block in blocks(page, "bash") for line in block.splitlines()]
     lines += re.findall(rf"^ {{4}}({house} .*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    return [shlex.split(line.partition(" > ")[0], comments=True)[1:] for line in lines if line.startswith(f"{house} ")]
+    return [
+        shlex.split(line.partition(" > ")[0], comments=True)[1:]
+        for line in lines
+        if line.startswith(f"{house} ")
+    ]
 
 
 def cheap(words: list[str]) -> list[str]:
@@ -87,8 +101,14 @@ def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 @pytest.mark.slow
 @pytest.mark.timeout(1200)  # of a whole page, on a computer that does other things too
 @pytest.mark.parametrize("page", FOLLOWED, ids=lambda page: page.stem)
-def test_docs_pages_can_be_executed(page: Path, clone: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    done = [words for words in commands(page) if not (needs_a_robot(words) or needs_a_browser(words) or words[0] == "doctor")]
+def test_docs_pages_can_be_executed(
+    page: Path, clone: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    done = [
+        words
+        for words in commands(page)
+        if not (needs_a_robot(words) or needs_a_browser(words) or words[0] == "doctor")
+    ]
     for words in done:
         code = main(cheap(words))
         told = capfd.readouterr()
@@ -102,7 +122,9 @@ def test_docs_pages_can_be_executed(page: Path, clone: Path, capfd: pytest.Captu
     assert done
 
 
-@pytest.mark.parametrize("page", [*FOLLOWED, *READ, *READMES], ids=lambda page: f"{page.parent.name}-{page.stem}")
+@pytest.mark.parametrize(
+    "page", [*FOLLOWED, *READ, *READMES], ids=lambda page: f"{page.parent.name}-{page.stem}"
+)
 def test_commands_exist(page: Path) -> None:
     for house, line in LINES.items():
         for words in commands(page, house):
@@ -147,21 +169,32 @@ def test_first_notebook_runs_in_kernel(tmp_path: Path) -> None:
         cell.source = shortened(cell.source)
         cell.pop("outputs", None)
     nbclient.NotebookClient(
-        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
+        notebook,
+        timeout=300,
+        kernel_name="python3",
+        resources={"metadata": {"path": str(tmp_path)}},
     ).execute()
-    assert any("image/png" in out.get("data", {}) for cell in notebook.cells for out in cell.get("outputs", []))
+    assert any(
+        "image/png" in out.get("data", {})
+        for cell in notebook.cells
+        for out in cell.get("outputs", [])
+    )
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebooks_hold_the_outputs_of_their_cells(path: Path) -> None:
     """As `python -m benchmarks notebooks` stores them."""
     notebook = nbformat.read(path, 4)
-    assert notebook.metadata["executed"] == digest(notebook), "execute it again: python -m benchmarks notebooks"
+    assert notebook.metadata["executed"] == digest(notebook), (
+        "execute it again: python -m benchmarks notebooks"
+    )
     outputs = [out for cell in notebook.cells if cell.cell_type == "code" for out in cell.outputs]
     text = json.dumps(outputs)
     assert not any(out.output_type == "error" or out.get("name") == "stderr" for out in outputs)
     assert not re.search(r"/(home|root|tmp|work|Users)/", text), "a path of the machine"
-    assert "video/mp4;base64" in text or path.name[0] == "6", "the robot is seen; that of tutorial 6 lies on a bench"
+    assert "video/mp4;base64" in text or path.name[0] == "6", (
+        "the robot is seen; that of tutorial 6 lies on a bench"
+    )
     assert path.stat().st_size < 400_000
 
 
@@ -171,8 +204,12 @@ def test_notebooks_are_for_pupils() -> None:
         cells = nbformat.read(path, 4).cells
         for source in (cell.source for cell in cells if cell.cell_type == "code"):
             assert "environ" not in source and "test" not in source, "nothing of the tests"
-            told = re.match(r"# This takes about [\d.]+ (seconds|minutes) on one laptop core\.\n", source)
-            assert bool(told) == bool(re.search(r"\b(train|learn)\(", source)), "a cell that trains says how long"
+            told = re.match(
+                r"# This takes about [\d.]+ (seconds|minutes) on one laptop core\.\n", source
+            )
+            assert bool(told) == bool(re.search(r"\b(train|learn)\(", source)), (
+                "a cell that trains says how long"
+            )
 
 
 def test_environments_with_a_robot_have_a_picture() -> None:
@@ -199,9 +236,21 @@ def test_site_builds_without_warnings_or_broken_links(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
     site = tmp_path / "site"
-    pages = {page.relative_to(site).as_posix(): page.read_text(encoding="utf-8") for page in site.rglob("*.html")}
-    assert {"index.html", "start.html", "teaching.html", "reference/cli.html", "reference/environments.html"} <= pages.keys()
-    assert "bricksrl compare" in pages["reference/cli.html"] and "RoboArmSim-v0" in pages["reference/environments.html"]
+    pages = {
+        page.relative_to(site).as_posix(): page.read_text(encoding="utf-8")
+        for page in site.rglob("*.html")
+    }
+    assert {
+        "index.html",
+        "start.html",
+        "teaching.html",
+        "reference/cli.html",
+        "reference/environments.html",
+    } <= pages.keys()
+    assert (
+        "bricksrl compare" in pages["reference/cli.html"]
+        and "RoboArmSim-v0" in pages["reference/environments.html"]
+    )
     for name, text in pages.items():
         for target in re.findall(r'href="([^"#:?]+)[^":]*"', text):
             assert (site / name).parent.joinpath(target).exists(), (name, target)

@@ -21,7 +21,10 @@ def test_every_robot_has_a_small_one() -> None:
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.json")), ids=lambda path: path.stem)
 def test_episode_plays_is_turned_and_scrubbed(path: Path, tmp_path: Path) -> None:
     (tmp_path / "episode.html").write_text(page_of(path), encoding="utf-8")
-    with chromium() as browser, tab(browser, (tmp_path / "episode.html").as_uri(), 640, 400) as page:
+    with (
+        chromium() as browser,
+        tab(browser, (tmp_path / "episode.html").as_uri(), 640, 400) as page,
+    ):
         page.wait_for_function("document.getElementById('scene').dataset.frames > 3")
         page.get_by_role("button", name="Pause").click()
         page.get_by_role("slider", name="time").fill("2000")

@@ -13,8 +13,12 @@ from brickhub.robot import Direction, HubKind, MotorKind, SensorKind
 
 DOCS = Path(__file__).parents[2] / "docs"
 REFERENCE = (DOCS / "reference" / "api.md").read_text(encoding="utf-8")
-DOCUMENTED = {place.rpartition(".")[2] for place in re.findall(r"auto(?:class|function):: (\S+)", REFERENCE)}
-DOCUMENTED |= {name.strip() for names in re.findall(r":members: (.+)", REFERENCE) for name in names.split(",")}
+DOCUMENTED = {
+    place.rpartition(".")[2] for place in re.findall(r"auto(?:class|function):: (\S+)", REFERENCE)
+}
+DOCUMENTED |= {
+    name.strip() for names in re.findall(r":members: (.+)", REFERENCE) for name in names.split(",")
+}
 OF_USERS = (
     "bricksrl.agents.encoder",
     "bricksrl.agents.networks",
@@ -46,7 +50,8 @@ INTERNAL = {
 
 
 def importable(module_name: str) -> set[str]:
-    """Public classes and functions of ours in a module, also those that it passes on from another house."""
+    """Public classes and functions of ours in a module, also those that it passes on from another
+    house."""
     module = importlib.import_module(module_name)
     home = getattr(module, "__all__", None)
     names = set()
@@ -57,7 +62,9 @@ def importable(module_name: str) -> set[str]:
         if place.endswith((".errors", ".fields")):
             continue
         passes_on = module_name.startswith(("bricksrl.robots", "bricksrl.hub.", "bricksrl.twin."))
-        is_of = place == module_name or (place.startswith(("brickhub.", "bricktwin.")) and passes_on)
+        is_of = place == module_name or (
+            place.startswith(("brickhub.", "bricktwin.")) and passes_on
+        )
         if is_of or (home is not None and name in home and place.startswith("brick")):
             names.add(name)
     return names
@@ -77,7 +84,10 @@ def test_documented_places_exist():
 
 
 def test_imports_of_the_pages_are_in_the_reference():
-    pattern = re.compile(r"^ *from (bricksrl\.(?:robots|hub\.interface|twin\.\w+|envs(?:\.\w+)*)) import (.+)$", re.MULTILINE)
+    pattern = re.compile(
+        r"^ *from (bricksrl\.(?:robots|hub\.interface|twin\.\w+|envs(?:\.\w+)*)) import (.+)$",
+        re.MULTILINE,
+    )
     for page in DOCS.glob("*.md"):
         for _, names in pattern.findall(page.read_text(encoding="utf-8")):
             classes = {name.strip() for name in names.split(",") if not name.strip().isupper()}
@@ -86,7 +96,9 @@ def test_imports_of_the_pages_are_in_the_reference():
 
 @pytest.mark.parametrize("kind", [HubKind, MotorKind, SensorKind, Direction])
 def test_wrong_kind_is_answered_with_all_kinds(kind):
-    with pytest.raises(AttributeError, match=f"there is no {kind.__name__}.BLUE; choose .*{list(kind)[-1].name}"):
+    with pytest.raises(
+        AttributeError, match=f"there is no {kind.__name__}.BLUE; choose .*{list(kind)[-1].name}"
+    ):
         kind.BLUE  # noqa: B018
 
 
@@ -100,4 +112,7 @@ def test_llms_txt_names_every_page():
     linked = set(re.findall(r"\]\(([\w/]+)\.html\)", text))
     pages = {path.stem for path in DOCS.glob("*.md")} - {"index"}
     assert pages <= linked, pages - linked
-    assert all((DOCS / f"{name}.md").exists() or name in ("reference/cli", "reference/environments") for name in linked)
+    assert all(
+        (DOCS / f"{name}.md").exists() or name in ("reference/cli", "reference/environments")
+        for name in linked
+    )

@@ -40,8 +40,13 @@ def main(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 def test_examples_are_short() -> None:
     paths = sorted(EXAMPLES.glob("*.py"))
-    assert [path.name[:3] for path in paths] == [f"{number:02}_" for number in range(1, len(paths) + 1)]
-    assert all(len(path.read_text(encoding="utf-8").splitlines()) <= LONG.get(path.stem, 60) for path in paths)
+    assert [path.name[:3] for path in paths] == [
+        f"{number:02}_" for number in range(1, len(paths) + 1)
+    ]
+    assert all(
+        len(path.read_text(encoding="utf-8").splitlines()) <= LONG.get(path.stem, 60)
+        for path in paths
+    )
 
 
 def test_first_run(main, capsys) -> None:
@@ -54,7 +59,9 @@ def test_train(main, capsys) -> None:
     assert "on other robots" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["03_own_task", "04_own_robot", "13_front_steered", "14_driving_robot", "15_six_legs"])
+@pytest.mark.parametrize(
+    "name", ["03_own_task", "04_own_robot", "13_front_steered", "14_driving_robot", "15_six_legs"]
+)
 def test_own_robot_and_task(name: str, tmp_path: Path) -> None:
     path = EXAMPLES / f"{name}.py"
     assert lines_of_code(path) <= OWN_LINES
@@ -68,16 +75,22 @@ def test_own_driving_robot_video(tmp_path: Path) -> None:
     assert len(path.read_text(encoding="utf-8").splitlines()) <= DRIVING_LINES
     train(TrainConfig(str(path), episodes=1, run_dir=run_dir))
     try:
-        filmed = film_run(run_dir, "last", tmp_path / "film.mp4", "it drives", size=(320, 240), budget_s=3.0)
+        filmed = film_run(
+            run_dir, "last", tmp_path / "film.mp4", "it drives", size=(320, 240), budget_s=3.0
+        )
     except RenderingUnavailableError as error:
         pytest.skip(str(error))
     assert filmed.path.stat().st_size > 5_000
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["03_own_task", "04_own_robot", "13_front_steered", "14_driving_robot", "15_six_legs"])
+@pytest.mark.parametrize(
+    "name", ["03_own_task", "04_own_robot", "13_front_steered", "14_driving_robot", "15_six_legs"]
+)
 def test_own_tasks_are_learned(name: str, tmp_path: Path) -> None:
-    episodes = train(TrainConfig(str(EXAMPLES / f"{name}.py"), episodes=30, run_dir=tmp_path / "run")).episodes
+    episodes = train(
+        TrainConfig(str(EXAMPLES / f"{name}.py"), episodes=30, run_dir=tmp_path / "run")
+    ).episodes
     returns = [episode.return_ for episode in episodes]
     assert sum(returns[-5:]) / 5 > sum(returns[:10]) / 10 + 1.0
 
@@ -104,7 +117,8 @@ def test_evaluate_elsewhere(main, capsys) -> None:
 
 def test_camera(main, capsys, monkeypatch) -> None:
     monkeypatch.setattr("bricksrl.envs.registry._specs", dict(_BUILT_IN))
-    monkeypatch.setitem(sys.modules, "torchvision", None)  # where it is there, weights would be fetched
+    # where it is there, weights would be fetched
+    monkeypatch.setitem(sys.modules, "torchvision", None)
     main("09_camera")()
     said = capsys.readouterr().out
     assert "on the robot: torch.uint8 [64, 64, 3]" in said
@@ -114,8 +128,15 @@ def test_camera(main, capsys, monkeypatch) -> None:
 
 def test_hub_program() -> None:
     out, task = io.BytesIO(), get_task("RunAway-v0")
-    code = run_file(EXAMPLES / "10_hub_program.py", make_body(task.robot, scene=task.scene), stdout=out, stderr=sys.stderr)
-    before, after = (int(line.split("is ")[1].split(" ")[0]) for line in out.getvalue().decode().splitlines())
+    code = run_file(
+        EXAMPLES / "10_hub_program.py",
+        make_body(task.robot, scene=task.scene),
+        stdout=out,
+        stderr=sys.stderr,
+    )
+    before, after = (
+        int(line.split("is ")[1].split(" ")[0]) for line in out.getvalue().decode().splitlines()
+    )
     assert code == 0 and before < 500 <= 800 <= after
 
 
@@ -124,6 +145,8 @@ def test_program_test_imports_no_torch() -> None:
 import pytest, sys
 passed = pytest.main([{str(EXAMPLES / "11_test_a_program.py")!r}, "--quiet", "-p", "no:cacheprovider"]) == 0
 print(passed, sorted({{"gymnasium", "mujoco", "numpy", "tensordict", "torch", "torchrl"}} & set(sys.modules)))
-"""
-    done = subprocess.run([sys.executable, "-c", test], capture_output=True, text=True, timeout=60, check=False)
+"""  # noqa: E501
+    done = subprocess.run(
+        [sys.executable, "-c", test], capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.stdout.splitlines()[-1] == "True []", done.stdout

@@ -1,4 +1,5 @@
-"""``pytest --cpu-times FILE``: CPU time of each test, with all processes that it starts, as lines of JSON."""
+"""``pytest --cpu-times FILE``: CPU time of each test, with all processes that it starts, as lines
+of JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +17,12 @@ _TICKS = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option."""
     group = parser.getgroup("bricks")
-    group.addoption("--cpu-times", type=Path, metavar="FILE", help="append the CPU time of each test, as lines of JSON (Linux)")
+    group.addoption(
+        "--cpu-times",
+        type=Path,
+        metavar="FILE",
+        help="append the CPU time of each test, as lines of JSON (Linux)",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -35,7 +41,12 @@ class _CpuTimes:
         """CPU time since the last line is that of ``name``."""
         now_s = time.process_time() + children_s(os.getpid())
         with self._path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"test": name, "cpu_s": round(now_s - self._last_s, 3), "process": os.getpid()}) + "\n")
+            file.write(
+                json.dumps(
+                    {"test": name, "cpu_s": round(now_s - self._last_s, 3), "process": os.getpid()}
+                )
+                + "\n"
+            )
         self._last_s = now_s
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:

@@ -1,5 +1,5 @@
-"""``pytest --shake SEED``: tests with starts that are a little off. ``--met FILE`` says which tests that touches, and ``--only
-FILE`` runs those."""
+"""``pytest --shake SEED``: tests with starts that are a little off. ``--met FILE`` says which tests
+that touches, and ``--only FILE`` runs those."""
 
 from __future__ import annotations
 
@@ -16,9 +16,21 @@ import shaking
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the options."""
     group = parser.getgroup("bricks")
-    group.addoption("--shake", type=int, metavar="SEED", help="each body starts 1e-9 off, each first weight is 1e-7 off")
-    group.addoption("--only", type=Path, metavar="FILE", help="run only the tests whose names are in a file")
-    group.addoption("--met", type=Path, metavar="FILE", help="append the names of the tests that meet something shaken")
+    group.addoption(
+        "--shake",
+        type=int,
+        metavar="SEED",
+        help="each body starts 1e-9 off, each first weight is 1e-7 off",
+    )
+    group.addoption(
+        "--only", type=Path, metavar="FILE", help="run only the tests whose names are in a file"
+    )
+    group.addoption(
+        "--met",
+        type=Path,
+        metavar="FILE",
+        help="append the names of the tests that meet something shaken",
+    )
 
 
 @pytest.hookimpl(tryfirst=True)

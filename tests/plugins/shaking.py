@@ -1,10 +1,13 @@
-"""Shaken starts: each body starts 1e-9 off, and each network's first weights are 1e-7 off, by a seed.
+"""Shaken starts: each body starts 1e-9 off, and each network's first weights are 1e-7 off, by a
+seed.
 
-The last digit differs between processors, and chaos makes it the first. What holds on one processor by luck does not hold
-under a shake. Modules are changed as they are imported, and the library knows nothing about it. Processes that tests start
-are shaken too, as they inherit the environment: ``child/sitecustomize.py`` is the first thing that they run.
+The last digit differs between processors, and chaos makes it the first. What holds on one processor
+by luck does not hold under a shake. Modules are changed as they are imported, and the library knows
+nothing about it. Processes that tests start are shaken too, as they inherit the environment:
+``child/sitecustomize.py`` is the first thing that they run.
 
-What is drawn depends on the seed and the size alone, so that what is equal in a program stays equal, bit for bit.
+What is drawn depends on the seed and the size alone, so that what is equal in a program stays
+equal, bit for bit.
 """
 
 from __future__ import annotations
@@ -31,7 +34,8 @@ CHILD = Path(__file__).parent / "child"
 
 
 def shake_everything() -> None:
-    """Change the modules below, or do so when they are imported, here and in processes that are started from here."""
+    """Change the modules below, or do so when they are imported, here and in processes that are
+    started from here."""
     for name, change in CHANGED.items():
         if name in sys.modules:
             change(sys.modules[name])
@@ -50,7 +54,9 @@ def _shake_bodies(module: ModuleType) -> None:
         import numpy as np
 
         settle(model, data, robots)
-        data.qpos[:] += BODY_OFF * np.random.default_rng([_seed(), model.nq]).uniform(-1.0, 1.0, model.nq)
+        data.qpos[:] += BODY_OFF * np.random.default_rng([_seed(), model.nq]).uniform(
+            -1.0, 1.0, model.nq
+        )
         mujoco.mj_forward(model, data)
         _say_met()
 
@@ -69,7 +75,11 @@ def _shaken_weights(fill: Callable[..., Any]) -> Callable[..., Any]:
         import torch
 
         filled = fill(tensor, *args, **kwargs)
-        if isinstance(tensor, torch.nn.Parameter) and tensor.is_floating_point() and not tensor.is_meta:
+        if (
+            isinstance(tensor, torch.nn.Parameter)
+            and tensor.is_floating_point()
+            and not tensor.is_meta
+        ):
             generator = torch.Generator().manual_seed(1000 * _seed() + tensor.numel() % 1000)
             off = 2.0 * torch.rand(tensor.shape, generator=generator) - 1.0
             with torch.no_grad():
@@ -124,7 +134,8 @@ def _seed() -> int:
 
 def _say_met() -> None:
     if _MET:
-        with open(_MET, "ab") as file:  # noqa: PTH123  a method of Path opens it no faster, and tests replace those
+        # a method of Path opens it no faster, and tests replace those
+        with open(_MET, "ab") as file:  # noqa: PTH123
             file.write(b".")
 
 

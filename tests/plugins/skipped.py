@@ -1,8 +1,9 @@
 """What was skipped, why, and the one command that brings it.
 
-Each run of pytest says it at its end, and writes it into a folder with ``--skips FOLDER``; ``make test``, which consists of
-several, sums it up by ``python tests/plugins/skipped.py FOLDER``. Where the environment has ``CI=true``, only what cannot be
-had may be skipped; anything else fails the run.
+Each run of pytest says it at its end, and writes it into a folder with ``--skips FOLDER``; ``make
+test``, which consists of several, sums it up by ``python tests/plugins/skipped.py FOLDER``. Where
+the environment has ``CI=true``, only what cannot be had may be skipped; anything else fails the
+run.
 """
 
 from __future__ import annotations
@@ -38,24 +39,40 @@ class Lack:
 
 
 LACKS = (
-    Lack("no Chromium", "Chromium", "apt install chromium (elsewhere: .venv/bin/playwright install chromium)"),
+    Lack(
+        "no Chromium",
+        "Chromium",
+        "apt install chromium (elsewhere: .venv/bin/playwright install chromium)",
+    ),
     Lack("could not import 'legoeducation", "LEGO's package for its kits", f"{_PIP} legoeducation"),
     Lack("could not import 'stable_baselines3", "Stable-Baselines3", f"{_PIP} stable_baselines3"),
-    Lack("could not import 'lerobot", "LeRobot", "nothing: it wants an older torch than BricksRL", may_be=True),
+    Lack(
+        "could not import 'lerobot",
+        "LeRobot",
+        "nothing: it wants an older torch than BricksRL",
+        may_be=True,
+    ),
     Lack("OpenGL|nothing can be drawn", "OpenGL", "apt install libegl1 libgl1-mesa-dri"),
-    Lack("could not import|is not installed", "a package of the extra 'dev'", f"{_PIP} --editable 'packages/bricksrl[dev]'"),
+    Lack(
+        "could not import|is not installed",
+        "a package of the extra 'dev'",
+        f"{_PIP} --editable 'packages/bricksrl[dev]'",
+    ),
     Lack("BRICKSRL_NETWORK", "the network", "set BRICKSRL_NETWORK=1", may_be=True),
     Lack("LEGO_EDUCATION", "LEGO's examples", "set LEGO_EDUCATION to a clone of them", may_be=True),
     Lack("LDraw library", "an LDraw library", "set LDRAWDIR to one (www.ldraw.org)", may_be=True),
     Lack("IPv6", "IPv6", "nothing: it is a thing of the network of this computer", may_be=True),
     Lack(
-        "POSIX|Windows|pseudo-terminal|names are bytes|in /proc|file's size|SIGKILL|process groups|stand in for the firmware",
+        "POSIX|Windows|pseudo-terminal|names are bytes|in /proc|file's size|SIGKILL|process "
+        "groups|stand in for the firmware",
         "another operating system",
         "nothing: it is tested there",
         may_be=True,
     ),
 )
-_UNKNOWN = Lack("", "something that nobody has listed", "add it to LACKS in tests/plugins/skipped.py")
+_UNKNOWN = Lack(
+    "", "something that nobody has listed", "add it to LACKS in tests/plugins/skipped.py"
+)
 _SHOWN = 3
 """Tests that are named of each kind."""
 
@@ -85,7 +102,9 @@ def told(skips: Skips) -> list[str]:
             lines += [f"    {name}: {skips[name]}" for name in names]
         else:
             rest = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-            lines.append(f"    {', '.join(name.rpartition('/')[2] for name in names[:_SHOWN])}{rest}")
+            lines.append(
+                f"    {', '.join(name.rpartition('/')[2] for name in names[:_SHOWN])}{rest}"
+            )
     return lines
 
 
@@ -95,7 +114,8 @@ def forbidden(skips: Skips) -> Skips:
 
 
 class Collected:
-    """Plugin of pytest that collects what is skipped, also of xdist's workers, whose reports come to the controller."""
+    """Plugin of pytest that collects what is skipped, also of xdist's workers, whose reports come
+    to the controller."""
 
     def __init__(self, config: pytest.Config) -> None:
         self._folder: Path | None = config.getoption("skips")
@@ -124,8 +144,14 @@ class Collected:
             return
         if self._folder is not None:
             self._folder.mkdir(parents=True, exist_ok=True)
-            (self._folder / f"{os.getpid()}.json").write_text(json.dumps(self._skips, indent=2), encoding="utf-8")
-        if is_ci() and forbidden(self._skips) and session.exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
+            (self._folder / f"{os.getpid()}.json").write_text(
+                json.dumps(self._skips, indent=2), encoding="utf-8"
+            )
+        if (
+            is_ci()
+            and forbidden(self._skips)
+            and session.exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED)
+        ):
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
@@ -134,14 +160,20 @@ class Collected:
             terminalreporter.write_line(line)
         if is_ci() and forbidden(self._skips):
             terminalreporter.write_line(
-                f"failed: with CI=true, {len(forbidden(self._skips))} of these must not be skipped", red=True
+                f"failed: with CI=true, {len(forbidden(self._skips))} of these must not be skipped",
+                red=True,
             )
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option."""
     group = parser.getgroup("bricks")
-    group.addoption("--skips", type=Path, metavar="FOLDER", help="write what was skipped into a file of this folder")
+    group.addoption(
+        "--skips",
+        type=Path,
+        metavar="FOLDER",
+        help="write what was skipped into a file of this folder",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -150,7 +182,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def main(arguments: Iterable[str]) -> int:
-    """Say what all runs have skipped that wrote into a folder; the exit code says whether that may be."""
+    """Say what all runs have skipped that wrote into a folder; the exit code says whether that may
+    be."""
     skips: Skips = {}
     for folder in arguments:
         for path in sorted(Path(folder).glob("*.json")):

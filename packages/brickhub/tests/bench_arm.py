@@ -1,4 +1,5 @@
-"""The RoboArm on the bench: unloaded joints between their end stops, at first at the angles of a built arm."""
+"""The RoboArm on the bench: unloaded joints between their end stops, at first at the angles of a
+built arm."""
 
 from __future__ import annotations
 

@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
-from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, Pitch, Roll, RunAngle, UntilDone, Wait, YawRate
+from brickhub.hub.interface import (
+    Distance,
+    DriveStraight,
+    Interface,
+    MotorAngle,
+    Pitch,
+    Roll,
+    RunAngle,
+    UntilDone,
+    Wait,
+    YawRate,
+)
 from brickhub.robot import Direction, DriveBase, HubKind, Motor, Robot, UltrasonicSensor
 
 TWO_WHEELER = Robot(
@@ -30,7 +41,14 @@ ROBO_ARM = Robot(
     hub=HubKind.PRIME,
     motors=(
         Motor("rotation", "B", gears=(20, 60)),
-        Motor("low", "D", range_deg=(10, 70), speed_limit_deg_s=500, acceleration_deg_s2=1000, torque_limit_mnm=900),
+        Motor(
+            "low",
+            "D",
+            range_deg=(10, 70),
+            speed_limit_deg_s=500,
+            acceleration_deg_s2=1000,
+            torque_limit_mnm=900,
+        ),
         Motor("high", "A", range_deg=(-150, 10)),
         Motor("grab", "E", range_deg=(-148, -45)),
     ),
@@ -60,11 +78,18 @@ REACHING = Interface(
         RunAngle("high", -60, 60, 250),
         RunAngle("grab", -25, 25, 250),
     ),
-    channels=(MotorAngle("rotation"), MotorAngle("low", 10, 70), MotorAngle("high", -150, 10), MotorAngle("grab", -148, -45)),
+    channels=(
+        MotorAngle("rotation"),
+        MotorAngle("low", 10, 70),
+        MotorAngle("high", -150, 10),
+        MotorAngle("grab", -148, -45),
+    ),
     settle=Wait(250),
 )
 REACHING_BY_SIGHT = Interface(
-    commands=(RunAngle("rotation", -90, 90, 250), *REACHING.commands[1:3]), channels=REACHING.channels[:3], settle=Wait(250)
+    commands=(RunAngle("rotation", -90, 90, 250), *REACHING.commands[1:3]),
+    channels=REACHING.channels[:3],
+    settle=Wait(250),
 )
 TASKS = {
     "RoboArm-v0": (ROBO_ARM, REACHING),

@@ -11,17 +11,21 @@ import tempfile
 
 from hypothesis import settings
 
-# Tests leave the user's own settings and caches alone. The workers of one run share their cache: what one has built, all have.
+# Tests leave the user's own settings and caches alone. The workers of one run share their cache:
+# what one has built, all have.
 os.environ["XDG_CONFIG_HOME"] = tempfile.mkdtemp(prefix="bricks-settings-")
 atexit.register(shutil.rmtree, os.environ["XDG_CONFIG_HOME"], ignore_errors=True)
 if "BRICKS_TESTS_CACHE" not in os.environ:
-    os.environ["BRICKS_TESTS_CACHE"] = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="bricks-cache-")
+    os.environ["BRICKS_TESTS_CACHE"] = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(
+        prefix="bricks-cache-"
+    )
     atexit.register(shutil.rmtree, os.environ["BRICKS_TESTS_CACHE"], ignore_errors=True)
 
 # Before torch is imported, and inherited by the commands that tests start: tests share their cores.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-# What torch and TorchRL define stays; looking through it again and again is a quarter of the time of their import.
+# What torch and TorchRL define stays; looking through it again and again is a quarter of the time
+# of their import.
 gc.set_threshold(50_000)
 
 # A shell's background jobs ignore Ctrl-C, and so would all that they start; tests send it.

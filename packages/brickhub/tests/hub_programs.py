@@ -26,10 +26,16 @@ class Console:
 
     def _set_alarm(self) -> None:
         """Set the alarm to the next input, to wake a waiting program."""
-        self.machine.alarm_ms = min((time_ms for time_ms in self.arrivals if time_ms > self.machine.time_ms), default=None)
+        self.machine.alarm_ms = min(
+            (time_ms for time_ms in self.arrivals if time_ms > self.machine.time_ms), default=None
+        )
 
     def _arrived(self) -> bytes:
-        return b"".join(data for time_ms, data in sorted(self.arrivals.items()) if time_ms <= self.machine.time_ms)
+        return b"".join(
+            data
+            for time_ms, data in sorted(self.arrivals.items())
+            if time_ms <= self.machine.time_ms
+        )
 
     def available(self) -> int:
         return len(self._arrived()) - self.taken
@@ -44,7 +50,12 @@ class Console:
         self.written += data
 
 
-def output(source: str, arrivals: dict[int, bytes] | None = None, robot: Robot = robots.BENCH, body: Body | None = None) -> str:
+def output(
+    source: str,
+    arrivals: dict[int, bytes] | None = None,
+    robot: Robot = robots.BENCH,
+    body: Body | None = None,
+) -> str:
     machine = Machine(body or BenchBody(robot))
     console = Console(machine, arrivals or {})
     execute(source, "main.py", modules(machine, console), console)

@@ -17,7 +17,11 @@ class Done(NamedTuple):
     err: str
 
 
-def run(main: Callable[[Sequence[str]], int], capfd: pytest.CaptureFixture[str], arguments: Sequence[str]) -> Done:
+def run(
+    main: Callable[[Sequence[str]], int],
+    capfd: pytest.CaptureFixture[str],
+    arguments: Sequence[str],
+) -> Done:
     """Run a command; help and wrong arguments end it as they would end a process."""
     try:
         code: int | str | None = main(arguments)

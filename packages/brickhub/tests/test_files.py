@@ -12,14 +12,19 @@ from brickhub.errors import WriteError
 from brickhub.files import atomic_folder, check_writable, folder_with, write_durably
 
 
-def test_error_names_the_file_that_was_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_names_the_file_that_was_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Not the temporary one, of which a user knows nothing."""
 
     def full(_handle: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(WriteError, match=r"cannot write .*new/curve.png \(No space left .*\); make room on that disk, or name"):
+    with pytest.raises(
+        WriteError,
+        match=r"cannot write .*new/curve.png \(No space left .*\); make room on that disk, or name",
+    ):
         write_durably(tmp_path / "new/curve.png", b"picture")
     with (
         pytest.raises(WriteError, match=r"cannot write .*new/data \(No space left"),
@@ -31,9 +36,15 @@ def test_error_names_the_file_that_was_asked_for(tmp_path: Path, monkeypatch: py
         raise KeyboardInterrupt
     assert not (tmp_path / "deep").exists()
     (tmp_path / "file").touch()
-    with pytest.raises(WriteError, match=r"cannot write .*file/curve.png \(.*\); name another place") as caught:
+    with pytest.raises(
+        WriteError, match=r"cannot write .*file/curve.png \(.*\); name another place"
+    ) as caught:
         write_durably(tmp_path / "file/curve.png", b"picture")
-    assert isinstance(caught.value, OSError) and caught.value.strerror and "\n" not in str(caught.value)
+    assert (
+        isinstance(caught.value, OSError)
+        and caught.value.strerror
+        and "\n" not in str(caught.value)
+    )
 
 
 def test_message_names_folders_that_were_meant(tmp_path: Path) -> None:
@@ -43,27 +54,43 @@ def test_message_names_folders_that_were_meant(tmp_path: Path) -> None:
         (tmp_path / "runs" / name / "config.json").touch()
         os.utime(tmp_path / "runs" / name, (1000 - age, 1000 - age))
     names = " or ".join(str(tmp_path / "runs" / name) for name in ("walk", "run-3", "run-2"))
-    assert folder_with(tmp_path / "runs", "config.json") == f"a folder with a config.json, such as {names}"
+    assert (
+        folder_with(tmp_path / "runs", "config.json")
+        == f"a folder with a config.json, such as {names}"
+    )
     for inner in ("data", "config.json"):
-        assert folder_with(tmp_path / "runs" / "walk" / inner, "config.json").endswith(f", such as {tmp_path / 'runs' / 'walk'}")
-    assert folder_with(tmp_path / "runs" / "wlk", "config.json").endswith(f", such as {tmp_path / 'runs' / 'walk'}")
+        assert folder_with(tmp_path / "runs" / "walk" / inner, "config.json").endswith(
+            f", such as {tmp_path / 'runs' / 'walk'}"
+        )
+    assert folder_with(tmp_path / "runs" / "wlk", "config.json").endswith(
+        f", such as {tmp_path / 'runs' / 'walk'}"
+    )
 
 
 def test_check_writable_makes_nothing(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("kept")
     for path in (tmp_path / "new" / "folder" / "file", tmp_path / "new", tmp_path / "file"):
         check_writable(path)
-    refused = {tmp_path: "it is a folder", tmp_path / "file" / "new": "cannot write", tmp_path / ("x" * 300): "cannot write"}
+    refused = {
+        tmp_path: "it is a folder",
+        tmp_path / "file" / "new": "cannot write",
+        tmp_path / ("x" * 300): "cannot write",
+    }
     for path, reason in refused.items():
         with pytest.raises(WriteError, match=reason):
             check_writable(path)
-    assert [path.name for path in tmp_path.iterdir()] == ["file"] and (tmp_path / "file").read_text() == "kept"
+    assert [path.name for path in tmp_path.iterdir()] == ["file"] and (
+        tmp_path / "file"
+    ).read_text() == "kept"
 
 
 @pytest.mark.parametrize(
-    ("umask", "file_mode", "folder_mode"), [(0o022, 0o644, 0o755), (0o077, 0o600, 0o700), (0o002, 0o664, 0o775)]
+    ("umask", "file_mode", "folder_mode"),
+    [(0o022, 0o644, 0o755), (0o077, 0o600, 0o700), (0o002, 0o664, 0o775)],
 )
-def test_files_and_folders_respect_the_umask(tmp_path: Path, umask: int, file_mode: int, folder_mode: int) -> None:
+def test_files_and_folders_respect_the_umask(
+    tmp_path: Path, umask: int, file_mode: int, folder_mode: int
+) -> None:
     before = os.umask(umask)
     try:
         write_durably(tmp_path / "file", b"1")
@@ -71,7 +98,10 @@ def test_files_and_folders_respect_the_umask(tmp_path: Path, umask: int, file_mo
             write_durably(folder / "file", b"1")
     finally:
         os.umask(before)
-    modes = [path.stat().st_mode & 0o777 for path in (tmp_path / "file", tmp_path / "folder", tmp_path / "folder/file")]
+    modes = [
+        path.stat().st_mode & 0o777
+        for path in (tmp_path / "file", tmp_path / "folder", tmp_path / "folder/file")
+    ]
     assert modes == [file_mode, folder_mode, file_mode]
 
 

@@ -19,7 +19,8 @@ EXTRAS = ("brickhub.virtual.lego_transport",)
 MODULES = [
     module.name
     for module in pkgutil.walk_packages(brickhub.__path__, "brickhub.")
-    if not module.name.startswith(f"{ONBOARD}.") and module.name not in ("brickhub.__main__", *EXTRAS)
+    if not module.name.startswith(f"{ONBOARD}.")
+    and module.name not in ("brickhub.__main__", *EXTRAS)
 ]
 OTHERS = ("bricktwin", "bricksrl", "mujoco", "numpy", "scipy", "torch")
 
@@ -30,18 +31,43 @@ def test_every_module_is_imported_without_other_houses() -> None:
         importlib.import_module(name)
     program = f"import importlib, sys\nfor name in {MODULES}: importlib.import_module(name)\n"
     program += f"print(*set(sys.modules) & set({OTHERS}))"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
     assert (done.returncode, done.stdout, done.stderr) == (0, "\n", "")
 
 
 def test_files_that_run_on_a_hub_are_there() -> None:
-    names = {module.name for module in pkgutil.iter_modules(importlib.import_module(ONBOARD).__path__)}
-    assert names == {"alone", "app_data", "find_stops", "inventory", "joint", "loop", "moves", "stdio"}
+    names = {
+        module.name for module in pkgutil.iter_modules(importlib.import_module(ONBOARD).__path__)
+    }
+    assert names == {
+        "alone",
+        "app_data",
+        "find_stops",
+        "inventory",
+        "joint",
+        "loop",
+        "moves",
+        "stdio",
+    }
 
 
 def test_declared_requirements_are_light() -> None:
-    needed = {re.match(r"[\w-]+", text)[0] for text in metadata.requires("brickhub") if "extra ==" not in text}
-    assert needed == {"bleak", "greenlet", "mpy-cross-v6", "packaging", "prompt_toolkit", "pyserial", "tyro"}
+    needed = {
+        re.match(r"[\w-]+", text)[0]
+        for text in metadata.requires("brickhub")
+        if "extra ==" not in text
+    }
+    assert needed == {
+        "bleak",
+        "greenlet",
+        "mpy-cross-v6",
+        "packaging",
+        "prompt_toolkit",
+        "pyserial",
+        "tyro",
+    }
 
 
 def test_numbers_agree_with_their_noun() -> None:

@@ -34,15 +34,24 @@ motor.run_angle(500, 90)
 print(motor.angle(), eyes.distance())
 print(motor.run_until_stalled(500))
 """
-ALONE = "from pybricks.pupdevices import *\nfrom pybricks.parameters import *\nMotor(Port.PORT).run_angle(500, 90)"
-ROVER = Robot("rover", HubKind.PRIME, motors=(Motor("wheel", "A"),), sensors=(UltrasonicSensor("eyes", "C"),))
+ALONE = (
+    "from pybricks.pupdevices import *\nfrom pybricks.parameters import *\n"
+    "Motor(Port.PORT).run_angle(500, 90)"
+)
+ROVER = Robot(
+    "rover", HubKind.PRIME, motors=(Motor("wheel", "A"),), sensors=(UltrasonicSensor("eyes", "C"),)
+)
 
 
 def test_the_bench_is_given_what_the_command_line_gives_it(pybricks_hub: PybricksHub) -> None:
-    run = pybricks_hub.run(LOOK, readings=["B=red"], end_stops=["C=-90..120"], presses=["left@2s"], stdin="now\n")
+    run = pybricks_hub.run(
+        LOOK, readings=["B=red"], end_stops=["C=-90..120"], presses=["left@2s"], stdin="now\n"
+    )
     angle = float(run.output.split()[1])
     assert (run.exit_code, run.errors) == (0, "")
-    assert run.output == f"Color.RED {angle:.0f}\nnow\n{{Button.LEFT}} now\n", "a hub echoes its input"
+    assert run.output == f"Color.RED {angle:.0f}\nnow\n{{Button.LEFT}} now\n", (
+        "a hub echoes its input"
+    )
     assert 110 < angle < 130
     assert run.log[-1]["B_color"] == "Color.RED"
     assert max(row["C_speed_deg_s"] or 0 for row in run.log) > 400  # type: ignore[type-var]
@@ -50,22 +59,33 @@ def test_the_bench_is_given_what_the_command_line_gives_it(pybricks_hub: Pybrick
 
 
 def test_a_robot_has_readings_and_end_stops_by_name(pybricks_hub: PybricksHub) -> None:
-    run = pybricks_hub.run(TURN, robot=ROVER, readings={"eyes": lambda at: 500 - at["wheel"]}, end_stops={"wheel": (-10, 200)})
+    run = pybricks_hub.run(
+        TURN,
+        robot=ROVER,
+        readings={"eyes": lambda at: 500 - at["wheel"]},
+        end_stops={"wheel": (-10, 200)},
+    )
     assert run.exit_code == 0, run.errors
     turned, distance, stalled = map(int, run.output.split())
     assert abs(turned - 90) <= 3 and abs(distance - 410) <= 3 and 195 < stalled < 210
 
 
-def test_a_robot_may_be_a_body_or_a_name(pybricks_hub: PybricksHub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("brickhub.target._finder", lambda: find_in_files)  # as where no other house is installed
+def test_a_robot_may_be_a_body_or_a_name(
+    pybricks_hub: PybricksHub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # as where no other house is installed
+    monkeypatch.setattr("brickhub.target._finder", lambda: find_in_files)
     file = tmp_path / "my_robot.py"
     file.write_text(
-        "from brickhub.robot import HubKind, Motor, Robot\nA = Robot('a', HubKind.PRIME, motors=(Motor('wheel', 'F'),))\n"
+        "from brickhub.robot import HubKind, Motor, Robot\n"
+        "A = Robot('a', HubKind.PRIME, motors=(Motor('wheel', 'F'),))\n"
     )
     for robot, port in ((BenchBody(TWO_WHEELER), "E"), (str(file), "F"), ("bench", "D")):
         program = ALONE.replace("PORT", port)
         run = pybricks_hub.run(program, robot=robot)
-        assert run.exit_code == 0 and abs(float(run.log[-1][f"{port}_angle_deg"] or 0) - 90) < 3, run  # type: ignore[arg-type]
+        assert run.exit_code == 0 and abs(float(run.log[-1][f"{port}_angle_deg"] or 0) - 90) < 3, (
+            run
+        )  # type: ignore[arg-type]
         if robot != "bench":
             assert pybricks_hub.run(ALONE.replace("PORT", "B"), robot=robot).exit_code == 1
 
@@ -73,12 +93,19 @@ def test_a_robot_may_be_a_body_or_a_name(pybricks_hub: PybricksHub, tmp_path: Pa
 def test_errors_and_limits_are_told(pybricks_hub: PybricksHub) -> None:
     failed = pybricks_hub.run("def f():\n    return 1 / 0\nprint('on')\nf()")
     assert (failed.exit_code, failed.output) == (1, "on\n")
-    assert failed.errors.startswith("Traceback") and failed.errors.endswith("ZeroDivisionError: divide by zero\n")
+    assert failed.errors.startswith("Traceback") and failed.errors.endswith(
+        "ZeroDivisionError: divide by zero\n"
+    )
     endless = pybricks_hub.run("from pybricks.tools import wait\nwhile True:\n    wait(10)")
-    assert (endless.exit_code, endless.errors) == (124, "The program was stopped at the time limit of 60 s.\n")
+    assert (endless.exit_code, endless.errors) == (
+        124,
+        "The program was stopped at the time limit of 60 s.\n",
+    )
     assert endless.timed_out and not failed.timed_out
     assert endless.log[-1]["time_s"] == 60.0
-    assert "time_s" not in repr(endless), "a failing assertion shows the run, not its thousands of rows"
+    assert "time_s" not in repr(endless), (
+        "a failing assertion shows the run, not its thousands of rows"
+    )
 
 
 def test_what_does_not_fit_is_refused(pybricks_hub: PybricksHub) -> None:
@@ -100,13 +127,16 @@ def test_files_are_named_from_the_folder_of_the_test(tmp_path: Path) -> None:
         "from pathlib import Path\n"
         "def test_light():\n"
         "    loaded = sorted(name for name in sys.modules if name.startswith('brickhub'))\n"
-        "    assert loaded == ['brickhub', 'brickhub.pytest_plugin'], 'every run of pytest imports them'\n"
+        "    assert loaded == ['brickhub', 'brickhub.pytest_plugin'], 'every run of pytest "
+        "imports them'\n"
         "def test_main(pybricks_hub):\n"
         "    for program in ('main.py', Path('main.py')):\n"
         "        assert pybricks_hub.run(program).output == 'found\\n'\n"
     )
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tests)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+    )
     assert done.returncode == 0 and "2 passed" in done.stdout, done.stdout
 
 
@@ -116,11 +146,14 @@ def test_ctrl_c_ends_the_tests_not_only_the_program(tmp_path: Path) -> None:
         "def test_first(pybricks_hub):\n"
         "    signal.setitimer(signal.ITIMER_REAL, 0.5)\n"
         "    signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))\n"
-        "    loop = 'while True:\\n    try:\\n        pass\\n    except BaseException:\\n        pass'\n"
+        "    loop = 'while True:\\n    try:\\n        pass\\n    except BaseException:\\n       "
+        " pass'\n"
         "    pybricks_hub.run(loop, time_limit_s=None)\n"
         "def test_second():\n"
         "    raise AssertionError('goes on')\n"
     )
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert "KeyboardInterrupt" in done.stdout and "goes on" not in done.stdout and done.returncode == 2, done.stdout
+    assert (
+        "KeyboardInterrupt" in done.stdout and "goes on" not in done.stdout and done.returncode == 2
+    ), done.stdout

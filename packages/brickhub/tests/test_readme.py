@@ -56,7 +56,9 @@ def test_commands_run(reader: Path, capfd: pytest.CaptureFixture[str]) -> None:
         # A described robot has no more than its devices: the program's are on other ports.
         assert code == (1 if "my_robot.py" in words and words[0] == "run" else 0), (words, err)
         assert out or code, words
-    assert (reader / "run.csv").read_text().startswith("time_s,A_angle_deg") and "C_color" in (reader / "run.csv").read_text()
+    assert (reader / "run.csv").read_text().startswith("time_s,A_angle_deg") and "C_color" in (
+        reader / "run.csv"
+    ).read_text()
 
 
 def test_commands_for_hubs_exist() -> None:
@@ -69,7 +71,9 @@ def test_its_test_and_its_workflow_pass(reader: Path) -> None:
     (job,) = yaml.safe_load(README.blocks("yaml")[0])["jobs"].values()
     *_, install, test = (shlex.split(step["run"]) for step in job["steps"] if "run" in step)
     assert install[:3] == ["pip", "install", "pytest"] and test == ["pytest"]
-    address = tomllib.loads((FOLDER.parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["bricksrl"]["address"]
+    address = tomllib.loads((FOLDER.parents[1] / "pyproject.toml").read_text(encoding="utf-8"))[
+        "tool"
+    ]["bricksrl"]["address"]
     assert install[3] == f"brickhub @ git+{address}#subdirectory=packages/{FOLDER.name}"
     command = [sys.executable, "-m", *test, "-p", "no:cacheprovider"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)

@@ -35,9 +35,13 @@ def chromium() -> Iterator[Browser]:
 
     with sync_playwright() as playwright:
         own = playwright.chromium.executable_path
-        found = next((path for name in _NAMES if (path := shutil.which(name))), None) or shutil.which(own)
+        found = next(
+            (path for name in _NAMES if (path := shutil.which(name))), None
+        ) or shutil.which(own)
         if found is None:
-            pytest.skip("no Chromium is on this computer; install one (Debian: apt install chromium)")
+            pytest.skip(
+                "no Chromium is on this computer; install one (Debian: apt install chromium)"
+            )
         browser = playwright.chromium.launch(executable_path=found, args=list(_FLAGS))
         yield browser
         browser.close()

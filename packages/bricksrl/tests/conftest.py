@@ -27,7 +27,9 @@ def _registered_environments(monkeypatch: pytest.MonkeyPatch) -> None:
 def forked_children(forked: ForkServer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Processes of the package that learn or have a robot are forked, too."""
     if hasattr(os, "fork"):
-        made = SimpleNamespace(Popen=forked.popen, PIPE=subprocess.PIPE, TimeoutExpired=subprocess.TimeoutExpired)
+        made = SimpleNamespace(
+            Popen=forked.popen, PIPE=subprocess.PIPE, TimeoutExpired=subprocess.TimeoutExpired
+        )
         monkeypatch.setattr(child_process, "subprocess", made)
 
 

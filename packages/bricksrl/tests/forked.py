@@ -1,6 +1,8 @@
-"""Processes that are forked from one that has imported torch, TorchRL and MuJoCo, which costs four seconds.
+"""Processes that are forked from one that has imported torch, TorchRL and MuJoCo, which costs four
+seconds.
 
-Each has standard streams, an environment, a folder and an exit code of its own, as one that is started from a shell.
+Each has standard streams, an environment, a folder and an exit code of its own, as one that is
+started from a shell.
 """
 
 from __future__ import annotations
@@ -39,11 +41,17 @@ IMPORTED = (
 class Forked(subprocess.Popen[Any]):
     """A process of the server, which waits for its end in our place."""
 
-    def __init__(self, args: Sequence[str], pid: int, status: int, streams: Sequence[Any], *, is_text: bool) -> None:
+    def __init__(
+        self, args: Sequence[str], pid: int, status: int, streams: Sequence[Any], *, is_text: bool
+    ) -> None:
         self.args, self.pid, self.returncode, self.text_mode = args, pid, None, is_text
         self.stdin, self.stdout, self.stderr = streams
         self.encoding = self.errors = self._input = None
-        self._communication_started, self._child_created, self._waitpid_lock = False, True, threading.Lock()
+        self._communication_started, self._child_created, self._waitpid_lock = (
+            False,
+            True,
+            threading.Lock(),
+        )
         self._status: int = status
 
     def _internal_poll(self, *_: Any, **__: Any) -> int | None:
@@ -69,37 +77,69 @@ class ForkServer:
         with theirs:
             command = [sys.executable, __file__, str(theirs.fileno())]
             environment = {**os.environ, "MUJOCO_GL": "disable"}
-            self._server = subprocess.Popen(command, pass_fds=(theirs.fileno(),), env=environment, stdin=subprocess.DEVNULL)
+            self._server = subprocess.Popen(
+                command, pass_fds=(theirs.fileno(),), env=environment, stdin=subprocess.DEVNULL
+            )
         self._socket, self._lock = ours, threading.Lock()
         self._socket.settimeout(60)
 
-    def start(self, arguments: Sequence[str], streams: Sequence[Any], *, is_text: bool = True, **asked: Any) -> Forked:
-        """Start a process. ``streams``: standard input, output and error: a file, ``subprocess.PIPE``, or ``None`` for ours.
-        ``asked``: its folder and environment, and a script or a module in place of a command."""
+    def start(
+        self,
+        arguments: Sequence[str],
+        streams: Sequence[Any],
+        *,
+        is_text: bool = True,
+        **asked: Any,
+    ) -> Forked:
+        """Start a process. ``streams``: standard input, output and error: a file,
+        ``subprocess.PIPE``, or ``None`` for ours. ``asked``: its folder and environment, and a
+        script or a module in place of a command."""
         ends: list[tuple[int, Any]] = []
         for number, stream in enumerate(streams):
             if stream == subprocess.PIPE:
                 read, write = os.pipe()
                 theirs, own, mode = (read, write, "w") if number == 0 else (write, read, "r")
-                ends.append((theirs, os.fdopen(own, mode if is_text else f"{mode}b", -1 if is_text else 0)))
+                ends.append(
+                    (theirs, os.fdopen(own, mode if is_text else f"{mode}b", -1 if is_text else 0))
+                )
             else:
                 ends.append((os.dup(number if stream is None else stream.fileno()), None))
         status, told = os.pipe()
-        request = json.dumps({"arguments": list(arguments), "folder": str(Path.cwd()), **asked}).encode()
+        request = json.dumps(
+            {"arguments": list(arguments), "folder": str(Path.cwd()), **asked}
+        ).encode()
         with self._lock:
             self._socket.sendall(len(request).to_bytes(4, "little") + request)
             socket.send_fds(self._socket, [b"."], [*(end for end, _ in ends), told])
             pid = int.from_bytes(_exactly(self._socket, 4), "little")
         for fd in (*(end for end, _ in ends), told):
             os.close(fd)
-        return Forked(["bricksrl", *arguments], pid, status, [own for _, own in ends], is_text=is_text)
+        return Forked(
+            ["bricksrl", *arguments], pid, status, [own for _, own in ends], is_text=is_text
+        )
 
     def run(
-        self, arguments: Sequence[str], folder: Path, environment: Mapping[str, str], timeout_s: float, script: str = ""
+        self,
+        arguments: Sequence[str],
+        folder: Path,
+        environment: Mapping[str, str],
+        timeout_s: float,
+        script: str = "",
     ) -> subprocess.CompletedProcess[str]:
-        """Run a command, or a script, to its end. Raises TimeoutExpired, and kills it, after ``timeout_s``."""
-        with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err, Path(os.devnull).open() as nothing:
-            process = self.start(arguments, (nothing, out, err), folder=str(folder), environment=dict(environment), script=script)
+        """Run a command, or a script, to its end. Raises TimeoutExpired, and kills it, after
+        ``timeout_s``."""
+        with (
+            tempfile.TemporaryFile() as out,
+            tempfile.TemporaryFile() as err,
+            Path(os.devnull).open() as nothing,
+        ):
+            process = self.start(
+                arguments,
+                (nothing, out, err),
+                folder=str(folder),
+                environment=dict(environment),
+                script=script,
+            )
             try:
                 code = process.wait(timeout_s)
             except subprocess.TimeoutExpired:
@@ -107,16 +147,22 @@ class ForkServer:
                 process.wait(60)
                 err.seek(0)
                 said = err.read().decode()
-                raise subprocess.TimeoutExpired(f"bricksrl {' '.join(arguments)}, which said {said!r}", timeout_s) from None
+                raise subprocess.TimeoutExpired(
+                    f"bricksrl {' '.join(arguments)}, which said {said!r}", timeout_s
+                ) from None
             texts = []
             for file in (out, err):
                 file.seek(0)
                 texts.append(file.read().decode())
         return subprocess.CompletedProcess(["bricksrl", *arguments], code, *texts)
 
-    def popen(self, command: Sequence[str], *, stdin: Any, stdout: Any, env: Mapping[str, str], **_: Any) -> Forked:
+    def popen(
+        self, command: Sequence[str], *, stdin: Any, stdout: Any, env: Mapping[str, str], **_: Any
+    ) -> Forked:
         """Start ``python -m MODULE`` as `bricksrl.child_process` does, in a session of its own."""
-        return self.start((), (stdin, stdout, None), is_text=False, environment=dict(env), module=command[-1])
+        return self.start(
+            (), (stdin, stdout, None), is_text=False, environment=dict(env), module=command[-1]
+        )
 
     def close(self) -> None:
         """End the server."""
@@ -151,7 +197,9 @@ def serve(connection: socket.socket) -> int:
             _tell_ends(told)
         if connection in ready:
             try:
-                request: dict[str, Any] = json.loads(_exactly(connection, int.from_bytes(_exactly(connection, 4), "little")))
+                request: dict[str, Any] = json.loads(
+                    _exactly(connection, int.from_bytes(_exactly(connection, 4), "little"))
+                )
             except EOFError:
                 return 0
             fds = list(socket.recv_fds(connection, 1, 4)[1])
@@ -181,7 +229,8 @@ def _tell_ends(told: dict[int, int]) -> None:
 
 
 def end(code: int) -> NoReturn:
-    """End the process of a command in order, but for the seconds in which the interpreter takes torch apart."""
+    """End the process of a command in order, but for the seconds in which the interpreter takes
+    torch apart."""
     threading._shutdown()  # type: ignore[attr-defined]
     atexit._run_exitfuncs()
     sys.stdout.flush()

@@ -9,8 +9,11 @@ from pathlib import Path
 
 
 def assert_runs_end_with(arguments: list[str], folder: Path) -> None:
-    """Start `bricksrl`, kill it when it has two runs in ``folder``, and check that these do not go on."""
-    with subprocess.Popen([sys.executable, "-m", "bricksrl", *arguments], stdout=subprocess.DEVNULL) as process:
+    """Start `bricksrl`, kill it when it has two runs in ``folder``, and check that these do not go
+    on."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "bricksrl", *arguments], stdout=subprocess.DEVNULL
+    ) as process:
         try:
             while len(metrics := list(folder.rglob("seed-*/metrics.csv"))) < 2:
                 assert process.poll() is None

@@ -12,8 +12,11 @@ from bricksrl.plotting import save_image
 
 @pytest.fixture(autouse=True)
 def quick_files(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Learning curves are one pixel (commands draw them: `test_train_command.py`), and disks are not waited for (brickhub's
-    `test_files.py`)."""
+    """Learning curves are one pixel (commands draw them: `test_train_command.py`), and disks are
+    not waited for (brickhub's `test_files.py`)."""
     pixel = np.zeros((1, 1, 3), np.uint8)
-    monkeypatch.setattr("bricksrl.training.run_folder.RunFolder.draw_curve", lambda run, *_: save_image(run.curve_path, pixel))
+    monkeypatch.setattr(
+        "bricksrl.training.run_folder.RunFolder.draw_curve",
+        lambda run, *_: save_image(run.curve_path, pixel),
+    )
     monkeypatch.setattr(os, "fsync", lambda _: None)

@@ -33,5 +33,9 @@ def test_readmes_link_to_what_is_there(name: str) -> None:
 @pytest.mark.parametrize("name", ["brickhub", "bricktwin", "bricksrl"])
 def test_readmes_install_all_that_they_need(name: str) -> None:
     needed = {"brickhub": 1, "bricktwin": 2, "bricksrl": 3}[name]
-    line = " ".join(f"./packages/{house}" for house in ("brickhub", "bricktwin", "bricksrl")[:needed])
-    assert f"    pip install {line}\n" in (PACKAGES / name / "README.md").read_text(encoding="utf-8")
+    line = " ".join(
+        f"./packages/{house}" for house in ("brickhub", "bricktwin", "bricksrl")[:needed]
+    )
+    assert f"    pip install {line}\n" in (PACKAGES / name / "README.md").read_text(
+        encoding="utf-8"
+    )

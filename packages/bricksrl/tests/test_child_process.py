@@ -12,7 +12,9 @@ ASK = "import sys; sys.path.append('somewhere'); import copy; print(copy.__file_
 
 
 def _answer(command: list[str], variables: dict[str, str], folder: Path) -> str:
-    process = subprocess.run(command, env=variables, cwd=folder, capture_output=True, text=True, check=True)
+    process = subprocess.run(
+        command, env=variables, cwd=folder, capture_output=True, text=True, check=True
+    )
     return process.stdout.strip()
 
 
@@ -24,7 +26,10 @@ def test_code_that_lies_in_the_present_folder_is_not_run(arguments, tmp_path, mo
     (tmp_path / "ours" / "copy_says.py").write_text(ASK)
     monkeypatch.syspath_prepend(str(tmp_path / "ours"))
     command, variables = own_python(*arguments)
-    assert Path(_answer(command, variables, tmp_path / "here")).parent == Path(subprocess.__file__).parent
+    assert (
+        Path(_answer(command, variables, tmp_path / "here")).parent
+        == Path(subprocess.__file__).parent
+    )
 
 
 def test_a_process_of_ours_imports_what_this_one_imports(tmp_path, monkeypatch):
@@ -36,7 +41,9 @@ def test_a_process_of_ours_imports_what_this_one_imports(tmp_path, monkeypatch):
     assert _answer(command, variables, tmp_path / "elsewhere") == "found"
 
 
-def test_the_folder_of_a_program_that_was_typed_in_stays_the_same_in_another_folder(tmp_path, monkeypatch):
+def test_the_folder_of_a_program_that_was_typed_in_stays_the_same_in_another_folder(
+    tmp_path, monkeypatch
+):
     (tmp_path / "beside.py").write_text("print('found')\n")
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path)

@@ -21,7 +21,9 @@ while True:
 
 
 def test_busy_child_ends_after_its_parent() -> None:
-    with subprocess.Popen([sys.executable, "-c", CHILD], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+    with subprocess.Popen(
+        [sys.executable, "-c", CHILD], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as child:
         try:
             assert child.stdin is not None and child.stdout is not None and child.stdout.read(2)
             assert child.poll() is None

@@ -9,8 +9,13 @@ import bricksrl
 
 
 def test_import_is_light() -> None:
-    program = "import sys, bricksrl; bricksrl.list_envs(); print([m for m in ('torch', 'torchrl', 'mujoco') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    program = (
+        "import sys, bricksrl; bricksrl.list_envs(); print([m for m in ('torch', 'torchrl', "
+        "'mujoco') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60
+    )
     assert done.stdout.strip() == "[]"
 
 

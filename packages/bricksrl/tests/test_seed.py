@@ -43,5 +43,7 @@ def test_seeds(seed: int | None) -> None:
 )
 @pytest.mark.parametrize("seed", [-1, LARGEST_SEED + 1, 0.5])
 def test_invalid_seeds(use: Callable[[Any], object], seed: float) -> None:
-    with pytest.raises(DescriptionError, match=f"^seed is {seed}; give a whole number from 0 to 4294967295$"):
+    with pytest.raises(
+        DescriptionError, match=f"^seed is {seed}; give a whole number from 0 to 4294967295$"
+    ):
         use(seed)

@@ -28,7 +28,8 @@ def assert_equal(a: object, b: object) -> None:
 
 
 class Cart(EnvBase):
-    """Position 0..1000 mm, moved by up to 100 mm per step with noise; reward is the distance in dm; ends at 0 mm.
+    """Position 0..1000 mm, moved by up to 100 mm per step with noise; reward is the distance in dm;
+    ends at 0 mm.
 
     Like a robot, it has internal state and its own generator.
     """
@@ -36,7 +37,9 @@ class Cart(EnvBase):
     def __init__(self, max_steps: int = 8) -> None:
         super().__init__(batch_size=())
         self.observation_spec = Composite(
-            observation=Bounded(torch.tensor([0.0, -1.0]), torch.tensor([1000.0, 1.0]), dtype=torch.float32)
+            observation=Bounded(
+                torch.tensor([0.0, -1.0]), torch.tensor([1000.0, 1.0]), dtype=torch.float32
+            )
         )
         self.action_spec = Bounded(-1.0, 1.0, shape=(1,))
         self.reward_spec = Unbounded(shape=(1,))
@@ -104,8 +107,14 @@ class LosingCart(BricksEnv, Cart):
             return super()._step(tensordict).set("link_lost", lost)
         self.link_error = HubTimeoutError("the hub did not answer; switch it on")
         self.reconnect.failed(self.link_error)
-        seen = {"observation": tensordict["observation"], "reward": torch.zeros(1), "terminated": lost}
-        return TensorDict({**seen, "truncated": ~lost, "done": ~lost, "link_lost": ~lost}, batch_size=())
+        seen = {
+            "observation": tensordict["observation"],
+            "reward": torch.zeros(1),
+            "terminated": lost,
+        }
+        return TensorDict(
+            {**seen, "truncated": ~lost, "done": ~lost, "link_lost": ~lost}, batch_size=()
+        )
 
     def _is_lost(self) -> bool:
         return (self.resets, self.step_count + 1) == (3, self.at)

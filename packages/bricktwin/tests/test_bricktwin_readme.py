@@ -46,9 +46,13 @@ def test_what_is_shown_is_printed(reader: Path, capfd: pytest.CaptureFixture[str
     assert (reader / "drive.mp4").stat().st_size > 100_000
 
 
-def test_commands_run(reader: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_run(
+    reader: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("bricktwin.plans.booklet.DPI", 60)  # `test_booklet.py` draws in full
-    done = [words for words in README.commands if words[:2] not in MINUTES and not needs_a_hub(words)]
+    done = [
+        words for words in README.commands if words[:2] not in MINUTES and not needs_a_hub(words)
+    ]
     assert len(done) >= 7
     for words in done:
         assert main(cheap(words)) == 0, (words, capfd.readouterr().err)

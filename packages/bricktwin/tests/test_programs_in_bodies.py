@@ -1,4 +1,5 @@
-"""Any Pybricks program in a body: robots of plans move as they are built, and a log changes nothing."""
+"""Any Pybricks program in a body: robots of plans move as they are built, and a log changes
+nothing."""
 
 from __future__ import annotations
 
@@ -36,14 +37,19 @@ for _ in range(40):
     print(SENSOR, hub.imu.tilt(), hub.imu.angular_velocity(), hub.imu.acceleration(), hub.imu.heading())
     print(base.state(), hub.imu.rotation(Axis.Z), hub.imu.stationary())
     wait(13)
-"""
+"""  # noqa: E501
 
 
 @pytest.mark.parametrize(
     ("robot", "sensor", "read", "row_count"),
-    [("two-wheeler", "UltrasonicSensor(Port.C)", "distance()", 52), ("scout", "ColorSensor(Port.B)", "hsv()", 56)],
+    [
+        ("two-wheeler", "UltrasonicSensor(Port.C)", "distance()", 52),
+        ("scout", "ColorSensor(Port.B)", "hsv()", 56),
+    ],
 )
-def test_a_run_with_a_log_is_the_same_as_one_without(robot: str, sensor: str, read: str, row_count: int, tmp_path: Path) -> None:
+def test_a_run_with_a_log_is_the_same_as_one_without(
+    robot: str, sensor: str, read: str, row_count: int, tmp_path: Path
+) -> None:
     source = f"{HEAD}{BASE}sensor = {sensor}\n{SENSES.replace('SENSOR', f'sensor.{read}')}"
     path, log = tmp_path / "main.py", RunLog()
     path.write_text(source)
@@ -54,12 +60,16 @@ def test_a_run_with_a_log_is_the_same_as_one_without(robot: str, sensor: str, re
 
         out, err = io.BytesIO(), io.StringIO()
         body = make_body(robots.get(robot), scene=Scene(wall_distance_mm=(600, 600)), seed=seed)
-        assert run_file(path, body, stdout=out, stderr=err, operation=Operation(attend=attend)) == 0, err.getvalue()
+        assert (
+            run_file(path, body, stdout=out, stderr=err, operation=Operation(attend=attend)) == 0
+        ), err.getvalue()
         return out.getvalue().decode().splitlines()
 
     without = printed(None)
     assert printed(log) == without
-    assert printed(None, seed=1) != without, "the sensors have noise, which a reading more would shift"
+    assert printed(None, seed=1) != without, (
+        "the sensors have noise, which a reading more would shift"
+    )
     rows = list(log.rows())
     assert len(rows) == row_count and {"heading_deg", "pitch_deg"} < rows[-1].keys()
 
@@ -85,7 +95,9 @@ print(hub.imu.heading())
 
 def test_the_two_wheelers_plan_drives_and_turns(pybricks_hub: PybricksHub) -> None:
     body = find(str(PLANS / "two_wheeler.ldr")).make_body()
-    run = pybricks_hub.run(f"{HEAD}{BASE}base.straight(300)\nbase.turn(90)\nprint(hub.imu.heading())", robot=body)
+    run = pybricks_hub.run(
+        f"{HEAD}{BASE}base.straight(300)\nbase.turn(90)\nprint(hub.imu.heading())", robot=body
+    )
     assert run.exit_code == 0, run.errors
     assert isinstance(body, MujocoBody)
     assert abs(float(run.output) - 90) < 8 and abs(body.pose().x_m - 0.3) < 0.02
@@ -118,7 +130,9 @@ print(rotation.angle(), low.angle())
     assert run.exit_code == 0, run.errors
     rotation, low = map(int, run.output.split())
     assert abs(rotation - 60) < 4 and abs(low - 30) < 5
-    assert run.log[-1]["B_angle_deg"] == pytest.approx(rotation, abs=1), "at the joint, behind its gears"
+    assert run.log[-1]["B_angle_deg"] == pytest.approx(rotation, abs=1), (
+        "at the joint, behind its gears"
+    )
 
 
 def test_a_plan_without_a_hub_is_refused(pybricks_hub: PybricksHub, tmp_path: Path) -> None:
@@ -130,7 +144,8 @@ def test_a_plan_without_a_hub_is_refused(pybricks_hub: PybricksHub, tmp_path: Pa
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_left_and_right_exchanged_with_the_gyroscope_on_spins(seed: int, tmp_path: Path) -> None:
-    """What is unstable shows, as on a robot (pybricks/support#1220), and what is not stays straight."""
+    """What is unstable shows, as on a robot (pybricks/support#1220), and what is not stays
+    straight."""
     source = """
 hub.imu.reset_heading(0)
 base = DriveBase(FIRST, SECOND, 56, 130)

@@ -1,4 +1,5 @@
-"""Environments of BricksRL for LeRobot's commands, which find this package by its name: ``--env.type=bricksrl``."""
+"""Environments of BricksRL for LeRobot's commands, which find this package by its name:
+``--env.type=bricksrl``."""
 
 import gymnasium
 

@@ -22,8 +22,8 @@ class BricksEnvConfig(EnvConfig):
     Attributes:
         task: id of the environment, or a task of your own: ``my_task.py:TASK``.
         hub: "virtual", "ble", "ble:NAME", "usb".
-        render_mode: "rgb_array", so that LeRobot films a virtual robot; ``None`` without OpenGL, for a real robot or a kinematic
-            simulation.
+        render_mode: "rgb_array", so that LeRobot films a virtual robot; ``None`` without OpenGL,
+            for a real robot or a kinematic simulation.
     """
 
     task: str = "RoboArm_mixed-v0"
@@ -36,7 +36,10 @@ class BricksEnvConfig(EnvConfig):
         self.features = {
             ACTION: PolicyFeature(FeatureType.ACTION, (len(task.interface.commands),)),
             "agent_pos": PolicyFeature(FeatureType.STATE, (len(task.entries),)),
-            **{f"pixels/{key}": PolicyFeature(FeatureType.VISUAL, (px, px, 3)) for key, px in task.images.items()},
+            **{
+                f"pixels/{key}": PolicyFeature(FeatureType.VISUAL, (px, px, 3))
+                for key, px in task.images.items()
+            },
         }
         images = {f"pixels/{key}": f"{OBS_IMAGES}.{key}" for key in task.images}
         self.features_map = {ACTION: ACTION, "agent_pos": OBS_STATE, **images}

@@ -14,7 +14,8 @@ from bricksrl.envs.registry import is_simulation
 
 
 class BricksEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment of BricksRL with LeRobot's names, in the units of the robots of ``lerobot_robot_bricksrl``.
+    """An environment of BricksRL with LeRobot's names, in the units of the robots of
+    ``lerobot_robot_bricksrl``.
 
     Actions are commands in their units. The observation has ``agent_pos``, float32 ``[n]`` in the
     task's units, and ``pixels``, one uint8 image ``[height, width, 3]`` for each camera. ``info``
@@ -29,14 +30,18 @@ class BricksEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
     def __init__(self, env_id: str, hub: str = "virtual", render_mode: str | None = None) -> None:
         ours = GymnasiumEnv(env_id, render_mode, **({} if is_simulation(env_id) else {"hub": hub}))
         task = ours.env.task
-        ranges = np.array([(command.low, command.high) for command in task.interface.commands], np.float32)
+        ranges = np.array(
+            [(command.low, command.high) for command in task.interface.commands], np.float32
+        )
         super().__init__(RescaleAction(ours, ranges[:, 0], ranges[:, 1]))
         self.task, self.task_description = task.id, task.doc.splitlines()[0]
         self._max_episode_steps = ours.max_episode_steps
         self._cameras = list(task.images)
         self.observation_space = self._named(ours.observation_space, Dict)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
         observation, info = self.env.reset(seed=seed)
         return self._named(observation), info | {"is_success": False}
 
@@ -48,4 +53,9 @@ class BricksEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
         """Parts of an observation, or their spaces, by LeRobot's names."""
         if not self._cameras:
             return kind({"agent_pos": parts})
-        return kind({"agent_pos": parts["observation"], "pixels": kind({key: parts[key] for key in self._cameras})})
+        return kind(
+            {
+                "agent_pos": parts["observation"],
+                "pixels": kind({key: parts[key] for key in self._cameras}),
+            }
+        )

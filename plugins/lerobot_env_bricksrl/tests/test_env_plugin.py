@@ -22,9 +22,24 @@ from lerobot.envs.utils import env_to_policy_features, preprocess_observation
 import bricksrl.envs.gymnasium
 
 ACT = (
-    *("--policy.type=act", "--policy.device=cpu", "--policy.push_to_hub=false", "--policy.pretrained_backbone_weights=null"),
-    *("--policy.chunk_size=4", "--policy.n_action_steps=4", "--policy.n_heads=2", "--policy.dim_model=32"),
-    *("--policy.dim_feedforward=64", "--policy.n_encoder_layers=1", "--policy.n_vae_encoder_layers=1", "--policy.latent_dim=4"),
+    *(
+        "--policy.type=act",
+        "--policy.device=cpu",
+        "--policy.push_to_hub=false",
+        "--policy.pretrained_backbone_weights=null",
+    ),
+    *(
+        "--policy.chunk_size=4",
+        "--policy.n_action_steps=4",
+        "--policy.n_heads=2",
+        "--policy.dim_model=32",
+    ),
+    *(
+        "--policy.dim_feedforward=64",
+        "--policy.n_encoder_layers=1",
+        "--policy.n_vae_encoder_layers=1",
+        "--policy.latent_dim=4",
+    ),
 )
 
 
@@ -46,20 +61,29 @@ def own(folder: Path) -> str:
 def test_features_are_what_a_policy_gets(task: str) -> None:
     config, envs = one(task)
     observation, _ = envs.reset(seed=[1])
-    shapes = {key: tuple(value.shape[1:]) for key, value in preprocess_observation(observation).items()}
+    shapes = {
+        key: tuple(value.shape[1:]) for key, value in preprocess_observation(observation).items()
+    }
     features = {key: feature.shape for key, feature in env_to_policy_features(config).items()}
     assert shapes | {"action": envs.single_action_space.shape} == features
-    assert envs.single_observation_space.contains({"agent_pos": observation["agent_pos"][0]} | _images(observation))
+    assert envs.single_observation_space.contains(
+        {"agent_pos": observation["agent_pos"][0]} | _images(observation)
+    )
     assert envs.call("task") == (task,) and config.fps == envs.metadata["render_fps"]
     envs.close()
 
 
 def _images(observation: dict[str, Any]) -> dict[str, Any]:
-    return {"pixels": {key: image[0] for key, image in observation["pixels"].items()}} if "pixels" in observation else {}
+    return (
+        {"pixels": {key: image[0] for key, image in observation["pixels"].items()}}
+        if "pixels" in observation
+        else {}
+    )
 
 
 def test_actions_are_commands_in_their_units() -> None:
-    """Those of the robot of ``lerobot_robot_bricksrl``, so that a policy trained on its recordings can be evaluated."""
+    """Those of the robot of ``lerobot_robot_bricksrl``, so that a policy trained on its recordings
+    can be evaluated."""
     _, envs = one("RunAway-v0")
     ours = bricksrl.envs.gymnasium.GymnasiumEnv("RunAway-v0")
     envs.reset(seed=[5])
@@ -94,10 +118,25 @@ def test_a_lost_link_is_no_success() -> None:
 
 def test_lerobots_own_command_evaluates_a_policy(tmp_path: Path) -> None:
     """Two processes, and a film of each episode."""
-    env = ("--env.type=bricksrl", "--env.task=RoboArm_mixed-v0", "--eval.n_episodes=2", "--eval.batch_size=2")
-    line = [sys.executable, "-m", "lerobot.scripts.lerobot_eval", *env, *ACT, f"--output_dir={tmp_path}"]
+    env = (
+        "--env.type=bricksrl",
+        "--env.task=RoboArm_mixed-v0",
+        "--eval.n_episodes=2",
+        "--eval.batch_size=2",
+    )
+    line = [
+        sys.executable,
+        "-m",
+        "lerobot.scripts.lerobot_eval",
+        *env,
+        *ACT,
+        f"--output_dir={tmp_path}",
+    ]
     done = subprocess.run(line, check=False, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr[-3000:]
     found = json.loads((tmp_path / "eval_info.json").read_text())["overall"]
     assert found["n_episodes"] == 2 and -100.0 < found["avg_sum_reward"] < 0.0
-    assert all((tmp_path / "videos" / "bricksrl_0" / f"eval_episode_{n}.mp4").stat().st_size > 3000 for n in (0, 1))
+    assert all(
+        (tmp_path / "videos" / "bricksrl_0" / f"eval_episode_{n}.mp4").stat().st_size > 3000
+        for n in (0, 1)
+    )

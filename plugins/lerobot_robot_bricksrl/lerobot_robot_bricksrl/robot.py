@@ -1,4 +1,5 @@
-"""Robots of BricksRL as LeRobot robots: the channels and commands of an environment, in their own units."""
+"""Robots of BricksRL as LeRobot robots: the channels and commands of an environment, in their own
+units."""
 
 from __future__ import annotations
 
@@ -25,8 +26,8 @@ _log = logging.getLogger(__name__)
 class BricksRobot(Robot):
     """A robot with the commands and channels of an environment.
 
-    `send_action` carries a command out and takes as long as a step of the environment does; `get_observation` then gives what was
-    measured at its end.
+    `send_action` carries a command out and takes as long as a step of the environment does;
+    `get_observation` then gives what was measured at its end.
     """
 
     config_class = BricksRobotConfig
@@ -55,7 +56,8 @@ class BricksRobot(Robot):
 
     @property
     def is_calibrated(self) -> bool:
-        """A virtual robot is; a real one uses what `bricksrl hub calibrate` has found for its hub."""
+        """A virtual robot is; a real one uses what `bricksrl hub calibrate` has found for its
+        hub."""
         return True
 
     def connect(self, calibrate: bool = True) -> None:
@@ -69,7 +71,9 @@ class BricksRobot(Robot):
             raise DeviceAlreadyConnectedError(f"{self} is connected already")
         virtual = {"realtime": self.config.realtime} if self.config.hub == "virtual" else {}
         place = None if virtual else lambda _rng: None  # whoever records puts the robot back
-        self._env = make(self.config.env, hub=self.config.hub, seed=self.config.seed, place=place, **virtual)
+        self._env = make(
+            self.config.env, hub=self.config.hub, seed=self.config.seed, place=place, **virtual
+        )
         try:
             self._seen = self._env.reset()
         except HubError as error:
@@ -80,9 +84,12 @@ class BricksRobot(Robot):
         self.configure()
 
     def calibrate(self) -> None:
-        """Nothing on a virtual robot, whose zeros are right; of a real one `bricksrl hub calibrate` finds them, once."""
+        """Nothing on a virtual robot, whose zeros are right; of a real one `bricksrl hub calibrate`
+        finds them, once."""
         if self.config.hub != "virtual":
-            _log.info("zeros of motors are those that `bricksrl hub calibrate` has saved for this hub")
+            _log.info(
+                "zeros of motors are those that `bricksrl hub calibrate` has saved for this hub"
+            )
 
     def configure(self) -> None:
         """Nothing: limits and speeds are in the program on the hub."""
@@ -95,11 +102,14 @@ class BricksRobot(Robot):
         """
         self._check()
         values = self._seen["observation"].tolist()
-        found: dict[str, Any] = {entry.name: value for entry, value in zip(self.task.entries, values, strict=True)}
+        found: dict[str, Any] = {
+            entry.name: value for entry, value in zip(self.task.entries, values, strict=True)
+        }
         return found | {key: self._seen[key].numpy().copy() for key in self.task.images}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Carry out commands by their names, in their units; returns those that were sent, within their ranges.
+        """Carry out commands by their names, in their units; returns those that were sent, within
+        their ranges.
 
         Raises:
             DeviceNotConnectedError: it is not connected.

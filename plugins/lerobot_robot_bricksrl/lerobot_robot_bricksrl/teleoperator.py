@@ -11,7 +11,11 @@ from lerobot.utils.errors import DeviceNotConnectedError
 from bricksrl.envs import get_task
 from bricksrl.errors import DataError
 from bricksrl.teleoperation import GamepadDriver, KeyboardDriver, at_rest
-from lerobot_robot_bricksrl.config import BricksGamepadConfig, BricksKeyboardConfig, BricksRandomConfig
+from lerobot_robot_bricksrl.config import (
+    BricksGamepadConfig,
+    BricksKeyboardConfig,
+    BricksRandomConfig,
+)
 
 
 class _Hand(Teleoperator):
@@ -60,7 +64,8 @@ class _Hand(Teleoperator):
         """Nothing."""
 
     def get_action(self) -> dict[str, Any]:
-        """Commands by their names, in their units; those that move nothing after its human has given control back.
+        """Commands by their names, in their units; those that move nothing after its human has
+        given control back.
 
         Raises:
             DeviceNotConnectedError: nothing is connected.
@@ -68,7 +73,11 @@ class _Hand(Teleoperator):
         if self._driver is None:
             raise DeviceNotConnectedError(f"{self} is not connected; run connect() first")
         action = self._driver(torch.empty(0))
-        shares = at_rest([command.entry for command in self.commands]) if action is None else action.tolist()
+        shares = (
+            at_rest([command.entry for command in self.commands])
+            if action is None
+            else action.tolist()
+        )
         return {
             command.name: command.low + (share + 1.0) / 2.0 * (command.high - command.low)
             for command, share in zip(self.commands, shares, strict=True)

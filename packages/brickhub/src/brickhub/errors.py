@@ -16,7 +16,8 @@ class DescriptionError(BricksError, ValueError):
 
 
 class UnknownOptionError(DescriptionError, TypeError):
-    """An option that an environment does not have; also a ``TypeError``, as expected by libraries that try options out."""
+    """An option that an environment does not have; also a ``TypeError``, as expected by libraries
+    that try options out."""
 
 
 class PlanError(BricksError):
@@ -92,7 +93,8 @@ class HubDisconnectedError(HubError):
 
 
 class HubBusyError(HubError):
-    """The hub could not take a command because a program runs, or because the program's input buffer is full."""
+    """The hub could not take a command because a program runs, or because the program's input
+    buffer is full."""
 
 
 class HubRefusedError(HubError):
@@ -128,7 +130,8 @@ class TwinError(BricksError):
 
 
 class SceneError(TwinError):
-    """A function of a user's scene raised; not an error of the program on the hub that called it."""
+    """A function of a user's scene raised; not an error of the program on the hub that called
+    it."""
 
 
 class RenderingUnavailableError(TwinError):
@@ -136,7 +139,8 @@ class RenderingUnavailableError(TwinError):
 
 
 class WriteError(BricksError, OSError):
-    """A file or folder that cannot be written where the user wants it; raised by `brickhub.files`."""
+    """A file or folder that cannot be written where the user wants it; raised by
+    `brickhub.files`."""
 
     def __str__(self) -> str:
         return str(self.args[0])
@@ -144,7 +148,8 @@ class WriteError(BricksError, OSError):
 
 @contextmanager
 def installed(package: str, error: type[BricksError], words: str) -> Iterator[None]:
-    """Raise ``error`` if the package, which is imported in this context, is not installed; ``words``: what pip installs."""
+    """Raise ``error`` if the package, which is imported in this context, is not installed;
+    ``words``: what pip installs."""
     try:
         yield
     except ImportError as failure:
@@ -152,14 +157,16 @@ def installed(package: str, error: type[BricksError], words: str) -> Iterator[No
 
 
 def message_of(error: BaseException, characters: int = 200, *, typed: bool = False) -> str:
-    """Message of a library's or user's error in one line, at most of so many characters; with its type if it has none, or
-    ``typed``: the type of an error in somebody's code says more than its message."""
+    """Message of a library's or user's error in one line, at most of so many characters; with its
+    type if it has none, or ``typed``: the type of an error in somebody's code says more than its
+    message."""
     message, name = " ".join(str(error).split())[:characters], type(error).__name__
     return message if message and not typed else f"{name}: {message}".removesuffix(": ")
 
 
 def hint(name: str, known: Iterable[str]) -> str:
-    """``" (did you mean 'x'?)"``, with the known name that is most like ``name`` in any case, or ``""``."""
+    """``" (did you mean 'x'?)"``, with the known name that is most like ``name`` in any case, or
+    ``""``."""
     by_lower = {candidate.lower(): candidate for candidate in known}
     close = difflib.get_close_matches(name.lower(), by_lower, n=1)
     return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""

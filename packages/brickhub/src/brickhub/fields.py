@@ -1,4 +1,5 @@
-"""Checks of a user's values: dataclass fields against their annotations, functions against the arguments that they get."""
+"""Checks of a user's values: dataclass fields against their annotations, functions against the
+arguments that they get."""
 
 import enum
 import inspect
@@ -19,7 +20,8 @@ LARGEST = 2**24
 
 @dataclass(frozen=True)
 class Range:
-    """Numbers from ``low`` to ``high``, as limits in an annotation; ``above`` excludes ``low``, ``below`` excludes ``high``."""
+    """Numbers from ``low`` to ``high``, as limits in an annotation; ``above`` excludes ``low``,
+    ``below`` excludes ``high``."""
 
     low: float = 0.0
     high: float = LARGEST
@@ -33,9 +35,16 @@ class Range:
     def __str__(self) -> str:
         if self.high == LARGEST and not self.above:
             return f"{self.low:g} or more, and up to {LARGEST:,}"
-        kind = "a whole number" if isinstance(self.low, int) and isinstance(self.high, int) else "a number"
+        kind = (
+            "a whole number"
+            if isinstance(self.low, int) and isinstance(self.high, int)
+            else "a number"
+        )
         low, high = (end if isinstance(end, int) else f"{end:g}" for end in (self.low, self.high))
-        return f"{kind} {'above' if self.above else 'from'} {low} {'and below' if self.below else 'to'} {high}"
+        return (
+            f"{kind} {'above' if self.above else 'from'} {low} "
+            f"{'and below' if self.below else 'to'} {high}"
+        )
 
 
 Count = Annotated[int, Range(1)]
@@ -43,17 +52,20 @@ Count = Annotated[int, Range(1)]
 
 
 def check_fields(cls: type, values: dict[str, Any], **named: Any) -> None:
-    """Check values against the annotations of a dataclass's fields, by name; unknown names are ignored. ``named``: types that
-    annotations name and their module does not import. Raises DescriptionError if an annotation does not allow a value."""
+    """Check values against the annotations of a dataclass's fields, by name; unknown names are
+    ignored. ``named``: types that annotations name and their module does not import. Raises
+    DescriptionError if an annotation does not allow a value."""
     for name, hint in typing.get_type_hints(cls, localns=named, include_extras=True).items():
         if name in values:
             check_value(name, values[name], hint)
 
 
 def check_value(name: str, value: Any, hint: Any) -> None:
-    """Check a value against an annotation; limits in it are a container of the allowed numbers. Raises DescriptionError if the
-    annotation does not allow the value."""
-    limits = next((item for item in getattr(hint, "__metadata__", ()) if isinstance(item, Container)), None)
+    """Check a value against an annotation; limits in it are a container of the allowed numbers.
+    Raises DescriptionError if the annotation does not allow the value."""
+    limits = next(
+        (item for item in getattr(hint, "__metadata__", ()) if isinstance(item, Container)), None
+    )
     hint = _without_remarks(hint)
     if value is None and _matches(value, hint):
         return
@@ -63,14 +75,17 @@ def check_value(name: str, value: Any, hint: Any) -> None:
         if isinstance(value, bool) or not isinstance(value, int | float) or value not in limits:
             raise DescriptionError(f"{name} is {value!r}; give {limits}")
     if typing.get_origin(hint) is Literal and not _matches(value, hint):
-        raise DescriptionError(f"{name} is '{value}'; choose {_either(map(str, typing.get_args(hint)))}")
+        raise DescriptionError(
+            f"{name} is '{value}'; choose {_either(map(str, typing.get_args(hint)))}"
+        )
     if not _matches(value, hint):
         text = repr(value) if len(repr(value)) <= _MAX_SHOWN else f"of type {type(value).__name__}"
         raise DescriptionError(f"{name} is {text}; give {_describe(hint)}")
 
 
 def check_arguments(name: str, function: Callable[..., Any], arguments: Iterable[str]) -> None:
-    """Check that a function takes so many arguments; ``arguments`` are their names. Raises DescriptionError if it does not."""
+    """Check that a function takes so many arguments; ``arguments`` are their names. Raises
+    DescriptionError if it does not."""
     try:
         signature = inspect.signature(function)
     except (TypeError, ValueError):  # some functions in C have none
@@ -79,10 +94,14 @@ def check_arguments(name: str, function: Callable[..., Any], arguments: Iterable
     try:
         signature.bind(*names)
     except TypeError:
-        raise DescriptionError(f"{name} takes other arguments, {signature}; write a function of ({', '.join(names)})") from None
+        raise DescriptionError(
+            f"{name} takes other arguments, {signature}; write a function of ({', '.join(names)})"
+        ) from None
 
 
-def check_call(where: str, function: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
+def check_call(
+    where: str, function: Callable[..., Any], values: Mapping[str, Any]
+) -> dict[str, Any]:
     """Values for a function's parameters, by name, as its annotations want them: a list becomes a
     tuple, a text a path or a member of an enumeration, a whole number a text. A parameter without
     annotation wants what its default is.
@@ -93,21 +112,28 @@ def check_call(where: str, function: Callable[..., Any], values: Mapping[str, An
         values: as they come from JSON or a command line.
 
     Raises:
-        DescriptionError: an annotation does not allow a value, or a parameter without default is missing.
+        DescriptionError: an annotation does not allow a value, or a parameter without default is
+            missing.
     """
     try:
         signature = inspect.signature(function, eval_str=True)
-    except Exception:  # noqa: BLE001 - an annotation is any expression; one that fails checks nothing
+    except Exception:  # noqa: BLE001
+        # - an annotation is any expression; one that fails checks nothing
         signature = inspect.signature(function)
     parameters = signature.parameters
     rest = next((each for each in parameters.values() if each.kind is each.VAR_KEYWORD), None)
     missing = [
         name
         for name, each in parameters.items()
-        if each.default is each.empty and name not in values and each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)
+        if each.default is each.empty
+        and name not in values
+        and each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)
     ]
     if missing:
-        wanted = ", ".join(f"{name} ({words})" if (words := _wanted(parameters[name])) else name for name in missing)
+        wanted = ", ".join(
+            f"{name} ({words})" if (words := _wanted(parameters[name])) else name
+            for name in missing
+        )
         raise DescriptionError(f"{where}an option is missing; give {wanted}")
     checked = {}
     for name, value in values.items():
@@ -123,7 +149,8 @@ def check_call(where: str, function: Callable[..., Any], values: Mapping[str, An
 
 
 def _hint_of(parameter: inspect.Parameter) -> Any:
-    """Annotation of a parameter, or else the type of its default; any number where that is a whole one."""
+    """Annotation of a parameter, or else the type of its default; any number where that is a whole
+    one."""
     if parameter.annotation is not parameter.empty:
         return Any if isinstance(parameter.annotation, str) else parameter.annotation
     kind = type(parameter.default)
@@ -137,7 +164,8 @@ def _wanted(parameter: inspect.Parameter) -> str:
 
 
 def _converted(value: Any, hint: Any) -> Any:
-    """A value from JSON as what an annotation wants, where that is the same thing written differently; else as it is."""
+    """A value from JSON as what an annotation wants, where that is the same thing written
+    differently; else as it is."""
     hint = _without_remarks(hint)
     if _matches(value, hint):
         return value
@@ -182,7 +210,9 @@ def _matches(value: Any, hint: Any) -> bool:
     if cls is list:
         return all(_matches(part, parts[0]) for part in value)
     if cls is dict:
-        return all(_matches(key, parts[0]) and _matches(part, parts[1]) for key, part in value.items())
+        return all(
+            _matches(key, parts[0]) and _matches(part, parts[1]) for key, part in value.items()
+        )
     if cls is not tuple:
         return True
     if parts[-1] is ...:

@@ -1,4 +1,5 @@
-"""Durable files: written completely or not at all, and on the disk when the call returns. Locks of folders."""
+"""Durable files: written completely or not at all, and on the disk when the call returns. Locks of
+folders."""
 
 import contextlib
 import difflib
@@ -32,7 +33,8 @@ def quoted(path: Path | str) -> str:
 
 
 def user_cache() -> Path:
-    """Folder of what is kept between processes and can be lost. Raises RuntimeError if the user has no home."""
+    """Folder of what is kept between processes and can be lost. Raises RuntimeError if the user has
+    no home."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bricksrl"
 
 
@@ -43,8 +45,9 @@ def refuse_existing(path: Path, error: type[BricksError]) -> None:
 
 
 def folder_with(folder: Path, *files: str) -> str:
-    """``a folder with a config.json, such as runs/a or runs/b``, for a message that ``folder`` has none of these files. Names up
-    to three folders that have one: the one that it is in, the newest of those in it, or those beside it with a similar name."""
+    """``a folder with a config.json, such as runs/a or runs/b``, for a message that ``folder`` has
+    none of these files. Names up to three folders that have one: the one that it is in, the newest
+    of those in it, or those beside it with a similar name."""
     found: list[str] = []
     with contextlib.suppress(OSError):
         around, inside, beside = (
@@ -53,20 +56,28 @@ def folder_with(folder: Path, *files: str) -> str:
         )
         inside.sort(key=lambda path: path.stat().st_mtime, reverse=True)
         similar = difflib.get_close_matches(folder.name, [path.name for path in beside])
-        found = [str(path) for path in around[:1] or inside[:3] or [folder.parent / name for name in similar]]
+        found = [
+            str(path)
+            for path in around[:1] or inside[:3] or [folder.parent / name for name in similar]
+        ]
     return f"a folder with a {files[0]}{', such as ' if found else ''}{' or '.join(found)}"
 
 
 @contextlib.contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Raise WriteError, which says what to do, for an OSError in this context, whose subject is ``path``."""
+    """Raise WriteError, which says what to do, for an OSError in this context, whose subject is
+    ``path``."""
     try:
         yield
     except OSError as failure:
         reason = failure.strerror or str(failure)
         if isinstance(failure, FileExistsError):  # a folder was to be made
             reason = os.strerror(errno.ENOTDIR)
-        remedy = "make room on that disk, or name another place" if failure.errno in FULL else "name another place"
+        remedy = (
+            "make room on that disk, or name another place"
+            if failure.errno in FULL
+            else "name another place"
+        )
         error = WriteError(f"cannot write {path} ({reason}); {remedy}")
         error.errno, error.strerror, error.filename = failure.errno, reason, str(path)
         raise error from None
@@ -74,8 +85,9 @@ def writing(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def reading(what: str, path: Path | str, error: type[BricksError], remedy: str) -> Iterator[None]:
-    """Raise ``error``, with the remedy, where ``what``, the file at ``path``, cannot be read in this context, or its content
-    causes what that of another file may cause: an error of values, or a DescriptionError that says what is wrong with it."""
+    """Raise ``error``, with the remedy, where ``what``, the file at ``path``, cannot be read in
+    this context, or its content causes what that of another file may cause: an error of values, or
+    a DescriptionError that says what is wrong with it."""
     try:
         yield
     except OSError as failure:
@@ -83,14 +95,19 @@ def reading(what: str, path: Path | str, error: type[BricksError], remedy: str) 
     except DescriptionError as failure:
         reason = str(failure)
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
-        reason = "it is not JSON as we write it, or damaged" if str(path).endswith(".json") else "it is another file, or damaged"
+        reason = (
+            "it is not JSON as we write it, or damaged"
+            if str(path).endswith(".json")
+            else "it is another file, or damaged"
+        )
     else:
         return
     raise error(f"cannot read {what} {path} ({reason}); {remedy}") from None
 
 
 def check_writable(path: Path) -> None:
-    """Raise WriteError if no file can be written to ``path``. Makes neither the file nor its folder."""
+    """Raise WriteError if no file can be written to ``path``. Makes neither the file nor its
+    folder."""
     with writing(path):
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "it is a folder")
@@ -104,14 +121,16 @@ def check_writable(path: Path) -> None:
 def write_durably(path: Path, data: bytes) -> None:
     """Write ``data`` to a temporary file, sync it, rename it to ``path``, and sync the folder.
 
-    ``path`` always has either its previous content or all of ``data``, even if the process is killed or the power fails. Raises
-    WriteError if it cannot be written.
+    ``path`` always has either its previous content or all of ``data``, even if the process is
+    killed or the power fails. Raises WriteError if it cannot be written.
     """
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = temporary_beside(path)
         # The system takes the user's umask off; tempfile would allow the owner alone.
-        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
+        handle = os.open(
+            temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666
+        )
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(data)
@@ -128,11 +147,11 @@ def write_durably(path: Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def atomic_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder, which is renamed to ``path`` at the end of the context, or removed after an exception, together
-    with the parent folders that were made for it.
+    """A temporary folder, which is renamed to ``path`` at the end of the context, or removed after
+    an exception, together with the parent folders that were made for it.
 
-    ``path`` is always complete, even if the process is killed; a remnant then has a name that begins with `TEMPORARY_PREFIX`.
-    Raises WriteError if it cannot be written.
+    ``path`` is always complete, even if the process is killed; a remnant then has a name that
+    begins with `TEMPORARY_PREFIX`. Raises WriteError if it cannot be written.
     """
     made = [parent for parent in path.parents if not parent.exists()]
     with writing(path):
@@ -148,7 +167,8 @@ def atomic_folder(path: Path) -> Iterator[Path]:
         with contextlib.suppress(OSError):  # one that is used meanwhile stays
             for parent in made:
                 parent.rmdir()
-        if isinstance(error, WriteError):  # of a file in it: a user knows nothing of the temporary folder
+        # of a file in it: a user knows nothing of the temporary folder
+        if isinstance(error, WriteError):
             with writing(path):
                 raise
         raise
@@ -171,13 +191,15 @@ def _sync_folder(path: Path) -> None:
 
 
 def is_unused(root: Path) -> bool:
-    """Whether a folder is empty, except for remnants of a writer that was killed before it wrote anything."""
+    """Whether a folder is empty, except for remnants of a writer that was killed before it wrote
+    anything."""
     files = (path for path in root.rglob("*") if not path.is_dir())
     return all(path.name.startswith((TEMPORARY_PREFIX, LOCK)) for path in files)
 
 
 def remove_unfinished(root: Path) -> int:
-    """Remove the unfinished files of killed writers below ``root``, and return their number; only for the folder's writer."""
+    """Remove the unfinished files of killed writers below ``root``, and return their number; only
+    for the folder's writer."""
     unfinished = [path for path in root.rglob(f"{TEMPORARY_PREFIX}*") if path.is_file()]
     for path in unfinished:
         path.unlink(missing_ok=True)
@@ -186,20 +208,23 @@ def remove_unfinished(root: Path) -> int:
 
 @contextlib.contextmanager
 def only_writer(root: Path, error: type[BricksError]) -> Iterator[None]:
-    """Exclusive lock of a folder for one writer, released at the end of the process too. Raises ``error`` if another process
-    holds it, WriteError if the folder cannot be written."""
+    """Exclusive lock of a folder for one writer, released at the end of the process too. Raises
+    ``error`` if another process holds it, WriteError if the folder cannot be written."""
     with _lock_file(root) as file:
         try:
             _lock(file.fileno())
         except OSError:
-            raise error(f"another program writes into {root} at this moment; wait for its end or choose another folder") from None
+            raise error(
+                f"another program writes into {root} at this moment; wait for its end or choose "
+                "another folder"
+            ) from None
         yield
 
 
 @contextlib.contextmanager
 def serialized(root: Path, timeout_s: float = 60.0) -> Iterator[None]:
-    """Lock of a folder that other processes wait for; after ``timeout_s`` they continue without it. Raises WriteError if the
-    folder cannot be written."""
+    """Lock of a folder that other processes wait for; after ``timeout_s`` they continue without it.
+    Raises WriteError if the folder cannot be written."""
     end_s = time.monotonic() + timeout_s
     with _lock_file(root) as file:
         while time.monotonic() < end_s:

@@ -1,4 +1,5 @@
-"""Findings of checks of a hub program, a building plan, a robot, an environment or this computer."""
+"""Findings of checks of a hub program, a building plan, a robot, an environment or this
+computer."""
 
 import enum
 from dataclasses import dataclass

@@ -1,6 +1,7 @@
 """Fixture ``pybricks_hub`` of pytest: Pybricks programs on a virtual hub, in simulated time.
 
-Every run of pytest where brickhub is installed imports this module; the virtual hub is imported by the first test that runs one.
+Every run of pytest where brickhub is installed imports this module; the virtual hub is imported by
+the first test that runs one.
 """
 
 from __future__ import annotations
@@ -39,15 +40,17 @@ class ProgramRun:
 
     @property
     def timed_out(self) -> bool:
-        """Whether the time limit ended it: a program that never ends, or a limit that is too short."""
+        """Whether the time limit ended it: a program that never ends, or a limit that is too
+        short."""
         from brickhub.hub.program.run_program import TIME_LIMIT_EXIT_CODE
 
         return self.exit_code == TIME_LIMIT_EXIT_CODE
 
     @cached_property
     def log(self) -> list[dict[str, float | str | None]]:
-        """What motors and sensors did: a row every 10 ms by column, such as ``time_s``, ``A_angle_deg``, ``C_distance_mm``, as
-        ``brickhub run --log`` writes them; ``None`` where there is no value yet."""
+        """What motors and sensors did: a row every 10 ms by column, such as ``time_s``,
+        ``A_angle_deg``, ``C_distance_mm``, as ``brickhub run --log`` writes them; ``None`` where
+        there is no value yet."""
         return list(self._log.rows())
 
 
@@ -79,11 +82,13 @@ class PybricksHub:
 
         Args:
             program: a file, named from the folder of the test, or the program's text.
-            robot: ``None`` for a bench that adapts to the program; a Robot for one with its motors and sensors; a body; or what
-                ``--robot`` names, such as ``walker`` or ``my_robot.py``.
-            readings: of sensors. On the bench as on the command line, such as ``"B=red"``; of a Robot by name, as functions of
-                the angles of its motors (deg, by name).
-            end_stops: likewise ``"C=-90..120"``, or lowest and highest angle (deg) by name of the motor.
+            robot: ``None`` for a bench that adapts to the program; a Robot for one with its motors
+                and sensors; a body; or what ``--robot`` names, such as ``walker`` or
+                ``my_robot.py``.
+            readings: of sensors. On the bench as on the command line, such as ``"B=red"``; of a
+                Robot by name, as functions of the angles of its motors (deg, by name).
+            end_stops: likewise ``"C=-90..120"``, or lowest and highest angle (deg) by name of the
+                motor.
             ports: motors and sensors on the bench, such as ``"A=interactive"``.
             presses: of buttons, such as ``"left@2.5s"``.
             stdin: what the program can read.
@@ -107,7 +112,9 @@ class PybricksHub:
         has_stops = body is not None or isinstance(end_stops, Mapping)
         operation = Operation(
             presses=[parse_press(text) for text in presses],
-            readings=[] if isinstance(readings, Mapping) else [parse_reading(text, self._folder) for text in readings],
+            readings=[]
+            if isinstance(readings, Mapping)
+            else [parse_reading(text, self._folder) for text in readings],
             end_stops={} if has_stops else dict(map(parse_end_stop, end_stops)),
             devices=dict(map(parse_device, ports)),
             attend=attend,
@@ -115,7 +122,13 @@ class PybricksHub:
         source = io.BytesIO(stdin) if isinstance(stdin, bytes) else io.StringIO(stdin)
         with interruptible():
             code = run_file(
-                self._file(program), body, stdout=out, stderr=err, stdin=source, time_limit_s=time_limit_s, operation=operation
+                self._file(program),
+                body,
+                stdout=out,
+                stderr=err,
+                stdin=source,
+                time_limit_s=time_limit_s,
+                operation=operation,
             )
         return ProgramRun(code, out.getvalue().decode(errors="replace"), err.getvalue(), log)
 
@@ -125,8 +138,8 @@ class PybricksHub:
         readings: Mapping[str, Reading] | Sequence[str],
         end_stops: Mapping[str, tuple[float, float]] | Sequence[str],
     ) -> Body | None:
-        """Body of a robot, however it is given; ``None`` for the bench that adapts to the program. Raises DescriptionError if the
-        readings or end stops are not those of its kind."""
+        """Body of a robot, however it is given; ``None`` for the bench that adapts to the program.
+        Raises DescriptionError if the readings or end stops are not those of its kind."""
         from brickhub.errors import DescriptionError
         from brickhub.robot import BENCH, Robot
         from brickhub.target import find
@@ -134,8 +147,15 @@ class PybricksHub:
         from brickhub.virtual.given_readings import end_stops_of
 
         is_described = isinstance(robot, Robot)
-        if any(given and isinstance(given, Mapping) is not is_described for given in (readings, end_stops)):
-            kind = "dicts by name for a Robot" if is_described else "lists of texts for the bench, such as B=red and C=-90..120"
+        if any(
+            given and isinstance(given, Mapping) is not is_described
+            for given in (readings, end_stops)
+        ):
+            kind = (
+                "dicts by name for a Robot"
+                if is_described
+                else "lists of texts for the bench, such as B=red and C=-90..120"
+            )
             raise DescriptionError(f"readings and end stops are {kind}; give such")
         if isinstance(robot, Robot):
             return BenchBody(robot, dict(readings), dict(end_stops))  # type: ignore[arg-type]
@@ -144,7 +164,11 @@ class PybricksHub:
         file = self._folder / robot
         target = find(str(file) if file.is_file() else robot)
         stops = end_stops_of(target.robot, end_stops)
-        return None if target.robot is BENCH else target.make_body(**({"end_stops": stops} if stops else {}))
+        return (
+            None
+            if target.robot is BENCH
+            else target.make_body(**({"end_stops": stops} if stops else {}))
+        )
 
     def _file(self, program: str | Path) -> Path:
         if isinstance(program, Path) or ("\n" not in program and program.endswith(".py")):
@@ -156,6 +180,6 @@ class PybricksHub:
 
 @pytest.fixture
 def pybricks_hub(request: pytest.FixtureRequest, tmp_path: Path) -> PybricksHub:
-    """Virtual hub: ``run = pybricks_hub.run("main.py", readings=["B=red"])`` runs a Pybricks program without a hub, and has its
-    ``exit_code``, ``output``, ``errors`` and ``log``."""
+    """Virtual hub: ``run = pybricks_hub.run("main.py", readings=["B=red"])`` runs a Pybricks
+    program without a hub, and has its ``exit_code``, ``output``, ``errors`` and ``log``."""
     return PybricksHub(request.path.parent, tmp_path)

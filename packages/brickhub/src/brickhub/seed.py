@@ -1,8 +1,9 @@
 """Seeds: the range that all random generators accept, and derived seeds.
 
-A run has one seed, and everything that is drawn in it follows from that seed. Its episodes have seeds of their own, in three
-ranges that have nothing in common, so that whatever seeds a user chooses, no agent is judged on episodes that it learned from,
-nor by those that chose it among others:
+A run has one seed, and everything that is drawn in it follows from that seed. Its episodes have
+seeds of their own, in three ranges that have nothing in common, so that whatever seeds a user
+chooses, no agent is judged on episodes that it learned from, nor by those that chose it among
+others:
 
 =============  ======================  ===========================================================================
 kind           seeds of episodes       episodes
@@ -12,10 +13,11 @@ selection      from 2**31 on           of evaluations that choose: the best chec
 evaluation     from 3 * 2**30 on       of `bricksrl evaluate` and whatever is reported at the end
 =============  ======================  ===========================================================================
 
-An evaluation follows from the seed of the run and its own: runs with different seeds meet different episodes, so that an interval
-over runs is one over episodes too; runs with the same seed meet the same ones, so that two agents can be compared in pairs; and
-the same evaluation of the same run is the same again.
-"""
+An evaluation follows from the seed of the run and its own: runs with different seeds meet different
+episodes, so that an interval over runs is one over episodes too; runs with the same seed meet the
+same ones, so that two agents can be compared in pairs; and the same evaluation of the same run is
+the same again.
+"""  # noqa: E501
 
 import hashlib
 from typing import Literal
@@ -44,7 +46,8 @@ _PURPOSE = {"training": "episode", "selection": "selection", "evaluation": "eval
 
 
 def episode_seed(kind: EpisodeKind, seed: int, number: int, again: int = 0) -> int:
-    """The seed of episode ``number`` of a run or an evaluation with a seed; ``again``: how often it was tried before."""
+    """The seed of episode ``number`` of a run or an evaluation with a seed; ``again``: how often it
+    was tried before."""
     derived = derive_seed(seed, _PURPOSE[kind], number)
     if again:
         derived = derive_seed(derived, "again", again)

@@ -1,7 +1,8 @@
 """Target of a command: a robot with an interface and a body, found by the name that a user gives.
 
-A house to the right that knows more names than the user's files (robots, plans, environments) declares its own `find` as an entry
-point of the group ``brickhub.target``, and asks the one of the house before for what it does not know.
+A house to the right that knows more names than the user's files (robots, plans, environments)
+declares its own `find` as an entry point of the group ``brickhub.target``, and asks the one of the
+house before for what it does not know.
 """
 
 import functools
@@ -12,7 +13,17 @@ from typing import Any
 
 from brickhub import HOUSES
 from brickhub.errors import UnknownNameError
-from brickhub.hub.interface import Channel, Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait, YawRate
+from brickhub.hub.interface import (
+    Channel,
+    Distance,
+    Interface,
+    MotorAngle,
+    Pitch,
+    Roll,
+    RunAngle,
+    Wait,
+    YawRate,
+)
 from brickhub.robot import BENCH, Robot
 from brickhub.user_files import is_reference, load_robot
 from brickhub.virtual.bench_body import BenchBody
@@ -29,8 +40,10 @@ class Target:
     Attributes:
         name: of the robot, or of the environment that it is for.
         interface: commands and channels of the program on its hub.
-        make_body: builds the body of the virtual robot; its options are those of the house that found it.
-        scene: surroundings of the virtual robot, as that house describes them; ``None`` if nothing is said.
+        make_body: builds the body of the virtual robot; its options are those of the house that
+            found it.
+        scene: surroundings of the virtual robot, as that house describes them; ``None`` if nothing
+            is said.
         note: what a person who gave the name should know of it.
     """
 
@@ -43,27 +56,37 @@ class Target:
 
 
 def whole_interface(robot: Robot) -> Interface:
-    """Interface with every motor at full speed, the IMU and the distance sensor, 50 ms after each command."""
-    channels: list[Channel] = [MotorAngle(motor.name, *(map(float, motor.range_deg or (0, 360)))) for motor in robot.motors]
+    """Interface with every motor at full speed, the IMU and the distance sensor, 50 ms after each
+    command."""
+    channels: list[Channel] = [
+        MotorAngle(motor.name, *(map(float, motor.range_deg or (0, 360)))) for motor in robot.motors
+    ]
     if robot.needs_imu:
         channels += [Pitch(), Roll(), YawRate()]
-    channels += [Distance(sensor.name) for sensor in robot.sensors if sensor.kind.model.range_mm][:1]
-    commands = tuple(RunAngle(motor.name, -_TURN_DEG, _TURN_DEG, _FAST_DEG_S) for motor in robot.motors)
+    channels += [Distance(sensor.name) for sensor in robot.sensors if sensor.kind.model.range_mm][
+        :1
+    ]
+    commands = tuple(
+        RunAngle(motor.name, -_TURN_DEG, _TURN_DEG, _FAST_DEG_S) for motor in robot.motors
+    )
     return Interface(commands, tuple(channels), Wait(50))
 
 
 def find_in_files(name: str) -> Target:
-    """The robot in a user's file, or ``bench``, on the bench. Raises UnknownNameError if there is none, DescriptionError if the
-    file is wrong."""
+    """The robot in a user's file, or ``bench``, on the bench. Raises UnknownNameError if there is
+    none, DescriptionError if the file is wrong."""
     if not is_reference(name) and name != BENCH.name:
-        raise UnknownNameError(f"there is no robot '{name}'; name a Python file with one, such as my_robot.py, or bench")
+        raise UnknownNameError(
+            f"there is no robot '{name}'; name a Python file with one, such as my_robot.py, "
+            "or bench"
+        )
     robot = BENCH if name == BENCH.name else load_robot(name)
     return Target(robot.name, robot, whole_interface(robot), functools.partial(BenchBody, robot))
 
 
 def find(name: str) -> Target:
-    """The target of that name, as the last house that is installed knows it. Raises UnknownNameError if there is none,
-    DescriptionError if a user's file is wrong."""
+    """The target of that name, as the last house that is installed knows it. Raises
+    UnknownNameError if there is none, DescriptionError if a user's file is wrong."""
     return _finder()(name)
 
 

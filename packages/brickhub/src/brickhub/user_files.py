@@ -1,4 +1,5 @@
-"""Loading of objects from the user's code: ``my_robot.py``, ``my_robot.py:ROBOT``, ``package.module:ROBOT``."""
+"""Loading of objects from the user's code: ``my_robot.py``, ``my_robot.py:ROBOT``,
+``package.module:ROBOT``."""
 
 import contextlib
 import importlib
@@ -22,7 +23,8 @@ from brickhub.robot import Robot
 
 @dataclass(frozen=True)
 class NotCode:
-    """Annotation of a text that names no code of the user's, such as an address or a folder; see `code_names`.
+    """Annotation of a text that names no code of the user's, such as an address or a folder; see
+    `code_names`.
 
     Attributes:
         known: the only texts of which that is true, such as our own names; ``None`` for all texts.
@@ -34,12 +36,14 @@ class NotCode:
 def code_names(value: object, hint: object = None) -> Iterator[str]:
     """Texts in a value from a file, at any depth, that may name code of the user's.
 
-    A text is known not to name any only where its annotation says so: by `NotCode`, or as one of a ``Literal``. All others may,
-    in whatever form, and so may the texts of fields that are not declared.
+    A text is known not to name any only where its annotation says so: by `NotCode`, or as one of a
+    ``Literal``. All others may, in whatever form, and so may the texts of fields that are not
+    declared.
 
     Args:
         value: plain values, as of JSON.
-        hint: its annotation; of a table, the dataclass that is made of it, or the annotations of its fields by name.
+        hint: its annotation; of a table, the dataclass that is made of it, or the annotations of
+            its fields by name.
     """
     parts = list(_parts_of(hint))
     if isinstance(value, str):
@@ -85,12 +89,14 @@ def _is_harmless(text: str, part: object) -> bool:
 
 
 def is_reference(env_id: str) -> bool:
-    """True if this refers to the user's code rather than to a registered name: only such a text can be loaded."""
+    """True if this refers to the user's code rather than to a registered name: only such a text can
+    be loaded."""
     return ":" in env_id or env_id.endswith(".py")
 
 
 def with_absolute_file(reference: str) -> str:
-    """A reference with the absolute path of its file, without ``..``, for use in any folder; names and modules as they are."""
+    """A reference with the absolute path of its file, without ``..``, for use in any folder; names
+    and modules as they are."""
     location, name = _parts(reference)
     if not location.endswith(".py"):
         return reference
@@ -99,7 +105,8 @@ def with_absolute_file(reference: str) -> str:
 
 
 def without_folder(reference: str) -> str:
-    """A reference with only the name of its file, for display and for other computers; names and modules as they are."""
+    """A reference with only the name of its file, for display and for other computers; names and
+    modules as they are."""
     return Path(reference).name if _parts(reference)[0].endswith(".py") else reference
 
 
@@ -112,7 +119,8 @@ def load_object(reference: str, default: str | type, *, missing: str = "write on
     """Object of that name in the user's code.
 
     Args:
-        reference: a Python file or an importable module, a colon, and the name; for a file the name may be omitted.
+        reference: a Python file or an importable module, a colon, and the name; for a file the name
+            may be omitted.
         default: the name where it is omitted, or the type of the file's only object of that type.
         missing: what to do where a file has no object of that type, for the message.
 
@@ -121,22 +129,30 @@ def load_object(reference: str, default: str | type, *, missing: str = "write on
         DescriptionError: the code raised.
     """
     if not is_reference(reference):
-        raise UnknownNameError(f"'{reference}' names no Python file; give FILE.py, FILE.py:NAME or module:NAME")
+        raise UnknownNameError(
+            f"'{reference}' names no Python file; give FILE.py, FILE.py:NAME or module:NAME"
+        )
     location, name = _parts(reference)
     module = _load(location, reference)
-    name = name or (default if isinstance(default, str) else _only(default, module, reference, missing))
+    name = name or (
+        default if isinstance(default, str) else _only(default, module, reference, missing)
+    )
     try:
         return getattr(module, name)
     except AttributeError:
         wanted = "what" if isinstance(default, str) else f"a {default.__name__.lower()} that"
-        raise UnknownNameError(f"there is no '{name}' in {location}; name {wanted} is written there") from None
+        raise UnknownNameError(
+            f"there is no '{name}' in {location}; name {wanted} is written there"
+        ) from None
 
 
 def objects_in(reference: str, kind: type) -> dict[str, Any]:
-    """All objects of a type in the file or module of a reference, by name; aliases of one object count once. Raises as
-    `load_object`."""
+    """All objects of a type in the file or module of a reference, by name; aliases of one object
+    count once. Raises as `load_object`."""
     module = _load(_parts(reference)[0], reference)
-    found = {id(value): (name, value) for name, value in vars(module).items() if isinstance(value, kind)}
+    found = {
+        id(value): (name, value) for name, value in vars(module).items() if isinstance(value, kind)
+    }
     return dict(found.values())
 
 
@@ -154,14 +170,16 @@ def check_there(reference: str) -> None:
     if not location.endswith(".py") or path.is_file():
         return
     if path.is_absolute():
-        raise UnknownNameError(f"there is no file {location}; put it there, or give the path of another Python file")
+        raise UnknownNameError(
+            f"there is no file {location}; put it there, or give the path of another Python file"
+        )
     remedy = "give the path of a Python file, or go to the right folder"
     raise UnknownNameError(f"there is no file {location} in {Path.cwd()}; {remedy}")
 
 
 def load_robot(reference: str) -> Robot:
-    """Robot in the user's code; the name may be omitted for a file with a single robot. Raises as `load_object`, and
-    DescriptionError if the named object is no robot."""
+    """Robot in the user's code; the name may be omitted for a file with a single robot. Raises as
+    `load_object`, and DescriptionError if the named object is no robot."""
     robot = load_object(reference, Robot)
     if not isinstance(robot, Robot):
         raise DescriptionError(f"{reference} is not a robot; name a Robot that is written there")
@@ -186,7 +204,8 @@ def _load(location: str, reference: str) -> ModuleType:
 
 @contextlib.contextmanager
 def beside(reference: str) -> Iterator[None]:
-    """Context in which Python finds what is beside a user's file, or in the present folder, as if it ran that file."""
+    """Context in which Python finds what is beside a user's file, or in the present folder, as if
+    it ran that file."""
     location, _ = _parts(reference)
     folder = str(Path(location).resolve().parent if location.endswith(".py") else Path.cwd())
     sys.path.insert(0, folder)
@@ -197,21 +216,31 @@ def beside(reference: str) -> Iterator[None]:
 
 
 def line_of_user(error: BaseException) -> str:
-    """Location in the user's files where an exception was raised, as ", my_task.py, line 7"; empty if there is none."""
-    installed = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib", "scripts")}
+    """Location in the user's files where an exception was raised, as ", my_task.py, line 7"; empty
+    if there is none."""
+    installed = {
+        sysconfig.get_path(name)
+        for name in ("stdlib", "platstdlib", "purelib", "platlib", "scripts")
+    }
     ours = (getattr(sys.modules.get(house), "__file__", None) for house in HOUSES)
-    foreign = [*(str(Path(file).resolve().parent) for file in ours if file), *filter(None, installed)]
+    foreign = [
+        *(str(Path(file).resolve().parent) for file in ours if file),
+        *filter(None, installed),
+    ]
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         path = Path(frame.filename)
-        if path.is_file() and not any(path.resolve().is_relative_to(Path(folder).resolve()) for folder in foreign):
+        if path.is_file() and not any(
+            path.resolve().is_relative_to(Path(folder).resolve()) for folder in foreign
+        ):
             return f", {path.name}, line {frame.lineno}"
     return ""
 
 
 @contextlib.contextmanager
 def calling(reference: str, failing: str, *, is_of_user: bool = True) -> Iterator[None]:
-    """Raise DescriptionError, with the line, where the user's code raises in this context; ``failing``: what it then does. Errors
-    of ours, and of code that is not the user's, are raised as they are."""
+    """Raise DescriptionError, with the line, where the user's code raises in this context;
+    ``failing``: what it then does. Errors of ours, and of code that is not the user's, are raised
+    as they are."""
     try:
         yield
     except Exception as error:
@@ -238,12 +267,16 @@ def _run_file(path: Path) -> ModuleType:
 
 
 def _only(type_: type, module: ModuleType, reference: str, missing: str) -> str:
-    """Name of the only object of a type in a module. Raises UnknownNameError for none or several."""
-    # An object does not record the module that defines it, so imported ones count too; aliases of one object count once.
+    """Name of the only object of a type in a module. Raises UnknownNameError for none or
+    several."""
+    # An object does not record the module that defines it, so imported ones count too; aliases of
+    # one object count once.
     names = {id(value): name for name, value in vars(module).items() if isinstance(value, type_)}
     if len(names) != 1:
         known, noun = ", ".join(names.values()), type_.__name__.lower()
         if not names:
             raise UnknownNameError(f"{reference} has no {noun}; {missing}")
-        raise UnknownNameError(f"{reference} has {len(names)} {noun}s ({known}); name one: {reference}:{noun.upper()}")
+        raise UnknownNameError(
+            f"{reference} has {len(names)} {noun}s ({known}); name one: {reference}:{noun.upper()}"
+        )
     return next(iter(names.values()))

@@ -20,7 +20,9 @@ HEAVY = ("bleak", "greenlet", "numpy", "serial", "brickhub.virtual.machine")
 
 
 def process(*words: str, **options: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=60, check=False, **options)  # type: ignore[call-overload]
+    return subprocess.run(
+        [sys.executable, *words], capture_output=True, text=True, timeout=60, check=False, **options
+    )  # type: ignore[call-overload]
 
 
 def test_version(told) -> None:
@@ -29,7 +31,11 @@ def test_version(told) -> None:
 
 def test_python_runs_the_package_as_the_command() -> None:
     done = process("-m", "brickhub", "--version")
-    assert (done.returncode, done.stdout, done.stderr) == (0, f"brickhub {package.__version__}\n", "")
+    assert (done.returncode, done.stdout, done.stderr) == (
+        0,
+        f"brickhub {package.__version__}\n",
+        "",
+    )
 
 
 def test_help_names_every_command(told) -> None:
@@ -42,7 +48,11 @@ def test_help_names_every_command(told) -> None:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_of_a_command_has_examples(told, command: str) -> None:
     code, out = told(command, "--help")
-    assert code == 0 and out.startswith(f"usage: brickhub {command}") and f"\n  brickhub {command}" in out
+    assert (
+        code == 0
+        and out.startswith(f"usage: brickhub {command}")
+        and f"\n  brickhub {command}" in out
+    )
     assert told("help", command) == (code, out)
 
 
@@ -66,19 +76,29 @@ def test_help_is_light(command: str) -> None:
 def test_unread_output_ends_quietly(command: str, output: str) -> None:
     """A reader that has left, such as ``head``, and standard streams that are closed."""
     line = f"{shlex.quote(sys.executable)} -m brickhub {command} {output}"
-    done = subprocess.run(["sh", "-c", line], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        ["sh", "-c", line], capture_output=True, text=True, timeout=60, check=False
+    )
     assert (done.stdout, done.stderr) == ("", "")
 
 
 def test_second_ctrl_c_at_the_end_is_quiet() -> None:
-    interrupted = "import atexit, os, signal; atexit.register(os.kill, os.getpid(), signal.SIGINT); "
-    done = process("-c", f"{interrupted}from brickhub.cli import main; raise SystemExit(main(['--version']))")
+    interrupted = (
+        "import atexit, os, signal; atexit.register(os.kill, os.getpid(), signal.SIGINT); "
+    )
+    done = process(
+        "-c", f"{interrupted}from brickhub.cli import main; raise SystemExit(main(['--version']))"
+    )
     assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_missing_docstrings_print_one_line() -> None:
     done = process("-OO", "-m", "brickhub", "scan", "--hub", "virtual")
-    assert (done.returncode, done.stdout) == (2, "") and "unset PYTHONOPTIMIZE" in done.stderr and done.stderr.count("\n") == 1
+    assert (
+        (done.returncode, done.stdout) == (2, "")
+        and "unset PYTHONOPTIMIZE" in done.stderr
+        and done.stderr.count("\n") == 1
+    )
 
 
 def test_missing_package_is_named(tmp_path: Path) -> None:
@@ -86,12 +106,24 @@ def test_missing_package_is_named(tmp_path: Path) -> None:
     (tmp_path / "sitecustomize.py").write_text(
         "from importlib.machinery import PathFinder\n"
         "find = PathFinder.find_spec\n"
-        "PathFinder.find_spec = lambda name, *rest: None if name.startswith('greenlet') else find(name, *rest)\n"
+        "PathFinder.find_spec = lambda name, *rest: None if name.startswith('greenlet') else "
+        "find(name, *rest)\n"
     )
     (tmp_path / "main.py").write_text("print(1)")
     path = f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
-    done = process("-m", "brickhub", "run", str(tmp_path / "main.py"), "--robot", "bench", env={**os.environ, "PYTHONPATH": path})
-    told = r"error: the package 'greenlet' is missing in .*; install brickhub there again, or activate its environment\n"
+    done = process(
+        "-m",
+        "brickhub",
+        "run",
+        str(tmp_path / "main.py"),
+        "--robot",
+        "bench",
+        env={**os.environ, "PYTHONPATH": path},
+    )
+    told = (
+        r"error: the package 'greenlet' is missing in .*; install brickhub there again, or "
+        r"activate its environment\n"
+    )
     assert done.returncode == 2 and re.fullmatch(told, done.stderr), done.stderr
 
 
@@ -99,11 +131,17 @@ def test_missing_package_is_named(tmp_path: Path) -> None:
     ("arguments", "says"),
     [
         ("scan --seconds x", "--seconds is 'x'; give a number; see `brickhub scan --help`"),
-        ("latency my.py --exchanges x", "--exchanges is 'x'; give a whole number; see `brickhub latency --help`"),
+        (
+            "latency my.py --exchanges x",
+            "--exchanges is 'x'; give a whole number; see `brickhub latency --help`",
+        ),
         ("run", "FILE is missing; see `brickhub run --help`"),
         ("scan --jsn", "there is no option or argument --jsn"),
         ("scan --secnds 3", "(did you mean --seconds?)"),
-        ("scna", "there is no option or argument scna (did you mean 'scan'?); see `brickhub --help`"),
+        (
+            "scna",
+            "there is no option or argument scna (did you mean 'scan'?); see `brickhub --help`",
+        ),
         ("doctor --timeout-s nan", "timeout-s is nan"),
         ("scan --seconds 0", "from 0 to 600"),
         ("scan --hub infrared", "choose ble or virtual"),
@@ -111,19 +149,29 @@ def test_missing_package_is_named(tmp_path: Path) -> None:
         ("run main.py --time-limit-s -1", "time limit is -1"),
         ("run other.py", "(No such file or directory)"),
         ("program nowhere.py", "there is no file nowhere.py"),
-        ("program my_robot.py --out program.txt", "'program.txt' is not a name of a program; end it in .py"),
+        (
+            "program my_robot.py --out program.txt",
+            "'program.txt' is not a name of a program; end it in .py",
+        ),
     ],
 )
-def test_wrong_arguments_print_one_line(fails, arguments: str, says: str, tmp_path: Path, monkeypatch) -> None:
+def test_wrong_arguments_print_one_line(
+    fails, arguments: str, says: str, tmp_path: Path, monkeypatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "main.py").write_text("print(1)")
     (tmp_path / "my_robot.py").write_text("from brickhub.robot import BENCH\n")
     fails(*arguments.split(), says=says)
-    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix) == ["main.py", "my_robot.py"], "nothing was made"
+    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix) == [
+        "main.py",
+        "my_robot.py",
+    ], "nothing was made"
 
 
 def test_failure_in_a_users_file_names_its_line(fails, tmp_path: Path) -> None:
-    (tmp_path / "my_robot.py").write_text("from brickhub.robot import Robot\n\nROBOT = Robot('mine', 'prime')\n")
+    (tmp_path / "my_robot.py").write_text(
+        "from brickhub.robot import Robot\n\nROBOT = Robot('mine', 'prime')\n"
+    )
     fails("program", str(tmp_path / "my_robot.py"), says="give HubKind.PRIME")
     fails("program", str(tmp_path / "my_robot.py"), says="my_robot.py, line 3); correct it")
 
@@ -137,7 +185,10 @@ def test_one_line_error_keeps_message_and_help() -> None:
         "│ For full helptext, see bricksrl --help │\n"
         "╰──────────────────────╯\n"
     )
-    assert one_line(box, "bricksrl train") == "Error parsing --seed: not a number; see `bricksrl train --help`"
+    assert (
+        one_line(box, "bricksrl train")
+        == "Error parsing --seed: not a number; see `bricksrl train --help`"
+    )
 
 
 def test_unknown_error_prints_one_line() -> None:

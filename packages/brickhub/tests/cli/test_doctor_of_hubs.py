@@ -26,7 +26,9 @@ def test_doctor_answers_on_this_computer(capfd) -> None:
 
 def test_json(capfd, monkeypatch) -> None:
     monkeypatch.setattr(
-        doctor.Doctor, "checks", {"python": doctor.check_python, "bad": lambda: (Outcome.ERROR, "it is; mend it")}
+        doctor.Doctor,
+        "checks",
+        {"python": doctor.check_python, "bad": lambda: (Outcome.ERROR, "it is; mend it")},
     )
     assert main(("doctor", "--json")) == 1
     told = json.loads(capfd.readouterr().out)
@@ -74,11 +76,14 @@ def fail(error: HubError):
     return scan
 
 
-def test_bluetooth_checks_go_from_system_to_hub(linux: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bluetooth_checks_go_from_system_to_hub(
+    linux: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("brickhub.hub.transports.ble.scan", lambda seconds: [])
     assert doctor.check_bluetooth() == (Outcome.OK, "can look for hubs: no hub in reach right now")
     monkeypatch.setattr(
-        "brickhub.hub.transports.ble.scan", fail(BluetoothUnavailableError("access denied; join the group bluetooth"))
+        "brickhub.hub.transports.ble.scan",
+        fail(BluetoothUnavailableError("access denied; join the group bluetooth")),
     )
     outcome, detail = doctor.check_bluetooth()
     assert outcome is Outcome.WARNING and "access denied" in detail and "virtual hub" in detail
@@ -92,7 +97,8 @@ def test_bluetooth_checks_go_from_system_to_hub(linux: Path, monkeypatch: pytest
 
 def test_missing_or_old_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "importlib.metadata.requires", lambda name: ["greenlet>=99", "nowhere-to-be-found", "extra-thing; extra == 'x'"]
+        "importlib.metadata.requires",
+        lambda name: ["greenlet>=99", "nowhere-to-be-found", "extra-thing; extra == 'x'"],
     )
     outcome, detail = doctor.check_packages()
     assert outcome is Outcome.ERROR

@@ -68,7 +68,11 @@ finally:
 def running(script: str, **options: object) -> Iterator[subprocess.Popen[str]]:
     """A script that has said that it is ready."""
     process = subprocess.Popen(
-        [sys.executable, "-c", BEGIN + script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **options
+        [sys.executable, "-c", BEGIN + script],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        **options,
     )
     with process:
         try:

@@ -27,5 +27,7 @@ def test_processes_that_a_library_starts_do_not_run_what_lies_in_the_present_fol
     here = tmp_path / "here"
     here.mkdir()
     (here / "signal.py").write_text("print('code of a stranger')\n")
-    process = subprocess.run([sys.executable, program], cwd=here, capture_output=True, text=True, check=True)
+    process = subprocess.run(
+        [sys.executable, program], cwd=here, capture_output=True, text=True, check=True
+    )
     assert process.stdout.splitlines()[1:] == ["spawned"], process.stderr

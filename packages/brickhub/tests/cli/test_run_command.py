@@ -63,7 +63,11 @@ def test_time_limit(brickhub, program: Path) -> None:
     ("source", "typed", "printed"),
     [
         ("from usys import stdin\nprint(stdin.read(3))\n", b"abc", b"abc\n"),
-        ("from usys import stdin\nprint(stdin.buffer.read(3) == b'\\xff\\xfeA')\n", b"\xff\xfeA", b"True\n"),
+        (
+            "from usys import stdin\nprint(stdin.buffer.read(3) == b'\\xff\\xfeA')\n",
+            b"\xff\xfeA",
+            b"True\n",
+        ),
     ],
     ids=["text", "bytes that are no text"],
 )
@@ -77,18 +81,23 @@ def test_standard_input_is_passed(program: Path, source: str, typed: bytes, prin
 def test_unused_input_is_not_waited_for(program: Path) -> None:
     program.write_text("print('done')\n")
     command = [sys.executable, "-m", "brickhub", "run", str(program)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:  # the pipe stays open
+    # the pipe stays open
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
         assert child.wait(timeout=60) == 0
         assert child.stdout.read() == b"done\n"
 
 
 def test_ctrl_c_stops_a_program(program: Path) -> None:
     program.write_text(
-        "from pybricks.hubs import PrimeHub\nfrom pybricks.parameters import Color\nfrom pybricks.tools import wait\n"
-        "PrimeHub().light.on(Color.RED)\nwhile True:\n    try:\n        wait(1000)\n    except BaseException:\n        pass\n"
+        "from pybricks.hubs import PrimeHub\nfrom pybricks.parameters import Color\n"
+        "from pybricks.tools import wait\n"
+        "PrimeHub().light.on(Color.RED)\nwhile True:\n    try:\n        wait(1000)\n"
+        "    except BaseException:\n        pass\n"
     )
     command = [sys.executable, "-m", "brickhub", "run", str(program), "--panel"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as child:
         assert "hue 0" in child.stderr.readline(), "it runs"
         child.send_signal(signal.SIGINT)
         out, err = child.communicate(timeout=60)
@@ -100,18 +109,26 @@ def test_ctrl_c_stops_a_program(program: Path) -> None:
     ("arguments", "says"),
     [
         (("nothing.py",), "nothing.py"),
-        ((__file__, "--robot", "dog"), "there is no robot 'dog'; name a Python file with one, such as my_robot.py, or bench"),
+        (
+            (__file__, "--robot", "dog"),
+            "there is no robot 'dog'; name a Python file with one, such as my_robot.py, or bench",
+        ),
     ],
 )
-def test_wrong_files_and_robots_print_one_line(fails, arguments: tuple[str, ...], says: str) -> None:
+def test_wrong_files_and_robots_print_one_line(
+    fails, arguments: tuple[str, ...], says: str
+) -> None:
     fails("run", *arguments, says=says)
 
 
 def test_used_devices_are_there(brickhub, program: Path) -> None:
     program.write_text(
-        "from pybricks.hubs import TechnicHub\nfrom pybricks.pupdevices import *\nfrom pybricks.parameters import *\n"
-        "from pybricks.tools import wait\nhub = TechnicHub()\narm, eye = Motor(Port.A), ColorSensor(Port.B)\n"
-        "hub.light.on(Color.RED)\nprint(eye.color(), arm.run_until_stalled(300, duty_limit=50))\nwait(10000)\n"
+        "from pybricks.hubs import TechnicHub\nfrom pybricks.pupdevices import *\n"
+        "from pybricks.parameters import *\n"
+        "from pybricks.tools import wait\nhub = TechnicHub()\n"
+        "arm, eye = Motor(Port.A), ColorSensor(Port.B)\n"
+        "hub.light.on(Color.RED)\nprint(eye.color(), arm.run_until_stalled(300, duty_limit=50))\n"
+        "wait(10000)\n"
     )
     options = ("--reading", "B=red", "--end-stop", "A=-90..120", "--press", "center@5s", "--panel")
     done = brickhub("run", str(program), *options)
@@ -122,10 +139,12 @@ def test_used_devices_are_there(brickhub, program: Path) -> None:
 def test_robot_from_a_file(told, tmp_path: Path, program: Path) -> None:
     robot = tmp_path / "arm.py"
     robot.write_text(
-        "from brickhub.robot import HubKind, Motor, Robot\nARM = Robot('arm', HubKind.CITY, motors=(Motor('joint', 'B'),))\n"
+        "from brickhub.robot import HubKind, Motor, Robot\n"
+        "ARM = Robot('arm', HubKind.CITY, motors=(Motor('joint', 'B'),))\n"
     )
     program.write_text(
-        "from pybricks.hubs import CityHub\nfrom pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\n"
+        "from pybricks.hubs import CityHub\nfrom pybricks.pupdevices import Motor\n"
+        "from pybricks.parameters import Port\n"
         "joint = Motor(Port.B)\njoint.run_angle(500, 90)\nprint(joint.angle() in (89, 90))\n"
     )
     for reference in (str(robot), f"{robot}:ARM"):
@@ -142,10 +161,15 @@ def test_robot_from_a_file(told, tmp_path: Path, program: Path) -> None:
         (("--end-stop", "C"), "not a pair of end stops"),
         (("--robot", "nowhere.py"), "no file nowhere.py"),
         (("--hub", "ble", "--press", "left@1s"), "leave out --hub, or --press"),
-        (("--hub", "usb", "--robot", "bench"), "a real hub has its own robot, buttons and time; leave out --hub, or --robot"),
+        (
+            ("--hub", "usb", "--robot", "bench"),
+            "a real hub has its own robot, buttons and time; leave out --hub, or --robot",
+        ),
         (("--robot", TWO_WHEELER, "--reading", "B=red"), "--robot bench"),
     ],
 )
-def test_mismatched_options_print_one_line(fails, program: Path, options: tuple[str, ...], says: str) -> None:
+def test_mismatched_options_print_one_line(
+    fails, program: Path, options: tuple[str, ...], says: str
+) -> None:
     program.write_text("")
     fails("run", str(program), *options, says=says)

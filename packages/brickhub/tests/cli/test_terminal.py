@@ -40,7 +40,9 @@ def typed(monkeypatch: pytest.MonkeyPatch):
         ("what", None, 2),
     ],
 )
-def test_a_typo_is_no_answer(typed, capfd: pytest.CaptureFixture[str], text: str, answer: bool | None, asked: int) -> None:
+def test_a_typo_is_no_answer(
+    typed, capfd: pytest.CaptureFixture[str], text: str, answer: bool | None, asked: int
+) -> None:
     typed(text)
     assert ask("Right?") is answer
     assert capfd.readouterr().err.count("Right? [y/n]") == asked

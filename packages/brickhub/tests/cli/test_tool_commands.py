@@ -1,4 +1,5 @@
-"""``brickhub scan | program | check | latency | calibrate | stop`` on the virtual hub, for robots in a user's file."""
+"""``brickhub scan | program | check | latency | calibrate | stop`` on the virtual hub, for robots
+in a user's file."""
 
 from __future__ import annotations
 
@@ -27,7 +28,9 @@ def test_scan_shows_the_virtual_hub(told) -> None:
     code, out = told("scan", "--hub", "virtual")
     assert code == 0 and "virtual hub" in out and "prime" in out
     code, out = told("scan", "--hub", "virtual", "--json")
-    assert json.loads(out) == [{"name": "virtual hub", "address": "virtual", "rssi_dbm": 0, "kind": "prime"}]
+    assert json.loads(out) == [
+        {"name": "virtual hub", "address": "virtual", "rssi_dbm": 0, "kind": "prime"}
+    ]
 
 
 def test_scan_without_hub_gives_remedy(told, monkeypatch) -> None:
@@ -39,24 +42,48 @@ def test_scan_without_hub_gives_remedy(told, monkeypatch) -> None:
 
 def test_program_equals_generated_one(told, tmp_path: Path) -> None:
     code, out = told("program", CAR)
-    assert code == 0 and out.strip() == generate(TWO_WHEELER, whole_interface(TWO_WHEELER)).source.strip()
+    assert (
+        code == 0
+        and out.strip() == generate(TWO_WHEELER, whole_interface(TWO_WHEELER)).source.strip()
+    )
     ast.parse(out)
     path = tmp_path / "new" / "program.py"
-    assert told("program", CAR, "--out", str(path)) == (0, f"{len(out.splitlines())} lines: {path}\n")
+    assert told("program", CAR, "--out", str(path)) == (
+        0,
+        f"{len(out.splitlines())} lines: {path}\n",
+    )
     assert path.read_text() == out
 
 
 def test_latency(told, fails) -> None:
     code, out = told("latency", CAR, "--hub", "virtual", "--exchanges", "5")
-    assert code == 0 and "round trip           p50" in out and "of 5 exchanges" in out and "is the link" in out
+    assert (
+        code == 0
+        and "round trip           p50" in out
+        and "of 5 exchanges" in out
+        and "is the link" in out
+    )
     for link, interval_ms in ((), 45.0), (("--link", "mac"), 15.0):
         _, out = told("latency", CAR, "--hub", "virtual", *link, "--json")
         found = json.loads(out)
-        assert found["interval_ms"] == pytest.approx(interval_ms, abs=1.25) and found["exchanges"] == 100
-        assert found["link_share"] == pytest.approx(2 * interval_ms / (50 + 2 * interval_ms), abs=0.03)
+        assert (
+            found["interval_ms"] == pytest.approx(interval_ms, abs=1.25)
+            and found["exchanges"] == 100
+        )
+        assert found["link_share"] == pytest.approx(
+            2 * interval_ms / (50 + 2 * interval_ms), abs=0.03
+        )
     fails("latency", CAR, "--hub", "virtual", "--link", "car", says="no link 'car'")
     fails("latency", CAR, "--hub", "ble", "--link", "mac", says="leave out --link")
-    fails("latency", CAR, "--hub", "virtual", "--exchanges", "0", says="exchanges is 0; give 1 or more")
+    fails(
+        "latency",
+        CAR,
+        "--hub",
+        "virtual",
+        "--exchanges",
+        "0",
+        says="exchanges is 0; give 1 or more",
+    )
 
 
 def test_good_robot_passes_check(told) -> None:
@@ -70,7 +97,9 @@ def test_good_robot_passes_check(told) -> None:
 
 def test_nothing_moves_without_confirmation(told, monkeypatch) -> None:
     moved = []
-    monkeypatch.setattr("brickhub.hub.link.lockstep.HubLink.act", lambda self, values: moved.append(values))
+    monkeypatch.setattr(
+        "brickhub.hub.link.lockstep.HubLink.act", lambda self, values: moved.append(values)
+    )
     code, out = told("check", CAR, "--hub", "virtual")
     assert code == 0 and not moved and "skipped  directions" in out
 
@@ -83,7 +112,11 @@ def test_user_is_asked_after_each_move(capfd, monkeypatch, answer: str, code: in
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
     assert main(("check", CAR, "--hub", "virtual")) == code
     written = capfd.readouterr()
-    assert written.err.count("[y/N, Enter is no]") == 1 and written.err.count("[y/n]") == 2 and "Move it now?" in written.err
+    assert (
+        written.err.count("[y/N, Enter is no]") == 1
+        and written.err.count("[y/n]") == 2
+        and "Move it now?" in written.err
+    )
     assert ("--hub virtual --reverse left`" in written.out) == (code == 1)
 
 
@@ -92,7 +125,9 @@ class Unplugged(virtual_kit.VirtualHub):
 
     def __init__(self, *args, **options) -> None:
         super().__init__(*args, **options)
-        motors = tuple(replace(motor, port="B") if motor.port == "A" else motor for motor in self.robot.motors)
+        motors = tuple(
+            replace(motor, port="B") if motor.port == "A" else motor for motor in self.robot.motors
+        )
         self.machine.robot = replace(self.robot, motors=motors)
         del self.machine.servos["A"]
 
@@ -101,7 +136,11 @@ def test_failed_check_gives_remedy(told, monkeypatch) -> None:
     monkeypatch.setattr(virtual_kit, "VirtualHub", Unplugged)
     code, out = told("check", CAR, "--hub", "virtual", "--yes", "--json")
     found = json.loads(out)
-    assert code == 1 and (found["ok"], found["env"], found["hub"]) == (False, "two-wheeler", "virtual")
+    assert code == 1 and (found["ok"], found["env"], found["hub"]) == (
+        False,
+        "two-wheeler",
+        "virtual",
+    )
     errors = [finding for finding in found["findings"] if finding["outcome"] == "error"]
     assert [error["name"] for error in errors] == ["port A"]
     assert "nothing is there; move it from port B to A" in errors[0]["detail"]
@@ -114,15 +153,42 @@ def test_calibrations_are_saved_shown_and_removed(told, fails, tmp_path: Path) -
     assert code == 0 and "reversed left" in out and str(path) in out
     assert json.loads(path.read_text())["reversed"] == ["left"]
     told("calibrate", CAR, "--reverse", "left", "right", *place)
-    assert json.loads(path.read_text())["reversed"] == ["left", "right"], "said twice, it changes nothing"
+    assert json.loads(path.read_text())["reversed"] == ["left", "right"], (
+        "said twice, it changes nothing"
+    )
     told("calibrate", CAR, "--as-described", "left", *place)
     assert json.loads(path.read_text())["reversed"] == ["right"]
-    fails("calibrate", CAR, "--reverse", "left", "--as-described", "left", *place, says="cannot be reversed and as described")
+    fails(
+        "calibrate",
+        CAR,
+        "--reverse",
+        "left",
+        "--as-described",
+        "left",
+        *place,
+        says="cannot be reversed and as described",
+    )
     told("calibrate", CAR, "--forget", *place)
     assert not path.exists()
     fails("calibrate", CAR, "--reverse", "tail", *place, says="no motor 'tail'")
-    fails("calibrate", CAR, "--forget", "--reverse", "left", *place, says="--reverse has no effect with --forget")
-    fails("calibrate", CAR, "--by-hand", "--reverse", "left", *place, says="--by-hand has no effect with --reverse")
+    fails(
+        "calibrate",
+        CAR,
+        "--forget",
+        "--reverse",
+        "left",
+        *place,
+        says="--reverse has no effect with --forget",
+    )
+    fails(
+        "calibrate",
+        CAR,
+        "--by-hand",
+        "--reverse",
+        "left",
+        *place,
+        says="--by-hand has no effect with --reverse",
+    )
 
 
 @pytest.fixture
@@ -142,7 +208,16 @@ def test_joints_are_calibrated_by_end_stops(told, fails, tmp_path: Path, arm: st
 
 
 def test_joint_that_meets_no_stops_is_not_calibrated(fails, tmp_path: Path) -> None:
-    fails("calibrate", ARM, "--hub", "virtual", "--yes", "--calibrations", str(tmp_path), says="motor 'low' meets no stops")
+    fails(
+        "calibrate",
+        ARM,
+        "--hub",
+        "virtual",
+        "--yes",
+        "--calibrations",
+        str(tmp_path),
+        says="motor 'low' meets no stops",
+    )
     assert not list(tmp_path.iterdir())
 
 
@@ -161,13 +236,18 @@ def test_a_check_uses_the_calibration(told, tmp_path: Path, arm: str) -> None:
     assert code == 0 and "angle low" in out
     folder = tmp_path / "virtual"
     folder.mkdir()
-    (folder / "robo-arm.json").write_text('{"hub": "virtual", "zeros_deg": {"low": 90}, "reversed": []}')
+    (folder / "robo-arm.json").write_text(
+        '{"hub": "virtual", "zeros_deg": {"low": 90}, "reversed": []}'
+    )
     code, out = told("check", arm, *place)
     assert code == 1 and "error    angle low" in out and "brickhub calibrate" in out
 
 
 def test_stop(told, fails) -> None:
-    assert told("stop", "--hub", "virtual") == (0, "a virtual hub lives in the command that uses it; none runs here\n")
+    assert told("stop", "--hub", "virtual") == (
+        0,
+        "a virtual hub lives in the command that uses it; none runs here\n",
+    )
     fails("stop", "--hub", "pigeon", says="there is no hub 'pigeon'")
 
 
@@ -177,6 +257,16 @@ def test_every_tool_prints_one_line_errors(fails, tool: str) -> None:
     run("nowhere.py", "--hub", "virtual", says="there is no file nowhere.py")
     run("rover", "--hub", "virtual", says="there is no robot 'rover'; name a Python file with one")
     run(f"{described.__file__}:ROVER", "--hub", "virtual", says="there is no 'ROVER' in")
-    run(described.__file__, "--hub", "virtual", says="has 3 robots (TWO_WHEELER, WALKER, ROBO_ARM); name one:")
-    run(f"{described.__file__}:SPINNING", "--hub", "virtual", says="is not a robot; name a Robot that is written there")
+    run(
+        described.__file__,
+        "--hub",
+        "virtual",
+        says="has 3 robots (TWO_WHEELER, WALKER, ROBO_ARM); name one:",
+    )
+    run(
+        f"{described.__file__}:SPINNING",
+        "--hub",
+        "virtual",
+        says="is not a robot; name a Robot that is written there",
+    )
     run(CAR, "--hub", "pigeon", says="there is no hub 'pigeon'")

@@ -20,7 +20,9 @@ from brickhub.robot import Robot
 
 NAME = "Pybricks Hub"
 LONG_RUN = Interface(
-    commands=(RunAngle("left", -3000, 3000, 400),), channels=(MotorAngle("left"), MotorAngle("right")), settle=Wait(10)
+    commands=(RunAngle("left", -3000, 3000, 400),),
+    channels=(MotorAngle("left"), MotorAngle("right")),
+    settle=Wait(10),
 )
 """A motor that turns for seconds after the answer."""
 BOUND_S = 3.0
@@ -42,7 +44,12 @@ class World:
         self.radio.call(lambda: setattr(self.radio.link, "interval_ms", interval_ms))
 
     def transport(self, **options: Any) -> BleTransport:
-        settings: dict[str, Any] = {"name": NAME, "timeout_s": 2.0, "answer_timeout_s": 0.6, "record": self.record}
+        settings: dict[str, Any] = {
+            "name": NAME,
+            "timeout_s": 2.0,
+            "answer_timeout_s": 0.6,
+            "record": self.record,
+        }
         transport = BleTransport(backend=self.radio.backend(), **(settings | options))
         self._open.append(transport)
         return transport
@@ -63,11 +70,15 @@ class World:
         self.radio.close()
 
 
-def bounded(call: Callable[[], object], error: type[HubError], bound_s: float = BOUND_S) -> HubError:
+def bounded(
+    call: Callable[[], object], error: type[HubError], bound_s: float = BOUND_S
+) -> HubError:
     """The error of a call, within the time bound."""
     start_s = time.monotonic()
     with pytest.raises(error) as caught:
         call()
     assert time.monotonic() - start_s < bound_s
-    assert "\n" not in str(caught.value) and ";" in str(caught.value), "one line: what happened; what to do"
+    assert "\n" not in str(caught.value) and ";" in str(caught.value), (
+        "one line: what happened; what to do"
+    )
     return caught.value

@@ -1,7 +1,7 @@
 """Simulated hub firmware: commands, errors, buffers, status, and a running program.
 
-The downloaded bytecode is matched with known sources, which run in the virtual hub in real time. Subclasses provide the
-transport.
+The downloaded bytecode is matched with known sources, which run in the virtual hub in real time.
+Subclasses provide the transport.
 """
 
 from __future__ import annotations
@@ -28,7 +28,13 @@ from brickhub.virtual.pybricks import modules
 
 STDOUT_BYTES = 41
 NOTIFIED_BYTES = 19
-_PRODUCT_IDS = {HubKind.MOVE: 0x40, HubKind.CITY: 0x41, HubKind.TECHNIC: 0x80, HubKind.PRIME: 0x81, HubKind.ESSENTIAL: 0x83}
+_PRODUCT_IDS = {
+    HubKind.MOVE: 0x40,
+    HubKind.CITY: 0x41,
+    HubKind.TECHNIC: 0x80,
+    HubKind.PRIME: 0x81,
+    HubKind.ESSENTIAL: 0x83,
+}
 
 
 class Refusal(Exception):
@@ -142,7 +148,9 @@ class ProgramRun:
         now_ms = self._machine.time_ms
         self._machine.alarm_ms = now_ms + 1
         if self._hub.is_driven:
-            self._hub.longest_silent_drive_ms = max(self._hub.longest_silent_drive_ms, now_ms - self._heard_ms)
+            self._hub.longest_silent_drive_ms = max(
+                self._hub.longest_silent_drive_ms, now_ms - self._heard_ms
+            )
         ahead_s = self._start_s + self._machine.time_ms / 1000 - time.monotonic()
         if ahead_s > 0:
             time.sleep(ahead_s)
@@ -221,7 +229,9 @@ class PlayedFirmware(ABC):
         """Wait until an attribute has a value. Returns the seconds; fails after a timeout."""
         start_s = time.monotonic()
         while getattr(self, attribute) != value:
-            assert time.monotonic() - start_s < timeout_s, f"{attribute} is not {value} after {timeout_s} s"
+            assert time.monotonic() - start_s < timeout_s, (
+                f"{attribute} is not {value} after {timeout_s} s"
+            )
             time.sleep(0.005)
         return time.monotonic() - start_s
 
@@ -248,7 +258,9 @@ class PlayedFirmware(ABC):
 
     @property
     def product(self) -> bytes:
-        return struct.pack("<BHHH", 1, profile.LEGO_COMPANY_ID, _PRODUCT_IDS[self.machine.robot.hub], 0)
+        return struct.pack(
+            "<BHHH", 1, profile.LEGO_COMPANY_ID, _PRODUCT_IDS[self.machine.robot.hub], 0
+        )
 
     def capabilities(self, max_write_bytes: int) -> bytes:
         program_bytes = self.machine.robot.hub.model.program_bytes
@@ -261,7 +273,11 @@ class PlayedFirmware(ABC):
     async def command(self, value: bytes) -> None:
         """One command; raises what it is refused with."""
         self.commands.append(value[0])
-        refusals = self.faults.get(PybricksCommand(value[0]) if value[0] in set(PybricksCommand) else PybricksCommand.START_REPL)
+        refusals = self.faults.get(
+            PybricksCommand(value[0])
+            if value[0] in set(PybricksCommand)
+            else PybricksCommand.START_REPL
+        )
         if refusals:
             raise Refusal(refusals.pop(0))
         kind, payload = value[0], value[1:]

@@ -19,7 +19,13 @@ from brickhub.robot import Robot
 class PlayedHub(PlayedFirmware):
     """A switched-on hub within reach."""
 
-    def __init__(self, radio: Radio, robot: Robot, name: str = "Pybricks Hub", address: str = "C0:01:02:03:04:05") -> None:
+    def __init__(
+        self,
+        radio: Radio,
+        robot: Robot,
+        name: str = "Pybricks Hub",
+        address: str = "C0:01:02:03:04:05",
+    ) -> None:
         super().__init__(robot, name)
         self.radio, self.address = radio, address
         self._connection: Any = None
@@ -67,7 +73,9 @@ class PlayedHub(PlayedFirmware):
             Characteristic.WRITEABLE,
             CharacteristicValue(write=self._on_command),
         )
-        self._characteristic.on(Characteristic.EVENT_SUBSCRIPTION, lambda *_: asyncio.ensure_future(self.send_status()))
+        self._characteristic.on(
+            Characteristic.EVENT_SUBSCRIPTION, lambda *_: asyncio.ensure_future(self.send_status())
+        )
         version = CharacteristicValue(read=lambda _: self.profile_version.encode())
         capabilities = CharacteristicValue(read=self._capabilities)
         self._device.add_service(
@@ -83,7 +91,10 @@ class PlayedHub(PlayedFirmware):
         self._device.add_service(
             Service(
                 UUID(profile.SERVICE_UUID),
-                [self._characteristic, Characteristic(UUID(profile.CAPABILITIES_UUID), read, readable, capabilities)],
+                [
+                    self._characteristic,
+                    Characteristic(UUID(profile.CAPABILITIES_UUID), read, readable, capabilities),
+                ],
             )
         )
         self._device.add_service(_uart_service())
@@ -96,9 +107,15 @@ class PlayedHub(PlayedFirmware):
         uuids = AdvertisingData.INCOMPLETE_LIST_OF_128_BIT_SERVICE_CLASS_UUIDS
         response = [
             (AdvertisingData.COMPLETE_LOCAL_NAME, self.name.encode()),
-            (AdvertisingData.SERVICE_DATA_16_BIT_UUID, bytes(UUID.from_16_bits(0x2A50)) + self.product),
+            (
+                AdvertisingData.SERVICE_DATA_16_BIT_UUID,
+                bytes(UUID.from_16_bits(0x2A50)) + self.product,
+            ),
         ]
-        advertisement = [(AdvertisingData.FLAGS, b"\x06"), (uuids, bytes(UUID(profile.SERVICE_UUID)))]
+        advertisement = [
+            (AdvertisingData.FLAGS, b"\x06"),
+            (uuids, bytes(UUID(profile.SERVICE_UUID))),
+        ]
         await self._device.start_advertising(
             advertising_data=bytes(AdvertisingData(advertisement)),
             scan_response_data=bytes(AdvertisingData(response)),
@@ -128,7 +145,10 @@ class PlayedHub(PlayedFirmware):
 def _uart_service() -> Service:
     """UART service of older firmware."""
     uuid = "6e40{:04x}-b5a3-f393-e0a9-e50e24dcca9e"
-    write, notify = Characteristic.Properties.WRITE_WITHOUT_RESPONSE, Characteristic.Properties.NOTIFY
+    write, notify = (
+        Characteristic.Properties.WRITE_WITHOUT_RESPONSE,
+        Characteristic.Properties.NOTIFY,
+    )
     taken = CharacteristicValue(write=lambda _connection, _value: None)
     return Service(
         UUID(uuid.format(1)),

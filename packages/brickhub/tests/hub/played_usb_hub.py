@@ -114,7 +114,9 @@ class PlayedUsbHub(PlayedFirmware):
 
         def read(size: int) -> bytes:
             data = os.read(master, size)
-            let_go()  # from now on the host alone holds it open, as it holds DTR: when it dies, this side reads the end
+            # from now on the host alone holds it open, as it holds DTR: when it dies, this side
+            # reads the end
+            let_go()
             return data
 
         self._attach(read, lambda data: os.write(master, data), lambda: os.close(master))
@@ -141,13 +143,25 @@ class PlayedUsbHub(PlayedFirmware):
         self._thread.join(5)
         self._loop.close()
 
-    def _attach(self, read: Callable[[int], bytes], write: Callable[[bytes], object], shut: Callable[[], None]) -> None:
+    def _attach(
+        self,
+        read: Callable[[int], bytes],
+        write: Callable[[bytes], object],
+        shut: Callable[[], None],
+    ) -> None:
         self._write = write
-        thread = threading.Thread(target=self._listen, args=(read, write, shut), name="usb cable", daemon=True)
+        thread = threading.Thread(
+            target=self._listen, args=(read, write, shut), name="usb cable", daemon=True
+        )
         self._cables.append(thread)
         thread.start()
 
-    def _listen(self, read: Callable[[int], bytes], write: Callable[[bytes], object], shut: Callable[[], None]) -> None:
+    def _listen(
+        self,
+        read: Callable[[int], bytes],
+        write: Callable[[bytes], object],
+        shut: Callable[[], None],
+    ) -> None:
         framer = Framer()
         while True:
             try:

@@ -42,7 +42,8 @@ _CENTRAL, _OTHER_CENTRAL = "F0:F1:F2:F3:F4:F5", "F0:F1:F2:F3:F4:F6"
 _PROPERTIES = ("broadcast", "read", "write-without-response", "write", "notify", "indicate")
 
 Fault = Callable[[int, bytes], int | bytes]
-"""For the opcode and bytes of an attribute packet: number of deliveries (0 lost, 2 duplicated), or replacement bytes."""
+"""For the opcode and bytes of an attribute packet: number of deliveries (0 lost, 2 duplicated), or
+replacement bytes."""
 
 
 class IntervalLink(LocalLink):  # type: ignore[misc]
@@ -62,15 +63,21 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
     def send_advertising_pdu(self, sender: Controller, packet: Any) -> None:
         """Add scan responses to advertisements, as Bumble's controllers send none."""
         if isinstance(packet, ll.AdvInd):
-            packet = dataclasses.replace(packet, data=packet.data + sender.le_legacy_advertiser.scan_response_data)
+            packet = dataclasses.replace(
+                packet, data=packet.data + sender.le_legacy_advertiser.scan_response_data
+            )
         elif isinstance(packet, ll.AdvExtInd):
             for part in sender.advertising_sets.values():
                 if part.address == packet.advertiser_address:
-                    packet = dataclasses.replace(packet, data=bytes(packet.data) + bytes(part.scan_response_data))
+                    packet = dataclasses.replace(
+                        packet, data=bytes(packet.data) + bytes(part.scan_response_data)
+                    )
         if self.in_range:
             super().send_advertising_pdu(sender, packet)
 
-    def send_acl_data(self, sender: Controller, destination: Address, transport: PhysicalTransport, data: bytes) -> None:
+    def send_acl_data(
+        self, sender: Controller, destination: Address, transport: PhysicalTransport, data: bytes
+    ) -> None:
         arrives = self.fault(data[_ATT_OPCODE], data[_ATT_OPCODE:])
         if isinstance(arrives, bytes):
             data, arrives = data[:_ATT_OPCODE] + arrives, 1
@@ -96,7 +103,10 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
         queue, self._queue = self._queue, []
         if self.in_range:
             for packet in queue:
-                if packet[0] not in self.deaf and self.find_le_controller(packet[1]) not in self.deaf:
+                if (
+                    packet[0] not in self.deaf
+                    and self.find_le_controller(packet[1]) not in self.deaf
+                ):
                     super().send_acl_data(*packet)
 
     async def _hold_events(self) -> None:
@@ -128,7 +138,9 @@ class Bluetooth:
         self._thread.start()
 
     async def _power_on(self, port: int) -> Device:
-        transport, source = await self._loop.create_connection(StreamPacketSource, "127.0.0.1", port)
+        transport, source = await self._loop.create_connection(
+            StreamPacketSource, "127.0.0.1", port
+        )
         host = Host(controller_source=source, controller_sink=StreamPacketSink(transport))
         central = Device("another computer", address=Address(_OTHER_CENTRAL), host=host)
         await central.power_on()
@@ -194,12 +206,14 @@ class Radio(Bluetooth):
     def lend(self, *, says_good_bye: bool) -> int:
         """Lend a controller to the process that connects to the returned port.
 
-        If the process dies, its link ends at once with ``says_good_bye``, as a running system does; otherwise the hub notices
-        after the supervision timeout, as if the computer had died.
+        If the process dies, its link ends at once with ``says_good_bye``, as a running system does;
+        otherwise the hub notices after the supervision timeout, as if the computer had died.
         """
 
         async def serve() -> int:
-            server = await self._loop.create_server(lambda: LentController(self, says_good_bye), "127.0.0.1", 0)
+            server = await self._loop.create_server(
+                lambda: LentController(self, says_good_bye), "127.0.0.1", 0
+            )
             self._lent.append(server)
             return int(server.sockets[0].getsockname()[1])
 
@@ -247,7 +261,9 @@ class LentController(StreamPacketSource):  # type: ignore[misc]
 
     def connection_made(self, transport: Any) -> None:
         sink = StreamPacketSink(transport)
-        self._controller = Controller("lent", host_source=self, host_sink=sink, link=self._radio.link)
+        self._controller = Controller(
+            "lent", host_source=self, host_sink=sink, link=self._radio.link
+        )
 
     def connection_lost(self, error: Exception | None) -> None:
         """The process is gone."""
@@ -267,7 +283,9 @@ class LentController(StreamPacketSource):  # type: ignore[misc]
 class RadioScanner(BaseBleakScanner):
     RADIO: Bluetooth
 
-    def __init__(self, detection_callback: Any, service_uuids: list[str] | None, scanning_mode: str, **_: Any) -> None:
+    def __init__(
+        self, detection_callback: Any, service_uuids: list[str] | None, scanning_mode: str, **_: Any
+    ) -> None:
         super().__init__(detection_callback, service_uuids)
 
     async def start(self) -> None:
@@ -297,7 +315,10 @@ class RadioScanner(BaseBleakScanner):
             for uuid in data.get(kind) or []
         ]
         name = data.get(AdvertisingData.COMPLETE_LOCAL_NAME)
-        service_data = {_uuid_text(uuid): bytes(value) for uuid, value in data.get_all(AdvertisingData.SERVICE_DATA_16_BIT_UUID)}
+        service_data = {
+            _uuid_text(uuid): bytes(value)
+            for uuid, value in data.get_all(AdvertisingData.SERVICE_DATA_16_BIT_UUID)
+        }
         found = AdvertisementData(name, {}, service_data, uuids, None, advertisement.rssi, ())
         self._host.call_soon_threadsafe(self._report, advertisement.address, found)
 
@@ -323,7 +344,9 @@ class RadioAdapter(BaseBleakAdapter):
 class RadioClient(BaseBleakClient):
     RADIO: Bluetooth
 
-    def __init__(self, device: BLEDevice, *, disconnected_callback: Any, timeout: float, **_: Any) -> None:
+    def __init__(
+        self, device: BLEDevice, *, disconnected_callback: Any, timeout: float, **_: Any
+    ) -> None:
         super().__init__(device, disconnected_callback=disconnected_callback, timeout=timeout)
         self._device = device
         self._connection: Any = None
@@ -359,13 +382,19 @@ class RadioClient(BaseBleakClient):
     async def read_gatt_descriptor(self, descriptor: Any, **_: Any) -> bytearray:
         raise NotImplementedError
 
-    async def write_gatt_char(self, characteristic: BleakGATTCharacteristic, data: Any, response: bool) -> None:
-        await _in_radio(self.RADIO, characteristic.obj.write_value(bytes(data), with_response=response))
+    async def write_gatt_char(
+        self, characteristic: BleakGATTCharacteristic, data: Any, response: bool
+    ) -> None:
+        await _in_radio(
+            self.RADIO, characteristic.obj.write_value(bytes(data), with_response=response)
+        )
 
     async def write_gatt_descriptor(self, descriptor: Any, data: Any) -> None:
         raise NotImplementedError
 
-    async def start_notify(self, characteristic: BleakGATTCharacteristic, callback: Any, **_: Any) -> None:
+    async def start_notify(
+        self, characteristic: BleakGATTCharacteristic, callback: Any, **_: Any
+    ) -> None:
         def notified(value: bytes) -> None:
             self._host.call_soon_threadsafe(callback, bytearray(value))
 
@@ -377,7 +406,9 @@ class RadioClient(BaseBleakClient):
 
     async def _connect(self) -> BleakGATTServiceCollection:
         central, peer = self.RADIO.central, self._device.details
-        connection = next((link for link in central.connections.values() if link.peer_address == peer), None)
+        connection = next(
+            (link for link in central.connections.values() if link.peer_address == peer), None
+        )
         if connection is None:
             connection = await central.connect(peer, timeout=self._timeout)
         connection.on("disconnection", self._on_disconnection)
@@ -391,9 +422,18 @@ class RadioClient(BaseBleakClient):
             found.add_service(ours)
             await service.discover_characteristics()
             for char in service.characteristics:
-                properties: Any = [name for bit, name in enumerate(_PROPERTIES) if int(char.properties) & 1 << bit]
+                properties: Any = [
+                    name for bit, name in enumerate(_PROPERTIES) if int(char.properties) & 1 << bit
+                ]
                 found.add_characteristic(
-                    BleakGATTCharacteristic(char, char.handle, _uuid_text(char.uuid), properties, lambda: self.mtu_size - 3, ours)
+                    BleakGATTCharacteristic(
+                        char,
+                        char.handle,
+                        _uuid_text(char.uuid),
+                        properties,
+                        lambda: self.mtu_size - 3,
+                        ours,
+                    )
                 )
         return found
 

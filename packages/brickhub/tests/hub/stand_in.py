@@ -21,7 +21,9 @@ from brickhub.hub.transport import HubProgram
 class Motor:
     """Turns at the commanded speed to its target; ``blocked`` stops it."""
 
-    def __init__(self, hub: StandInHub, port: str, direction: int = 1, gears: list[int] | None = None) -> None:
+    def __init__(
+        self, hub: StandInHub, port: str, direction: int = 1, gears: list[int] | None = None
+    ) -> None:
         if port in hub.unplugged:
             raise OSError(19, "ENODEV")
         self.hub, self.port, self.gears = hub, port, gears
@@ -60,7 +62,9 @@ class Motor:
         if self.moving and not self.blocked:
             step = self.speed_deg_s / 1000
             left = self.target - self.position
-            self.position = self.target if abs(left) <= step else self.position + (step if left > 0 else -step)
+            self.position = (
+                self.target if abs(left) <= step else self.position + (step if left > 0 else -step)
+            )
             self.moving = self.position != self.target
 
 
@@ -189,9 +193,13 @@ class StandInHub:
 
     def _run(self, code: CodeType) -> None:
         names: dict[str, Any] = dict(vars(builtins))
-        names |= {"__import__": self._import, "print": lambda *words: self._emit(" ".join(map(str, words)).encode())}
+        names |= {
+            "__import__": self._import,
+            "print": lambda *words: self._emit(" ".join(map(str, words)).encode()),
+        }
         try:
-            exec(code, {"__builtins__": names, "__name__": "__main__"})  # noqa: S102  the program under test
+            # the program under test
+            exec(code, {"__builtins__": names, "__name__": "__main__"})  # noqa: S102
         except SystemExit:
             self._emit(b"The program was stopped (SystemExit).\r\n")
         except Exception:  # noqa: BLE001  a hub prints it
@@ -199,8 +207,12 @@ class StandInHub:
 
     def _import(self, name: str, *_: Any) -> Any:
         modules = {
-            "micropython": SimpleNamespace(kbd_intr=lambda byte: setattr(self, "interrupt_byte", byte)),
-            "pybricks.hubs": SimpleNamespace(**{f"{kind}Hub": self._hub for kind in ("Prime", "Technic", "Essential", "City")}),
+            "micropython": SimpleNamespace(
+                kbd_intr=lambda byte: setattr(self, "interrupt_byte", byte)
+            ),
+            "pybricks.hubs": SimpleNamespace(
+                **{f"{kind}Hub": self._hub for kind in ("Prime", "Technic", "Essential", "City")}
+            ),
             "pybricks.parameters": SimpleNamespace(
                 Port=SimpleNamespace(**{port: port for port in "ABCDEF"}),
                 Direction=SimpleNamespace(CLOCKWISE=1, COUNTERCLOCKWISE=-1),
@@ -222,7 +234,9 @@ class StandInHub:
         return modules[name]
 
     def _hub(self) -> Any:
-        imu = SimpleNamespace(tilt=lambda: self.tilt, angular_velocity=lambda axis: self.yaw_rate_deg_s)
+        imu = SimpleNamespace(
+            tilt=lambda: self.tilt, angular_velocity=lambda axis: self.yaw_rate_deg_s
+        )
         return SimpleNamespace(imu=imu)
 
     def _stop_watch(self) -> Any:

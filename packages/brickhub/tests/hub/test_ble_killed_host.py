@@ -19,8 +19,14 @@ LIVES_S = 0.7
 """Longer than the watchdog."""
 
 
-@pytest.mark.parametrize(("step_ms", "says_good_bye"), [(2000, True), (10, False)], ids=["process in mid-step", "computer"])
-def test_killed_host_stops_motors_and_new_host_connects(world: World, step_ms: int, says_good_bye: bool) -> None:
+@pytest.mark.parametrize(
+    ("step_ms", "says_good_bye"),
+    [(2000, True), (10, False)],
+    ids=["process in mid-step", "computer"],
+)
+def test_killed_host_stops_motors_and_new_host_connects(
+    world: World, step_ms: int, says_good_bye: bool
+) -> None:
     world.set_interval(15.0)
     hub = world.hub
     with host_process(world, step_ms, says_good_bye=says_good_bye) as first:
@@ -35,6 +41,8 @@ def test_killed_host_stops_motors_and_new_host_connects(world: World, step_ms: i
     assert time.monotonic() - killed_s < bound_s
     with host_process(world, step_ms):
         hub.wait_until("is_driven", True, START_S)
-        assert hub.runs == 2 and hub.commands.count(PybricksCommand.WRITE_USER_PROGRAM_META) == 2, "it has kept its program"
+        assert hub.runs == 2 and hub.commands.count(PybricksCommand.WRITE_USER_PROGRAM_META) == 2, (
+            "it has kept its program"
+        )
     assert hub.longest_silent_drive_ms <= WATCHDOG_MS
     hub.wait_until("is_driven", False, 2.0)

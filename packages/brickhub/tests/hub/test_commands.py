@@ -60,22 +60,32 @@ HASHES = {
 
 
 def interface(*commands: Command, settle: Wait | UntilDone | None = None) -> Interface:
-    return Interface(commands, (*ANGLES, DriveDistance(-2000, 2000), DriveAngle(-360, 360), Heading()), settle or Wait(500))
+    return Interface(
+        commands,
+        (*ANGLES, DriveDistance(-2000, 2000), DriveAngle(-360, 360), Heading()),
+        settle or Wait(500),
+    )
 
 
-def carried_out(wanted: Interface, *steps: Sequence[float], robot: Any = TWO_WHEELER) -> tuple[list[list[float]], VirtualHub]:
+def carried_out(
+    wanted: Interface, *steps: Sequence[float], robot: Any = TWO_WHEELER
+) -> tuple[list[list[float]], VirtualHub]:
     """Readings after the steps ``[1 + steps, channels]``, relative to the first, and the hub."""
     hub = VirtualHub(BenchBody(robot), link=LinkProfile(15.0))
     link = HubLink(hub, robot, wanted)
     link.open()
     first = link.read().values
     readings = [first, *(link.act(step).values for step in steps)]
-    return [[value - start for value, start in zip(reading, first, strict=True)] for reading in readings], hub
+    return [
+        [value - start for value, start in zip(reading, first, strict=True)] for reading in readings
+    ], hub
 
 
 def turned(seen: list[list[float]], step: int) -> list[float]:
     """Degrees by which both wheels turned in a step."""
-    return [after - before for before, after in zip(seen[step - 1][:2], seen[step][:2], strict=True)]
+    return [
+        after - before for before, after in zip(seen[step - 1][:2], seen[step][:2], strict=True)
+    ]
 
 
 @pytest.mark.parametrize("env_id", HASHES)
@@ -87,13 +97,24 @@ def test_what_counts_without_end_does_not_saturate() -> None:
     fast = replace(TWO_WHEELER, drive_base=replace(TWO_WHEELER.drive_base, wheel_diameter_mm=500.0))
     steps = [(1000, 1000)] * 8 + [(1000, -1000)] * 8
     seen, _ = carried_out(
-        interface(RunSpeed("left", -1000, 1000), RunSpeed("right", -1000, 1000), settle=Wait(2500)), *steps, robot=fast
+        interface(RunSpeed("left", -1000, 1000), RunSpeed("right", -1000, 1000), settle=Wait(2500)),
+        *steps,
+        robot=fast,
     )
     straight, spun = seen[8], seen[16]
     assert straight[0] > 15_000 and straight[1] > 15_000, "angles of motors, in deg"
-    assert straight[2] == pytest.approx(math.pi * 500 * straight[0] / 360, rel=0.01) and straight[2] > 60_000, "mm"
-    assert spun[3] == pytest.approx((spun[0] - spun[1]) / 2 * 500 / fast.drive_base.axle_track_mm, rel=0.01) and spun[3] > 30_000
-    assert all(after[3] - before[3] > 3000 for before, after in pairwise(seen[9:])), "each step counts"
+    assert (
+        straight[2] == pytest.approx(math.pi * 500 * straight[0] / 360, rel=0.01)
+        and straight[2] > 60_000
+    ), "mm"
+    assert (
+        spun[3]
+        == pytest.approx((spun[0] - spun[1]) / 2 * 500 / fast.drive_base.axle_track_mm, rel=0.01)
+        and spun[3] > 30_000
+    )
+    assert all(after[3] - before[3] > 3000 for before, after in pairwise(seen[9:])), (
+        "each step counts"
+    )
 
 
 @pytest.mark.parametrize("deg", [3300.0, -3300.0, 1e6])
@@ -110,7 +131,9 @@ def test_a_number_at_the_end_of_16_bits_is_told(caplog: pytest.LogCaptureFixture
         accumulates: ClassVar[bool] = False
 
     hub = VirtualHub(BenchBody(TWO_WHEELER))
-    with HubLink(hub, TWO_WHEELER, Interface((RunSpeed("left", -500, 500),), (Huge(),), Wait(50))) as link:
+    with HubLink(
+        hub, TWO_WHEELER, Interface((RunSpeed("left", -500, 500),), (Huge(),), Wait(50))
+    ) as link:
         link.read()
         assert not caplog.records
         hub.machine.heading.set_angle(4000.0)
@@ -133,7 +156,9 @@ EVERY = [
 ]
 
 
-@pytest.mark.parametrize("commands", EVERY, ids=lambda commands: "+".join(type(command).__name__ for command in commands))
+@pytest.mark.parametrize(
+    "commands", EVERY, ids=lambda commands: "+".join(type(command).__name__ for command in commands)
+)
 @pytest.mark.parametrize("pipe", Pipe)
 def test_the_program_is_clean_and_runs(commands: tuple[Command, ...], pipe: Pipe) -> None:
     wanted = interface(*commands)
@@ -146,7 +171,12 @@ def test_the_program_is_clean_and_runs(commands: tuple[Command, ...], pipe: Pipe
 
 
 def test_speed_command_is_held_and_clamped() -> None:
-    seen, _ = carried_out(interface(RunSpeed("left", -300, 300), RunSpeed("right", -300, 300)), (200, 200), (200, 200), (900, 0))
+    seen, _ = carried_out(
+        interface(RunSpeed("left", -300, 300), RunSpeed("right", -300, 300)),
+        (200, 200),
+        (200, 200),
+        (900, 0),
+    )
     assert turned(seen, 2) == pytest.approx([200 * 0.53] * 2, abs=12)
     left, right = turned(seen, 3)
     assert left < 300 * 0.6, "clamped to 300 deg/s"
@@ -154,25 +184,33 @@ def test_speed_command_is_held_and_clamped() -> None:
 
 
 def test_duty_command_is_share_of_battery() -> None:
-    seen, _ = carried_out(interface(RunDuty("left"), RunDuty("right", -50, 50)), (100, 100), (100, 100), (100, 100))
+    seen, _ = carried_out(
+        interface(RunDuty("left"), RunDuty("right", -50, 50)), (100, 100), (100, 100), (100, 100)
+    )
     left, right = turned(seen, 3)
     assert left > 1.6 * right > 150
 
 
 def test_target_command_holds_angle() -> None:
-    seen, hub = carried_out(interface(TrackTarget("left", -90, 90), settle=Wait(800)), (60,), (300,))
+    seen, hub = carried_out(
+        interface(TrackTarget("left", -90, 90), settle=Wait(800)), (60,), (300,)
+    )
     start_deg = hub.machine.servos["E"].angle_deg() - seen[-1][0]
     assert [start_deg + row[0] for row in seen[1:]] == pytest.approx([60, 90], abs=12)
 
 
 def test_drive_command_signs() -> None:
-    seen, _ = carried_out(interface(DriveSpeed(-200, 200), DriveTurnRate(-90, 90)), *((200, 0),) * 3, *((0, 90),) * 3)
+    seen, _ = carried_out(
+        interface(DriveSpeed(-200, 200), DriveTurnRate(-90, 90)), *((200, 0),) * 3, *((0, 90),) * 3
+    )
     assert seen[3][2] == pytest.approx(200 * 1.6, abs=60) and abs(seen[3][3]) < 4
     assert seen[6][3] - seen[3][3] == pytest.approx(90 * 1.6, abs=30)
 
 
 def test_drive_command_order_follows_action() -> None:
-    seen, _ = carried_out(interface(DriveTurnRate(-90, 90), DriveSpeed(-200, 200)), (0, 200), (0, 200))
+    seen, _ = carried_out(
+        interface(DriveTurnRate(-90, 90), DriveSpeed(-200, 200)), (0, 200), (0, 200)
+    )
     assert seen[2][2] > 120 and abs(seen[2][3]) < 4
 
 
@@ -200,19 +238,55 @@ def test_light_and_sound_commands() -> None:
 @pytest.mark.parametrize(
     ("robot", "wanted", "message"),
     [
-        (TWO_WHEELER, interface(RunSpeed("left", -1, 1), settle=UntilDone()), "let the step Wait, not UntilDone"),
-        (TWO_WHEELER, interface(DriveSpeed(-1, 1), Turn(-1, 1)), "moved by the commands 'drive_speed' and 'turn'"),
-        (TWO_WHEELER, interface(DriveSpeed(-1, 1), RunSpeed("left", 0, 1)), "moved by the commands 'drive_speed' and 'left'"),
+        (
+            TWO_WHEELER,
+            interface(RunSpeed("left", -1, 1), settle=UntilDone()),
+            "let the step Wait, not UntilDone",
+        ),
+        (
+            TWO_WHEELER,
+            interface(DriveSpeed(-1, 1), Turn(-1, 1)),
+            "moved by the commands 'drive_speed' and 'turn'",
+        ),
+        (
+            TWO_WHEELER,
+            interface(DriveSpeed(-1, 1), RunSpeed("left", 0, 1)),
+            "moved by the commands 'drive_speed' and 'left'",
+        ),
         (TWO_WHEELER, interface(RunDuty("left", -200, 100)), "stay within -100 to 100"),
         (TWO_WHEELER, interface(Curve(-9, 9, radius_mm=3)), "a radius of 3 mm"),
         (TWO_WHEELER, interface(HubLight(0, 720)), "hues are 0 to 360"),
         (TWO_WHEELER, interface(HubSound(duration_ms=900)), "1 to 200 ms"),
-        (replace(TECHNIC), Interface((HubSound(),), ANGLES, Wait(9)), "a technic hub has no loudspeaker"),
-        (ROBO_ARM, Interface((RunSpeed("low", -9, 9),), (MotorAngle("low", 10, 70),), Wait(9)), "turns endlessly"),
-        (ROBO_ARM, Interface((RunDuty("low"),), (MotorAngle("low", 10, 70),), Wait(9)), "turns endlessly"),
-        (ROBO_ARM, Interface((TrackTarget("low", 0, 70),), (MotorAngle("low", 10, 70),), Wait(9)), "range of 10 to 70"),
-        (ROBO_ARM, Interface((Turn(-9, 9),), (MotorAngle("low", 10, 70),), Wait(9)), "no drive base for 'turn'"),
-        (ROBO_ARM, Interface((HubLight(),), (DriveDistance(0, 9),), Wait(9)), "no drive base for 'drive_distance'"),
+        (
+            replace(TECHNIC),
+            Interface((HubSound(),), ANGLES, Wait(9)),
+            "a technic hub has no loudspeaker",
+        ),
+        (
+            ROBO_ARM,
+            Interface((RunSpeed("low", -9, 9),), (MotorAngle("low", 10, 70),), Wait(9)),
+            "turns endlessly",
+        ),
+        (
+            ROBO_ARM,
+            Interface((RunDuty("low"),), (MotorAngle("low", 10, 70),), Wait(9)),
+            "turns endlessly",
+        ),
+        (
+            ROBO_ARM,
+            Interface((TrackTarget("low", 0, 70),), (MotorAngle("low", 10, 70),), Wait(9)),
+            "range of 10 to 70",
+        ),
+        (
+            ROBO_ARM,
+            Interface((Turn(-9, 9),), (MotorAngle("low", 10, 70),), Wait(9)),
+            "no drive base for 'turn'",
+        ),
+        (
+            ROBO_ARM,
+            Interface((HubLight(),), (DriveDistance(0, 9),), Wait(9)),
+            "no drive base for 'drive_distance'",
+        ),
     ],
 )
 def test_unsupported_commands_raise(robot: Any, wanted: Interface, message: str) -> None:
@@ -230,7 +304,9 @@ def test_joint_tracks_targets_in_range() -> None:
 
 @pytest.mark.parametrize("commands", EVERY[:1] + EVERY[3:4] + EVERY[7:], ids=str)
 def test_preflight_tries_commands(commands: tuple[Command, ...]) -> None:
-    wanted = replace(interface(*commands), channels=(MotorAngle("left"), MotorAngle("right"), Distance("eyes")))
+    wanted = replace(
+        interface(*commands), channels=(MotorAngle("left"), MotorAngle("right"), Distance("eyes"))
+    )
     transport = VirtualHub(BenchBody(TWO_WHEELER))
     findings = list(check_robot(transport, TWO_WHEELER, wanted, may_move=lambda: True))
     assert [finding for finding in findings if finding.outcome is Outcome.ERROR] == []

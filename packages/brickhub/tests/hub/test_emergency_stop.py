@@ -161,7 +161,9 @@ def test_stop_during_answer(virtual: HubLink) -> None:
     hub.write = write_and_stop
     with pytest.raises(StoppedError):
         virtual.act([100, 100])
-    assert not any(servo.is_open for servo in hub.machine.servos.values()), "the program has ended, the motors coast"
+    assert not any(servo.is_open for servo in hub.machine.servos.values()), (
+        "the program has ended, the motors coast"
+    )
 
 
 def test_rest_stops_motors_not_program(virtual: HubLink) -> None:

@@ -6,7 +6,17 @@ import dataclasses
 
 import pytest
 
-from brickhub.hub.interface import Channel, Command, Distance, DriveStraight, MotorAngle, Pitch, Roll, RunAngle, YawRate
+from brickhub.hub.interface import (
+    Channel,
+    Command,
+    Distance,
+    DriveStraight,
+    MotorAngle,
+    Pitch,
+    Roll,
+    RunAngle,
+    YawRate,
+)
 
 COMMANDS: list[Command] = [RunAngle("left", -100, 50, 400), DriveStraight(-100, 50)]
 CHANNELS: list[Channel] = [MotorAngle("left"), Pitch(), Roll(), YawRate(), Distance("eyes")]
@@ -14,7 +24,13 @@ CHANNELS: list[Channel] = [MotorAngle("left"), Pitch(), Roll(), YawRate(), Dista
 
 def test_names() -> None:
     assert [command.name for command in COMMANDS] == ["left", "straight"]
-    assert [channel.name for channel in CHANNELS] == ["left_angle", "pitch", "roll", "yaw_rate", "distance"]
+    assert [channel.name for channel in CHANNELS] == [
+        "left_angle",
+        "pitch",
+        "roll",
+        "yaw_rate",
+        "distance",
+    ]
     assert [channel.unit for channel in CHANNELS] == ["deg", "deg", "deg", "deg/s", "mm"]
 
 
@@ -28,7 +44,9 @@ def test_every_range_fits_an_int16(item: Command | Channel) -> None:
     assert item.low * item.scale > -(2**15) and item.high * item.scale < 2**15
 
 
-@pytest.mark.parametrize(("low", "high", "wraps"), [(0, 360, True), (0, 359, False), (-180, 180, False), (10, 70, False)])
+@pytest.mark.parametrize(
+    ("low", "high", "wraps"), [(0, 360, True), (0, 359, False), (-180, 180, False), (10, 70, False)]
+)
 def test_full_turn_angles_wrap(low: float, high: float, wraps: bool) -> None:
     assert MotorAngle("left", low, high).wraps is wraps
     assert MotorAngle("left").wraps

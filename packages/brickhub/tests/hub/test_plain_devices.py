@@ -22,14 +22,27 @@ from brickhub.hub.interface import (
 )
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.generate import validate
-from brickhub.robot import Direction, DriveBase, HubKind, Motor, MotorKind, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from brickhub.robot import (
+    Direction,
+    DriveBase,
+    HubKind,
+    Motor,
+    MotorKind,
+    PoweredUpSensor,
+    Robot,
+    SensorKind,
+    UltrasonicSensor,
+)
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.virtual_transport import VirtualHub
 
 CART = Robot(
     "cart",
     HubKind.PRIME,
-    motors=(Motor("wheel", "A", MotorKind.TRAIN, Direction.COUNTERCLOCKWISE), Motor("fan", "B", MotorKind.MEDIUM_LINEAR)),
+    motors=(
+        Motor("wheel", "A", MotorKind.TRAIN, Direction.COUNTERCLOCKWISE),
+        Motor("fan", "B", MotorKind.MEDIUM_LINEAR),
+    ),
     sensors=(PoweredUpSensor("lamp", "C", SensorKind.LIGHT), UltrasonicSensor("eye", "D")),
     drive_base=DriveBase("wheel", "fan", 56, 112),
 )
@@ -75,24 +88,41 @@ def test_buttons_of_hub_and_remote() -> None:
 
 def test_missing_remote_is_told_with_what_to_do() -> None:
     link, _ = linked()
-    with pytest.raises(HubProgramError, match="ETIMEDOUT.*switch the remote on at the start of the program"):
+    with pytest.raises(
+        HubProgramError, match="ETIMEDOUT.*switch the remote on at the start of the program"
+    ):
         link.open()
 
 
 def test_preflight_tells_motors_without_encoder_apart() -> None:
     hub = VirtualHub(BenchBody(CART))
     found = {finding.name: finding.detail for finding in check_ports(CART, survey(hub, CART))}
-    assert found["port A"] == "'wheel', motor train" and found["port B"] == "'fan', motor medium-linear"
+    assert (
+        found["port A"] == "'wheel', motor train"
+        and found["port B"] == "'fan', motor medium-linear"
+    )
 
 
 @pytest.mark.parametrize(
     ("part", "message"),
     [
-        (RunSpeed("wheel", -1, 1), "command 'wheel' needs an encoder, and 'wheel' is a train motor; use RunDuty"),
+        (
+            RunSpeed("wheel", -1, 1),
+            "command 'wheel' needs an encoder, and 'wheel' is a train motor; use RunDuty",
+        ),
         (DriveStraight(-1, 1), "command 'straight' needs an encoder"),
-        (MotorAngle("fan"), "channel 'fan_angle' needs an encoder, and 'fan' is a medium-linear motor"),
-        (HubButton("center"), "the hub has no such button that a program may read; choose left, right, bluetooth"),
-        (RemoteButton("up"), "the remote has no such button that a program may read; choose left_plus, left"),
+        (
+            MotorAngle("fan"),
+            "channel 'fan_angle' needs an encoder, and 'fan' is a medium-linear motor",
+        ),
+        (
+            HubButton("center"),
+            "the hub has no such button that a program may read; choose left, right, bluetooth",
+        ),
+        (
+            RemoteButton("up"),
+            "the remote has no such button that a program may read; choose left_plus, left",
+        ),
         (LightBrightness("lamp", 0, 200), "ranges from 0 to 200 %; stay within 0 to 100"),
     ],
 )
@@ -104,5 +134,7 @@ def test_what_a_device_cannot_do_is_refused(part: Command | Channel, message: st
 
 
 def test_settings_of_an_encoder_are_refused_without_one() -> None:
-    with pytest.raises(DescriptionError, match="motor 'a': a train motor has no encoder; omit range_deg"):
+    with pytest.raises(
+        DescriptionError, match="motor 'a': a train motor has no encoder; omit range_deg"
+    ):
         Motor("a", "A", MotorKind.TRAIN, range_deg=(0, 90))

@@ -14,7 +14,14 @@ from played_hub import PlayedHub
 from radio import Radio
 
 from brickhub.hub.program.compile import compile_mpy, program_blob
-from brickhub.hub.transports.profile import CommandError, PybricksCommand, Status, StatusReport, parse_capabilities, parse_event
+from brickhub.hub.transports.profile import (
+    CommandError,
+    PybricksCommand,
+    Status,
+    StatusReport,
+    parse_capabilities,
+    parse_event,
+)
 from brickhub.robot import HubKind
 
 pytestmark = pytest.mark.realtime
@@ -43,8 +50,12 @@ def test_pybricksdev_accepts_played_hub(monkeypatch: pytest.MonkeyPatch) -> None
     hub = PlayedHub(radio, TWO_WHEELER)
     hub.library.append(ECHO)
     backend = radio.backend()
-    monkeypatch.setattr(bleak, "get_platform_scanner_backend_type", lambda: (backend.scanner, "radio"))
-    monkeypatch.setattr(bleak, "get_platform_client_backend_type", lambda: (backend.client, "radio"))
+    monkeypatch.setattr(
+        bleak, "get_platform_scanner_backend_type", lambda: (backend.scanner, "radio")
+    )
+    monkeypatch.setattr(
+        bleak, "get_platform_client_backend_type", lambda: (backend.client, "radio")
+    )
     received = bytearray()
 
     async def expect(data: bytes) -> None:
@@ -58,7 +69,9 @@ def test_pybricksdev_accepts_played_hub(monkeypatch: pytest.MonkeyPatch) -> None
         client.print_output = False
         await client.connect()
         client.stdout_observable.subscribe(received.extend)
-        await client.download_user_program(program_blob({"__main__": compile_mpy(ECHO)}, HubKind.PRIME))
+        await client.download_user_program(
+            program_blob({"__main__": compile_mpy(ECHO)}, HubKind.PRIME)
+        )
         await client.start_user_program()
         await expect(b"ready")
         for data in (b"a", bytes(range(20)), bytes(63)):
@@ -92,9 +105,16 @@ def hub() -> Iterator[PlayedHub]:
     ("command", "code"),
     [
         (bytes((PybricksCommand.START_USER_PROGRAM, 0, 0)), CommandError.VALUE_NOT_ALLOWED),
-        (bytes((PybricksCommand.START_USER_PROGRAM,)), CommandError.INVALID_COMMAND),  # there is none
-        (struct.pack("<BI", PybricksCommand.WRITE_USER_PROGRAM_META, 10**8), CommandError.VALUE_NOT_ALLOWED),
-        (struct.pack("<BI", PybricksCommand.WRITE_USER_RAM, 272 * 1024 - 1) + b"ab", CommandError.VALUE_NOT_ALLOWED),
+        # there is none
+        (bytes((PybricksCommand.START_USER_PROGRAM,)), CommandError.INVALID_COMMAND),
+        (
+            struct.pack("<BI", PybricksCommand.WRITE_USER_PROGRAM_META, 10**8),
+            CommandError.VALUE_NOT_ALLOWED,
+        ),
+        (
+            struct.pack("<BI", PybricksCommand.WRITE_USER_RAM, 272 * 1024 - 1) + b"ab",
+            CommandError.VALUE_NOT_ALLOWED,
+        ),
         (bytes((99,)), CommandError.INVALID_COMMAND),
         (bytes((PybricksCommand.STOP_USER_PROGRAM,)), None),  # nothing to stop is no error
         (bytes((PybricksCommand.WRITE_STDIN, 1, 2)), None),
@@ -111,10 +131,15 @@ def test_played_hub_refuses_as_firmware(hub: PlayedHub, command: bytes, code: in
 
 
 @pytest.mark.parametrize(
-    ("version", "capability_bytes", "report_bytes"), [("1.3.0", 10, 5), ("1.4.0", 10, 6), ("1.5.0", 11, 7), ("1.6.0", 11, 7)]
+    ("version", "capability_bytes", "report_bytes"),
+    [("1.3.0", 10, 5), ("1.4.0", 10, 6), ("1.5.0", 11, 7), ("1.6.0", 11, 7)],
 )
 def test_played_hub_follows_profile_versions(
-    hub: PlayedHub, monkeypatch: pytest.MonkeyPatch, version: str, capability_bytes: int, report_bytes: int
+    hub: PlayedHub,
+    monkeypatch: pytest.MonkeyPatch,
+    version: str,
+    capability_bytes: int,
+    report_bytes: int,
 ) -> None:
     reports: list[bytes] = []
 

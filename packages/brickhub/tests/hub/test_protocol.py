@@ -38,7 +38,10 @@ PAYLOAD_BYTES = 12
 
 payloads = st.binary(min_size=PAYLOAD_BYTES, max_size=PAYLOAD_BYTES)
 data_frames = st.builds(DataFrame, st.integers(1, 255), payloads)
-hellos = st.builds(lambda program_hash: ControlFrame(Up.HELLO, hello_payload(program_hash)), st.integers(0, 2**32 - 1))
+hellos = st.builds(
+    lambda program_hash: ControlFrame(Up.HELLO, hello_payload(program_hash)),
+    st.integers(0, 2**32 - 1),
+)
 byes = st.sampled_from([ControlFrame(Up.BYE, bytes([reason])) for reason in ByeReason])
 frames = st.one_of(data_frames, hellos, byes)
 
@@ -48,7 +51,11 @@ def decoder() -> FrameDecoder:
 
 
 def encode(frame: Frame) -> bytes:
-    return data_frame(frame.seq, frame.payload) if isinstance(frame, DataFrame) else control_frame(frame.kind, frame.payload)
+    return (
+        data_frame(frame.seq, frame.payload)
+        if isinstance(frame, DataFrame)
+        else control_frame(frame.kind, frame.payload)
+    )
 
 
 def crc8_bit_by_bit(data: bytes) -> int:
@@ -71,7 +78,11 @@ def test_crc_check_value() -> None:
 
 
 def test_sequence_numbers_are_1_to_255() -> None:
-    seqs = list(itertools.islice(itertools.accumulate(itertools.repeat(0), lambda seq, _: next_seq(seq)), 1, 512))
+    seqs = list(
+        itertools.islice(
+            itertools.accumulate(itertools.repeat(0), lambda seq, _: next_seq(seq)), 1, 512
+        )
+    )
     assert seqs == [*range(1, 256), *range(1, 256), 1]
 
 
@@ -104,11 +115,14 @@ def test_reader_accounts_for_all_bytes(chunks: list[bytes]) -> None:
 
 
 @given(st.binary(max_size=60), data_frames, data_frames, data_frames)
-def test_reader_resyncs_within_two_frames(garbage: bytes, first: DataFrame, second: DataFrame, third: DataFrame) -> None:
+def test_reader_resyncs_within_two_frames(
+    garbage: bytes, first: DataFrame, second: DataFrame, third: DataFrame
+) -> None:
     reader = decoder()
     reader.feed(garbage)
     received = reader.feed(encode(first)) + reader.feed(encode(second))
-    fooled = any(frame not in (first, second) for frame in received)  # 1 in 256 of the things that look like a frame
+    # 1 in 256 of the things that look like a frame
+    fooled = any(frame not in (first, second) for frame in received)
     assert second in received or fooled
     assert reader.feed(encode(third))[-1:] == [third] or fooled
 
@@ -153,7 +167,11 @@ def test_sizes_on_the_wire() -> None:
     }
     up = {name: len(data_frame(1, bytes(wire.answer_bytes))) for name, wire in sizes.items()}
     assert up == {"run-away": 15, "spinning": 15, "walker": NOTIFICATION_BYTES}
-    assert {name: wire.down_frame_bytes for name, wire in sizes.items()} == {"run-away": 5, "spinning": 7, "walker": 11}
+    assert {name: wire.down_frame_bytes for name, wire in sizes.items()} == {
+        "run-away": 5,
+        "spinning": 7,
+        "walker": 11,
+    }
     assert all(wire.down_frame_bytes <= WRITE_BYTES for wire in sizes.values())
 
 
@@ -172,7 +190,10 @@ def test_actions_keep_their_values(values: tuple[float, float]) -> None:
 @given(st.integers(0, 10**7), st.tuples(*[st.floats(-327, 327, width=32)] * 5))
 def test_channels_keep_their_values(time_ms: int, values: tuple[float, ...]) -> None:
     wire = WireFormat(SPINNING)
-    numbers = [round(value * channel.scale) for value, channel in zip(values, SPINNING.channels, strict=True)]
+    numbers = [
+        round(value * channel.scale)
+        for value, channel in zip(values, SPINNING.channels, strict=True)
+    ]
     time, decoded = wire.decode_answer(struct.pack(wire.answer_format, time_ms & 0xFFFF, *numbers))
     assert time == time_ms % 65536
     assert decoded == pytest.approx(values, abs=0.051)

@@ -5,7 +5,16 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 
-from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, MotorAngle, RunAngle, SensorReading, UntilDone, Wait
+from brickhub.hub.interface import (
+    DriveSpeed,
+    DriveTurnRate,
+    Interface,
+    MotorAngle,
+    RunAngle,
+    SensorReading,
+    UntilDone,
+    Wait,
+)
 from brickhub.hub.kit_protocol import COMMANDS, REPORTS
 from brickhub.hub.link.kit_link import KitLink
 from brickhub.hub.link.profiles import PROFILES, LinkProfile
@@ -16,7 +25,11 @@ from brickhub.virtual.virtual_kit import VirtualKit
 ROBOT = Robot(
     "kit",
     KitKind.DOUBLE_MOTOR,
-    (Motor("left", "A", direction=Direction.COUNTERCLOCKWISE), Motor("right", "B"), Motor("arm", "C")),
+    (
+        Motor("left", "A", direction=Direction.COUNTERCLOCKWISE),
+        Motor("right", "B"),
+        Motor("arm", "C"),
+    ),
     (PoweredUpSensor("light", "D", SensorKind.COLOR),),
     DriveBase("left", "right", 56, 112),
     needs_imu=True,
@@ -26,7 +39,9 @@ ANGLES = (
     SensorReading("light", "reflection", 0, 100, "%"),
 )
 DRIVE = Interface((DriveSpeed(-200, 200), DriveTurnRate(-90, 90)), ANGLES, Wait(100))
-TURN = Interface((RunAngle("left", -360, 360, 400), RunAngle("arm", -360, 360, 400)), ANGLES, UntilDone(3000))
+TURN = Interface(
+    (RunAngle("left", -360, 360, 400), RunAngle("arm", -360, 360, 400)), ANGLES, UntilDone(3000)
+)
 
 
 def encode(name: str, *values: int) -> bytes:
@@ -46,7 +61,9 @@ def reports_in(notification: bytes) -> Iterator[tuple[str, dict[str, int]]]:
         position += layout.struct.size
 
 
-def connected(interface: Interface = DRIVE, profile: LinkProfile = PROFILES["mac"]) -> tuple[VirtualKit, KitLink]:
+def connected(
+    interface: Interface = DRIVE, profile: LinkProfile = PROFILES["mac"]
+) -> tuple[VirtualKit, KitLink]:
     """A robot and an open link to it."""
     kit = VirtualKit(BenchBody(ROBOT, readings={"light": lambda angles: 50.0}), link=profile)
     link = KitLink(kit, ROBOT, interface)

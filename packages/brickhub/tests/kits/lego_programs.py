@@ -1,4 +1,5 @@
-"""Programs for LEGO's package: eight of our own, and those that LEGO publishes, which whoever runs the tests has fetched."""
+"""Programs for LEGO's package: eight of our own, and those that LEGO publishes, which whoever runs
+the tests has fetched."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ for device in (singlemotor, doublemotor, colorsensor, controller):
     device.connect()
     device.set_notification_callback(notification_callback)
 time.sleep(0.2)
-"""
+"""  # noqa: E501
 _NAMES = re.compile(r"(\w+( *#.*)?\n?)+")
 """A list of names, as of the fields of a report: no program."""
 
@@ -69,7 +70,7 @@ OWN = {
         m.motor_stop()
         most = (time.monotonic() - began_s) / 0.05 + 1  # commands wait for the link, too
         assert 19 <= len(seen) <= most < 36 and seen == sorted(seen) and seen[-1] > 300, seen
-    """,
+    """,  # noqa: E501
     "positions": """
         m = le.SingleMotor()
         m.connect(device_notification_delay=15)
@@ -119,22 +120,29 @@ OWN = {
         assert not m.connected
         m.connect()
         assert m.connected
-    """,
+    """,  # noqa: E501
 }
-"""Programs after what LEGO's documentation describes. The color sensor sees white, and red after 2.5 s."""
+"""Programs after what LEGO's documentation describes. The color sensor sees white, and red after
+2.5 s."""
 
 
 def own(name: str) -> str:
     """One of our programs."""
-    return f"import time\nimport legoeducation as le\nstarted = time.monotonic()\n{textwrap.dedent(OWN[name])}"
+    return (
+        "import time\nimport legoeducation as le\nstarted = time.monotonic()\n"
+        f"{textwrap.dedent(OWN[name])}"
+    )
 
 
 def published(folder: Path) -> Iterator[tuple[str, str]]:
-    """Names and sources of LEGO's examples, and of the blocks of its pages; a block that is part of a program gets devices."""
+    """Names and sources of LEGO's examples, and of the blocks of its pages; a block that is part of
+    a program gets devices."""
     for path in sorted(folder.glob("examples/*.py")):
         yield path.name, path.read_text(encoding="utf-8")
     for path in sorted(folder.glob("*.md")):
-        for number, block in enumerate(re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL)):
+        for number, block in enumerate(
+            re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL)
+        ):
             block = textwrap.dedent(block)
             if "import legoeducation" in block and ".connect(" in block:
                 yield f"{path.stem}-{number}", block

@@ -12,7 +12,14 @@ from brickhub.hub.kit_radio import parts
 from brickhub.robot import KitKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.given_readings import parse_reading
-from brickhub.virtual.kit_device import ColorSensor, Controller, DoubleMotor, KitDevice, SingleMotor, devices_of
+from brickhub.virtual.kit_device import (
+    ColorSensor,
+    Controller,
+    DoubleMotor,
+    KitDevice,
+    SingleMotor,
+    devices_of,
+)
 from brickhub.virtual.machine import Machine
 
 RUN_DONE, RUN_TIME_DONE, RUN_DEGREES_DONE, TANK_DONE, TURN_DONE = 123, 127, 125, 157, 161
@@ -21,8 +28,12 @@ RUN_DONE, RUN_TIME_DONE, RUN_DEGREES_DONE, TANK_DONE, TURN_DONE = 123, 127, 125,
 class World:
     """A bench with a device of each kind, and its time."""
 
-    def __init__(self, *readings: str, end_stops: dict[str, tuple[float, float]] | None = None) -> None:
-        bench = FittedBench(KitKind.DOUBLE_MOTOR, [parse_reading(text) for text in readings], end_stops or {})
+    def __init__(
+        self, *readings: str, end_stops: dict[str, tuple[float, float]] | None = None
+    ) -> None:
+        bench = FittedBench(
+            KitKind.DOUBLE_MOTOR, [parse_reading(text) for text in readings], end_stops or {}
+        )
         for port in "ABC":
             bench.plug_in(port, "Motor")
         bench.plug_in("D", "ColorSensor")
@@ -76,7 +87,10 @@ def test_long_time_ends(world: World) -> None:
 
 def test_next_command_interrupts(world: World) -> None:
     world.send(world.single, encode("run_for_degrees", 1, 3600, 0), ms=200)
-    assert world.send(world.single, encode("run", 1, 1)) == [bytes((RUN_DEGREES_DONE, 1, 1)), bytes((RUN_DONE, 1, 0))]
+    assert world.send(world.single, encode("run", 1, 1)) == [
+        bytes((RUN_DEGREES_DONE, 1, 1)),
+        bytes((RUN_DONE, 1, 0)),
+    ]
     world.send(world.single, ms=600)
     assert world.report(world.single, "motor")[0]["speed"] == pytest.approx(-50, abs=2)
 
@@ -91,11 +105,18 @@ def test_commands_of_both_motors_in_a_packet_start_together(world: World) -> Non
     )
     assert answers[0] == bytes((141, 1, 0))
     assert sorted(answers[1:]) == [bytes((RUN_DEGREES_DONE, 1, 0)), bytes((RUN_DEGREES_DONE, 2, 0))]
-    assert [motor["position"] for motor in world.report(world.double, "motor")] == pytest.approx([-90, 180], abs=3)
+    assert [motor["position"] for motor in world.report(world.double, "motor")] == pytest.approx(
+        [-90, 180], abs=3
+    )
 
 
-@pytest.mark.parametrize(("position", "direction", "turned_deg"), [(90, 0, 90), (90, 1, -270), (300, 2, -60), (300, 3, 300)])
-def test_way_to_an_absolute_position(world: World, position: int, direction: int, turned_deg: int) -> None:
+@pytest.mark.parametrize(
+    ("position", "direction", "turned_deg"),
+    [(90, 0, 90), (90, 1, -270), (300, 2, -60), (300, 3, 300)],
+)
+def test_way_to_an_absolute_position(
+    world: World, position: int, direction: int, turned_deg: int
+) -> None:
     world.send(world.single, encode("run_to_absolute", 1, position, direction), ms=2000)
     motor = world.report(world.single, "motor")[0]
     assert motor["position"] == pytest.approx(turned_deg, abs=3)
@@ -105,20 +126,28 @@ def test_way_to_an_absolute_position(world: World, position: int, direction: int
 def test_new_speed_acts_on_an_endless_move(world: World) -> None:
     world.send(world.double, encode("move", 0), ms=800)
     world.send(world.double, encode("set_move_speed", 80), ms=800)
-    assert [motor["speed"] for motor in world.report(world.double, "motor")] == pytest.approx([-80, 80], abs=3)
+    assert [motor["speed"] for motor in world.report(world.double, "motor")] == pytest.approx(
+        [-80, 80], abs=3
+    )
     world.send(world.double, encode("stop_moving"), ms=500)
     assert [motor["speed"] for motor in world.report(world.double, "motor")] == [0, 0]
 
 
 def test_tank_for_degrees_ends_with_the_faster_motor(world: World) -> None:
-    assert world.send(world.double, encode("tank_for_degrees", 360, 20, 40), ms=3000) == [bytes((159, 0))]
+    assert world.send(world.double, encode("tank_for_degrees", 360, 20, 40), ms=3000) == [
+        bytes((159, 0))
+    ]
     left, right = (motor["position"] for motor in world.report(world.double, "motor"))
     assert (left, right) == (pytest.approx(-180, abs=4), pytest.approx(360, abs=4))
 
 
-@pytest.mark.parametrize(("degrees", "direction", "yaw"), [(90, 3, 90), (45, 2, -45), (-30, 3, -30)])
+@pytest.mark.parametrize(
+    ("degrees", "direction", "yaw"), [(90, 3, 90), (45, 2, -45), (-30, 3, -30)]
+)
 def test_turn_by_the_imu(world: World, degrees: int, direction: int, yaw: int) -> None:
-    assert world.send(world.double, encode("turn_for_degrees", degrees, direction), ms=3000) == [bytes((TURN_DONE, 0))]
+    assert world.send(world.double, encode("turn_for_degrees", degrees, direction), ms=3000) == [
+        bytes((TURN_DONE, 0))
+    ]
     assert world.report(world.double, "imu")[0]["yaw"] == pytest.approx(yaw, abs=4)
 
 
@@ -137,11 +166,15 @@ def test_steering_slows_the_inner_wheel(world: World) -> None:
 
 def test_move_against_a_stop_ends_as_interrupted() -> None:
     world = World(end_stops={"C": (-90.0, 90.0)})
-    assert world.send(world.single, encode("run_for_degrees", 1, 720, 0), ms=3000) == [bytes((RUN_DEGREES_DONE, 1, 1))]
+    assert world.send(world.single, encode("run_for_degrees", 1, 720, 0), ms=3000) == [
+        bytes((RUN_DEGREES_DONE, 1, 1))
+    ]
 
 
 def test_end_state_holds(world: World) -> None:
-    world.send(world.single, encode("set_end_state", 1, 2), encode("run_for_degrees", 1, 90, 0), ms=1500)
+    world.send(
+        world.single, encode("set_end_state", 1, 2), encode("run_for_degrees", 1, 90, 0), ms=1500
+    )
     assert world.report(world.single, "motor")[0]["state"] == MotorState.HOLDING
 
 
@@ -163,7 +196,9 @@ def test_command_of_another_device_is_refused(world: World) -> None:
     assert world.send(world.color, encode("tank", 50, 50)) == [bytes((TANK_DONE, Done.REFUSED))]
 
 
-@pytest.mark.parametrize(("reading", "color"), [("red", 9), ("green", 6), ("blue", 3), ("white", 10), ("none", -1)])
+@pytest.mark.parametrize(
+    ("reading", "color"), [("red", 9), ("green", 6), ("blue", 3), ("white", 10), ("none", -1)]
+)
 def test_color_sensor(reading: str, color: int) -> None:
     world = World(f"D={reading}")
     assert world.report(world.color, "color")[0]["color"] == color

@@ -68,9 +68,15 @@ def test_step_ends_with_reports_made_under_its_commands(interval_ms: float, step
 
 def test_python_ends_with_an_open_link() -> None:
     program = (
-        "import kit_world\n_, link = kit_world.connected()\nclass Owner:\n  def __del__(self): link.close()\nowner = Owner()"
+        "import kit_world\n_, link = kit_world.connected()\nclass Owner:\n"
+        "  def __del__(self): link.close()\nowner = Owner()"
     )
-    assert subprocess.run([sys.executable, "-c", program], cwd=Path(__file__).parent, timeout=30, check=False).returncode == 0
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", program], cwd=Path(__file__).parent, timeout=30, check=False
+        ).returncode
+        == 0
+    )
 
 
 def test_speed_is_a_whole_percent(driving: tuple[VirtualKit, KitLink]) -> None:
@@ -165,7 +171,8 @@ def test_two_robots_at_once() -> None:
 
 
 def course(faults: int, seed: int) -> int:
-    """Draw faults at any time of a run of steps, each as long as drawn; returns how many steps ended as lost."""
+    """Draw faults at any time of a run of steps, each as long as drawn; returns how many steps
+    ended as lost."""
     draw = random.Random(seed)
     kit, link = connected(DRIVE)
     lost = 0

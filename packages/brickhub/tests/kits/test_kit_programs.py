@@ -18,8 +18,20 @@ def run(tmp_path: Path, source: str, *options: str) -> subprocess.CompletedProce
     program, readings = tmp_path / "program.py", tmp_path / "seen.csv"
     program.write_text(source, encoding="utf-8")
     readings.write_text("0, white\n2.5, red\n", encoding="utf-8")
-    command = [sys.executable, "-m", "brickhub", "run", str(program), "--reading", f"D=@{readings}", "--time-limit-s", "100"]
-    return subprocess.run([*command, *options], capture_output=True, text=True, timeout=60, check=False)
+    command = [
+        sys.executable,
+        "-m",
+        "brickhub",
+        "run",
+        str(program),
+        "--reading",
+        f"D=@{readings}",
+        "--time-limit-s",
+        "100",
+    ]
+    return subprocess.run(
+        [*command, *options], capture_output=True, text=True, timeout=60, check=False
+    )
 
 
 @pytest.mark.parametrize("name", OWN)
@@ -36,7 +48,11 @@ def test_run_is_reproducible(tmp_path: Path) -> None:
 def test_program_that_raises_shows_its_own_lines(tmp_path: Path) -> None:
     done = run(tmp_path, "import legoeducation as le\nle.SingleMotor().connect()\n1 / 0\n")
     assert done.returncode == 1
-    assert done.stderr.startswith("Traceback") and "line 3" in done.stderr and "kit_run.py" not in done.stderr
+    assert (
+        done.stderr.startswith("Traceback")
+        and "line 3" in done.stderr
+        and "kit_run.py" not in done.stderr
+    )
 
 
 @pytest.mark.parametrize(("end", "code"), [("exit(3)", 3), ("exit()", 0), ("exit('no motor')", 1)])
@@ -45,22 +61,33 @@ def test_exit_code(tmp_path: Path, end: str, code: int) -> None:
 
 
 def test_time_limit_ends_a_program(tmp_path: Path) -> None:
-    source = "import legoeducation as le, time\nm = le.SingleMotor()\nm.connect()\nm.motor_run()\nwhile True: time.sleep(1)\n"
+    source = (
+        "import legoeducation as le, time\nm = le.SingleMotor()\nm.connect()\n"
+        "m.motor_run()\nwhile True: time.sleep(1)\n"
+    )
     done = run(tmp_path, source, "--time-limit-s", "5")
     assert (done.returncode, done.stderr) == (0, "The program was stopped after 5 s.\n")
 
 
 def test_move_that_never_ends_is_stopped_too(tmp_path: Path) -> None:
-    source = "import legoeducation as le\nm = le.SingleMotor()\nm.connect()\nm.motor_run_for_time(10**5)\n"
+    source = (
+        "import legoeducation as le\nm = le.SingleMotor()\nm.connect()\n"
+        "m.motor_run_for_time(10**5)\n"
+    )
     assert "stopped after 5 s" in run(tmp_path, source, "--time-limit-s", "5").stderr
 
 
 def test_ctrl_c_ends_a_program(tmp_path: Path) -> None:
     program = tmp_path / "program.py"
-    source = "import legoeducation as le, time\nle.SingleMotor().connect()\nprint('on', flush=True)\nwhile True: time.sleep(1)\n"
+    source = (
+        "import legoeducation as le, time\nle.SingleMotor().connect()\n"
+        "print('on', flush=True)\nwhile True: time.sleep(1)\n"
+    )
     program.write_text(source)
     command = [sys.executable, "-m", "brickhub", "run", str(program), "--realtime"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
         assert running.stdout is not None and running.stdout.readline() == "on\n"
         running.send_signal(signal.SIGINT)
         assert running.wait(timeout=30) == 130
@@ -68,7 +95,9 @@ def test_ctrl_c_ends_a_program(tmp_path: Path) -> None:
 
 def test_robot_with_a_hub_is_refused(tmp_path: Path) -> None:
     robot = tmp_path / "my_robot.py"
-    robot.write_text("from brickhub.robot import HubKind, Robot\nROBOT = Robot('mine', HubKind.PRIME)\n")
+    robot.write_text(
+        "from brickhub.robot import HubKind, Robot\nROBOT = Robot('mine', HubKind.PRIME)\n"
+    )
     program = tmp_path / "program.py"
     program.write_text("import legoeducation as le\n")
     command = [sys.executable, "-m", "brickhub", "run", str(program), "--robot", str(robot)]
@@ -78,9 +107,15 @@ def test_robot_with_a_hub_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(FOLDER is None, reason="set LEGO_EDUCATION to a clone of github.com/LEGO/LEGOEducation")
+@pytest.mark.skipif(
+    FOLDER is None, reason="set LEGO_EDUCATION to a clone of github.com/LEGO/LEGOEducation"
+)
 def test_what_lego_publishes_runs_unchanged(tmp_path: Path) -> None:
     programs = dict(published(Path(FOLDER or "")))
-    failed = {name: done.stderr for name, source in programs.items() if (done := run(tmp_path, source)).returncode}
+    failed = {
+        name: done.stderr
+        for name, source in programs.items()
+        if (done := run(tmp_path, source)).returncode
+    }
     assert len(programs) > 60
     assert failed == {}

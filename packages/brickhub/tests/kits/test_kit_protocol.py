@@ -73,24 +73,36 @@ def _fields(layout: Layout) -> st.SearchStrategy[tuple[int, ...]]:
     ranges = []
     for letter in layout.struct.format[2:]:
         bits = 8 * struct.calcsize("<" + letter)
-        low, high = (0, 2**bits - 1) if letter.isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+        low, high = (
+            (0, 2**bits - 1) if letter.isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+        )
         ranges.append(st.integers(low, high))
     return st.tuples(*ranges)
 
 
-_message = st.sampled_from(list(COMMANDS)).flatmap(lambda name: st.tuples(st.just(name), _fields(COMMANDS[name])))
-_report = st.sampled_from(list(REPORTS)).flatmap(lambda name: st.tuples(st.just(name), _fields(REPORTS[name])))
+_message = st.sampled_from(list(COMMANDS)).flatmap(
+    lambda name: st.tuples(st.just(name), _fields(COMMANDS[name]))
+)
+_report = st.sampled_from(list(REPORTS)).flatmap(
+    lambda name: st.tuples(st.just(name), _fields(REPORTS[name]))
+)
 
 
 @given(st.lists(_message, max_size=6))
 def test_several_commands_travel_in_a_packet(messages: list[tuple[str, tuple[int, ...]]]) -> None:
     packet = b"".join(encode(name, *values) for name, values in messages)
-    named = [(name, dict(zip(COMMANDS[name].fields, values, strict=True))) for name, values in messages]
-    assert list(decode(packet)) == [Message(name, values, COMMANDS[name].number + 1) for name, values in named]
+    named = [
+        (name, dict(zip(COMMANDS[name].fields, values, strict=True))) for name, values in messages
+    ]
+    assert list(decode(packet)) == [
+        Message(name, values, COMMANDS[name].number + 1) for name, values in named
+    ]
 
 
 @given(st.lists(_report, max_size=6))
-def test_several_reports_travel_in_a_notification(reports: list[tuple[str, tuple[int, ...]]]) -> None:
+def test_several_reports_travel_in_a_notification(
+    reports: list[tuple[str, tuple[int, ...]]],
+) -> None:
     found = reports_in(encode_notification(reports))
     assert [(name, tuple(values.values())) for name, values in found] == reports
 
@@ -112,8 +124,13 @@ def test_commands_are_those_of_legos_package(message: tuple[str, tuple[int, ...]
 @given(st.lists(_report, max_size=6))
 def test_legos_package_reads_our_reports(reports: list[tuple[str, tuple[int, ...]]]) -> None:
     rpc = pytest.importorskip("legoeducation.rpc_message")
-    found = rpc.device_notification_parser(rpc.DeviceNotification.Deserialize(encode_notification(reports)[1:]))
-    seen = [(type(item).__name__, tuple(value for key, value in vars(item).items() if key != "header")) for item in found]
+    found = rpc.device_notification_parser(
+        rpc.DeviceNotification.Deserialize(encode_notification(reports)[1:])
+    )
+    seen = [
+        (type(item).__name__, tuple(value for key, value in vars(item).items() if key != "header"))
+        for item in found
+    ]
     assert seen == [(_LEGO_REPORTS[name], values) for name, values in reports]
 
 

@@ -9,7 +9,13 @@ from dataclasses import replace
 import pytest
 from kit_world import DRIVE, ROBOT
 
-from brickhub.errors import DescriptionError, HubTimeoutError, MediumUnavailableError, ProgramError, UnknownNameError
+from brickhub.errors import (
+    DescriptionError,
+    HubTimeoutError,
+    MediumUnavailableError,
+    ProgramError,
+    UnknownNameError,
+)
 from brickhub.hub.interface import Interface, RunDuty, SensorReading, Wait
 from brickhub.hub.kit_protocol import Product
 from brickhub.hub.kit_radio import KitPart, RealRadio, lego_package, parts_of
@@ -24,9 +30,14 @@ from brickhub.virtual.virtual_kit import VirtualKit, virtual_robot
 
 def test_devices_of_a_robot() -> None:
     double, single, color = parts_of(ROBOT)
-    assert (double, single) == (KitPart(Product.DOUBLE_MOTOR, "AB"), KitPart(Product.SINGLE_MOTOR, "C"))
+    assert (double, single) == (
+        KitPart(Product.DOUBLE_MOTOR, "AB"),
+        KitPart(Product.SINGLE_MOTOR, "C"),
+    )
     assert color == KitPart(Product.COLOR_SENSOR, "D")
-    assert parts_of(Robot("one", KitKind.SINGLE_MOTOR, (Motor("a", "A"),))) == (KitPart(Product.SINGLE_MOTOR, "A"),)
+    assert parts_of(Robot("one", KitKind.SINGLE_MOTOR, (Motor("a", "A"),))) == (
+        KitPart(Product.SINGLE_MOTOR, "A"),
+    )
 
 
 def test_double_motor_has_two() -> None:
@@ -46,7 +57,9 @@ def test_command_without_an_end_is_refused() -> None:
 
 
 def test_reading_that_no_device_reports_is_refused() -> None:
-    ambient = Interface(DRIVE.commands, (SensorReading("light", "ambient", 0, 100, "%"),), Wait(100))
+    ambient = Interface(
+        DRIVE.commands, (SensorReading("light", "ambient", 0, 100, "%"),), Wait(100)
+    )
     with pytest.raises(DescriptionError, match="reports it"):
         KitLink(RealRadio(), ROBOT, ambient)
 
@@ -83,4 +96,8 @@ def test_devices_have_the_interval_of_the_link_that_is_asked_for() -> None:
         kit = virtual_robot(BenchBody(ROBOT, readings={"light": lambda angles: 50.0}), link=link)
         assert isinstance(kit, VirtualKit)
         intervals_ms.append(kit.link.interval_ms)
-    assert intervals_ms == [PROFILES[DEFAULT_LINK].interval_ms, PROFILES["mac"].interval_ms] == [45.0, 15.0]
+    assert (
+        intervals_ms
+        == [PROFILES[DEFAULT_LINK].interval_ms, PROFILES["mac"].interval_ms]
+        == [45.0, 15.0]
+    )

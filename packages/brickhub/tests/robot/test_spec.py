@@ -11,7 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brickhub.errors import DescriptionError
-from brickhub.robot import Chassis, DriveBase, HubKind, Motor, MotorKind, Mount, Robot, UltrasonicSensor, spec
+from brickhub.robot import (
+    Chassis,
+    DriveBase,
+    HubKind,
+    Motor,
+    MotorKind,
+    Mount,
+    Robot,
+    UltrasonicSensor,
+    spec,
+)
 
 names = st.from_regex(r"[a-z_][a-z0-9_]{0,8}", fullmatch=True)
 hubs = st.sampled_from(HubKind)
@@ -26,10 +36,19 @@ def descriptions(draw: st.DrawFn) -> Robot:
     device_names = draw(st.lists(names, min_size=count, max_size=count, unique=True))
     motor_count = draw(st.integers(0, count))
     devices = list(zip(device_names, ports[:count], strict=True))
-    motors = tuple(Motor(name, port, kind=draw(st.sampled_from(MotorKind))) for name, port in devices[:motor_count])
+    motors = tuple(
+        Motor(name, port, kind=draw(st.sampled_from(MotorKind)))
+        for name, port in devices[:motor_count]
+    )
     sensors = tuple(UltrasonicSensor(name, port) for name, port in devices[motor_count:])
-    base = DriveBase(motors[0].name, motors[1].name, 56, 130) if motor_count > 1 and draw(st.booleans()) else None
-    return Robot(draw(names), hub, motors, sensors, base, needs_imu=hub.model.has_imu and draw(st.booleans()))
+    base = (
+        DriveBase(motors[0].name, motors[1].name, 56, 130)
+        if motor_count > 1 and draw(st.booleans())
+        else None
+    )
+    return Robot(
+        draw(names), hub, motors, sensors, base, needs_imu=hub.model.has_imu and draw(st.booleans())
+    )
 
 
 @given(descriptions())
@@ -88,9 +107,15 @@ def test_invalid_motors(fields: dict[str, object], message: str) -> None:
 
 @pytest.mark.parametrize(
     ("left", "right", "wheel_mm", "axle_mm", "message"),
-    [("a", "a", 56, 130, "both 'a'"), ("a", "b", -56, 130, "positive"), ("a", "b", 56, -1, "positive")],
+    [
+        ("a", "a", 56, 130, "both 'a'"),
+        ("a", "b", -56, 130, "positive"),
+        ("a", "b", 56, -1, "positive"),
+    ],
 )
-def test_invalid_drive_bases(left: str, right: str, wheel_mm: float, axle_mm: float, message: str) -> None:
+def test_invalid_drive_bases(
+    left: str, right: str, wheel_mm: float, axle_mm: float, message: str
+) -> None:
     with pytest.raises(DescriptionError, match=message):
         DriveBase(left, right, wheel_mm, axle_mm)
 
@@ -118,12 +143,23 @@ A, B = Motor("a", "A"), Motor("b", "B")
     [
         (lambda: Robot("two wheels", HubKind.PRIME), "is not a name"),
         (lambda: Robot("r", HubKind.PRIME, (A, Motor("b", "A"))), "port A is used 2 times"),
-        (lambda: Robot("r", HubKind.PRIME, (A,), (UltrasonicSensor("eyes", "A"),)), "port A is used 2 times"),
+        (
+            lambda: Robot("r", HubKind.PRIME, (A,), (UltrasonicSensor("eyes", "A"),)),
+            "port A is used 2 times",
+        ),
         (lambda: Robot("r", HubKind.PRIME, (A, Motor("a", "B"))), "name a is used 2 times"),
         (lambda: Robot("r", HubKind.CITY, needs_imu=True), "no IMU"),
-        (lambda: Robot("r", HubKind.PRIME, (A,), drive_base=DriveBase("a", "b", 56, 130)), "no motor 'b'"),
         (
-            lambda: Robot("r", HubKind.PRIME, (A, Motor("b", "B", gears=(1, 3))), drive_base=DriveBase("a", "b", 56, 130)),
+            lambda: Robot("r", HubKind.PRIME, (A,), drive_base=DriveBase("a", "b", 56, 130)),
+            "no motor 'b'",
+        ),
+        (
+            lambda: Robot(
+                "r",
+                HubKind.PRIME,
+                (A, Motor("b", "B", gears=(1, 3))),
+                drive_base=DriveBase("a", "b", 56, 130),
+            ),
             "same gears",
         ),
     ],
@@ -141,7 +177,9 @@ def test_small_hubs_have_no_standard_input() -> None:
         assert len(set(hub.model.ports)) == len(hub.model.ports)
 
 
-@pytest.mark.parametrize("sides", [("up",), ("up", "down"), ("up", "north"), ("up", "ahead", "left")])
+@pytest.mark.parametrize(
+    "sides", [("up",), ("up", "down"), ("up", "north"), ("up", "ahead", "left")]
+)
 def test_hub_sides_are_at_right_angles(sides: tuple[str, ...]) -> None:
     with pytest.raises(DescriptionError, match="give two of ahead, back"):
         Robot("mine", HubKind.PRIME, needs_imu=True, hub_sides=sides)
@@ -157,9 +195,18 @@ def test_hub_sides_need_imu() -> None:
     [
         ({"hub": "prime"}, "hub is 'prime'; give HubKind.PRIME, HubKind.ESSENTIAL, "),
         ({"hub": None}, "hub is None; give HubKind.PRIME"),
-        ({"motors": Motor("a", "A")}, r"motors is of type Motor; give several values, each Motor\(...\)"),
+        (
+            {"motors": Motor("a", "A")},
+            r"motors is of type Motor; give several values, each Motor\(...\)",
+        ),
         ({"motors": ("A",)}, r"motors is \('A',\); give several values, each Motor\(...\)"),
-        ({"sensors": None}, r"sensors is None; give several values, each UltrasonicSensor\(...\) or PoweredUpSensor\(...\)"),
+        (
+            {"sensors": None},
+            (
+                r"sensors is None; give several values, each UltrasonicSensor\(...\) or "
+                r"PoweredUpSensor\(...\)"
+            ),
+        ),
         ({"drive_base": "left right"}, r"drive_base is 'left right'; give DriveBase\(...\)"),
         ({"needs_imu": "no"}, "needs_imu is 'no'; give True or False"),
     ],
@@ -171,7 +218,9 @@ def test_parts_of_another_type_raise(parts: dict[str, object], message: str) -> 
 
 
 def test_list_of_devices_becomes_tuple() -> None:
-    assert hash(Robot("r", HubKind.PRIME, motors=[Motor("m", "A")])) == hash(Robot("r", HubKind.PRIME, (Motor("m", "A"),)))  # type: ignore[arg-type]
+    assert hash(Robot("r", HubKind.PRIME, motors=[Motor("m", "A")])) == hash(
+        Robot("r", HubKind.PRIME, (Motor("m", "A"),))
+    )  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -206,7 +255,9 @@ def readers(monkeypatch: pytest.MonkeyPatch) -> list[object]:
 def test_plan_needs_bricktwin(readers: list[object]) -> None:
     with pytest.raises(DescriptionError) as caught:
         Robot("mine", HubKind.PRIME, plan="my_robot.ldr")
-    told = "a building plan is read by bricktwin, which is not installed; run `pip install bricktwin`"
+    told = (
+        "a building plan is read by bricktwin, which is not installed; run `pip install bricktwin`"
+    )
     assert str(caught.value) == told
 
 
@@ -220,7 +271,11 @@ def test_plan_completes_the_description(readers: list[object]) -> None:
     readers.append(SimpleNamespace(load=lambda: complete))
     robot = Robot("mine", HubKind.PRIME, needs_imu=True, plan="my_robot.ldr")
     assert given == [("my_robot.ldr", ())]
-    assert (robot.motors, robot.drive_base, robot.hub_sides) == ((A, B), DriveBase("a", "b", 56, 130), ("up", "back"))
+    assert (robot.motors, robot.drive_base, robot.hub_sides) == (
+        (A, B),
+        DriveBase("a", "b", 56, 130),
+        ("up", "back"),
+    )
     readers[:] = [SimpleNamespace(load=lambda: lambda robot: ((A, Motor("b", "A")), (), None, ()))]
     with pytest.raises(DescriptionError, match="port A is used 2 times"):
         Robot("mine", HubKind.PRIME, plan="my_robot.ldr")

@@ -1,8 +1,8 @@
 """Small programs for every documented method of Pybricks, with expected output.
 
-Format of ``data/api_programs.txt``: a line in brackets starts a section: imported hub (default Prime), button presses
-(``press=``), sensor values (``reading``) and end stops. Other lines are programs with ``|`` as line breaks, then ``=>`` and the
-output.
+Format of ``data/api_programs.txt``: a line in brackets starts a section: imported hub (default
+Prime), button presses (``press=``), sensor values (``reading``) and end stops. Other lines are
+programs with ``|`` as line breaks, then ``=>`` and the output.
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ from brickhub.virtual.run import Operation, run_file
 
 _HUBS = ("PrimeHub", "InventorHub", "EssentialHub", "TechnicHub", "CityHub", "MoveHub", "ThisHub")
 _MODULES = ("pupdevices", "parameters", "tools", "robotics", "iodevices", "messaging")
-_DRIVE = "left, right = Motor(Port.A), Motor(Port.B)\nbase = DriveBase(left, right, wheel_diameter=56, axle_track=114)\n"
+_DRIVE = (
+    "left, right = Motor(Port.A), Motor(Port.B)\n"
+    "base = DriveBase(left, right, wheel_diameter=56, axle_track=114)\n"
+)
 _FILE = Path(__file__).parent / "data" / "api_programs.txt"
 
 
@@ -52,7 +55,10 @@ class Program:
         word = self.section.split(" ", maxsplit=1)[0]
         hub = word if word in _HUBS else "PrimeHub"
         found = [name for name in _MODULES if hub != "MoveHub" or name != "iodevices"]
-        head = "".join(f"from pybricks.{name} import *\n" for name in found) + f"from pybricks.hubs import {hub}\n"
+        head = (
+            "".join(f"from pybricks.{name} import *\n" for name in found)
+            + f"from pybricks.hubs import {hub}\n"
+        )
         head += "" if word in _HUBS else "hub = PrimeHub()\n"
         return head + (_DRIVE if word == "drive" else "") + self.source + "\n"
 
@@ -64,14 +70,20 @@ def programs() -> Iterator[Program]:
             section = line.strip("[]")
         elif line:
             source, _, printed = line.partition("  =>")
-            yield Program(section, source.replace("|", "\n").replace("\n=", "|="), printed.strip().replace(" | ", "\n"))
+            yield Program(
+                section,
+                source.replace("|", "\n").replace("\n=", "|="),
+                printed.strip().replace(" | ", "\n"),
+            )
 
 
 def test_there_are_many_programs() -> None:
     assert sum(1 for _ in programs()) >= 200
 
 
-@pytest.mark.parametrize("program", list(programs()), ids=lambda program: program.source.replace("\n", "|")[:60])
+@pytest.mark.parametrize(
+    "program", list(programs()), ids=lambda program: program.source.replace("\n", "|")[:60]
+)
 def test_program(program: Program, tmp_path: Path) -> None:
     path = tmp_path / "main.py"
     path.write_text(program.text)

@@ -31,10 +31,15 @@ def test_program_that_waits_for_a_blocked_motor_ends(move, tmp_path):
     program, err, out = tmp_path / "main.py", io.StringIO(), io.BytesIO()
     program.write_text(STALLS.format(rest=move))
     assert run_file(program, stdout=out, stderr=err) == 1
-    assert "waits for the motor on port C, which has been blocked at" in err.getvalue() and b"done" not in out.getvalue()
+    assert (
+        "waits for the motor on port C, which has been blocked at" in err.getvalue()
+        and b"done" not in out.getvalue()
+    )
 
 
-@pytest.mark.parametrize("move", ["motor.run_time(500, 90_000)", "motor.run_target(500, 180, wait=False)"])
+@pytest.mark.parametrize(
+    "move", ["motor.run_time(500, 90_000)", "motor.run_target(500, 180, wait=False)"]
+)
 def test_program_whose_wait_ends_is_not_ended(move, tmp_path):
     program, err, out = tmp_path / "main.py", io.StringIO(), io.BytesIO()
     program.write_text(STALLS.format(rest=f"{move}\nfrom pybricks.tools import wait\nwait(90_000)"))

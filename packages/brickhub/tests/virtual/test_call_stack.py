@@ -19,9 +19,13 @@ from brickhub.virtual.pybricks import modules
 RECURSIVE = {
     "function": "def f(n):\n    return n and 1 + f(n - 1)",
     "with keywords": "def f(n):\n    return n and 1 + f(n=n - 1)",
-    "two functions": "def g(n):\n    return n and 1 + f(n - 1)\ndef f(n):\n    return n and 1 + g(n - 1)",
+    "two functions": (
+        "def g(n):\n    return n and 1 + f(n - 1)\ndef f(n):\n    return n and 1 + g(n - 1)"
+    ),
     "method": "class A:\n    def f(self, n):\n        return n and 1 + self.f(n - 1)\nf = A().f",
-    "inner function": "def outer():\n    def f(n):\n        return n and 1 + f(n - 1)\n    return f\nf = outer()",
+    "inner function": (
+        "def outer():\n    def f(n):\n        return n and 1 + f(n - 1)\n    return f\nf = outer()"
+    ),
 }
 DEEPEST = """
 n = 0
@@ -40,13 +44,21 @@ def test_stack_holds_as_many_calls_as_that_of_the_hub(hub: HubKind) -> None:
 
 
 def test_larger_stacks_hold_more_calls() -> None:
-    deepest = [most_nested_calls(hub) for hub in (HubKind.MOVE, HubKind.CITY, HubKind.PRIME, HubKind.TECHNIC, HubKind.ESSENTIAL)]
+    deepest = [
+        most_nested_calls(hub)
+        for hub in (HubKind.MOVE, HubKind.CITY, HubKind.PRIME, HubKind.TECHNIC, HubKind.ESSENTIAL)
+    ]
     assert deepest == sorted(deepest) and deepest[0] > 5 and deepest[-1] < 200
 
 
 def test_page_says_how_many() -> None:
-    text = " ".join((Path(__file__).parents[4] / "docs" / "virtual_hub.md").read_text(encoding="utf-8").split())
-    assert all(re.search(rf"\b{most_nested_calls(hub)} on an? {hub.value.capitalize()}\b", text) for hub in HubKind)
+    text = " ".join(
+        (Path(__file__).parents[4] / "docs" / "virtual_hub.md").read_text(encoding="utf-8").split()
+    )
+    assert all(
+        re.search(rf"\b{most_nested_calls(hub)} on an? {hub.value.capitalize()}\b", text)
+        for hub in HubKind
+    )
 
 
 @pytest.mark.parametrize("source", RECURSIVE.values(), ids=RECURSIVE)
@@ -78,7 +90,12 @@ def test_traceback_ends_where_the_call_is() -> None:
     machine = Machine(BenchBody(BENCH))
     console = Console(machine, {})
     with pytest.raises(RuntimeError) as caught:
-        execute("def f(n):\n    m = n + 1\n    f(m)\nf(0)\n", "main.py", modules(machine, console), console)
+        execute(
+            "def f(n):\n    m = n + 1\n    f(m)\nf(0)\n",
+            "main.py",
+            modules(machine, console),
+            console,
+        )
     lines = format_traceback(caught.value, "main.py").splitlines()
     assert lines[1] == '  File "main.py", line 4, in <module>'
     assert set(lines[2:-1]) == {'  File "main.py", line 3, in f'}

@@ -28,8 +28,14 @@ def faulty(*faults: str) -> FaultyBody:
 
 def checked(*faults: str) -> dict[str, tuple[Outcome, str]]:
     """Findings of a check that are not ok."""
-    found = check_robot(virtual_robot(faulty(*faults)), TWO_WHEELER, SPINNING, may_move=lambda: True)
-    return {f.name: (f.outcome, f.detail) for f in found if f.outcome not in (Outcome.OK, Outcome.SKIPPED)}
+    found = check_robot(
+        virtual_robot(faulty(*faults)), TWO_WHEELER, SPINNING, may_move=lambda: True
+    )
+    return {
+        f.name: (f.outcome, f.detail)
+        for f in found
+        if f.outcome not in (Outcome.OK, Outcome.SKIPPED)
+    }
 
 
 def test_a_sound_robot_is_its_own_body() -> None:
@@ -117,11 +123,15 @@ def test_a_link_breaks_once(tmp_path: Path) -> None:
 def test_a_program_misses_what_is_not_plugged_in(tmp_path: Path) -> None:
     path, err = tmp_path / "main.py", io.StringIO()
     path.write_text(
-        "from pybricks.pupdevices import UltrasonicSensor\nfrom pybricks.parameters import Port\nUltrasonicSensor(Port.C)\n"
+        "from pybricks.pupdevices import UltrasonicSensor\nfrom pybricks.parameters import Port\n"
+        "UltrasonicSensor(Port.C)\n"
     )
     assert run_file(path, faulty("absent:eyes"), stdout=io.BytesIO(), stderr=err) == 1
     assert "ENODEV" in err.getvalue()
-    hint = "The robot 'two-wheeler' has on its ports: A 'right' (spike-medium), E 'left' (spike-medium); use these"
+    hint = (
+        "The robot 'two-wheeler' has on its ports: A 'right' (spike-medium), E 'left' "
+        "(spike-medium); use these"
+    )
     assert hint in err.getvalue()
 
 

@@ -1,8 +1,9 @@
-"""What the firmware (v4.1.0b2, built for a computer as a Prime hub) printed of whole programs, measured: here all of it.
+"""What the firmware (v4.1.0b2, built for a computer as a Prime hub) printed of whole programs,
+measured: here all of it.
 
 Format of ``data/firmware_programs.txt``: ``===`` and a name begin a program, ``--- file.py`` each of its files, ``--- prints``
 what it printed, with the traceback. The clock of the firmware stood still while a program computed.
-"""
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -15,7 +16,9 @@ import pytest
 from brickhub.virtual.run import run_file
 
 _FILE = Path(__file__).parent / "data" / "firmware_programs.txt"
-_PROGRAMS = dict(re.findall(r"^=== (.+)\n((?:(?!=== ).*\n)+)", _FILE.read_text(encoding="utf-8"), re.MULTILINE))
+_PROGRAMS = dict(
+    re.findall(r"^=== (.+)\n((?:(?!=== ).*\n)+)", _FILE.read_text(encoding="utf-8"), re.MULTILINE)
+)
 
 
 @pytest.mark.parametrize("name", _PROGRAMS)

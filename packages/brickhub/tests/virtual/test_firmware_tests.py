@@ -31,4 +31,6 @@ def test_program_runs_with_files_beside_it(tmp_path: Path) -> None:
     assert firmware_tests.expected_output(program) == tmp_path / "main.exp"
     assert firmware_tests.expected_output(tmp_path / "part.py") is None
     printed = firmware_tests.output(program, "bench", 60.0, 60.0)
-    assert printed.startswith("0.6666667\nTraceback") and printed.endswith("ZeroDivisionError: divide by zero\n")
+    assert printed.startswith("0.6666667\nTraceback") and printed.endswith(
+        "ZeroDivisionError: divide by zero\n"
+    )

@@ -15,7 +15,10 @@ from brickhub.virtual.machine import FIRMWARE_VERSIONS
 from brickhub.virtual.run import Operation, run_file
 from brickhub.virtual.virtual_transport import VirtualHub
 
-PROGRAM = "from pybricks import version\nprint(version[1])\nfrom pybricks.messaging import HubNetwork\nHubNetwork()\n"
+PROGRAM = (
+    "from pybricks import version\nprint(version[1])\n"
+    "from pybricks.messaging import HubNetwork\nHubNetwork()\n"
+)
 
 
 def ran(tmp_path: Path, program: str, **options: str) -> tuple[str, str]:
@@ -27,7 +30,9 @@ def ran(tmp_path: Path, program: str, **options: str) -> tuple[str, str]:
 
 def test_newest_version_is_played_and_an_older_one_can_be(tmp_path: Path) -> None:
     out, err = ran(tmp_path, PROGRAM)
-    assert out == "4.1.0\n" and "NotImplementedError: the virtual hub does not play HubNetwork" in err
+    assert (
+        out == "4.1.0\n" and "NotImplementedError: the virtual hub does not play HubNetwork" in err
+    )
     out, err = ran(tmp_path, PROGRAM, firmware="4.0")
     assert out == "4.0.1\n" and "can't import name HubNetwork" in err
 

@@ -46,9 +46,14 @@ print(fill([]))
         ("(len(kept) * 2.5, 'x' * (30 + len(kept) % 2))", 4574),
     ],
 )
-def test_memory_runs_out_as_in_the_firmware(item: str, firmware: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The firmware's code with 400 KiB of memory; a list that grows needs a piece twice as long as itself there."""
-    monkeypatch.setattr(HubKind.PRIME, "model", replace(HubKind.PRIME.model, program_bytes=400 * 1024))
+def test_memory_runs_out_as_in_the_firmware(
+    item: str, firmware: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The firmware's code with 400 KiB of memory; a list that grows needs a piece twice as long as
+    itself there."""
+    monkeypatch.setattr(
+        HubKind.PRIME, "model", replace(HubKind.PRIME.model, program_bytes=400 * 1024)
+    )
     monkeypatch.setattr(memory, "MOST_BYTES", 400 * 1024)
     count = int(output(FILL.replace("{item}", item)))
     assert 0.97 * firmware <= count <= 1.4 * firmware
@@ -69,10 +74,14 @@ for turn in range(3):
 
 
 @pytest.mark.parametrize(
-    ("kind", "fits", "fits_not"), [(HubKind.PRIME, 260, 275), (HubKind.TECHNIC, 30, 33), (HubKind.CITY, 18, 20)]
+    ("kind", "fits", "fits_not"),
+    [(HubKind.PRIME, 260, 275), (HubKind.TECHNIC, 30, 33), (HubKind.CITY, 18, 20)],
 )
 def test_each_hub_has_its_memory(kind: HubKind, fits: int, fits_not: int) -> None:
-    source = "from pybricks.tools import wait\nkept = [bytearray(1000) for _ in range({})]\nfor _ in range(3):\n    wait(10)"
+    source = (
+        "from pybricks.tools import wait\nkept = [bytearray(1000) for _ in range({})]\n"
+        "for _ in range(3):\n    wait(10)"
+    )
     robot = Robot("it", kind)
     assert output(source.format(fits), robot=robot) == ""
     with pytest.raises(MemoryError, match="memory allocation failed"):
@@ -80,19 +89,48 @@ def test_each_hub_has_its_memory(kind: HubKind, fits: int, fits_not: int) -> Non
 
 
 LONG_OBJECTS = ["bytearray(300000)", "'x' * 300000", "[0] * 70000", "(0,) * 70000"]
-LONG_TEXTS = ["','.join(['x' * 1000] * 300)", "'%300000d' % 5", "'%.300000d' % 5", "'{:300000}'.format(5)", "f'{5:>300000}'"]
-LONG_BYTES = ["bytes(300000)", "bytes(map(bool, range(300000)))", "bytearray(range(300000))", "bytearray().extend(range(300000))"]
+LONG_TEXTS = [
+    "','.join(['x' * 1000] * 300)",
+    "'%300000d' % 5",
+    "'%.300000d' % 5",
+    "'{:300000}'.format(5)",
+    "f'{5:>300000}'",
+]
+LONG_BYTES = [
+    "bytes(300000)",
+    "bytes(map(bool, range(300000)))",
+    "bytearray(range(300000))",
+    "bytearray().extend(range(300000))",
+]
 LONG_SETS = ["set(range(70000))", "{1}.union(range(70000))"]
 LONG_DICTS = ["dict(zip(range(70000), range(70000)))", "dict.fromkeys(range(70000))"]
-LONG_LISTS = ["list(range(70000))", "tuple(map(abs, range(70000)))", "sorted(range(70000))", "[i for i in range(70000)]"]
+LONG_LISTS = [
+    "list(range(70000))",
+    "tuple(map(abs, range(70000)))",
+    "sorted(range(70000))",
+    "[i for i in range(70000)]",
+]
 
 
-LONG_OTHERS = ["[].extend(range(70000))", "','.join(map(str, range(70000)))", "__import__('ustruct').pack('300000s', b'')"]
+LONG_OTHERS = [
+    "[].extend(range(70000))",
+    "','.join(map(str, range(70000)))",
+    "__import__('ustruct').pack('300000s', b'')",
+]
 
 
 @pytest.mark.parametrize(
     "expression",
-    [*LONG_OBJECTS, *LONG_TEXTS, *LONG_BYTES, *LONG_SETS, *LONG_DICTS, *LONG_LISTS, *LONG_OTHERS, "[]\na += range(70000)"],
+    [
+        *LONG_OBJECTS,
+        *LONG_TEXTS,
+        *LONG_BYTES,
+        *LONG_SETS,
+        *LONG_DICTS,
+        *LONG_LISTS,
+        *LONG_OTHERS,
+        "[]\na += range(70000)",
+    ],
 )
 def test_no_hub_has_memory_for_long_objects(expression: str) -> None:
     with pytest.raises(MemoryError, match="memory allocation failed, allocating [23]"):
@@ -115,7 +153,7 @@ try:
     ','.join(5)
 except TypeError as error:
     print(error)
-"""
+"""  # noqa: E501
     lines = ["[1, 0, 1, 5] 0,1,2 b'1-2' b'\\x00\\x01' b'\\x00\\x00' b'5'", "text text"]
     assert output(source).splitlines() == [*lines, *["'int' object isn't iterable"] * 2]
 
@@ -156,7 +194,9 @@ print(gc.mem_free() + gc.mem_alloc() > 265000, gc.mem_alloc() < 2000)
     assert output(source) == "True\n" * 3 + "True True"
 
 
-@pytest.mark.parametrize("body", ["items.append([])", "items = [items, i]", "items.append(bytearray(10**5))"])
+@pytest.mark.parametrize(
+    "body", ["items.append([])", "items = [items, i]", "items.append(bytearray(10**5))"]
+)
 def test_memory_runs_out_in_a_for_loop(body: str) -> None:
     with pytest.raises(MemoryError):
         output(f"items = []\nfor i in range(10**9):\n    {body}")

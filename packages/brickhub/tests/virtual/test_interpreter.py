@@ -74,10 +74,16 @@ def test_numbers(expression: str, expected: str) -> None:
     assert printed(f"print(({expression}))") == expected
 
 
-@given(st.floats(width=32, allow_nan=False, allow_infinity=False), st.floats(width=32, allow_nan=False, allow_infinity=False))
+@given(
+    st.floats(width=32, allow_nan=False, allow_infinity=False),
+    st.floats(width=32, allow_nan=False, allow_infinity=False),
+)
 def test_arithmetic_is_single_precision(a: float, b: float) -> None:
     given, wanted = struct.pack("<2f", a, b), struct.pack("<2f", to_single(a + b), to_single(a * b))
-    source = f"import struct\na, b = struct.unpack('<2f', {given!r})\nprint(struct.pack('<2f', a + b, a * b) == {wanted!r})"
+    source = (
+        f"import struct\na, b = struct.unpack('<2f', {given!r})\n"
+        f"print(struct.pack('<2f', a + b, a * b) == {wanted!r})"
+    )
     console = Recorder()
     execute(source, "main.py", {"struct": struct_module()}, console)
     assert console.written == b"True\r\n"
@@ -86,15 +92,21 @@ def test_arithmetic_is_single_precision(a: float, b: float) -> None:
 @pytest.mark.parametrize(
     ("source", "expected"),
     [
-        ("3.14159265, 0.1 + 0.2, 100 / 3, 2 / 3, 731.2715", "(3.1415928, 0.3, 33.333332, 0.6666667, 731.2715)"),
-        ("1e15, 1e16, 0.0001, 0.00001, 16777216.0", "(1000000000000000.0, 1e+16, 0.0001, 1e-05, 16777216.0)"),
-        ("'{:.8f} {:.2f} {:6.1f}|'.format(0.1, 123456789.0, -0.05)", "0.10000000 123456790.00   -0.0|"),
-        ("'{:10}|{:<8}|{:*^9.1f}|{:08.2f}'.format(3.14159265, 2.0, 0.5, -1.005)", "   3.14159|2       |***0.5***|-0001.00"),
+        ("3.14159265, 0.1 + 0.2, 100 / 3, 2 / 3, 731.2715",
+         "(3.1415928, 0.3, 33.333332, 0.6666667, 731.2715)"),
+        ("1e15, 1e16, 0.0001, 0.00001, 16777216.0",
+         "(1000000000000000.0, 1e+16, 0.0001, 1e-05, 16777216.0)"),
+        ("'{:.8f} {:.2f} {:6.1f}|'.format(0.1, 123456789.0, -0.05)",
+         "0.10000000 123456790.00   -0.0|"),
+        ("'{:10}|{:<8}|{:*^9.1f}|{:08.2f}'.format(3.14159265, 2.0, 0.5, -1.005)",
+         "   3.14159|2       |***0.5***|-0001.00"),
         ("'%f %e %g %8.3f|%-8.1f|%+05.1f' % (1/3, 12345.678, 1e-5, 2.5, 0.25, 9.99)",
          "0.333333 1.234568e+04 1e-05    2.500|0.2     |+10.0"),
-        ("'{:.1%} {:n} {:+.1f} {: .1f} {:E}'.format(0.256, 1.5, 2, 2, 1e10)", "25.6% 1.5 +2.0  2.0 1.000000E+10"),
+        ("'{:.1%} {:n} {:+.1f} {: .1f} {:E}'.format(0.256, 1.5, 2, 2, 1e10)",
+         "25.6% 1.5 +2.0  2.0 1.000000E+10"),
         ("1 + 2j, -2j, (1.5 - 0.5j) * 2", "((1+2j), -2j, (3-1j))"),
-        ("float('3.14159265358979') == 3.14159265358979, float('1_000.5'), float('-inf')", "(True, 1000.5, -inf)"),
+        ("float('3.14159265358979') == 3.14159265358979, float('1_000.5'), float('-inf')",
+         "(True, 1000.5, -inf)"),
     ],
 )  # fmt: skip
 def test_float_text_is_single_precision(source: str, expected: str) -> None:
@@ -132,21 +144,40 @@ def test_integers_have_31_bits(statement: str) -> None:
 
 
 def test_smallest_and_largest_integers_work() -> None:
-    assert printed("print(-1073741824, 0x3fffffff, -0x3fffffff - 1)") == "-1073741824 1073741823 -1073741824"
+    assert (
+        printed("print(-1073741824, 0x3fffffff, -0x3fffffff - 1)")
+        == "-1073741824 1073741823 -1073741824"
+    )
 
 
 @pytest.mark.parametrize(
-    "number", ["1 << 40", "2 ** 31", "-2 ** 40", "(1, (2, 99999999999))", "(1, -0x40000000)", "0x7FFFFFFF if 0 else 1"]
+    "number",
+    [
+        "1 << 40",
+        "2 ** 31",
+        "-2 ** 40",
+        "(1, (2, 99999999999))",
+        "(1, -0x40000000)",
+        "0x7FFFFFFF if 0 else 1",
+    ],
 )
 def test_long_constant_raises_before_execution(number: str) -> None:
     console = Recorder()
     with pytest.raises(OverflowError, match="long int not supported"):
-        execute(f"print(1, 'text', b'bytes', 1.5)\ndef f():\n    return {number}", "main.py", {}, console)
+        execute(
+            f"print(1, 'text', b'bytes', 1.5)\ndef f():\n    return {number}",
+            "main.py",
+            {},
+            console,
+        )
     assert console.written == b""
 
 
 def test_other_constants_are_allowed() -> None:
-    source = "x = ('text', b'bytes', 1.5, None, True, ..., (1, 2), 2j, 0x3FFFFFFF)\nprint(len(x), x[6], -0x40000000)"
+    source = (
+        "x = ('text', b'bytes', 1.5, None, True, ..., (1, 2), 2j, 0x3FFFFFFF)\n"
+        "print(len(x), x[6], -0x40000000)"
+    )
     assert printed(source) == "9 (1, 2) -1073741824"
 
 
@@ -155,16 +186,31 @@ def test_other_constants_are_allowed() -> None:
     [
         ("f'{1/3} {5:03d} {0.5:.2f} {\"a\":>3}'", "0.33333334 005 0.50   a"),
         ("'{:.0f} {:.1f}'.format(2.5, 0.25)", "3 0.2"),
-        ("'{:10}|{:<5}|{:^5}|{:+d}|{:x}|{}'.format('a', 1, 4, 5, 255, [0.1])", "a         |1    |  4  |+5|ff|[0.1]"),
-        ("'%5.2f|%-5d|%05d|%x|%s|%r|%%' % (3.14159, 3, 4, 255, None, 'a')", " 3.14|3    |00004|ff|None|'a'|%"),
+        (
+            "'{:10}|{:<5}|{:^5}|{:+d}|{:x}|{}'.format('a', 1, 4, 5, 255, [0.1])",
+            "a         |1    |  4  |+5|ff|[0.1]",
+        ),
+        (
+            "'%5.2f|%-5d|%05d|%x|%s|%r|%%' % (3.14159, 3, 4, 255, None, 'a')",
+            " 3.14|3    |00004|ff|None|'a'|%",
+        ),
         ("'%d %s' % (1.9, [1.0, (2,)])", "1 [1.0, (2,)]"),
         ("\"it's\", b'a\\n\\xff', 'a\\tb\\u00e9'", "(\"it's\", b'a\\n\\xff', 'a\\tb\\xe9')"),
-        ("range(3), range(0, 6, 2), set(), {1: 0.5}", "(range(0, 3), range(0, 6, 2), set(), {1: 0.5})"),
+        (
+            "range(3), range(0, 6, 2), set(), {1: 0.5}",
+            "(range(0, 3), range(0, 6, 2), set(), {1: 0.5})",
+        ),
         ("bytearray(b'x'), True, None, ...", "(bytearray(b'x'), True, None, Ellipsis)"),
-        ("ValueError('x'), ValueError(), OSError(19)", "(ValueError('x',), ValueError(), OSError(19,))"),
+        (
+            "ValueError('x'), ValueError(), OSError(19)",
+            "(ValueError('x',), ValueError(), OSError(19,))",
+        ),
         ("OSError(5, 'a', 'b')", "(5, 'a', 'b')"),
         ("OSError(5, 'a', 'b', 'c').args", "(5, 'a', 'b', 'c')"),
-        ("int, type(None), ValueError", "(<class 'int'>, <class 'NoneType'>, <class 'ValueError'>)"),
+        (
+            "int, type(None), ValueError",
+            "(<class 'int'>, <class 'NoneType'>, <class 'ValueError'>)",
+        ),
     ],
 )
 def test_text_of_values(source: str, expected: str) -> None:
@@ -214,7 +260,10 @@ print(str(A())[:13])
         ("def f(a): pass\nf()", "TypeError: f() takes 1 positional arguments but 0 were given"),
         ("def f(a): pass\nf(1, 2)", "TypeError: f() takes 1 positional arguments but 2 were given"),
         ("def f(a): pass\nf(b=1)", "TypeError: unexpected keyword argument 'b'"),
-        ("x = 'abc'[::-1]", "NotImplementedError: only slices with step=1 (aka None) are supported"),
+        (
+            "x = 'abc'[::-1]",
+            "NotImplementedError: only slices with step=1 (aka None) are supported",
+        ),
         ("type(1).__name__", "AttributeError: type object 'int' has no attribute '__name__'"),
         ("'a'.encode()", "AttributeError: 'str' object has no attribute 'encode'"),
         ("(5).bit_length()", "AttributeError: 'int' object has no attribute 'bit_length'"),
@@ -223,7 +272,10 @@ print(str(A())[:13])
         ("range(1, 2, 0)", "ValueError: zero step"),
         ("bytes(-1)", "ValueError: "),
         ("1 in 'abc'", "TypeError: can't convert 'int' object to str implicitly"),
-        ("'x'.join([1])", "TypeError: join expects a list of str/bytes objects consistent with self object"),
+        (
+            "'x'.join([1])",
+            "TypeError: join expects a list of str/bytes objects consistent with self object",
+        ),
         ("chr('a')", "TypeError: can't convert str to int"),
         ("min()", "TypeError: function missing 1 required positional arguments"),
         ("len()", "TypeError: function takes 1 positional arguments but 0 were given"),
@@ -240,11 +292,20 @@ print(str(A())[:13])
         ("bytearray(2)[0] = 1.5", "TypeError: can't convert float to int"),
         ("bytearray().append('x')", "TypeError: can't convert str to int"),
         ("bytearray(x=1)", "TypeError: function doesn't take keyword arguments"),
-        ("b = bytearray(3)\nb[1:2] = b'x'", "TypeError: 'bytearray' object doesn't support item assignment"),
+        (
+            "b = bytearray(3)\nb[1:2] = b'x'",
+            "TypeError: 'bytearray' object doesn't support item assignment",
+        ),
         ("(1).__class__", "AttributeError: 'int' object has no attribute '__class__'"),
         ("getattr('a', 'encode')", "AttributeError: 'str' object has no attribute 'encode'"),
-        ("f = lambda a: a\nf()", "TypeError: <lambda>() takes 1 positional arguments but 0 were given"),
-        ("def f(a, b): pass\nf(b=1)", "TypeError: function missing required positional argument #0"),
+        (
+            "f = lambda a: a\nf()",
+            "TypeError: <lambda>() takes 1 positional arguments but 0 were given",
+        ),
+        (
+            "def f(a, b): pass\nf(b=1)",
+            "TypeError: function missing required positional argument #0",
+        ),
         (
             "def f():\n    def g(a): pass\n    g()\nf()",
             "TypeError: g() takes 1 positional arguments but 0 were given",
@@ -258,7 +319,10 @@ print(str(A())[:13])
             "class A:\n    @classmethod\n    def c(cls, x): pass\nA.c()",
             "TypeError: c() takes 2 positional arguments but 1 were given",
         ),
-        ("list(map(lambda: 1, [1]))", "TypeError: <lambda>() takes 0 positional arguments but 1 were given"),
+        (
+            "list(map(lambda: 1, [1]))",
+            "TypeError: <lambda>() takes 0 positional arguments but 1 were given",
+        ),
         ("print(*5)", "TypeError: 'int' object isn't iterable"),
         ("'x' in None", "TypeError: 'NoneType' object isn't iterable"),
         ("'a'.replace(1, 2)", "TypeError: can't convert 'int' object to str implicitly"),
@@ -271,7 +335,18 @@ def test_error_messages_equal_hub(statement: str, message: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["property", "filter", "frozenset", "compile", "vars", "format", "ascii", "TimeoutError", "__file__"]
+    "name",
+    [
+        "property",
+        "filter",
+        "frozenset",
+        "compile",
+        "vars",
+        "format",
+        "ascii",
+        "TimeoutError",
+        "__file__",
+    ],
 )
 def test_missing_builtins(name: str) -> None:
     assert traceback_of(name).endswith(f"NameError: name '{name}' isn't defined\n")
@@ -279,7 +354,9 @@ def test_missing_builtins(name: str) -> None:
 
 def test_memoryview_depends_on_hub() -> None:
     with pytest.raises(NameError, match="memoryview"):
-        execute("memoryview(b'')", "main.py", Modules({}, missing_builtins=("memoryview",)), Recorder())
+        execute(
+            "memoryview(b'')", "main.py", Modules({}, missing_builtins=("memoryview",)), Recorder()
+        )
     execute("memoryview(b'')", "main.py", Modules({}), Recorder())
 
 
@@ -294,11 +371,16 @@ try:
 except OSError as e:
     print(e.errno, e)
 """
-    assert printed(source) == "divide by zero ZeroDivisionError('divide by zero',) ('divide by zero',)\n16 [Errno 16] EBUSY"
+    assert printed(source) == (
+        "divide by zero ZeroDivisionError('divide by zero',) ('divide by zero',)\n16 [Errno "
+        "16] EBUSY"
+    )
 
 
 def test_traceback_has_program_lines() -> None:
-    source = "def f(x):\n    x += 1\n    return (x *\n            'a' * None)\n\nprint(\n    f(1))\n"
+    source = (
+        "def f(x):\n    x += 1\n    return (x *\n            'a' * None)\n\nprint(\n    f(1))\n"
+    )
     assert traceback_of(source) == (
         "Traceback (most recent call last):\n"
         '  File "main.py", line 7, in <module>\n'
@@ -309,14 +391,19 @@ def test_traceback_has_program_lines() -> None:
 
 def test_an_error_before_the_first_line_has_no_traceback() -> None:
     assert traceback_of("print(1 << 30)") == "OverflowError: long int not supported in this build\n"
-    assert traceback_of("print(2 ** 20000)") == "OverflowError: long int not supported in this build\n"
+    assert (
+        traceback_of("print(2 ** 20000)") == "OverflowError: long int not supported in this build\n"
+    )
 
 
 @pytest.mark.parametrize(
     ("expression", "expected"),
     [
         (
-            "isinstance(True, int), isinstance(True, (int, str)), isinstance(True, bool), issubclass(bool, int)",
+            (
+                "isinstance(True, int), isinstance(True, (int, str)), isinstance(True, bool), "
+                "issubclass(bool, int)"
+            ),
             "False False True False",
         ),
         ("'{:<3}|{:3}|{}'.format(True, True, True), f'{False:>2}'", "1  |  1|True  0"),
@@ -335,7 +422,10 @@ def test_classes_have_no_slots_and_take_any_arguments_without_init() -> None:
 
 def test_syntax_equals_hub_compiler() -> None:
     text = traceback_of("x = 1\nmatch x:\n    case 1: pass\n")
-    assert text == 'Traceback (most recent call last):\n  File "main.py", line 2\nSyntaxError: invalid syntax\n'
+    assert text == (
+        'Traceback (most recent call last):\n  File "main.py", line 2\n'
+        "SyntaxError: invalid syntax\n"
+    )
 
 
 @pytest.mark.parametrize(
@@ -344,7 +434,13 @@ def test_syntax_equals_hub_compiler() -> None:
         ("x = [1, 2]\ny = x\nx += [3]\nprint(y)", "[1, 2, 3]"),
         ("class A:\n    n = 1\na = A()\na.n += 0.1\nprint(a.n)", "1.1"),
         ("d = {'a': [1, 2]}\nd['a'][1] += 5\nd['a'][0] -= 1\nprint(d)", "{'a': [0, 7]}"),
-        ("i = 0\ndef k():\n    global i\n    i += 1\n    return i\nl = [0, 0, 0]\nl[k()] += 5\nprint(l, i)", "[0, 5, 0] 1"),
+        (
+            (
+                "i = 0\ndef k():\n    global i\n    i += 1\n    return i\nl = [0, 0, 0]\n"
+                "l[k()] += 5\nprint(l, i)"
+            ),
+            "[0, 5, 0] 1",
+        ),
         ("s = 'a'\ns += 'b'\ns *= 2\nprint(s)", "abab"),
         ("x = 7\nx //= 2\nx **= 2\nx %= 5\nx /= 8\nprint(x)", "0.5"),
         ("x = 6\nx |= 1\nx &= 5\nx ^= 2\nx >>= 1\nx <<= 4\nprint(x)", "48"),
@@ -357,7 +453,8 @@ def test_augmented_assignment(source: str, expected: str) -> None:
 
 def test_annotations_are_skipped() -> None:
     source = (
-        "class A:\n    n: List[int] = 1 / 3\ndef f(x: Nope = 2, *a: Nope) -> Nope:\n    y: Nope\n    return x\nprint(f(), A.n)"
+        "class A:\n    n: List[int] = 1 / 3\ndef f(x: Nope = 2, *a: Nope) -> Nope:\n"
+        "    y: Nope\n    return x\nprint(f(), A.n)"
     )
     assert printed(source) == "2 0.33333334"
 
@@ -390,7 +487,9 @@ class B:
 print(_A, B.C)
 const(4)
 """
-    assert traceback_of(source).endswith("line 6, in <module>\nNameError: name 'const' isn't defined\n")
+    assert traceback_of(source).endswith(
+        "line 6, in <module>\nNameError: name 'const' isn't defined\n"
+    )
 
 
 def test_program_can_import_itself() -> None:
@@ -433,15 +532,24 @@ def test_runs_are_independent() -> None:
 @pytest.mark.parametrize(
     ("source", "printed"),
     [
-        ("x = 1\nx = [*range(3)]", '  File "main.py", line 2, in <module>\nSyntaxError: *x must be assignment target\n'),
-        ("def f():\n    break", "  File \"main.py\", line 2, in f\nSyntaxError: 'break'/'continue' outside loop\n"),
+        (
+            "x = 1\nx = [*range(3)]",
+            '  File "main.py", line 2, in <module>\nSyntaxError: *x must be assignment target\n',
+        ),
+        (
+            "def f():\n    break",
+            "  File \"main.py\", line 2, in f\nSyntaxError: 'break'/'continue' outside loop\n",
+        ),
         ("x = )", '  File "main.py", line 1\nSyntaxError: invalid syntax\n'),
     ],
 )
 def test_compiler_errors_have_file_and_line(source: str, printed: str) -> None:
     with pytest.raises(SyntaxError) as caught:
         output(source)
-    assert format_traceback(caught.value, "main.py") == "Traceback (most recent call last):\n" + printed
+    assert (
+        format_traceback(caught.value, "main.py")
+        == "Traceback (most recent call last):\n" + printed
+    )
 
 
 def test_lone_number_is_omitted() -> None:
@@ -449,13 +557,14 @@ def test_lone_number_is_omitted() -> None:
 
 
 def test_syntax_error_has_text_only() -> None:
-    assert output("try:\n    exec('x = (')\nexcept SyntaxError as e:\n    print(e.args, repr(e))") == (
-        "('invalid syntax',) SyntaxError('invalid syntax',)"
-    )
+    assert output(
+        "try:\n    exec('x = (')\nexcept SyntaxError as e:\n    print(e.args, repr(e))"
+    ) == ("('invalid syntax',) SyntaxError('invalid syntax',)")
 
 
 def test_bytearray_keeps_the_last_eight_bits() -> None:
-    """Of a stored, appended, added or first number (``mp_binary_set_val_array``), also in a copy or a part."""
+    """Of a stored, appended, added or first number (``mp_binary_set_val_array``), also in a copy or
+    a part."""
     source = """
 b = bytearray([256, -1, 515])
 b[0] = 300
@@ -471,15 +580,18 @@ both[1] += 256
 print(b, part, both, type(b), bytearray(3), bytearray("ab", "utf-8"), b[1:3] == b"\\xff\\xff")
 """
     assert printed(source) == (
-        "bytearray(b',\\xff\\xff\\xff\\x01\\xfe\\xffz') bytearray(b'\\x00\\xff') bytearray(b',x') <class 'bytearray'> "
+        "bytearray(b',\\xff\\xff\\xff\\x01\\xfe\\xffz') bytearray(b'\\x00\\xff') "
+        "bytearray(b',x') <class 'bytearray'> "
         "bytearray(b'\\x00\\x00\\x00') bytearray(b'ab') True"
     )
 
 
-@pytest.mark.parametrize("loop", ["[i for i in (1,)]", "{i: i for i in (1,)}", "{i for i in (1,)}", "any(i for i in (0,))",
+@pytest.mark.parametrize("loop", ["[i for i in (1,)]", "{i: i for i in (1,)}", "{i for i in (1,)}",
+    "any(i for i in (0,))",
                                   "[i for i in (1,) if i > 1]", "1 if m else 2"])  # fmt: skip
 def test_a_comprehension_branches(loop: str) -> None:
-    """``compile_scope_comp_iter`` jumps after each element and at each condition: the hub's clockwork goes on."""
+    """``compile_scope_comp_iter`` jumps after each element and at each condition: the hub's
+    clockwork goes on."""
     source = """
 from pybricks.parameters import Port
 from pybricks.pupdevices import Motor
@@ -497,11 +609,22 @@ print(m.angle())
     ("error", "message"),
     [
         (ValueError("min() iterable argument is empty"), "arg is an empty sequence"),
-        (TypeError("argument of type 'int' is not a container or iterable"), "'int' object isn't iterable"),
-        (TypeError("cannot use 'list' as a dict key (unhashable type: 'list')"), "unsupported type for __hash__: 'list'"),
-        (TypeError("f() got an unexpected keyword argument 'blue'. Did you mean 'glue'?"), "unexpected keyword argument 'blue'"),
         (
-            TypeError("Motor.run() got an unexpected keyword argument 'sped'. Did you mean 'speed'?"),
+            TypeError("argument of type 'int' is not a container or iterable"),
+            "'int' object isn't iterable",
+        ),
+        (
+            TypeError("cannot use 'list' as a dict key (unhashable type: 'list')"),
+            "unsupported type for __hash__: 'list'",
+        ),
+        (
+            TypeError("f() got an unexpected keyword argument 'blue'. Did you mean 'glue'?"),
+            "unexpected keyword argument 'blue'",
+        ),
+        (
+            TypeError(
+                "Motor.run() got an unexpected keyword argument 'sped'. Did you mean 'speed'?"
+            ),
             "extra keyword arguments given",
         ),
     ],
@@ -528,5 +651,5 @@ print(A.y)
 def f(k):
     return [lambda: k for k in range(2)], k
 print([g() for g in f(7)[0]], f(7)[1])
-"""
+"""  # noqa: E501
     assert printed(source) == "stopped\n[0, 1, 2] 5 [6, 7]\n[0, 1, 2]\n[1, 1] 7"

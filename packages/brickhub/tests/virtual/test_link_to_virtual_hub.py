@@ -45,7 +45,9 @@ def test_step_takes_move_and_two_intervals(env_id: str) -> None:
     interface = TASKS[env_id][1]
     link.read()
     reading = link.act([command.low for command in interface.commands])
-    settle_s = {"RunAway-v0": 0.795, "Spinning-v0": 0.1, "Walker-v0": 0.25, "RoboArm-v0": 0.25}[env_id]
+    settle_s = {"RunAway-v0": 0.795, "Spinning-v0": 0.1, "Walker-v0": 0.25, "RoboArm-v0": 0.25}[
+        env_id
+    ]
     assert reading.round_trip_s == pytest.approx(settle_s + 0.030, abs=0.02)
     assert hub.now_s() > settle_s
 
@@ -58,7 +60,8 @@ def test_overlapping_commands_equal_firmware() -> None:
         link.act([-100, -100, -100, -100])
         angles.append(-hub.machine.servos["C"].angle_deg())
     steps = [after - before for before, after in zip(angles, angles[1:], strict=False)]
-    # facts/twin.md: 60 degrees in the first step, 88 in each that follows, every 250 ms; here a step takes 270 ms
+    # facts/twin.md: 60 degrees in the first step, 88 in each that follows, every 250 ms; here a
+    # step takes 270 ms
     assert 55 <= angles[0] <= 70
     assert sum(steps[2:]) / len(steps[2:]) == pytest.approx(90, abs=5)
 
@@ -69,7 +72,9 @@ def test_joint_stays_in_range() -> None:
     for _ in range(15):
         reading = link.act([100, 30, 60, 25])
     low, high, grab = reading.values[1:]
-    assert 60 <= low <= 70 and 0 <= high <= 10 and -55 <= grab <= -45, "content near the end of its range; nothing pulls at it"
+    assert 60 <= low <= 70 and 0 <= high <= 10 and -55 <= grab <= -45, (
+        "content near the end of its range; nothing pulls at it"
+    )
 
 
 def test_silent_host_stops_then_reading_restarts() -> None:

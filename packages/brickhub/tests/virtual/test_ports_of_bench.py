@@ -1,4 +1,5 @@
-"""What is said to be on the ports of the bench; numbers as the firmware's code (v4.1.0b2) prints them on a computer."""
+"""What is said to be on the ports of the bench; numbers as the firmware's code (v4.1.0b2) prints
+them on a computer."""
 
 from __future__ import annotations
 
@@ -28,13 +29,18 @@ from pybricks.tools import StopWatch, wait
 def run(folder: Path, source: str, *ports: str, readings: tuple[str, ...] = ()) -> str:
     program, out, err = folder / "main.py", io.BytesIO(), io.StringIO()
     program.write_text(HEAD + source, encoding="utf-8")
-    operation = Operation(readings=[parse_reading(text) for text in readings], devices=dict(map(parse_device, ports)))
+    operation = Operation(
+        readings=[parse_reading(text) for text in readings], devices=dict(map(parse_device, ports))
+    )
     code = run_file(program, stdout=out, stderr=err, time_limit_s=20, operation=operation)
     return out.getvalue().decode() + (err.getvalue() if code else "")
 
 
 def test_interactive_motor_is_rated_1200_degrees_a_second(tmp_path: Path) -> None:
-    source = "m = Motor(Port.C)\nprint(m.control.limits())\nm.run(1700)\nwait(1500)\nprint(m.speed() > 900)"
+    source = (
+        "m = Motor(Port.C)\nprint(m.control.limits())\nm.run(1700)\nwait(1500)\n"
+        "print(m.speed() > 900)"
+    )
     assert run(tmp_path, source, "C=interactive") == "(1200, 2000, 135)\nTrue\n"
 
 
@@ -52,8 +58,14 @@ print(watch.time())
 
 @pytest.mark.parametrize("kind", MotorKind)
 def test_each_kind_of_motor_can_be_on_a_port(tmp_path: Path, kind: MotorKind) -> None:
-    works = "Motor(Port.D).control.limits()[0] > 0" if kind.model.has_encoder else "DCMotor(Port.D).dc(50) is None"
-    source = f"from pybricks.pupdevices import DCMotor\nprint(PUPDevice(Port.D).info()['id'], {works})"
+    works = (
+        "Motor(Port.D).control.limits()[0] > 0"
+        if kind.model.has_encoder
+        else "DCMotor(Port.D).dc(50) is None"
+    )
+    source = (
+        f"from pybricks.pupdevices import DCMotor\nprint(PUPDevice(Port.D).info()['id'], {works})"
+    )
     assert run(tmp_path, source, f"D={kind.value}") == f"{kind.model.device_id} True\n"
 
 
@@ -64,8 +76,10 @@ for device, port in ((Motor, Port.A), (Motor, Port.B), (ForceSensor, Port.B), (C
         print(device(port).color())
     except OSError as error:
         print(error.errno)
-"""
-    shown = run(tmp_path, source, "A=nothing", "B=colorsensor", "C=interactive", readings=("B=blue",))
+"""  # noqa: E501
+    shown = run(
+        tmp_path, source, "A=nothing", "B=colorsensor", "C=interactive", readings=("B=blue",)
+    )
     assert shown == "19\n19\n19\n19\nColor.BLUE\n"
 
 

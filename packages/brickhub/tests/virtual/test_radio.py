@@ -1,4 +1,5 @@
-"""Radio of a virtual hub: exchanges over each profile against published and estimated times, bursts, order."""
+"""Radio of a virtual hub: exchanges over each profile against published and estimated times,
+bursts, order."""
 
 from __future__ import annotations
 
@@ -17,7 +18,9 @@ EXPECTED_MS = {"mac": (30, 45, 100), "linux": (90, 105, 300), "bad-room": (95, 1
 """p50, p95 and p99.9 of an exchange; see docs/link.md for the sources."""
 
 
-def exchanges_ms(link: LinkProfile, pause_ms: float = 0.0, count: int = EXCHANGES, seed: int = 0) -> list[float]:
+def exchanges_ms(
+    link: LinkProfile, pause_ms: float = 0.0, count: int = EXCHANGES, seed: int = 0
+) -> list[float]:
     """Times from a command to its answer, which the hub gives at once."""
     radio, now_ms, times_ms = Radio(seed), 0.0, []
     for _ in range(count):
@@ -39,14 +42,17 @@ def test_exchanges_have_the_quantiles_of_their_profile(name: str) -> None:
 
 def test_command_after_a_pause_is_late() -> None:
     times_ms = exchanges_ms(PROFILES["linux"], pause_ms=1000.0, count=4000)
-    assert 150 < percentile(times_ms, 50) < 250 and 270 < percentile(times_ms, 95) < 340, "up to 300 ms: labapart/gattlib#223"
+    assert 150 < percentile(times_ms, 50) < 250 and 270 < percentile(times_ms, 95) < 340, (
+        "up to 300 ms: labapart/gattlib#223"
+    )
     short = exchanges_ms(PROFILES["linux"], pause_ms=400.0, count=4000)
     assert percentile(short, 50) < 120
 
 
 @pytest.mark.parametrize("loss", [0.01, 0.1, 0.3])
 def test_share_of_events_is_lost_in_bursts(loss: float) -> None:
-    """An exchange over a link without jitter takes two events, and one more for each that is lost."""
+    """An exchange over a link without jitter takes two events, and one more for each that is
+    lost."""
     times_ms = exchanges_ms(LinkProfile(10.0, loss=loss, burst_ms=300.0))
     assert 1.0 - 20.0 * len(times_ms) / sum(times_ms) == pytest.approx(loss, rel=0.15)
     late = [time_ms > 25.0 for time_ms in times_ms]
@@ -57,7 +63,9 @@ def test_share_of_events_is_lost_in_bursts(loss: float) -> None:
 def test_nothing_overtakes() -> None:
     radio, link = Radio(1), LinkProfile(15.0, jitter_ms=40.0, loss=0.2)
     arrivals_ms = [radio.to_computer_ms(time_ms, link) for time_ms in range(0, 5000, 7)]
-    assert arrivals_ms == sorted(arrivals_ms) and len(set(arrivals_ms)) < len(arrivals_ms), "and several travel in one event"
+    assert arrivals_ms == sorted(arrivals_ms) and len(set(arrivals_ms)) < len(arrivals_ms), (
+        "and several travel in one event"
+    )
 
 
 def test_same_seed_gives_same_times() -> None:
@@ -68,16 +76,22 @@ def test_same_seed_gives_same_times() -> None:
 
 def test_notifications_get_lost() -> None:
     radio, link = Radio(0), LinkProfile(15.0, lost_notifications=0.1)
-    assert sum(radio.loses_notification(link) for _ in range(10_000)) == pytest.approx(1000, rel=0.15)
+    assert sum(radio.loses_notification(link) for _ in range(10_000)) == pytest.approx(
+        1000, rel=0.15
+    )
 
 
 def test_ideal_link_has_no_delay() -> None:
     radio = Radio(0)
-    assert radio.to_hub_ms(700.0, IDEAL) == 700.0 == radio.to_computer_ms(700.0, IDEAL) and not radio.loses_notification(IDEAL)
+    assert radio.to_hub_ms(700.0, IDEAL) == 700.0 == radio.to_computer_ms(
+        700.0, IDEAL
+    ) and not radio.loses_notification(IDEAL)
 
 
 def test_unknown_profile_is_told() -> None:
-    with pytest.raises(UnknownNameError, match="no link 'linx'.*linux.*choose mac, linux, bad-room"):
+    with pytest.raises(
+        UnknownNameError, match="no link 'linx'.*linux.*choose mac, linux, bad-room"
+    ):
         profile("linx")
 
 
@@ -95,11 +109,13 @@ first = Remote()
 print(tried(first.connect), tried(lambda: Remote(timeout=100)), tried(lambda: LWP3Device(0, timeout=100)))
 first.disconnect()
 print(tried(lambda: LWP3Device(0, timeout=100)), tried(Remote))
-"""
+"""  # noqa: E501
 
 
 @pytest.mark.parametrize(("hub", "busy"), [("TechnicHub", "16 16 16"), ("PrimeHub", "110 110 110")])
-def test_a_hub_holds_so_many_wireless_devices(pybricks_hub: PybricksHub, hub: str, busy: str) -> None:
+def test_a_hub_holds_so_many_wireless_devices(
+    pybricks_hub: PybricksHub, hub: str, busy: str
+) -> None:
     run = pybricks_hub.run(HOLDS.format(hub=hub))
     assert run.output.splitlines() == [busy, "110 connected"], run.errors
 

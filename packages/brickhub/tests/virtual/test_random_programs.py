@@ -1,4 +1,5 @@
-"""`benchmarks/firmware_programs.py`: random programs run on the virtual hub, and their output decides."""
+"""`benchmarks/firmware_programs.py`: random programs run on the virtual hub, and their output
+decides."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ print("changed") if "_0.py" in sys.argv[1] else run_file(sys.argv[1])
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a script cannot stand in for the firmware")
 def test_different_output_is_counted(tmp_path: Path) -> None:
-    """In place of the firmware: the virtual hub itself, with another output for the first program of each kind."""
+    """In place of the firmware: the virtual hub itself, with another output for the first program
+    of each kind."""
     firmware = tmp_path / "firmware"
     firmware.write_text(FIRMWARE)
     firmware.chmod(firmware.stat().st_mode | stat.S_IXUSR)
@@ -48,7 +50,9 @@ def test_different_output_is_counted(tmp_path: Path) -> None:
         timeout=90,
     )
     result = json.loads((tmp_path / "study.json").read_text())["kinds"]
-    assert result == {kind: {"programs": 2, "same": 1, "differ": [0]} for kind in ("tasks", "drives")}
+    assert result == {
+        kind: {"programs": 2, "same": 1, "differ": [0]} for kind in ("tasks", "drives")
+    }
     assert (tmp_path / "keep" / "drives_0.firmware").read_text() == "changed\n"
     assert "DriveBase" in (tmp_path / "keep" / "tasks_0.py").read_text()
 
@@ -61,4 +65,10 @@ def test_programs_without_end_are_the_same(tmp_path: Path) -> None:
 
 def test_branches_follow_lines_that_take_time() -> None:
     lines = firmware_programs.branching(["m.run(5)", "    wait(3)", "b.turn(9)"])
-    assert lines == ["m.run(5)", "    wait(3)", f"    {firmware_programs.BRANCH}", "b.turn(9)", firmware_programs.BRANCH]
+    assert lines == [
+        "m.run(5)",
+        "    wait(3)",
+        f"    {firmware_programs.BRANCH}",
+        "b.turn(9)",
+        firmware_programs.BRANCH,
+    ]

@@ -70,7 +70,13 @@ def test_values(tmp_path: Path, text: str, values: tuple[object, ...]) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("0, 5%\n3,5, 10%\n", "table.csv, line 2 (a comma separates columns here; write 2.5, or separate columns by ;)"),
+        (
+            "0, 5%\n3,5, 10%\n",
+            (
+                "table.csv, line 2 (a comma separates columns here; write 2.5, or separate "
+                "columns by ;)"
+            ),
+        ),
         ("3,5, 10%\n", "table.csv, line 1 (a comma"),
         ("3,5, red\n", "table.csv, line 1 (a comma"),
         ("0, red\nlater, blue\n", "line 2: 'later' is not a time in seconds"),
@@ -92,5 +98,7 @@ def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str | bytes, 
 
 def test_a_value_that_does_not_suit_the_sensor_has_its_line(tmp_path: Path) -> None:
     reading = table(tmp_path, "0, 5\n3,5, 10\n")
-    with pytest.raises(TwinError, match=r"table.csv, line 2 \(a comma separates columns.* is not a surface"):
+    with pytest.raises(
+        TwinError, match=r"table.csv, line 2 \(a comma separates columns.* is not a surface"
+    ):
         reading.sense_of("ColorSensor")

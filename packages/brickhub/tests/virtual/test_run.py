@@ -1,4 +1,5 @@
-"""Programs from files on a bench: that of a described robot, and the one that adapts to the program."""
+"""Programs from files on a bench: that of a described robot, and the one that adapts to the
+program."""
 
 from __future__ import annotations
 
@@ -21,12 +22,22 @@ from brickhub.virtual.run import Operation, run_file
 
 
 def run(
-    folder: Path, source: str, robot: Robot | None = None, stdin: bytes | str | None = None, time_limit_s: float | None = None
+    folder: Path,
+    source: str,
+    robot: Robot | None = None,
+    stdin: bytes | str | None = None,
+    time_limit_s: float | None = None,
 ) -> tuple[int, str, str]:
     path = folder / "main.py"
     path.write_text(source)
     out, err = io.BytesIO(), io.StringIO()
-    data = io.StringIO(stdin) if isinstance(stdin, str) else io.BytesIO(stdin) if stdin is not None else None
+    data = (
+        io.StringIO(stdin)
+        if isinstance(stdin, str)
+        else io.BytesIO(stdin)
+        if stdin is not None
+        else None
+    )
     code = run_file(
         path,
         None if robot is None else BenchBody(robot),
@@ -69,18 +80,24 @@ class ClosedPipe(io.RawIOBase):
 @pytest.mark.parametrize("handler", ["except OSError", "except BaseException", "except"])
 def test_program_whose_reader_has_left_ends(tmp_path: Path, handler: str) -> None:
     path, err = tmp_path / "main.py", io.StringIO()
-    path.write_text(f"for i in range(5):\n    try:\n        print(i)\n    {handler}:\n        pass\n")
+    path.write_text(
+        f"for i in range(5):\n    try:\n        print(i)\n    {handler}:\n        pass\n"
+    )
     with pytest.raises(BrokenPipeError):
         run_file(path, stdout=ClosedPipe(), stderr=err)
     assert err.getvalue() == ""
 
 
 def test_error_has_traceback(tmp_path: Path) -> None:
-    source = "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nprint(1)\nMotor(Port.B)\nprint(2)"
+    source = (
+        "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\n"
+        "print(1)\nMotor(Port.B)\nprint(2)"
+    )
     code, out, err = run(tmp_path, source, TWO_WHEELER)
     assert (code, out) == (1, "1\n")
     assert err.startswith(
-        'Traceback (most recent call last):\n  File "main.py", line 4, in <module>\nOSError: [Errno 19] ENODEV: '
+        'Traceback (most recent call last):\n  File "main.py", line 4, in <module>\n'
+        "OSError: [Errno 19] ENODEV: "
     )
 
 
@@ -92,7 +109,11 @@ def test_any_program_exception_is_reported(tmp_path: Path, base: str) -> None:
 
 def test_program_may_exit(tmp_path: Path) -> None:
     source = "print(1)\nclass Over(SystemExit):\n    pass\nraise {}\nprint(2)"
-    assert run(tmp_path, source.format("SystemExit(3)")) == (0, "1\n", "The program was stopped (SystemExit).\n")
+    assert run(tmp_path, source.format("SystemExit(3)")) == (
+        0,
+        "1\n",
+        "The program was stopped (SystemExit).\n",
+    )
     assert run(tmp_path, source.format("Over")) == (0, "1\n", "The program was stopped (Over).\n")
 
 
@@ -109,11 +130,25 @@ _CALM_LOOP = """
 
 @pytest.mark.parametrize(
     "loop",
-    ["wait(100)", "pass", "watch.time()", "print(end='')", "try:\n        wait(10)\n    except:\n        pass", _CALM_LOOP],
+    [
+        "wait(100)",
+        "pass",
+        "watch.time()",
+        "print(end='')",
+        "try:\n        wait(10)\n    except:\n        pass",
+        _CALM_LOOP,
+    ],
 )
 def test_the_time_limit_stops_any_loop(tmp_path: Path, loop: str) -> None:
-    source = f"from pybricks.tools import wait, StopWatch\nwatch = StopWatch()\nprint('go')\nwhile True:\n    {loop}\n"
-    assert run(tmp_path, source, time_limit_s=0.5) == (124, "go\n", "The program was stopped at the time limit of 0.5 s.\n")
+    source = (
+        "from pybricks.tools import wait, StopWatch\nwatch = StopWatch()\nprint('go')\n"
+        f"while True:\n    {loop}\n"
+    )
+    assert run(tmp_path, source, time_limit_s=0.5) == (
+        124,
+        "go\n",
+        "The program was stopped at the time limit of 0.5 s.\n",
+    )
 
 
 def test_input_is_passed(tmp_path: Path) -> None:
@@ -130,10 +165,22 @@ def test_input_is_passed(tmp_path: Path) -> None:
         ("print([input(), input()])", "ab\ncd\n", "['ab', 'cd']"),
         ("print([input(), input()])", b"ab\r\ncd\r\n", "['ab', 'cd']"),
         ("print(repr(input()))", "abc\x7f\x08d\xe4e\n", "'ade'"),
-        ("try:\n    input()\nexcept KeyboardInterrupt:\n    print('interrupt')", "ab\x03", "abinterrupt"),
+        (
+            "try:\n    input()\nexcept KeyboardInterrupt:\n    print('interrupt')",
+            "ab\x03",
+            "abinterrupt",
+        ),
         ("try:\n    input()\nexcept EOFError:\n    print('end')", "\x04", "end"),
-        ("import usys\nprint([usys.stdin.readline(), usys.stdin.read(3)])", "ab\ncd\n", "['ab\\n', 'cd\\n']"),
-        ("import usys\nprint(len(usys.stdin.read(2)), usys.stdin.buffer.read(2))", "\xe4bcd", "2 b'cd'"),
+        (
+            "import usys\nprint([usys.stdin.readline(), usys.stdin.read(3)])",
+            "ab\ncd\n",
+            "['ab\\n', 'cd\\n']",
+        ),
+        (
+            "import usys\nprint(len(usys.stdin.read(2)), usys.stdin.buffer.read(2))",
+            "\xe4bcd",
+            "2 b'cd'",
+        ),
         ("import usys\nprint(usys.stdin.buffer.read(3))", b"a\nb", "b'a\\nb'"),
     ],
 )
@@ -153,7 +200,9 @@ def test_syntax_error_in_a_module_is_found_before_the_program_runs(tmp_path: Pat
     (tmp_path / "arm.py").write_text("x = 1\ny = = 2\n", encoding="utf-8")
     code, out, err = run(tmp_path, "print(1)\nimport arm")
     assert (code, out) == (1, "")
-    assert err == 'Traceback (most recent call last):\n  File "arm.py", line 2\nSyntaxError: invalid syntax\n'
+    assert err == (
+        'Traceback (most recent call last):\n  File "arm.py", line 2\nSyntaxError: invalid syntax\n'
+    )
 
 
 def test_long_integer_in_a_module_is_found_when_it_is_imported(tmp_path: Path) -> None:
@@ -169,8 +218,12 @@ def test_missing_program_file_raises(tmp_path: Path) -> None:
 
 
 def test_modules_beside_program_are_importable(tmp_path: Path) -> None:
-    (tmp_path / "helper.py").write_text("def halve(x):\n    return x / 0\nthird = 1 / 3\nprint(__name__)\n")
-    code, out, err = run(tmp_path, "import helper\nfrom helper import halve, third\nprint(third)\nhalve(1)\n")
+    (tmp_path / "helper.py").write_text(
+        "def halve(x):\n    return x / 0\nthird = 1 / 3\nprint(__name__)\n"
+    )
+    code, out, err = run(
+        tmp_path, "import helper\nfrom helper import halve, third\nprint(third)\nhalve(1)\n"
+    )
     assert (code, out) == (1, "helper\n0.33333334\n")
     assert err == (
         "Traceback (most recent call last):\n"
@@ -180,23 +233,40 @@ def test_modules_beside_program_are_importable(tmp_path: Path) -> None:
     )
 
 
-def fitted(folder: Path, source: str, *, press: str = "", reading: str = "", **operation: Any) -> tuple[int, str, str]:
+def fitted(
+    folder: Path, source: str, *, press: str = "", reading: str = "", **operation: Any
+) -> tuple[int, str, str]:
     path = folder / "main.py"
     path.write_text(
-        "from pybricks.pupdevices import *\nfrom pybricks.parameters import *\nfrom pybricks.tools import *\n" + source
+        (
+            "from pybricks.pupdevices import *\nfrom pybricks.parameters import *\n"
+            "from pybricks.tools import *\n"
+        )
+        + source
     )
     out, err = io.BytesIO(), io.StringIO()
-    done = Operation([*map(parse_press, press.split())], [*map(parse_reading, reading.split())], **operation)
+    done = Operation(
+        [*map(parse_press, press.split())], [*map(parse_reading, reading.split())], **operation
+    )
     code = run_file(path, stdout=out, stderr=err, time_limit_s=60, operation=done)
     return code, out.getvalue().decode(), err.getvalue()
 
 
 @pytest.mark.parametrize(
     ("name", "ports"),
-    [("PrimeHub", "ABCDEF"), ("InventorHub", "ABCDEF"), ("EssentialHub", "AB"), ("TechnicHub", "ABCD"), ("CityHub", "AB")],
+    [
+        ("PrimeHub", "ABCDEF"),
+        ("InventorHub", "ABCDEF"),
+        ("EssentialHub", "AB"),
+        ("TechnicHub", "ABCD"),
+        ("CityHub", "AB"),
+    ],
 )
 def test_bench_has_imported_hub(tmp_path: Path, name: str, ports: str) -> None:
-    source = f"from pybricks.hubs import {name}\nhub = {name}()\nprint([hasattr(Port, p) for p in 'ABCDEF'].count(True))"
+    source = (
+        f"from pybricks.hubs import {name}\nhub = {name}()\n"
+        "print([hasattr(Port, p) for p in 'ABCDEF'].count(True))"
+    )
     assert fitted(tmp_path, source) == (0, f"{len(ports)}\n", "")
 
 
@@ -219,8 +289,12 @@ for kind in (ColorSensor, Motor):
         print(e.errno)
 remote = Remote()
 print(remote.buttons.pressed())
-"""
-    assert fitted(tmp_path, source) == (0, "Color.NONE 0 0.0 2000 0.0 (0, 0) 100\nTrue\n19\n19\nset()\n", "")
+"""  # noqa: E501
+    assert fitted(tmp_path, source) == (
+        0,
+        "Color.NONE 0 0.0 2000 0.0 (0, 0) 100\nTrue\n19\n19\nset()\n",
+        "",
+    )
 
 
 def test_sensors_have_given_readings(tmp_path: Path) -> None:
@@ -236,8 +310,12 @@ print(both.color(), both.distance(), infrared.distance())
 
 
 def test_readings_from_file_over_time(tmp_path: Path) -> None:
-    (tmp_path / "colors.csv").write_text("0, red\n# seconds, color\n1.5, green\n3, 240,100,100\n", "utf-8-sig")
-    source = "color = ColorSensor(Port.A)\nfor i in range(4):\n    print(color.color())\n    wait(1000)"
+    (tmp_path / "colors.csv").write_text(
+        "0, red\n# seconds, color\n1.5, green\n3, 240,100,100\n", "utf-8-sig"
+    )
+    source = (
+        "color = ColorSensor(Port.A)\nfor i in range(4):\n    print(color.color())\n    wait(1000)"
+    )
     done = fitted(tmp_path, source, reading=f"A=@{tmp_path / 'colors.csv'}")
     assert done == (0, "Color.RED\nColor.RED\nColor.GREEN\nColor.BLUE\n", "")
 
@@ -260,7 +338,10 @@ def test_invalid_readings_raise(tmp_path: Path, reading: str, says: str) -> None
 
 @pytest.mark.parametrize(
     ("reading", "says"),
-    [("A=200mm", "the ColorSensor on port A senses surface or ambient, not distance"), ("A=1,2", "(1.0, 2.0) is not a surface")],
+    [
+        ("A=200mm", "the ColorSensor on port A senses surface or ambient, not distance"),
+        ("A=1,2", "(1.0, 2.0) is not a surface"),
+    ],
 )
 def test_mismatched_readings_raise_at_sensor(tmp_path: Path, reading: str, says: str) -> None:
     code, _, err = fitted(tmp_path, "ColorSensor(Port.A)", reading=reading)
@@ -279,7 +360,8 @@ def test_module_in_a_folder_above_is_named(tmp_path: Path) -> None:
     code, _, err = run(tmp_path / "runs", "import parts.arm")
     assert code == 1
     assert err.endswith(
-        f"no module named 'parts.arm'\nA program imports what lies beside it; move it to {tmp_path}, where parts.arm is.\n"
+        "no module named 'parts.arm'\n"
+        f"A program imports what lies beside it; move it to {tmp_path}, where parts.arm is.\n"
     )
     assert run(tmp_path / "runs", "import parts.leg")[2].endswith("no module named 'parts.leg'\n")
 
@@ -290,12 +372,23 @@ def test_readings_need_bench_and_valid_port(tmp_path: Path) -> None:
     (tmp_path / "main.py").write_text("")
     operation = Operation(readings=[parse_reading("A=red")])
     with pytest.raises(TwinError, match="--robot bench"):
-        run_file(tmp_path / "main.py", BenchBody(WALKER), stdout=io.BytesIO(), stderr=io.StringIO(), operation=operation)
+        run_file(
+            tmp_path / "main.py",
+            BenchBody(WALKER),
+            stdout=io.BytesIO(),
+            stderr=io.StringIO(),
+            operation=operation,
+        )
 
 
 def test_bench_motors_with_end_stops_or_without_sensor(tmp_path: Path) -> None:
-    source = "arm, plain = Motor(Port.A), DCMotor(Port.B)\nprint(arm.run_until_stalled(300, duty_limit=50))\n"
-    source += "plain.dc(50)\nprint(plain, plain.settings())\nplain.brake()\nplain.stop()\nplain.close()"
+    source = (
+        "arm, plain = Motor(Port.A), DCMotor(Port.B)\n"
+        "print(arm.run_until_stalled(300, duty_limit=50))\n"
+    )
+    source += (
+        "plain.dc(50)\nprint(plain, plain.settings())\nplain.brake()\nplain.stop()\nplain.close()"
+    )
     printed = "120\nDCMotor(Port.B, Direction.CLOCKWISE) (9000,)\n"
     assert fitted(tmp_path, source, end_stops={"A": (-90.0, 120.0)}) == (0, printed, "")
 
@@ -332,19 +425,31 @@ try:
     show()
 except OSError as e:
     print(e.errno)
-"""
-    names = "a rb p2 up right right_trigger joystick_left_up joystick_left_right joystick_right_down"
-    code, out, err = fitted(tmp_path, source, press=" ".join(f"xbox.{name}@0.9s+1s" for name in names.split()))
+"""  # noqa: E501
+    names = (
+        "a rb p2 up right right_trigger joystick_left_up joystick_left_right joystick_right_down"
+    )
+    code, out, err = fitted(
+        tmp_path, source, press=" ".join(f"xbox.{name}@0.9s+1s" for name in names.split())
+    )
     assert (code, err) == (0, "")
     name, at_rest, used, errno = out.splitlines()
     assert (name, errno) == ("Xbox Wireless Controller 0 None", "19")
     assert at_rest == "(0, 0) (0, 0) (0, 0) 0 (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0) set()"
-    assert used.startswith("(100, 100) (0, -100) (0, 100) 2 (32768, -32767, 0, 32768, 0, 1023, 2, 129, 0, 0, 0, 2) {Button.")
-    assert sorted(used.partition("{")[2].strip("}").split(", ")) == [f"Button.{b}" for b in ("A", "P2", "RB", "RIGHT", "UP")]
+    assert used.startswith(
+        "(100, 100) (0, -100) (0, 100) 2 (32768, -32767, 0, 32768, 0, 1023, 2, 129, 0, 0, 0, 2) "
+        "{Button."
+    )
+    assert sorted(used.partition("{")[2].strip("}").split(", ")) == [
+        f"Button.{b}" for b in ("A", "P2", "RB", "RIGHT", "UP")
+    ]
 
 
 def test_operation_presses_buttons(tmp_path: Path) -> None:
-    source = "from pybricks.hubs import PrimeHub\nhub = PrimeHub()\nprint(hub_menu('A', 'B'))\nwait(9000)"
+    source = (
+        "from pybricks.hubs import PrimeHub\nhub = PrimeHub()\nprint(hub_menu('A', 'B'))\n"
+        "wait(9000)"
+    )
     done = fitted(tmp_path, source, press="right@1s center@2s center@3s")
     assert done == (0, "B\n", "The program was stopped (SystemExit).\n")
 
@@ -355,12 +460,19 @@ def test_panel_can_be_watched(tmp_path: Path) -> None:
     def watch(panel: Panel) -> None:
         panel.on_change = lambda changed: seen.append(f"{changed.now_s} {changed.describe()}")
 
-    source = "from pybricks.hubs import PrimeHub\nhub = PrimeHub()\nwait(500)\nhub.light.on(Color.BLUE)\nhub.display.number(7)\n"
+    source = (
+        "from pybricks.hubs import PrimeHub\nhub = PrimeHub()\nwait(500)\n"
+        "hub.light.on(Color.BLUE)\nhub.display.number(7)\n"
+    )
     source += "hub.display.pixel(0, 0)\nhub.speaker.beep(440, 100)"
     assert fitted(tmp_path, source, watch=watch)[0] == 0
     assert seen[0] == "0.5 light hue 240, 100 %, 100 %; display off; sound off"
     assert seen[1].endswith("display 7; sound off")
-    assert seen[3].endswith("sound 440") and seen[4].startswith("0.6 ") and seen[4].endswith("sound off")
+    assert (
+        seen[3].endswith("sound 440")
+        and seen[4].startswith("0.6 ")
+        and seen[4].endswith("sound off")
+    )
 
 
 def test_realtime_program_takes_real_time(tmp_path: Path) -> None:
@@ -399,10 +511,16 @@ def ending(error: type[BaseException]) -> Operation:
     return Operation(attend=attend)
 
 
-@pytest.mark.parametrize("handler", ["except:", "except BaseException:", "except Exception:", "except KeyboardInterrupt:"])
+@pytest.mark.parametrize(
+    "handler",
+    ["except:", "except BaseException:", "except Exception:", "except KeyboardInterrupt:"],
+)
 def test_an_end_from_the_host_passes_a_program(handler: str, tmp_path: Path) -> None:
     path, out, err = tmp_path / "main.py", io.BytesIO(), io.StringIO()
-    path.write_text(f"from pybricks.tools import wait\ntry:\n    wait(1000)\n{handler}\n    print('caught')\nprint('on')\n")
+    path.write_text(
+        f"from pybricks.tools import wait\ntry:\n    wait(1000)\n{handler}\n    print('caught')\n"
+        "print('on')\n"
+    )
     with pytest.raises(Ended):
         run_file(path, stdout=out, stderr=err, operation=ending(Ended))
     assert (out.getvalue(), err.getvalue()) == (b"", "")

@@ -51,12 +51,14 @@ print(left.angle(), left.load(), left.control.stalled(), hub.imu.stationary())
 left.close()
 wait(200)
 print(DCMotor(Port.F), left.speed())
-"""
+"""  # noqa: E501
 )
 READINGS = ("C=120,80,50", "D=4N", "E=300mm")
 
 
-def logged(folder: Path, source: str, log: RunLog | None, readings: tuple[str, ...] = READINGS) -> str:
+def logged(
+    folder: Path, source: str, log: RunLog | None, readings: tuple[str, ...] = READINGS
+) -> str:
     """What a program prints."""
     path, out, err = folder / "main.py", io.BytesIO(), io.StringIO()
     path.write_text(source)
@@ -73,7 +75,15 @@ def test_a_run_with_a_log_is_the_same_as_one_without(tmp_path: Path) -> None:
     log = RunLog()
     assert logged(tmp_path, EVERYTHING, log) == logged(tmp_path, EVERYTHING, None)
     last = list(log.rows())[-1]
-    assert {"C_color", "C_hue_deg", "C_ambient_pct", "D_pressed", "E_distance_mm", "C_RGB_I_3", "D_FORCE"} <= last.keys()
+    assert {
+        "C_color",
+        "C_hue_deg",
+        "C_ambient_pct",
+        "D_pressed",
+        "E_distance_mm",
+        "C_RGB_I_3",
+        "D_FORCE",
+    } <= last.keys()
 
 
 def test_motors_are_logged_as_the_program_sees_them(tmp_path: Path) -> None:
@@ -91,8 +101,12 @@ wait(100)
     for number, line in enumerate(printed, 1):
         row = rows[50 * number / 1000]
         assert isinstance(row["B_angle_deg"], float)
-        assert [round(row["B_angle_deg"]), row["B_speed_deg_s"], row["B_load_mnm"]] == list(map(float, line.split()))
-        assert row["B_voltage_mv"] is not None and row["A_voltage_mv"] is None, "one runs, one coasts"
+        assert [round(row["B_angle_deg"]), row["B_speed_deg_s"], row["B_load_mnm"]] == list(
+            map(float, line.split())
+        )
+        assert row["B_voltage_mv"] is not None and row["A_voltage_mv"] is None, (
+            "one runs, one coasts"
+        )
     assert rows[0.41]["B_voltage_mv"] is None
 
 
@@ -111,8 +125,16 @@ button.pressed()
     log = RunLog()
     logged(tmp_path, DEVICES + source, log, (f"E=@{near}", "D=4N"))
     rows = {row["time_s"]: row for row in log.rows()}
-    assert [rows[time]["E_distance_mm"] for time in (0.05, 0.06, 0.11, 0.12, 0.18)] == [None, 500, 500, 200, 200]
-    assert [row["D_pressed"] for row in rows.values()][-2:] == [None, 1], "the last row has what was read last"
+    assert [rows[time]["E_distance_mm"] for time in (0.05, 0.06, 0.11, 0.12, 0.18)] == [
+        None,
+        500,
+        500,
+        200,
+        200,
+    ]
+    assert [row["D_pressed"] for row in rows.values()][-2:] == [None, 1], (
+        "the last row has what was read last"
+    )
 
 
 def test_the_table_is_rectangular(tmp_path: Path) -> None:
@@ -121,10 +143,16 @@ def test_the_table_is_rectangular(tmp_path: Path) -> None:
     source = f"wait(25)\n{see}wait(20)\nMotor(Port.D)\n"
     logged(tmp_path, DEVICES + source, log, ("C=10,20,30",))
     header, *rows = csv.reader(log.csv().splitlines())
-    assert header[:5] == ["time_s", "A_angle_deg", "A_speed_deg_s", "A_load_mnm", "A_voltage_mv"] and header[-1] == "D_voltage_mv"
+    assert (
+        header[:5] == ["time_s", "A_angle_deg", "A_speed_deg_s", "A_load_mnm", "A_voltage_mv"]
+        and header[-1] == "D_voltage_mv"
+    )
     assert {len(row) for row in rows} == {len(header)}
     assert [row[0] for row in rows] == [*(f"0.0{i}0" for i in range(1, 8)), "0.076"]
-    assert [row[header.index("C_color")] for row in rows] == [*[""] * 5, *["Color(h=10, s=20, v=30)"] * 3]
+    assert [row[header.index("C_color")] for row in rows] == [
+        *[""] * 5,
+        *["Color(h=10, s=20, v=30)"] * 3,
+    ]
 
 
 def test_a_long_log_is_thinned_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,7 +172,9 @@ ENDS = {
 
 
 @pytest.mark.parametrize("end", ENDS)
-def test_the_log_is_written_however_the_run_ends(end: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_log_is_written_however_the_run_ends(
+    end: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     source, options, code, count = ENDS[end]
     path, log = tmp_path / "main.py", tmp_path / "new" / "run.csv"
     path.write_text(DEVICES + source)
@@ -154,18 +184,30 @@ def test_the_log_is_written_however_the_run_ends(end: str, tmp_path: Path, capfd
 
 def test_the_log_is_written_after_ctrl_c(tmp_path: Path) -> None:
     path, log = tmp_path / "main.py", tmp_path / "run.csv"
-    path.write_text(DEVICES + "print('go')\nwhile True:\n    try:\n        wait(10)\n    except BaseException:\n        pass\n")
+    path.write_text(
+        DEVICES
+        + (
+            "print('go')\nwhile True:\n    try:\n        wait(10)\n    except BaseException:\n"
+            "        pass\n"
+        )
+    )
     command = [sys.executable, "-m", "brickhub", "run", str(path), "--log", str(log), "--realtime"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None and process.stderr is not None
         assert process.stdout.readline() == "go\n"
         process.send_signal(signal.SIGINT)
         assert process.wait(30) == 130
-        assert process.stderr.read() == f"interrupted: the program was stopped; its log is in {log}\n"
+        assert (
+            process.stderr.read() == f"interrupted: the program was stopped; its log is in {log}\n"
+        )
     assert log.read_text().startswith("time_s,A_angle_deg,")
 
 
-def test_what_cannot_be_logged_is_refused_before_the_run(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_logged_is_refused_before_the_run(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     path, log = tmp_path / "main.py", tmp_path / "run.csv"
     path.write_text("print('ran')")
     log.write_text("of yesterday")

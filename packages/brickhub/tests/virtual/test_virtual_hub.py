@@ -125,8 +125,13 @@ def test_program_end_stops_motors() -> None:
 
 
 def test_hub_exception_is_one_line() -> None:
-    virtual = hub("from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nMotor(Port.F)\n")
-    with pytest.raises(HubProgramError, match=r"OSError.*ENODEV.*line 3.*plug the device") as caught:
+    virtual = hub(
+        "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\n"
+        "Motor(Port.F)\n"
+    )
+    with pytest.raises(
+        HubProgramError, match=r"OSError.*ENODEV.*line 3.*plug the device"
+    ) as caught:
         virtual.read(0.1)
     assert "\n" not in str(caught.value)
 
@@ -142,7 +147,9 @@ class Ended(HostStop):
 
 
 @pytest.mark.parametrize("kind", [KeyboardInterrupt, Ended])
-def test_host_exception_is_not_a_program_error(kind: type[BaseException], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_host_exception_is_not_a_program_error(
+    kind: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
     virtual = hub(DRIVE)
 
     def press(_seconds: object) -> None:
@@ -220,7 +227,10 @@ def test_realtime_advances_in_steps_and_stops_soon(monkeypatch: pytest.MonkeyPat
 
 
 def test_realtime_motors_run_down_after_stop() -> None:
-    source = "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nfrom pybricks.tools import wait\n"
+    source = (
+        "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\n"
+        "from pybricks.tools import wait\n"
+    )
     source += "motor = Motor(Port.A)\nmotor.dc(100)\nwait(10000)"
     virtual = VirtualHub(BenchBody(BENCH), realtime=True)
     virtual.start(HubProgram(source, 0))
@@ -265,7 +275,7 @@ for call in (lambda: app.write_bytes(bytes(20)), lambda: app.get_bytes(7), lambd
     except (ValueError, RuntimeError) as e:
         print(e)
 print(app.get_bytes(1), app.get_bytes(0, 1))
-"""
+"""  # noqa: E501
 
 
 def test_app_data_refusals_equal_hub() -> None:

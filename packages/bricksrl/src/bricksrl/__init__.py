@@ -1,8 +1,9 @@
 """BricksRL: reinforcement learning on LEGO robots that run Pybricks.
 
-The public names load what they need when they are first used, so that ``import bricksrl`` and ``bricksrl --help`` take no time.
-If Gymnasium is imported too, before or after, the environments are registered there as ``bricksrl/<id>``;
-``gymnasium.make("bricksrl:bricksrl/<id>")`` imports this package by itself.
+The public names load what they need when they are first used, so that ``import bricksrl`` and
+``bricksrl --help`` take no time. If Gymnasium is imported too, before or after, the environments
+are registered there as ``bricksrl/<id>``; ``gymnasium.make("bricksrl:bricksrl/<id>")`` imports this
+package by itself.
 """
 
 from __future__ import annotations
@@ -65,9 +66,12 @@ def __getattr__(name: str) -> Any:
 
 
 class _GymnasiumHook:
-    """Import hook that registers the environments right after an import of Gymnasium, which is not imported otherwise."""
+    """Import hook that registers the environments right after an import of Gymnasium, which is not
+    imported otherwise."""
 
-    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
         if name != "gymnasium":
             return None
         from importlib import util
@@ -77,7 +81,8 @@ class _GymnasiumHook:
             spec = util.find_spec(name)
         finally:
             sys.meta_path.insert(0, self)
-        if spec is not None and spec.loader is not None:  # a mere test whether Gymnasium is installed does not load it
+        # a mere test whether Gymnasium is installed does not load it
+        if spec is not None and spec.loader is not None:
             execute = spec.loader.exec_module
 
             def execute_and_register(module: ModuleType) -> None:
@@ -92,9 +97,12 @@ class _GymnasiumHook:
 
 
 class _GraphicsHook:
-    """Import hook that tries MuJoCo before TorchRL imports it: a graphics library that does not work costs pictures only."""
+    """Import hook that tries MuJoCo before TorchRL imports it: a graphics library that does not
+    work costs pictures only."""
 
-    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> None:
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> None:
         if name == "torchrl":
             from bricktwin.twin.make_body import check_mujoco
 

@@ -19,7 +19,8 @@ Message = tuple[str, Any]
 END: Message = ("end", None)
 """Asks a child to end; also stands for the parent's disappearance."""
 Deliver = Callable[[Message | None], None]
-"""Receives messages in order, then ``None`` when the other side is gone; called in a separate thread."""
+"""Receives messages in order, then ``None`` when the other side is gone; called in a separate
+thread."""
 ORPHAN_S = 1.0
 """Time after the parent's end, within which a child that is busy ends by force."""
 Send = Callable[..., None]
@@ -27,7 +28,8 @@ Send = Callable[..., None]
 
 
 def open_channel(incoming: BinaryIO, outgoing: BinaryIO, deliver: Deliver) -> Send:
-    """Deliver incoming messages from a separate thread. Returns the function that sends messages. The ends trust each other."""
+    """Deliver incoming messages from a separate thread. Returns the function that sends messages.
+    The ends trust each other."""
 
     def send(kind: str, content: Any = None) -> None:
         data = io.BytesIO()
@@ -39,7 +41,8 @@ def open_channel(incoming: BinaryIO, outgoing: BinaryIO, deliver: Deliver) -> Se
         try:
             while True:
                 deliver(pickle.load(incoming))  # noqa: S301  from a process of ours
-        except (OSError, EOFError, ValueError, pickle.UnpicklingError):  # gone, also amid a message, or closed on this side
+        except (OSError, EOFError, ValueError, pickle.UnpicklingError):
+            # gone, also amid a message, or closed on this side
             deliver(None)
 
     threading.Thread(target=read, name="channel", daemon=True).start()
@@ -58,17 +61,18 @@ class _Pickler(pickle.Pickler):
 def own_python(*arguments: str) -> tuple[list[str], dict[str, str]]:
     """Command and environment variables of a process that runs Python with these arguments.
 
-    It imports from where this process does. By itself Python would import first what lies in the present folder, where
-    a stranger's ``copy.py`` may lie beside the run or the data that he sent.
+    It imports from where this process does. By itself Python would import first what lies in the
+    present folder, where a stranger's ``copy.py`` may lie beside the run or the data that he sent.
     """
-    folders = [os.path.abspath(folder) for folder in sys.path]  # noqa: PTH100  "" is the present one; links stay
+    # "" is the present one; links stay
+    folders = [os.path.abspath(folder) for folder in sys.path]  # noqa: PTH100
     variables = {**os.environ, "PYTHONPATH": os.pathsep.join(folders)}
     return [sys.executable, "-P", *arguments], variables
 
 
 class ChildProcess:
-    """A process that runs a module, with further environment ``variables``; Ctrl-C in the terminal does not reach it. Raises
-    OSError if it cannot be started."""
+    """A process that runs a module, with further environment ``variables``; Ctrl-C in the terminal
+    does not reach it. Raises OSError if it cannot be started."""
 
     def __init__(self, module: str, deliver: Deliver, **variables: str) -> None:
         flags = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
@@ -82,7 +86,9 @@ class ChildProcess:
             creationflags=flags,
         )
         self.pid = self._process.pid
-        self.send = open_channel(cast(BinaryIO, self._process.stdout), cast(BinaryIO, self._process.stdin), deliver)
+        self.send = open_channel(
+            cast(BinaryIO, self._process.stdout), cast(BinaryIO, self._process.stdin), deliver
+        )
 
     def wait(self, timeout_s: float) -> int | None:
         """The exit code (negative signal number if killed), or ``None`` after the timeout."""
@@ -99,7 +105,8 @@ class ChildProcess:
 
 
 def parent_channel(deliver: Deliver) -> Send:
-    """In a `ChildProcess`: deliver the parent's messages. Returns the function that sends messages to it.
+    """In a `ChildProcess`: deliver the parent's messages. Returns the function that sends messages
+    to it.
 
     Once the parent is gone, the process has :data:`ORPHAN_S` to end by itself.
     """
@@ -117,6 +124,7 @@ def parent_channel(deliver: Deliver) -> Send:
 
 def leave(code: int = 0) -> NoReturn:
     """In a `ChildProcess`: exit with a code, without waiting for the receiving thread."""
-    atexit._run_exitfuncs()  # replay buffers hold semaphores; unless they are given back, a warning is printed
+    # replay buffers hold semaphores; unless they are given back, a warning is printed
+    atexit._run_exitfuncs()
     sys.stderr.flush()
     os._exit(code)

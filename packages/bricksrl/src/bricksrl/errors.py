@@ -9,7 +9,8 @@ class CameraError(BricksError):
 
 
 class SensorError(HubError):
-    """A sensor on the computer that failed or is silent; a step then ends as one with a lost link."""
+    """A sensor on the computer that failed or is silent; a step then ends as one with a lost
+    link."""
 
 
 class EncoderError(BricksError):

@@ -1,4 +1,5 @@
-"""Plots: colours, style and saving, the same for all pictures. Matplotlib is imported when something is drawn."""
+"""Plots: colours, style and saving, the same for all pictures. Matplotlib is imported when
+something is drawn."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ INK, MUTED, GRID = "#1f2430", "#6b7280", "#e5e7eb"
 LIGHT, STRONG, DARK, GREY = "#9fb8dc", "#0b5cad", "#08306b", "#c9ccd3"
 """Colours of single values and intervals, means, frequent values, and values that do not count."""
 PALETTE = ("#0b5cad", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4b5563", "#8c564b")
-"""Colours of several agents, distinguishable with most kinds of colour blindness (after Okabe and Ito)."""
+"""Colours of several agents, distinguishable with most kinds of colour blindness (after Okabe and
+Ito)."""
 _LABEL_GAP = 0.06
 
 
@@ -43,10 +45,13 @@ PICTURES = (".png", ".svg", ".pdf")
 
 
 def check_picture(path: Path | str) -> Path:
-    """The path, if it names a picture that `save` writes. Raises DescriptionError if it has another suffix."""
+    """The path, if it names a picture that `save` writes. Raises DescriptionError if it has another
+    suffix."""
     path = Path(path)
     if path.suffix.lower() not in PICTURES:
-        raise DescriptionError(f"'{path}' is not a name of a picture; end it in {', '.join(PICTURES)}")
+        raise DescriptionError(
+            f"'{path}' is not a name of a picture; end it in {', '.join(PICTURES)}"
+        )
     return path
 
 
@@ -79,14 +84,16 @@ def save_image(path: Path | str, image: NDArray[np.uint8]) -> None:
 
 
 def number(value: float) -> str:
-    """Text of a value in pictures and tables: three digits, thousands with commas, no exponent below a billion."""
+    """Text of a value in pictures and tables: three digits, thousands with commas, no exponent
+    below a billion."""
     if abs(value) >= 1e9:
         return f"{value:.2e}"
     return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def finish(axes: Axes, lines: Mapping[str, float] | None = None, *, legend: bool = True) -> None:
-    """Finish a plot: plain numbers, whole episodes, lone points, named reference lines at the right edge, the legend below.
+    """Finish a plot: plain numbers, whole episodes, lone points, named reference lines at the right
+    edge, the legend below.
 
     Args:
         lines: values of reference lines by their labels.
@@ -103,18 +110,29 @@ def finish(axes: Axes, lines: Mapping[str, float] | None = None, *, legend: bool
     _reference_lines(axes, lines or {})
     handles, labels = axes.get_legend_handles_labels()
     if handles and legend:
-        axes.figure.legend(handles, labels, loc="outside lower left", ncols=4, frameon=False, labelcolor=INK, fontsize=9)
+        axes.figure.legend(
+            handles,
+            labels,
+            loc="outside lower left",
+            ncols=4,
+            frameon=False,
+            labelcolor=INK,
+            fontsize=9,
+        )
 
 
 def _reference_lines(axes: Axes, lines: Mapping[str, float]) -> None:
-    """A dashed line for each value, and its label outside of the axes; labels of close values are spread."""
+    """A dashed line for each value, and its label outside of the axes; labels of close values are
+    spread."""
     for value in lines.values():
         axes.axhline(value, color=MUTED, linewidth=1, linestyle=(0, (4, 3)), zorder=1)
     low, high = axes.get_ylim()
     positions = sorted((value - low) / (high - low) for value in lines.values())
     for index in range(1, len(positions)):
         positions[index] = max(positions[index], positions[index - 1] + _LABEL_GAP)
-    for (label, value), position in zip(sorted(lines.items(), key=lambda item: item[1]), positions, strict=True):
+    for (label, value), position in zip(
+        sorted(lines.items(), key=lambda item: item[1]), positions, strict=True
+    ):
         axes.annotate(
             f"{label} {number(value)}",
             (1.0, position),

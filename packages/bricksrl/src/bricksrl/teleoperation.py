@@ -1,8 +1,9 @@
-"""Driving by hand with a keyboard, a gamepad or a Controller of LEGO's kits: keys, sticks and levers as actions of any robot.
+"""Driving by hand with a keyboard, a gamepad or a Controller of LEGO's kits: keys, sticks and
+levers as actions of any robot.
 
-A released stick means that no motor moves, which is not the middle of every command's range: the Walker's legs turn by
--100 to 0 degrees. Fully up is the upper end of a command, fully down the lower one. A gamepad is read from its device file on
-Linux, and with pygame elsewhere.
+A released stick means that no motor moves, which is not the middle of every command's range: the
+Walker's legs turn by -100 to 0 degrees. Fully up is the upper end of a command, fully down the
+lower one. A gamepad is read from its device file on Linux, and with pygame elsewhere.
 """
 
 from __future__ import annotations
@@ -30,22 +31,31 @@ if TYPE_CHECKING:
 KEY_PAIRS = (("q", "a"), ("w", "s"), ("e", "d"), ("r", "f"), ("t", "g"), ("y", "h"))
 """Keys of each command in order: the key that raises it, and the key below that lowers it."""
 DEAD_ZONE, TRIGGER_ZONE = 0.1, 0.9
-"""Released sticks do not return to exactly 0; an axis that is beyond the second at the start is a trigger, which rests at -1."""
+"""Released sticks do not return to exactly 0; an axis that is beyond the second at the start is a
+trigger, which rests at -1."""
 _EVENT = struct.Struct("<IhBB")  # time in ms, value, kind, number: linux/joystick.h
 _BUTTON, _AXIS, _INITIAL = 0x01, 0x02, 0x80
 _AXIS_MAX = 32767
 
 
 def at_rest(commands: Sequence[Entry]) -> list[float]:
-    """Action ``[m]`` that moves nothing, or as little as possible; 0 for a command of unknown range."""
+    """Action ``[m]`` that moves nothing, or as little as possible; 0 for a command of unknown
+    range."""
     spans = [(command.high + command.low, command.high - command.low) for command in commands]
-    return [min(max(-double / span, -1.0), 1.0) if math.isfinite(span) and span else 0.0 for double, span in spans]
+    return [
+        min(max(-double / span, -1.0), 1.0) if math.isfinite(span) and span else 0.0
+        for double, span in spans
+    ]
 
 
 def pushed(pushes: Sequence[float], rest: Sequence[float]) -> list[float]:
-    """Action ``[m]`` for pushes from -1 (fully down) over 0 (released, the action ``rest``) to 1 (fully up)."""
+    """Action ``[m]`` for pushes from -1 (fully down) over 0 (released, the action ``rest``) to 1
+    (fully up)."""
     ways = zip((min(max(push, -1.0), 1.0) for push in pushes), rest, strict=True)
-    return [still + (push * (1.0 - still) if push > 0.0 else push * (1.0 + still)) for push, still in ways]
+    return [
+        still + (push * (1.0 - still) if push > 0.0 else push * (1.0 + still))
+        for push, still in ways
+    ]
 
 
 def _action(pushes: Sequence[float], rest: Sequence[float]) -> Tensor:
@@ -56,12 +66,16 @@ def _action(pushes: Sequence[float], rest: Sequence[float]) -> Tensor:
 
 def legend(commands: Sequence[Entry]) -> list[str]:
     """Keys and their functions, one line each."""
-    lines = [f"{up} / {down}    {command.name} up / down" for command, (up, down) in zip(commands, KEY_PAIRS, strict=False)]
+    lines = [
+        f"{up} / {down}    {command.name} up / down"
+        for command, (up, down) in zip(commands, KEY_PAIRS, strict=False)
+    ]
     return [*lines, "space    take over, or give back", "Ctrl-C   end"]
 
 
 class Paced:
-    """Driver that limits a simulation to ``rate_hz`` steps per second, so that a human can follow."""
+    """Driver that limits a simulation to ``rate_hz`` steps per second, so that a human can
+    follow."""
 
     def __init__(self, driver: Callable[[Tensor], Tensor | None], rate_hz: float) -> None:
         self._driver = driver
@@ -76,11 +90,12 @@ class Paced:
 
 
 class KeyboardDriver:
-    """Driver by keyboard: each command has a key to raise and one to lower it; a step applies the keys since the last step.
-    Raises DataError if the robot has more commands than there are keys, or there is no terminal.
+    """Driver by keyboard: each command has a key to raise and one to lower it; a step applies the
+    keys since the last step. Raises DataError if the robot has more commands than there are keys,
+    or there is no terminal.
 
-    A terminal reports key presses but no releases; a held key repeats. Use it as a context manager: inside, keys are read one
-    by one and are not echoed.
+    A terminal reports key presses but no releases; a held key repeats. Use it as a context manager:
+    inside, keys are read one by one and are not echoed.
 
     Args:
         commands: commands of the robot.
@@ -88,23 +103,31 @@ class KeyboardDriver:
         source: source of the keys; by default the terminal.
     """
 
-    def __init__(self, commands: Sequence[Entry], *, in_charge: bool = True, source: Input | None = None) -> None:
+    def __init__(
+        self, commands: Sequence[Entry], *, in_charge: bool = True, source: Input | None = None
+    ) -> None:
         if len(commands) > len(KEY_PAIRS):
-            raise DataError(f"{len(commands)} commands are too many for the keyboard, which drives {len(KEY_PAIRS)}; use the API")
+            raise DataError(
+                f"{len(commands)} commands are too many for the keyboard, which drives "
+                f"{len(KEY_PAIRS)}; use the API"
+            )
         self.in_charge = in_charge
         self._rest = at_rest(commands)
         self._keys: dict[str, tuple[int, float]] = {}
         for index, (up, down) in enumerate(KEY_PAIRS[: len(commands)]):
             self._keys |= {up: (index, 1.0), down: (index, -1.0)}
         if source is None and (sys.stdin is None or not sys.stdin.isatty()):
-            raise DataError("nobody sits at a terminal to press keys; run this in one, or drive with a gamepad")
+            raise DataError(
+                "nobody sits at a terminal to press keys; run this in one, or drive with a gamepad"
+            )
         from prompt_toolkit.input import create_input
 
         self._source: Input = create_input() if source is None else source
         self._raw_mode = contextlib.ExitStack()
 
     def __call__(self, observation: Tensor) -> Tensor | None:
-        """Action ``[m]`` of the keys since the last call; ``None`` while the policy is in charge."""
+        """Action ``[m]`` of the keys since the last call; ``None`` while the policy is in
+        charge."""
         pushes = [0.0] * len(self._rest)
         for press in self._source.read_keys():
             key = str(getattr(press.key, "value", press.key))
@@ -134,16 +157,16 @@ class Pad(Protocol):
     """Gamepad."""
 
     def read(self) -> tuple[Sequence[float], int]:
-        """Positions of its axes, each in -1..1, always as many, and the number of presses of its first button since the last
-        call. Raises DataError if the gamepad was disconnected."""
+        """Positions of its axes, each in -1..1, always as many, and the number of presses of its
+        first button since the last call. Raises DataError if the gamepad was disconnected."""
 
     def close(self) -> None:
         """Release the gamepad."""
 
 
 class GamepadDriver(contextlib.AbstractContextManager["GamepadDriver"]):
-    """Driver by gamepad: each axis of a stick drives one command, in order; the first button toggles between human and policy.
-    Raises DataError if there is no gamepad.
+    """Driver by gamepad: each axis of a stick drives one command, in order; the first button
+    toggles between human and policy. Raises DataError if there is no gamepad.
 
     Args:
         commands: commands of the robot.
@@ -151,14 +174,21 @@ class GamepadDriver(contextlib.AbstractContextManager["GamepadDriver"]):
         pad: the gamepad; by default the first one found.
     """
 
-    def __init__(self, commands: Sequence[Entry], *, in_charge: bool = True, pad: Pad | None = None) -> None:
+    def __init__(
+        self, commands: Sequence[Entry], *, in_charge: bool = True, pad: Pad | None = None
+    ) -> None:
         self.in_charge = in_charge
         self._rest = at_rest(commands)
         self._pad = find_pad() if pad is None else pad
-        self._sticks = [axis for axis, position in enumerate(self._pad.read()[0]) if abs(position) < TRIGGER_ZONE]
+        self._sticks = [
+            axis
+            for axis, position in enumerate(self._pad.read()[0])
+            if abs(position) < TRIGGER_ZONE
+        ]
 
     def __call__(self, observation: Tensor) -> Tensor | None:
-        """Action ``[m]``; ``None`` while the policy is in charge. Raises DataError if the gamepad was disconnected."""
+        """Action ``[m]``; ``None`` while the policy is in charge. Raises DataError if the gamepad
+        was disconnected."""
         positions, presses = self._pad.read()
         if presses % 2:
             self.in_charge = not self.in_charge
@@ -173,7 +203,8 @@ class GamepadDriver(contextlib.AbstractContextManager["GamepadDriver"]):
 
 
 def find_pad() -> Pad:
-    """The first gamepad of this computer. Raises DataError if there is no gamepad, or pygame is not installed."""
+    """The first gamepad of this computer. Raises DataError if there is no gamepad, or pygame is not
+    installed."""
     devices = sorted(Path("/dev/input").glob("js*")) if Path("/dev/input").is_dir() else []
     return LinuxPad(devices[0]) if devices else PygamePad()
 
@@ -187,7 +218,8 @@ class LinuxPad:
             self._handle = os.open(device, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
         except OSError as error:
             raise DataError(
-                f"cannot read the gamepad {device} ({error.strerror}); see that you may, or plug in another"
+                f"cannot read the gamepad {device} ({error.strerror}); see that you may, or plug "
+                "in another"
             ) from None
         self._axes: dict[int, float] = {}
 
@@ -203,8 +235,12 @@ class LinuxPad:
         except BlockingIOError:
             pass
         except (OSError, struct.error):
-            raise DataError(f"the gamepad {self._device} is gone; plug it in and start again") from None
-        return [self._axes.get(number, 0.0) for number in range(max(self._axes, default=-1) + 1)], presses
+            raise DataError(
+                f"the gamepad {self._device} is gone; plug it in and start again"
+            ) from None
+        return [
+            self._axes.get(number, 0.0) for number in range(max(self._axes, default=-1) + 1)
+        ], presses
 
     def close(self) -> None:
         os.close(self._handle)
@@ -217,7 +253,10 @@ class PygamePad:
         try:
             pygame = importlib.import_module("pygame")
         except ImportError:
-            raise DataError("no gamepad is here, or nothing to read it with; plug it in, and: pip install pygame") from None
+            raise DataError(
+                "no gamepad is here, or nothing to read it with; plug it in, and: pip "
+                "install pygame"
+            ) from None
         self._pygame = pygame
         pygame.display.init()  # needed for events, even without a window
         pygame.joystick.init()
@@ -231,7 +270,9 @@ class PygamePad:
         if any(event.type == self._pygame.JOYDEVICEREMOVED for event in events):
             raise DataError("the gamepad is gone; plug it in and start again")
         axes = [self._stick.get_axis(i) for i in range(self._stick.get_numaxes())]
-        return axes, sum(event.type == self._pygame.JOYBUTTONDOWN and event.button == 0 for event in events)
+        return axes, sum(
+            event.type == self._pygame.JOYBUTTONDOWN and event.button == 0 for event in events
+        )
 
     def close(self) -> None:
         self._pygame.joystick.quit()
@@ -239,14 +280,17 @@ class PygamePad:
 
 
 class ControllerPad:
-    """The Controller of LEGO's kits: its two levers drive the first two commands, its button takes over or gives back. Raises
-    MediumUnavailableError without LEGO's package, DataError if no Controller is in reach."""
+    """The Controller of LEGO's kits: its two levers drive the first two commands, its button takes
+    over or gives back. Raises MediumUnavailableError without LEGO's package, DataError if no
+    Controller is in reach."""
 
     def __init__(self) -> None:
         self._lego = lego_package(is_silent=True).Controller()
         self._lego.connect(device_notification_delay=15)
         if not self._lego.connected:
-            raise DataError("no Controller of LEGO's kits is in reach; switch it on, and bring it near")
+            raise DataError(
+                "no Controller of LEGO's kits is in reach; switch it on, and bring it near"
+            )
         self._was_pressed = 0
 
     def read(self) -> tuple[list[float], int]:
@@ -263,6 +307,8 @@ class ControllerPad:
 DRIVERS: Mapping[str, Callable[..., Any]] = {
     "keyboard": KeyboardDriver,
     "gamepad": GamepadDriver,
-    "controller": lambda commands, **options: GamepadDriver(commands, pad=ControllerPad(), **options),
+    "controller": lambda commands, **options: GamepadDriver(
+        commands, pad=ControllerPad(), **options
+    ),
 }
 """Drivers by the name of their device."""

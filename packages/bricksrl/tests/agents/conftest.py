@@ -8,13 +8,15 @@ from collections.abc import Iterator
 import pytest
 import torch
 
-torch.use_deterministic_algorithms(True, warn_only=True)  # fills memory that nobody wrote with NaN: whoever reads it is found out
+# fills memory that nobody wrote with NaN: whoever reads it is found out
+torch.use_deterministic_algorithms(True, warn_only=True)
 
 
 @pytest.fixture(autouse=True)
 def seeded() -> Iterator[None]:
     """Seed torch's generator."""
-    logging.getLogger("torchrl").setLevel(logging.WARNING)  # it tells how large each replay buffer is
+    # it tells how large each replay buffer is
+    logging.getLogger("torchrl").setLevel(logging.WARNING)
     threads = torch.get_num_threads()
     with torch.random.fork_rng(devices=[]):
         torch.set_num_threads(1)
@@ -25,7 +27,8 @@ def seeded() -> Iterator[None]:
 
 @pytest.fixture
 def double() -> Iterator[None]:
-    """Double precision, as TorchRL's log-probabilities after a tanh lose digits in single precision."""
+    """Double precision, as TorchRL's log-probabilities after a tanh lose digits in single
+    precision."""
     torch.set_default_dtype(torch.float64)
     yield
     torch.set_default_dtype(torch.float32)

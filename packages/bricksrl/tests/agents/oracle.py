@@ -40,10 +40,16 @@ def critics(count: int = 2, hidden: tuple[int, ...] = (16, 12), **kind: Any) -> 
 def batch(n: int = N, *, steps: bool = False) -> TensorDict:
     """Random transitions with terminations and truncations."""
     terminated, truncated = torch.rand(2, n, 1) < 0.3
-    after = {"observation": torch.randn(n, SIZE), "reward": torch.randn(n, 1), "terminated": terminated}
+    after = {
+        "observation": torch.randn(n, SIZE),
+        "reward": torch.randn(n, 1),
+        "terminated": terminated,
+    }
     after["done"] = terminated | truncated
     action = (torch.rand(n, ACTION) * 2.0 - 1.0) * 0.99
-    found = TensorDict({"observation": torch.randn(n, SIZE), "action": action, "next": TensorDict(after, [n])}, [n])
+    found = TensorDict(
+        {"observation": torch.randn(n, SIZE), "action": action, "next": TensorDict(after, [n])}, [n]
+    )
     return found.set("steps_to_next_obs", torch.randint(1, 4, (n, 1))) if steps else found
 
 
@@ -63,8 +69,11 @@ def their_deterministic(body: nn.Module) -> Any:
     return deterministic_policy(nn.Identity(), copy.deepcopy(body), action_spec(), noise=0.0)[0]
 
 
-def their_loss(kind: Any, loss: Any, policy: Any, tau: float = 0.5, **options: Any) -> tuple[Any, Any]:
-    """TorchRL's loss with copies of our networks, and the update of its targets if there are any."""
+def their_loss(
+    kind: Any, loss: Any, policy: Any, tau: float = 0.5, **options: Any
+) -> tuple[Any, Any]:
+    """TorchRL's loss with copies of our networks, and the update of its targets if there are
+    any."""
     critic = critic_operator(nn.Identity(), copy.deepcopy(loss.critics[0]).train())
     oracle = kind(policy, critic, loss_function="l2", action_spec=action_spec(), **options)
     oracle.make_value_estimator(gamma=GAMMA)
@@ -75,7 +84,9 @@ def their_loss(kind: Any, loss: Any, policy: Any, tau: float = 0.5, **options: A
     _copy_critics(loss.target_critics, oracle.target_qvalue_network_params)
     if hasattr(loss, "target_actor"):
         names, values = zip(*loss.target_actor.named_parameters(), strict=True)
-        for value, theirs in zip(values, _theirs(oracle.target_actor_network_params, _DETERMINISTIC, names), strict=True):
+        for value, theirs in zip(
+            values, _theirs(oracle.target_actor_network_params, _DETERMINISTIC, names), strict=True
+        ):
             theirs.data.copy_(value.data)
     return oracle, targets
 
@@ -92,20 +103,27 @@ def _copy_critics(ours: Critics, params: Any) -> None:
             theirs.data[number].copy_(value.data)
 
 
-def assert_same_gradients(ours: Any, oracle: Any, critic: tuple[Tensor, Tensor], actor: tuple[Tensor, Tensor]) -> None:
-    """Equal gradients of two pairs of values (our loss, TorchRL's) for the critics and for the actor."""
+def assert_same_gradients(
+    ours: Any, oracle: Any, critic: tuple[Tensor, Tensor], actor: tuple[Tensor, Tensor]
+) -> None:
+    """Equal gradients of two pairs of values (our loss, TorchRL's) for the critics and for the
+    actor."""
     assert_same_critic_gradients(ours.critics, critic[0], oracle.qvalue_network_params, critic[1])
     names, values = zip(*ours.actor.named_parameters(), strict=True)
     prefix = _DETERMINISTIC if hasattr(ours, "target_actor") else _GAUSSIAN
     one = torch.autograd.grad(actor[0], values, retain_graph=True)
-    other = torch.autograd.grad(actor[1], _theirs(oracle.actor_network_params, prefix, names), retain_graph=True)
+    other = torch.autograd.grad(
+        actor[1], _theirs(oracle.actor_network_params, prefix, names), retain_graph=True
+    )
     assert_close(one, other)
 
 
 def assert_same_critic_gradients(ours: Critics, loss: Tensor, params: Any, theirs: Tensor) -> None:
     names = [name for name, _ in ours[0].named_parameters()]
     stacks = list(zip(*(tuple(body.parameters()) for body in ours), strict=True))
-    one = torch.autograd.grad(loss, [value for stack in stacks for value in stack], retain_graph=True)
+    one = torch.autograd.grad(
+        loss, [value for stack in stacks for value in stack], retain_graph=True
+    )
     other = torch.autograd.grad(theirs, _theirs(params, _DETERMINISTIC, names), retain_graph=True)
     k = len(ours)
     assert_close([torch.stack(one[i * k : (i + 1) * k]) for i in range(len(names))], other)
@@ -113,7 +131,9 @@ def assert_same_critic_gradients(ours: Critics, loss: Tensor, params: Any, their
 
 def assert_close(ours: Iterable[Tensor], theirs: Iterable[Tensor]) -> None:
     for one, other in zip(ours, theirs, strict=True):
-        torch.testing.assert_close(one.detach(), other.detach().view(one.shape), rtol=1e-6, atol=1e-8)
+        torch.testing.assert_close(
+            one.detach(), other.detach().view(one.shape), rtol=1e-6, atol=1e-8
+        )
 
 
 def assert_same_parameters(one: Any, other: Any, *networks: str) -> None:
@@ -138,7 +158,9 @@ class Draws:
 
     def for_theirs(self, patched: pytest.MonkeyPatch, *names: str) -> None:
         order = self._order(names)
-        patched.setattr(torch.distributions.normal, "_standard_normal", lambda *_, **__: next(order))
+        patched.setattr(
+            torch.distributions.normal, "_standard_normal", lambda *_, **__: next(order)
+        )
         patched.setattr(torch, "normal", lambda loc, scale: loc + scale * next(order))
 
 

@@ -53,7 +53,12 @@ class Sight(EnvBase):
         self.made += 1
         last = torch.tensor([self.made >= 5])
         return self._jump().update(
-            {"reward": tensordict["action"][:1] * side, "done": last, "truncated": last, "terminated": last & False}
+            {
+                "reward": tensordict["action"][:1] * side,
+                "done": last,
+                "truncated": last,
+                "terminated": last & False,
+            }
         )
 
 
@@ -84,7 +89,9 @@ def settings(agent: str, *, images: bool = False, **changes: Any) -> Any:
     """Default settings with small networks."""
     usual = preset("default", agent, images=images)
     known = {field.name for field in fields(usual)}
-    return replace(usual, **{key: value for key, value in {**_SMALL, **changes}.items() if key in known})
+    return replace(
+        usual, **{key: value for key, value in {**_SMALL, **changes}.items() if key in known}
+    )
 
 
 def make(agent: str, seed: int = 11, env: Any = ENV, **changes: Any) -> Learner:
@@ -138,13 +145,17 @@ def taught(learner: Learner, updates: int = 3) -> Learner:
 def rollout(learner: Learner) -> TensorDictBase:
     """Steps of the learner ``[1, time]``."""
     with torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
-        found: TensorDictBase = ENV.rollout(learner.frames_per_batch, learner.policy, break_when_any_done=False)[None]
+        found: TensorDictBase = ENV.rollout(
+            learner.frames_per_batch, learner.policy, break_when_any_done=False
+        )[None]
     return found
 
 
 def dataset(frames: TensorDictBase | None = None, *, chunk: int = 0, batch_size: int = 10) -> Any:
     """A dataset to learn from."""
-    return recorded_memory(steps(40) if frames is None else frames, batch_size, ("observation",), chunk=chunk)
+    return recorded_memory(
+        steps(40) if frames is None else frames, batch_size, ("observation",), chunk=chunk
+    )
 
 
 def tensors(state: Any) -> list[Tensor]:
@@ -153,7 +164,11 @@ def tensors(state: Any) -> list[Tensor]:
         return [state]
     if isinstance(state, dict):
         return [tensor for key in sorted(state, key=str) for tensor in tensors(state[key])]
-    return [tensor for one in state for tensor in tensors(one)] if isinstance(state, list | tuple) else []
+    return (
+        [tensor for one in state for tensor in tensors(one)]
+        if isinstance(state, list | tuple)
+        else []
+    )
 
 
 def weights(learner: Learner) -> list[Tensor]:
@@ -164,7 +179,9 @@ def weights(learner: Learner) -> list[Tensor]:
 
 def same(one: list[Tensor], other: list[Tensor]) -> bool:
     """Whether all tensors are equal, bit for bit."""
-    return len(one) == len(other) and all(a.shape == b.shape and torch.equal(a, b) for a, b in zip(one, other, strict=True))
+    return len(one) == len(other) and all(
+        a.shape == b.shape and torch.equal(a, b) for a, b in zip(one, other, strict=True)
+    )
 
 
 def saved(learner: Learner) -> dict[str, Any]:

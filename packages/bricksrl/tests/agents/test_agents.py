@@ -69,7 +69,9 @@ def test_exploration_is_around_the_best_action(agent: str) -> None:
 def test_more_noise_explores_more() -> None:
     def spread(noise: float) -> float:
         learner, seen = make("td3", exploration_noise=noise), steps(1)[0]
-        return float(torch.stack([learner.explore(seen)["action"] for _ in range(50)]).std(0).mean())
+        return float(
+            torch.stack([learner.explore(seen)["action"] for _ in range(50)]).std(0).mean()
+        )
 
     assert spread(0.0) == pytest.approx(0.0, abs=1e-6)
     assert spread(0.3) > 2 * spread(0.1) > 0.1
@@ -97,7 +99,8 @@ def test_acting_changes_nothing(agent: str) -> None:
 @pytest.mark.parametrize("agent", AGENTS)
 def test_policy_copy_is_independent(agent: str) -> None:
     learner, seen = (learned(agent) if agent != "random" else make(agent)), steps(4)
-    for copied in (copy.deepcopy(learner.policy), pickle.loads(pickle.dumps(learner.policy))):  # noqa: S301  it was made here
+    # it was made here
+    for copied in (copy.deepcopy(learner.policy), pickle.loads(pickle.dumps(learner.policy))):  # noqa: S301
         with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
             before = tensors(dict(copied.state_dict()))
             torch.manual_seed(1)
@@ -106,7 +109,10 @@ def test_policy_copy_is_independent(agent: str) -> None:
             assert torch.equal(one, restarted(learner).exploit(seen)["action"])
             for tensor in learner.policy.parameters():
                 tensor.data += 0.1
-            assert all(torch.equal(a, b) for a, b in zip(before, tensors(dict(copied.state_dict())), strict=True))
+            assert all(
+                torch.equal(a, b)
+                for a, b in zip(before, tensors(dict(copied.state_dict())), strict=True)
+            )
             getattr(copied, "reset", lambda: None)()
             torch.manual_seed(1)
             assert torch.equal(copied(seen.select(*copied.in_keys))["action"], one)
@@ -147,7 +153,13 @@ def go_on(learner: Learner) -> list[Tensor]:
 def test_restored_state_continues_bit_identical(agent: str, buffer_size: int) -> None:
     if buffer_size == 18 and agent not in REPLAYING:
         buffer_size = 1000
-    changes = {"buffer_size": buffer_size, "actor_delay": 2, "n_step": 2, "updates_per_step": 0.7, "imitation_updates": 3}
+    changes = {
+        "buffer_size": buffer_size,
+        "actor_delay": 2,
+        "n_step": 2,
+        "updates_per_step": 0.7,
+        "imitation_updates": 3,
+    }
     changes |= {"updates_per_step": 2.0} if agent == "ppo" else {}
     one, other = _after_steps(make(agent, **changes)), make(agent, seed=5, **changes)
     other.load_state_dict(saved(one))
@@ -186,7 +198,14 @@ def test_state_of_other_networks_raises(agent: str) -> None:
         {"optimizer": {}},
         {"optimizer": {"state": {}, "param_groups": []}},
         {"memory": {}},
-        {"memory": {"rows": {"observation": torch.zeros(3, 2)}, "writer": {}, "successor": torch.zeros(3), "last": None}},
+        {
+            "memory": {
+                "rows": {"observation": torch.zeros(3, 2)},
+                "writer": {},
+                "successor": torch.zeros(3),
+                "last": None,
+            }
+        },
         {"memory": {"rows": 3}},
         {"memory": []},
     ],
@@ -312,7 +331,8 @@ def test_every_setting_has_an_effect(agent: str, name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("agent", "name"), [(agent, name) for agent in LEARNING for name in NORMS if hasattr(settings(agent), name)]
+    ("agent", "name"),
+    [(agent, name) for agent in LEARNING for name in NORMS if hasattr(settings(agent), name)],
 )
 def test_each_normalisation_learns_otherwise(agent: str, name: str) -> None:
     learned = [_with(agent, **{name: norm}) for norm in get_args(Norm)]
@@ -321,7 +341,9 @@ def test_each_normalisation_learns_otherwise(agent: str, name: str) -> None:
 
 
 def test_batch_of_one_is_not_normalised_by_itself() -> None:
-    with pytest.raises(DescriptionError, match="a batch of 1 has no statistics; give a batch_size of 2 or more"):
+    with pytest.raises(
+        DescriptionError, match="a batch of 1 has no statistics; give a batch_size of 2 or more"
+    ):
         make("td3", critic_norm="batch", batch_size=1)
 
 

@@ -46,9 +46,16 @@ def demonstrations(chunk: int, episodes: int = 40) -> Any:
     action = (signs[:, None] * RHYTHM)[..., None] * torch.tensor([1.0, 0.5])
     done = torch.zeros(episodes, length, 1, dtype=torch.bool)
     done[:, -1] = True
-    after = {"observation": observation, "reward": torch.zeros(episodes, length, 1), "terminated": done, "done": done}
+    after = {
+        "observation": observation,
+        "reward": torch.zeros(episodes, length, 1),
+        "terminated": done,
+        "done": done,
+    }
     shape = [episodes, length]
-    frames = TensorDict({"observation": observation, "action": action, "next": TensorDict(after, shape)}, shape)
+    frames = TensorDict(
+        {"observation": observation, "action": action, "next": TensorDict(after, shape)}, shape
+    )
     return dataset(frames.reshape(-1), chunk=chunk, batch_size=32)
 
 
@@ -67,14 +74,26 @@ def performed(learner: Learner, *signs: float) -> Tensor:
     first = torch.tensor([[sign, 0.0] for sign in signs])
     first = first[0] if len(signs) == 1 else first
     seen = [first] + [torch.zeros_like(first)] * (len(RHYTHM) - 1)
-    return torch.stack([learner.exploit(TensorDict({"observation": one}, one.shape[:-1]))["action"] for one in seen])
+    return torch.stack(
+        [
+            learner.exploit(TensorDict({"observation": one}, one.shape[:-1]))["action"]
+            for one in seen
+        ]
+    )
 
 
 def wanted(sign: float) -> Tensor:
     return sign * RHYTHM[:, None] * torch.tensor([1.0, 0.5])
 
 
-ACT = {"width": 32, "feedforward": 64, "heads": 2, "learning_rate": 2e-3, "dropout": 0.0, "chunk": 6}
+ACT = {
+    "width": 32,
+    "feedforward": 64,
+    "heads": 2,
+    "learning_rate": 2e-3,
+    "dropout": 0.0,
+    "chunk": 6,
+}
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +119,12 @@ def test_chunk_policy_needs_reset_at_episode_start(act: Learner) -> None:
     act.exploit(TensorDict({"observation": torch.tensor([1.0, 0.0])}))
     assert torch.equal(performed(act, -1.0), performed(act, -1.0))
     act.exploit(TensorDict({"observation": torch.tensor([1.0, 0.0])}))
-    went_on = torch.stack([act.exploit(TensorDict({"observation": torch.tensor([-1.0, 0.0])}))["action"] for _ in range(3)])
+    went_on = torch.stack(
+        [
+            act.exploit(TensorDict({"observation": torch.tensor([-1.0, 0.0])}))["action"]
+            for _ in range(3)
+        ]
+    )
     assert (went_on - wanted(1.0)[1:4]).abs().mean() < 0.2
 
 
@@ -112,7 +136,11 @@ def test_batched_chunks_equal_single_ones(act: Learner) -> None:
 
 def test_executed_and_ensemble_change_actions(act: Learner) -> None:
     found = []
-    for changes in ({"executed": 2, "ensemble": None}, {"executed": 1, "ensemble": 0.0}, {"executed": 1, "ensemble": 30.0}):
+    for changes in (
+        {"executed": 2, "ensemble": None},
+        {"executed": 1, "ensemble": 0.0},
+        {"executed": 1, "ensemble": 30.0},
+    ):
         other = student("act", 0, **ACT, **changes)
         other.policy.load_state_dict(act.policy.state_dict())
         found.append(performed(other, 1.0))
@@ -164,9 +192,15 @@ class Told(torch.nn.Module):
     ensemble=st.one_of(st.none(), st.floats(0.0, 3.0)),
     steps=st.integers(1, 20),
 )
-def test_chunk_policy_equals_list_reference(executed: int, chunk: int, ensemble: float | None, steps: int) -> None:
+def test_chunk_policy_equals_list_reference(
+    executed: int, chunk: int, ensemble: float | None, steps: int
+) -> None:
     network = Told()
-    policy = ChunkPolicy(torch.nn.Identity(), network, ChunkSettings(chunk=chunk, executed=executed, ensemble=ensemble))
+    policy = ChunkPolicy(
+        torch.nn.Identity(),
+        network,
+        ChunkSettings(chunk=chunk, executed=executed, ensemble=ensemble),
+    )
     seen, made = TensorDict({"observation": torch.zeros(1)}), []
     for step in range(steps):
         network.chunk = made_here = torch.rand(chunk, 2) * 2.0 - 1.0
@@ -175,7 +209,10 @@ def test_chunk_policy_equals_list_reference(executed: int, chunk: int, ensemble:
         due = [(start, one[step - start]) for start, one in made if step - start < chunk]
         due = due[-1:] if ensemble is None else due
         weights = torch.tensor([(-(ensemble or 0.0) * place) for place in range(len(due))]).exp()
-        expected = sum(weight * action for weight, (_, action) in zip(weights / weights.sum(), due, strict=True))
+        expected = sum(
+            weight * action
+            for weight, (_, action) in zip(weights / weights.sum(), due, strict=True)
+        )
         torch.testing.assert_close(policy(seen)["action"], expected)
     policy.reset()
     network.chunk = torch.rand(chunk, 2)

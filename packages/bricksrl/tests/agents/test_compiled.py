@@ -30,7 +30,9 @@ def gradients(learner: Learner) -> list[Tensor | None]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("agent", "changes"), [("sac", {"n_step": 3}), ("td3", {}), ("droq", {}), ("redq", {})])
+@pytest.mark.parametrize(
+    ("agent", "changes"), [("sac", {"n_step": 3}), ("td3", {}), ("droq", {}), ("redq", {})]
+)
 def test_compiled_losses_and_gradients_equal_eager(agent: str, changes: dict[str, Any]) -> None:
     learner = taught(make(agent, **changes))
     graph, loss, batch = compiled(learner), learner.loss, learner.memory.sample()  # type: ignore[union-attr]
@@ -38,7 +40,9 @@ def test_compiled_losses_and_gradients_equal_eager(agent: str, changes: dict[str
     for whole in (True, False):
         torch.manual_seed(3)
         losses = loss(batch) if whole else loss.critic_losses(batch)
-        torch.stack([value for name, value in losses.items() if name.startswith("loss")]).sum().backward()
+        torch.stack(
+            [value for name, value in losses.items() if name.startswith("loss")]
+        ).sum().backward()
         eager = gradients(learner)
         torch.manual_seed(3)
         found = graph(batch, whole)
@@ -64,12 +68,16 @@ def test_updates_use_compiled_gradients() -> None:
 
 @pytest.mark.parametrize("agent", ["crossq", "cql", "tqc", "ppo", "bc", "random"])
 def test_other_algorithms_cannot_be_compiled(agent: str) -> None:
-    with pytest.raises(RunError, match="^only SAC, DroQ, REDQ and TD3 can be compiled; omit --compile$"):
+    with pytest.raises(
+        RunError, match="^only SAC, DroQ, REDQ and TD3 can be compiled; omit --compile$"
+    ):
         compile_updates(make(agent))
 
 
 def test_running_statistics_cannot_be_compiled() -> None:
-    with pytest.raises(RunError, match="batch normalisation cannot be compiled; choose layer or rms"):
+    with pytest.raises(
+        RunError, match="batch normalisation cannot be compiled; choose layer or rms"
+    ):
         compile_updates(make("sac", critic_norm="batch"))
 
 

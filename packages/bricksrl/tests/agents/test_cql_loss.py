@@ -6,7 +6,19 @@ from typing import Any
 
 import pytest
 import torch
-from oracle import ACTION, GAMMA, N, actor, assert_close, assert_same_gradients, batch, critics, moved, their_gaussian, their_loss
+from oracle import (
+    ACTION,
+    GAMMA,
+    N,
+    actor,
+    assert_close,
+    assert_same_gradients,
+    batch,
+    critics,
+    moved,
+    their_gaussian,
+    their_loss,
+)
 from torch import Tensor, nn
 from torchrl.objectives import CQLLoss as TorchRLCQLLoss
 
@@ -35,26 +47,45 @@ class Noise:
 
     def for_theirs(self, patched: pytest.MonkeyPatch) -> None:
         order = iter((self.of_target, self.here, self.later, self.of_actor, self.of_actor))
-        patched.setattr(torch.distributions.normal, "_standard_normal", lambda *args, **kw: next(order))
+        patched.setattr(
+            torch.distributions.normal, "_standard_normal", lambda *args, **kw: next(order)
+        )
         patched.setattr(Tensor, "uniform_", lambda it, *_: it.copy_(self.uniform))
 
 
 def oracle_of(loss: CQLLoss) -> TorchRLCQLLoss:
-    options = {"deterministic_backup": False, "num_random": 1, "with_lagrange": True, "lagrange_thresh": 5.0, "alpha_init": 0.3}
+    options = {
+        "deterministic_backup": False,
+        "num_random": 1,
+        "with_lagrange": True,
+        "lagrange_thresh": 5.0,
+        "alpha_init": 0.3,
+    }
     weight = loss.settings.min_q_weight
-    oracle, _ = their_loss(TorchRLCQLLoss, loss, their_gaussian(loss.actor, 0.1), min_q_weight=weight, **options)
+    oracle, _ = their_loss(
+        TorchRLCQLLoss, loss, their_gaussian(loss.actor, 0.1), min_q_weight=weight, **options
+    )
     oracle.log_alpha_prime.data.copy_(loss.log_factor.data)
     return oracle
 
 
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize(("imitating", "pressing"), [(True, False), (False, False), (False, True)])
-def test_losses_and_gradients_equal_torchrl(monkeypatch: pytest.MonkeyPatch, imitating: bool, pressing: bool) -> None:
+def test_losses_and_gradients_equal_torchrl(
+    monkeypatch: pytest.MonkeyPatch, imitating: bool, pressing: bool
+) -> None:
     weight = 0.7 if pressing else 0.0
-    loss = make(min_q_weight=weight, sampled_actions=1, drawn_actions=0, lagrange_threshold=5.0, imitation_updates=int(imitating))
+    loss = make(
+        min_q_weight=weight,
+        sampled_actions=1,
+        drawn_actions=0,
+        lagrange_threshold=5.0,
+        imitation_updates=int(imitating),
+    )
     loss.log_factor.data.fill_(0.3)
     data = batch(N)
-    if pressing:  # TorchRL values the next step's actions in the next state, its paper and we in this one
+    # TorchRL values the next step's actions in the next state, its paper and we in this one
+    if pressing:
         data["next", "observation"] = data["observation"].clone()
     noise, oracle = Noise(), oracle_of(loss)
     with monkeypatch.context() as patched:
@@ -117,13 +148,23 @@ def test_soft_maximum_is_over_all_sampled_actions() -> None:
     for k in range(2):
         for i in range(5):
             here = data.features[i : i + 1]
-            scores = [loss.critics(here, actions[j, i : i + 1])[k, 0] - densities[j, i] for j in range(9)]
+            scores = [
+                loss.critics(here, actions[j, i : i + 1])[k, 0] - densities[j, i] for j in range(9)
+            ]
             expected = (
-                expected + 0.5 * (torch.stack(scores).exp().sum().log() - loss.critics(here, data.action[i : i + 1])[k, 0]) / 5
+                expected
+                + 0.5
+                * (
+                    torch.stack(scores).exp().sum().log()
+                    - loss.critics(here, data.action[i : i + 1])[k, 0]
+                )
+                / 5
             )
     torch.testing.assert_close(loss.qvalue_loss(data)["gap"], expected.detach() / 2)
     theirs = torch.autograd.grad(expected, list(loss.critics.parameters()))
-    torch.testing.assert_close(pressure_gradient(loss, data), torch.cat([part.flatten() for part in theirs]))
+    torch.testing.assert_close(
+        pressure_gradient(loss, data), torch.cat([part.flatten() for part in theirs])
+    )
 
 
 def test_drawn_gradient_is_unbiased() -> None:
@@ -151,7 +192,9 @@ def test_scores_equal_critic_values(sampled: int) -> None:
     data = encoded(loss, 8)
     actions, _ = loss.sample_actions(data)
     expected = [loss.critics(data.features, action) for action in actions]
-    torch.testing.assert_close(loss.scores(data.features, actions), torch.stack(expected, 1).detach(), rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(
+        loss.scores(data.features, actions), torch.stack(expected, 1).detach(), rtol=1e-5, atol=1e-5
+    )
 
 
 def test_penalty_factor_grows_with_gap() -> None:

@@ -4,7 +4,19 @@ from __future__ import annotations
 
 import pytest
 import torch
-from oracle import ACTION, GAMMA, N, actor, assert_close, assert_same_gradients, batch, critics, draws, their_gaussian, their_loss
+from oracle import (
+    ACTION,
+    GAMMA,
+    N,
+    actor,
+    assert_close,
+    assert_same_gradients,
+    batch,
+    critics,
+    draws,
+    their_gaussian,
+    their_loss,
+)
 from torch import nn
 from torchrl.objectives import CrossQLoss as TorchRLCrossQLoss
 
@@ -16,17 +28,24 @@ pytestmark = pytest.mark.usefixtures("double")
 
 def make() -> CrossQLoss:
     """A loss with running statistics other than 0 and 1."""
-    body, values = batch_normalised(actor(2 * ACTION), 0.1), Critics(batch_normalised(one, 0.1) for one in critics())
+    body, values = (
+        batch_normalised(actor(2 * ACTION), 0.1),
+        Critics(batch_normalised(one, 0.1) for one in critics()),
+    )
     for _ in range(3):
         body(torch.randn(N, 5) * 2.0 + 1.0)
         values(torch.randn(N, 5) * 2.0 + 1.0, torch.rand(N, ACTION))
-    return CrossQLoss(nn.Identity(), body.eval(), values.eval(), CrossQSettings(gamma=GAMMA, alpha_init=0.3))
+    return CrossQLoss(
+        nn.Identity(), body.eval(), values.eval(), CrossQSettings(gamma=GAMMA, alpha_init=0.3)
+    )
 
 
 @pytest.mark.parametrize("steps", [False, True])
 def test_losses_and_gradients_equal_torchrl(steps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     loss, data, noise = make(), batch(N, steps=steps), draws()
-    oracle, _ = their_loss(TorchRLCrossQLoss, loss, their_gaussian(loss.actor, 0.1), num_qvalue_nets=2, alpha_init=0.3)
+    oracle, _ = their_loss(
+        TorchRLCrossQLoss, loss, their_gaussian(loss.actor, 0.1), num_qvalue_nets=2, alpha_init=0.3
+    )
     before = [value.clone() for value in (*loss.critics.buffers(), *loss.actor.buffers())]
 
     noise.for_ours(monkeypatch, "after", "now")
@@ -40,8 +59,12 @@ def test_losses_and_gradients_equal_torchrl(steps: bool, monkeypatch: pytest.Mon
     of_alpha = oracle.alpha_loss(found["log_prob"])
 
     names = ("loss_qvalue", "loss_actor", "loss_alpha", "entropy")
-    assert_close([ours[name] for name in names], [of_values, of_actor, of_alpha, -found["log_prob"].mean()])
-    assert_same_gradients(loss, oracle, (ours["loss_qvalue"], of_values), (ours["loss_actor"], of_actor))
+    assert_close(
+        [ours[name] for name in names], [of_values, of_actor, of_alpha, -found["log_prob"].mean()]
+    )
+    assert_same_gradients(
+        loss, oracle, (ours["loss_qvalue"], of_values), (ours["loss_actor"], of_actor)
+    )
     after = [*loss.critics.buffers(), *loss.actor.buffers()]
     assert not any(torch.equal(one, other) for one, other in zip(before, after, strict=True))
     for number, body in enumerate(loss.critics):
@@ -52,12 +75,18 @@ def test_losses_and_gradients_equal_torchrl(steps: bool, monkeypatch: pytest.Mon
 
 def test_only_losses_update_statistics() -> None:
     loss = make()
-    assert not any(module.training for network in (loss.actor, loss.critics) for module in network.modules())
+    assert not any(
+        module.training for network in (loss.actor, loss.critics) for module in network.modules()
+    )
     loss(batch(N))
-    assert not any(module.training for network in (loss.actor, loss.critics) for module in network.modules())
+    assert not any(
+        module.training for network in (loss.actor, loss.critics) for module in network.modules()
+    )
     before = [value.clone() for value in loss.critics.buffers()]
     loss.critics(torch.randn(N, 5), torch.rand(N, ACTION))
-    assert all(torch.equal(one, other) for one, other in zip(before, loss.critics.buffers(), strict=True))
+    assert all(
+        torch.equal(one, other) for one, other in zip(before, loss.critics.buffers(), strict=True)
+    )
 
 
 def test_crossq_has_no_target_critics() -> None:

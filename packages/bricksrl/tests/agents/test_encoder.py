@@ -21,14 +21,18 @@ from bricksrl.envs.transforms import layout_of
 from bricksrl.envs.vision.image_networks import Convolutions, Keypoints, shift_images
 from bricksrl.errors import DescriptionError
 
-MIXED = ObservationLayout((0.0, -90.0, 0.0, -math.inf), (360.0, 90.0, 2000.0, math.inf), (True, False, False, False))
+MIXED = ObservationLayout(
+    (0.0, -90.0, 0.0, -math.inf), (360.0, 90.0, 2000.0, math.inf), (True, False, False, False)
+)
 
 
 def test_bounds_are_scaled_and_angles_split() -> None:
     encoder = ObservationEncoder(MIXED, "sincos")
     features = encoder(torch.tensor([90.0, -90.0, 2000.0, 7.0]))
     assert encoder.size == 5
-    torch.testing.assert_close(features, torch.tensor([-1.0, 1.0, 7.0, 1.0, 0.0]), atol=1e-6, rtol=0)
+    torch.testing.assert_close(
+        features, torch.tensor([-1.0, 1.0, 7.0, 1.0, 0.0]), atol=1e-6, rtol=0
+    )
 
 
 def test_raw_angles_are_scaled_like_any_entry() -> None:
@@ -50,14 +54,19 @@ def test_phases_are_angle_differences_without_goals() -> None:
     encoder = ObservationEncoder(layout, "phases", "plain")
     features = encoder(torch.tensor([10.0, 280.0, 90.0]))
     assert encoder.size == 8
-    torch.testing.assert_close(features[3], torch.tensor(1.0), atol=1e-6, rtol=0)  # sine of 10 - 280, the only difference
+    # sine of 10 - 280, the only difference
+    torch.testing.assert_close(features[3], torch.tensor(1.0), atol=1e-6, rtol=0)
     torch.testing.assert_close(features[7], torch.tensor(0.0), atol=1e-6, rtol=0)
     assert ObservationEncoder(layout, "sincos", "plain").size == 6
 
 
 @given(st.floats(0, 360), st.floats(0, 360), st.floats(-50, 50), st.floats(-50, 50))
-def test_goal_difference_takes_shorter_way(angle: float, goal: float, joint: float, joint_goal: float) -> None:
-    layout = ObservationLayout((0.0, -50.0) * 2, (360.0, 50.0) * 2, (True, False) * 2, ((2, 0), (3, 1)))
+def test_goal_difference_takes_shorter_way(
+    angle: float, goal: float, joint: float, joint_goal: float
+) -> None:
+    layout = ObservationLayout(
+        (0.0, -50.0) * 2, (360.0, 50.0) * 2, (True, False) * 2, ((2, 0), (3, 1))
+    )
     encoder = ObservationEncoder(layout, "raw", "difference")
     features = encoder(torch.tensor([[angle, joint, goal, joint_goal]]))
     assert encoder.size == features.shape[-1] == 6
@@ -69,7 +78,11 @@ def test_goal_difference_takes_shorter_way(angle: float, goal: float, joint: flo
 
 NAMES, FRAMES = ("angle", "tilt", "distance"), (2, 2, 2, 0, 0, 0)
 STACKED = ObservationLayout(
-    MIXED.low[:3] * 2, MIXED.high[:3] * 2, MIXED.wraps[:3] * 2, names=NAMES * 2, frames=(2,) * 3 + (0,) * 3
+    MIXED.low[:3] * 2,
+    MIXED.high[:3] * 2,
+    MIXED.wraps[:3] * 2,
+    names=NAMES * 2,
+    frames=(2,) * 3 + (0,) * 3,
 )
 """An older frame of an angle, a tilt and a distance, then the newest one."""
 
@@ -77,12 +90,17 @@ STACKED = ObservationLayout(
 def test_older_frames_are_differences_to_the_newest_which_is_as_if_alone() -> None:
     alone = ObservationLayout(MIXED.low[:3], MIXED.high[:3], MIXED.wraps[:3])
     before, now = torch.tensor([350.0, 9.0, 500.0]), torch.tensor([20.0, -9.0, 600.0])
-    older, tilt, sine, cosine = ObservationEncoder(STACKED)(torch.cat((before, now))).split((2, 2, 2, 2))
+    older, tilt, sine, cosine = ObservationEncoder(STACKED)(torch.cat((before, now))).split(
+        (2, 2, 2, 2)
+    )
     torch.testing.assert_close(older, PAST_SHARE * torch.tensor([0.2, -0.1]))
-    torch.testing.assert_close(torch.cat((tilt, sine[1:], cosine[1:])), ObservationEncoder(alone)(now))
+    torch.testing.assert_close(
+        torch.cat((tilt, sine[1:], cosine[1:])), ObservationEncoder(alone)(now)
+    )
     assert [math.degrees(math.atan2(sine[0], cosine[0]))] == pytest.approx([-30.0], abs=1e-3)
     still = ObservationEncoder(STACKED)(torch.cat((now, now)))
-    # The sine of 0 is a difference of two products, each rounded to a float32 or not, as the processor likes.
+    # The sine of 0 is a difference of two products, each rounded to a float32 or not, as the
+    # processor likes.
     assert still[:2].tolist() == pytest.approx([0.0, 0.0], abs=1e-6)
     assert still[[4, 6]].tolist() == pytest.approx([0.0, PAST_SHARE], abs=1e-6)
 
@@ -93,7 +111,10 @@ def test_a_hidden_speed_is_learned_from_stacked_frames() -> None:
     network = mlp(encoder.size, 1, (32,))
     adam = torch.optim.Adam(network.parameters(), 1e-2)
     for _ in range(200):
-        frame, speed = torch.rand(256, 3) * torch.tensor([360.0, 90.0, 2000.0]), 50.0 * torch.randn(256, 3)
+        frame, speed = (
+            torch.rand(256, 3) * torch.tensor([360.0, 90.0, 2000.0]),
+            50.0 * torch.randn(256, 3),
+        )
         target = speed[:, [2]] / 50.0  # mm in a step; one frame does not tell
         loss = (network(encoder(torch.cat((frame - speed, frame), -1))) - target).square().mean()
         adam.zero_grad()
@@ -129,7 +150,8 @@ def test_layouts_come_from_the_entries_or_from_the_bounds_of_the_spec() -> None:
     own = Cart()
     entries = (Entry("turn_angle", 0.0, 360.0, wraps=True), Entry("speed"))
     own.observation_spec = Composite(observation=NominalBounded.of(entries))
-    assert layout_of(own).wraps == (True, False)  # an environment of one's own says what its numbers are
+    # an environment of one's own says what its numbers are
+    assert layout_of(own).wraps == (True, False)
 
 
 def test_images_and_observations_are_joined() -> None:
@@ -137,7 +159,9 @@ def test_images_and_observations_are_joined() -> None:
     assert isinstance(keypoints, Encoder)
     assert encoder_keys(keypoints) == ["observation", "image"]
     assert encoder_keys(make_encoder(ENV, settings("sac"))) == ["observation"]
-    images = torch.stack([SIGHT.shown(column)["image"] for column in (3, 9, 20, 4, 5, 6)]).view(2, 3, 32, 32, 3)
+    images = torch.stack([SIGHT.shown(column)["image"] for column in (3, 9, 20, 4, 5, 6)]).view(
+        2, 3, 32, 32, 3
+    )
     features = keypoints(torch.zeros(2, 3, 2), images)
     assert features.shape == (2, 3, keypoints.size) == (2, 3, 32 + 2)
     torch.testing.assert_close(features[0, 2], keypoints(torch.zeros(2), images[0, 2]))
@@ -147,8 +171,18 @@ def test_paper_network_sizes() -> None:
     image, vectors = ImageShape("image", 64, 3, True), (("observation", (3,)),)
     layout = ObservationLayout((0.0,) * 3, (1.0,) * 3, (False,) * 3, (), (image,), vectors)
     made = Encoder(layout, settings("sac", encoder="convolutions"))
-    shapes = [tuple(weight.shape) for name, weight in made.named_parameters() if name.endswith("weight")]
-    assert shapes == [(32, 3, 8, 8), (64, 32, 4, 4), (64, 64, 3, 3), (256, 1024), (128, 256), (128, 3), (32, 128)]
+    shapes = [
+        tuple(weight.shape) for name, weight in made.named_parameters() if name.endswith("weight")
+    ]
+    assert shapes == [
+        (32, 3, 8, 8),
+        (64, 32, 4, 4),
+        (64, 64, 3, 3),
+        (256, 1024),
+        (128, 256),
+        (128, 3),
+        (32, 128),
+    ]
     assert made.size == 160
 
 
@@ -167,7 +201,10 @@ def test_too_small_images_raise(network: type, side_px: int) -> None:
         network(side_px)
 
 
-@pytest.mark.parametrize(("network", "side_px"), [(Keypoints, 16), (Keypoints, 45), (Convolutions, 36), (Convolutions, 84)])
+@pytest.mark.parametrize(
+    ("network", "side_px"),
+    [(Keypoints, 16), (Keypoints, 45), (Convolutions, 36), (Convolutions, 84)],
+)
 def test_other_image_sizes_work(network: type, side_px: int) -> None:
     made = network(side_px)
     assert made(torch.zeros(2, 3, side_px, side_px)).shape == (2, made.size)
@@ -179,7 +216,11 @@ def test_shifted_images_repeat_edges() -> None:
     moved = shift_images(images, 4)
     assert moved.dtype == torch.uint8
     channels_first = images.permute(0, 3, 1, 2).float()
-    padded = torch.nn.functional.pad(channels_first, (4, 4, 4, 4), mode="replicate").permute(0, 2, 3, 1).byte()
+    padded = (
+        torch.nn.functional.pad(channels_first, (4, 4, 4, 4), mode="replicate")
+        .permute(0, 2, 3, 1)
+        .byte()
+    )
     cuts = {(y, x): padded[0, y : y + 64, x : x + 64] for y in range(9) for x in range(9)}
     found = {next(place for place, cut in cuts.items() if torch.equal(cut, one)) for one in moved}
     assert len(found) > 20

@@ -16,7 +16,14 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 import bricksrl
 from brickhub.entry import Entry
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.search.gait import LEVEL, REACH, GaitSettings, PolicySearch, Posterior, embedded
+from bricksrl.agents.search.gait import (
+    LEVEL,
+    REACH,
+    GaitSettings,
+    PolicySearch,
+    Posterior,
+    embedded,
+)
 from bricksrl.agents.search.structures import oscillators
 from bricksrl.envs import make
 from bricksrl.errors import DescriptionError, RunError, UnknownNameError
@@ -28,7 +35,9 @@ ANGLE, SHARE = Entry("phase", 0.0, 360.0, "deg", wraps=True), Entry("speed", -1.
 
 def searcher(env: str = "WalkerSim-v0", **changes: object) -> PolicySearch:
     torch.manual_seed(0)
-    learner = make_learner("gait", make(env, seed=0), dataclasses.replace(preset("default", "gait"), **changes))
+    learner = make_learner(
+        "gait", make(env, seed=0), dataclasses.replace(preset("default", "gait"), **changes)
+    )
     assert isinstance(learner, PolicySearch)
     return learner
 
@@ -36,8 +45,14 @@ def searcher(env: str = "WalkerSim-v0", **changes: object) -> PolicySearch:
 def frame(reward: float, pitch: float = 0.0, *, terminated: bool = False) -> TensorDict:
     observation = torch.zeros(1, 7)
     observation[:, 4] = pitch
-    after = {"observation": observation, "reward": torch.tensor([[reward]]), "terminated": torch.tensor([[terminated]])}
-    return TensorDict({"observation": torch.zeros(1, 7), "action": torch.zeros(1, 4), "next": after}, [1])
+    after = {
+        "observation": observation,
+        "reward": torch.tensor([[reward]]),
+        "terminated": torch.tensor([[terminated]]),
+    }
+    return TensorDict(
+        {"observation": torch.zeros(1, 7), "action": torch.zeros(1, 4), "next": after}, [1]
+    )
 
 
 def tried(learner: PolicySearch, reward: float, **kinds: object) -> dict[str, Tensor]:
@@ -52,7 +67,8 @@ def tried(learner: PolicySearch, reward: float, **kinds: object) -> dict[str, Te
 
 
 def hill(numbers: Tensor) -> float:
-    """Highest, 1, at a speed of -0.5 and a phase of 350 degrees, which is near 10 too; lowest there at 170, nearly -1."""
+    """Highest, 1, at a speed of -0.5 and a phase of 350 degrees, which is near 10 too; lowest there
+    at 170, nearly -1."""
     near = (numbers[1] - 350.0).deg2rad().cos() - 1.0
     return float(1.0 + near - (numbers[0] + 0.5) ** 2)
 
@@ -72,7 +88,9 @@ def test_scores_count_once_the_robot_has_settled() -> None:
         learner.remember(frame(reward))
         assert not learner.actor.trial.isnan().any()
     metrics = learner.learn()
-    assert float(learner.scores[0]) == 2.25 == float(metrics["trial_reward"]), "what is in the middle counts most"
+    assert float(learner.scores[0]) == 2.25 == float(metrics["trial_reward"]), (
+        "what is in the middle counts most"
+    )
     assert tuple(metrics) == ("trial_reward", "best_reward", "noise")
 
 
@@ -88,21 +106,32 @@ def test_a_trial_that_tilts_ends_at_once_and_is_never_good(kind: dict[str, objec
 def test_a_trial_that_reaches_its_goal_is_as_good_as_its_rewards() -> None:
     learner = searcher("RoboArmSim-v0")
     for observation in (torch.arange(8.0) * 40.0, torch.zeros(8)):  # far from its goal, and there
-        after = {"observation": observation[None], "reward": torch.tensor([[2.0]]), "terminated": torch.tensor([[True]])}
+        after = {
+            "observation": observation[None],
+            "reward": torch.tensor([[2.0]]),
+            "terminated": torch.tensor([[True]]),
+        }
         learner.scores = torch.tensor([0.5, -1.0])
         learner.remember(TensorDict({"next": TensorDict(after, [1])}, [1]))
         assert float(learner.scores[-1]) == (2.0 if observation.sum() == 0 else -1.0)
 
 
 def test_a_trial_that_no_episode_holds_is_refused() -> None:
-    with pytest.raises(DescriptionError, match="no trial of 101 steps ends in an episode of 100 steps; give fewer trial_steps"):
+    with pytest.raises(
+        DescriptionError,
+        match="no trial of 101 steps ends in an episode of 100 steps; give fewer trial_steps",
+    ):
         searcher(trial_steps=101)
     with pytest.raises(DescriptionError, match="in an episode of 50 steps"):
-        make_learner("gait", make("WalkerSim-v0", seed=0, frame_skip=2), GaitSettings(trial_steps=51))
+        make_learner(
+            "gait", make("WalkerSim-v0", seed=0, frame_skip=2), GaitSettings(trial_steps=51)
+        )
 
 
 def test_legs_are_where_transforms_leave_them() -> None:
-    plain, stacked = (oscillators(make("WalkerSim-v0", seed=0, frame_stack=count)) for count in (1, 3))
+    plain, stacked = (
+        oscillators(make("WalkerSim-v0", seed=0, frame_stack=count)) for count in (1, 3)
+    )
     assert plain.angles.tolist() == [0, 1, 2, 3]
     assert stacked.angles.tolist() == [14, 15, 16, 17], "in the newest observation"
     skipping = oscillators(make("WalkerSim-v0", seed=0, frame_skip=2))
@@ -136,7 +165,9 @@ def test_a_process_knows_what_it_was_told_and_that_359_is_near_1_degree() -> Non
     numbers = torch.tensor([[1.0, 0.0], [90.0, 0.5], [180.0, -0.5], [270.0, 0.9]])
     scores = torch.tensor([3.0, 1.0, 0.0, 1.0])
     posterior = Posterior(embedded(numbers, (ANGLE, SHARE)), scores, torch.zeros(4))
-    means, doubts = posterior.at(embedded(torch.tensor([[1.0, 0.0], [359.0, 0.0], [45.0, -0.9]]), (ANGLE, SHARE)))
+    means, doubts = posterior.at(
+        embedded(torch.tensor([[1.0, 0.0], [359.0, 0.0], [45.0, -0.9]]), (ANGLE, SHARE))
+    )
     assert float((means[0] - 3.0).abs()) < 3 * float(posterior.noise)
     assert float((means[0] - means[1]).abs()) < 0.02
     assert doubts[2] > doubts[1]
@@ -155,15 +186,21 @@ def test_the_posterior_is_that_of_the_formulas() -> None:
     *lengths, peculiar, amplitude, noise = posterior.scales.detach().exp().tolist()
 
     def kernel(a: Tensor, b: Tensor, own: Tensor) -> Tensor:
-        apart = ((a[:, None] - b[None]).square().sum(-1) / torch.tensor(lengths).double() ** 2).sum(-1)
+        apart = ((a[:, None] - b[None]).square().sum(-1) / torch.tensor(lengths).double() ** 2).sum(
+            -1
+        )
         peculiarity = LEVEL**2 + peculiar**2 * (-apart / REACH**2 / 2).exp()
         return amplitude**2 * ((-apart / 2).exp() + own * peculiarity)
 
     there = worlds == 1
-    inverse = torch.linalg.inv(kernel(points, points, there[:, None] & there) + (noise**2 + 1e-8) * torch.eye(6))
+    inverse = torch.linalg.inv(
+        kernel(points, points, there[:, None] & there) + (noise**2 + 1e-8) * torch.eye(6)
+    )
     cross = kernel(new, points, there)
     mean = scores.mean() + cross @ inverse @ (scores - scores.mean())
-    variance = (amplitude**2 * (1 + LEVEL**2 + peculiar**2) - (cross @ inverse * cross).sum(-1)) * scores.var()
+    variance = (
+        amplitude**2 * (1 + LEVEL**2 + peculiar**2) - (cross @ inverse * cross).sum(-1)
+    ) * scores.var()
     found = posterior.at(new)
     assert torch.allclose(found[0], mean)
     assert torch.allclose(found[1] ** 2, variance, atol=1e-9)
@@ -175,7 +212,8 @@ def test_legs_come_to_their_phases_whatever_their_start() -> None:
     angles, numbers = torch.tensor([10.0, 200.0, 90.0, 300.0]), torch.tensor([-0.2, 140.0])
     for _ in range(30):
         action = structure(torch.cat((angles, torch.zeros(3))), numbers)
-        angles = torch.remainder(angles + 50.0 * (action - 1.0), 360.0)  # each leg turns by -100 to 0 degrees
+        # each leg turns by -100 to 0 degrees
+        angles = torch.remainder(angles + 50.0 * (action - 1.0), 360.0)
     apart = torch.remainder(angles - angles[0] + 1e-3, 360.0)
     assert apart.tolist() == pytest.approx([0.0, 180.0, 140.0, 320.0], abs=0.1)
 
@@ -189,7 +227,10 @@ def test_what_has_no_legs_gets_linear_feedback_unless_legs_are_asked_for() -> No
 
 
 def test_an_unknown_structure_is_no_module() -> None:
-    with pytest.raises(UnknownNameError, match=r"there is no structure 'oscilators' \(did you mean 'oscillators'\?\); choose"):
+    with pytest.raises(
+        UnknownNameError,
+        match=r"there is no structure 'oscilators' \(did you mean 'oscillators'\?\); choose",
+    ):
         searcher(structure="oscilators")
 
 
@@ -203,7 +244,8 @@ def test_a_users_structure_is_searched(tmp_path: Path) -> None:
     file.write_text(
         "import torch\nfrom brickhub.entry import Entry\n\n\n"
         "class Same(torch.nn.Module):\n    numbers = (Entry('all', -1.0, 1.0),)\n\n"
-        "    def forward(self, observation, numbers):\n        return numbers.expand(*numbers.shape[:-1], 4)\n\n\n"
+        "    def forward(self, observation, numbers):\n"
+        "        return numbers.expand(*numbers.shape[:-1], 4)\n\n\n"
         "def same(env):\n    return Same()\n"
     )
     learner = searcher(structure=f"{file}:same")
@@ -252,18 +294,30 @@ def test_runs_resume_bit_for_bit_and_show_their_trials(tmp_path: Path) -> None:
     train(TrainConfig("WalkerSim-v0", episodes=2, run_dir=whole, **options))
     train(TrainConfig("WalkerSim-v0", episodes=1, run_dir=parts, **options))
     resume(parts, episodes=2)
-    rows = [list(csv.DictReader((folder / "metrics.csv").read_text().splitlines())) for folder in (whole, parts)]
+    rows = [
+        list(csv.DictReader((folder / "metrics.csv").read_text().splitlines()))
+        for folder in (whole, parts)
+    ]
     for row in (*rows[0], *rows[1]):
         row.pop("seconds")
     assert rows[0] == rows[1]
-    assert all(math.isfinite(float(rows[0][1][name])) for name in ("trial_reward", "best_reward", "noise"))
+    assert all(
+        math.isfinite(float(rows[0][1][name])) for name in ("trial_reward", "best_reward", "noise")
+    )
 
 
 def test_a_run_goes_on_from_another(tmp_path: Path) -> None:
     options = {"agent": "gait", "episodes": 1, "record": False}
     train(TrainConfig("WalkerSim-v0", run_dir=tmp_path / "here", **options))
-    train(TrainConfig("WalkerSim-v0", run_dir=tmp_path / "there", seed=1, start=tmp_path / "here", **options))
-    first, second = (load_learner(tmp_path / name, make("WalkerSim-v0", seed=0)).learner for name in ("here", "there"))
+    train(
+        TrainConfig(
+            "WalkerSim-v0", run_dir=tmp_path / "there", seed=1, start=tmp_path / "here", **options
+        )
+    )
+    first, second = (
+        load_learner(tmp_path / name, make("WalkerSim-v0", seed=0)).learner
+        for name in ("here", "there")
+    )
     assert isinstance(first, PolicySearch)
     assert isinstance(second, PolicySearch)
     assert second.worlds.tolist() == [0] * 10 + [1] * 10
@@ -272,7 +326,11 @@ def test_a_run_goes_on_from_another(tmp_path: Path) -> None:
 
 
 def test_copies_try_the_same_numbers_together(tmp_path: Path) -> None:
-    result = train(TrainConfig("WalkerSim-v0", "gait", episodes=1, num_envs=3, record=False, run_dir=tmp_path / "run"))
+    result = train(
+        TrainConfig(
+            "WalkerSim-v0", "gait", episodes=1, num_envs=3, record=False, run_dir=tmp_path / "run"
+        )
+    )
     assert "trial_reward" in result.episodes[0].measures
 
 
@@ -282,7 +340,9 @@ def test_a_fleet_is_refused(tmp_path: Path) -> None:
 
 
 def test_settings_say_what_is_wrong() -> None:
-    with pytest.raises(DescriptionError, match="settle_steps is 10; give fewer than the 10 of a trial"):
+    with pytest.raises(
+        DescriptionError, match="settle_steps is 10; give fewer than the 10 of a trial"
+    ):
         GaitSettings(settle_steps=10)
 
 

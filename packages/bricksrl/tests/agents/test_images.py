@@ -40,7 +40,9 @@ def taught(learner: Learner, updates: int = 2, count: int = 20) -> Learner:
 def test_learns_and_acts(agent: str, encoder: str) -> None:
     if encoder == "convolutions":
         env: Any = type(SIGHT)(side_px=36)
-        learner = make_learner(agent, env, settings(agent, images=True, encoder=encoder, batch_size=6))
+        learner = make_learner(
+            agent, env, settings(agent, images=True, encoder=encoder, batch_size=6)
+        )
         torch.manual_seed(1)
         learner.remember(env.rollout(10, break_when_any_done=False))
         state = env.shown(3)
@@ -67,7 +69,9 @@ def test_imitation_works_with_images(agent: str) -> None:
 def test_ppo_works_with_images() -> None:
     learner = make("ppo", env=SIGHT)
     with torch.no_grad():
-        learner.remember(SIGHT.rollout(learner.frames_per_batch, learner.policy, break_when_any_done=False)[None])
+        learner.remember(
+            SIGHT.rollout(learner.frames_per_batch, learner.policy, break_when_any_done=False)[None]
+        )
     assert learner.learn()
 
 
@@ -78,7 +82,9 @@ def test_only_critics_train_encoder(agent: str) -> None:
     assert isinstance(loss, ActorCriticLoss)
     parameters = list(loss.encoder.parameters())
     found = loss(learner.memory.sample())  # type: ignore[union-attr]
-    assert torch.autograd.grad(found["loss_actor"], parameters, allow_unused=True, retain_graph=True) == (None,) * len(parameters)
+    assert torch.autograd.grad(
+        found["loss_actor"], parameters, allow_unused=True, retain_graph=True
+    ) == (None,) * len(parameters)
     gradients = torch.autograd.grad(found["loss_qvalue"], parameters)
     assert all(gradient.abs().sum() > 0 for gradient in gradients)
 

@@ -1,4 +1,5 @@
-"""What must be read to understand an algorithm: the modules of agents that it imports, directly or not."""
+"""What must be read to understand an algorithm: the modules of agents that it imports, directly or
+not."""
 
 from __future__ import annotations
 
@@ -11,14 +12,18 @@ SOURCE = Path(bricksrl.__file__).parent.parent
 
 
 def closure(name: str, seen: dict[str, int]) -> dict[str, int]:
-    """Lines of each module of agents that a module imports, in functions and for types too; packages are not modules."""
+    """Lines of each module of agents that a module imports, in functions and for types too;
+    packages are not modules."""
     path = SOURCE.joinpath(*name.split(".")).with_suffix(".py")
     if name.startswith("bricksrl.agents.") and name not in seen and path.is_file():
         text = path.read_text()
         seen[name] = len(text.splitlines())
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.ImportFrom):
-                for imported in (node.module or "", *(f"{node.module}.{alias.name}" for alias in node.names)):
+                for imported in (
+                    node.module or "",
+                    *(f"{node.module}.{alias.name}" for alias in node.names),
+                ):
                     closure(imported, seen)
             elif isinstance(node, ast.Import):
                 for alias in node.names:

@@ -4,7 +4,19 @@ from __future__ import annotations
 
 import pytest
 import torch
-from small import ENV, LEARNING, REPLAYING, dataset, learned, make, same, settings, steps, taught, weights
+from small import (
+    ENV,
+    LEARNING,
+    REPLAYING,
+    dataset,
+    learned,
+    make,
+    same,
+    settings,
+    steps,
+    taught,
+    weights,
+)
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
@@ -34,7 +46,12 @@ class Counting(LossModule):  # type: ignore[misc]
         self.seen.append(tensordict["observation"].flatten())
         critic, actor = self.critic * 1.0, self.actor * 1.0
         return TensorDict(
-            {"loss_qvalue": critic, "loss_actor": actor, "loss_extra": self.critic * 100.0, "told": critic.detach()}
+            {
+                "loss_qvalue": critic,
+                "loss_actor": actor,
+                "loss_extra": self.critic * 100.0,
+                "told": critic.detach(),
+            }
         )
 
 
@@ -96,7 +113,14 @@ def test_actor_and_targets_are_delayed() -> None:
     for _ in range(6):
         learner.make_updates(1)
         found.append((float(loss.critic.detach()), float(loss.actor.detach()), log.count("target")))
-    assert found == [(0.0, 1.0, 0), (-1.0, 1.0, 1), (-2.0, 0.0, 1), (-3.0, 0.0, 2), (-4.0, 0.0, 2), (-5.0, -1.0, 3)]
+    assert found == [
+        (0.0, 1.0, 0),
+        (-1.0, 1.0, 1),
+        (-2.0, 0.0, 1),
+        (-3.0, 0.0, 2),
+        (-4.0, 0.0, 2),
+        (-5.0, -1.0, 3),
+    ]
 
 
 def test_gradient_norm_is_clipped() -> None:
@@ -107,7 +131,9 @@ def test_gradient_norm_is_clipped() -> None:
     assert float(change.norm()) == pytest.approx(0.5, abs=1e-3)
 
 
-@pytest.mark.parametrize(("rate", "expected"), [(0.25, [0, 0, 0, 1, 0]), (1.0, [1] * 5), (2.5, [2, 3, 2, 3, 2])])
+@pytest.mark.parametrize(
+    ("rate", "expected"), [(0.25, [0, 0, 0, 1, 0]), (1.0, [1] * 5), (2.5, [2, 3, 2, 3, 2])]
+)
 def test_fractional_updates_accumulate(rate: float, expected: list[int]) -> None:
     learner, loss, log = counting(updates_per_step=rate)
     learner.remember(steps(8))
@@ -141,12 +167,16 @@ def test_empty_memory_makes_no_update() -> None:
 def on_policy(passes: int, rows: int) -> tuple[Learner, Counting]:
     learner, loss, _ = counting(on_policy=True, updates_per_step=passes)
     learner.memory = TensorDictReplayBuffer(
-        storage=LazyTensorStorage(rows), sampler=SamplerWithoutReplacement(), batch_size=min(4, rows)
+        storage=LazyTensorStorage(rows),
+        sampler=SamplerWithoutReplacement(),
+        batch_size=min(4, rows),
     )
     return learner, loss
 
 
-@pytest.mark.parametrize(("passes", "rows", "batches"), [(1, 8, 2), (3, 8, 6), (2, 10, 6), (1, 3, 1)])
+@pytest.mark.parametrize(
+    ("passes", "rows", "batches"), [(1, 8, 2), (3, 8, 6), (2, 10, 6), (1, 3, 1)]
+)
 def test_on_policy_passes_use_each_row_once(passes: int, rows: int, batches: int) -> None:
     learner, loss = on_policy(passes, rows)
     for round_ in range(2):
@@ -166,7 +196,9 @@ def test_half_of_each_batch_comes_from_the_dataset() -> None:
     frames = steps(40)
     frames["next", "reward"] = torch.full((40, 1), 7.0)
     learner.dataset = dataset(frames, batch_size=11)
-    assert all((batch["next", "reward"] == 7.0).all() and len(batch) == 11 for batch in learner.batches(3))
+    assert all(
+        (batch["next", "reward"] == 7.0).all() and len(batch) == 11 for batch in learner.batches(3)
+    )
     learner.remember(steps(30))
     for batch in learner.batches(3):
         assert (batch["next", "reward"][:, 0] == 7.0).tolist() == [False] * 6 + [True] * 5
@@ -188,11 +220,18 @@ def test_goals_are_replaced_beside_a_dataset(batch_size: int) -> None:
     learner.remember(collected)
     learner.dataset = learner.memory.empty_like(40)  # type: ignore[union-attr]
     learner.dataset.extend(known)
-    goals = {tuple(row) for frames in (collected, known) for row in frames["observation"][:, 4:].tolist()}
+    goals = {
+        tuple(row) for frames in (collected, known) for row in frames["observation"][:, 4:].tolist()
+    }
     for count in (1, 2, 3):
         batches = list(learner.batches(count))
         assert [len(batch) for batch in batches] == [batch_size] * count
-        assert not [row for batch in batches for row in batch["observation"][:, 4:].tolist() if tuple(row) in goals]
+        assert not [
+            row
+            for batch in batches
+            for row in batch["observation"][:, 4:].tolist()
+            if tuple(row) in goals
+        ]
 
 
 def test_shift_is_ignored_without_images() -> None:
@@ -229,7 +268,10 @@ def test_update_metrics_are_declared_by_loss(agent: str) -> None:
     learner.update = lambda batch: told.update(found := update(batch)) or found  # type: ignore[method-assign]
     taught(learner)
     assert told
-    assert all(value.numel() == 1 and not value.requires_grad and value.isfinite() for value in told.values())
+    assert all(
+        value.numel() == 1 and not value.requires_grad and value.isfinite()
+        for value in told.values()
+    )
     assert any(name.startswith("loss") for name in told)
 
 
@@ -240,7 +282,10 @@ def test_actor_updates_every_nth(agent: str) -> None:
     taught(learner, 2)
     assert same(before, list(learner.policy.parameters()))
     learner.make_updates(1)
-    assert not any(torch.equal(one, other) for one, other in zip(before, learner.policy.parameters(), strict=True))
+    assert not any(
+        torch.equal(one, other)
+        for one, other in zip(before, learner.policy.parameters(), strict=True)
+    )
 
 
 @pytest.mark.parametrize("delay", [1, 2])
@@ -303,10 +348,17 @@ def test_small_rewards_are_learned_like_ordinary_ones(agent: str) -> None:
         learner.learn(4)
         return learner
 
-    ordinary, small, as_given = learner_after(1.0), learner_after(1e-3), learner_after(1e-3, scale_rewards=False)
+    ordinary, small, as_given = (
+        learner_after(1.0),
+        learner_after(1e-3),
+        learner_after(1e-3, scale_rewards=False),
+    )
     assert (ordinary.reward_unit, small.reward_unit, as_given.reward_unit) == (1.0, 1e-3, 1.0)
     pairs = [zip(weights(ordinary), weights(other), strict=True) for other in (small, as_given)]
-    assert [all(torch.allclose(a, b, rtol=1e-3, atol=1e-4) for a, b in pair) for pair in pairs] == [True, False]
+    assert [all(torch.allclose(a, b, rtol=1e-3, atol=1e-4) for a, b in pair) for pair in pairs] == [
+        True,
+        False,
+    ]
     resumed = make(agent, hindsight=0.0, new_goals=0.0)
     resumed.load_state_dict(small.state_dict())
     assert resumed.reward_unit == 1e-3
@@ -315,20 +367,31 @@ def test_small_rewards_are_learned_like_ordinary_ones(agent: str) -> None:
 def test_few_greater_or_no_rewards_are_learned_as_they_are() -> None:
     unit = torch.full((ENOUGH,), 0.2)
     assert reward_unit(unit) == pytest.approx(0.1)
-    assert reward_unit(torch.cat((unit / 2, torch.zeros(500)))) == pytest.approx(0.1)  # what is seldom paid is no less
+    # what is seldom paid is no less
+    assert reward_unit(torch.cat((unit / 2, torch.zeros(500)))) == pytest.approx(0.1)
     assert [reward_unit(one) for one in (unit[1:], unit * 300.0, unit * 0.0)] == [1.0] * 3
 
 
 @pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
 @pytest.mark.parametrize("terminated", [False, True])
 def test_values_bootstrap_at_truncation_not_termination(agent: str, terminated: bool) -> None:
-    changes = {"gamma": 0.8, "learning_rate": 3e-3, "hindsight": 0.0, "new_goals": 0.0, "batch_size": 32, "tau": 0.1}
+    changes = {
+        "gamma": 0.8,
+        "learning_rate": 3e-3,
+        "hindsight": 0.0,
+        "new_goals": 0.0,
+        "batch_size": 32,
+        "tau": 0.1,
+    }
     learner = make(agent, **changes, momentum=0.1, alpha_init=1e-4)
     frames = steps(30)
     after = frames["next"]
     after["reward"] = torch.ones(30, 1)
     after["terminated"] = torch.full((30, 1), terminated)
-    after["truncated"], after["done"] = torch.full((30, 1), not terminated), torch.ones(30, 1, dtype=torch.bool)
+    after["truncated"], after["done"] = (
+        torch.full((30, 1), not terminated),
+        torch.ones(30, 1, dtype=torch.bool),
+    )
     learner.remember(frames)
     learner.make_updates(500 if agent == "crossq" else 200)  # CrossQ's values come slower
     loss = learner.loss
@@ -347,7 +410,8 @@ def test_learning_leaves_no_gradients() -> None:
 
 
 def first_values(*, terminated: bool = False, **changes: object) -> Tensor:
-    """Values of TD3's critics and target critics after transitions of reward -2 and a first, tiny update."""
+    """Values of TD3's critics and target critics after transitions of reward -2 and a first, tiny
+    update."""
     learner, frames = make("td3", learning_rate=1e-12, gamma=0.9, **changes), steps(40)
     frames["next", "reward"] = torch.full_like(frames["next", "reward"], -2.0)
     frames["next", "terminated"] = torch.full_like(frames["next", "terminated"], terminated)
@@ -356,7 +420,12 @@ def first_values(*, terminated: bool = False, **changes: object) -> Tensor:
     loss = learner.loss
     assert isinstance(loss, TD3Loss)
     batch = loss.encode(frames)
-    return torch.cat([critics(batch.features, batch.action).detach() for critics in (loss.critics, loss.target_critics)])
+    return torch.cat(
+        [
+            critics(batch.features, batch.action).detach()
+            for critics in (loss.critics, loss.target_critics)
+        ]
+    )
 
 
 def test_critics_start_at_mean_value() -> None:
@@ -379,7 +448,9 @@ def test_critics_start_only_once() -> None:
 
 def test_policy_of_an_environment_without_a_device_acts_on_the_cpu() -> None:
     policy = TensorDictModule(nn.Linear(8, 4), in_keys=["observation"], out_keys=["action"])
-    learner = Learner(policy, optimizer=torch.optim.SGD([nn.Parameter(torch.zeros(1, device="meta"))]))
+    learner = Learner(
+        policy, optimizer=torch.optim.SGD([nn.Parameter(torch.zeros(1, device="meta"))])
+    )
     assert learner.device.type == "meta"
     learner.act_on(bricksrl.make("RunAway-v0").device)
     assert learner.acting is not policy and learner.acting.module.weight.device.type == "cpu"
@@ -393,7 +464,11 @@ def test_networks_start_anew_with_the_replay_kept(agent: str) -> None:
         torch.manual_seed(0)
         one.make_updates(3)
     before = dict(plain.policy.named_parameters())
-    assert all((value != before[name]).any() for name, value in learner.policy.named_parameters() if value.ndim == 2)
+    assert all(
+        (value != before[name]).any()
+        for name, value in learner.policy.named_parameters()
+        if value.ndim == 2
+    )
     assert len(learner.memory) == 40 and not learner.optimizer.state  # type: ignore[arg-type, union-attr]
     critics, targets = learner.loss.critics.parameters(), learner.loss.target_critics.parameters()  # type: ignore[union-attr]
     assert all((one == other).all() for one, other in zip(critics, targets, strict=True))
@@ -405,7 +480,10 @@ def test_smooth_errors_are_linear_beyond_one(agent: str) -> None:
     smooth = make(agent, critic_loss="smooth-l1").loss.errors  # type: ignore[union-attr]
     squared = make(agent).loss.errors  # type: ignore[union-attr]
     values, target = torch.tensor([[0.5, 3.0], [0.0, 0.0]]), torch.zeros(2)
-    assert (float(smooth(values, target)), float(squared(values, target))) == ((0.125 + 2.5) / 2, (0.25 + 9.0) / 2)
+    assert (float(smooth(values, target)), float(squared(values, target))) == (
+        (0.125 + 2.5) / 2,
+        (0.25 + 9.0) / 2,
+    )
 
 
 def test_dropout_of_the_actor_trains_it_and_does_not_act() -> None:

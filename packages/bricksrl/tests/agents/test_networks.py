@@ -1,4 +1,5 @@
-"""Networks: dropout of the critics, what it drops, its scale and its gradients; what a policy does not import."""
+"""Networks: dropout of the critics, what it drops, its scale and its gradients; what a policy does
+not import."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ def test_share_of_dropped_units(rate: float) -> None:
 
 
 def test_units_are_dropped_independently() -> None:
-    """No unit tells about its neighbour, about the one of the other half of its draw, or about the next row."""
+    """No unit tells about its neighbour, about the one of the other half of its draw, or about the
+    next row."""
     torch.manual_seed(0)
     dropped = (Dropout(0.5)(torch.ones(1024, 1024)) == 0).float() - 0.5
     flat = dropped.flatten()
@@ -62,7 +64,9 @@ def test_nearly_everything_dropped_stays_finite() -> None:
 
 
 @pytest.mark.parametrize("agent", ["sac", "td3"])
-def test_a_policy_does_not_ask_whether_tensors_are_tables(monkeypatch: pytest.MonkeyPatch, agent: str) -> None:
+def test_a_policy_does_not_ask_whether_tensors_are_tables(
+    monkeypatch: pytest.MonkeyPatch, agent: str
+) -> None:
     env = bricksrl.make("WalkerSim-v0", seed=0)
     learner, state = make_learner(agent, env), env.reset()
     monkeypatch.setattr(TensorDict, "from_any", None)  # it imports pandas

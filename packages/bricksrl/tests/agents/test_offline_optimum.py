@@ -1,7 +1,8 @@
 """Offline agents on a task with known values: move a point on a line to its middle.
 
-A point at ``x`` in -1..1 moves by at most 0.3 a step; the reward is minus the square of the new position. The data is from a
-noisy, too timid policy. Values are computed by dynamic programming on a fine grid.
+A point at ``x`` in -1..1 moves by at most 0.3 a step; the reward is minus the square of the new
+position. The data is from a noisy, too timid policy. Values are computed by dynamic programming on
+a fine grid.
 """
 
 from __future__ import annotations
@@ -26,7 +27,14 @@ GAMMA, REACH, GAIN, NOISE = 0.8, 0.3, 0.5, 0.6
 GRID = torch.linspace(-1.0, 1.0, 401)
 STARTS = torch.linspace(-1.0, 1.0, 41)
 QUANTILES = torch.distributions.Normal(0.0, 1.0).icdf((torch.arange(200) + 0.5) / 200)
-SMALL = {"hidden": (32, 32), "batch_size": 128, "gamma": GAMMA, "learning_rate": 3e-3, "tau": 0.1, "sampled_actions": 4}
+SMALL = {
+    "hidden": (32, 32),
+    "batch_size": 128,
+    "gamma": GAMMA,
+    "learning_rate": 3e-3,
+    "tau": 0.1,
+    "sampled_actions": 4,
+}
 
 
 class Line(EnvBase):
@@ -68,7 +76,9 @@ def solve(actions: Tensor, reduce: Callable[[Tensor], Tensor]) -> Tensor:
     return values
 
 
-BEST = solve(torch.linspace(-1.0, 1.0, 201)[:, None].expand(-1, 401), lambda choices: choices.amax(0))
+BEST = solve(
+    torch.linspace(-1.0, 1.0, 201)[:, None].expand(-1, 401), lambda choices: choices.amax(0)
+)
 OF_BEHAVIOUR = solve(behaviour(GRID, QUANTILES[:, None]), lambda choices: choices.mean(0))
 
 
@@ -79,13 +89,19 @@ def made_data(batch_size: int, count: int = 4000) -> TransitionReplayBuffer:
     never = torch.zeros(count, 1, dtype=torch.bool)
     rows = {"observation": after, "reward": -after.square(), "terminated": never, "done": ~never}
     memory = TransitionReplayBuffer(count, batch_size, ("observation",))
-    frames = {"observation": x[:, None], "action": action[:, None], "next": TensorDict(rows, [count])}
+    frames = {
+        "observation": x[:, None],
+        "action": action[:, None],
+        "next": TensorDict(rows, [count]),
+    }
     memory.extend(TensorDict(frames, [count]))
     return memory
 
 
 def acted(learner: Any, x: Tensor) -> Tensor:
-    action: Tensor = learner.exploit(TensorDict({"observation": x[:, None]}, [len(x)]))["action"][:, 0]
+    action: Tensor = learner.exploit(TensorDict({"observation": x[:, None]}, [len(x)]))["action"][
+        :, 0
+    ]
     return action
 
 
@@ -101,7 +117,9 @@ def regret(learner: Any) -> float:
 def learned(name: str, updates: int = 500, **changes: Any) -> Learner:
     wanted = {**SMALL, **changes}
     usual = preset("default", name)
-    learner = make_learner(name, Line(), replace(usual, **{key: wanted[key] for key in wanted if hasattr(usual, key)}))
+    learner = make_learner(
+        name, Line(), replace(usual, **{key: wanted[key] for key in wanted if hasattr(usual, key)})
+    )
     learner.dataset = made_data(SMALL["batch_size"])
     learner.make_updates(updates)
     return learner
@@ -111,7 +129,9 @@ def values_of(learner: Learner, x: Tensor) -> Tensor:
     """IQL's values of states."""
     loss: Any = learner.loss
     with torch.no_grad(), loss.value_network_params.to_module(loss.value_network):
-        found: Tensor = loss.value_network(TensorDict({"observation": x[:, None]}, [len(x)]))["state_value"][:, 0]
+        found: Tensor = loss.value_network(TensorDict({"observation": x[:, None]}, [len(x)]))[
+            "state_value"
+        ][:, 0]
     return found
 
 
@@ -166,8 +186,9 @@ def test_offline_agents_improve_on_the_data(imitated: float, agent: str, share: 
 
 
 def test_cql_underestimates_outside_of_data() -> None:
-    """Values of actions outside of the data are below their true values, and below what SAC believes. The means of many starts,
-    and a weight whose effect is many times the luck of a training."""
+    """Values of actions outside of the data are below their true values, and below what SAC
+    believes. The means of many starts, and a weight whose effect is many times the luck of a
+    training."""
     careful_one, bold = learned("cql", 250, min_q_weight=10.0), learned("sac", 250)
     x = torch.linspace(0.6, 1.0, 21)[:, None]
     away = torch.ones(21, 1)  # to the right, where the behaviour hardly ever goes

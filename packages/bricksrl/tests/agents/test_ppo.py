@@ -27,7 +27,9 @@ def test_ppo_improves_simulated_walker() -> None:
     before, state = mean_return(env, learner), env.reset()
     for _ in range(30):
         with torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
-            frames = env.rollout(16, learner.policy, auto_reset=False, tensordict=state, break_when_any_done=False)
+            frames = env.rollout(
+                16, learner.policy, auto_reset=False, tensordict=state, break_when_any_done=False
+            )
         state = env.maybe_reset(env.step_mdp(frames[:, -1]))
         learner.remember(frames)
         told = learner.learn(16)
@@ -51,7 +53,8 @@ def test_truncation_bootstraps_termination_does_not() -> None:
 
 
 def test_estimates_end_at_lost_links() -> None:
-    """The step in which the link broke has no outcome: the steps before it are as in an episode that ends there."""
+    """The step in which the link broke has no outcome: the steps before it are as in an episode
+    that ends there."""
     learner = make("ppo")
     frames = rollout(learner)
     for flag in ("done", "truncated", "terminated"):

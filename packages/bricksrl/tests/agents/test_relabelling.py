@@ -16,9 +16,13 @@ from bricksrl.envs.goals import GoalRelabelling
 GOALS = GoalRelabelling(TASK, LAYOUT, 0.5, 0.5)
 
 
-def buffer(frames: TensorDict, batch_size: int = 100, capacity: int = 1000, **shares: float) -> TransitionReplayBuffer:
+def buffer(
+    frames: TensorDict, batch_size: int = 100, capacity: int = 1000, **shares: float
+) -> TransitionReplayBuffer:
     changes = {"hindsight": 0.0, "new_goals": 0.0, **shares}
-    found = make_replay_buffer(ENV, settings("sac", batch_size=batch_size, buffer_size=capacity, **changes), "cpu")
+    found = make_replay_buffer(
+        ENV, settings("sac", batch_size=batch_size, buffer_size=capacity, **changes), "cpu"
+    )
     found.extend(frames)
     return found
 
@@ -37,7 +41,10 @@ def errors_deg(goals: Tensor, joints: Tensor) -> Tensor:
 
 def test_relabelled_reward_equals_task_reward() -> None:
     rows = steps(40)[None].clone()
-    joints, before = rows["next", "observation"][0, :, :4].clone(), rows["observation"][0, :, :4].clone()
+    joints, before = (
+        rows["next", "observation"][0, :, :4].clone(),
+        rows["observation"][0, :, :4].clone(),
+    )
     goals = GOALS.draw(40, device=torch.device("cpu"))
     GOALS.relabel(rows, goals)
     assert torch.equal(rows["next", "observation"][0, :, :4], joints)
@@ -76,7 +83,9 @@ def test_relabelled_shares_follow_settings() -> None:
         assert not any(goal in known or goal in reached for goal in goals[20:50])
         assert all(goal in known for goal in goals[50:])
         assert torch.equal(part["next", "observation"][:, 4:], part["observation"][:, 4:])
-        error_deg = errors_deg(part["next", "observation"][:, 4:], part["next", "observation"][:, :4])
+        error_deg = errors_deg(
+            part["next", "observation"][:, 4:], part["next", "observation"][:, :4]
+        )
         torch.testing.assert_close(part["next", "reward"][:, 0], -error_deg / 100.0)
         assert torch.equal(part["next", "terminated"][:, 0], error_deg < 50.0)
 
@@ -121,18 +130,33 @@ def test_hindsight_stops_at_lost_link() -> None:
     frames["next", "link_lost"][5] = True
     early = {tuple(row) for row in frames["next", "observation"][:5, :4].tolist()}
     batch = buffer(frames, hindsight=1.0).sample(500)
-    first = torch.stack([(row == frames["observation"][:5, :4]).all(-1).any() for row in batch["observation"][:, :4]])
+    first = torch.stack(
+        [
+            (row == frames["observation"][:5, :4]).all(-1).any()
+            for row in batch["observation"][:, :4]
+        ]
+    )
     from_early = torch.tensor([tuple(row) in early for row in batch["observation"][:, 4:].tolist()])
     assert torch.equal(first, from_early)
 
 
 def test_n_step_sums_use_relabelled_goal() -> None:
     frames = steps(30)
-    found = make_replay_buffer(ENV, settings("sac", batch_size=64, new_goals=1.0, hindsight=0.0, n_step=3, gamma=0.9), "cpu")
+    found = make_replay_buffer(
+        ENV,
+        settings("sac", batch_size=64, new_goals=1.0, hindsight=0.0, n_step=3, gamma=0.9),
+        "cpu",
+    )
     found.extend(frames)
-    places = {tuple(row): number for number, row in enumerate(frames["observation"][:, :4].tolist())}
+    places = {
+        tuple(row): number for number, row in enumerate(frames["observation"][:, :4].tolist())
+    }
     for row in found.sample():
-        place, goal, count = places[tuple(row["observation"][:4].tolist())], row["observation"][4:], int(row["steps_to_next_obs"])
+        place, goal, count = (
+            places[tuple(row["observation"][:4].tolist())],
+            row["observation"][4:],
+            int(row["steps_to_next_obs"]),
+        )
         joints = frames["next", "observation"][place : place + count, :4]
         error_deg = errors_deg(goal.expand(count, -1), joints)
         reward = float((-error_deg / 100.0 * 0.9 ** torch.arange(count)).sum())

@@ -23,7 +23,12 @@ GAMMA = 0.9
 
 
 def numbered(
-    first: int, count: int, *, done: tuple[int, ...] = (), fell: tuple[int, ...] = (), lost: tuple[int, ...] = ()
+    first: int,
+    count: int,
+    *,
+    done: tuple[int, ...] = (),
+    fell: tuple[int, ...] = (),
+    lost: tuple[int, ...] = (),
 ) -> Any:
     """Transitions ``[count]`` numbered in observation, action and reward."""
     number = torch.arange(first, first + count)
@@ -32,20 +37,33 @@ def numbered(
         return torch.isin(number, torch.tensor(which, dtype=torch.int64))[:, None]
 
     value = number[:, None].float()
-    after = {"observation": value + 0.5, "reward": value, "terminated": among(fell), "done": among((*done, *fell, *lost))}
+    after = {
+        "observation": value + 0.5,
+        "reward": value,
+        "terminated": among(fell),
+        "done": among((*done, *fell, *lost)),
+    }
     after["link_lost"] = among(lost)
-    return TensorDict({"observation": value, "action": value.repeat(1, 2), "next": TensorDict(after, [count])}, [count])
+    return TensorDict(
+        {"observation": value, "action": value.repeat(1, 2), "next": TensorDict(after, [count])},
+        [count],
+    )
 
 
 def memory(capacity: int = 100, batch_size: int = 50, **kind: Any) -> TransitionReplayBuffer:
-    return TransitionReplayBuffer(capacity, batch_size, ("observation",), **{"n_step": 2, "gamma": GAMMA, **kind})
+    return TransitionReplayBuffer(
+        capacity, batch_size, ("observation",), **{"n_step": 2, "gamma": GAMMA, **kind}
+    )
 
 
 def followers(buffer: TransitionReplayBuffer) -> dict[int, int | None]:
     """The number of each transition's successor."""
     numbers = [int(one) for one in buffer[:]["observation"].flatten()]
     places = [int(place) for place in buffer._successor[: len(numbers)]]
-    return {number: None if place == buffer._none else numbers[place] for number, place in zip(numbers, places, strict=True)}
+    return {
+        number: None if place == buffer._none else numbers[place]
+        for number, place in zip(numbers, places, strict=True)
+    }
 
 
 def test_successors_span_calls() -> None:
@@ -58,7 +76,15 @@ def test_successors_span_calls() -> None:
 def test_successors_stay_within_copies() -> None:
     buffer = memory()
     for first in (0, 2):
-        buffer.extend(torch.stack([numbered(first, 2, done=(2,)), numbered(10 + first, 2), numbered(20 + first, 2, done=(21,))]))
+        buffer.extend(
+            torch.stack(
+                [
+                    numbered(first, 2, done=(2,)),
+                    numbered(10 + first, 2),
+                    numbered(20 + first, 2, done=(21,)),
+                ]
+            )
+        )
     assert followers(buffer) == {
         0: 1,
         1: 2,
@@ -80,7 +106,19 @@ def test_lost_link_step_is_dropped_and_unlinks() -> None:
     buffer.extend(torch.stack([numbered(0, 4, lost=(1,)), numbered(10, 4, lost=(13,))]))
     buffer.extend(torch.stack([numbered(4, 2), numbered(14, 2, lost=(15,))]))
     buffer.extend(torch.stack([numbered(6, 1), numbered(16, 1)]))
-    assert followers(buffer) == {0: None, 2: 3, 3: 4, 4: 5, 5: 6, 6: None, 10: 11, 11: 12, 12: None, 14: None, 16: None}
+    assert followers(buffer) == {
+        0: None,
+        2: 3,
+        3: 4,
+        4: 5,
+        5: 6,
+        6: None,
+        10: 11,
+        11: 12,
+        12: None,
+        14: None,
+        16: None,
+    }
 
 
 def test_all_lost_frames_only_unlink() -> None:
@@ -105,7 +143,10 @@ def test_full_buffer_overwrites_oldest_newest_has_no_successor(parts: tuple[int,
     for count in parts:
         buffer.extend(numbered(made, count))
         made += count
-    assert followers(buffer) == {**{number: number + 1 for number in range(made - 5, made - 1)}, made - 1: None}
+    assert followers(buffer) == {
+        **{number: number + 1 for number in range(made - 5, made - 1)},
+        made - 1: None,
+    }
 
 
 def test_copies_overwrite_oldest() -> None:
@@ -118,7 +159,9 @@ def test_copies_overwrite_oldest() -> None:
 
 def test_too_many_frames_raise() -> None:
     with pytest.raises(
-        DescriptionError, match="6 transitions at once do not fit into a replay buffer of 5; give buffer_size 6 or more"
+        DescriptionError,
+        match="6 transitions at once do not fit into a replay buffer of 5; give buffer_size "
+        "6 or more",
     ):
         memory(capacity=5).extend(numbered(0, 6))
 
@@ -148,7 +191,12 @@ class Reference:
 
 
 CALLS = st.lists(
-    st.tuples(st.integers(1, 4), st.sets(st.integers(0, 11), max_size=3), st.sets(st.integers(0, 11), max_size=2), st.booleans()),
+    st.tuples(
+        st.integers(1, 4),
+        st.sets(st.integers(0, 11), max_size=3),
+        st.sets(st.integers(0, 11), max_size=2),
+        st.booleans(),
+    ),
     min_size=1,
     max_size=8,
 )
@@ -156,8 +204,14 @@ CALLS = st.lists(
 
 @settings(max_examples=50)
 @given(capacity=st.integers(12, 30), copies=st.integers(1, 3), calls=CALLS)
-def test_successors_equal_list_reference(capacity: int, copies: int, calls: list[tuple[int, set[int], set[int], bool]]) -> None:
-    buffer, reference, made = memory(capacity=capacity), Reference(capacity), [1000 * copy for copy in range(copies)]
+def test_successors_equal_list_reference(
+    capacity: int, copies: int, calls: list[tuple[int, set[int], set[int], bool]]
+) -> None:
+    buffer, reference, made = (
+        memory(capacity=capacity),
+        Reference(capacity),
+        [1000 * copy for copy in range(copies)],
+    )
     for count, done, lost, end in calls:
         parts = []
         for copy in range(copies):
@@ -178,7 +232,9 @@ def test_successors_equal_list_reference(capacity: int, copies: int, calls: list
         assert followers(buffer) == reference.followers()
 
 
-def summed(number: int, n: int, followed: dict[int, int | None], fell: set[int]) -> tuple[float, int, int]:
+def summed(
+    number: int, n: int, followed: dict[int, int | None], fell: set[int]
+) -> tuple[float, int, int]:
     """Reward sum, last number and step count from a number on."""
     reward, steps, at = float(number), 1, number
     while steps < n and at not in fell and followed[at] is not None:
@@ -196,7 +252,9 @@ def summed(number: int, n: int, followed: dict[int, int | None], fell: set[int])
     lost=st.sets(st.integers(0, 39), max_size=4),
     capacity=st.integers(20, 50),
 )
-def test_n_step_sums_equal_python_reference(n: int, done: set[int], fell: set[int], lost: set[int], capacity: int) -> None:
+def test_n_step_sums_equal_python_reference(
+    n: int, done: set[int], fell: set[int], lost: set[int], capacity: int
+) -> None:
     buffer = memory(capacity=capacity, n_step=n, batch_size=64)
     fell = fell - lost
     for first in range(0, 40, 10):
@@ -230,7 +288,14 @@ def test_sampling_is_uniform() -> None:
 
 def test_recorded_chunks_repeat_last_action() -> None:
     frames = numbered(0, 12, done=(4,))
-    expected = {0: [0, 1, 2, 3], 2: [2, 3, 4, 4], 4: [4, 4, 4, 4], 5: [5, 6, 7, 8], 9: [9, 10, 11, 11], 11: [11, 11, 11, 11]}
+    expected = {
+        0: [0, 1, 2, 3],
+        2: [2, 3, 4, 4],
+        4: [4, 4, 4, 4],
+        5: [5, 6, 7, 8],
+        9: [9, 10, 11, 11],
+        11: [11, 11, 11, 11],
+    }
     batch = recorded_memory(frames, 32, ("observation",), chunk=4).sample(300)
     assert batch["action"].shape == (300, 4, 2)
     found = {int(row["observation"]): row["action"][:, 0].int().tolist() for row in batch}
@@ -281,7 +346,8 @@ def test_buffer_state_continues(made: int, memory_mapped: bool) -> None:
 
 
 @pytest.mark.parametrize(("n_step", "in_file"), [(1, True), (3, True), (1, False)])
-def test_only_samples_are_on_the_device(n_step: int, in_file: bool) -> None:  # a graphics card has no room for a million images
+# a graphics card has no room for a million images
+def test_only_samples_are_on_the_device(n_step: int, in_file: bool) -> None:
     buffer = memory(n_step=n_step, memory_mapped=in_file, device="meta")
     for first in (0, 4):
         buffer.extend(numbered(first, 4, done=(3,)))

@@ -37,7 +37,9 @@ pytestmark = pytest.mark.usefixtures("double")
 
 
 def make(**changes: Any) -> SACLoss:
-    kind = {key: changes.pop(key) for key in ("norm", "dropout", "hidden", "count") if key in changes}
+    kind = {
+        key: changes.pop(key) for key in ("norm", "dropout", "hidden", "count") if key in changes
+    }
     settings = SACSettings(gamma=GAMMA, alpha_init=0.3, num_qs=kind.get("count", 2), **changes)
     loss: SACLoss = moved(SACLoss(nn.Identity(), actor(2 * ACTION), critics(**kind), settings))
     return loss
@@ -45,7 +47,15 @@ def make(**changes: Any) -> SACLoss:
 
 def oracle_of(loss: SACLoss, tau: float = 0.5) -> tuple[TorchRLSACLoss, SoftUpdate]:
     policy, count = their_gaussian(loss.actor, loss.settings.min_scale), len(loss.critics)
-    return their_loss(TorchRLSACLoss, loss, policy, tau, num_qvalue_nets=count, alpha_init=0.3, deactivate_vmap=True)
+    return their_loss(
+        TorchRLSACLoss,
+        loss,
+        policy,
+        tau,
+        num_qvalue_nets=count,
+        alpha_init=0.3,
+        deactivate_vmap=True,
+    )
 
 
 @pytest.mark.parametrize(
@@ -60,7 +70,9 @@ def oracle_of(loss: SACLoss, tau: float = 0.5) -> tuple[TorchRLSACLoss, SoftUpda
     ],
 )
 @pytest.mark.parametrize("steps", [False, True])
-def test_losses_and_gradients_equal_torchrl(options: dict[str, Any], steps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_losses_and_gradients_equal_torchrl(
+    options: dict[str, Any], steps: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     loss, data, noise = make(**options), batch(N, steps=steps), draws()
     assert (data["next", "done"] & ~data["next", "terminated"]).any()
     oracle, _ = oracle_of(loss)
@@ -95,8 +107,12 @@ def test_droq_equals_torchrls_with_dropout(monkeypatch: pytest.MonkeyPatch) -> N
     ours = loss(data)
     noise.for_theirs(monkeypatch, "after", "now")
     theirs = oracle(data)
-    assert_close([ours["loss_qvalue"], ours["loss_actor"]], [theirs["loss_qvalue"], theirs["loss_actor"]])
-    assert_same_critic_gradients(loss.critics, ours["loss_qvalue"], oracle.qvalue_network_params, theirs["loss_qvalue"])
+    assert_close(
+        [ours["loss_qvalue"], ours["loss_actor"]], [theirs["loss_qvalue"], theirs["loss_actor"]]
+    )
+    assert_same_critic_gradients(
+        loss.critics, ours["loss_qvalue"], oracle.qvalue_network_params, theirs["loss_qvalue"]
+    )
     noise.for_theirs(monkeypatch, "after", "now")
     assert not torch.allclose(plain(data)["loss_qvalue"], theirs["loss_qvalue"])
 
@@ -104,8 +120,16 @@ def test_droq_equals_torchrls_with_dropout(monkeypatch: pytest.MonkeyPatch) -> N
 def test_redq_equals_torchrls(monkeypatch: pytest.MonkeyPatch) -> None:
     """In TorchRL the temperature also learns from the next step's actions."""
     loss, data, noise = make(count=5, num_min_qs=2, actor_q="mean"), batch(N), draws()
-    options = {"num_qvalue_nets": 5, "sub_sample_len": 2, "alpha_init": 0.3, "min_alpha": 1e-4, "deactivate_vmap": True}
-    oracle, _ = their_loss(REDQLoss, loss, their_gaussian(loss.actor, loss.settings.min_scale), **options)
+    options = {
+        "num_qvalue_nets": 5,
+        "sub_sample_len": 2,
+        "alpha_init": 0.3,
+        "min_alpha": 1e-4,
+        "deactivate_vmap": True,
+    }
+    oracle, _ = their_loss(
+        REDQLoss, loss, their_gaussian(loss.actor, loss.settings.min_scale), **options
+    )
     monkeypatch.setattr(torch, "randperm", lambda k: torch.tensor([3, 1, 0, 4, 2]))
     noise.for_ours(monkeypatch, "after", "now")
     ours = loss(data)
@@ -114,14 +138,19 @@ def test_redq_equals_torchrls(monkeypatch: pytest.MonkeyPatch) -> None:
     theirs = oracle(data)
     total = 5 * theirs["loss_qvalue"]  # the mean over the critics there, their sum here
     assert_close([ours["loss_actor"], ours["loss_qvalue"]], [theirs["loss_actor"], total])
-    assert_same_gradients(loss, oracle, (ours["loss_qvalue"], total), (ours["loss_actor"], theirs["loss_actor"]))
+    assert_same_gradients(
+        loss, oracle, (ours["loss_qvalue"], total), (ours["loss_actor"], theirs["loss_actor"])
+    )
 
 
 def test_target_critics_are_redrawn_each_update() -> None:
     loss, data = make(count=4, num_min_qs=1), batch(N)
     encoded = loss.encode(data)
     found = {float(loss.next_qvalue(encoded, encoded.action).sum()) for _ in range(40)}
-    each = {float(target(torch.cat((encoded.next_features, encoded.action), -1)).sum()) for target in loss.target_critics}
+    each = {
+        float(target(torch.cat((encoded.next_features, encoded.action), -1)).sum())
+        for target in loss.target_critics
+    }
     assert {round(value, 9) for value in found} == {round(value, 9) for value in each}
 
 
@@ -134,7 +163,9 @@ def test_whole_updates_equal_torchrl(delay: int, monkeypatch: pytest.MonkeyPatch
     learner = Learner(
         policy=their_gaussian(loss.actor, 0.1),
         loss=loss,
-        optimizer=torch.optim.Adam([one for one in loss.parameters() if one.requires_grad], lr=3e-3, fused=True),
+        optimizer=torch.optim.Adam(
+            [one for one in loss.parameters() if one.requires_grad], lr=3e-3, fused=True
+        ),
         target=PolyakUpdate((loss.critics, loss.target_critics), tau=0.2),
         actor_delay=delay,
     )
@@ -187,7 +218,9 @@ def test_log_probability_equals_torchrl_tanh_normal() -> None:
     theirs = TanhNormal(loc, scale)
     assert scale.min() == 0.2
     torch.testing.assert_close(density, theirs.log_prob(action), rtol=1e-6, atol=1e-6)
-    torch.testing.assert_close(log_prob(out, 0.2, action.clamp(-0.99, 0.99)), theirs.log_prob(action.clamp(-0.99, 0.99)))
+    torch.testing.assert_close(
+        log_prob(out, 0.2, action.clamp(-0.99, 0.99)), theirs.log_prob(action.clamp(-0.99, 0.99))
+    )
 
 
 def test_log_probability_stays_finite_where_tanh_saturates(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,7 +228,9 @@ def test_log_probability_stays_finite_where_tanh_saturates(monkeypatch: pytest.M
     out = torch.tensor([[50.0, 0.0], [-50.0, 0.0]], dtype=torch.float32, requires_grad=True)
     action, density = make(min_scale=0.1).draw(out)
     assert action.detach().abs().tolist() == [[1.0], [1.0]]
-    found = density.sum() + log_prob(out, 0.1, torch.tensor([[1.0], [-1.0]], dtype=torch.float32)).sum()
+    found = (
+        density.sum() + log_prob(out, 0.1, torch.tensor([[1.0], [-1.0]], dtype=torch.float32)).sum()
+    )
     found.backward()
     assert out.grad is not None
     assert found.isfinite() and out.grad.isfinite().all()

@@ -93,7 +93,8 @@ OF_ONE: list[tuple[str, dict[str, Any]]] = [
 
 
 @pytest.mark.parametrize(
-    ("agent", "change"), [*((agent, change) for agent in ("sac", "td3", "crossq") for change in OF_ALL), *OF_ONE]
+    ("agent", "change"),
+    [*((agent, change) for agent in ("sac", "td3", "crossq") for change in OF_ALL), *OF_ONE],
 )
 def test_invalid_settings_raise(agent: str, change: dict[str, Any]) -> None:
     with pytest.raises(DescriptionError, match=next(iter(change))) as caught:
@@ -120,9 +121,13 @@ def test_messages_name_allowed_values() -> None:
         SACSettings(gamma=1.5)
     with pytest.raises(DescriptionError, match=r"^tau is 0; give a number above 0 to 1$"):
         SACSettings(tau=0)
-    with pytest.raises(DescriptionError, match=r"^angles is 'round'; choose phases, sincos or raw$"):
+    with pytest.raises(
+        DescriptionError, match=r"^angles is 'round'; choose phases, sincos or raw$"
+    ):
         SACSettings(angles="round")  # type: ignore[arg-type]
-    with pytest.raises(DescriptionError, match=r"^hidden is \(\); give the units of at least one layer"):
+    with pytest.raises(
+        DescriptionError, match=r"^hidden is \(\); give the units of at least one layer"
+    ):
         Settings(hidden=())
     with pytest.raises(DescriptionError, match=r"^batch_size is 2.5; give a whole number$"):
         SACSettings(batch_size=2.5)  # type: ignore[arg-type]
@@ -174,7 +179,14 @@ def test_message_names_wanted_types(value: object, hint: Any, message: str) -> N
 
 @pytest.mark.parametrize(
     ("value", "hint"),
-    [(Shade.DARK, Shade), (None, Shade | None), (np.float64(3), float), (3, float | None), (len, Callable), ([], Any)],
+    [
+        (Shade.DARK, Shade),
+        (None, Shade | None),
+        (np.float64(3), float),
+        (3, float | None),
+        (len, Callable),
+        ([], Any),
+    ],
 )
 def test_values_of_wanted_types_pass(value: object, hint: Any) -> None:
     check_value("x", value, hint)
@@ -190,7 +202,10 @@ def test_every_field_has_help(agent: str) -> None:
         assert isinstance(body, ast.ClassDef)
         for field, following in zip(body.body, [*body.body[1:], None], strict=True):
             if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
-                inherited = any(field.target.id in getattr(base, "__annotations__", {}) for base in kind.__mro__[1:])
+                inherited = any(
+                    field.target.id in getattr(base, "__annotations__", {})
+                    for base in kind.__mro__[1:]
+                )
                 assert inherited or isinstance(following, ast.Expr), field.target.id
 
 
@@ -219,7 +234,12 @@ def test_every_preset_builds_every_agent_for_images(name: str, agent: str) -> No
 
 def test_image_preset_is_small() -> None:
     plain, images = preset("default", "sac"), preset("default", "sac", images=True)
-    assert (images.hidden, images.batch_size, images.buffer_size, images.encoder) == ((128, 128), 64, 15_000, "keypoints")
+    assert (images.hidden, images.batch_size, images.buffer_size, images.encoder) == (
+        (128, 128),
+        64,
+        15_000,
+        "keypoints",
+    )
     assert (plain.hidden, plain.batch_size, plain.buffer_size) == ((256, 256), 128, 1_000_000)
     assert "image" in make_learner("sac", SIGHT).policy.in_keys
     assert preset("paper", "sac", images=True).encoder == "convolutions"
@@ -235,8 +255,17 @@ def test_preset_values_are_known_settings(name: str, agent: str, images: bool) -
 def test_paper_preset_equals_paper() -> None:
     for agent in ("sac", "td3", "iql", "cql", "td3bc", "tqc"):
         paper = preset("paper", agent)
-        assert (paper.learning_rate, paper.batch_size, paper.gamma, paper.tau) == (3e-4, 256, 0.99, 0.005)
-        assert (paper.hidden, paper.prefill_episodes, paper.updates_per_step) == ((256, 256), 10, 1.0)
+        assert (paper.learning_rate, paper.batch_size, paper.gamma, paper.tau) == (
+            3e-4,
+            256,
+            0.99,
+            0.005,
+        )
+        assert (paper.hidden, paper.prefill_episodes, paper.updates_per_step) == (
+            (256, 256),
+            10,
+            1.0,
+        )
         assert (paper.angles, paper.goals, paper.critic_norm) == ("raw", "plain", "none")
         assert (paper.hindsight, paper.new_goals, paper.n_step) == (0.0, 0.0, 1)
         assert paper.buffer_size == 1_000_000
@@ -246,25 +275,58 @@ def test_paper_preset_equals_paper() -> None:
 def test_paper_td3_equals_its_authors_and_droq_what_was_released() -> None:
     td3, droq = preset("paper", "td3"), preset("paper", "droq")
     assert isinstance(td3, TD3Settings)
-    assert (td3.actor_delay, td3.exploration_noise, td3.target_noise, td3.target_noise_clip) == (2, 0.1, 0.2, 0.5)
+    assert (td3.actor_delay, td3.exploration_noise, td3.target_noise, td3.target_noise_clip) == (
+        2,
+        0.1,
+        0.2,
+        0.5,
+    )
     assert isinstance(droq, SACSettings)
-    assert (droq.updates_per_step, droq.actor_delay, droq.dropout, droq.critic_norm) == (20.0, 1, 0.01, "layer")
+    assert (droq.updates_per_step, droq.actor_delay, droq.dropout, droq.critic_norm) == (
+        20.0,
+        1,
+        0.01,
+        "layer",
+    )
     assert (droq.actor_dropout, droq.actor_norm) == (0.01, "layer")
     assert (droq.num_qs, droq.num_min_qs, droq.actor_q) == (2, 2, "mean")
 
 
 def test_paper_offline_agents_equal_paper() -> None:
     bc, iql, cql = (preset("paper", name) for name in ("bc", "iql", "cql"))
-    assert (bc.hidden, bc.learning_rate, bc.batch_size, bc.actor_norm, bc.dropout) == ((256, 256), 3e-4, 256, "layer", 0.01)
+    assert (bc.hidden, bc.learning_rate, bc.batch_size, bc.actor_norm, bc.dropout) == (
+        (256, 256),
+        3e-4,
+        256,
+        "layer",
+        0.01,
+    )
     assert (iql.temperature, iql.expectile) == (1.0, 0.5)
-    assert (cql.min_q_weight, cql.sampled_actions, cql.lagrange_threshold, cql.imitation_updates) == (1.0, 10, 5.0, 1000)
+    assert (
+        cql.min_q_weight,
+        cql.sampled_actions,
+        cql.lagrange_threshold,
+        cql.imitation_updates,
+    ) == (1.0, 10, 5.0, 1000)
 
 
 def test_act_values_equal_its_authors() -> None:
     act = preset("paper", "act")
     assert isinstance(act, ACTSettings)
-    assert (act.learning_rate, act.batch_size, act.chunk, act.kl_weight, act.dropout) == (1e-5, 8, 100, 10.0, 0.1)
-    assert (act.encoder_layers, act.decoder_layers, act.feedforward, act.width, act.heads) == (4, 7, 3200, 512, 8)
+    assert (act.learning_rate, act.batch_size, act.chunk, act.kl_weight, act.dropout) == (
+        1e-5,
+        8,
+        100,
+        10.0,
+        0.1,
+    )
+    assert (act.encoder_layers, act.decoder_layers, act.feedforward, act.width, act.heads) == (
+        4,
+        7,
+        3200,
+        512,
+        8,
+    )
     assert (act.executed, act.ensemble, act.latent, act.weight_decay) == (1, 0.01, 32, 1e-4)
 
 
@@ -279,19 +341,29 @@ def test_redq_has_ten_critics_two_for_targets(name: str) -> None:
 def test_unknown_names_list_known_ones() -> None:
     with pytest.raises(UnknownNameError, match=r"no preset 'papr'; choose one of .*paper"):
         preset("papr")
-    for wrong in (lambda: make_learner("dqn", ENV), lambda: preset("paper", "dqn"), lambda: algorithm("dqn")):
-        with pytest.raises(UnknownNameError, match=r"no agent 'dqn'; choose one of sac, droq, .*, or give a file: my_agent.py"):
+    for wrong in (
+        lambda: make_learner("dqn", ENV),
+        lambda: preset("paper", "dqn"),
+        lambda: algorithm("dqn"),
+    ):
+        with pytest.raises(
+            UnknownNameError,
+            match=r"no agent 'dqn'; choose one of sac, droq, .*, or give a file: my_agent.py",
+        ):
             wrong()
 
 
 def test_settings_of_another_agent_raise() -> None:
-    with pytest.raises(DescriptionError, match=r"TD3Settings, not SACSettings; see preset\('default', 'td3'\)"):
+    with pytest.raises(
+        DescriptionError, match=r"TD3Settings, not SACSettings; see preset\('default', 'td3'\)"
+    ):
         make_learner("td3", ENV, preset("default", "sac"))
 
 
 def test_names_import_no_torch() -> None:
     code = (
         "import sys, bricksrl.agents, bricksrl.agents.settings\n"
-        "sys.exit(any(name in sys.modules for name in ('torch', 'matplotlib', 'mujoco', 'pyarrow')))"
+        "sys.exit(any(name in sys.modules for name in ('torch', 'matplotlib', 'mujoco', "
+        "'pyarrow')))"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

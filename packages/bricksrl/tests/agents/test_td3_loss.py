@@ -51,7 +51,9 @@ def test_losses_and_gradients_equal_torchrl(steps: bool, monkeypatch: pytest.Mon
     their_actor, _ = oracle.actor_loss(data)
     assert set(ours.keys()) == set(loss.out_keys)
     assert_close([ours["loss_qvalue"], ours["loss_actor"]], [their_critics, their_actor])
-    assert_same_gradients(loss, oracle, (ours["loss_qvalue"], their_critics), (ours["loss_actor"], their_actor))
+    assert_same_gradients(
+        loss, oracle, (ours["loss_qvalue"], their_critics), (ours["loss_actor"], their_actor)
+    )
 
 
 def test_whole_updates_equal_torchrl(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -60,18 +62,28 @@ def test_whole_updates_equal_torchrl(monkeypatch: pytest.MonkeyPatch) -> None:
     learner = Learner(
         policy=their_deterministic(loss.actor),
         loss=loss,
-        optimizer=torch.optim.Adam([one for one in loss.parameters() if one.requires_grad], lr=3e-3, fused=True),
-        target=PolyakUpdate((loss.critics, loss.target_critics), (loss.actor, loss.target_actor), tau=0.2),
+        optimizer=torch.optim.Adam(
+            [one for one in loss.parameters() if one.requires_grad], lr=3e-3, fused=True
+        ),
+        target=PolyakUpdate(
+            (loss.critics, loss.target_critics), (loss.actor, loss.target_actor), tau=0.2
+        ),
         actor_delay=2,
         target_delay=2,
     )
-    for_critics = torch.optim.Adam(list(oracle.qvalue_network_params.flatten_keys().values()), lr=3e-3)
+    for_critics = torch.optim.Adam(
+        list(oracle.qvalue_network_params.flatten_keys().values()), lr=3e-3
+    )
     for_actor = torch.optim.Adam(list(oracle.actor_network_params.flatten_keys().values()), lr=3e-3)
     for number in range(1, 7):
         data, noise = batch(N), torch.randn(N, ACTION)
         monkeypatch.setattr(torch, "randn_like", lambda like, noise=noise: noise.clone())
         learner.update(data)
-        losses = [oracle.value_loss(data)[0]] if number % 2 else [oracle.value_loss(data)[0], oracle.actor_loss(data)[0]]
+        losses = (
+            [oracle.value_loss(data)[0]]
+            if number % 2
+            else [oracle.value_loss(data)[0], oracle.actor_loss(data)[0]]
+        )
         for optimizer, one in zip((for_critics, for_actor), losses, strict=False):
             optimizer.zero_grad()
             one.backward(retain_graph=True)
@@ -80,7 +92,9 @@ def test_whole_updates_equal_torchrl(monkeypatch: pytest.MonkeyPatch) -> None:
         if number % 2 == 0:
             targets.step()
     names = ("actor_network_params", "qvalue_network_params")
-    assert_same_parameters(oracle_of(loss)[0], oracle, *names, *(f"target_{name}" for name in names))
+    assert_same_parameters(
+        oracle_of(loss)[0], oracle, *names, *(f"target_{name}" for name in names)
+    )
 
 
 def test_target_noise_is_clipped(monkeypatch: pytest.MonkeyPatch) -> None:

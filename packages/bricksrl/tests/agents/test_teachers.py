@@ -10,7 +10,16 @@ from torch import Tensor, nn
 
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.sac import ActorCriticLoss
-from bricksrl.agents.teachers import ALPHA, REACH, Base, PolicyAnchor, Scripted, add_base, imitate, restore
+from bricksrl.agents.teachers import (
+    ALPHA,
+    REACH,
+    Base,
+    PolicyAnchor,
+    Scripted,
+    add_base,
+    imitate,
+    restore,
+)
 from bricksrl.errors import RunError
 from bricksrl.policies.policy import Policy
 
@@ -49,7 +58,9 @@ def test_demonstrations_are_imitated(agent: str, monkeypatch: pytest.MonkeyPatch
     explored = torch.stack([learner.explore(steps(1)[0])["action"] for _ in range(50)])
     assert 0.01 < explored.std(0).max() < 0.5
     if agent == "td3":
-        assert same(list(of(learner).actor.parameters()), list(of(learner).target_actor.parameters()))
+        assert same(
+            list(of(learner).actor.parameters()), list(of(learner).target_actor.parameters())
+        )
     else:
         assert float(of(learner).alpha) <= ALPHA * 1.0001
 
@@ -68,7 +79,8 @@ def test_a_base_acts_alone_at_first_and_stays_as_it_is(agent: str) -> None:
 
 
 def test_losses_are_of_the_action_on_the_base() -> None:
-    """With a base that acts, the critics value what the robot does: an actor that adds nothing is worth what the base is."""
+    """With a base that acts, the critics value what the robot does: an actor that adds nothing is
+    worth what the base is."""
     learner, base = of_base("td3")
     loss, batch = of(learner), of(learner).encode(steps(30))
     torch.testing.assert_close(batch.base, acts(base))
@@ -100,7 +112,9 @@ def test_controllers_act_in_any_batch() -> None:
     learner = make("sac", seed=5)
     add_base(learner, base)
     observation = seen["observation"][0].numpy()
-    np.testing.assert_allclose(Policy(learner.policy, ENV).act(observation), np.tanh(observation[4:]), atol=1e-6)
+    np.testing.assert_allclose(
+        Policy(learner.policy, ENV).act(observation), np.tanh(observation[4:]), atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("agent", ["tqc", "ppo", "iql", "bc", "random"])
@@ -126,7 +140,8 @@ def test_anchor_equilibrium_is_allowed_distance() -> None:
             away.append(float((actor(features) - hold.policy(features)).square().mean().sqrt()))
     assert hold.get_extra_state() == {"made": 100}
     allowed = [REACH * (made + 1) / 100 for made in range(100)]
-    assert all(far <= may + 0.06 for far, may in zip(away, allowed, strict=True))  # a step goes 0.05
+    # a step goes 0.05
+    assert all(far <= may + 0.06 for far, may in zip(away, allowed, strict=True))
     assert all(far > 0.65 * may for far, may in zip(away[20:], allowed[20:], strict=True))
     for _ in range(20):
         optimizer.zero_grad()

@@ -1,4 +1,5 @@
-"""Transforms between an environment and its agents: what reaches the networks, and what is held within what was learned on."""
+"""Transforms between an environment and its agents: what reaches the networks, and what is held
+within what was learned on."""
 
 from __future__ import annotations
 
@@ -44,7 +45,14 @@ from bricksrl.agents import make_learner, preset
 from bricksrl.agents.encoder import Encoder, encode, make_encoder
 from bricksrl.envs.rollout import play_episodes
 from bricksrl.envs.specs import ObservationLayout
-from bricksrl.envs.transforms import changes_nothing, keeps_vectors, layout_of, own_frames, prepare, runs_on
+from bricksrl.envs.transforms import (
+    changes_nothing,
+    keeps_vectors,
+    layout_of,
+    own_frames,
+    prepare,
+    runs_on,
+)
 from bricksrl.errors import DescriptionError
 
 KEYS = ["observation"]
@@ -59,7 +67,9 @@ class Mixed(Transform):
     def _apply_transform(self, observation: Tensor) -> Tensor:
         return observation.flip(-1)[..., ::2] * -0.25 + 3.0
 
-    def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+    def _reset(
+        self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
         return self._call(tensordict_reset)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
@@ -77,7 +87,9 @@ class Embedding(Transform):
     def _apply_transform(self, observation: Tensor) -> Tensor:
         return torch.sin(observation.sum(-1, keepdim=True) * torch.arange(1, 17))
 
-    def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+    def _reset(
+        self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
         return self._call(tensordict_reset)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
@@ -94,7 +106,9 @@ class Noisy(ObservationTransform):
     def _apply_transform(self, observation: Tensor) -> Tensor:
         return observation + 5.0 * torch.randn_like(observation)
 
-    def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+    def _reset(
+        self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
         return self._call(tensordict_reset)
 
 
@@ -112,7 +126,9 @@ class Endless(Transform):
     """Goes on after the end of an episode."""
 
     def _step(self, _tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        return next_tensordict.update({name: torch.zeros(1, dtype=torch.bool) for name in ("done", "terminated", "truncated")})
+        return next_tensordict.update(
+            {name: torch.zeros(1, dtype=torch.bool) for name in ("done", "terminated", "truncated")}
+        )
 
 
 class Forgetful(Noisy):
@@ -129,7 +145,8 @@ def arm(*transforms: Transform) -> EnvBase:
 
 
 def features(env: EnvBase) -> tuple[Tensor, Tensor, ObservationLayout]:
-    """Features of an observation after two steps, the observation of the arm itself, and the layout."""
+    """Features of an observation after two steps, the observation of the arm itself, and the
+    layout."""
     settings = preset("default", "sac")
     encoder = make_encoder(env, settings)
     state = env.reset()
@@ -142,14 +159,29 @@ def features(env: EnvBase) -> tuple[Tensor, Tensor, ObservationLayout]:
 
 UNCHANGED: dict[str, Callable[[], list[Transform]]] = {
     "renamed": lambda: [RenameTransform(KEYS, ["joints"])],
-    "unsqueezed and squeezed": lambda: [UnsqueezeTransform(-1, in_keys=KEYS), SqueezeTransform(-1, in_keys=KEYS)],
+    "unsqueezed and squeezed": lambda: [
+        UnsqueezeTransform(-1, in_keys=KEYS),
+        SqueezeTransform(-1, in_keys=KEYS),
+    ],
     "as a matrix": lambda: [UnsqueezeTransform(-1, in_keys=KEYS)],
-    "normalised": lambda: [ObservationNorm(torch.linspace(-90, 90, 8), torch.linspace(20, 90, 8), KEYS, standard_normal=True)],
+    "normalised": lambda: [
+        ObservationNorm(
+            torch.linspace(-90, 90, 8), torch.linspace(20, 90, 8), KEYS, standard_normal=True
+        )
+    ],
     "running statistics": lambda: [VecNormV2(in_keys=KEYS)],
     "running statistics of the reward too": lambda: [VecNorm(in_keys=[*KEYS, "reward"])],
-    "noted by TorchRL": lambda: [Timer(), StepCounter(), InitTracker(), gSDENoise(state_dim=8, action_dim=4)],
+    "noted by TorchRL": lambda: [
+        Timer(),
+        StepCounter(),
+        InitTracker(),
+        gSDENoise(state_dim=8, action_dim=4),
+    ],
     "frozen statistics": lambda: [VecNormV2(in_keys=KEYS), RewardScaling(0.0, 0.1)],
-    "double and float": lambda: [DTypeCastTransform(torch.float32, torch.float64, in_keys=KEYS), DoubleToFloat(in_keys=KEYS)],
+    "double and float": lambda: [
+        DTypeCastTransform(torch.float32, torch.float64, in_keys=KEYS),
+        DoubleToFloat(in_keys=KEYS),
+    ],
 }
 
 
@@ -159,7 +191,9 @@ def test_angles_and_goals_survive_where_the_numbers_do(name: str) -> None:
     env = arm(*UNCHANGED[name]())
     made, own, layout = features(env)
     plain = bricksrl.make("RoboArmSim-v0")
-    torch.testing.assert_close(made, make_encoder(plain, preset("default", "sac"))(own), atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(
+        made, make_encoder(plain, preset("default", "sac"))(own), atol=1e-4, rtol=1e-4
+    )
     before = layout_of(plain)
     assert (layout.wraps, layout.goals, layout.names) == (before.wraps, before.goals, before.names)
 
@@ -168,7 +202,9 @@ def test_stacked_frames_are_stacked_entries() -> None:
     env = arm(CatFrames(3, -1, in_keys=KEYS))
     made, own, layout = features(env)
     assert layout.names == layout_of(bricksrl.make("RoboArmSim-v0")).names * 3
-    assert layout.goals == tuple((8 * frame + goal, 8 * frame + goal - 4) for frame in range(3) for goal in range(4, 8))
+    assert layout.goals == tuple(
+        (8 * frame + goal, 8 * frame + goal - 4) for frame in range(3) for goal in range(4, 8)
+    )
     angles = [index for index, wraps in enumerate(layout.wraps) if wraps]
     assert angles == [0, 4, 8, 12, 16, 20]
     assert layout.past == {index: 16 + index % 8 for index in range(16)}
@@ -179,7 +215,11 @@ def test_stacked_frames_are_stacked_entries() -> None:
 def test_an_own_transform_keeps_what_it_keeps() -> None:
     _, _, layout = features(arm(Mixed()))
     assert layout.names == ("grab_goal", "low_goal", "grab_angle", "low_angle")
-    assert (layout.goals, layout.scale, layout.offset) == (((0, 2), (1, 3)), (-0.25,) * 4, (3.0,) * 4)
+    assert (layout.goals, layout.scale, layout.offset) == (
+        ((0, 2), (1, 3)),
+        (-0.25,) * 4,
+        (3.0,) * 4,
+    )
 
 
 def test_noise_and_rounding_change_no_meaning() -> None:
@@ -195,13 +235,21 @@ def test_numbers_of_several_vectors_are_read() -> None:
     assert layout.names[8] == "embedding_0"
     plain = make_encoder(bricksrl.make("RoboArmSim-v0"), preset("default", "sac"))
     assert made.shape[-1] == plain.size + 16
-    torch.testing.assert_close(made[6 : 6 + 16], torch.sin(own.sum() * torch.arange(1, 17)), atol=1e-3, rtol=0)
+    torch.testing.assert_close(
+        made[6 : 6 + 16], torch.sin(own.sum() * torch.arange(1, 17)), atol=1e-3, rtol=0
+    )
 
 
 def test_what_no_agent_reads_is_an_error() -> None:
     env = bricksrl.make("RoboArmSim-v0")
-    for name, spec in {"said": NonTensor(()), "volume": Unbounded((2, 3, 4, 5)), "inner": Composite(x=Unbounded(2))}.items():
-        env.observation_spec = Composite(observation=env.observation_spec["observation"], **{name: spec})
+    for name, spec in {
+        "said": NonTensor(()),
+        "volume": Unbounded((2, 3, 4, 5)),
+        "inner": Composite(x=Unbounded(2)),
+    }.items():
+        env.observation_spec = Composite(
+            observation=env.observation_spec["observation"], **{name: spec}
+        )
         with pytest.raises(DescriptionError, match=f"'{name}'"):
             layout_of(env)
     env.observation_spec = Composite(image=Bounded(0, 1, (3, 20, 30)))
@@ -220,19 +268,24 @@ def test_what_no_agent_reads_is_an_error() -> None:
         (lambda: RenameTransform(["reward"], ["pay"]), "no 'action' or no 'reward'"),
     ],
 )
-def test_what_no_agent_learns_behind_is_refused_by_name(transform: Callable[[], Transform], says: str) -> None:
+def test_what_no_agent_learns_behind_is_refused_by_name(
+    transform: Callable[[], Transform], says: str
+) -> None:
     env = TransformedEnv(bricksrl.make("RoboArmSim-v0", seed=3), transform())
     with pytest.raises(DescriptionError, match=says):
         make_learner("sac", env)
 
 
 class Odd(Sight):
-    """Observes a scalar, text, a part of a group, and an image that is no square, and is told nothing else."""
+    """Observes a scalar, text, a part of a group, and an image that is no square, and is told
+    nothing else."""
 
     def __init__(self) -> None:
         super().__init__()
         wide = Bounded(0, 255, (3, 20, 30), dtype=torch.uint8)
-        self.observation_spec = Composite(x=Bounded(-1, 1, ()), said=NonTensor(()), arm=Composite(angle=Unbounded(2)), wide=wide)
+        self.observation_spec = Composite(
+            x=Bounded(-1, 1, ()), said=NonTensor(()), arm=Composite(angle=Unbounded(2)), wide=wide
+        )
 
     def _jump(self) -> TensorDict:
         return self.observation_spec.rand()
@@ -240,13 +293,19 @@ class Odd(Sight):
 
 def test_transforms_make_readable_what_no_agent_reads() -> None:
     out, angle = ExcludeTransform("said", "wide"), RenameTransform([("arm", "angle")], ["angle"])
-    env = TransformedEnv(Odd(), Compose(UnsqueezeTransform(-1, in_keys=["x"], out_keys=["x"]), angle, out))
+    env = TransformedEnv(
+        Odd(), Compose(UnsqueezeTransform(-1, in_keys=["x"], out_keys=["x"]), angle, out)
+    )
     assert layout_of(env).names == ("x_0", "arm.angle_0", "arm.angle_1")
 
 
 def test_running_statistics_of_an_image_keep_the_units_of_a_vector() -> None:
-    env = TransformedEnv(Sight(), Compose(ToTensorImage(in_keys=["image"]), VecNormV2(in_keys=["image"])))
-    both = TransformedEnv(Sight(), Compose(ToTensorImage(in_keys=["image"]), VecNormV2(in_keys=["image", *KEYS])))
+    env = TransformedEnv(
+        Sight(), Compose(ToTensorImage(in_keys=["image"]), VecNormV2(in_keys=["image"]))
+    )
+    both = TransformedEnv(
+        Sight(), Compose(ToTensorImage(in_keys=["image"]), VecNormV2(in_keys=["image", *KEYS]))
+    )
     for one in (env, both):
         prepare(one)
         assert layout_of(one).names == ("observation_0", "observation_1")
@@ -255,10 +314,15 @@ def test_running_statistics_of_an_image_keep_the_units_of_a_vector() -> None:
 
 def test_images_alone_and_several_are_read() -> None:
     env = bricksrl.make("RoboArmSim-v0")
-    env.observation_spec = Composite(left=Bounded(0, 255, (32, 32, 3), dtype=torch.uint8), right=Bounded(0, 1, (4, 20, 20)))
+    env.observation_spec = Composite(
+        left=Bounded(0, 255, (32, 32, 3), dtype=torch.uint8), right=Bounded(0, 1, (4, 20, 20))
+    )
     encoder = make_encoder(env, preset("default", "sac"))
     assert encoder.size == 64
-    observed = TensorDict({"left": torch.zeros(5, 32, 32, 3, dtype=torch.uint8), "right": torch.rand(5, 4, 20, 20)}, [5])
+    observed = TensorDict(
+        {"left": torch.zeros(5, 32, 32, 3, dtype=torch.uint8), "right": torch.rand(5, 4, 20, 20)},
+        [5],
+    )
     assert encode(encoder, observed).shape == (5, 64)
 
 
@@ -269,7 +333,11 @@ def test_goals_are_replaced_only_where_the_task_observes_and_pays() -> None:
     assert not changes_nothing(arm(CatFrames(2, -1, in_keys=KEYS)))
     assert not changes_nothing(arm(RewardScaling(0.0, 2.0)))
     assert keeps_vectors(arm(RewardScaling(0.0, 2.0)))
-    for transform in (Swapped(), RenameTransform(KEYS, ["joints"]), UnsqueezeTransform(-1, in_keys=KEYS)):
+    for transform in (
+        Swapped(),
+        RenameTransform(KEYS, ["joints"]),
+        UnsqueezeTransform(-1, in_keys=KEYS),
+    ):
         assert not changes_nothing(arm(transform))
         assert not keeps_vectors(arm(transform)), "a mirrored batch would be wrong"
 
@@ -286,7 +354,9 @@ def test_a_hidden_end_is_refused() -> None:
         next(play_episodes(env, lambda state: state.set("action", torch.zeros(4)), 1, 0))
 
 
-def test_an_acting_agent_is_held_within_what_it_learned_on(caplog: pytest.LogCaptureFixture) -> None:
+def test_an_acting_agent_is_held_within_what_it_learned_on(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     env = bricksrl.make("WalkerSim-v0", seed=0)
     learner = make_learner("sac", env)
     learner.remember(env.rollout(20))

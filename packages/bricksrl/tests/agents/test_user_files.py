@@ -45,7 +45,7 @@ def build(env, settings: DDPGSettings, device="cpu"):
 
 
 other = build
-"""
+"""  # noqa: E501
 
 
 @pytest.fixture
@@ -62,7 +62,9 @@ def test_user_algorithm_with_torchrl_loss_learns(ddpg: str) -> None:
     learner = make_learner(ddpg, ENV, kind(hidden=(16, 16), batch_size=10))
     before = weights(learner)
     taught(learner)
-    assert not all(torch.equal(one, other) for one, other in zip(before, weights(learner), strict=False))
+    assert not all(
+        torch.equal(one, other) for one, other in zip(before, weights(learner), strict=False)
+    )
     assert tuple(learner.loss.out_keys)[:2] == ("loss_actor", "loss_value")
     assert learner.explore(steps(3))["action"].shape == (3, 4)
     assert make_learner(f"{ddpg}:other", ENV).updates_per_step == 2.0
@@ -88,28 +90,56 @@ START = "from dataclasses import dataclass\n\n@dataclass(frozen=True)\nclass S:\
     [
         ("x = 1\n", UnknownNameError, "there is no 'build'"),
         ("def build(\n", DescriptionError, "cannot be loaded"),
-        ("raise RuntimeError('no luck')\n", DescriptionError, r"cannot be loaded \(RuntimeError: no luck.*line 1"),
+        (
+            "raise RuntimeError('no luck')\n",
+            DescriptionError,
+            r"cannot be loaded \(RuntimeError: no luck.*line 1",
+        ),
         ("import no_such_module\n", DescriptionError, "cannot be loaded"),
         ("build = 3\n", DescriptionError, "takes no settings; write build"),
         ("def build(env): pass\n", DescriptionError, "takes no settings; write build"),
-        ("def build(env, settings, device): pass\n", DescriptionError, "has no type for its settings"),
-        ("def build(env, settings: int, device): pass\n", DescriptionError, "has no type for its settings"),
-        ("def build(env, settings: 'Gone', device): pass\n", DescriptionError, "has no type for its settings"),
-        (START + "def build(env, settings: S, device): return 3\n", DescriptionError, "builds a int; let it return"),
+        (
+            "def build(env, settings, device): pass\n",
+            DescriptionError,
+            "has no type for its settings",
+        ),
+        (
+            "def build(env, settings: int, device): pass\n",
+            DescriptionError,
+            "has no type for its settings",
+        ),
+        (
+            "def build(env, settings: 'Gone', device): pass\n",
+            DescriptionError,
+            "has no type for its settings",
+        ),
+        (
+            START + "def build(env, settings: S, device): return 3\n",
+            DescriptionError,
+            "builds a int; let it return",
+        ),
         (
             START + "def build(env, settings: S, device): return 1 / 0\n",
             DescriptionError,
             r"cannot be built \(ZeroDivisionError: ",
         ),
-        (START + "def build(env, settings: S): return 3\n", DescriptionError, r"cannot be built \(TypeError: "),
         (
-            "from __future__ import annotations\n" + START + "def build(env, settings: S, device): raise ValueError\n",
+            START + "def build(env, settings: S): return 3\n",
+            DescriptionError,
+            r"cannot be built \(TypeError: ",
+        ),
+        (
+            "from __future__ import annotations\n"
+            + START
+            + "def build(env, settings: S, device): raise ValueError\n",
             DescriptionError,
             r"cannot be built \(ValueError",
         ),
     ],
 )
-def test_invalid_agent_file_raises(tmp_path: Path, text: str, kind: type[BricksError], says: str) -> None:
+def test_invalid_agent_file_raises(
+    tmp_path: Path, text: str, kind: type[BricksError], says: str
+) -> None:
     path = tmp_path / "wrong.py"
     path.write_text(text)
     with pytest.raises(kind, match=says) as caught:
@@ -127,14 +157,19 @@ def test_own_errors_pass_through(tmp_path: Path) -> None:
     path = tmp_path / "strict.py"
     path.write_text(
         START
-        + "from bricksrl.errors import DescriptionError\ndef build(env, settings: S, device): raise DescriptionError('so')\n"
+        + (
+            "from bricksrl.errors import DescriptionError\n"
+            "def build(env, settings: S, device): raise DescriptionError('so')\n"
+        )
     )
     with pytest.raises(DescriptionError, match="^so$"):
         make_learner(str(path), ENV)
 
 
 def test_references_differ_from_names() -> None:
-    assert [is_reference(name) for name in ("sac", "my.py", "my.py:NAME", "package.module:NAME")] == [False, True, True, True]
+    assert [
+        is_reference(name) for name in ("sac", "my.py", "my.py:NAME", "package.module:NAME")
+    ] == [False, True, True, True]
 
 
 NETWORK = """
@@ -161,7 +196,9 @@ def test_user_network_factory_learns(tmp_path: Path, agent: str) -> None:
     assert any(isinstance(module, nn.SiLU) for module in learner.policy.modules())
     before = weights(learner)
     taught(learner)
-    assert not all(torch.equal(one, other) for one, other in zip(before, weights(learner), strict=False))
+    assert not all(
+        torch.equal(one, other) for one, other in zip(before, weights(learner), strict=False)
+    )
     assert learner.exploit(steps(3))["action"].shape == (3, 4)
     assert make(agent, network=str(path)).policy is not None
 
@@ -176,7 +213,9 @@ def test_user_network_factory_learns(tmp_path: Path, agent: str) -> None:
         ("my_nets.py:no_module", "makes a int; let it return a torch.nn.Module"),
     ],
 )
-def test_invalid_network_factory_raises(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, network: str, says: str) -> None:
+def test_invalid_network_factory_raises(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, network: str, says: str
+) -> None:
     (tmp_path / "my_nets.py").write_text(NETWORK)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(BricksError, match=says) as caught:
@@ -202,17 +241,27 @@ def test_unsuitable_network_raises(tmp_path: Path, code: str, says: str) -> None
 def test_network_that_needs_a_batch_raises(tmp_path: Path) -> None:
     path = tmp_path / "batch.py"
     path.write_text(
-        "from torch import nn\ndef make_network(m, n):\n    return nn.Sequential(nn.BatchNorm1d(m), nn.Linear(m, n))\n"
+        "from torch import nn\ndef make_network(m, n):\n"
+        "    return nn.Sequential(nn.BatchNorm1d(m), nn.Linear(m, n))\n"
     )
-    with pytest.raises(DescriptionError, match=r"fails on \[\d+\] \(ValueError: .*\); a policy acts on one .* with LayerNorm"):
+    with pytest.raises(
+        DescriptionError,
+        match=r"fails on \[\d+\] \(ValueError: .*\); a policy acts on one .* with LayerNorm",
+    ):
         make("sac", network=str(path))
 
 
 @pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
 def test_batch_normalisation_acts_by_running_statistics(agent: str, tmp_path: Path) -> None:
     path = tmp_path / "normalised.py"
-    lines = ["from torch import nn", "from bricksrl.agents.crossq import BatchNorm", "def make_network(m, n):"]
-    path.write_text("\n".join([*lines, "    return nn.Sequential(BatchNorm(m), nn.Linear(m, n))", ""]))
+    lines = [
+        "from torch import nn",
+        "from bricksrl.agents.crossq import BatchNorm",
+        "def make_network(m, n):",
+    ]
+    path.write_text(
+        "\n".join([*lines, "    return nn.Sequential(BatchNorm(m), nn.Linear(m, n))", ""])
+    )
     learner = make(agent, network=str(path))
     frame = ENV.reset()
     before = {name: value.clone() for name, value in learner.policy.state_dict().items()}

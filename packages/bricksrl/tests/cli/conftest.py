@@ -20,16 +20,27 @@ EXECUTABLE = str(Path(sys.executable).with_name("bricksrl"))
 
 @pytest.fixture(scope="session")
 def bricksrl(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Bricksrl:
-    """Run ``bricksrl`` in a folder of the session: in a process of its own, from scratch where a test sets its environment."""
+    """Run ``bricksrl`` in a folder of the session: in a process of its own, from scratch where a
+    test sets its environment."""
     folder = tmp_path_factory.mktemp("cli")
 
-    def run(*arguments: str, timeout_s: float = 120.0, **environment: str) -> subprocess.CompletedProcess[str]:
+    def run(
+        *arguments: str, timeout_s: float = 120.0, **environment: str
+    ) -> subprocess.CompletedProcess[str]:
         whole = {**os.environ, "MUJOCO_GL": "disable", **environment}
         if hasattr(os, "fork") and not environment:
             server: ForkServer = request.getfixturevalue("forked")
             return server.run(arguments, folder, whole, timeout_s)
         command = [EXECUTABLE, *arguments]
-        return subprocess.run(command, cwd=folder, env=whole, capture_output=True, text=True, timeout=timeout_s, check=False)
+        return subprocess.run(
+            command,
+            cwd=folder,
+            env=whole,
+            capture_output=True,
+            text=True,
+            timeout=timeout_s,
+            check=False,
+        )
 
     return run
 
@@ -63,10 +74,18 @@ def start(
         environment, pipe = {**os.environ, "MUJOCO_GL": "disable"}, subprocess.PIPE
         if hasattr(os, "fork"):
             server: ForkServer = request.getfixturevalue("forked")
-            started.append(server.start(arguments, (None, pipe, pipe), folder=str(folder), environment=environment))
+            started.append(
+                server.start(
+                    arguments, (None, pipe, pipe), folder=str(folder), environment=environment
+                )
+            )
         else:
             command = [EXECUTABLE, *arguments]
-            started.append(subprocess.Popen(command, cwd=folder, env=environment, stdout=pipe, stderr=pipe, text=True))
+            started.append(
+                subprocess.Popen(
+                    command, cwd=folder, env=environment, stdout=pipe, stderr=pipe, text=True
+                )
+            )
         return started[-1]
 
     yield popen
@@ -81,7 +100,11 @@ def start(
 
 
 @pytest.fixture(scope="session")
-def trained(bricksrl: Bricksrl, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
+def trained(
+    bricksrl: Bricksrl, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, subprocess.CompletedProcess[str]]:
     """Folder and output of a short run."""
     run_dir = tmp_path_factory.mktemp("runs") / "short"
-    return run_dir, bricksrl("train", "RunAway-v0", "--episodes", "4", "--seed", "3", "--run", str(run_dir))
+    return run_dir, bricksrl(
+        "train", "RunAway-v0", "--episodes", "4", "--seed", "3", "--run", str(run_dir)
+    )

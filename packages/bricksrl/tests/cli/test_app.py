@@ -16,13 +16,28 @@ from brickhub.cli.app import parse
 from bricksrl.cli.app import LINE, run
 
 HUB_TOOLS = ("hub scan", "hub check", "hub latency", "hub calibrate", "hub stop")
-COMMANDS = ("list", "train", "train-offline", "resume", "evaluate", "doctor", "hub", "hub program", "hub run", *HUB_TOOLS)
+COMMANDS = (
+    "list",
+    "train",
+    "train-offline",
+    "resume",
+    "evaluate",
+    "doctor",
+    "hub",
+    "hub program",
+    "hub run",
+    *HUB_TOOLS,
+)
 HEAVY = ("torch", "torchrl", "tensordict", "mujoco", "matplotlib", "scipy")
 
 
 def test_version(bricksrl):
     done = bricksrl("--version")
-    assert (done.returncode, done.stdout, done.stderr) == (0, f"bricksrl {package.__version__}\n", "")
+    assert (done.returncode, done.stdout, done.stderr) == (
+        0,
+        f"bricksrl {package.__version__}\n",
+        "",
+    )
 
 
 @pytest.mark.parametrize("columns", ["40", "80", "200"])
@@ -48,7 +63,9 @@ def test_help_imports_no_torch():
         "        assert not end.code, end.code\n"
         f"    print('loaded by', command, *sorted(set(sys.modules) & set({HEAVY!r})))\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
+    )
     lines = [line.rstrip() for line in done.stdout.splitlines()]
     for command in ("", *COMMANDS):
         assert any(line.startswith(f"usage: bricksrl {command}".rstrip()) for line in lines)
@@ -68,7 +85,11 @@ def test_help_is_a_command_too(command, bricksrl):
 
 def test_python_runs_the_package_as_the_command():
     done = subprocess.run(
-        [sys.executable, "-m", "bricksrl", "--version"], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-m", "bricksrl", "--version"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
     )
     assert (done.returncode, done.stdout) == (0, f"bricksrl {package.__version__}\n")
 
@@ -78,21 +99,31 @@ def test_python_runs_the_package_as_the_command():
 def test_unread_output_ends_quietly(command, output):
     """A reader that has left, such as ``head``, and standard streams that are closed."""
     line = f"{shlex.quote(sys.executable)} -m bricksrl {command} {output}"
-    done = subprocess.run(["sh", "-c", line], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        ["sh", "-c", line], capture_output=True, text=True, timeout=60, check=False
+    )
     assert (done.stdout, done.stderr) == ("", "")
 
 
 def test_second_ctrl_c_at_the_end_is_quiet():
-    interrupted = "import atexit, os, signal; atexit.register(os.kill, os.getpid(), signal.SIGINT); "
+    interrupted = (
+        "import atexit, os, signal; atexit.register(os.kill, os.getpid(), signal.SIGINT); "
+    )
     program = f"{interrupted}from bricksrl.cli import main; raise SystemExit(main(['--version']))"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
     assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_missing_docstrings_print_one_line():
     command = [sys.executable, "-OO", "-m", "bricksrl", "settings", "sac"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stdout) == (2, "") and "unset PYTHONOPTIMIZE" in done.stderr and done.stderr.count("\n") == 1
+    assert (
+        (done.returncode, done.stdout) == (2, "")
+        and "unset PYTHONOPTIMIZE" in done.stderr
+        and done.stderr.count("\n") == 1
+    )
 
 
 @pytest.mark.parametrize(
@@ -101,13 +132,19 @@ def test_missing_docstrings_print_one_line():
         ("train RunAway-v0 --seeds nan", "--seeds is 'nan'; give a whole number"),
         ("train RunAway-v0 --seed x", "--seed is 'x'; give a whole number"),
         ("train RunAway-v0 --stop-at x", "--stop-at is 'x'; give a number"),
-        ("train RunAway-v0 --take-over x", "--take-over is 'x'; choose controller, gamepad, keyboard"),
+        (
+            "train RunAway-v0 --take-over x",
+            "--take-over is 'x'; choose controller, gamepad, keyboard",
+        ),
         ("camera calibrate RoboArm_mixed-v0 --at 1", "--at is '1'; give two whole numbers"),
         ("data split a", "--out DIR and --rest DIR are missing"),
         ("train RunAway-v0 --seed", "--seed needs a value"),
         ("evaluate --run runs/spin", "run is no option; give it without --run"),
         ("train RunAway-v0 --jsn", "there is no option or argument --jsn"),
-        ("train RunAway-v0 --agnet sac", "there is no option or argument --agnet, sac (did you mean --agent?)"),
+        (
+            "train RunAway-v0 --agnet sac",
+            "there is no option or argument --agnet, sac (did you mean --agent?)",
+        ),
         ("trian", "there is no option or argument trian (did you mean 'train'?)"),
         ("hub scna", "there is no option or argument scna (did you mean 'scan'?)"),
         ("camera", "a command is missing; choose calibrate"),
@@ -117,10 +154,16 @@ def test_wrong_arguments_have_plain_messages(fails, arguments, says):
     fails(*arguments.split(), says=f"error: {says}; see")
 
 
-@pytest.mark.parametrize("environment", [{"PYTHONIOENCODING": "cp1252"}, {"PYTHONIOENCODING": "ascii"}, {"COLUMNS": "30"}])
+@pytest.mark.parametrize(
+    "environment",
+    [{"PYTHONIOENCODING": "cp1252"}, {"PYTHONIOENCODING": "ascii"}, {"COLUMNS": "30"}],
+)
 def test_wrong_arguments_have_plain_messages_on_any_console(bricksrl, environment):
     done = bricksrl("train", "RunAway-v0", "--agnet", "sac", **environment)
-    says = "error: there is no option or argument --agnet, sac (did you mean --agent?); see `bricksrl train --help`\n"
+    says = (
+        "error: there is no option or argument --agnet, sac (did you mean --agent?); see "
+        "`bricksrl train --help`\n"
+    )
     assert (done.returncode, done.stdout, done.stderr) == (2, "", says)
 
 
@@ -175,7 +218,10 @@ def test_wrong_arguments_print_one_line(fails, arguments, says):
         ("train-offline WalkerSim-v0 --data no --updates 0", "updates is 0"),
         ("train WalkerSim-v0 --set target_entropy=nan --run a", "target_entropy is 'nan'"),
         ("train TD --set entropy=nan --run a", "no environment 'TD'"),
-        ("train RoboArm-v0 --option threshold=5 --run a", "no option threshold; it has sparse, threshold_deg"),
+        (
+            "train RoboArm-v0 --option threshold=5 --run a",
+            "no option threshold; it has sparse, threshold_deg",
+        ),
         ("train RunAway-v0 --option colour=red --run a", "no option colour; it has ends_at_wall"),
         ('train RoboArm-v0 --option threshold_deg="x" --run a', "cannot be made with"),
         ("train RoboArm-v0 --option threshold_deg=NaN --run a", "never reached"),
@@ -225,7 +271,9 @@ def test_argument_error_names_help(fails, arguments, command):
 
 def test_closed_stdout_is_not_an_error():
     command = f"{sys.executable} -m bricksrl list --json | true"
-    done = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=60, check=False)  # noqa: S602
+    done = subprocess.run(  # noqa: S602
+        command, shell=True, capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.stderr == ""
 
 
@@ -234,10 +282,19 @@ def test_missing_package_is_named(bricksrl, tmp_path: Path) -> None:
     (tmp_path / "sitecustomize.py").write_text(
         "from importlib.machinery import PathFinder\n"
         "find = PathFinder.find_spec\n"
-        "PathFinder.find_spec = lambda name, *rest: None if name.startswith('pyarrow') else find(name, *rest)\n"
+        "PathFinder.find_spec = lambda name, *rest: None if name.startswith('pyarrow') else "
+        "find(name, *rest)\n"
     )
-    done = bricksrl("data", "info", str(tmp_path), PYTHONPATH=f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
-    told = r"error: the package 'pyarrow' is missing in .*; install bricksrl there again, or activate its environment\n"
+    done = bricksrl(
+        "data",
+        "info",
+        str(tmp_path),
+        PYTHONPATH=f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}",
+    )
+    told = (
+        r"error: the package 'pyarrow' is missing in .*; install bricksrl there again, or "
+        r"activate its environment\n"
+    )
     assert done.returncode == 2 and re.fullmatch(told, done.stderr), done.stderr
 
 

@@ -22,7 +22,9 @@ from bricksrl.training import TrainConfig
 ID = "RoboArm_mixed-v0"
 
 
-def test_calibrate_camera_then_train(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_calibrate_camera_then_train(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "red.json"
     assert main(["camera", "calibrate", "--twin", "--frames", "2", "--out", str(path)]) == 0
     written = capsys.readouterr()
@@ -42,7 +44,9 @@ def test_calibrate_camera_then_train(tmp_path: Path, capsys: pytest.CaptureFixtu
     monkeypatch.setattr("bricksrl.training.run.train", note)
     assert main(["train", ID, "--option", f"calibration={path}", "--option", "sparse=true"]) == 2
     assert told[0].options == {"calibration": str(path), "sparse": True}
-    assert TrainConfig.from_dict(json.loads(json.dumps(told[0].to_dict()))).options == told[0].options
+    assert (
+        TrainConfig.from_dict(json.loads(json.dumps(told[0].to_dict()))).options == told[0].options
+    )
     env = make_env(ID, told[0].robot, seed=0)
     assert env.task.camera.goal.red == window
     assert env.task.reward(*[torch.zeros(1, 5)] * 3).item() == 1
@@ -61,8 +65,12 @@ def test_webcam_calibration_uses_last_frames(
         return made
 
     monkeypatch.setattr(VideoCamera, "frame", frame)
-    monkeypatch.setattr("bricksrl.envs.vision.color_calibration.calibration_folder", lambda: tmp_path)
-    assert main(["camera", "calibrate", "--camera", "1", "--frames", "4", "--at", "220", "120"]) == 0
+    monkeypatch.setattr(
+        "bricksrl.envs.vision.color_calibration.calibration_folder", lambda: tmp_path
+    )
+    assert (
+        main(["camera", "calibrate", "--camera", "1", "--frames", "4", "--at", "220", "120"]) == 0
+    )
     assert taken == [1] * 4
     assert read_red(tmp_path / "camera-1.json").hue_deg[1] < 0
     said = capsys.readouterr().out
@@ -70,18 +78,41 @@ def test_webcam_calibration_uses_last_frames(
     assert "2 red objects" in said
 
 
-def test_mistakes_print_one_line(fails: Callable[..., None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_mistakes_print_one_line(
+    fails: Callable[..., None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     def unplugged(_camera: VideoCamera) -> None:
         raise CameraError("camera 0 shows nothing; plug it in")
 
     monkeypatch.setattr(VideoCamera, "frame", unplugged)
     fails("camera", "calibrate", says="camera 0 shows nothing")
     fails("camera", "calibrate", "--twin", says="--out")
-    fails("camera", "calibrate", "--twin", "--camera", "1", "--out", "x.json", says="--camera has no effect with --twin; omit it")
-    fails("camera", "calibrate", "--out", "x.png", says="the name of the picture that is written too")
+    fails(
+        "camera",
+        "calibrate",
+        "--twin",
+        "--camera",
+        "1",
+        "--out",
+        "x.json",
+        says="--camera has no effect with --twin; omit it",
+    )
+    fails(
+        "camera", "calibrate", "--out", "x.png", says="the name of the picture that is written too"
+    )
     fails("camera", "calibrate", "--frames", "0", says="frames is 0")
     fails("camera", "calibrate", "Walker-v0", says="Walker-v0 has no camera")
-    fails("camera", "calibrate", "--twin", "--at", "3", "3", "--out", str(tmp_path / "red.json"), says="nothing is red")
+    fails(
+        "camera",
+        "calibrate",
+        "--twin",
+        "--at",
+        "3",
+        "3",
+        "--out",
+        str(tmp_path / "red.json"),
+        says="nothing is red",
+    )
     fails("train", ID, "--option", "calibration", says="NAME=VALUE")
     fails("train", ID, "--option", "calibration=none.json", says="bricksrl camera calibrate")
     fails("train", ID, "--option", "colour=1", says="no option colour")

@@ -36,7 +36,12 @@ def test_unknown_task_prints_one_line(fails, tmp_path):
 
 @pytest.mark.parametrize(
     "arguments",
-    ["check missing.py", "train RunAway-v0 --agent missing.py", "play missing", "data export missing --format numpy --out x"],
+    [
+        "check missing.py",
+        "train RunAway-v0 --agent missing.py",
+        "play missing",
+        "data export missing --format numpy --out x",
+    ],
 )
 def test_what_is_missing_is_said_before_anything_is_loaded(monkeypatch, capsys, arguments):
     """Torch takes seconds."""

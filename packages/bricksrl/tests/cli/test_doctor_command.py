@@ -21,7 +21,11 @@ def test_doctor_answers_on_this_computer(capfd) -> None:
 
 
 def test_json(capfd, monkeypatch) -> None:
-    monkeypatch.setattr(doctor.Doctor, "checks", {"disk": doctor.check_disk, "bad": lambda: (Outcome.ERROR, "it is; mend it")})
+    monkeypatch.setattr(
+        doctor.Doctor,
+        "checks",
+        {"disk": doctor.check_disk, "bad": lambda: (Outcome.ERROR, "it is; mend it")},
+    )
     assert main(("doctor", "--json")) == 1
     told = json.loads(capfd.readouterr().out)
     assert told["ok"] is False
@@ -37,7 +41,9 @@ def test_packages_of_all_houses_are_checked(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr("importlib.metadata.requires", asked.append)
     outcome, detail = doctor.CHECKS["packages"]()
     assert asked == ["bricksrl", "bricktwin", "brickhub"]
-    assert outcome is Outcome.OK and all(name in detail for name in ("bricksrl ", "torch ", "torchrl ", "mujoco ", "bleak "))
+    assert outcome is Outcome.OK and all(
+        name in detail for name in ("bricksrl ", "torch ", "torchrl ", "mujoco ", "bleak ")
+    )
 
 
 def test_crashing_driver_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -49,7 +55,9 @@ def test_crashing_driver_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "nothing was drawn within 0.3 s" in doctor.check_opengl()[1]
 
 
-@pytest.mark.parametrize(("free", "outcome"), [(10**8, Outcome.ERROR), (10**9, Outcome.WARNING), (10**11, Outcome.OK)])
+@pytest.mark.parametrize(
+    ("free", "outcome"), [(10**8, Outcome.ERROR), (10**9, Outcome.WARNING), (10**11, Outcome.OK)]
+)
 def test_disk_space(monkeypatch: pytest.MonkeyPatch, free: int, outcome: Outcome) -> None:
     monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": free}))
     assert doctor.check_disk()[0] is outcome

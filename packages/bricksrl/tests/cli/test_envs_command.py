@@ -20,7 +20,8 @@ def test_json_is_one_object(bricksrl):
     done = bricksrl("list", "--json")
     listed = json.loads(done.stdout)
     ids = [env["id"] for env in listed["environments"]]
-    assert set(SHIPPED) <= set(ids) <= set(envs.list_envs())  # other tests register more, in this process
+    # other tests register more, in this process
+    assert set(SHIPPED) <= set(ids) <= set(envs.list_envs())
     assert ids == sorted(ids)
     assert listed["agents"] == list(agents.AGENTS)
     run_away = next(env for env in listed["environments"] if env["id"] == "RunAway-v0")

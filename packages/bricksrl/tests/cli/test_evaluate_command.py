@@ -110,13 +110,29 @@ def test_run_on_a_lego_robot_is_not_filmed_on_a_virtual_one(fails, trained, tmp_
 
 
 @pytest.mark.parametrize(
-    ("env", "says"), [("04_own_robot.py", "its robot lies on a bench"), ("WalkerSim-v0", "has no virtual robot to film")]
+    ("env", "says"),
+    [
+        ("04_own_robot.py", "its robot lies on a bench"),
+        ("WalkerSim-v0", "has no virtual robot to film"),
+    ],
 )
 def test_what_cannot_be_filmed_is_refused_before_the_first_episode(env, says, tmp_path, capsys):
     env = str(EXAMPLES / env) if env.endswith(".py") else env
     train(TrainConfig(env, "random", episodes=1, run_dir=tmp_path / "run", record=False))
     capsys.readouterr()
-    assert main(["evaluate", str(tmp_path / "run"), "--episodes", "1", "--video", str(tmp_path / "a.mp4")]) == 2
+    assert (
+        main(
+            [
+                "evaluate",
+                str(tmp_path / "run"),
+                "--episodes",
+                "1",
+                "--video",
+                str(tmp_path / "a.mp4"),
+            ]
+        )
+        == 2
+    )
     told = capsys.readouterr()
     assert told.out == "" and told.err.count("\n") == 1 and says in told.err
     assert not (tmp_path / "a.mp4").exists()

@@ -73,7 +73,9 @@ def test_a_trained_policy_acts_in_python(short: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["task", "robot", "agent"])
-def test_new_file_can_be_trained(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd) -> None:
+def test_new_file_can_be_trained(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["new", kind, "my_own.py"]) == 0
     told = capfd.readouterr().out
@@ -126,7 +128,9 @@ def test_nan_reward_in_simulation_raises(own: Path) -> None:
     from bricksrl.envs.simulation import SimulatedEnv
     from bricksrl.envs.task import Kinematics
 
-    task = replace(get_task("WalkerSim-v0"), id="Nan-v0", reward=lambda p, a, o: o[..., :1] * float("nan"))
+    task = replace(
+        get_task("WalkerSim-v0"), id="Nan-v0", reward=lambda p, a, o: o[..., :1] * float("nan")
+    )
     env = SimulatedEnv(task, Kinematics(noise=0.1), seed=0)
     with pytest.raises(DescriptionError, match="a reward of WalkerSim-v0 was not a number"):
         train(TrainConfig("WalkerSim-v0", episodes=1, run_dir=own / "run"), env=env)
@@ -141,12 +145,17 @@ def test_ports_are_letters() -> None:
 
 def test_run_folder_name_has_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    names = [train(TrainConfig("RoboArmSim-v0", "random", episodes=1, record=False)).run_dir.name for _ in range(2)]
+    names = [
+        train(TrainConfig("RoboArmSim-v0", "random", episodes=1, record=False)).run_dir.name
+        for _ in range(2)
+    ]
     assert names == ["RoboArmSim-v0-random-seed-0", "RoboArmSim-v0-random-seed-0-2"]
 
 
 @pytest.mark.parametrize("damage", ["cut stats", "flip stats", "cut tasks", "flip tasks", "fps"])
-def test_check_finds_and_repair_fixes_damage(damage: str, dataset: Path, tmp_path: Path, capfd) -> None:
+def test_check_finds_and_repair_fixes_damage(
+    damage: str, dataset: Path, tmp_path: Path, capfd
+) -> None:
     root = Path(shutil.copytree(dataset, tmp_path / "data"))
     if damage == "fps":
         path = root / "meta/info.json"
@@ -195,7 +204,9 @@ def test_foreign_code_needs_permission(short: Path, tmp_path: Path, fails) -> No
         {"agent": str(evil)},
         {"settings": {**config["config"]["settings"], "network": f"{evil}:make"}},
     ):
-        (run_dir / "config.json").write_text(json.dumps({**config, "config": {**config["config"], **part}}))
+        (run_dir / "config.json").write_text(
+            json.dumps({**config, "config": {**config["config"], **part}})
+        )
         for command in (["evaluate"], ["resume"], ["export", "--format", "torch-export"]):
             if command[0] != "export":
                 fails(command[0], str(run_dir), says="bricksrl trust")
@@ -214,21 +225,48 @@ def test_deeply_nested_config_prints_one_line(tmp_path: Path, fails) -> None:
 
 def test_tuning_offline_agent_raises_without_study(tmp_path: Path, fails) -> None:
     for agent in ("bc", "random"):
-        fails("tune", "RoboArmSim-v0", "--agent", agent, "--folder", str(tmp_path / "study"), says="choose another agent")
+        fails(
+            "tune",
+            "RoboArmSim-v0",
+            "--agent",
+            agent,
+            "--folder",
+            str(tmp_path / "study"),
+            says="choose another agent",
+        )
     assert not (tmp_path / "study").exists()
 
 
 def test_two_commands_can_start_one_study(start, tmp_path: Path) -> None:
-    command = f"tune RoboArmSim-v0 --trials 1 --steps 2 --seeds 1 --episodes 1 --folder {tmp_path / 'study'}".split()
+    command = (
+        "tune RoboArmSim-v0 --trials 1 --steps 2 --seeds 1 --episodes 1 --folder "
+        f"{tmp_path / 'study'}"
+    ).split()
     both = [start(*command), start(*command)]
     said = [one.communicate(timeout=200)[1] for one in both]
     assert [one.returncode for one in both] == [0, 0], said
 
 
 def test_unusual_environment_variables_are_tolerated(bricksrl, tmp_path: Path) -> None:
-    environment = {"PYTHONIOENCODING": "ascii", "MPLBACKEND": "nope", "LC_ALL": "C", "PYTHONUTF8": "0", "MUJOCO_GL": "osmesa"}
+    environment = {
+        "PYTHONIOENCODING": "ascii",
+        "MPLBACKEND": "nope",
+        "LC_ALL": "C",
+        "PYTHONUTF8": "0",
+        "MUJOCO_GL": "osmesa",
+    }
     run_dir = str(tmp_path / "run")
-    done = bricksrl("train", "RoboArmSim-v0", "--agent", "random", "--episodes", "1", "--run", run_dir, **environment)
+    done = bricksrl(
+        "train",
+        "RoboArmSim-v0",
+        "--agent",
+        "random",
+        "--episodes",
+        "1",
+        "--run",
+        run_dir,
+        **environment,
+    )
     assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
     assert "return " in done.stdout and (tmp_path / "run/learning_curve.png").exists()
 
@@ -256,7 +294,12 @@ def test_video_on_a_full_disk_raises(tmp_path: Path) -> None:
         video.add(images[0])  # starts the encoder, with this limit
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    with pytest.raises(WriteError, match=r"cannot write .*a.mp4 \(the encoder ended\); name another place"), video:
+    with (
+        pytest.raises(
+            WriteError, match=r"cannot write .*a.mp4 \(the encoder ended\); name another place"
+        ),
+        video,
+    ):
         list(map(video.add, images))
     assert not list(tmp_path.iterdir())
 
@@ -279,12 +322,16 @@ def test_video_on_a_full_disk_raises(tmp_path: Path) -> None:
         "evaluate {run} --video {}/film.mp4",
     ],
 )
-def test_unwritable_place_is_told_in_one_line(command: str, short: Path, tmp_path: Path, monkeypatch, capfd) -> None:
+def test_unwritable_place_is_told_in_one_line(
+    command: str, short: Path, tmp_path: Path, monkeypatch, capfd
+) -> None:
     monkeypatch.chdir(tmp_path)
     Path("file").write_text("")
     assert main(command.format("file", data=short / "data", run=short).split()) == 2
     [told] = [line for line in capfd.readouterr().err.splitlines() if line.startswith("error")]
-    assert re.fullmatch(r"error: cannot write file/\S+ \(Not a directory\); name another place", told)
+    assert re.fullmatch(
+        r"error: cannot write file/\S+ \(Not a directory\); name another place", told
+    )
 
 
 def test_incomplete_video_keeps_temporary_name(tmp_path: Path) -> None:
@@ -304,21 +351,36 @@ def test_incomplete_video_keeps_temporary_name(tmp_path: Path) -> None:
         (["train", "RunAway-v0", "--agent", ""], "no agent ''"),
         (["train", "RunAway-v0", "--preset", ""], "no preset ''"),
         (["train", "RunAway-v0", "--episodes", "9" * 30], "give 1 or more, and up to 16,777,216"),
-        (["record", "RoboArmSim-v0", "--out", "new", "--episodes", "9" * 40], "give 1 or more, and up to 16,777,216"),
+        (
+            ["record", "RoboArmSim-v0", "--out", "new", "--episodes", "9" * 40],
+            "give 1 or more, and up to 16,777,216",
+        ),
         (["train", "WalkerSim-v0", "--seeds", "1000000"], "give 2 to 1000"),
         (["train", "WalkerSim-v0", "--seeds", "9" * 40], "give 2 to 1000"),
-        (["train", "WalkerSim-v0", "--set", f"hidden={','.join(['16384'] * 8)}"], "weights a network; give up to"),
+        (
+            ["train", "WalkerSim-v0", "--set", f"hidden={','.join(['16384'] * 8)}"],
+            "weights a network; give up to",
+        ),
         (["hub", "program", "RunAway-v0", "--out", "a.txt"], "end it in .py"),
     ],
 )
-def test_invalid_arguments_raise_before_any_output(fails, arguments: list[str], says: str, tmp_path, monkeypatch) -> None:
+def test_invalid_arguments_raise_before_any_output(
+    fails, arguments: list[str], says: str, tmp_path, monkeypatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     fails(*arguments, says=says)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_pictures_are_png_files(dataset: Path, tmp_path: Path, fails) -> None:
-    fails("data", "plot", str(dataset), "--out", str(tmp_path / "x.xyz"), says="end it in .png, .svg, .pdf")
+    fails(
+        "data",
+        "plot",
+        str(dataset),
+        "--out",
+        str(tmp_path / "x.xyz"),
+        says="end it in .png, .svg, .pdf",
+    )
 
 
 def test_hub_program_is_written_to_file(tmp_path: Path, capfd) -> None:
@@ -360,11 +422,19 @@ class Interrupt:
 sys.meta_path.insert(0, Interrupt)
 sys.exit(bricksrl.cli.main())
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted: nothing was saved\n")
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (
+        130,
+        "",
+        "interrupted: nothing was saved\n",
+    )
 
 
-@pytest.mark.parametrize("option", [pytest.param("--robots=2", marks=pytest.mark.slow), "--asynchronous"])
+@pytest.mark.parametrize(
+    "option", [pytest.param("--robots=2", marks=pytest.mark.slow), "--asynchronous"]
+)
 def test_processes_of_a_run_leave_no_warning(bricksrl, option: str) -> None:
     run = bricksrl("train", "RunAway-v0", option, "--episodes", "2", "--run", f"quiet{option}")
     assert run.returncode == 0, run.stderr

@@ -8,12 +8,20 @@ from bricksrl.cli import main
 def test_plan_is_checked_as_by_bricktwin(capfd) -> None:
     assert main(("plan", "check", "two-wheeler")) == 0
     written = capfd.readouterr()
-    assert (written.out, written.err) == ("36 parts of 11 kinds, 11 steps, 428 g: all is well\n", "")
+    assert (written.out, written.err) == (
+        "36 parts of 11 kinds, 11 steps, 428 g: all is well\n",
+        "",
+    )
 
 
 def test_errors_print_one_line(fails) -> None:
     fails("plan", "check", "two-wheels", says="there is no robot 'two-wheels'; choose one of")
-    fails("plan", "check", "no.ldr", says="no.ldr: No such file or directory; name an LDraw file (.ldr, .mpd or .io)")
+    fails(
+        "plan",
+        "check",
+        "no.ldr",
+        says="no.ldr: No such file or directory; name an LDraw file (.ldr, .mpd or .io)",
+    )
     fails("plan", "parts", "--out", "parts.csv", says="--out needs a plan; name an LDraw file")
     fails("twin", "fit", "nothing.jsonl", says="cannot read the log")
 

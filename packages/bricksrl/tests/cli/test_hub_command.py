@@ -23,10 +23,15 @@ def test_program_of_unknown_environment_prints_one_line(fails):
 
 
 def test_run_in_scene_of_environment(bricksrl, tmp_path):
-    look = "from pybricks.parameters import Port\nfrom pybricks.pupdevices import UltrasonicSensor\n"
+    look = (
+        "from pybricks.parameters import Port\nfrom pybricks.pupdevices import UltrasonicSensor\n"
+    )
     path = tmp_path / "look.py"
     path.write_text(look + "print(UltrasonicSensor(Port.C).distance())")
-    distances = [int(bricksrl("hub", "run", str(path), "--robot", robot).stdout) for robot in ("RunAway-v0", "two-wheeler")]
+    distances = [
+        int(bricksrl("hub", "run", str(path), "--robot", robot).stdout)
+        for robot in ("RunAway-v0", "two-wheeler")
+    ]
     assert 40 <= distances[0] <= 500 and distances[1] == 2000
 
 
@@ -44,7 +49,8 @@ def test_run_on_unknown_robot_prints_one_line(fails, tmp_path):
 
 def test_run_takes_the_scene_of_the_task_beside_the_robot(bricksrl, tmp_path):
     robot, program = tmp_path / "my_robot.py", tmp_path / "main.py"
-    assert bricksrl("new", "robot", str(robot)).returncode == 0  # its light has no reading but that of the task's scene
+    # its light has no reading but that of the task's scene
+    assert bricksrl("new", "robot", str(robot)).returncode == 0
     program.write_text(
         "from pybricks.pupdevices import ColorSensor\nfrom pybricks.parameters import Port\n"
         "print(ColorSensor(Port.B).reflection())\n"
@@ -56,10 +62,12 @@ def test_run_takes_the_scene_of_the_task_beside_the_robot(bricksrl, tmp_path):
 def test_run_takes_a_robot_from_a_file(bricksrl, tmp_path):
     robot, program = tmp_path / "arm.py", tmp_path / "main.py"
     robot.write_text(
-        "from bricksrl.robots import HubKind, Motor, Robot\nARM = Robot('arm', HubKind.CITY, motors=(Motor('joint', 'B'),))\n"
+        "from bricksrl.robots import HubKind, Motor, Robot\n"
+        "ARM = Robot('arm', HubKind.CITY, motors=(Motor('joint', 'B'),))\n"
     )
     program.write_text(
-        "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nprint(Motor(Port.B).angle())"
+        "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\n"
+        "print(Motor(Port.B).angle())"
     )
     done = bricksrl("hub", "run", str(program), "--robot", f"{robot}:ARM")
     assert (done.returncode, done.stdout, done.stderr) == (0, "0\n", "")
@@ -86,4 +94,9 @@ def test_robots_of_an_arena_have_programs(bricksrl, fails) -> None:
     assert first.stdout != second.stdout
     assert first.stdout == bricksrl("hub", "program", "Tag-v0:catcher").stdout
     assert "this is catcher; there are also Tag-v0:runner" in first.stderr and not second.stderr
-    fails("hub", "program", "Tag-v0:runer", says="Tag-v0 has no robot 'runer' (did you mean 'runner'?); it has catcher, runner")
+    fails(
+        "hub",
+        "program",
+        "Tag-v0:runer",
+        says="Tag-v0 has no robot 'runer' (did you mean 'runner'?); it has catcher, runner",
+    )

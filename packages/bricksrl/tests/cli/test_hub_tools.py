@@ -1,4 +1,5 @@
-"""``bricksrl hub scan | check | latency | calibrate | stop``: the commands of brickhub, for the robot of an environment."""
+"""``bricksrl hub scan | check | latency | calibrate | stop``: the commands of brickhub, for the
+robot of an environment."""
 
 from __future__ import annotations
 
@@ -27,15 +28,35 @@ def test_scan_and_stop_are_those_of_brickhub(capfd) -> None:
 
 def test_latency(capfd, fails) -> None:
     code, out = told(capfd, "hub", "latency", "Walker-v1", "--hub", "virtual", "--exchanges", "5")
-    assert code == 0 and "round trip           p50" in out and "of 5 exchanges" in out and "is the link" in out
+    assert (
+        code == 0
+        and "round trip           p50" in out
+        and "of 5 exchanges" in out
+        and "is the link" in out
+    )
     _, out = told(capfd, "hub", "latency", "RunAway-v0", "--hub", "virtual", "--json")
     found = json.loads(out)
-    assert (found["interval_ms"], found["link_share"], found["exchanges"]) == (pytest.approx(45.0, abs=1.25), None, 100)
-    fails("hub", "latency", "RunAway-v0", "--hub", "virtual", "--exchanges", "0", says="exchanges is 0; give 1 or more")
+    assert (found["interval_ms"], found["link_share"], found["exchanges"]) == (
+        pytest.approx(45.0, abs=1.25),
+        None,
+        100,
+    )
+    fails(
+        "hub",
+        "latency",
+        "RunAway-v0",
+        "--hub",
+        "virtual",
+        "--exchanges",
+        "0",
+        says="exchanges is 0; give 1 or more",
+    )
 
 
 def test_good_robot_passes_check(capfd) -> None:
-    code, out = told(capfd, "hub", "check", "Spinning-v0", "--hub", "virtual", "--link", "mac", "--yes")
+    code, out = told(
+        capfd, "hub", "check", "Spinning-v0", "--hub", "virtual", "--link", "mac", "--yes"
+    )
     assert code == 0
     assert out.splitlines()[-1] == "ready for Spinning-v0"
     assert all(line.startswith("ok ") for line in out.splitlines()[:-1])
@@ -55,7 +76,9 @@ def test_a_check_uses_the_calibration(capfd, tmp_path: Path) -> None:
     place = ("--hub", "virtual", "--calibrations", str(tmp_path))
     folder = tmp_path / "virtual"
     folder.mkdir()
-    (folder / "robo-arm.json").write_text('{"hub": "virtual", "zeros_deg": {"low": 90}, "reversed": []}')
+    (folder / "robo-arm.json").write_text(
+        '{"hub": "virtual", "zeros_deg": {"low": 90}, "reversed": []}'
+    )
     code, out = told(capfd, "hub", "check", "RoboArm-v0", *place)
     assert code == 1 and "error    angle low" in out and "brickhub calibrate" in out
 

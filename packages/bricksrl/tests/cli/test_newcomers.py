@@ -1,4 +1,5 @@
-"""What somebody meets in the first hour and after a mishap: one plain line that says what happened, and what to do."""
+"""What somebody meets in the first hour and after a mishap: one plain line that says what happened,
+and what to do."""
 
 from __future__ import annotations
 
@@ -38,7 +39,12 @@ def test_advice_after_a_lost_row_works(recorded, tmp_path, fails, capfd):
     dataset = copy_of(recorded, tmp_path)
     (dataset / "meta/episodes/chunk-000/file-002.parquet").unlink()
     fails("data", "check", str(dataset), says=f"`bricksrl data repair {dataset} --out NEW`")
-    fails("data", "repair", str(dataset), says=f"save them with `bricksrl data repair {dataset} --out NEW`")
+    fails(
+        "data",
+        "repair",
+        str(dataset),
+        says=f"save them with `bricksrl data repair {dataset} --out NEW`",
+    )
     fails(*RECORD, str(dataset), says="--out NEW")
     assert main(["data", "repair", str(dataset), "--out", str(tmp_path / "saved")]) == 0
     assert "2 episodes" in capfd.readouterr().out
@@ -52,7 +58,11 @@ def test_record_into_a_dataset_says_so_and_refuses_a_damaged_one(recorded, tmp_p
     (dataset / "data/chunk-000/file-001.parquet").write_bytes(b"damaged")
     assert main([*RECORD, str(dataset)]) == 2
     told = capfd.readouterr()
-    assert "is damaged" in told.err and "--out NEW` saves what is whole" in told.err and "episode 1" not in told.out
+    assert (
+        "is damaged" in told.err
+        and "--out NEW` saves what is whole" in told.err
+        and "episode 1" not in told.out
+    )
     saved, lost = salvage(dataset, tmp_path / "saved")
     assert len(saved.rows) == 5 and lost
 
@@ -69,7 +79,10 @@ def test_record_into_a_dataset_says_so_and_refuses_a_damaged_one(recorded, tmp_p
         (("demo", "Walker-v9"), "did you mean 'Walker-v2'?"),
         (("demo", "WalkerSim-v0"), "has no robot to show"),
         (("demo", "--policy", "bset"), "has no policy 'bset'; choose random, scripted"),
-        (("list", "\N{EN DASH}json"), "\N{EN DASH}json begins with the dash of a word processor; type --json"),
+        (
+            ("list", "\N{EN DASH}json"),
+            "\N{EN DASH}json begins with the dash of a word processor; type --json",
+        ),
     ],
 )
 def test_wrong_words_are_refused_before_torch_is_loaded(words, says):
@@ -81,8 +94,12 @@ def test_wrong_words_are_refused_before_torch_is_loaded(words, says):
         "assert 'torch' not in sys.modules\n"
         "sys.exit(code)"
     )
-    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)
-    assert done.returncode == 2 and says in done.stderr and done.stderr.count("\n") == 1, done.stderr
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2 and says in done.stderr and done.stderr.count("\n") == 1, (
+        done.stderr
+    )
 
 
 def test_more_copies_than_this_computer_has_room_for_are_refused(fails, tmp_path):
@@ -122,7 +139,22 @@ def test_long_work_is_told_from_time_to_time(capfd, monkeypatch):
 def test_films_can_be_left_out(tmp_path, capfd):
     assert parse(["train", "RunAway-v0"]).film and not parse(["resume", "x", "--no-film"]).film
     run = tmp_path / "run"
-    assert main(["train", "RunAway-v0", "--agent", "random", "--episodes", "1", "--no-film", "--run", str(run)]) == 0
+    assert (
+        main(
+            [
+                "train",
+                "RunAway-v0",
+                "--agent",
+                "random",
+                "--episodes",
+                "1",
+                "--no-film",
+                "--run",
+                str(run),
+            ]
+        )
+        == 0
+    )
     assert "video           none: it was left out (--no-film)" in capfd.readouterr().out
     assert not list(run.glob("*.mp4")) and (run / "report.html").exists()
 
@@ -146,7 +178,10 @@ def test_narrow_terminal_lists_every_environment_on_few_lines(monkeypatch, capfd
 
 def test_opengl_that_was_asked_for_is_named():
     """After a library that does not work was replaced by none."""
-    code = "from bricktwin.twin.make_body import check_mujoco; check_mujoco()\nfrom bricksrl.cli.doctor import check_opengl\n"
+    code = (
+        "from bricktwin.twin.make_body import check_mujoco; check_mujoco()\n"
+        "from bricksrl.cli.doctor import check_opengl\n"
+    )
     environment = {**os.environ, "MUJOCO_GL": "bogus"}
     command = [sys.executable, "-c", f"{code}print(check_opengl())"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
@@ -156,7 +191,9 @@ def test_opengl_that_was_asked_for_is_named():
 @pytest.mark.realtime
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts processes in /proc")
 def test_sigterm_ends_a_training_whose_processes_start(start, tmp_path):
-    process = start("train", "Walker-v1", "--num-envs", "2", "--no-film", "--run", str(tmp_path / "run"))
+    process = start(
+        "train", "Walker-v1", "--num-envs", "2", "--no-film", "--run", str(tmp_path / "run")
+    )
 
     def children() -> list[str]:
         return Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()

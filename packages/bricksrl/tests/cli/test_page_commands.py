@@ -20,7 +20,9 @@ def test_record_on_page(tmp_path, capfd):
     out = tmp_path / "data"
     assert main(["record", "RunAway-v0", "--episodes", "2", "--out", str(out), "--page"]) == 0
     told = capfd.readouterr()
-    assert re.search(r"^live page: http://127\.0\.0\.1:\d+/\?token=\S{20,}$", told.err, re.MULTILINE)
+    assert re.search(
+        r"^live page: http://127\.0\.0\.1:\d+/\?token=\S{20,}$", told.err, re.MULTILINE
+    )
     assert told.out.count("episode ") == 2
 
 
@@ -28,7 +30,9 @@ def test_record_on_page(tmp_path, capfd):
 def test_play_on_page(capfd):
     assert main(["play", "RunAway-v0", "--episodes", "1", "--page"]) == 0
     told = capfd.readouterr()
-    assert told.out.startswith("1 episode, mean return") and "live page: http://127.0.0.1:" in told.err
+    assert (
+        told.out.startswith("1 episode, mean return") and "live page: http://127.0.0.1:" in told.err
+    )
 
 
 def test_play_in_terminal_plays_an_episode_again_whose_link_was_lost(capfd):
@@ -41,7 +45,9 @@ def test_play_in_terminal_plays_an_episode_again_whose_link_was_lost(capfd):
 
     with closing(env):
         _in_terminal(env, Player(act), 2, 0)
-    assert re.findall(r"return \S+  (\d+) steps", capfd.readouterr().out) == ["20", "20"], "no half an episode"
+    assert re.findall(r"return \S+  (\d+) steps", capfd.readouterr().out) == ["20", "20"], (
+        "no half an episode"
+    )
 
 
 def test_play_in_terminal_plays_what_is_evaluated(tmp_path, capfd):
@@ -52,7 +58,9 @@ def test_play_in_terminal_plays_what_is_evaluated(tmp_path, capfd):
     returns = json.loads(capfd.readouterr().out)["returns"]
     assert len(set(returns)) == 2
     assert main(["play", run, "--episodes", "2"]) == 0
-    played = re.findall(r"^episode \d  return (\S+)  \d+ steps?$", capfd.readouterr().out, re.MULTILINE)
+    played = re.findall(
+        r"^episode \d  return (\S+)  \d+ steps?$", capfd.readouterr().out, re.MULTILINE
+    )
     assert played == [f"{value:.4g}" for value in returns]
 
 
@@ -75,12 +83,24 @@ def test_program_on_page(tmp_path, capfd):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("play", "runs/nothing"), "there is no run in runs/nothing; name a folder with a config.json, or an environment"),
-        (("record", "RunAway-v0", "--out", "x", "--policy", "keybord"), "in keybord (did you mean 'keyboard'?); name"),
+        (
+            ("play", "runs/nothing"),
+            "there is no run in runs/nothing; name a folder with a config.json, or an environment",
+        ),
+        (
+            ("record", "RunAway-v0", "--out", "x", "--policy", "keybord"),
+            "in keybord (did you mean 'keyboard'?); name",
+        ),
         (("team", "--play", "runs/nothing"), "there is no team in runs/nothing; name a folder"),
         (("team", "tag-v0"), "there is no arena 'tag-v0' (did you mean 'Tag-v0'?); choose"),
-        (("study", "robots-time"), "there is no benchmark 'robots-time' (did you mean 'robot-time'?); choose"),
-        (("play", "RunAway-v0", "--hub", "virtul"), "there is no hub 'virtul' (did you mean 'virtual'?); choose"),
+        (
+            ("study", "robots-time"),
+            "there is no benchmark 'robots-time' (did you mean 'robot-time'?); choose",
+        ),
+        (
+            ("play", "RunAway-v0", "--hub", "virtul"),
+            "there is no hub 'virtul' (did you mean 'virtual'?); choose",
+        ),
         (
             ("data", "repair", "runs/nothing"),
             "in runs/nothing; choose a folder with a meta/bricksrl.json",
@@ -90,16 +110,49 @@ def test_program_on_page(tmp_path, capfd):
         (("play", "RunAway-v0", "--page", "--page-port", "70000"), "is not a port"),
         (("drive", "RunAway-v0", "--page-host", "256.0.0.1"), "name another host"),
         (("hub", "run", __file__, "--page", "--hub", "ble"), "leave out --hub, or --page"),
-        (("hub", "run", __file__, "--page-port", "9000"), "--page-port has no effect without --page; omit it"),
+        (
+            ("hub", "run", __file__, "--page-port", "9000"),
+            "--page-port has no effect without --page; omit it",
+        ),
         (("record", "RunAway-v0", "--out", "x", "--video", "x.gif"), "end it in .mp4"),
-        (("play", "RunAway-v0", "--page-host", "::1"), "--page-host has no effect without --page; omit it"),
+        (
+            ("play", "RunAway-v0", "--page-host", "::1"),
+            "--page-host has no effect without --page; omit it",
+        ),
         (("play", "RunAway-v0", "--page", "--episodes", "0"), "episodes is 0; give 1 or more"),
-        (("record", "RunAway-v0", "--out", "x", "--page-port", "1"), "--page-port has no effect without --page; omit it"),
-        (("record", "RunAway-v0", "--out", "x", "--explore"), "--explore has no effect with the policy 'random'"),
-        (("record", "RunAway-v0", "--out", "x", "--policy", "gamepad", "--take-over", "keyboard"), "omit --take-over"),
-        (("train-offline", "RunAway-v0", "--data", "x", "--page-port", "1"), "--page-port has no effect without --page"),
-        (("team", "Tag-v0", "--page", "--frames", "9"), "--frames has no effect with --page; omit it"),
-        (("team", "Tag-v0", "--page-port", "9000"), "--page-port has no effect without --page; omit it"),
+        (
+            ("record", "RunAway-v0", "--out", "x", "--page-port", "1"),
+            "--page-port has no effect without --page; omit it",
+        ),
+        (
+            ("record", "RunAway-v0", "--out", "x", "--explore"),
+            "--explore has no effect with the policy 'random'",
+        ),
+        (
+            (
+                "record",
+                "RunAway-v0",
+                "--out",
+                "x",
+                "--policy",
+                "gamepad",
+                "--take-over",
+                "keyboard",
+            ),
+            "omit --take-over",
+        ),
+        (
+            ("train-offline", "RunAway-v0", "--data", "x", "--page-port", "1"),
+            "--page-port has no effect without --page",
+        ),
+        (
+            ("team", "Tag-v0", "--page", "--frames", "9"),
+            "--frames has no effect with --page; omit it",
+        ),
+        (
+            ("team", "Tag-v0", "--page-port", "9000"),
+            "--page-port has no effect without --page; omit it",
+        ),
         (("page", "--page-host", "256.0.0.1"), "name another host"),
         (("evaluate", "x", "--video", "x.gif"), "end it in .mp4"),
     ],
@@ -120,7 +173,9 @@ def test_page_is_local_by_default():
     ):
         options = parse(words).live_page
         assert (options.page_host, options.page_port) == ("127.0.0.1", None)
-    assert isinstance(parse(["drive", "Spinning-v0"]), DriveRobot) and isinstance(parse(["play", "runs/spin"]), Play)
+    assert isinstance(parse(["drive", "Spinning-v0"]), DriveRobot) and isinstance(
+        parse(["play", "runs/spin"]), Play
+    )
 
 
 def test_phone_in_the_network_gets_a_qr_code(capfd):

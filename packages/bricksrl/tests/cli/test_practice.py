@@ -1,4 +1,5 @@
-"""Faults of a real robot, practised on a virtual one: the page "Find the fault", and environments with faults."""
+"""Faults of a real robot, practised on a virtual one: the page "Find the fault", and environments
+with faults."""
 
 from __future__ import annotations
 
@@ -30,13 +31,18 @@ def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_table_of_the_page_is_that_of_the_kinds() -> None:
     rows = re.findall(r"^\| (`.*) \|$", PAGE, re.MULTILINE)
-    assert rows == [f"`{kind.example}` | {kind.does} | {kind.seen} | {kind.remedy}" for kind in FAULT_KINDS.values()]
+    assert rows == [
+        f"`{kind.example}` | {kind.does} | {kind.seen} | {kind.remedy}"
+        for kind in FAULT_KINDS.values()
+    ]
 
 
 def test_the_exercises_show_what_the_page_says(capfd: pytest.CaptureFixture[str]) -> None:
     """Commands and the lines that they print, in the order of the page."""
     printed = ""
-    steps = re.findall(r"^    (bricksrl hub .*|brickhub .*)$|^```text\n((?:[^`\n].*\n)*)```", PAGE, re.MULTILINE)
+    steps = re.findall(
+        r"^    (bricksrl hub .*|brickhub .*)$|^```text\n((?:[^`\n].*\n)*)```", PAGE, re.MULTILINE
+    )
     assert len(steps) == 14
     for command, block in steps:
         if command:

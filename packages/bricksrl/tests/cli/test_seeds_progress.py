@@ -23,8 +23,14 @@ def test_progress_lines_show_episodes_and_lost_workers(capsys: pytest.CaptureFix
     assert lines[1] == "seed 0  its worker was lost; resumed after episode 1"
     assert lines[2].endswith("trained and evaluated  return 7")
     first, second = progress.tasks
-    assert [first.description, second.description] == ["0", "1"] and [first.completed, second.completed] == [1, 0]
-    assert first.fields == {"value": "return 7", "state": "evaluated", "node": "two"} and second.fields["state"] == "waiting"
+    assert [first.description, second.description] == ["0", "1"] and [
+        first.completed,
+        second.completed,
+    ] == [1, 0]
+    assert (
+        first.fields == {"value": "return 7", "state": "evaluated", "node": "two"}
+        and second.fields["state"] == "waiting"
+    )
 
 
 def test_studies_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -41,7 +47,10 @@ def test_studies_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     ("command", "says"),
     [
         (StudyCommand(quick=True), "--quick has no effect without a study's name"),
-        (StudyCommand("datasets", only=("bc-*",)), "--only bc-\\*; `python -m benchmarks datasets --help`"),
+        (
+            StudyCommand("datasets", only=("bc-*",)),
+            "--only bc-\\*; `python -m benchmarks datasets --help`",
+        ),
     ],
 )
 def test_study_ignores_no_option(command: StudyCommand, says: str) -> None:
@@ -56,12 +65,21 @@ def test_study_shows_published_result(tmp_path: Path, capsys: pytest.CaptureFixt
     assert str(page) in capsys.readouterr().out and "-69.1" in page.read_text()
 
 
-def test_study_outside_of_a_clone_says_where_studies_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_study_outside_of_a_clone_says_where_studies_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(RunError, match=r"not in .*elsewhere; run this in a clone of https://"):
         StudyCommand("agents", benchmarks=tmp_path / "elsewhere").execute()
-    monkeypatch.setattr("bricksrl.cli.tune.__file__", str(tmp_path / "site-packages" / "bricksrl" / "cli" / "study.py"))
+    monkeypatch.setattr(
+        "bricksrl.cli.tune.__file__",
+        str(tmp_path / "site-packages" / "bricksrl" / "cli" / "study.py"),
+    )
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(RunError, match="in the folder benchmarks of the repository, not in this package; run this in a clone"):
+    with pytest.raises(
+        RunError,
+        match="in the folder benchmarks of the repository, not in this package; run this "
+        "in a clone",
+    ):
         StudyCommand("agents").execute()
 
 
@@ -78,7 +96,10 @@ def test_interrupted_tuning_tells_what_is_there(
 
 @pytest.mark.parametrize("started", [False, True])
 def test_interrupted_study_tells_what_is_there(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, started: bool
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    started: bool,
 ) -> None:
     def press(_session: object) -> None:
         if started:
@@ -87,5 +108,9 @@ def test_interrupted_study_tells_what_is_there(
 
     monkeypatch.setattr("benchmarks.datasets.main", press)
     assert main(["study", "datasets", "--quick", "--folder", str(tmp_path / "study")]) == 130
-    kept = f"what is finished is in {tmp_path / 'study'}; the same command goes on" if started else "nothing was saved"
+    kept = (
+        f"what is finished is in {tmp_path / 'study'}; the same command goes on"
+        if started
+        else "nothing was saved"
+    )
     assert capfd.readouterr().err == f"interrupted: {kept}\n"

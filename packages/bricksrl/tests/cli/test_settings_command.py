@@ -26,7 +26,9 @@ def test_settings_table(capsys, monkeypatch):
     (hidden,) = (line for line in lines if line.startswith("hidden"))
     assert hidden.split()[1] == "256,256" and "Units of each hidden layer" in hidden
     (rate,) = (line for line in lines if line.startswith("learning_rate"))
-    assert rate.split()[1] == "0.0005" and "Adam's step size." in rate, "a default of its own, the help of its base"
+    assert rate.split()[1] == "0.0005" and "Adam's step size." in rate, (
+        "a default of its own, the help of its base"
+    )
 
 
 def test_json_is_accepted_by_train(capsys, tmp_path):
@@ -47,7 +49,8 @@ def test_settings_in_an_environment(capsys):
 def test_settings_of_user_file(capsys, tmp_path):
     path = tmp_path / "own.py"
     path.write_text(
-        "from dataclasses import dataclass\n\n@dataclass(frozen=True)\nclass Mine:\n    speed: float = 2.5\n"
+        "from dataclasses import dataclass\n\n@dataclass(frozen=True)\nclass Mine:\n"
+        "    speed: float = 2.5\n"
         '    """How fast\n    it goes."""\n\ndef build(env, settings: Mine, device): ...\n'
     )
     assert main(["settings", str(path)]) == 0

@@ -60,7 +60,10 @@ class Robot(BricksEnv):
 def laid_on(robot: object) -> Iterator[tuple[threading.Event, list[str], Callable[[str], None]]]:
     """An emergency stop with its messages and keys."""
     stop, told = threading.Event(), list[str]()
-    with create_pipe_input() as source, EmergencyStop(stop, told.append, keys=True, source=source) as emergency_stop:
+    with (
+        create_pipe_input() as source,
+        EmergencyStop(stop, told.append, keys=True, source=source) as emergency_stop,
+    ):
         emergency_stop.attach(robot)
         yield stop, told, source.send_text
 
@@ -121,7 +124,11 @@ def test_stop_without_motion_is_ctrl_c() -> None:
 @pytest.mark.parametrize("number", stop_signals())
 def test_signal_stops_robot_while_lock_is_held(number: int) -> None:
     robot, stop, lock = Robot(), threading.Event(), threading.Lock()
-    robot.stop = lambda: [lock.acquire(timeout=BOUND_S), robot.wanted.append("stop"), lock.release()]
+    robot.stop = lambda: [
+        lock.acquire(timeout=BOUND_S),
+        robot.wanted.append("stop"),
+        lock.release(),
+    ]
     before = signal.getsignal(number)
     with EmergencyStop(stop, lambda line: None, keys=False) as emergency_stop:
         emergency_stop.attach(robot)
@@ -136,7 +143,10 @@ def test_later_robot_is_stopped_too() -> None:
     with laid_on(first) as (stop, _, press):
         press("q")
         eventually(stop.is_set)
-    with create_pipe_input() as source, EmergencyStop(stop, lambda line: None, keys=True, source=source) as emergency_stop:
+    with (
+        create_pipe_input() as source,
+        EmergencyStop(stop, lambda line: None, keys=True, source=source) as emergency_stop,
+    ):
         emergency_stop.attach(second)
         eventually(lambda: second.wanted == ["stop"])
 
@@ -150,7 +160,13 @@ TRAIN = ("train", "RunAway-v0", "--episodes", "400", "--realtime")
 def test_signal_ends_training_and_saves(start, tmp_path) -> None:
     run = tmp_path / "run"
     child = start(*TRAIN[:-1], "--run", str(run))
-    eventually(lambda: (run / "metrics.csv").exists() and len((run / "metrics.csv").read_text().splitlines()) > 1, 90.0)
+    eventually(
+        lambda: (
+            (run / "metrics.csv").exists()
+            and len((run / "metrics.csv").read_text().splitlines()) > 1
+        ),
+        90.0,
+    )
     child.send_signal(signal.SIGUSR1)
     _, err = child.communicate(timeout=60)
     assert child.returncode == 130
@@ -180,7 +196,11 @@ def test_keys_in_a_terminal(tmp_path) -> None:
     login = "import os, sys, fcntl, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
     login += "os.execv(sys.argv[1], sys.argv[1:])"
     with subprocess.Popen(
-        [sys.executable, "-c", login, *command], stdin=slave, stdout=slave, stderr=slave, env=environment
+        [sys.executable, "-c", login, *command],
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        env=environment,
     ) as child:
         until(LEGEND.encode()[:30])
         until(b"seed 0")

@@ -19,8 +19,21 @@ from bricksrl.training.checkpoint import save_checkpoint
 
 
 @pytest.mark.slow
-def test_team_is_trained_played_and_played_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["team", "Tag-v0", "--copies", "8", "--frames", "2048", "--episodes", "1", "--run", str(tmp_path / "tag")]
+def test_team_is_trained_played_and_played_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [
+        "team",
+        "Tag-v0",
+        "--copies",
+        "8",
+        "--frames",
+        "2048",
+        "--episodes",
+        "1",
+        "--run",
+        str(tmp_path / "tag"),
+    ]
     assert run(command) == 0
     shown = capsys.readouterr().out
     assert "Tag-v0, seed 0: catcher by ippo; " in shown and "step 2048/2048" in shown
@@ -39,7 +52,10 @@ def test_team_is_trained_played_and_played_again(tmp_path: Path, capsys: pytest.
 
 @pytest.mark.parametrize("presses", [1, 2])
 def test_ctrl_c_keeps_the_team_and_a_second_one_ends_at_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, presses: int
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    presses: int,
 ) -> None:
     printed: list[str] = []
 
@@ -50,15 +66,22 @@ def test_ctrl_c_keeps_the_team_and_a_second_one_ends_at_once(
 
     folder = tmp_path / "a team"
     monkeypatch.setattr(team, "print_line", press)
-    assert run(["team", "Tag-v0", "--copies", "8", "--frames", "20000", "--run", str(folder)]) == 130
+    assert (
+        run(["team", "Tag-v0", "--copies", "8", "--frames", "20000", "--run", str(folder)]) == 130
+    )
     errors = capsys.readouterr().err
     assert len(printed) == 2, "one line of progress"
     if presses == 2:
         assert errors == "interrupted: nothing was saved\n" and not folder.exists()
         return
-    assert errors == f"interrupted: the team is in {folder}; `bricksrl team --play '{folder}'` plays with it\n"
+    assert errors == (
+        f"interrupted: the team is in {folder}; `bricksrl team --play '{folder}'` plays with it\n"
+    )
     monkeypatch.undo()
-    assert run(["team", "--play", str(folder), "--episodes", "1"]) == 0 and "of 1 episode" in capsys.readouterr().out
+    assert (
+        run(["team", "--play", str(folder), "--episodes", "1"]) == 0
+        and "of 1 episode" in capsys.readouterr().out
+    )
 
 
 def test_options_make_the_configuration() -> None:
@@ -66,27 +89,65 @@ def test_options_make_the_configuration() -> None:
     assert (config.agents, config.scripts) == ({"runner": "sac"}, {"catcher": "chase"})
     assert (config.copies, config.frames, config.seed) == (256, 300_000, 3)
     both = TrainTeam(learn=("catcher", "runner"), copies=0, frames=7).config("Tag-v0")
-    assert (both.agents, both.scripts, both.copies, both.frames) == ({"catcher": "sac", "runner": "sac"}, {}, 0, 7)
+    assert (both.agents, both.scripts, both.copies, both.frames) == (
+        {"catcher": "sac", "runner": "sac"},
+        {},
+        0,
+        7,
+    )
     carry = TrainTeam().config("Carry-v0")
-    assert (carry.agents, carry.copies, carry.frames) == ({"agents": "sac"}, 0, 10_000), "the beam has no simulation"
+    assert (carry.agents, carry.copies, carry.frames) == ({"agents": "sac"}, 0, 10_000), (
+        "the beam has no simulation"
+    )
 
 
 def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(UnknownNameError, match="Tag-v0 has no group 'seeker'; choose catcher, runner"):
+    with pytest.raises(
+        UnknownNameError, match="Tag-v0 has no group 'seeker'; choose catcher, runner"
+    ):
         TrainTeam(learn=("seeker",)).config("Tag-v0")
     with pytest.raises(UnknownNameError, match="there is no arena 'Walker-v0'"):
         TrainTeam().config("Walker-v0")
-    assert run(["team", "Tag-v0", "--episodes", "0"]) == 2 and "episodes is 0; give 1" in capsys.readouterr().err
-    assert run(["team"]) == 2 and "name an arena to train in (Tag-v0, Carry-v0)" in capsys.readouterr().err
-    assert run(["team", "--play", str(tmp_path)]) == 2 and "there is no team in" in capsys.readouterr().err
+    assert (
+        run(["team", "Tag-v0", "--episodes", "0"]) == 2
+        and "episodes is 0; give 1" in capsys.readouterr().err
+    )
+    assert (
+        run(["team"]) == 2
+        and "name an arena to train in (Tag-v0, Carry-v0)" in capsys.readouterr().err
+    )
+    assert (
+        run(["team", "--play", str(tmp_path)]) == 2
+        and "there is no team in" in capsys.readouterr().err
+    )
     save_checkpoint(tmp_path / "run" / "team.bin", {"agent": {}})
     assert run(["team", "--play", str(tmp_path / "run")]) == 2
-    assert "team.bin has no team (KeyError: 'config'); choose another file" in capsys.readouterr().err
-    assert run(["team", "Tag-v0", "--play", str(tmp_path)]) == 2 and "omit ARENA or --play" in capsys.readouterr().err
-    for option in (["--agent", "sac"], ["--learn", "runner"], ["--frames", "7"], ["--copies", "0"], ["--run", "x"]):
+    assert (
+        "team.bin has no team (KeyError: 'config'); choose another file" in capsys.readouterr().err
+    )
+    assert (
+        run(["team", "Tag-v0", "--play", str(tmp_path)]) == 2
+        and "omit ARENA or --play" in capsys.readouterr().err
+    )
+    for option in (
+        ["--agent", "sac"],
+        ["--learn", "runner"],
+        ["--frames", "7"],
+        ["--copies", "0"],
+        ["--run", "x"],
+    ):
         assert run(["team", "--play", str(tmp_path), *option]) == 2
         assert capsys.readouterr().err == f"error: {option[0]} has no effect with --play; omit it\n"
-    assert run(["team", "Tag-v0", "--frames", "0"]) == 2 and "1 frame or more" in capsys.readouterr().err
+    assert (
+        run(["team", "Tag-v0", "--frames", "0"]) == 2
+        and "1 frame or more" in capsys.readouterr().err
+    )
     for copies in ("-1", "1000000000"):
-        assert run(["team", "Tag-v0", "--copies", copies]) == 2 and "0 to 65,536 copies" in capsys.readouterr().err
-    assert run(["list", "--json"]) == 0 and json.loads(capsys.readouterr().out)["arenas"] == ["Tag-v0", "Carry-v0"]
+        assert (
+            run(["team", "Tag-v0", "--copies", copies]) == 2
+            and "0 to 65,536 copies" in capsys.readouterr().err
+        )
+    assert run(["list", "--json"]) == 0 and json.loads(capsys.readouterr().out)["arenas"] == [
+        "Tag-v0",
+        "Carry-v0",
+    ]

@@ -38,7 +38,9 @@ from bricksrl.training import RunFolder
 def test_train_prints_progress(trained):
     _, done = trained
     assert (done.returncode, done.stderr) == (0, "")
-    lines = re.findall(r"^episode (\d)/4  return -?\d\S*  \S+ steps/s  \d+:\d\d left", done.stdout, re.MULTILINE)
+    lines = re.findall(
+        r"^episode (\d)/4  return -?\d\S*  \S+ steps/s  \d+:\d\d left", done.stdout, re.MULTILINE
+    )
     assert lines == ["1", "2", "3", "4"]
     assert re.search(r"^return   -?\d\S* ± \S+", done.stdout, re.MULTILINE)
 
@@ -57,15 +59,31 @@ def test_train_writes_files(trained):
 def test_no_video_without_opengl(trained):
     run_dir, done = trained
     assert not (run_dir / "video.mp4").exists()
-    assert len(re.findall(r"^video           none: .*OpenGL|^video           none: .*drawn", done.stdout, re.MULTILINE)) == 1
+    assert (
+        len(
+            re.findall(
+                r"^video           none: .*OpenGL|^video           none: .*drawn",
+                done.stdout,
+                re.MULTILINE,
+            )
+        )
+        == 1
+    )
 
 
 def test_report_without_videos(trained):
     run_dir, done = trained
     text = (run_dir / "report.html").read_text()
     assert f"report          {run_dir / 'report.html'}" in done.stdout
-    assert "<h1>RunAway-v0" in text and "There is no film" in text and f"bricksrl play {run_dir} --page" in text
-    assert text.count("data:image/png;base64,") == 1 and f"written by hand {REFERENCES['RunAway-v0']['by hand']:g}" in text
+    assert (
+        "<h1>RunAway-v0" in text
+        and "There is no film" in text
+        and f"bricksrl play {run_dir} --page" in text
+    )
+    assert (
+        text.count("data:image/png;base64,") == 1
+        and f"written by hand {REFERENCES['RunAway-v0']['by hand']:g}" in text
+    )
 
 
 def test_report_with_videos(trained, tmp_path, monkeypatch):
@@ -74,7 +92,9 @@ def test_report_with_videos(trained, tmp_path, monkeypatch):
     monkeypatch.setattr("bricksrl.evaluation.report.side_by_side", partial(side_by_side, height=90))
     run_dir = tmp_path / "run"
     shutil.copytree(trained[0], run_dir)
-    path, said = write_report(run_dir, RunFolder(run_dir).read_episodes(), evaluate(run_dir, episodes=1, save=False))
+    path, said = write_report(
+        run_dir, RunFolder(run_dir).read_episodes(), evaluate(run_dir, episodes=1, save=False)
+    )
     if said.startswith("none"):
         pytest.skip(said)
     images = {}
@@ -89,7 +109,14 @@ def test_report_with_videos(trained, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("env", "episodes"), [("RunAway-v0", 40), ("Spinning-v0", 15), ("Walker-v1", 75), ("Walker-v2", 12), ("RoboArmSim-v0", 250)]
+    ("env", "episodes"),
+    [
+        ("RunAway-v0", 40),
+        ("Spinning-v0", 15),
+        ("Walker-v1", 75),
+        ("Walker-v2", 12),
+        ("RoboArmSim-v0", 250),
+    ],
 )
 def test_default_episodes_follow_environment(env, episodes):
     assert Train(env).config(env).episodes == episodes
@@ -99,15 +126,39 @@ def test_default_episodes_follow_environment(env, episodes):
 def test_options_are_passed_to_run(tmp_path):
     (tmp_path / "best.json").write_text('{"settings": {"gamma": 0.9, "hidden": [32, 32]}}')
     train = parse(
-        ("train", "Walker-v0", "--settings", str(tmp_path / "best.json"), "--set", "gamma=0.8", "--set", "tau=0.5", "--realtime")
+        (
+            "train",
+            "Walker-v0",
+            "--settings",
+            str(tmp_path / "best.json"),
+            "--set",
+            "gamma=0.8",
+            "--set",
+            "tau=0.5",
+            "--realtime",
+        )
     )
     config = train.config("Walker-v0")
-    assert (config.settings.gamma, config.settings.tau, config.settings.hidden) == (0.8, 0.5, (32, 32))
+    assert (config.settings.gamma, config.settings.tau, config.settings.hidden) == (
+        0.8,
+        0.5,
+        (32, 32),
+    )
     assert config.asynchronous
     for option, asynchronous in (("--synchronous", False), ("--asynchronous", True)):
-        assert parse(("train", "Walker-v0", "--realtime", option)).config("Walker-v0").asynchronous is asynchronous
-    config = parse(("train", "Walker-v0", "--hub", "ble:Robbie", "--patience", "7", "--log", "wandb")).config("Walker-v0")
-    assert (config.hub, config.asynchronous, config.patience_s, config.log) == ("ble:Robbie", True, 7.0, "wandb")
+        assert (
+            parse(("train", "Walker-v0", "--realtime", option)).config("Walker-v0").asynchronous
+            is asynchronous
+        )
+    config = parse(
+        ("train", "Walker-v0", "--hub", "ble:Robbie", "--patience", "7", "--log", "wandb")
+    ).config("Walker-v0")
+    assert (config.hub, config.asynchronous, config.patience_s, config.log) == (
+        "ble:Robbie",
+        True,
+        7.0,
+        "wandb",
+    )
 
 
 def test_user_is_asked_to_place_robot(monkeypatch, capsys):
@@ -127,7 +178,10 @@ def test_record_asks_user_to_place_robot(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("bricksrl.cli.record.make", make)
     for answer, says in (("", "nobody can be asked"), ("\n", "no hub at usb:COM3")):
         monkeypatch.setattr("sys.stdin", io.StringIO(answer))
-        assert main(("record", "Spinning-v0", "--hub", "usb:COM3", "--out", str(tmp_path / "data"))) == 2
+        assert (
+            main(("record", "Spinning-v0", "--hub", "usb:COM3", "--out", str(tmp_path / "data")))
+            == 2
+        )
         written = capsys.readouterr().err
         assert "press Enter" in written and says in written
 
@@ -155,7 +209,11 @@ def timing(dataset):
 def pipes(monkeypatch):
     """Streams of the started programs."""
     started, start = [], VirtualHub.start
-    monkeypatch.setattr(VirtualHub, "start", lambda self, program: (started.append(program.pipe), start(self, program)))
+    monkeypatch.setattr(
+        VirtualHub,
+        "start",
+        lambda self, program: (started.append(program.pipe), start(self, program)),
+    )
     return started
 
 
@@ -163,12 +221,19 @@ def test_recording_shows_streaming_and_app_data(tmp_path, pipes):
     found = {}
     for option in ("--policy=random", "--streaming", "--app-data"):
         out = str(tmp_path / option)
-        assert main(["record", "Spinning-v0", "--link", "mac", "--episodes", "1", "--out", out, option]) == 0
+        assert (
+            main(
+                ["record", "Spinning-v0", "--link", "mac", "--episodes", "1", "--out", out, option]
+            )
+            == 0
+        )
         found[option] = timing(tmp_path / option)
     (age_s, period_s), (streamed_age_s, streamed_period_s), over_app_data = found.values()
     assert period_s > 0.115, "100 ms, and the link"
     assert streamed_period_s == pytest.approx(0.1, abs=0.001), "100 ms"
-    assert 0.001 < age_s < 0.02 and 0.001 < streamed_age_s < 0.03, "a connection interval, and 10 ms between observations"
+    assert 0.001 < age_s < 0.02 and 0.001 < streamed_age_s < 0.03, (
+        "a connection interval, and 10 ms between observations"
+    )
     assert over_app_data == pytest.approx((age_s, period_s), rel=0.1)
     assert pipes == [Pipe.STDIN, Pipe.STDIN, Pipe.APP_DATA]
 
@@ -176,15 +241,25 @@ def test_recording_shows_streaming_and_app_data(tmp_path, pipes):
 def test_recording_names_its_film(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("bricksrl.evaluation.film.filmed_env", lambda *_: contextlib.nullcontext())
     out, video = tmp_path / "my data", tmp_path / "film.mp4"
-    assert main(["record", "RunAway-v0", "--episodes", "1", "--out", str(out), "--video", str(video)]) == 0
+    assert (
+        main(["record", "RunAway-v0", "--episodes", "1", "--out", str(out), "--video", str(video)])
+        == 0
+    )
     written = capsys.readouterr().out
-    assert f"\nvideo           {video}\n" in written and f"\nlook at it      bricksrl data info '{out}'\n" in written
+    assert (
+        f"\nvideo           {video}\n" in written
+        and f"\nlook at it      bricksrl data info '{out}'\n" in written
+    )
 
 
 def test_interrupted_recording_keeps_its_film(tmp_path):
     video = tmp_path / "film.mp4"
     env = make("RunAway-v0", seed=0)
-    with contextlib.closing(env), contextlib.suppress(KeyboardInterrupt), filmed_env(env, video, "run away"):
+    with (
+        contextlib.closing(env),
+        contextlib.suppress(KeyboardInterrupt),
+        filmed_env(env, video, "run away"),
+    ):
         env.rollout(3)
         raise KeyboardInterrupt
     assert video.stat().st_size > 10_000
@@ -193,15 +268,30 @@ def test_interrupted_recording_keeps_its_film(tmp_path):
 def test_train_with_streaming(tmp_path, pipes, monkeypatch):
     monkeypatch.setattr("bricksrl.cli.train._report", lambda *_, **__: None)
     run_dir = tmp_path / "run"
-    options = ("--agent", "random", "--episodes", "1", "--streaming", "--app-data", "--link", "mac", "--run", str(run_dir))
+    options = (
+        "--agent",
+        "random",
+        "--episodes",
+        "1",
+        "--streaming",
+        "--app-data",
+        "--link",
+        "mac",
+        "--run",
+        str(run_dir),
+    )
     assert main(["train", "Spinning-v0", *options]) == 0
     assert timing(run_dir)[1] == pytest.approx(0.1, abs=0.001) and pipes == [Pipe.APP_DATA]
     config = RunFolder(run_dir).read_config()
-    assert config.streaming and config.app_data and config.link == "mac", "evaluated and resumed alike"
+    assert config.streaming and config.app_data and config.link == "mac", (
+        "evaluated and resumed alike"
+    )
 
 
 def test_unstreamable_task_prints_one_line(fails, tmp_path):
-    fails("train", "RunAway-v0", "--streaming", "--run", str(tmp_path / "run"), says="omit streaming")
+    fails(
+        "train", "RunAway-v0", "--streaming", "--run", str(tmp_path / "run"), says="omit streaming"
+    )
 
 
 def test_existing_folder_is_unchanged(fails, trained):
@@ -226,10 +316,19 @@ def test_existing_folder_is_unchanged(fails, trained):
         (("RunAway-v0", "--patience", "-1"), "patience"),
         (("RunAway-v0", "--seeds", "1"), "seeds"),
         (("RunAway-v0", "--resume", "runs/spin"), "--resume"),
-        (("RunAway-v0", "--page-port", "9000"), "--page-port has no effect without --page; omit it"),
+        (
+            ("RunAway-v0", "--page-port", "9000"),
+            "--page-port has no effect without --page; omit it",
+        ),
         (("RunAway-v0", "--seeds", "2", "--page"), "omit --seeds, or --page"),
-        (("RunAway-v0", "--seeds", "2", "--take-over", "keyboard"), "omit --seeds, or --page and --take-over"),
-        (("RunAway-v0", "--eval-episodes", "9"), "--eval-episodes has no effect without --eval-every"),
+        (
+            ("RunAway-v0", "--seeds", "2", "--take-over", "keyboard"),
+            "omit --seeds, or --page and --take-over",
+        ),
+        (
+            ("RunAway-v0", "--eval-episodes", "9"),
+            "--eval-episodes has no effect without --eval-every",
+        ),
         ((), "environment"),
     ],
 )
@@ -255,7 +354,9 @@ def test_resume_ignores_no_option(fails, option):
     fails("train", "--resume", "runs/spin", *option, says=f"{option[0]} has no effect with")
 
 
-@pytest.mark.parametrize(("env", "hub", "realtime"), [("Walker-v0", "virtual", True), ("Walker-v0", "ble", False)])
+@pytest.mark.parametrize(
+    ("env", "hub", "realtime"), [("Walker-v0", "virtual", True), ("Walker-v0", "ble", False)]
+)
 def test_only_a_virtual_robot_is_driven_in_real_time(env, hub, realtime):
     command = parse(["train", env, "--hub", hub, "--take-over", "gamepad"])
     assert command.config(env).realtime is realtime, "a real robot has its own time"
@@ -275,9 +376,15 @@ class Pad:
 def test_human_takes_over_in_a_simulation(command, tmp_path, monkeypatch, capfd):
     naps = []
     monkeypatch.setattr("bricksrl.teleoperation.find_pad", Pad)
-    monkeypatch.setattr("bricksrl.teleoperation.time", SimpleNamespace(monotonic=lambda: 0.0, sleep=naps.append))
+    monkeypatch.setattr(
+        "bricksrl.teleoperation.time", SimpleNamespace(monotonic=lambda: 0.0, sleep=naps.append)
+    )
     monkeypatch.setattr("bricksrl.cli.train._report", lambda *_, **__: None)
-    out = ("--run", str(tmp_path / "run")) if command == "train" else ("--out", str(tmp_path / "run/data"))
+    out = (
+        ("--run", str(tmp_path / "run"))
+        if command == "train"
+        else ("--out", str(tmp_path / "run/data"))
+    )
     assert main([command, "WalkerSim-v0", "--take-over", "gamepad", "--episodes", "1", *out]) == 0
     recorded = load(tmp_path / "run")
     assert recorded.intervention.tolist() == [True, False] * 50
@@ -286,7 +393,18 @@ def test_human_takes_over_in_a_simulation(command, tmp_path, monkeypatch, capfd)
 
 @pytest.mark.realtime
 def test_fleet_learns_on_a_page(forked_children, tmp_path, capfd):
-    command = ["train", "RunAway-v0", "--agent", "random", "--robots", "2", "--episodes", "2", "--run", str(tmp_path / "run")]
+    command = [
+        "train",
+        "RunAway-v0",
+        "--agent",
+        "random",
+        "--robots",
+        "2",
+        "--episodes",
+        "2",
+        "--run",
+        str(tmp_path / "run"),
+    ]
     assert main([*command, "--page"]) == 0
     assert len(RunFolder(tmp_path / "run").read_episodes()) == 2
 
@@ -300,7 +418,10 @@ def test_ctrl_c_saves_and_resume_continues(start, fails, tmp_path):
     child.send_signal(signal.SIGINT)
     _, stderr = child.communicate(timeout=60)
     assert child.returncode == 130
-    found = re.fullmatch(rf"interrupted: saved (\d+) episodes? in {run_dir}; `bricksrl resume {run_dir}` goes on\n", stderr)
+    found = re.fullmatch(
+        rf"interrupted: saved (\d+) episodes? in {run_dir}; `bricksrl resume {run_dir}` goes on\n",
+        stderr,
+    )
     assert found, stderr
     saved = RunFolder(run_dir).read_episodes()
     assert len(saved) == int(found[1]) >= 3
@@ -333,7 +454,8 @@ def test_resume_extends_finished_run(bricksrl, trained, tmp_path):
 def test_ctrl_c_before_first_episode_prints_one_line(bricksrl, start, tmp_path, delay_s):
     began_s = time.perf_counter()
     assert bricksrl("--help").returncode == 0
-    until_it_runs_s = time.perf_counter() - began_s  # before that Ctrl-C meets the interpreter, not the command
+    # before that Ctrl-C meets the interpreter, not the command
+    until_it_runs_s = time.perf_counter() - began_s
     child = start("train", "RunAway-v0", "--episodes", "500", "--run", str(tmp_path / "run"))
     time.sleep(max(delay_s, until_it_runs_s))  # while modules are loaded; later on a fast computer
     child.send_signal(signal.SIGINT)
@@ -347,7 +469,9 @@ def test_resume_of_missing_run_prints_one_line(fails, tmp_path):
     fails("resume", str(tmp_path), says=str(tmp_path))
 
 
-@pytest.mark.parametrize(("seconds", "text"), [(0, "0:00"), (59.6, "1:00"), (754, "12:34"), (3661, "1:01:01")])
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0, "0:00"), (59.6, "1:00"), (754, "12:34"), (3661, "1:01:01")]
+)
 def test_clock(seconds, text):
     assert clock(seconds) == text
 
@@ -360,7 +484,15 @@ def test_sparkline():
 @pytest.mark.slow  # the same of an environment is quick
 def test_missing_graphics_library_disables_pictures_only(bricksrl, tmp_path):
     process = bricksrl(
-        "train", "Spinning-v0", "--agent", "random", "--episodes", "1", "--run", str(tmp_path / "run"), MUJOCO_GL="bogus"
+        "train",
+        "Spinning-v0",
+        "--agent",
+        "random",
+        "--episodes",
+        "1",
+        "--run",
+        str(tmp_path / "run"),
+        MUJOCO_GL="bogus",
     )
     assert process.returncode == 0 and "video           none: " in process.stdout
     assert process.stderr.count("MUJOCO_GL=bogus does not work") == 1

@@ -41,7 +41,11 @@ class _Handler(BaseHTTPRequestHandler):
     def answer(self, value: Any, status: int = 200, **headers: str) -> None:
         data = value if isinstance(value, bytes) else json.dumps(value).encode()
         self.send_response(status)
-        for name, text in {"Content-Length": str(len(data)), "X-Repo-Commit": "0" * 40, **headers}.items():
+        for name, text in {
+            "Content-Length": str(len(data)),
+            "X-Repo-Commit": "0" * 40,
+            **headers,
+        }.items():
             self.send_header(name.replace("_", "-"), text)
         self.end_headers()
         if self.command != "HEAD":
@@ -65,15 +69,27 @@ class _Handler(BaseHTTPRequestHandler):
 
     def preupload(self, repo: str, body: bytes) -> None:
         names = [file["path"] for file in json.loads(body)["files"]]
-        self.answer({"files": [{"path": name, "uploadMode": "regular", "shouldIgnore": False} for name in names]})
+        self.answer(
+            {
+                "files": [
+                    {"path": name, "uploadMode": "regular", "shouldIgnore": False} for name in names
+                ]
+            }
+        )
 
     def commit(self, repo: str, body: bytes) -> None:
         for line in body.decode().splitlines():
             entry = json.loads(line)
             if entry["key"] == "file":
-                self.server.files[repo][entry["value"]["path"]] = base64.b64decode(entry["value"]["content"])
+                self.server.files[repo][entry["value"]["path"]] = base64.b64decode(
+                    entry["value"]["content"]
+                )
         self.answer(
-            {"commitUrl": f"{self.server.address}/{repo}/commit/{'0' * 40}", "commitOid": "0" * 40, "pullRequestUrl": None}
+            {
+                "commitUrl": f"{self.server.address}/{repo}/commit/{'0' * 40}",
+                "commitOid": "0" * 40,
+                "pullRequestUrl": None,
+            }
         )
 
     def tag(self, repo: str, body: bytes) -> None:
@@ -87,12 +103,24 @@ class _Handler(BaseHTTPRequestHandler):
             if files is None:
                 self.answer({"error": "Repository not found"}, 404, X_Error_Code="RepoNotFound")
             elif found[2] == "tree":
-                entries = [{"type": "file", "path": name, "size": len(d), "oid": _oid(d)} for name, d in files.items()]
+                entries = [
+                    {"type": "file", "path": name, "size": len(d), "oid": _oid(d)}
+                    for name, d in files.items()
+                ]
                 self.answer(entries)
             else:
                 name = found[1].partition("/")[2]
                 siblings = [{"rfilename": file} for file in files]
-                self.answer({"id": name, "modelId": name, "sha": "0" * 40, "siblings": siblings, "private": False, "tags": []})
+                self.answer(
+                    {
+                        "id": name,
+                        "modelId": name,
+                        "sha": "0" * 40,
+                        "siblings": siblings,
+                        "private": False,
+                        "tags": [],
+                    }
+                )
         elif found := re.match(r"/(?:(datasets)/)?([^/]+/[^/]+)/resolve/[^/]+/(.+)$", path):
             data = self.server.files.get(f"{found[1] or 'models'}/{found[2]}", {}).get(found[3])
             if data is None:

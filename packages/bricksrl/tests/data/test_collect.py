@@ -24,20 +24,37 @@ def test_collected_dataset_has_provenance(tmp_path: Path, env) -> None:
     with Recorder(tmp_path / "set", describe(env)) as recorder:
         told = collect(env, random_policy(env, 0), recorder, 2, name="random", seed=3)
     episodes = load(tmp_path / "set")
-    assert [len(episodes.observation[episodes.episode == k]) for k in (0, 1)] == [one.length for one in told]
+    assert [len(episodes.observation[episodes.episode == k]) for k in (0, 1)] == [
+        one.length for one in told
+    ]
     assert [row.return_ for row in episodes.rows] == pytest.approx([one.return_ for one in told])
     assert torch.equal(
-        episodes.next_observation[:-1][~episodes.truncated[:-1]], episodes.observation[1:][~episodes.truncated[:-1]]
+        episodes.next_observation[:-1][~episodes.truncated[:-1]],
+        episodes.observation[1:][~episodes.truncated[:-1]],
     )
     about = episodes.rows[0].about
     assert (about.policy, about.hub, about.whole) == ("random", "virtual", True)
-    assert about.program_hash and about.seed and about.versions["torch"] and about.physics["battery_v"] > 0 and about.started
-    assert ((episodes.age_s > 0) & (episodes.age_s < 0.3)).all(), "two intervals, and a pause at the start"
+    assert (
+        about.program_hash
+        and about.seed
+        and about.versions["torch"]
+        and about.physics["battery_v"] > 0
+        and about.started
+    )
+    assert ((episodes.age_s > 0) & (episodes.age_s < 0.3)).all(), (
+        "two intervals, and a pause at the start"
+    )
     assert (episodes.hub_time_s[: told[0].length].diff() > 0).all()
     description = episodes.description
-    assert (description.env, description.robot["name"], description.robot["hub"]) == ("RunAway-v0", "two-wheeler", "prime")
+    assert (description.env, description.robot["name"], description.robot["hub"]) == (
+        "RunAway-v0",
+        "two-wheeler",
+        "prime",
+    )
     assert [(c.name, c.unit) for c in description.observation][-1] == ("distance", "mm")
-    assert [(c.name, c.unit, c.low, c.high) for c in description.action] == [("straight", "mm", -100.0, 100.0)]
+    assert [(c.name, c.unit, c.low, c.high) for c in description.action] == [
+        ("straight", "mm", -100.0, 100.0)
+    ]
 
 
 def test_episodes_depend_on_seed_only(tmp_path: Path, env) -> None:
@@ -57,7 +74,14 @@ def test_interventions_are_marked(tmp_path: Path, env) -> None:
         return torch.tensor([0.25]) if next(calls) % 3 == 1 else None
 
     with Recorder(tmp_path / "set", describe(env)) as recorder:
-        told = collect(env, lambda state: state.set("action", torch.tensor([-0.5])), recorder, 2, name="policy", driver=driver)
+        told = collect(
+            env,
+            lambda state: state.set("action", torch.tensor([-0.5])),
+            recorder,
+            2,
+            name="policy",
+            driver=driver,
+        )
     episodes = load(tmp_path / "set")
     assert torch.equal(episodes.action[:, 0] == 0.25, episodes.intervention)
     assert torch.equal(episodes.action[:, 0] == -0.5, ~episodes.intervention)
@@ -65,7 +89,9 @@ def test_interventions_are_marked(tmp_path: Path, env) -> None:
     assert sum(one.interventions for one in told) == int(episodes.intervention.sum()) > 0
 
 
-def test_lost_link_keeps_recorded_steps(tmp_path: Path, env, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lost_link_keeps_recorded_steps(
+    tmp_path: Path, env, monkeypatch: pytest.MonkeyPatch
+) -> None:
     count = iter(range(100))
 
     def policy(state: TensorDictBase) -> TensorDictBase:
@@ -76,7 +102,10 @@ def test_lost_link_keeps_recorded_steps(tmp_path: Path, env, monkeypatch: pytest
     def gone(_: object) -> None:
         raise HubError("gone")
 
-    with Recorder(tmp_path / "set", describe(env)) as recorder, pytest.raises(HubError, match="gone"):
+    with (
+        Recorder(tmp_path / "set", describe(env)) as recorder,
+        pytest.raises(HubError, match="gone"),
+    ):
         collect(env, policy, recorder, 2, name="policy")
     episodes = load(tmp_path / "set")
     assert len(episodes) == 3 and not episodes.rows[0].about.whole and bool(episodes.truncated[-1])
@@ -127,7 +156,9 @@ def test_lost_episode_is_recorded_again(tmp_path: Path) -> None:
             on_lost=lambda steps, error: lost.append((steps, str(error))),
         )
     recorded = load(tmp_path / "set").rows
-    assert [row.about.whole for row in recorded] == [True, True, False, True, True] and len(rows) == 5
+    assert [row.about.whole for row in recorded] == [True, True, False, True, True] and len(
+        rows
+    ) == 5
     assert told == [0, 1, 3, 4] and lost == [(2, "the hub did not answer; switch it on")]
     assert recorded[2].length == 2 and len({row.about.seed for row in recorded}) == 5
 
@@ -142,7 +173,12 @@ def test_link_that_breaks_in_every_episode_ends_the_recording(tmp_path: Path, at
 
     cart = Hopeless(at)
     cart.reconnect = Reconnect(patience_s=60.0, wait=lambda _: None)
-    with Recorder(tmp_path / "set", describe(cart)) as recorder, pytest.raises(HubError, match="did not answer"):
+    with (
+        Recorder(tmp_path / "set", describe(cart)) as recorder,
+        pytest.raises(HubError, match="did not answer"),
+    ):
         collect(cart, random_policy(cart, 0), recorder, 4, name="random")
     rows = load(tmp_path / "set").rows
-    assert cart.resets == 6 and [row.about.whole for row in rows] == [True] + [False] * (5 if at == 2 else 0)
+    assert cart.resets == 6 and [row.about.whole for row in rows] == [True] + [False] * (
+        5 if at == 2 else 0
+    )

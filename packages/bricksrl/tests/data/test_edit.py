@@ -21,9 +21,22 @@ from bricksrl.training import RunFolder, TrainConfig
 
 
 def same(ours: Episodes, theirs: Episodes) -> bool:
-    names = ("observation", "action", "reward", "next_observation", "terminated", "truncated", "episode", "intervention")
+    names = (
+        "observation",
+        "action",
+        "reward",
+        "next_observation",
+        "terminated",
+        "truncated",
+        "episode",
+        "intervention",
+    )
     pairs = [(getattr(ours, name), getattr(theirs, name)) for name in names]
-    pairs += [(a, b) for a, b in ((ours.image, theirs.image), (ours.next_image, theirs.next_image)) if a is not None]
+    pairs += [
+        (a, b)
+        for a, b in ((ours.image, theirs.image), (ours.next_image, theirs.next_image))
+        if a is not None
+    ]
     about = [row.about for row in ours.rows] == [row.about for row in theirs.rows]
     return all(np.array_equal(a, b) for a, b in pairs) and about
 
@@ -47,11 +60,20 @@ def test_full_file_starts_new_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("bricksrl.data.edit.STEPS_PER_FILE", 7)
     source = record(tmp_path / "a", (3, 5, 4, 2), SEEING)
     merge([source], tmp_path / "tidy")
-    assert len(list((tmp_path / "tidy/data").rglob("*.parquet"))) == len(list((tmp_path / "tidy/videos").rglob("*.mp4"))) == 2
+    assert (
+        len(list((tmp_path / "tidy/data").rglob("*.parquet")))
+        == len(list((tmp_path / "tidy/videos").rglob("*.mp4")))
+        == 2
+    )
     assert same(load(tmp_path / "tidy"), load(source)) and check(tmp_path / "tidy") == []
-    assert recover(tmp_path / "tidy", rebuild=True)[1:] == (0, 0), "the second file is none of a killed recording"
+    assert recover(tmp_path / "tidy", rebuild=True)[1:] == (0, 0), (
+        "the second file is none of a killed recording"
+    )
     record(tmp_path / "tidy", (2,), SEEING, first_seed=4)  # it does not replace the second file
-    assert same(load(tmp_path / "tidy"), load(record(source, (2,), SEEING, first_seed=4))) and check(tmp_path / "tidy") == []
+    assert (
+        same(load(tmp_path / "tidy"), load(record(source, (2,), SEEING, first_seed=4)))
+        and check(tmp_path / "tidy") == []
+    )
 
 
 def test_merging_other_kind_raises(tmp_path: Path) -> None:
@@ -74,7 +96,10 @@ def test_split_parts_need_different_folders(tmp_path: Path) -> None:
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     source = record(tmp_path / "a")
     (tmp_path / "there").mkdir()
-    for write in (lambda out: merge([source], out), lambda out: split(source, tmp_path / "x", out, 0.5, 0)):
+    for write in (
+        lambda out: merge([source], out),
+        lambda out: split(source, tmp_path / "x", out, 0.5, 0),
+    ):
         with pytest.raises(DataError, match="exists already"):
             write(tmp_path / "there")
     assert not (tmp_path / "x").exists()
@@ -103,7 +128,10 @@ def test_complete_episodes_are_recovered(tmp_path: Path) -> None:
     assert check(tmp_path / "saved") == []
     (root / "meta/episodes/chunk-000/file-002.parquet").unlink()
     _, lost = salvage(root, tmp_path / "again")
-    assert lost[0] == "1 episode before the last one: no row in meta/episodes" and "episode 1: " in lost[1]
+    assert (
+        lost[0] == "1 episode before the last one: no row in meta/episodes"
+        and "episode 1: " in lost[1]
+    )
 
 
 def test_check_names_damage(tmp_path: Path) -> None:
@@ -113,10 +141,15 @@ def test_check_names_damage(tmp_path: Path) -> None:
     (root / "meta/.part-abc").write_bytes(b"half")
     (root / "meta/stats.json").unlink()
     for other in ("002", "003"):
-        shutil.copy(root / "data/chunk-000/file-000.parquet", root / f"data/chunk-000/file-{other}.parquet")
+        shutil.copy(
+            root / "data/chunk-000/file-000.parquet", root / f"data/chunk-000/file-{other}.parquet"
+        )
     wrong = "\n".join(map(str, check(root)))
     assert "notes.pkl is not a file of a dataset; it was not opened" in wrong
-    assert ".part-abc was left by a recording" in wrong and "file-003.parquet was left by a recording" in wrong
+    assert (
+        ".part-abc was left by a recording" in wrong
+        and "file-003.parquet was left by a recording" in wrong
+    )
     assert "stats.json is missing" in wrong
     assert "episode 2: " in wrong and "is damaged" in wrong
 
@@ -163,7 +196,11 @@ def test_nothing_is_written_into_a_dataset(tmp_path: Path, way: int) -> None:
         lambda: RunFolder.create(TrainConfig("WalkerSim-v0", run_dir=out), {}),
     )
     for write in writers:
-        with pytest.raises(DataError, match="is in the folder of the dataset .*my data, which holds nothing else; name another"):
+        with pytest.raises(
+            DataError,
+            match="is in the folder of the dataset .*my data, which holds nothing else; "
+            "name another",
+        ):
             write()
     assert sorted(path for path in tmp_path.rglob("*")) == before and check(part) == []
 

@@ -26,7 +26,16 @@ def test_numpy_export_is_complete_without_pickle(tmp_path: Path) -> None:
     episodes = load(record(tmp_path / "set", description=SEEING))
     export_numpy(tmp_path / "set", tmp_path / "set.npz")
     with np.load(tmp_path / "set.npz", allow_pickle=False) as found:
-        for name in ("observation", "action", "reward", "next_observation", "truncated", "episode", "image", "next_image"):
+        for name in (
+            "observation",
+            "action",
+            "reward",
+            "next_observation",
+            "truncated",
+            "episode",
+            "image",
+            "next_image",
+        ):
             assert np.array_equal(found[name], getattr(episodes, name)), name
         assert "Toy-v0" in str(found["description"])
     with pytest.raises(DataError, match="exists already"):
@@ -56,7 +65,9 @@ def test_minari_reads_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     at = episodes.episode == 1
     assert np.array_equal(second.observations[:-1], episodes.observation[at])
     assert np.array_equal(second.observations[-1], episodes.next_observation[at][-1])
-    assert np.array_equal(second.actions, episodes.action[at]) and np.allclose(second.rewards, episodes.reward[at])
+    assert np.array_equal(second.actions, episodes.action[at]) and np.allclose(
+        second.rewards, episodes.reward[at]
+    )
     assert second.truncations.tolist() == episodes.truncated[at].tolist()
     with pytest.raises(DataError, match="end the path like"):
         export_minari(tmp_path / "set", tmp_path / "other/bricksrl/no version")
@@ -67,7 +78,9 @@ def test_minari_reads_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.filterwarnings("ignore")  # of Minari's own
-def test_minari_recovers_environment_of_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_minari_recovers_environment_of_export(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import minari
 
     env = bricksrl.make("RoboArmSim-v0", sparse=True, seed=0)
@@ -77,10 +90,14 @@ def test_minari_recovers_environment_of_export(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
     dataset = minari.load_dataset("bricksrl/arm-v0")
     episode, env = dataset[0], dataset.recover_environment()
-    observation, _ = env.reset(seed=int(next(iter(dataset.storage.get_episode_metadata([0])))["seed"]))
+    observation, _ = env.reset(
+        seed=int(next(iter(dataset.storage.get_episode_metadata([0])))["seed"])
+    )
     assert np.array_equal(observation, episode.observations[0])
     replayed = [env.step(action)[1] for action in episode.actions]
-    assert np.array_equal(replayed, episode.rewards) and set(replayed) <= {0.0, 1.0}, "the reward is sparse"
+    assert np.array_equal(replayed, episode.rewards) and set(replayed) <= {0.0, 1.0}, (
+        "the reward is sparse"
+    )
 
 
 def test_torchrl_samples_from_dataset(tmp_path: Path) -> None:
@@ -88,7 +105,12 @@ def test_torchrl_samples_from_dataset(tmp_path: Path) -> None:
     torch.manual_seed(0)
     batch = replay(tmp_path / "set", batch_size=64).sample()
     assert batch["observation"].shape == (64, 2) and batch["action"].shape == (64, 1)
-    assert batch["next", "reward"].shape == batch["next", "done"].shape == batch["next", "terminated"].shape == (64, 1)
+    assert (
+        batch["next", "reward"].shape
+        == batch["next", "done"].shape
+        == batch["next", "terminated"].shape
+        == (64, 1)
+    )
     rows = [int((episodes.observation == row).all(1).nonzero()) for row in batch["observation"]]
     assert torch.equal(batch["episode"], episodes.episode[rows])
     assert len(set(rows)) == 14
@@ -107,7 +129,9 @@ def test_summary_counts(tmp_path: Path) -> None:
     assert summary.return_mean == pytest.approx(
         np.mean([row.return_ for row in episodes.rows])
     ) and summary.success_rate == pytest.approx(2 / 3)
-    assert summary.interventions == int(episodes.intervention.sum()) and summary.age_mean_s == pytest.approx(0.02)
+    assert summary.interventions == int(
+        episodes.intervention.sum()
+    ) and summary.age_mean_s == pytest.approx(0.02)
 
 
 def test_picture_is_drawn(tmp_path: Path) -> None:

@@ -23,7 +23,11 @@ from bricksrl.data.integrity import check, recover
 from bricksrl.errors import DataError
 
 EXPLODED = Path(__file__).with_name("exploded")
-INFO, ROWS, DATA = "meta/info.json", "meta/episodes/chunk-000/file-001.parquet", "data/chunk-000/file-001.parquet"
+INFO, ROWS, DATA = (
+    "meta/info.json",
+    "meta/episodes/chunk-000/file-001.parquet",
+    "data/chunk-000/file-001.parquet",
+)
 
 
 class Bomb:
@@ -38,17 +42,28 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Episodes]:
 
 
 def contents(root: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(root)): path.read_bytes() for path in root.rglob("*") if path.is_file()
+    }
 
 
 def is_prefix(ours: Episodes, theirs: Episodes) -> bool:
     n = len(ours)
-    return np.array_equal(ours.observation, theirs.observation[:n]) and np.array_equal(ours.reward, theirs.reward[:n])
+    return np.array_equal(ours.observation, theirs.observation[:n]) and np.array_equal(
+        ours.reward, theirs.reward[:n]
+    )
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.sampled_from([DATA, ROWS, INFO, "meta/bricksrl.json"]), st.integers(0, 10**9), st.integers(1, 255), st.booleans())
-def test_damaged_file_never_gives_wrong_data(tmp_path_factory, sound, name, place, mask, cut) -> None:
+@given(
+    st.sampled_from([DATA, ROWS, INFO, "meta/bricksrl.json"]),
+    st.integers(0, 10**9),
+    st.integers(1, 255),
+    st.booleans(),
+)
+def test_damaged_file_never_gives_wrong_data(
+    tmp_path_factory, sound, name, place, mask, cut
+) -> None:
     root, wanted = sound
     damaged = tmp_path_factory.mktemp("damaged") / "set"
     shutil.copytree(root, damaged)
@@ -64,8 +79,13 @@ def test_damaged_file_never_gives_wrong_data(tmp_path_factory, sound, name, plac
     except DataError:
         pass
     else:
-        # The index may count fewer episodes now, and names and ranges are texts and numbers as good as others.
-        assert is_prefix(found, wanted) if name == INFO else np.array_equal(found.observation, wanted.observation)
+        # The index may count fewer episodes now, and names and ranges are texts and numbers as good
+        # as others.
+        assert (
+            is_prefix(found, wanted)
+            if name == INFO
+            else np.array_equal(found.observation, wanted.observation)
+        )
         assert same(found, wanted) or name != DATA
     assert contents(damaged) == before
     shutil.rmtree(damaged)
@@ -74,13 +94,19 @@ def test_damaged_file_never_gives_wrong_data(tmp_path_factory, sound, name, plac
 def bomb_as_type() -> bytes:
     """An Arrow extension type with a pickle as metadata, which old readers executed."""
     sink = io.BytesIO()
-    metadata = {b"ARROW:extension:name": b"arrow.py_extension_type", b"ARROW:extension:metadata": pickle.dumps(Bomb())}
+    metadata = {
+        b"ARROW:extension:name": b"arrow.py_extension_type",
+        b"ARROW:extension:metadata": pickle.dumps(Bomb()),
+    }
     field = pa.field("index", pa.int64(), metadata=metadata)
     pq.write_table(pa.Table.from_arrays([pa.array([1])], schema=pa.schema([field])), sink)
     return sink.getvalue()
 
 
-@pytest.mark.parametrize("content", [pickle.dumps(Bomb()), b"", b"\0" * 1000, bomb_as_type(), b'{"a": 1}', b"[" * 100_000])
+@pytest.mark.parametrize(
+    "content",
+    [pickle.dumps(Bomb()), b"", b"\0" * 1000, bomb_as_type(), b'{"a": 1}', b"[" * 100_000],
+)
 @pytest.mark.parametrize("name", [DATA, ROWS, INFO, "meta/bricksrl.json"])
 def test_foreign_file_raises_without_execution(tmp_path: Path, name: str, content: bytes) -> None:
     root = record(tmp_path / "set")
@@ -101,7 +127,9 @@ def edit_rows(root: Path, **cells: object) -> None:
     table = pq.read_table(root / ROWS)
     for name, value in cells.items():
         column = table.schema.get_field_index(name)
-        table = table.set_column(column, table.schema.field(column), pa.array([value], table.schema.field(column).type))
+        table = table.set_column(
+            column, table.schema.field(column), pa.array([value], table.schema.field(column).type)
+        )
     pq.write_table(table, root / ROWS)
 
 
@@ -141,9 +169,16 @@ def test_wrong_cell_type_or_shape_raises(tmp_path: Path, column: str, value: obj
     """Merging writes a new index only if all statistics are valid."""
     root = record(tmp_path / "set")
     table = pq.read_table(root / ROWS)
-    pq.write_table(table.set_column(table.schema.get_field_index(column), column, pa.array([value])), root / ROWS)
+    pq.write_table(
+        table.set_column(table.schema.get_field_index(column), column, pa.array([value])),
+        root / ROWS,
+    )
     before = contents(root)
-    for act in (load, lambda path: recover(path, rebuild=True), lambda path: merge([path], tmp_path / "out")):
+    for act in (
+        load,
+        lambda path: recover(path, rebuild=True),
+        lambda path: merge([path], tmp_path / "out"),
+    ):
         with pytest.raises(DataError, match="rows that are not ours"):
             act(root)
     assert contents(root) == before and not (tmp_path / "out").exists()
@@ -176,7 +211,9 @@ def test_symlink_out_of_dataset_is_not_followed(tmp_path: Path) -> None:
 def test_index_paths_stay_inside(tmp_path: Path) -> None:
     root = record(tmp_path / "set")
     info = json.loads((root / INFO).read_text())
-    (root / INFO).write_text(json.dumps({**info, "data_path": "../../secret/{chunk_index}{file_index}"}))
+    (root / INFO).write_text(
+        json.dumps({**info, "data_path": "../../secret/{chunk_index}{file_index}"})
+    )
     with pytest.raises(DataError, match="disagree"):
         load(root)
 
@@ -186,9 +223,15 @@ def test_index_paths_stay_inside(tmp_path: Path) -> None:
     [
         (lambda root: None, "there is no dataset"),
         (lambda root: (root / "meta").mkdir(parents=True), "there is no dataset"),
-        (lambda root: (record(root), (root / "meta/bricksrl.json").unlink()), "not made by BricksRL"),
+        (
+            lambda root: (record(root), (root / "meta/bricksrl.json").unlink()),
+            "not made by BricksRL",
+        ),
         (lambda root: (record(root), (root / DATA).unlink()), "cannot read"),
-        (lambda root: (record(root), (root / ROWS).unlink()), "counts 3 episodes and meta/episodes holds 1"),
+        (
+            lambda root: (record(root), (root / ROWS).unlink()),
+            "counts 3 episodes and meta/episodes holds 1",
+        ),
     ],
 )
 def test_missing_files_are_named(tmp_path: Path, make, told: str) -> None:

@@ -16,11 +16,25 @@ from bricksrl.envs import get_task
 from bricksrl.errors import DataError
 
 
-def save(folder: Path, observation: torch.Tensor, action: torch.Tensor, reward: torch.Tensor, done: torch.Tensor, **more) -> None:
-    """Save a buffer as the released code does: ``observation`` ``[steps + 1, n]``, episodes end at ``done``."""
+def save(
+    folder: Path,
+    observation: torch.Tensor,
+    action: torch.Tensor,
+    reward: torch.Tensor,
+    done: torch.Tensor,
+    **more,
+) -> None:
+    """Save a buffer as the released code does: ``observation`` ``[steps + 1, n]``, episodes end at
+    ``done``."""
     n = len(action)
-    root = {"observation": observation[:-1].clone(), **{key: value[:-1].clone() for key, value in more.items()}}
-    after = {"observation": observation[1:].clone(), **{key: value[1:].clone() for key, value in more.items()}}
+    root = {
+        "observation": observation[:-1].clone(),
+        **{key: value[:-1].clone() for key, value in more.items()},
+    }
+    after = {
+        "observation": observation[1:].clone(),
+        **{key: value[1:].clone() for key, value in more.items()},
+    }
     for i in done.nonzero().flatten().tolist():  # each episode starts anew
         if i + 1 < n:
             root["observation"][i + 1] += 1.0
@@ -32,7 +46,9 @@ def save(folder: Path, observation: torch.Tensor, action: torch.Tensor, reward: 
             "index": torch.arange(n),
             "done": torch.zeros_like(flag),
             "terminated": torch.zeros_like(flag),
-            "next": TensorDict({**after, "reward": reward[:, None], "done": flag, "terminated": flag}, [n]),
+            "next": TensorDict(
+                {**after, "reward": reward[:, None], "done": flag, "terminated": flag}, [n]
+            ),
         },
         [n],
     )
@@ -52,33 +68,63 @@ def test_walker_data_is_reordered(tmp_path: Path) -> None:
     assert episodes.observation[0].tolist() == [190.0, 10.0, 20.0, 179.0, 1.0, 2.0, 300.0]
     assert torch.equal(episodes.action, action[:, [0, 2, 1, 3]])
     ends = [(bool(episodes.terminated[i]), bool(episodes.truncated[i])) for i in (99, 119, 129)]
-    assert ends == [(False, True), (True, False), (False, True)]  # time limit; fall; the buffer ends in an episode
+    # time limit; fall; the buffer ends in an episode
+    assert ends == [(False, True), (True, False), (False, True)]
     assert [row.about.whole for row in episodes.rows] == [True, True, False]
-    assert [c.name for c in episodes.description.observation] == [e.name for e in get_task("Walker-v0").entries]
+    assert [c.name for c in episodes.description.observation] == [
+        e.name for e in get_task("Walker-v0").entries
+    ]
     assert check(tmp_path / "ours/Walker-v0-expert") == []
 
 
 def test_acceleration_is_not_named_distance(tmp_path: Path) -> None:
     observation = torch.tensor([[0.0, 0, 0, 0, 0, 0, -900.0 + i] for i in range(11)])
-    save(tmp_path / "old", observation, torch.zeros(10, 4), torch.zeros(10), torch.zeros(10, dtype=torch.bool))
+    save(
+        tmp_path / "old",
+        observation,
+        torch.zeros(10, 4),
+        torch.zeros(10),
+        torch.zeros(10, dtype=torch.bool),
+    )
     import_paper(tmp_path / "old", tmp_path / "ours", env="Walker-v0")
     assert load(tmp_path / "ours").description.observation[-1].name == "acceleration_x"
 
 
 def test_all_four_tasks_expert_and_random(tmp_path: Path) -> None:
-    sizes = {"Walker": (7, 4), "RoboArm": (4, 4), "2Wheeler/RunAway": (5, 1), "2Wheeler/Spinning": (6, 2)}
+    sizes = {
+        "Walker": (7, 4),
+        "RoboArm": (4, 4),
+        "2Wheeler/RunAway": (5, 1),
+        "2Wheeler/Spinning": (6, 2),
+    }
     for name, (n, m) in sizes.items():
         for policy in ("expert_data", "random_data"):
-            goal = {"goal_observation": torch.tensor([[-100.0, -70, 40, -90]]).repeat(21, 1)} if name == "RoboArm" else {}
+            goal = (
+                {"goal_observation": torch.tensor([[-100.0, -70, 40, -90]]).repeat(21, 1)}
+                if name == "RoboArm"
+                else {}
+            )
             done = torch.arange(20) % 10 == 9
-            save(tmp_path / "paper" / name / policy, 10 + torch.rand(21, n), torch.rand(20, m), torch.rand(20), done, **goal)
+            save(
+                tmp_path / "paper" / name / policy,
+                10 + torch.rand(21, n),
+                torch.rand(20, m),
+                torch.rand(20),
+                done,
+                **goal,
+            )
     imported = import_paper(tmp_path / "paper", tmp_path / "ours")
     tasks = ("RoboArm-v0", "RunAway-v0", "Spinning-v0", "Walker-v0")
     assert sorted(found.root.name for _, found in imported) == [
         f"{task}-{policy}" for task in tasks for policy in ("expert", "random")
     ]
     arm = load(tmp_path / "ours/RoboArm-v0-random")
-    assert arm.observation.shape == (20, 8) and arm.observation[0, 4:].tolist() == [270.0, 40.0, -70.0, -100.0]
+    assert arm.observation.shape == (20, 8) and arm.observation[0, 4:].tolist() == [
+        270.0,
+        40.0,
+        -70.0,
+        -100.0,
+    ]
     assert [row.length for row in arm.rows] == [10, 10] and bool(arm.terminated[9])
 
 
@@ -91,13 +137,22 @@ class Bomb:
     ("damage", "told"),
     [
         (lambda root: (root / "meta.json").write_text("{"), "not JSON"),
-        (lambda root: (root / "meta.json").write_text("[1]"), "description .* is not JSON as we write it"),
+        (
+            lambda root: (root / "meta.json").write_text("[1]"),
+            "description .* is not JSON as we write it",
+        ),
         (lambda root: (root / "action.memmap").write_bytes(b"1234"), "has 4 bytes"),
         (lambda root: (root / "action.memmap").unlink(), "cannot read"),
         (lambda root: (root / "meta.json").write_bytes(pickle.dumps(Bomb())), "not JSON"),
         (lambda root: (root / "next/meta.json").write_text("{}"), "no tensor observation"),
-        (lambda root: replace_in(root / "meta.json", '"action"', '"../../secret"'), "not of the paper"),
-        (lambda root: replace_in(root / "meta.json", "torch.float32", "torch.complex64"), "not of the paper"),
+        (
+            lambda root: replace_in(root / "meta.json", '"action"', '"../../secret"'),
+            "not of the paper",
+        ),
+        (
+            lambda root: replace_in(root / "meta.json", "torch.float32", "torch.complex64"),
+            "not of the paper",
+        ),
         (lambda root: reshape(root, "observation", []), "no steps in its tensor observation"),
         (lambda root: reshape(root, "observation", [0, 5]), "no steps in its tensor observation"),
         (lambda root: reshape(root, "action", [9]), "shapes that are not those"),
@@ -145,7 +200,13 @@ def replace_in(path: Path, old: str, new: str) -> None:
 
 
 def test_unknown_task_must_be_given(tmp_path: Path) -> None:
-    save(tmp_path / "buffer", torch.rand(5, 5), torch.rand(4, 1), torch.rand(4), torch.zeros(4, dtype=torch.bool))
+    save(
+        tmp_path / "buffer",
+        torch.rand(5, 5),
+        torch.rand(4, 1),
+        torch.rand(4),
+        torch.zeros(4, dtype=torch.bool),
+    )
     with pytest.raises(DataError, match="--env"):
         import_paper(tmp_path / "buffer", tmp_path / "ours")
     with pytest.raises(DataError, match="observes 5 numbers"):
@@ -156,7 +217,9 @@ def test_unknown_task_must_be_given(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["observation", "next/observation", "action", "next/reward"])
-@pytest.mark.parametrize("bits", [0x7FC00000, 0x7F800001, 0x7F800000], ids=["nan", "signalling nan", "infinite"])
+@pytest.mark.parametrize(
+    "bits", [0x7FC00000, 0x7F800001, 0x7F800000], ids=["nan", "signalling nan", "infinite"]
+)
 def test_non_finite_numbers_raise(tmp_path: Path, name: str, bits: int) -> None:
     done = torch.tensor([False, True])
     save(tmp_path / "RunAway", torch.rand(3, 5), torch.rand(2, 1), torch.rand(2), done)

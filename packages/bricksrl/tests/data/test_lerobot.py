@@ -1,4 +1,5 @@
-"""Datasets as LeRobot's own recorder writes them: no file of ours, several chunks and files, actions in units."""
+"""Datasets as LeRobot's own recorder writes them: no file of ours, several chunks and files,
+actions in units."""
 
 from __future__ import annotations
 
@@ -28,16 +29,26 @@ STATE = [entry.name for entry in TASK.entries]
 COMMANDS = [command.name for command in TASK.interface.commands]
 
 
-def lerobot(root: Path, lengths: tuple[int, ...] = (6, 4, 5), robot: str = "bricksrl_two_wheeler", **change: Any) -> Path:
-    """A dataset in LeRobot's layout, an episode a file and two files a chunk; ``change``: of its ``info.json``."""
+def lerobot(
+    root: Path,
+    lengths: tuple[int, ...] = (6, 4, 5),
+    robot: str = "bricksrl_two_wheeler",
+    **change: Any,
+) -> Path:
+    """A dataset in LeRobot's layout, an episode a file and two files a chunk; ``change``: of its
+    ``info.json``."""
     rng = np.random.default_rng(0)
     start, episodes = 0, []
     for number, length in enumerate(lengths):
         state = rng.uniform(100.0, 900.0, (length, len(STATE))).astype(np.float32)
         action = rng.uniform(-100.0, 100.0, (length, len(COMMANDS))).astype(np.float32)
         columns = {
-            "observation.state": pa.FixedSizeListArray.from_arrays(pa.array(state.reshape(-1)), len(STATE)),
-            "action": pa.FixedSizeListArray.from_arrays(pa.array(action.reshape(-1)), len(COMMANDS)),
+            "observation.state": pa.FixedSizeListArray.from_arrays(
+                pa.array(state.reshape(-1)), len(STATE)
+            ),
+            "action": pa.FixedSizeListArray.from_arrays(
+                pa.array(action.reshape(-1)), len(COMMANDS)
+            ),
             "timestamp": pa.array(np.arange(length, dtype=np.float32) / 4),
             "frame_index": pa.array(np.arange(length)),
             "episode_index": pa.array(np.full(length, number)),
@@ -46,18 +57,33 @@ def lerobot(root: Path, lengths: tuple[int, ...] = (6, 4, 5), robot: str = "bric
         }
         place = f"chunk-{number // 2:03d}/file-{number % 2:03d}.parquet"
         write(root / "data" / place, pa.table(columns))
-        episodes.append({"episode_index": number, "length": length, "tasks": ["run away"], "dataset_from_index": start})
+        episodes.append(
+            {
+                "episode_index": number,
+                "length": length,
+                "tasks": ["run away"],
+                "dataset_from_index": start,
+            }
+        )
         start += length
     write(root / "meta/episodes/chunk-000/file-000.parquet", pa.Table.from_pylist(episodes))
     write(root / "meta/tasks.parquet", pa.table({"task_index": [0], "task": ["run away"]}))
-    numbers = {name: {"dtype": "int64", "shape": [1], "names": None} for name in ("frame_index", "episode_index", "index")}
+    numbers = {
+        name: {"dtype": "int64", "shape": [1], "names": None}
+        for name in ("frame_index", "episode_index", "index")
+    }
     features = {
         "observation.state": {"dtype": "float32", "shape": [len(STATE)], "names": STATE},
         "action": {"dtype": "float32", "shape": [len(COMMANDS)], "names": COMMANDS},
         "timestamp": {"dtype": "float32", "shape": [1], "names": None},
         **numbers,
     }
-    info = {"codebase_version": "v3.0", "robot_type": robot, "total_episodes": len(lengths), "total_frames": start}
+    info = {
+        "codebase_version": "v3.0",
+        "robot_type": robot,
+        "total_episodes": len(lengths),
+        "total_frames": start,
+    }
     info |= {"total_tasks": 1, "chunks_size": 2, "fps": 4, "features": features}
     (root / "meta/info.json").write_text(json.dumps(info | change))
     return root
@@ -93,11 +119,16 @@ def test_what_lerobot_recorded_is_read(tmp_path: Path) -> None:
     assert len(episodes) == 5 + 3 + 4, "the last frame of each has no outcome"
     table = pq.read_table(root / "data/chunk-001/file-000.parquet")
     states, actions = (np.stack(table[name].to_numpy()) for name in ("observation.state", "action"))
-    assert np.array_equal(episodes.observation[-4:], states[:-1]) and np.array_equal(episodes.next_observation[-4:], states[1:])
+    assert np.array_equal(episodes.observation[-4:], states[:-1]) and np.array_equal(
+        episodes.next_observation[-4:], states[1:]
+    )
     assert np.allclose(episodes.action[-4:], actions[:-1] / 100.0)
     wanted = TASK.reward(episodes.observation, episodes.action, episodes.next_observation)
     assert torch.equal(episodes.reward, wanted.reshape(-1))
-    assert bool((episodes.terminated | episodes.truncated)[-1]) and episodes.rows[0].about.policy == "lerobot"
+    assert (
+        bool((episodes.terminated | episodes.truncated)[-1])
+        and episodes.rows[0].about.policy == "lerobot"
+    )
     assert {path: path.read_bytes() for path in root.rglob("*") if path.is_file()} == before
 
 
@@ -108,68 +139,126 @@ def test_a_new_episode_begins_where_the_task_ends(tmp_path: Path) -> None:
     def driven(values: pa.Array) -> pa.Array:
         states = np.stack(values.to_numpy(zero_copy_only=False)).copy()
         states[:, STATE.index("distance")] = distances
-        return pa.array(list(states), pa.list_(pa.float32()))  # a list of another kind, as other programs write
+        # a list of another kind, as other programs write
+        return pa.array(list(states), pa.list_(pa.float32()))
 
     edit(root, 0, "observation.state", driven)
     episodes = load(root)
-    assert [row.length for row in episodes.rows] == [2, 3] and [row.terminated for row in episodes.rows] == [True, False]
+    assert [row.length for row in episodes.rows] == [2, 3] and [
+        row.terminated for row in episodes.rows
+    ] == [True, False]
     assert episodes.episode.tolist() == [0, 0, 1, 1, 1]
 
 
-def test_what_lerobot_recorded_is_imported_and_learned_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_lerobot_recorded_is_imported_and_learned_from(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     root = lerobot(tmp_path / "set", (30, 30))
     Import(root, tmp_path / "ours").execute()
     assert "RunAway-v0" in capsys.readouterr().out and check(tmp_path / "ours") == []
     ours, theirs = load(tmp_path / "ours"), load(root)
-    for name in ("observation", "action", "reward", "next_observation", "terminated", "truncated", "episode"):
+    for name in (
+        "observation",
+        "action",
+        "reward",
+        "next_observation",
+        "terminated",
+        "truncated",
+        "episode",
+    ):
         assert torch.equal(getattr(ours, name), getattr(theirs, name)), name
     assert CheckData(root).execute() == 0
     settings = preset("default", "bc")
-    config = TrainConfig("RunAway-v0", "bc", 1, data=str(root), updates=2, settings=settings, run_dir=tmp_path / "run")
+    config = TrainConfig(
+        "RunAway-v0",
+        "bc",
+        1,
+        data=str(root),
+        updates=2,
+        settings=settings,
+        run_dir=tmp_path / "run",
+    )
     assert len(train(config).episodes) == 1
 
 
 REFUSED: dict[str, tuple[Callable[[Path], object], str]] = {
-    "no state": (lambda root: info(root, lambda i: i["features"].pop("observation.state")), "no feature observation.state"),
-    "no action": (lambda root: info(root, lambda i: i["features"].pop("action")), "no feature action"),
+    "no state": (
+        lambda root: info(root, lambda i: i["features"].pop("observation.state")),
+        "no feature observation.state",
+    ),
+    "no action": (
+        lambda root: info(root, lambda i: i["features"].pop("action")),
+        "no feature action",
+    ),
     "no names": (
         lambda root: info(root, lambda i: i["features"]["action"].update(names=None)),
         "does not name the numbers of action",
     ),
     "other names": (
-        lambda root: info(root, lambda i: i["features"]["observation.state"]["names"].__setitem__(-1, "sonar")),
+        lambda root: info(
+            root, lambda i: i["features"]["observation.state"]["names"].__setitem__(-1, "sonar")
+        ),
         "has no distance, only",
     ),
-    "shape": (lambda root: info(root, lambda i: i["features"]["observation.state"].update(shape=[2])), "does not name"),
+    "shape": (
+        lambda root: info(root, lambda i: i["features"]["observation.state"].update(shape=[2])),
+        "does not name",
+    ),
     "a column": (lambda root: edit(root, 1, "action", None), "has not one column action"),
     "an index": (lambda root: edit(root, 1, "index", None), "has not one column index"),
-    "a file": (lambda root: (root / "data/chunk-000/file-001.parquet").unlink(), "has 11 frames, and its info.json counts 15"),
-    "all files": (lambda root: [path.unlink() for path in root.glob("data/*/*")], "has no files data/chunk-000"),
+    "a file": (
+        lambda root: (root / "data/chunk-000/file-001.parquet").unlink(),
+        "has 11 frames, and its info.json counts 15",
+    ),
+    "all files": (
+        lambda root: [path.unlink() for path in root.glob("data/*/*")],
+        "has no files data/chunk-000",
+    ),
     "a gap in the index": (
         lambda root: edit(root, 1, "index", lambda v: pa.array([6, 7, 9, 10])),
         "gap: frame 8 has the index 9",
     ),
-    "a gap in frames": (lambda root: edit(root, 1, "frame_index", lambda v: pa.array([0, 1, 3, 4])), "episode 1: its frame 2"),
-    "an episode": (lambda root: edit(root, 1, "episode_index", lambda v: pa.array([2] * 4)), "does not have the 3 episodes"),
+    "a gap in frames": (
+        lambda root: edit(root, 1, "frame_index", lambda v: pa.array([0, 1, 3, 4])),
+        "episode 1: its frame 2",
+    ),
+    "an episode": (
+        lambda root: edit(root, 1, "episode_index", lambda v: pa.array([2] * 4)),
+        "does not have the 3 episodes",
+    ),
     "a number": (
-        lambda root: edit(root, 1, "action", lambda v: pa.FixedSizeListArray.from_arrays(pa.array([1.0, np.nan, 1, 1], "f4"), 1)),
+        lambda root: edit(
+            root,
+            1,
+            "action",
+            lambda v: pa.FixedSizeListArray.from_arrays(pa.array([1.0, np.nan, 1, 1], "f4"), 1),
+        ),
         "action in .* is no number in frame 7",
     ),
     "null": (
         lambda root: edit(root, 1, "action", lambda v: pa.array([[1.0], None, [1.0], [1.0]])),
         "does not hold 1 number in each",
     ),
-    "text": (lambda root: edit(root, 1, "index", lambda v: pa.array(list("abcd"))), "holds no numbers"),
+    "text": (
+        lambda root: edit(root, 1, "index", lambda v: pa.array(list("abcd"))),
+        "holds no numbers",
+    ),
     "fps": (lambda root: info(root, lambda i: i.update(fps=0)), "fps is 0"),
     "no fps": (lambda root: info(root, lambda i: i.pop("fps")), "cannot read the index"),
-    "version": (lambda root: info(root, lambda i: i.update(codebase_version="v2.1")), "format v2.1, not v3.0; convert"),
+    "version": (
+        lambda root: info(root, lambda i: i.update(codebase_version="v2.1")),
+        "format v2.1, not v3.0; convert",
+    ),
     "empty": (lambda root: info(root, lambda i: i.update(total_episodes=0)), "total_episodes is 0"),
     "robot": (
         lambda root: info(root, lambda i: i.update(robot_type="so100")),
         "robot 'so100', which .* say it: `bricksrl data import",
     ),
     "no json": (lambda root: (root / "meta/info.json").write_text("{"), "cannot read the index"),
-    "no parquet": (lambda root: (root / "data/chunk-000/file-001.parquet").write_text("x"), "not a valid Parquet"),
+    "no parquet": (
+        lambda root: (root / "data/chunk-000/file-001.parquet").write_text("x"),
+        "not a valid Parquet",
+    ),
 }
 
 
@@ -192,10 +281,15 @@ def test_environment_is_said_where_the_robot_does_not_tell_it(tmp_path: Path) ->
     assert import_lerobot(root, tmp_path / "ours", env="RunAway-v0").description.env == "RunAway-v0"
     with pytest.raises(DataError, match="has no .*, only .*choose the environment of these data"):
         load(root, task="Walker-v0")
-    with pytest.raises(DataError, match="RoboArm_mixed-v0: it observes images, which are not read|has no "):
+    with pytest.raises(
+        DataError, match="RoboArm_mixed-v0: it observes images, which are not read|has no "
+    ):
         load(root, task="RoboArm_mixed-v0")
 
 
 def test_edits_of_foreign_datasets_name_the_way(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="was not made by BricksRL.*`bricksrl data import '.*my set' --out NEW` makes it ours"):
+    with pytest.raises(
+        DataError,
+        match="was not made by BricksRL.*`bricksrl data import '.*my set' --out NEW` makes it ours",
+    ):
         merge([lerobot(tmp_path / "my set")], tmp_path / "out")

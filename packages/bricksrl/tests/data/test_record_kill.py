@@ -1,4 +1,5 @@
-"""A killed recording loses at most the current episode; `benchmarks/record_kill.py` tests more often."""
+"""A killed recording loses at most the current episode; `benchmarks/record_kill.py` tests more
+often."""
 
 from __future__ import annotations
 
@@ -14,13 +15,20 @@ from bricksrl.data import load
 from bricksrl.data.integrity import check, recover
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason=f"there is no signal {int(signal.SIGINT)} like SIGKILL")
+@pytest.mark.skipif(
+    sys.platform == "win32", reason=f"there is no signal {int(signal.SIGINT)} like SIGKILL"
+)
 def test_killed_recorder_loses_no_committed_episode(tmp_path: Path) -> None:
     rng = random.Random(1)
     for _ in range(6):
-        committed = killed_after(tmp_path / "set", "blind", rng.randrange(3), rng.uniform(0.0, 0.15))
+        committed = killed_after(
+            tmp_path / "set", "blind", rng.randrange(3), rng.uniform(0.0, 0.15)
+        )
         found = opened(tmp_path / "set", committed)
-        assert found["lost"] == 0 and 0 <= found["beyond"] <= 1 and found["pyarrow"], (committed, found)
+        assert found["lost"] == 0 and 0 <= found["beyond"] <= 1 and found["pyarrow"], (
+            committed,
+            found,
+        )
     before = len(load(tmp_path / "set").rows)
     recover(tmp_path / "set")
     assert before <= len(load(tmp_path / "set").rows) <= before + 1

@@ -42,7 +42,12 @@ def test_dataset_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
         (folder / "secret.txt").write_text("mine")
     assert push_dataset(root, "me/toy", licence="cc-by-4.0") == f"{hub.address}/datasets/me/toy"
     files = hub.files["datasets/me/toy"]
-    assert {"meta/info.json", "meta/bricksrl.json", "data/chunk-000/file-001.parquet", "README.md"} <= files.keys()
+    assert {
+        "meta/info.json",
+        "meta/bricksrl.json",
+        "data/chunk-000/file-001.parquet",
+        "README.md",
+    } <= files.keys()
     assert not any("/." in f"/{name}" for name in files) and hub.tags == ["v3.0"]
     card = files["README.md"].decode()
     assert (
@@ -53,7 +58,9 @@ def test_dataset_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
     )
     pull_dataset("me/toy", tmp_path / "fetched")
     ours, theirs = load(root), load(tmp_path / "fetched")
-    assert np.array_equal(ours.observation, theirs.observation) and np.array_equal(ours.image, theirs.image)
+    assert np.array_equal(ours.observation, theirs.observation) and np.array_equal(
+        ours.image, theirs.image
+    )
     with pytest.raises(DataError, match="exists already"):
         pull_dataset("me/toy", tmp_path / "fetched")
 
@@ -92,25 +99,36 @@ def test_full_disk_is_told(hub: Hub, tmp_path: Path, monkeypatch: pytest.MonkeyP
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr("huggingface_hub.file_download.http_get", full)
-    with pytest.raises(WriteError, match=r"cannot write .*new/toy \(No space left on device\); make room on that disk"):
+    with pytest.raises(
+        WriteError,
+        match=r"cannot write .*new/toy \(No space left on device\); make room on that disk",
+    ):
         pull("me/toy", tmp_path / "new" / "toy")
     assert not (tmp_path / "new").exists()
 
 
 def test_policy_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    train(TrainConfig("WalkerSim-v0", episodes=1, run_dir=run, settings=preset("default", "sac"), record=False))
+    train(
+        TrainConfig(
+            "WalkerSim-v0", episodes=1, run_dir=run, settings=preset("default", "sac"), record=False
+        )
+    )
     push_policy(run, "me/policy", licence="apache-2.0")
     files = hub.files["models/me/policy"]
     assert b"license: apache-2.0\n" in files["README.md"]
     assert sorted(files) == ["README.md", "policy.json", "policy.safetensors"]
     assert (
-        json.loads(files["policy.json"])["config"]["env"] == "WalkerSim-v0" and str(tmp_path) not in files["policy.json"].decode()
+        json.loads(files["policy.json"])["config"]["env"] == "WalkerSim-v0"
+        and str(tmp_path) not in files["policy.json"].decode()
     )
     pull_policy("me/policy", tmp_path / "policy")
     env = bricksrl.make("WalkerSim-v0", seed=0)
     observation = env.reset()["observation"]
-    actions = [load_policy(path, env).act(observation) for path in (run, tmp_path / "policy", str(tmp_path / "policy"))]
+    actions = [
+        load_policy(path, env).act(observation)
+        for path in (run, tmp_path / "policy", str(tmp_path / "policy"))
+    ]
     assert torch.equal(actions[0], actions[1]) and torch.equal(actions[0], actions[2])
     with pytest.raises(CheckpointError, match="observes or acts otherwise"):
         load_policy(tmp_path / "policy", bricksrl.make("RoboArmSim-v0", seed=0))
@@ -118,7 +136,9 @@ def test_policy_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
     own_task = {**about, "config": {**about["config"], "env": "my_task.py"}}
     files["policy.json"] = json.dumps(own_task).encode()
     pull_policy("me/policy", tmp_path / "with_code")  # to be read, and then trusted
-    with pytest.raises(RunError, match=r"would run code \(my_task.py\) .* `bricksrl trust \S*with_code`$"):
+    with pytest.raises(
+        RunError, match=r"would run code \(my_task.py\) .* `bricksrl trust \S*with_code`$"
+    ):
         load_policy(tmp_path / "with_code")
     for content in (b"\x80\x04cos\nsystem\n.", b"", files["policy.safetensors"][:-9]):
         files["policy.safetensors"] = content
@@ -128,7 +148,9 @@ def test_policy_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("written", [0, 1, 2])
-def test_policy_export_is_atomic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: int) -> None:
+def test_policy_export_is_atomic(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: int
+) -> None:
     """A killed process leaves no file with the policy's name; a full disk leaves no file."""
     run, out = tmp_path / "run", tmp_path / "new" / "policy"
     train(TrainConfig("WalkerSim-v0", "random", episodes=1, run_dir=run, record=False))
@@ -143,22 +165,32 @@ def test_policy_export_is_atomic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         names.append(path.name)
 
     monkeypatch.setattr(sharing, "write_durably", write_while_there_is_room)
-    with pytest.raises(WriteError, match=r"cannot write .*new/policy \(No space left on device\); make room"):
+    with pytest.raises(
+        WriteError, match=r"cannot write .*new/policy \(No space left on device\); make room"
+    ):
         export_policy(run, out)
     assert len(names) == written and not out.parent.exists()
     monkeypatch.setattr(sharing, "write_durably", write)
     assert is_policy(export_policy(run, out))
 
 
-def test_log_of_a_measured_robot_goes_to_the_hub(hub: Hub, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_log_of_a_measured_robot_goes_to_the_hub(
+    hub: Hub, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "log.jsonl"
-    write_log(path, SessionLog("two-wheeler", {"hub": "ble"}, (Row("rest", 5, 90.0, {"heading": 0.1}),)))
+    write_log(
+        path, SessionLog("two-wheeler", {"hub": "ble"}, (Row("rest", 5, 90.0, {"heading": 0.1}),))
+    )
     assert main(("data", "push", str(path), "me/logs", "--licence", "cc0-1.0")) == 0
     assert capsys.readouterr().out.strip() == f"{hub.address}/datasets/me/logs"
     files = hub.files["datasets/me/logs"]
     assert files["log.jsonl"] == path.read_bytes() and sorted(files) == ["README.md", "log.jsonl"]
     card = files["README.md"].decode()
-    assert "license: cc0-1.0\n" in card and "| robot | two-wheeler |" in card and "| hub | ble |" in card
+    assert (
+        "license: cc0-1.0\n" in card
+        and "| robot | two-wheeler |" in card
+        and "| hub | ble |" in card
+    )
     path.write_text("secrets\n")
     with pytest.raises(TwinError, match="it is another file"):
         push_log(path, "me/logs")

@@ -12,11 +12,16 @@ from bricksrl.data import About, Description, Recorder, Step
 TOY = Description(
     env="Toy-v0",
     rate_hz=4.0,
-    observation=(Entry("angle", 0.0, 360.0, "deg", wraps=True), Entry("distance", 0.0, 2000.0, "mm")),
+    observation=(
+        Entry("angle", 0.0, 360.0, "deg", wraps=True),
+        Entry("distance", 0.0, 2000.0, "mm"),
+    ),
     action=(Entry("motor", -100.0, 100.0, "deg"),),
     robot={"name": "toy", "motors": ["motor"]},
 )
-SEEING = Description(TOY.env, TOY.rate_hz, TOY.observation, TOY.action, TOY.robot, camera="webcam", image_px=16)
+SEEING = Description(
+    TOY.env, TOY.rate_hz, TOY.observation, TOY.action, TOY.robot, camera="webcam", image_px=16
+)
 
 
 def steps(seed: int, length: int, description: Description = TOY) -> list[Step]:
@@ -46,11 +51,18 @@ def steps(seed: int, length: int, description: Description = TOY) -> list[Step]:
 
 
 def record_episode(recorder: Recorder, seed: int, length: int) -> None:
-    about = About(policy="random", seed=seed, success=seed % 2 == 0, hub="virtual", versions={"bricksrl": "0"})
+    about = About(
+        policy="random", seed=seed, success=seed % 2 == 0, hub="virtual", versions={"bricksrl": "0"}
+    )
     recorder.write(steps(seed, length, recorder.description), about)
 
 
-def record(root: Path, lengths: tuple[int, ...] = (3, 5, 4), description: Description = TOY, first_seed: int = 0) -> Path:
+def record(
+    root: Path,
+    lengths: tuple[int, ...] = (3, 5, 4),
+    description: Description = TOY,
+    first_seed: int = 0,
+) -> Path:
     """A dataset of episodes of these lengths with seeds 0, 1, 2..."""
     with Recorder(root, description) as recorder:
         for seed, length in enumerate(lengths, first_seed):

@@ -1,7 +1,7 @@
 """Seeded faults during training over the simulated radio.
 
-Each fault hits one phase: search, download, start, step, reset or close. The training is the project's own loop (``play``) with a
-learner that checks its input.
+Each fault hits one phase: search, download, start, step, reset or close. The training is the
+project's own loop (``play``) with a learner that checks its input.
 """
 
 from __future__ import annotations
@@ -18,7 +18,13 @@ from pathlib import Path
 import torch
 from ble_world import LONG_RUN, World
 from host_process import START_S, host_process
-from radio import ATT_NOTIFICATION, ATT_WRITE_REQUEST, ATT_WRITE_RESPONSE, SUPERVISION_TIMEOUT_S, Fault
+from radio import (
+    ATT_NOTIFICATION,
+    ATT_WRITE_REQUEST,
+    ATT_WRITE_RESPONSE,
+    SUPERVISION_TIMEOUT_S,
+    Fault,
+)
 from tensordict import TensorDictBase
 
 from brickhub.hub.program import generate
@@ -89,10 +95,14 @@ class CheckingLearner:
 
     def remember(self, frame: TensorDictBase) -> None:
         assert self._world.hub.runs == self._run, "a transition reaches across a gap"
-        assert self._last is None or torch.equal(frame["observation"], self._last), "a transition reaches across a gap"
+        assert self._last is None or torch.equal(frame["observation"], self._last), (
+            "a transition reaches across a gap"
+        )
         for observation in (frame["observation"], frame["next", "observation"]):
             left_deg, right_deg = observation.tolist()
-            assert right_deg == 0 and 0 <= left_deg < 360, "a motor that nobody moves has moved: a frame was decoded wrongly"
+            assert right_deg == 0 and 0 <= left_deg < 360, (
+                "a motor that nobody moves has moved: a frame was decoded wrongly"
+            )
         self._last = frame["next", "observation"]
         self._report.transitions += 1
 
@@ -109,7 +119,8 @@ class Course:
         self.env = HubEnv(_TASK, lambda _: connection, seed=seed)
 
     def _watch_the_watchdog(self) -> None:
-        """Longest watchdog overall and since the last fault; a new program starts with the shortest."""
+        """Longest watchdog overall and since the last fault; a new program starts with the
+        shortest."""
         told = self.link._set_watchdog
         self._in_force_ms = WATCHDOG_MS
 
@@ -151,10 +162,14 @@ class Course:
         if broken:
             world.hub.wait_until("is_driven", False, report.watchdog_ms / 1000 + 1.0)
         while not self._train():
-            assert time.monotonic() - start_s < RECOVERY_BOUND_S, f"no training again after {kind} in {phase}"
+            assert time.monotonic() - start_s < RECOVERY_BOUND_S, (
+                f"no training again after {kind} in {phase}"
+            )
         took_s = time.monotonic() - start_s
         report.longest_recovery_s = max(report.longest_recovery_s, took_s)
-        assert took_s < RECOVERY_BOUND_S, f"{took_s:.1f} s until training went on after {kind} in {phase}"
+        assert took_s < RECOVERY_BOUND_S, (
+            f"{took_s:.1f} s until training went on after {kind} in {phase}"
+        )
         self._look_at_the_motors(f"{kind} in {phase}")
         assert world.hub.runs >= before_runs
 
@@ -162,7 +177,9 @@ class Course:
         """Duration of motor runs in silence, by the hub's clock."""
         drive_ms, self.world.hub.longest_silent_drive_ms = self.world.hub.longest_silent_drive_ms, 0
         in_force_ms, self._in_force_ms = self._in_force_ms, self.link._watchdog_ms
-        assert drive_ms <= in_force_ms, f"motors ran on for {drive_ms} ms, {in_force_ms} ms allowed ({fault})"
+        assert drive_ms <= in_force_ms, (
+            f"motors ran on for {drive_ms} ms, {in_force_ms} ms allowed ({fault})"
+        )
         report = self.report
         if in_force_ms == WATCHDOG_MS:
             report.longest_silent_drive_ms = max(report.longest_silent_drive_ms, drive_ms)
@@ -224,9 +241,13 @@ class Course:
         world = self.world
         kinds: dict[str, Callable[[], object]] = {
             "lost notifications": lambda: world.fault(self._some((ATT_NOTIFICATION,), lambda _: 0)),
-            "duplicated notifications": lambda: world.fault(self._some((ATT_NOTIFICATION,), lambda _: 2)),
+            "duplicated notifications": lambda: world.fault(
+                self._some((ATT_NOTIFICATION,), lambda _: 2)
+            ),
             "flipped bits": lambda: world.fault(self._flip()),
-            "writes never acknowledged": lambda: world.fault(self._some((ATT_WRITE_RESPONSE,), lambda _: 0)),
+            "writes never acknowledged": lambda: world.fault(
+                self._some((ATT_WRITE_RESPONSE,), lambda _: 0)
+            ),
             "lost commands": lambda: world.fault(self._some((ATT_WRITE_REQUEST,), lambda _: 0)),
             "busy answers": lambda: self._refuse(CommandError.BUSY),
             "invalid answers": lambda: self._refuse(CommandError.INVALID_COMMAND),
@@ -234,35 +255,54 @@ class Course:
             "out of reach": world.radio.leave,
         }
         if phase in ("step", "reset", "close"):
-            kinds |= {"reboot": world.hub.reboot, "button": world.hub.press_button, "program raises": self._unplug}
+            kinds |= {
+                "reboot": world.hub.reboot,
+                "button": world.hub.press_button,
+                "program raises": self._unplug,
+            }
         return kinds
 
     def _some(self, opcodes: tuple[int, ...], result: Callable[[bytes], int | bytes]) -> Fault:
         """Apply to a third of the packets of some kinds."""
-        return lambda opcode, data: result(data) if opcode in opcodes and self.rng.random() < 1 / 3 else 1
+        return lambda opcode, data: (
+            result(data) if opcode in opcodes and self.rng.random() < 1 / 3 else 1
+        )
 
     def _flip(self) -> Fault:
         """Flip one bit in a third of the program's output."""
 
         def rule(opcode: int, data: bytes) -> int | bytes:
-            is_output = opcode == ATT_NOTIFICATION and len(data) > 4 and data[3] == Event.WRITE_STDOUT
+            is_output = (
+                opcode == ATT_NOTIFICATION and len(data) > 4 and data[3] == Event.WRITE_STDOUT
+            )
             if not is_output or self.rng.random() > 1 / 3:
                 return 1
             place = self.rng.randrange(4, len(data))
-            return data[:place] + bytes((data[place] ^ 1 << self.rng.randrange(8),)) + data[place + 1 :]
+            return (
+                data[:place]
+                + bytes((data[place] ^ 1 << self.rng.randrange(8),))
+                + data[place + 1 :]
+            )
 
         return rule
 
     def _kill_host(self, phase: str) -> bool:
         """Let another process drive the hub, and kill it at a packet of the phase."""
-        count = self.rng.randrange(1, {"start": 3, "close": 2}.get(phase, 4))  # to subscribe looks like a first start
-        with host_process(self.world, 10, steps=6, says_good_bye=self.rng.random() < 0.5) as process:
+        # to subscribe looks like a first start
+        count = self.rng.randrange(1, {"start": 3, "close": 2}.get(phase, 4))
+        with host_process(
+            self.world, 10, steps=6, says_good_bye=self.rng.random() < 0.5
+        ) as process:
             self.world.fault(_at(phase, count, process.kill))
             process.wait(START_S)
-            assert process.returncode == -signal.SIGKILL, f"the host ended with {process.returncode}"
+            assert process.returncode == -signal.SIGKILL, (
+                f"the host ended with {process.returncode}"
+            )
         silence_s = SUPERVISION_TIMEOUT_S + (self.report.watchdog_ms + generate.END_MS) / 1000
         took_s = self.world.hub.wait_until("is_advertising", True, silence_s + ADVERTISING_SLACK_S)
-        self.report.longest_until_advertising_s = max(self.report.longest_until_advertising_s, took_s)
+        self.report.longest_until_advertising_s = max(
+            self.report.longest_until_advertising_s, took_s
+        )
         return True
 
     def _cut(self, phase: str) -> Fault:
@@ -270,7 +310,9 @@ class Course:
         return _at(phase, self.rng.randrange(1, 4), self.world.radio.disconnect)
 
     def _refuse(self, code: CommandError) -> None:
-        self.world.hub.faults[self.rng.choice(list(PybricksCommand))] = [code] * self.rng.choice([1, 3, 100])
+        self.world.hub.faults[self.rng.choice(list(PybricksCommand))] = [code] * self.rng.choice(
+            [1, 3, 100]
+        )
 
     def _unplug(self) -> None:
         """Unplug and replug a motor: the next command to it raises."""

@@ -17,7 +17,11 @@ DOCUMENT = Path(__file__).parents[4] / "docs" / "virtual_hub.md"
 
 @pytest.fixture
 def wheel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    block = next(text for text in re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL) if "FIND_BLUE" in text)
+    block = next(
+        text
+        for text in re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
+        if "FIND_BLUE" in text
+    )
     (tmp_path / "color_wheel.py").write_text(block)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     yield f"{tmp_path / 'color_wheel.py'}:FIND_BLUE"

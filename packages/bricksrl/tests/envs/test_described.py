@@ -19,4 +19,7 @@ def test_described_robots_and_interfaces_are_those_of_environments() -> None:
     ]
     for env_id, (robot, interface) in described.TASKS.items():
         task = get_task(env_id)
-        assert (replace(task.robot, model=None, mirrored=()), task.interface) == (robot, interface), env_id
+        assert (replace(task.robot, model=None, mirrored=()), task.interface) == (
+            robot,
+            interface,
+        ), env_id

@@ -48,7 +48,9 @@ def run_away_env(hub_class: type[VirtualHub] = VirtualHub, seed: int = 0) -> Hub
 
     def connect(twin_seed: int) -> Connection:
         twin = hub_class(make_body(RUN_AWAY.robot, scene=RUN_AWAY.scene, seed=twin_seed))
-        return Connection(HubLink(twin, RUN_AWAY.robot, RUN_AWAY.interface, timeout_s=0.5), twin.reset, twin)
+        return Connection(
+            HubLink(twin, RUN_AWAY.robot, RUN_AWAY.interface, timeout_s=0.5), twin.reset, twin
+        )
 
     return HubEnv(RUN_AWAY, connect, seed=seed)
 
@@ -59,7 +61,10 @@ def test_specs_hold_for_random_episodes(env_id: str) -> None:
     check_env_specs(env, break_when_any_done="both")
     steps = env.rollout(60, break_when_any_done=False)
     assert steps["next", "done"].any()
-    assert all(env.observation_spec.is_in(step) for step in steps["next"].select("observation", "link_lost"))
+    assert all(
+        env.observation_spec.is_in(step)
+        for step in steps["next"].select("observation", "link_lost")
+    )
 
 
 def test_specs_match_tables() -> None:
@@ -80,7 +85,9 @@ def test_equal_seeds_give_identical_runs(env_id: str) -> None:
         generator = torch.Generator().manual_seed(1)
         size = env.action_spec.shape
         return env.rollout(
-            25, lambda td: td.set("action", torch.rand(size, generator=generator) * 2 - 1), break_when_any_done=False
+            25,
+            lambda td: td.set("action", torch.rand(size, generator=generator) * 2 - 1),
+            break_when_any_done=False,
         )
 
     env = bricksrl.make(env_id, seed=3)
@@ -148,10 +155,17 @@ def test_fast_spin_exceeds_nominal_range() -> None:
 
 def test_heading_counts_from_the_start_of_each_episode_however_far_the_robot_has_turned() -> None:
     task = dataclasses.replace(
-        SPINNING, interface=dataclasses.replace(SPINNING.interface, channels=(*SPINNING.interface.channels, Heading()))
+        SPINNING,
+        interface=dataclasses.replace(
+            SPINNING.interface, channels=(*SPINNING.interface.channels, Heading())
+        ),
     )
     twin = VirtualHub(make_body(task.robot, scene=task.scene))
-    env = HubEnv(task, lambda _seed: Connection(HubLink(twin, task.robot, task.interface), twin.reset), seed=0)
+    env = HubEnv(
+        task,
+        lambda _seed: Connection(HubLink(twin, task.robot, task.interface), twin.reset),
+        seed=0,
+    )
     for turned_deg in (0.0, 3270.0, 40_000.0):
         env.reset()
         twin.machine.heading.set_angle(turned_deg)
@@ -166,7 +180,10 @@ def test_clamping_leaves_agents_action() -> None:
     wild, tame = run_away_env(), run_away_env()
     wild.reset()
     tame.reset()
-    wild_step, tame_step = wild.step(TensorDict({"action": action}, batch_size=())), tame.step(act(-1.0))
+    wild_step, tame_step = (
+        wild.step(TensorDict({"action": action}, batch_size=())),
+        tame.step(act(-1.0)),
+    )
     assert action.tolist() == [-7.0]
     assert wild_step["action"] is action
     assert torch.equal(wild_step["next", "observation"], tame_step["next", "observation"])
@@ -176,7 +193,9 @@ def test_observations_may_be_changed_in_place() -> None:
     one, other = run_away_env(), run_away_env()
     other.reset()
     one.reset()["observation"].fill_(5000)
-    assert torch.equal(one.step(act(-1.0))["next", "reward"], other.step(act(-1.0))["next", "reward"])
+    assert torch.equal(
+        one.step(act(-1.0))["next", "reward"], other.step(act(-1.0))["next", "reward"]
+    )
 
 
 @pytest.mark.parametrize("values", [(0.5, 0.5), (), (float("nan"),)])
@@ -245,7 +264,12 @@ def test_lost_link_in_step_truncates() -> None:
     assert not before["link_lost"] and before["reward"] == 1
     twin.hears = False
     lost = env.step(act(-1.0))["next"]
-    assert [bool(lost[key]) for key in ("link_lost", "truncated", "done", "terminated")] == [True, True, True, False]
+    assert [bool(lost[key]) for key in ("link_lost", "truncated", "done", "terminated")] == [
+        True,
+        True,
+        True,
+        False,
+    ]
     assert torch.equal(lost["observation"], before["observation"]) and lost["reward"] == 0
     assert env.observation_spec.is_in(lost.select(*env.observation_spec.keys()))
     assert isinstance(env.link_error, HubError) and "answer" in str(env.link_error)
@@ -287,7 +311,9 @@ def test_reset_retries_within_patience() -> None:
 
 @pytest.mark.parametrize("answered", [False, True])
 @pytest.mark.parametrize("reason", Reason)
-def test_errors_that_last_are_raised_before_the_first_answer(reason: Reason, answered: bool, monkeypatch) -> None:
+def test_errors_that_last_are_raised_before_the_first_answer(
+    reason: Reason, answered: bool, monkeypatch
+) -> None:
     env = run_away_env(Deaf)
     pauses_s: list[float] = []
 
@@ -356,7 +382,10 @@ def test_step_writes_complete_torchrl_output(env_id: str) -> None:
 
 def test_wrong_reward_shape_raises() -> None:
     task = dataclasses.replace(
-        SPINNING, reward=lambda previous, action, observation: SPINNING.reward(previous, action, observation)[0]
+        SPINNING,
+        reward=lambda previous, action, observation: SPINNING.reward(previous, action, observation)[
+            0
+        ],
     )
     env = bricksrl.make("Spinning-v0", seed=0)
     env.task = task
@@ -385,7 +414,12 @@ def test_transforms() -> None:
             StepCounter(),
             RewardSum(),
             DoubleToFloat(),
-            ObservationNorm(loc=torch.zeros(6), scale=torch.full((6,), 0.01), in_keys=["observation"], out_keys=["normed"]),
+            ObservationNorm(
+                loc=torch.zeros(6),
+                scale=torch.full((6,), 0.01),
+                in_keys=["observation"],
+                out_keys=["normed"],
+            ),
             CatFrames(N=3, dim=-1, in_keys=["normed"]),
         ),
     )
@@ -393,21 +427,30 @@ def test_transforms() -> None:
     steps = env.rollout(50, always(-1.0, 1.0))
     assert env.observation_spec.is_in(steps[-1]["next"].select(*env.observation_spec.keys()))
     assert steps["next", "step_count"][-1] == 50
-    assert steps["next", "episode_reward"][-1] == pytest.approx(steps["next", "reward"].sum().item(), rel=1e-4)
+    assert steps["next", "episode_reward"][-1] == pytest.approx(
+        steps["next", "reward"].sum().item(), rel=1e-4
+    )
     assert steps["normed"].shape == (50, 18)
     assert torch.allclose(steps["normed"][2:, -6:], steps["observation"][2:] * 0.01)
     assert torch.allclose(steps["normed"][2:, :6], steps["observation"][:-2] * 0.01)
 
 
 def test_observation_norm_in_place() -> None:
-    env = TransformedEnv(bricksrl.make("RunAway-v0", seed=0), ObservationNorm(in_keys=["observation"]))
+    env = TransformedEnv(
+        bricksrl.make("RunAway-v0", seed=0), ObservationNorm(in_keys=["observation"])
+    )
     env.transform.init_stats(num_iter=20)
     check_env_specs(env)
 
 
 def test_user_task_on_same_robot() -> None:
     """Everything that a user writes for a task."""
-    task = dataclasses.replace(RUN_AWAY, id="Approach-v0", max_steps=3, reward=lambda before, _, after: (before - after)[..., 4:])
+    task = dataclasses.replace(
+        RUN_AWAY,
+        id="Approach-v0",
+        max_steps=3,
+        reward=lambda before, _, after: (before - after)[..., 4:],
+    )
     bricksrl.register(task)
     steps = bricksrl.make("Approach-v0", seed=0).rollout(10, always(0.5))
     assert len(steps) == 3
@@ -427,7 +470,9 @@ def test_walker_waits_for_clear_path(caplog: pytest.LogCaptureFixture) -> None:
     assert "in the robot's way" in caplog.text
     assert after["observation"][6] == 500
     assert next(readings) == 500, "it read until the way was clear, then once for the step"
-    assert [body.angle_mdeg(port) for port in env.twin.machine.servos] == pytest.approx(legs, abs=8000)
+    assert [body.angle_mdeg(port) for port in env.twin.machine.servos] == pytest.approx(
+        legs, abs=8000
+    )
 
 
 def test_walker_gives_up_if_blocked(monkeypatch: pytest.MonkeyPatch) -> None:

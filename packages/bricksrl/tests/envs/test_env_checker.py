@@ -68,7 +68,11 @@ WRONG_TABLES = [
         ({"reward": lambda p, a, o: o[..., 4]}, "functions", "reward has the shape"),
         ({"reward": lambda p, a, o: o[..., 4:5] / 0.0}, "functions", "not always a number"),
         ({"success": lambda o: o[..., -1, 4:5] > 0}, "functions", "success has the shape"),
-        ({"success": lambda o: True}, "functions", "success is no tensor but bool; compute it from the observations"),
+        (
+            {"success": lambda o: True},
+            "functions",
+            "success is no tensor but bool; compute it from the observations",
+        ),
         ({"success": lambda o: o[..., -1, 4]}, "functions", "success is not bool"),
         ({"metrics": lambda o: {"end": o[..., -1, :]}}, "functions", "end has the shape"),
         ({"robot": Robot("two-wheeler", HubKind.MOVE)}, "hub program", "not supported"),
@@ -84,7 +88,13 @@ def test_wrong_environments_fail_check(change: dict[str, object], name: str, say
 def test_unresponsive_observation_fails_check() -> None:
     motors = (Motor("arm", "A"), Motor("idle", "B"))
     interface = Interface((RunAngle("arm", -10, 10, 100),), (MotorAngle("idle"),), Wait(50))
-    never = replace(RUN_AWAY, id="Never-v0", doc="Idle.", robot=Robot("bench", HubKind.PRIME, motors), interface=interface)
+    never = replace(
+        RUN_AWAY,
+        id="Never-v0",
+        doc="Idle.",
+        robot=Robot("bench", HubKind.PRIME, motors),
+        interface=interface,
+    )
     nothing = replace(
         never,
         scene=bricksrl.envs.task.OPEN_FLOOR,

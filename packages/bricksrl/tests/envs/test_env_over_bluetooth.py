@@ -21,7 +21,10 @@ def test_episode_over_bluetooth(world: World) -> None:
     connection = Connection(world.link(SPINNING.interface), placed.append)
     env = HubEnv(SPINNING, lambda _seed: connection, seed=0)
     env.reset()
-    angles = [env.step(TensorDict({"action": torch.ones(2)}))["next", "observation"][0].item() for _ in range(6)]
+    angles = [
+        env.step(TensorDict({"action": torch.ones(2)}))["next", "observation"][0].item()
+        for _ in range(6)
+    ]
     assert len(placed) == 1, "the hand is asked once an episode"
     assert env.twin is None
     steps = [after - before for before, after in itertools.pairwise(angles)]

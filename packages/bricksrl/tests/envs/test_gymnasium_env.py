@@ -45,8 +45,11 @@ def test_simulation_offers_no_pictures() -> None:
     env = gymnasium.make("bricksrl/WalkerSim-v1").unwrapped
     check_env(env)
     env.close()
-    with pytest.raises(TypeError, match="WalkerSim-v1 simulates no body that could be drawn; omit render_mode"):
-        gymnasium.make("bricksrl/WalkerSim-v1", render_mode="rgb_array")  # Stable-Baselines3 tries it out
+    with pytest.raises(
+        TypeError, match="WalkerSim-v1 simulates no body that could be drawn; omit render_mode"
+    ):
+        # Stable-Baselines3 tries it out
+        gymnasium.make("bricksrl/WalkerSim-v1", render_mode="rgb_array")
 
 
 @pytest.mark.parametrize("named", [{"batch_size": 8}, {"device": "cuda"}])
@@ -56,7 +59,9 @@ def test_simulation_is_one_environment_on_the_cpu(named: dict[str, Any]) -> None
         gymnasium.make("bricksrl/WalkerSim-v1", **named)
 
 
-@pytest.mark.parametrize(("env_id", "fps"), [("Walker-v2", 10), ("Park-v0", 5), ("LineFollow-v0", 17), ("RunAway-v0", 1)])
+@pytest.mark.parametrize(
+    ("env_id", "fps"), [("Walker-v2", 10), ("Park-v0", 5), ("LineFollow-v0", 17), ("RunAway-v0", 1)]
+)
 def test_recorded_films_take_as_long_as_the_robot(env_id: str, fps: int) -> None:
     env = gymnasium.make(f"bricksrl/{env_id}")
     assert env.metadata["render_fps"] == fps
@@ -74,7 +79,10 @@ def test_torchrl_wraps_gymnasium_env(env_id: str) -> None:
 
 
 def test_spaces_cover_hub_range() -> None:
-    run_away, spinning = gymnasium.make("bricksrl/RunAway-v0"), gymnasium.make("bricksrl/Spinning-v0")
+    run_away, spinning = (
+        gymnasium.make("bricksrl/RunAway-v0"),
+        gymnasium.make("bricksrl/Spinning-v0"),
+    )
     assert run_away.observation_space == gymnasium.spaces.Box(
         np.array([0, 0, -90, -90, 0], np.float32), np.array([360, 360, 90, 90, 2000], np.float32)
     )
@@ -132,9 +140,15 @@ def test_first_version_of_spec_gives_no_warning() -> None:
 
 def test_gymnasium_make_by_both_names() -> None:
     """After ``import bricksrl``, and by naming the module in the id."""
-    program = "import gymnasium; gymnasium.make('bricksrl:bricksrl/RunAway-v0').reset(); print('fine')"
+    program = (
+        "import gymnasium; gymnasium.make('bricksrl:bricksrl/RunAway-v0').reset(); print('fine')"
+    )
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False, timeout=120
+        [sys.executable, "-W", "error", "-c", program],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
     )
     assert (done.stdout.strip(), done.stderr) == ("fine", "")
 
@@ -144,18 +158,29 @@ def test_simulation_is_vectorized_as_one_batch() -> None:
     reference = bricksrl.make("RoboArmSim-v0", seed=3, batch_size=64)
     assert type(envs.unwrapped.env) is type(reference) and envs.observation_space.shape == (64, 8)
     observation, info = envs.reset(seed=3)
-    state, ended, rng, successes = reference.reset(), np.zeros(64, bool), np.random.default_rng(0), 0
+    state, ended, rng, successes = (
+        reference.reset(),
+        np.zeros(64, bool),
+        np.random.default_rng(0),
+        0,
+    )
     assert info == {} and np.array_equal(observation, state["observation"].numpy())
     for _ in range(250):
         action = rng.uniform(-1, 1, (64, 4)).astype(np.float32)
         before = ended
         observation, reward, terminated, truncated, info = envs.step(action)
-        assert envs.observation_space.contains(observation) and reward.shape == terminated.shape == truncated.shape == (64,)
+        assert envs.observation_space.contains(
+            observation
+        ) and reward.shape == terminated.shape == truncated.shape == (64,)
         state["action"] = torch.from_numpy(action)
         result = reference.step(state)["next"]
         if before.any():
             result = reference.maybe_reset(result.set("done", torch.from_numpy(before)[:, None]))
-            assert not reward[before].any() and not terminated[before].any() and not truncated[before].any()
+            assert (
+                not reward[before].any()
+                and not terminated[before].any()
+                and not truncated[before].any()
+            )
         assert np.array_equal(observation, result["observation"].numpy())
         assert np.array_equal(reward[~before], result["reward"][:, 0].numpy()[~before])
         ended = terminated | truncated
@@ -171,7 +196,8 @@ def test_vector_environment_has_a_time_limit() -> None:
     envs = gymnasium.make_vec("bricksrl/WalkerSim-v1", num_envs=2, max_episode_steps=3)
     envs.reset()
     truncated = [envs.step(envs.action_space.sample())[3].tolist() for _ in range(8)]
-    assert truncated == [[step in (2, 6)] * 2 for step in range(8)]  # a step between episodes resets
+    # a step between episodes resets
+    assert truncated == [[step in (2, 6)] * 2 for step in range(8)]
     robots = gymnasium.make_vec("bricksrl/RunAway-v0", num_envs=2)
     assert isinstance(robots, gymnasium.vector.SyncVectorEnv)
     robots.close()
@@ -213,7 +239,12 @@ def test_limit_of_the_environment_itself() -> None:
     env = GymnasiumEnv("WalkerSim-v1", max_episode_steps=120)
     copied = copy.deepcopy(env)
     assert (_length(env), _length(copied), _length(GymnasiumEnv("WalkerSim-v1"))) == (120, 120, 100)
-    assert _length(gymnasium.wrappers.TimeLimit(gymnasium.make("bricksrl/WalkerSim-v1").unwrapped, 130)) == 130
+    assert (
+        _length(
+            gymnasium.wrappers.TimeLimit(gymnasium.make("bricksrl/WalkerSim-v1").unwrapped, 130)
+        )
+        == 130
+    )
     for wrong in (0, -2, 2.5, True):
         with pytest.raises(DescriptionError, match=f"max_episode_steps is {wrong}; give"):
             GymnasiumEnv("WalkerSim-v1", max_episode_steps=wrong)
@@ -221,7 +252,9 @@ def test_limit_of_the_environment_itself() -> None:
 
 def test_our_own_limit_is_refused_by_gymnasium() -> None:
     for make in (gymnasium.make, gymnasium.make_vec):
-        with pytest.raises(UnknownOptionError, match="give max_episode_steps=150 in place of max_steps"):
+        with pytest.raises(
+            UnknownOptionError, match="give max_episode_steps=150 in place of max_steps"
+        ):
             make("bricksrl/WalkerSim-v1", max_steps=150)
     assert _length(GymnasiumEnv("WalkerSim-v1", max_steps=130)) == 130
 
@@ -249,7 +282,8 @@ def test_batch_has_the_time_limit_that_is_asked_for(steps: int) -> None:
 
 
 def test_success_has_the_name_of_other_libraries() -> None:
-    """At the end of an episode, whoever ends it, and in the final info of any vector environment."""
+    """At the end of an episode, whoever ends it, and in the final info of any vector
+    environment."""
     env = GoalObservation(gymnasium.make("bricksrl/RoboArmSim-v0", threshold_deg=1000.0))
     env.reset(seed=0)
     *_, terminated, _, info = env.step(env.action_space.sample())
@@ -260,7 +294,9 @@ def test_success_has_the_name_of_other_libraries() -> None:
         info = envs.step(envs.action_space.sample())[-1]
         assert info["is_success"].tolist() == info["_is_success"].tolist() == [True, True]
         envs.close()
-    envs = gymnasium.make_vec("bricksrl/RoboArmSim-v0", 2, threshold_deg=1000.0, autoreset_mode="SameStep")
+    envs = gymnasium.make_vec(
+        "bricksrl/RoboArmSim-v0", 2, threshold_deg=1000.0, autoreset_mode="SameStep"
+    )
     envs.reset(seed=0)
     assert envs.step(envs.action_space.sample())[-1]["final_info"]["is_success"].all()
     envs.close()
@@ -282,7 +318,11 @@ def test_vector_environment_resets_copies_as_asked(mode: AutoresetMode) -> None:
     """As Gymnasium's own vector environments of single ones."""
     ours = gymnasium.make_vec("bricksrl/WalkerSim-v1", 3, max_episode_steps=2, autoreset_mode=mode)
     theirs = gymnasium.make_vec(
-        "bricksrl/WalkerSim-v1", 3, "sync", max_episode_steps=2, vector_kwargs={"autoreset_mode": mode.value}
+        "bricksrl/WalkerSim-v1",
+        3,
+        "sync",
+        max_episode_steps=2,
+        vector_kwargs={"autoreset_mode": mode.value},
     )
     assert ours.metadata["autoreset_mode"] is ours.unwrapped.autoreset_mode is mode
     seen: list[list[Any]] = []
@@ -292,7 +332,9 @@ def test_vector_environment_resets_copies_as_asked(mode: AutoresetMode) -> None:
         for _ in range(7):
             observation, reward, _, truncated, info = envs.step(np.zeros((3, 4), np.float32))
             final = info.get("final_obs", observation)
-            steps.append([truncated.tolist(), (reward != 0).tolist(), np.shape(final), "final_info" in info])
+            steps.append(
+                [truncated.tolist(), (reward != 0).tolist(), np.shape(final), "final_info" in info]
+            )
             if mode is AutoresetMode.DISABLED and truncated.any():
                 with pytest.raises((BricksError, AssertionError)):
                     envs.step(np.zeros((3, 4), np.float32))
@@ -303,20 +345,30 @@ def test_vector_environment_resets_copies_as_asked(mode: AutoresetMode) -> None:
 
 
 def test_vector_environment_keeps_the_end_of_an_episode() -> None:
-    envs = gymnasium.make_vec("bricksrl/RoboArmSim-v0", 64, max_episode_steps=9, autoreset_mode=AutoresetMode.SAME_STEP)
+    envs = gymnasium.make_vec(
+        "bricksrl/RoboArmSim-v0", 64, max_episode_steps=9, autoreset_mode=AutoresetMode.SAME_STEP
+    )
     state, rng, ends = envs.reset(seed=3)[0], np.random.default_rng(0), 0
     for _ in range(40):
         before = state
-        state, _, terminated, truncated, info = envs.step(rng.uniform(-1, 1, (64, 4)).astype(np.float32))
+        state, _, terminated, truncated, info = envs.step(
+            rng.uniform(-1, 1, (64, 4)).astype(np.float32)
+        )
         ended = terminated | truncated
         goals = slice(4, None)
         assert np.array_equal(state[~ended, goals], before[~ended, goals])
         if ended.any():
             ends += ended.sum()
-            assert np.array_equal(info["_final_obs"], ended) and np.array_equal(info["_final_info"], ended)
+            assert np.array_equal(info["_final_obs"], ended) and np.array_equal(
+                info["_final_info"], ended
+            )
             final = np.stack(list(info["final_obs"][ended]))
-            assert np.array_equal(final[:, goals], before[ended, goals]), "the goals of the episode that ended"
-            assert (state[ended, goals] != before[ended, goals]).any(-1).all(), "and those of the next one"
+            assert np.array_equal(final[:, goals], before[ended, goals]), (
+                "the goals of the episode that ended"
+            )
+            assert (state[ended, goals] != before[ended, goals]).any(-1).all(), (
+                "and those of the next one"
+            )
             assert np.array_equal(info["final_info"]["success"][ended], terminated[ended])
     assert ends > 64
     envs.close()
@@ -329,21 +381,30 @@ def test_vector_environment_resets_the_copies_of_a_mask() -> None:
     after, _ = envs.reset(options={"reset_mask": mask})
     assert np.array_equal((after != before).any(-1), mask)
     for wrong in (mask[:2], mask.astype(int), ~mask & mask):
-        with pytest.raises(TypeError, match="RoboArmSim-v0 needs a reset_mask of 4 bools, one of them True at least"):
+        with pytest.raises(
+            TypeError,
+            match="RoboArmSim-v0 needs a reset_mask of 4 bools, one of them True at least",
+        ):
             envs.reset(options={"reset_mask": wrong})
-    with pytest.raises(ValueError, match="no autoreset_mode 'never'; choose one of NextStep, SameStep, Disabled"):
+    with pytest.raises(
+        ValueError, match="no autoreset_mode 'never'; choose one of NextStep, SameStep, Disabled"
+    ):
         gymnasium.make_vec("bricksrl/RoboArmSim-v0", 4, autoreset_mode="never")
     envs.close()
 
 
 def test_torchrl_wraps_vector_environment() -> None:
     """In the mode that it prefers."""
-    env = GymWrapper(gymnasium.make_vec("bricksrl/RoboArmSim-v0", 8, autoreset_mode=AutoresetMode.DISABLED))
+    env = GymWrapper(
+        gymnasium.make_vec("bricksrl/RoboArmSim-v0", 8, autoreset_mode=AutoresetMode.DISABLED)
+    )
     check_env_specs(env)
     steps = env.rollout(150, break_when_any_done=False)
     done, goals = steps["next", "done"][:, :-1, 0], steps["observation"][..., 4:]
     assert done.any() and torch.equal((goals[:, 1:] != goals[:, :-1]).any(-1), done)
-    assert torch.equal(steps["next", "observation"][..., 4:], goals), "the last observation of an episode is its own"
+    assert torch.equal(steps["next", "observation"][..., 4:], goals), (
+        "the last observation of an episode is its own"
+    )
     env.close()
 
 
@@ -353,7 +414,9 @@ def test_vector_environment_refuses_what_a_batch_cannot_do() -> None:
     envs = gymnasium.make_vec("bricksrl/WalkerSim-v1", 4)
     envs.reset()
     for shape in ((4,), (2, 4), (4, 1)):
-        with pytest.raises(BricksError, match=re.escape(f"got an action of shape {list(shape)}; give [4, 4]")):
+        with pytest.raises(
+            BricksError, match=re.escape(f"got an action of shape {list(shape)}; give [4, 4]")
+        ):
             envs.step(np.zeros(shape, np.float32))
     with pytest.raises(TypeError, match="one seed"):
         gymnasium.make_vec("bricksrl/WalkerSim-v1", 4).reset(seed=[1, 2, 3, 4])
@@ -364,7 +427,9 @@ def test_step_after_the_end_raises() -> None:
     env.reset(seed=0)
     while not any(env.step(env.action_space.sample())[2:4]):
         pass
-    with pytest.raises(BricksError, match="WalkerSim-v1 got a step after the end of an episode; reset it first"):
+    with pytest.raises(
+        BricksError, match="WalkerSim-v1 got a step after the end of an episode; reset it first"
+    ):
         env.step(env.action_space.sample())
     env.reset()
     env.step(env.action_space.sample())
@@ -372,10 +437,21 @@ def test_step_after_the_end_raises() -> None:
 
 def test_missing_graphics_library_disables_pictures_only() -> None:
     """Whatever is imported first."""
-    script = "from bricksrl.evaluation import evaluate; import gymnasium; gymnasium.make('bricksrl/WalkerSim-v1').reset()"
+    script = (
+        "from bricksrl.evaluation import evaluate; import gymnasium; "
+        "gymnasium.make('bricksrl/WalkerSim-v1').reset()"
+    )
     command = [sys.executable, "-c", script]
-    done = subprocess.run(command, env={**os.environ, "MUJOCO_GL": "bogus"}, capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and done.stderr.count("MUJOCO_GL=bogus does not work") == 1, done.stderr
+    done = subprocess.run(
+        command,
+        env={**os.environ, "MUJOCO_GL": "bogus"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0 and done.stderr.count("MUJOCO_GL=bogus does not work") == 1, (
+        done.stderr
+    )
 
 
 @pytest.mark.parametrize("env_id", ["Walker-v2", "RoboArmSim-v0"])
@@ -389,7 +465,9 @@ def test_features_are_those_of_our_agents(env_id):
     raw = env.unwrapped.env
     encoder = make_encoder(raw, preset("default", "sac")).eval()
     plain, _ = gymnasium.make(f"bricksrl/{env_id}").reset(seed=0)
-    assert observation.tolist() == pytest.approx(encoder(torch.from_numpy(plain)).detach().tolist(), abs=1e-6)
+    assert observation.tolist() == pytest.approx(
+        encoder(torch.from_numpy(plain)).detach().tolist(), abs=1e-6
+    )
     assert env.observation_space.shape == observation.shape == (encoder.size,)
     after, *_ = env.step(env.action_space.sample())
     assert after.shape == observation.shape and abs(after).max() < 20.0
@@ -410,11 +488,19 @@ def test_another_library_learns_with_the_features():
     from bricksrl.envs.gymnasium import FeatureObservation
 
     env = FeatureObservation(gymnasium.make(gymnasium.spec("bricksrl/Walker-v1")))
-    options = {"learning_rate": 1e-3, "gamma": 0.95, "gradient_steps": 2, "learning_starts": 100, "ent_coef": "auto_0.1"}
+    options = {
+        "learning_rate": 1e-3,
+        "gamma": 0.95,
+        "gradient_steps": 2,
+        "learning_starts": 100,
+        "ent_coef": "auto_0.1",
+    }
     agent = sb3.SAC("MlpPolicy", env, seed=0, **options)
     agent.learn(2000)
     observation, total, ended = env.reset(seed=1)[0], 0.0, False
     while not ended:
-        observation, reward, terminated, truncated, _ = env.step(agent.predict(observation, deterministic=True)[0])
+        observation, reward, terminated, truncated, _ = env.step(
+            agent.predict(observation, deterministic=True)[0]
+        )
         total, ended = total + reward, terminated or truncated
     assert total > 0.8 * 93.0

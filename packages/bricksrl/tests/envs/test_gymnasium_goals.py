@@ -25,7 +25,9 @@ def test_rewards_of_goals_are_those_of_steps(env_id: str, sparse: bool) -> None:
     for _ in range(40):
         observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
         assert env.observation_space.contains(observation)
-        steps.append((observation["achieved_goal"], observation["desired_goal"], reward, terminated))
+        steps.append(
+            (observation["achieved_goal"], observation["desired_goal"], reward, terminated)
+        )
         achieved, desired, _, _ = steps[-1]
         assert np.array_equal(observation["observation"], achieved), "the arm observes nothing else"
         assert env.compute_reward(achieved, desired, info) == reward
@@ -34,10 +36,14 @@ def test_rewards_of_goals_are_those_of_steps(env_id: str, sparse: bool) -> None:
         if terminated or truncated:
             env.reset()
     batch = [np.stack(part) for part in zip(*steps, strict=True)]
-    assert np.array_equal(env.compute_reward(batch[0], batch[1], [{}] * 40), batch[2].astype(np.float32))
+    assert np.array_equal(
+        env.compute_reward(batch[0], batch[1], [{}] * 40), batch[2].astype(np.float32)
+    )
     assert np.array_equal(env.compute_terminated(batch[0], batch[1], {}), batch[3])
     hindsight = env.compute_reward(batch[0], batch[0], {})
-    assert np.array_equal(hindsight, np.full(40, 1.0 if sparse else 0.0, np.float32)), "what is reached was the goal"
+    assert np.array_equal(hindsight, np.full(40, 1.0 if sparse else 0.0, np.float32)), (
+        "what is reached was the goal"
+    )
     env.close()
 
 
@@ -46,7 +52,8 @@ def test_gymnasium_checker_passes_with_goals() -> None:
     with pytest.warns(UserWarning, match="different from the unwrapped version"):  # it is a wrapper
         check_env(env, skip_render_check=True)
     first, _ = env.reset(seed=4)
-    for other in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):  # noqa: S301  it was made here
+    # it was made here
+    for other in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):  # noqa: S301
         assert np.array_equal(other.reset(seed=4)[0]["desired_goal"], first["desired_goal"])
         other.close()
     env.close()
@@ -56,7 +63,8 @@ def test_gymnasium_checker_passes_with_goals() -> None:
 def test_environment_without_goals_is_refused(env_id: str) -> None:
     env = gymnasium.make(f"bricksrl/{env_id}")
     with pytest.raises(
-        DescriptionError, match="has no goals in a vector of ours; take one that has, such as bricksrl/RoboArm-v0"
+        DescriptionError,
+        match="has no goals in a vector of ours; take one that has, such as bricksrl/RoboArm-v0",
     ):
         GoalObservation(env)
     env.close()
@@ -64,7 +72,9 @@ def test_environment_without_goals_is_refused(env_id: str) -> None:
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
 def test_goals_of_a_batch_are_those_of_its_copies(mode: str) -> None:
-    envs = VectorGoalObservation(gymnasium.make_vec("bricksrl/RoboArmSim-v0", 32, autoreset_mode=mode, threshold_deg=150.0))
+    envs = VectorGoalObservation(
+        gymnasium.make_vec("bricksrl/RoboArmSim-v0", 32, autoreset_mode=mode, threshold_deg=150.0)
+    )
     state, _ = envs.reset(seed=3)
     assert envs.observation_space.contains(state) and state["desired_goal"].shape == (32, 4)
     assert envs.single_observation_space.contains({name: part[0] for name, part in state.items()})

@@ -1,4 +1,5 @@
-"""Sensors on the computer: a serial port (a pseudo-terminal), failures, ages, cameras, and all who know them."""
+"""Sensors on the computer: a serial port (a pseudo-terminal), failures, ages, cameras, and all who
+know them."""
 
 from __future__ import annotations
 
@@ -142,7 +143,12 @@ def action(env: HubEnv) -> torch.Tensor:
 
 
 def test_lines_of_numbers_from_a_serial_port(board: Board) -> None:
-    sensor = HostSensor("board", (Entry("a", 0, 50), Entry("b", 0, 100)), serial_numbers(board.address), patience_s=2.0)
+    sensor = HostSensor(
+        "board",
+        (Entry("a", 0, 50), Entry("b", 0, 100)),
+        serial_numbers(board.address),
+        patience_s=2.0,
+    )
     reader = ThreadReader(sensor)
     reader.open()
     assert reader.latest()[0] == (21.5, 48.0) and reader.latest()[1] < 0.5
@@ -156,7 +162,9 @@ def test_lines_of_numbers_from_a_serial_port(board: Board) -> None:
     assert reader.latest()[0] == (23.0, 50.0), "lines without numbers are skipped"
     board.line = "1, 2, 3"
     time.sleep(0.3)
-    with pytest.raises(SensorError, match=r"gives \[1.0, 2.0, 3.0\]; let it give a number each for a, b"):
+    with pytest.raises(
+        SensorError, match=r"gives \[1.0, 2.0, 3.0\]; let it give a number each for a, b"
+    ):
         reader.latest()
     board.line = ""
     with pytest.raises(SensorError, match="says nothing for 1.5 s|gave no reading"):
@@ -190,7 +198,10 @@ def test_sensor_that_dies_ends_the_step_as_lost_and_may_come_back() -> None:
         time.sleep(0.1)
         lost = env.step(state.set("action", action(env)))["next"]
         assert bool(lost["link_lost"]) and lost["observation"].equal(state["observation"])
-        told = r"sensor 'clock' failed \(OSError: it was unplugged, test_host_sensors.py, line \d+\); plug it in, or correct it"
+        told = (
+            r"sensor 'clock' failed \(OSError: it was unplugged, test_host_sensors.py, line "
+            r"\d+\); plug it in, or correct it"
+        )
         assert re.fullmatch(told, str(env.link_error))
         with pytest.raises(SensorError, match="OSError: no such device"):
             env.reset()
@@ -207,7 +218,9 @@ def test_silent_sensor_is_lost_after_its_patience() -> None:
         device.reading_s = 2.0
         time.sleep(0.5)
         lost = env.step(state.set("action", action(env)))["next"]
-        assert bool(lost["link_lost"]) and "gave no reading for 0.3 s; look at its cable" in str(env.link_error)
+        assert bool(lost["link_lost"]) and "gave no reading for 0.3 s; look at its cable" in str(
+            env.link_error
+        )
 
 
 def test_run_goes_on_when_the_sensor_is_back(tmp_path: Path) -> None:
@@ -227,17 +240,28 @@ def test_run_goes_on_when_the_sensor_is_back(tmp_path: Path) -> None:
             device.is_broken = self.lost < 3
 
     callback, run = Unplug(), tmp_path / "run"
-    train(TrainConfig("Clock-v0", "random", episodes=4, run_dir=run, patience_s=60), callback, env=env)
+    train(
+        TrainConfig("Clock-v0", "random", episodes=4, run_dir=run, patience_s=60), callback, env=env
+    )
     env.close()
     episodes = RunFolder(run).read_episodes()
-    assert callback.lost == 3 and [(e.length, e.link_lost) for e in episodes] == [(6, False), (3, True), (6, False), (6, False)]
+    assert callback.lost == 3 and [(e.length, e.link_lost) for e in episodes] == [
+        (6, False),
+        (3, True),
+        (6, False),
+        (6, False),
+    ]
     assert len(load(run)) == 21, "the steps before the loss are in the data"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("is_real", [False, True])
 def test_task_with_a_serial_sensor_is_trained(
-    is_real: bool, board: Board, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    is_real: bool,
+    board: Board,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert len(TASK.strip().splitlines()) <= 40
     file, run = tmp_path / "warm.py", tmp_path / "run"
@@ -245,16 +269,25 @@ def test_task_with_a_serial_sensor_is_trained(
     if is_real:
         monkeypatch.setenv("THERMOMETER", board.address)
     assert main(["check", str(file)]) == 0
-    assert "sensors" in (text := capsys.readouterr().out) and f"temperature {'21.5' if is_real else '2'}" in text
-    assert main(["train", str(file), "--episodes", "3" if is_real else "12", "--run", str(run)]) == 0
+    assert (
+        "sensors" in (text := capsys.readouterr().out)
+        and f"temperature {'21.5' if is_real else '2'}" in text
+    )
+    assert (
+        main(["train", str(file), "--episodes", "3" if is_real else "12", "--run", str(run)]) == 0
+    )
     data = load(run)
     names = [entry.name for entry in data.description.observation]
     assert names == ["heading", "temperature", "humidity", "thermometer_age"]
     readings = data.observation.numpy()
     assert readings[:, 3].max() < 1.0 and (len(np.unique(readings[:, 1])) == 1) is is_real
     policy = load_policy(run)
-    cold, warm = (policy.act(np.array([0.0, celsius, 48.0, 0.0], np.float32)) for celsius in (20.0, 25.0))
-    assert policy.shapes == {"observation": (4,)} and np.array_equal(cold, warm) is is_real, "it reads what varied"
+    cold, warm = (
+        policy.act(np.array([0.0, celsius, 48.0, 0.0], np.float32)) for celsius in (20.0, 25.0)
+    )
+    assert policy.shapes == {"observation": (4,)} and np.array_equal(cold, warm) is is_real, (
+        "it reads what varied"
+    )
     with LivePage("warm", task=get_task(str(file))) as page:
         assert page.board.series["channels"].names[1] == "temperature (C)"
     if not is_real:
@@ -276,7 +309,10 @@ def test_reading_of_a_twin_is_repeatable_and_has_its_rate() -> None:
 
 def test_mistake_in_a_twin_is_no_lost_link() -> None:
     says = r"the twin of a sensor 'clock' gives 3\.0; let it give a number each for tick"
-    with closing(with_sensor(Clock(), twin=lambda _: 3.0)) as env, pytest.raises(DescriptionError, match=says):
+    with (
+        closing(with_sensor(Clock(), twin=lambda _: 3.0)) as env,
+        pytest.raises(DescriptionError, match=says),
+    ):
         env.reset()
 
 
@@ -295,10 +331,15 @@ def test_second_camera_is_an_image_of_its_own() -> None:
 def test_check_reads_the_sensors() -> None:
     with_sensor(Clock()).close()
     found = {finding.name: finding.detail for finding in check_env("Clock-v0")}
-    assert found["sensors"] == "tick 42" and found["determinism"] == "clock is a real sensor beside the virtual robot"
+    assert (
+        found["sensors"] == "tick 42"
+        and found["determinism"] == "clock is a real sensor beside the virtual robot"
+    )
 
 
-@pytest.mark.parametrize("reading", ["7", b"7", 7.0, None, (), (1.0, 2.0), ("warm",), (math.nan,), (1e300,)])
+@pytest.mark.parametrize(
+    "reading", ["7", b"7", 7.0, None, (), (1.0, 2.0), ("warm",), (math.nan,), (1e300,)]
+)
 def test_what_is_no_number_each_is_refused(reading: Any) -> None:
     sensor = HostSensor("clock", (Entry("tick", 0, 1),), Clock())
     with pytest.raises(SensorError, match="let it give a number each for tick"):
@@ -319,4 +360,6 @@ def test_what_is_no_number_each_is_refused(reading: Any) -> None:
 )
 def test_inconsistent_description_is_refused(fields: dict[str, Any], problem: str) -> None:
     with pytest.raises(DescriptionError, match=problem):
-        HostSensor(**{"name": "clock", "entries": (Entry("tick", 0, 1),), "open": Clock(), **fields})
+        HostSensor(
+            **{"name": "clock", "entries": (Entry("tick", 0, 1),), "open": Clock(), **fields}
+        )

@@ -48,7 +48,9 @@ def test_the_default_link_is_that_of_linux() -> None:
 @pytest.mark.parametrize("streaming", [False, True])
 def test_an_episode_depends_on_its_seed_only(streaming: bool) -> None:
     """So a resumed run meets the link that it would have met."""
-    env, other = (made("Spinning-v0", seed=seed, link="bad-room", streaming=streaming) for seed in (0, 1))
+    env, other = (
+        made("Spinning-v0", seed=seed, link="bad-room", streaming=streaming) for seed in (0, 1)
+    )
     other.rollout(7)
     episodes = []
     for one in (env, other):
@@ -88,7 +90,11 @@ def test_run_keeps_its_link_and_evaluates_over_it() -> None:
     origin = Origin("Spinning-v0", config.env_options, "sac", 0, is_offline=False)
     assert evaluation_options(origin, "Spinning-v0").link == "mac"
     assert evaluation_options(origin, "Spinning-v0", link="linux").link == "linux"
-    assert evaluation_options(origin, "RunAway-v0").link is None is evaluation_options(origin, "Spinning-v0", hub="ble").link
+    assert (
+        evaluation_options(origin, "RunAway-v0").link
+        is None
+        is evaluation_options(origin, "Spinning-v0", hub="ble").link
+    )
 
 
 def test_line_follow_streams() -> None:
@@ -104,7 +110,9 @@ def test_walker_walks_with_shorter_steps_as_long() -> None:
     assert (long.max_steps, short.max_steps) == (100, 250) and short.interface.settle.time_ms == 100
     walked = torch.zeros(250, 8)
     walked[:, 7] = 5.0  # 50 mm/s
-    assert short.reward(walked[0], walked[0, :4], walked[0]).item() == pytest.approx(5.0 / 20.0), "per millimetre"
+    assert short.reward(walked[0], walked[0, :4], walked[0]).item() == pytest.approx(5.0 / 20.0), (
+        "per millimetre"
+    )
     assert short.success(walked) and not long.success(walked[:100]), "20 mm/s in steps of 250 ms"
     for wrong in (0, 25_001, 100.5):
         with pytest.raises(DescriptionError, match="step_ms"):

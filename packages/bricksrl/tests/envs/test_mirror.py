@@ -1,4 +1,5 @@
-"""Mirrors: a mirrored run of the twin is the run's mirror, batches are mirrored by half, and descriptions are checked."""
+"""Mirrors: a mirrored run of the twin is the run's mirror, batches are mirrored by half, and
+descriptions are checked."""
 
 from __future__ import annotations
 
@@ -9,10 +10,27 @@ import pytest
 import torch
 from torch import Tensor
 from torchrl.data import Unbounded
-from torchrl.envs import CatFrames, ObservationNorm, ObservationTransform, RewardScaling, Transform, TransformedEnv
+from torchrl.envs import (
+    CatFrames,
+    ObservationNorm,
+    ObservationTransform,
+    RewardScaling,
+    Transform,
+    TransformedEnv,
+)
 
 import bricksrl
-from brickhub.hub.interface import Curve, Distance, DriveSpeed, DriveTurnRate, Heading, Interface, MotorAngle, RunAngle, Wait
+from brickhub.hub.interface import (
+    Curve,
+    Distance,
+    DriveSpeed,
+    DriveTurnRate,
+    Heading,
+    Interface,
+    MotorAngle,
+    RunAngle,
+    Wait,
+)
 from brickhub.robot import Direction
 from bricksrl.agents import make_learner, preset
 from bricksrl.envs.env_interface import interface_of
@@ -62,7 +80,10 @@ def test_the_reward_is_the_same_in_the_mirror() -> None:
 def test_half_of_each_batch_is_mirrored() -> None:
     env = bricksrl.make("Walker-v1", seed=0)
     torch.manual_seed(0)
-    on, off = (make_learner("sac", env, replace(preset("default", "sac"), mirror=mirror)) for mirror in (True, False))
+    on, off = (
+        make_learner("sac", env, replace(preset("default", "sac"), mirror=mirror))
+        for mirror in (True, False)
+    )
     observation = torch.tensor([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0])
     frame = env.fake_tensordict()
     frame["observation"] = frame["next", "observation"] = observation
@@ -77,7 +98,10 @@ def test_half_of_each_batch_is_mirrored() -> None:
     image = torch.tensor([2.0, 1.0, 4.0, 3.0, 5.0, -6.0, 7.0, 8.0])
     for part in (batch, batch["next"]):
         assert torch.equal(part["observation"], torch.where(mirrored[:, None], image, observation))
-    assert torch.equal(batch["action"], torch.where(mirrored[:, None], torch.tensor([0.2, 0.1, 0.4, 0.3]), frame["action"]))
+    assert torch.equal(
+        batch["action"],
+        torch.where(mirrored[:, None], torch.tensor([0.2, 0.1, 0.4, 0.3]), frame["action"]),
+    )
     assert torch.equal(plain["observation"], observation.expand(128, 8))
     assert on.dataset is not None
     stored = on.memory[:]
@@ -87,7 +111,10 @@ def test_half_of_each_batch_is_mirrored() -> None:
 def test_a_mirrored_step_of_the_simulation_is_the_steps_mirror() -> None:
     env = bricksrl.make("WalkerSim-v0", batch_size=64, kinematics=Kinematics(noise=0.0), seed=0)
     (observation, action), start = mirrors(env.task), env.rand_action(env.reset())
-    step, env._state = env.step(start.clone())["next"], observation(start["observation"]).t().clone()
+    step, env._state = (
+        env.step(start.clone())["next"],
+        observation(start["observation"]).t().clone(),
+    )
     mirrored = env.step(start.update({"action": action(start["action"])}))["next"]
     assert torch.equal(observation(step["observation"]), mirrored["observation"])
     assert torch.equal(step["reward"], mirrored["reward"])
@@ -123,7 +150,9 @@ def test_batches_are_mirrored_behind_transforms(transform: Transform) -> None:
         for which, expected in enumerate(images):
             same = (row["action"] - expected["action"]).abs().amax(-1) < 1e-6
             for part, wanted in ((row, expected[same]), (row["next"], expected["next"][same])):
-                torch.testing.assert_close(part["observation"].expand_as(wanted["observation"]), wanted["observation"])
+                torch.testing.assert_close(
+                    part["observation"].expand_as(wanted["observation"]), wanted["observation"]
+                )
             found[which] += int(same.any())
     assert min(found) > 40
     assert sum(found) == len(batch)
@@ -164,11 +193,24 @@ def test_signs_follow_from_the_description() -> None:
     task = replace(
         TASK,
         robot=replace(WALKER, motors=same_way),
-        interface=Interface(tuple(RunAngle(leg, -50, 50, 500) for leg in legs), TASK.interface.channels, Wait(250)),
+        interface=Interface(
+            tuple(RunAngle(leg, -50, 50, 500) for leg in legs), TASK.interface.channels, Wait(250)
+        ),
     )
     observation, action = mirrors(task)
-    assert action(torch.tensor([0.1, 0.2, 0.3, 0.4])).tolist() == pytest.approx([-0.2, -0.1, -0.4, -0.3])
-    assert observation(torch.tensor([10.0, 20.0, 0.0, 359.0, 1.0, 2.0, 3.0, 4.0])).tolist() == [340, 350, 1, 0, 1, -2, 3, 4]
+    assert action(torch.tensor([0.1, 0.2, 0.3, 0.4])).tolist() == pytest.approx(
+        [-0.2, -0.1, -0.4, -0.3]
+    )
+    assert observation(torch.tensor([10.0, 20.0, 0.0, 359.0, 1.0, 2.0, 3.0, 4.0])).tolist() == [
+        340,
+        350,
+        1,
+        0,
+        1,
+        -2,
+        3,
+        4,
+    ]
     driving = replace(TWO_WHEELER, mirrored=(("left", "right"),))
     channels = (MotorAngle("left"), MotorAngle("right"), Heading(), Distance("eyes"))
     interface = Interface((DriveSpeed(-100, 100), DriveTurnRate(-60, 60)), channels, Wait(100))
@@ -180,9 +222,16 @@ def test_signs_follow_from_the_description() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"robot": replace(WALKER, mirrored=())}, "its robot walker is not; give the robot mirrored="),
         (
-            {"robot": replace(WALKER, mirrored=(("left_front", "left_front"), ("left_back", "right_back")))},
+            {"robot": replace(WALKER, mirrored=())},
+            "its robot walker is not; give the robot mirrored=",
+        ),
+        (
+            {
+                "robot": replace(
+                    WALKER, mirrored=(("left_front", "left_front"), ("left_back", "right_back"))
+                )
+            },
             "command 'left_front' has no mirror image in Walker-v1: give it a range about 0",
         ),
         (
@@ -194,6 +243,9 @@ def test_signs_follow_from_the_description() -> None:
 def test_what_has_no_mirror_image_is_refused(changes: dict[str, object], message: str) -> None:
     if "interface" in changes:
         channels = (MotorAngle("left"), MotorAngle("right"))
-        changes = {**changes, "interface": Interface((Curve(-90, 90, radius_mm=100),), channels, Wait(100))}
+        changes = {
+            **changes,
+            "interface": Interface((Curve(-90, 90, radius_mm=100),), channels, Wait(100)),
+        }
     with pytest.raises(DescriptionError, match=message):
         replace(TASK, **changes)

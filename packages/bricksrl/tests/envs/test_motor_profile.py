@@ -18,18 +18,25 @@ from bricksrl.envs.simulation import ACCELERATION_DEG_S2, SimulatedEnv, turned_a
 from bricksrl.envs.task import Kinematics
 from bricksrl.errors import DescriptionError
 
-FIRMWARE = json.loads((Path(__file__).parents[3] / "brickhub/tests/virtual/data/firmware_motion.json").read_text())
+FIRMWARE = json.loads(
+    (Path(__file__).parents[3] / "brickhub/tests/virtual/data/firmware_motion.json").read_text()
+)
 LAG_DEG = 2.0
 """Lag of the motor, and rounding to degrees."""
 SPEEDS, TURNS = st.floats(-600, 600), st.floats(-360, 360)
 
 
-@pytest.mark.parametrize("move", FIRMWARE["run_angle_repeated"], ids=lambda move: f"{move['speed']} deg/s")
+@pytest.mark.parametrize(
+    "move", FIRMWARE["run_angle_repeated"], ids=lambda move: f"{move['speed']} deg/s"
+)
 def test_overlapping_commands(move: dict[str, Any]) -> None:
     position = speed = torch.zeros(1)
     for expected in move["angles_after_each_then_at_rest"][:-1]:
         turned, speed = turned_angle(
-            torch.tensor([float(move["angle"])]), speed, torch.tensor([float(move["speed"])]), move["every_ms"] / 1000
+            torch.tensor([float(move["angle"])]),
+            speed,
+            torch.tensor([float(move["speed"])]),
+            move["every_ms"] / 1000,
         )
         position = position + turned
         assert abs(position.item() - expected) <= LAG_DEG
@@ -37,7 +44,10 @@ def test_overlapping_commands(move: dict[str, Any]) -> None:
 
 def test_every_moment_of_one_command() -> None:
     for trace in FIRMWARE["trace_20ms"]:
-        command, limit = torch.tensor([float(trace["angle"])]), torch.tensor([float(trace["speed"])])
+        command, limit = (
+            torch.tensor([float(trace["angle"])]),
+            torch.tensor([float(trace["speed"])]),
+        )
         for i, expected in enumerate(trace["angles"]):
             turned, _ = turned_angle(command, torch.zeros(1), limit, (i + 1) * 0.02)
             assert abs(turned.item() - expected) <= LAG_DEG, i
@@ -45,8 +55,11 @@ def test_every_moment_of_one_command() -> None:
 
 @given(TURNS, SPEEDS, st.floats(10, 1000))
 def test_motion_arrives_and_rests(turn: float, speed: float, limit: float) -> None:
-    # The firmware takes a start that is too fast to stop, or too fast at all, as it comes: leave those out.
-    turned, rest = turned_angle(torch.tensor([turn]), torch.tensor([speed]), torch.tensor([limit]), 60.0)
+    # The firmware takes a start that is too fast to stop, or too fast at all, as it comes: leave
+    # those out.
+    turned, rest = turned_angle(
+        torch.tensor([turn]), torch.tensor([speed]), torch.tensor([limit]), 60.0
+    )
     assert turned.item() == pytest.approx(turn, abs=0.05)
     assert rest.item() == pytest.approx(0.0, abs=0.5)
 
@@ -55,15 +68,21 @@ def test_motion_arrives_and_rests(turn: float, speed: float, limit: float) -> No
 def test_no_jump_in_between(turn: float, speed: float, time_s: float) -> None:
     """Speed and acceleration limits hold in every millisecond."""
     limit = torch.tensor([600.0])
-    at = [turned_angle(torch.tensor([turn]), torch.tensor([speed]), limit, t) for t in (time_s, time_s + 0.001)]
+    at = [
+        turned_angle(torch.tensor([turn]), torch.tensor([speed]), limit, t)
+        for t in (time_s, time_s + 0.001)
+    ]
     (one, one_speed), (other, other_speed) = ((a.item(), b.item()) for a, b in at)
     assert abs(other_speed - one_speed) <= ACCELERATION_DEG_S2 * 0.001 + 0.5
     assert abs(other - one) <= (max(abs(one_speed), abs(other_speed)) + 3.0) * 0.001 + 0.01
 
 
 def test_walker_sim_v1_starts_slowly() -> None:
-    """60 degrees in the first step and about 88 in later ones, as in the firmware; a reset clears the speed."""
-    env = SimulatedEnv(get_task("WalkerSim-v1"), Kinematics(0.0, motion="firmware"), batch_size=2, seed=0)
+    """60 degrees in the first step and about 88 in later ones, as in the firmware; a reset clears
+    the speed."""
+    env = SimulatedEnv(
+        get_task("WalkerSim-v1"), Kinematics(0.0, motion="firmware"), batch_size=2, seed=0
+    )
     for _ in range(2):
         angle, turned = env.reset()["observation"][:, :4], []
         for _ in range(6):

@@ -24,7 +24,13 @@ def test_forward_is_initial_heading(heading_deg: float) -> None:
     ahead = math.radians(heading_deg)
     poses.append(Pose(1.0 + 0.3 * math.cos(ahead), 2.0 - 0.3 * math.sin(ahead), heading_deg + 5))
     assert odometer.forward_mm(12.0, NOTHING) == pytest.approx(300)
-    poses.append(Pose(poses[-1].x_m + 0.4 * math.sin(ahead), poses[-1].y_m + 0.4 * math.cos(ahead), heading_deg + 5))
+    poses.append(
+        Pose(
+            poses[-1].x_m + 0.4 * math.sin(ahead),
+            poses[-1].y_m + 0.4 * math.cos(ahead),
+            heading_deg + 5,
+        )
+    )
     assert odometer.forward_mm(13.0, NOTHING) == pytest.approx(0, abs=1e-6), "sideways is not ahead"
     metrics = odometer.metrics()
     assert metrics["forward_m"] == pytest.approx(0.3)
@@ -35,7 +41,10 @@ def test_forward_is_initial_heading(heading_deg: float) -> None:
 
 def test_real_robot_uses_wall_distance() -> None:
     odometer = SonarOdometer(get_task("Walker-v1").interface)
-    readings = [np.array([0] * 6 + [distance_mm], dtype=np.float32) for distance_mm in (2000, 1500, 1480, 1490, 2000, 1000)]
+    readings = [
+        np.array([0] * 6 + [distance_mm], dtype=np.float32)
+        for distance_mm in (2000, 1500, 1480, 1490, 2000, 1000)
+    ]
     steps = [odometer.forward_mm(0.0, values) for values in readings]
     assert steps == [0, 0, 20, -10, 0, 0]
     assert odometer.metrics() == {}

@@ -19,7 +19,8 @@ from bricksrl.envs.registry import get_task
 from bricksrl.errors import DescriptionError, ProgramError
 from bricksrl.training import RunFolder
 
-# The client of the paper's appendix; today's Pybricks wants the size of a drive base, and the angles are wrapped.
+# The client of the paper's appendix; today's Pybricks wants the size of a drive base, and the
+# angles are wrapped.
 CLIENT = """
 import ustruct
 from micropython import kbd_intr
@@ -52,7 +53,8 @@ while True:
     stdout.buffer.write(out_msg)
 """
 
-# The environment of the paper's appendix, with today's names in TorchRL, and the names that it leaves out.
+# The environment of the paper's appendix, with today's names in TorchRL, and the names that it
+# leaves out.
 ENVIRONMENT = """
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -109,14 +111,14 @@ class TaskEnvironment(BaseEnv):
             device=tensordict.device,
         )
         return next_tensordict
-"""
+"""  # noqa: E501
 
 # An existing task in three lines.
 TASK = """
 from dataclasses import replace
 from bricksrl.envs import get_task
 TASK = replace(get_task("RunAway-v0"), id="Mine-v0", program="mm.py", commands="!f", answer="!fffff")
-"""
+"""  # noqa: E501
 
 
 def back(tensordict: TensorDictBase) -> TensorDictBase:
@@ -136,41 +138,70 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_existing_task_with_a_client_beside_its_file(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_existing_task_with_a_client_beside_its_file(
+    folder: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     with caplog.at_level(logging.WARNING), closing(bricksrl.make("../my_task.py", seed=0)) as env:
         episode = env.rollout(4, back)
         env.reset()  # another episode has a robot of its own
         assert env.task.program == str(folder / "mm.py")
     moved = episode["next", "observation"][:, 4] - episode["observation"][:, 4]
-    assert moved.tolist() == pytest.approx([100.0] * 4, abs=15), "the command is in millimetres, as the task says"
+    assert moved.tolist() == pytest.approx([100.0] * 4, abs=15), (
+        "the command is in millimetres, as the task says"
+    )
     assert sum("has no watchdog" in record.message for record in caplog.records) == 1
 
 
 @pytest.mark.slow
-def test_environment_of_the_paper_is_trained(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_environment_of_the_paper_is_trained(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     reference = "../my_env.py:TaskEnvironment"
     assert main(["check", reference]) == 0
     run = folder / "run"
-    assert main(["train", reference, "--episodes", "25", "--run", str(run)]) == 0, capsys.readouterr().err
+    assert main(["train", reference, "--episodes", "25", "--run", str(run)]) == 0, (
+        capsys.readouterr().err
+    )
     episodes = RunFolder(run).read_episodes()
     assert sum(episode.return_ for episode in episodes[-5:]) > 5 * 5, "it drives away from the wall"
     data = load(run)
-    assert data.description.env == "TaskEnvironment-v0" and len(data) == sum(episode.length for episode in episodes)
+    assert data.description.env == "TaskEnvironment-v0" and len(data) == sum(
+        episode.length for episode in episodes
+    )
     assert main(["resume", str(run), "--episodes", "26"]) == 0
 
 
 @pytest.mark.slow
-def test_environment_of_the_page_learns_what_the_page_says(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_environment_of_the_page_learns_what_the_page_says(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     page = (Path(__file__).parents[4] / "docs" / "own_client.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     (folder / "client.py").write_text(blocks[0])
-    (folder / "my_env.py").write_text(next(block for block in blocks if "class TaskEnvironment" in block))
+    (folder / "my_env.py").write_text(
+        next(block for block in blocks if "class TaskEnvironment" in block)
+    )
     run = folder / "run"
     # With a report, whose environment is that of the file.
-    assert main(["train", "../my_env.py:TaskEnvironment", "--episodes", "12", "--no-film", "--run", str(run)]) == 0
+    assert (
+        main(
+            [
+                "train",
+                "../my_env.py:TaskEnvironment",
+                "--episodes",
+                "12",
+                "--no-film",
+                "--run",
+                str(run),
+            ]
+        )
+        == 0
+    )
     printed = capsys.readouterr()
     assert "report " in printed.out
-    assert printed.err.count("has no watchdog") <= 2, "said once by the training, and once by the evaluation"
+    assert printed.err.count("has no watchdog") <= 2, (
+        "said once by the training, and once by the evaluation"
+    )
     returns = [episode.return_ for episode in RunFolder(run).read_episodes()]
     assert sum(returns[-5:]) / 5 > 15, "the page says 16 to 18"
 
@@ -178,7 +209,11 @@ def test_environment_of_the_page_learns_what_the_page_says(folder: Path, capsys:
 def test_environment_has_a_time_limit(folder: Path) -> None:
     with closing(bricksrl.make("../my_env.py:TaskEnvironment", seed=0)) as env:
         episode = env.rollout(20, back)
-        assert episode.shape == (8,) and bool(episode["next", "truncated"][-1]) and not bool(episode["next", "terminated"][-1])
+        assert (
+            episode.shape == (8,)
+            and bool(episode["next", "truncated"][-1])
+            and not bool(episode["next", "terminated"][-1])
+        )
 
 
 def test_lost_step_of_an_environment(folder: Path) -> None:
@@ -186,7 +221,11 @@ def test_lost_step_of_an_environment(folder: Path) -> None:
         state = env.reset()
         env.twin.in_reach = lambda: False
         lost = env.step(state.set("action", torch.ones(1)))["next"]
-        assert bool(lost["link_lost"]) and bool(lost["truncated"]) and lost["observation"].equal(state["observation"])
+        assert (
+            bool(lost["link_lost"])
+            and bool(lost["truncated"])
+            and lost["observation"].equal(state["observation"])
+        )
         env.twin.in_reach = lambda: True
         assert not bool(env.step(env.reset().set("action", torch.ones(1)))["next", "link_lost"])
 
@@ -225,9 +264,13 @@ def test_check_names_what_never_changes(folder: Path, capsys: pytest.CaptureFixt
     assert printed.err.count("has no watchdog") <= 1
 
 
-def test_value_outside_of_its_range_is_cut_and_named(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_value_outside_of_its_range_is_cut_and_named(
+    folder: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     text = (folder / "mm.py").read_text()
-    (folder / "mm.py").write_text(text.replace("left_motor.angle() % 360", "left_motor.angle() % 360 + 400"))
+    (folder / "mm.py").write_text(
+        text.replace("left_motor.angle() % 360", "left_motor.angle() % 360 + 400")
+    )
     with closing(bricksrl.make("../my_task.py", seed=0)) as env:
         episode = env.rollout(3, back)
     assert bool((episode["next", "observation"][:, 0] <= 360).all())

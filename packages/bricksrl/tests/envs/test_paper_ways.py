@@ -23,7 +23,11 @@ OF_SETTINGS = {"settings": "sac", "inputs of the networks": "td3", "DroQ": "droq
 
 def ways() -> list[tuple[str, str]]:
     """Subject and way of each row of the page that names options or settings."""
-    rows = [[cell.strip() for cell in line.split("|")] for line in PAGE.read_text().splitlines() if line.startswith("| ")]
+    rows = [
+        [cell.strip() for cell in line.split("|")]
+        for line in PAGE.read_text().splitlines()
+        if line.startswith("| ")
+    ]
     return [(row[1], row[5]) for row in rows if len(row) == 7 and "`--" in row[5]]
 
 
@@ -37,7 +41,11 @@ def test_what_the_page_says_is_taken(subject: str, way: str) -> None:
     elif subject in OF_SETTINGS:
         paper = preset("paper", OF_SETTINGS[subject])
         changed = with_changes(paper, re.findall(r"--set ([^\s`]+)", way))
-        assert changed != paper or "part of `--preset paper`" in way or subject in ("settings", "updates")
+        assert (
+            changed != paper
+            or "part of `--preset paper`" in way
+            or subject in ("settings", "updates")
+        )
     else:
         assert way == "`--hub ble`"
 
@@ -58,7 +66,10 @@ def legs(step_deg: float, *, apart_deg: float = 180.0, steps: int = 50) -> torch
 def test_wall_only_costs() -> None:
     ours, papers = get_task("RunAway-v0"), get_task("RunAway-v0", ends_at_wall=False)
     near, nearer = at_distance(60.0), at_distance(40.0)
-    assert [task.reward(near, torch.zeros(1, 1), nearer).item() for task in (ours, papers)] == [0.0, -1.0]
+    assert [task.reward(near, torch.zeros(1, 1), nearer).item() for task in (ours, papers)] == [
+        0.0,
+        -1.0,
+    ]
     assert [task.terminated(nearer).item() for task in (ours, papers)] == [True, False]
     assert papers.terminated(at_distance(2000.0)).item()
 
@@ -73,7 +84,9 @@ def test_tilt_ends_no_episode() -> None:
 
 def test_two_steps_a_second_for_a_hundred_steps() -> None:
     task = get_task("Walker-v0", step_ms=500, max_steps=100)
-    assert (task.interface.settle.fixed_ms, task.max_steps) == (500, 100) and get_task("Walker-v0", step_ms=500).max_steps == 50
+    assert (task.interface.settle.fixed_ms, task.max_steps) == (500, 100) and get_task(
+        "Walker-v0", step_ms=500
+    ).max_steps == 50
     with closing(bricksrl.make("Walker-v0", seed=0, step_ms=500, max_steps=3)) as env:
         assert len(env.rollout(10)) == 3
     with pytest.raises(DescriptionError, match="max_steps is 0; give 1 or more"):
@@ -81,9 +94,15 @@ def test_two_steps_a_second_for_a_hundred_steps() -> None:
 
 
 def test_noise_is_on_the_angles() -> None:
-    env = bricksrl.make("WalkerSim-v0", seed=0, batch_size=2000, kinematics=Kinematics(noise=0.002, noise_on="state"))
+    env = bricksrl.make(
+        "WalkerSim-v0",
+        seed=0,
+        batch_size=2000,
+        kinematics=Kinematics(noise=0.002, noise_on="state"),
+    )
     before = env.reset()
-    after = env.step(before.set("action", torch.ones(2000, 4)))["next", "observation"][:, :4]  # 1 does not turn a leg
+    # 1 does not turn a leg
+    after = env.step(before.set("action", torch.ones(2000, 4)))["next", "observation"][:, :4]
     moved = (after - before["observation"][:, :4] + 180.0) % 360.0 - 180.0
     assert moved.std().item() == pytest.approx(0.1, rel=0.05)
 
@@ -105,25 +124,38 @@ def test_success_of_the_walker_is_to_trot(episode: torch.Tensor, succeeds: bool)
 
 def test_goal_of_the_arm_is_as_narrow_as_asked() -> None:
     beside = torch.tensor([[90.0, 40.0, -70.0, -95.0, 120.0, 40.0, -70.0, -95.0]])
-    assert [get_task("RoboArm-v0", threshold_deg=limit).terminated(beside).item() for limit in (50.0, 20.0)] == [True, False]
+    assert [
+        get_task("RoboArm-v0", threshold_deg=limit).terminated(beside).item()
+        for limit in (50.0, 20.0)
+    ] == [True, False]
 
 
 def test_preset_has_the_papers_settings() -> None:
     found = preset("paper", "sac")
-    assert (found.angles, found.goals, found.updates_per_step, found.learning_rate) == ("raw", "plain", 1.0, 3e-4)
+    assert (found.angles, found.goals, found.updates_per_step, found.learning_rate) == (
+        "raw",
+        "plain",
+        1.0,
+        3e-4,
+    )
 
 
 @pytest.mark.parametrize(
-    ("share_of_chance", "return_", "least", "most"), [(0.0, -12, 0.9, 1.0), (0.38, -53, 0.0, 0.5), (1.0, -200, 0.0, 0.05)]
+    ("share_of_chance", "return_", "least", "most"),
+    [(0.0, -12, 0.9, 1.0), (0.38, -53, 0.0, 0.5), (1.0, -200, 0.0, 0.05)],
 )
-def test_success_tells_a_trot_from_chance(share_of_chance: float, return_: float, least: float, most: float) -> None:
+def test_success_tells_a_trot_from_chance(
+    share_of_chance: float, return_: float, least: float, most: float
+) -> None:
     """-52 is the return of the paper's SAC on its robot."""
     copies, generator = 300, torch.Generator().manual_seed(0)
     env = bricksrl.make("WalkerSim-v0", seed=1, batch_size=copies)
     state, observations, returns = env.reset(), list[torch.Tensor](), torch.zeros(copies)
     for _ in range(100):
         angles = state["observation"][:, :4]
-        ahead = (angles - angles[:, :1] - torch.tensor([0.0, 180.0, 180.0, 0.0]) + 180.0) % 360.0 - 180.0
+        ahead = (
+            angles - angles[:, :1] - torch.tensor([0.0, 180.0, 180.0, 0.0]) + 180.0
+        ) % 360.0 - 180.0
         trot = (-0.3 - ahead / 50.0).clamp(-1.0, 1.0)
         drawn = torch.rand(copies, 4, generator=generator) * 2.0 - 1.0
         is_chance = torch.rand(copies, 1, generator=generator) < share_of_chance
@@ -131,4 +163,8 @@ def test_success_tells_a_trot_from_chance(share_of_chance: float, return_: float
         observations.append(state["observation"])
         returns += state["reward"][:, 0]
     assert returns.mean().item() == pytest.approx(return_, abs=4)
-    assert least <= get_task("WalkerSim-v0").success(torch.stack(observations, 1)).float().mean().item() <= most
+    assert (
+        least
+        <= get_task("WalkerSim-v0").success(torch.stack(observations, 1)).float().mean().item()
+        <= most
+    )

@@ -84,7 +84,13 @@ def test_gymnasium_environment_pickles_within_episode() -> None:
 
 def test_environment_with_link_to_robot_raises() -> None:
     made = HubEnv(RUN_AWAY, lambda _seed: pytest.fail("no link is needed"))
-    for env in (bricksrl.make("RunAway-v0", hub="ble"), gymnasium.make("bricksrl/RunAway-v0", hub="ble"), made):
-        with pytest.raises(BricksError, match="RunAway-v0 cannot be pickled.* pass a function that makes it") as caught:
+    for env in (
+        bricksrl.make("RunAway-v0", hub="ble"),
+        gymnasium.make("bricksrl/RunAway-v0", hub="ble"),
+        made,
+    ):
+        with pytest.raises(
+            BricksError, match="RunAway-v0 cannot be pickled.* pass a function that makes it"
+        ) as caught:
             pickle.dumps(env)
         assert "\n" not in str(caught.value)

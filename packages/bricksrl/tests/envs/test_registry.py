@@ -25,7 +25,12 @@ def test_list_describes_each_environment() -> None:
 
 @pytest.mark.parametrize(
     ("name", "meant"),
-    [("RunAway", "RunAway-v0"), ("runaway-v0", "RunAway-v0"), ("Spining-v0", "Spinning-v0"), ("Chess-v5", None)],
+    [
+        ("RunAway", "RunAway-v0"),
+        ("runaway-v0", "RunAway-v0"),
+        ("Spining-v0", "Spinning-v0"),
+        ("Chess-v5", None),
+    ],
 )
 def test_unknown_environment_lists_known_ones(name: str, meant: str | None) -> None:
     with pytest.raises(UnknownNameError, match=f"no environment '{name}'") as caught:
@@ -36,7 +41,9 @@ def test_unknown_environment_lists_known_ones(name: str, meant: str | None) -> N
     assert (f"did you mean '{meant}'?" in message) is (meant is not None)
 
 
-@pytest.mark.parametrize("name", [None, 3, b"Walker-v0", Path("my_task.py"), ["Walker-v0"], RUN_AWAY])
+@pytest.mark.parametrize(
+    "name", [None, 3, b"Walker-v0", Path("my_task.py"), ["Walker-v0"], RUN_AWAY]
+)
 def test_id_of_another_type_raises(name: Any) -> None:
     for wrong in (bricksrl.make, get_task):
         with pytest.raises(DescriptionError, match="env_id is .*; give a text") as caught:
@@ -46,7 +53,14 @@ def test_id_of_another_type_raises(name: Any) -> None:
 
 @pytest.mark.parametrize(
     "option",
-    [{"hub": None}, {"hub": 3}, {"realtime": "yes"}, {"physics": {"a": 1}}, {"options": {"hub": "usb"}}, {"options": 3}],
+    [
+        {"hub": None},
+        {"hub": 3},
+        {"realtime": "yes"},
+        {"physics": {"a": 1}},
+        {"options": {"hub": "usb"}},
+        {"options": 3},
+    ],
 )
 def test_options_of_another_type_raise(option: Any) -> None:
     with pytest.raises(DescriptionError, match=f"{next(iter(option))} is .*; give"):
@@ -79,7 +93,9 @@ def test_user_tasks_cannot_replace_built_in() -> None:
 
 def test_arenas_are_made_elsewhere() -> None:
     with pytest.raises(
-        UnknownNameError, match="has several robots; train it with `bricksrl team .*`, make it with bricksrl.make_arena"
+        UnknownNameError,
+        match="has several robots; train it with `bricksrl team .*`, make it with "
+        "bricksrl.make_arena",
     ):
         bricksrl.make("Tag-v0")
 
@@ -135,7 +151,9 @@ def needs(cost: float, where):
         ("anything=x", None),
     ],
 )
-def test_option_is_what_its_annotation_says(tmp_path, monkeypatch, option: str, wanted: str | None) -> None:
+def test_option_is_what_its_annotation_says(
+    tmp_path, monkeypatch, option: str, wanted: str | None
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "opts.py").write_text(OPTIONS)
     named = dict([parse_option(option)])
@@ -150,10 +168,18 @@ def test_option_is_what_its_annotation_says(tmp_path, monkeypatch, option: str, 
 def test_missing_and_unknown_options_are_named(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "opts.py").write_text(OPTIONS)
-    with pytest.raises(DescriptionError, match=r"an option is missing; give cost \(a number\), where"):
+    with pytest.raises(
+        DescriptionError, match=r"an option is missing; give cost \(a number\), where"
+    ):
         get_task("opts.py:needs")
     assert "('5', (3, 4), " in get_task("opts.py:task", name=5, size=[3, 4]).doc
-    with pytest.raises(TypeError, match=r"no option batchsize \(did you mean 'batch_size'\?\); .*batch_size, device"):
+    with pytest.raises(
+        TypeError,
+        match=r"no option batchsize \(did you mean 'batch_size'\?\); .*batch_size, device",
+    ):
         bricksrl.make("WalkerSim-v0", batchsize=32)
-    with pytest.raises(TypeError, match=r"no option hubb \(did you mean 'hub'\?\); its task has ends_at_wall, .*hub,"):
+    with pytest.raises(
+        TypeError,
+        match=r"no option hubb \(did you mean 'hub'\?\); its task has ends_at_wall, .*hub,",
+    ):
         bricksrl.make("RunAway-v0", hubb="ble")

@@ -63,7 +63,9 @@ def steer(env: HubEnv) -> Callable[[TensorDictBase], TensorDictBase]:
         right, down = (columns.float().mean() - 31.5) * 10, (rows.float().mean() - 31.5) * 7.5
         turn_deg = (math.degrees(math.atan2(right, down)) - td["observation"][0] + 180) % 360 - 180
         high_deg = np.interp(math.hypot(right, down), RADIUS_PX, HIGH_DEG) - td["observation"][2]
-        return td.set("action", torch.tensor([0.7 * turn_deg / 90, 0.0, high_deg / 60]).clamp(-1, 1))
+        return td.set(
+            "action", torch.tensor([0.7 * turn_deg / 90, 0.0, high_deg / 60]).clamp(-1, 1)
+        )
 
     return act
 
@@ -90,9 +92,16 @@ def test_specs() -> None:
 def test_as_in_the_paper() -> None:
     task = get_task(ID)
     assert task.max_steps == 30
-    assert [(c.low, c.high, c.speed_deg_s) for c in task.interface.commands] == [(-90, 90, 250), (-30, 30, 250), (-60, 60, 250)]
+    assert [(c.low, c.high, c.speed_deg_s) for c in task.interface.commands] == [
+        (-90, 90, 250),
+        (-30, 30, 250),
+        (-60, 60, 250),
+    ]
     assert len(set(GOAL.places)) == 26
-    assert all(math.hypot(x - 320, y - 240) == pytest.approx(200, abs=1.5) and y >= 240 for x, y in GOAL.places)
+    assert all(
+        math.hypot(x - 320, y - 240) == pytest.approx(200, abs=1.5) and y >= 240
+        for x, y in GOAL.places
+    )
     assert (GOAL.jitter_px, GOAL.radius_px, GOAL.red.area_px) == ((25, 20), 25, 10)
 
 
@@ -102,7 +111,11 @@ def test_rewards_and_ends_from_image() -> None:
     action = torch.zeros(3, 3)
     assert dense.reward(seen, action, seen)[:, 0].tolist() == pytest.approx([-2.5, -1.2, -1.2])
     assert sparse.reward(seen, action, seen)[:, 0].tolist() == [0, 1, 0]
-    assert dense.terminated(seen)[:, 0].tolist() == sparse.terminated(seen)[:, 0].tolist() == [False, True, False]
+    assert (
+        dense.terminated(seen)[:, 0].tolist()
+        == sparse.terminated(seen)[:, 0].tolist()
+        == [False, True, False]
+    )
     assert dense.success(seen[None]).tolist() == [False]
     assert dense.success(seen[None, :2]).tolist() == [True]
     assert dense.metrics(seen[None, :2])["final_distance_px"].tolist() == [40]
@@ -155,7 +168,9 @@ def test_gymnasium() -> None:
     assert observation["image"].shape == (64, 64, 3)
     ended, steps = False, 0
     while not ended:
-        observation, _, terminated, truncated, info = env.step(np.array([0.0, 0.0, -1.0], np.float32))
+        observation, _, terminated, truncated, info = env.step(
+            np.array([0.0, 0.0, -1.0], np.float32)
+        )
         ended, steps = terminated or truncated, steps + 1
     assert info["success"] is terminated
     assert info["final_distance_px"] > 0
@@ -164,7 +179,9 @@ def test_gymnasium() -> None:
 
 def test_random_agent_needs_no_images(tmp_path: Path) -> None:
     env = short()
-    result = train(TrainConfig(ID, agent="random", episodes=2, run_dir=tmp_path / "random"), env=env)
+    result = train(
+        TrainConfig(ID, agent="random", episodes=2, run_dir=tmp_path / "random"), env=env
+    )
     assert all(episode.success is not None for episode in result.episodes)
     outcome = evaluate(tmp_path / "random", env, episodes=2)
     assert outcome.metrics["final_distance_px"] > 0
@@ -173,24 +190,42 @@ def test_random_agent_needs_no_images(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("agent", ["sac", pytest.param("td3", marks=pytest.mark.slow)])
 def test_resumed_run_equals_uninterrupted(agent: str, tmp_path: Path) -> None:
-    settings = replace(preset("default", agent, images=True), hidden=(16,), batch_size=8, prefill_episodes=1)
-    whole = TrainConfig(ID, agent, episodes=3, seed=2, settings=settings, run_dir=tmp_path / "whole")
+    settings = replace(
+        preset("default", agent, images=True), hidden=(16,), batch_size=8, prefill_episodes=1
+    )
+    whole = TrainConfig(
+        ID, agent, episodes=3, seed=2, settings=settings, run_dir=tmp_path / "whole"
+    )
     one = train(whole, env=short())
     train(replace(whole, episodes=2, run_dir=tmp_path / "parts"), env=short())
     other = resume(tmp_path / "parts", episodes=3, env=short())
-    assert [episode.return_ for episode in one.episodes] == [episode.return_ for episode in other.episodes]
+    assert [episode.return_ for episode in one.episodes] == [
+        episode.return_ for episode in other.episodes
+    ]
     recorded = tmp_path / "recorded"
-    assert main(("record", ID, "--policy", str(one.run_dir), "--episodes", "1", "--out", str(recorded))) == 0  # it sees too
+    # it sees too
+    assert (
+        main(
+            ("record", ID, "--policy", str(one.run_dir), "--episodes", "1", "--out", str(recorded))
+        )
+        == 0
+    )
     assert summarise(recorded).episodes == 1
-    states = [load_checkpoint(path / "checkpoint.bin")["agent"] for path in (one.run_dir, other.run_dir)]
+    states = [
+        load_checkpoint(path / "checkpoint.bin")["agent"] for path in (one.run_dir, other.run_dir)
+    ]
     assert states[0]["memory"]["rows"]["image"].dtype == torch.uint8
     assert_equal(*states)
 
 
 @pytest.mark.slow
 def test_asynchronous_run_with_images(tmp_path: Path) -> None:
-    settings = replace(preset("default", "sac", images=True), hidden=(16,), batch_size=8, prefill_episodes=1)
-    config = TrainConfig(ID, episodes=3, settings=settings, asynchronous=True, run_dir=tmp_path / "run")
+    settings = replace(
+        preset("default", "sac", images=True), hidden=(16,), batch_size=8, prefill_episodes=1
+    )
+    config = TrainConfig(
+        ID, episodes=3, settings=settings, asynchronous=True, run_dir=tmp_path / "run"
+    )
     result = train(config, env=short())
     assert result.episodes[-1].measures
     state = load_checkpoint(result.run_dir / "checkpoint.bin")["agent"]
@@ -209,7 +244,8 @@ def test_image_settings_are_saved(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_sac_learns_to_bring_the_ball_to_the_disc(tmp_path: Path) -> None:
-    """One seed only shows that it learns (random actions: 28 %); `benchmarks/camera_learning.py` has the rate."""
+    """One seed only shows that it learns (random actions: 28 %); `benchmarks/camera_learning.py`
+    has the rate."""
     train(TrainConfig(ID, episodes=80, run_dir=tmp_path / "run"))
     success = evaluate(tmp_path / "run", episodes=50).success_rate
     assert success is not None
@@ -217,7 +253,10 @@ def test_sac_learns_to_bring_the_ball_to_the_disc(tmp_path: Path) -> None:
 
 
 def test_raycast_image_without_opengl(forked: ForkServer, tmp_path: Path) -> None:
-    program = f"import bricksrl, torch\ntorch.manual_seed(1)\nsteps = bricksrl.make('{ID}', seed=5).rollout(3)\n"
+    program = (
+        "import bricksrl, torch\ntorch.manual_seed(1)\n"
+        f"steps = bricksrl.make('{ID}', seed=5).rollout(3)\n"
+    )
     program += "print(steps['next', 'reward'][0].item(), steps['image'][0].float().mean().item())"
     done = forked.run((), tmp_path, {**os.environ, "MUJOCO_GL": "disable"}, 120.0, script=program)
     cast_reward, cast_light = (float(number) for number in done.stdout.split())

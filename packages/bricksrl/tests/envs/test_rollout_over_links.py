@@ -19,7 +19,8 @@ def test_evaluation_plays_an_episode_again_in_which_the_link_broke() -> None:
     whole, losing = LosingCart(at=99), LosingCart(at=2)
     scores = [list(play_episodes(env, forward, 4, seed=0)) for env in (whole, losing)]
     assert (whole.resets, losing.resets) == (4, 5)  # and the one that was lost
-    assert [one == other for one, other in zip(*scores, strict=True)] == [True, True, False, True]  # it is another episode
+    # it is another episode
+    assert [one == other for one, other in zip(*scores, strict=True)] == [True, True, False, True]
 
 
 def test_evaluation_gives_up_where_the_link_always_breaks() -> None:

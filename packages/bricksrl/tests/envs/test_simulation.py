@@ -46,7 +46,8 @@ def test_specs(env_id: str, batch_size: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("sim", "robot"), [("WalkerSim-v0", "Walker-v0"), ("WalkerSim-v1", "Walker-v0"), ("RoboArmSim-v0", "RoboArm-v0")]
+    ("sim", "robot"),
+    [("WalkerSim-v0", "Walker-v0"), ("WalkerSim-v1", "Walker-v0"), ("RoboArmSim-v0", "RoboArm-v0")],
 )
 def test_simulation_specs_equal_robot(sim: str, robot: str) -> None:
     simulated, real = bricksrl.make(sim), bricksrl.make(robot)
@@ -61,7 +62,10 @@ def test_simulation_specs_equal_robot(sim: str, robot: str) -> None:
 
 @pytest.mark.parametrize("env_id", SIMULATIONS)
 def test_single_copy_equals_batch(env_id: str) -> None:
-    one, many = bricksrl.make(env_id, kinematics=QUIET, seed=0), bricksrl.make(env_id, kinematics=QUIET, batch_size=3, seed=0)
+    one, many = (
+        bricksrl.make(env_id, kinematics=QUIET, seed=0),
+        bricksrl.make(env_id, kinematics=QUIET, batch_size=3, seed=0),
+    )
     one.reset(), many.reset()
     many._state[:] = one._state
     action = torch.rand(4) * 2 - 1
@@ -72,7 +76,9 @@ def test_single_copy_equals_batch(env_id: str) -> None:
 
 def test_simulation_is_reproducible() -> None:
     runs = [
-        bricksrl.make("WalkerSim-v0", batch_size=5, seed=3).rollout(20, policy=lambda td: td.set("action", torch.ones(5, 4)))
+        bricksrl.make("WalkerSim-v0", batch_size=5, seed=3).rollout(
+            20, policy=lambda td: td.set("action", torch.ones(5, 4))
+        )
         for _ in "ab"
     ]
     assert torch.equal(runs[0]["next", "observation"], runs[1]["next", "observation"])
@@ -82,7 +88,9 @@ def test_legs_turn_backwards_by_the_command_and_wrap() -> None:
     env = bricksrl.make("WalkerSim-v0", kinematics=QUIET, seed=0)
     before = env.reset()["observation"][:4]
     after = acted(env, torch.tensor([1.0, 0.0, -1.0, 0.5]))["observation"]
-    assert torch.allclose(after[:4], (before + torch.tensor([0.0, -50.0, -100.0, -25.0])) % 360, atol=1e-3)
+    assert torch.allclose(
+        after[:4], (before + torch.tensor([0.0, -50.0, -100.0, -25.0])) % 360, atol=1e-3
+    )
     assert torch.equal(after[4:], torch.zeros(3))
 
 
@@ -96,7 +104,9 @@ def test_joints_stop_at_their_range() -> None:
 
 @pytest.mark.parametrize(("noise_on", "spread_deg"), [("action", 5.0), ("state", 5.0)])
 def test_noise_has_given_scale(noise_on: str, spread_deg: float) -> None:
-    env = bricksrl.make("WalkerSim-v0", kinematics=Kinematics(0.1, noise_on), batch_size=5000, seed=0)
+    env = bricksrl.make(
+        "WalkerSim-v0", kinematics=Kinematics(0.1, noise_on), batch_size=5000, seed=0
+    )
     before = env.reset()["observation"][:, :4]
     action = torch.zeros(5000, 4)
     turned = (acted(env, action)["observation"][:, :4] - before + 180) % 360 - 180
@@ -124,7 +134,9 @@ def test_the_time_limit_truncates() -> None:
 
 
 def test_random_walker_return_is_as_known() -> None:
-    returns = bricksrl.make("WalkerSim-v0", batch_size=500, seed=0).rollout(100)["next", "reward"].sum(1)
+    returns = (
+        bricksrl.make("WalkerSim-v0", batch_size=500, seed=0).rollout(100)["next", "reward"].sum(1)
+    )
     # facts/environments.md: -200 +- 15
     assert returns.mean().item() == pytest.approx(-200, abs=3)
     assert returns.std().item() == pytest.approx(15, abs=3)
@@ -139,8 +151,9 @@ def test_random_arm_is_slightly_worse_than_released() -> None:
         after = acted(env, torch.rand(2000, 4) * 2 - 1)
         returns += after["reward"] * alive
         alive &= ~after["terminated"]
-    # The released code: 46 % success, -145 +- 80. Its joints refuse a move beyond their range, its rotation maps to +-180; ours
-    # stop at the range and map to +-100 (rulings), which keeps a random arm near the ends of its ranges. The paper's robot: 32 %.
+    # The released code: 46 % success, -145 +- 80. Its joints refuse a move beyond their range, its
+    # rotation maps to +-180; ours stop at the range and map to +-100 (rulings), which keeps a
+    # random arm near the ends of its ranges. The paper's robot: 32 %.
     assert 1 - alive.float().mean().item() == pytest.approx(0.40, abs=0.04)
     assert returns.mean().item() == pytest.approx(-164, abs=8)
 
@@ -156,7 +169,9 @@ def test_direct_arm_policy_succeeds() -> None:
 
 
 def test_options_of_the_arm() -> None:
-    strict = bricksrl.make("RoboArmSim-v0", sparse=True, threshold_deg=20, batch_size=4000, kinematics=QUIET, seed=1)
+    strict = bricksrl.make(
+        "RoboArmSim-v0", sparse=True, threshold_deg=20, batch_size=4000, kinematics=QUIET, seed=1
+    )
     strict.reset()
     after = acted(strict, torch.zeros(4000, 4))
     error = error_deg(after["observation"])
@@ -175,9 +190,14 @@ def test_mismatches_raise() -> None:
         bricksrl.make("WalkerSim-v0", realtime=True)
     with pytest.raises(DescriptionError, match="RunAngle|motor"):
         SimulatedEnv(get_task("RunAway-v0"), QUIET)
-    roving, steady = dataclasses.replace(SPINNING, target=Target()), dataclasses.replace(SPINNING, observes_commands=True)
+    roving, steady = (
+        dataclasses.replace(SPINNING, target=Target()),
+        dataclasses.replace(SPINNING, observes_commands=True),
+    )
     for task in (roving, steady, get_task("RoboArm_mixed-v0"), get_task("Walker-v1")):
-        with pytest.raises(DescriptionError, match="know nothing of distances, last commands, targets and cameras"):
+        with pytest.raises(
+            DescriptionError, match="know nothing of distances, last commands, targets and cameras"
+        ):
             SimulatedEnv(task, QUIET)
     with pytest.raises(DescriptionError, match="noise"):
         Kinematics(-1.0)
@@ -239,7 +259,9 @@ def test_action_that_is_no_number_raises(batch_size: int) -> None:
     frame["action"] = torch.full_like(env.action_spec.rand(), torch.inf)
     assert env.step(frame)["next", "observation"].isfinite().all()  # clamped, as on a robot
     frame["action"][..., 1] = torch.nan
-    with pytest.raises(BricksError, match=r"WalkerSim-v0 got an action that is not a number \(NaN\)"):
+    with pytest.raises(
+        BricksError, match=r"WalkerSim-v0 got an action that is not a number \(NaN\)"
+    ):
         env.step(frame)
 
 
@@ -247,10 +269,15 @@ def test_action_that_is_no_number_raises(batch_size: int) -> None:
 def test_action_of_another_shape_raises(shape: list[int]) -> None:
     """As on a robot."""
     env = bricksrl.make("WalkerSim-v0")
-    with pytest.raises(BricksError, match=re.escape(f"WalkerSim-v0 got an action of shape {shape}; give [4]")):
+    with pytest.raises(
+        BricksError, match=re.escape(f"WalkerSim-v0 got an action of shape {shape}; give [4]")
+    ):
         env.step(env.reset().set("action", torch.zeros(shape)))
     env = bricksrl.make("WalkerSim-v0", batch_size=2)
-    with pytest.raises(BricksError, match=re.escape(f"WalkerSim-v0 got an action of shape {[2, *shape]}; give [2, 4]")):
+    with pytest.raises(
+        BricksError,
+        match=re.escape(f"WalkerSim-v0 got an action of shape {[2, *shape]}; give [2, 4]"),
+    ):
         env.step(env.reset().set("action", torch.zeros(2, *shape)))
 
 

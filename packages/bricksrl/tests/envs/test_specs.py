@@ -16,7 +16,9 @@ from bricksrl.envs.specs import NominalBounded
 
 @pytest.fixture
 def spec() -> NominalBounded:
-    return NominalBounded.of((Entry("held", 0.0, 10.0), Entry("free", -1.0, 1.0, limits=(-torch.inf, torch.inf))))
+    return NominalBounded.of(
+        (Entry("held", 0.0, 10.0), Entry("free", -1.0, 1.0, limits=(-torch.inf, torch.inf)))
+    )
 
 
 def test_nominal_entries_accept_finite_numbers(spec: NominalBounded) -> None:
@@ -56,8 +58,16 @@ def test_nominal_entries_are_not_projected(spec: NominalBounded) -> None:
         (lambda s: s.unsqueeze(0).squeeze(0), [5.0, 300.0], [11.0, 0.0]),
         (lambda s: s.unsqueeze(0).squeeze(), [5.0, 300.0], [11.0, 0.0]),
         (lambda s: s.expand(3, 2).unbind(0)[2], [5.0, 300.0], [11.0, 0.0]),
-        (lambda s: s.expand(6, 2).reshape(2, 3, 2), [[[5.0, 300.0]] * 3] * 2, [[[11.0, 0.0]] * 3] * 2),
-        (lambda s: s.expand(6, 2).unflatten(0, (2, 3)), [[[5.0, 300.0]] * 3] * 2, [[[11.0, 0.0]] * 3] * 2),
+        (
+            lambda s: s.expand(6, 2).reshape(2, 3, 2),
+            [[[5.0, 300.0]] * 3] * 2,
+            [[[11.0, 0.0]] * 3] * 2,
+        ),
+        (
+            lambda s: s.expand(6, 2).unflatten(0, (2, 3)),
+            [[[5.0, 300.0]] * 3] * 2,
+            [[[11.0, 0.0]] * 3] * 2,
+        ),
         (lambda s: s.expand(2, 3, 2).flatten(0, 1), [[5.0, 300.0]] * 6, [[11.0, 0.0]] * 6),
         (lambda s: torch.stack([s, s.clone()]), [[5.0, 300.0]] * 2, [[11.0, 0.0]] * 2),
         (lambda s: Composite(a=s).expand(3)["a"], [[5.0, 300.0]] * 3, [[11.0, 0.0]] * 3),
@@ -65,7 +75,10 @@ def test_nominal_entries_are_not_projected(spec: NominalBounded) -> None:
     ],
 )
 def test_operations_keep_spec_class(
-    spec: NominalBounded, operation: Callable[[NominalBounded], NominalBounded], inside: list[float], outside: list[float]
+    spec: NominalBounded,
+    operation: Callable[[NominalBounded], NominalBounded],
+    inside: list[float],
+    outside: list[float],
 ) -> None:
     result = operation(spec)
     assert type(result) is NominalBounded

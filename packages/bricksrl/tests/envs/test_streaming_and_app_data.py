@@ -59,7 +59,9 @@ def test_watchdog_over_app_data_keeps_time_when_waits_take_longer() -> None:
     interface = Interface((RunAngle("left", -3000, 3000, 400),), (MotorAngle("left"),), Wait(10))
     link = HubLink(hub, TWO_WHEELER, interface, pipe=Pipe.APP_DATA)
     assert "wait(1)" in link.program.source
-    link.program = dataclasses.replace(link.program, source=link.program.source.replace("wait(1)", "wait(2)"))
+    link.program = dataclasses.replace(
+        link.program, source=link.program.source.replace("wait(1)", "wait(2)")
+    )
     with link:
         link.act([3000])
         hub.run_on_until(hub.machine.time_ms + WATCHDOG_MS)
@@ -83,14 +85,19 @@ def test_observation_age_is_accurate_to_half_round_trip() -> None:
     """The simulation knows the true age: the program's clock starts with the program."""
     with stream() as link:
         hub = link._transport
-        started_s = min(link.now_s() - link.read().hub_time_ms / 1000 for _ in range(3))  # too late by the way back
+        # too late by the way back
+        started_s = min(link.now_s() - link.read().hub_time_ms / 1000 for _ in range(3))
         for _ in range(20):
             reading = link.act([30, 30])
-            assert reading.age_s == pytest.approx(hub.now_s() - started_s - reading.hub_time_ms / 1000, abs=0.016)
+            assert reading.age_s == pytest.approx(
+                hub.now_s() - started_s - reading.hub_time_ms / 1000, abs=0.016
+            )
 
 
 def test_lockstep_is_slower_and_older_than_streaming() -> None:
-    with HubLink(VirtualHub(make_body(TWO_WHEELER, seed=1), link=STEADY), TWO_WHEELER, SPINNING.interface) as link:
+    with HubLink(
+        VirtualHub(make_body(TWO_WHEELER, seed=1), link=STEADY), TWO_WHEELER, SPINNING.interface
+    ) as link:
         readings = [link.act([50, 50]) for _ in range(10)]
         assert np.diff([reading.hub_time_ms for reading in readings]).mean() > 1000 * STEP_S + 10
         assert all(0 <= reading.age_s < 0.03 for reading in readings)
@@ -107,7 +114,8 @@ def test_latest_command_counts() -> None:
 def test_reading_between_steps_is_fresh() -> None:
     with stream() as link:
         link.act([50, 50])
-        link._transport.reset(np.random.default_rng(0))  # a hand takes a second, and the hub streams on
+        # a hand takes a second, and the hub streams on
+        link._transport.reset(np.random.default_rng(0))
         first = link.read()
         assert first.age_s < 0.03
         second = link.read()
@@ -156,7 +164,13 @@ def test_untimed_step_cannot_be_streamed() -> None:
 
 @pytest.mark.parametrize("app_data", [False, True])
 def test_environment_with_streaming(app_data: bool) -> None:
-    env = bricksrl.make("Spinning-v0", seed=0, streaming=True, app_data=app_data, physics=Physics().with_link(STEADY))
+    env = bricksrl.make(
+        "Spinning-v0",
+        seed=0,
+        streaming=True,
+        app_data=app_data,
+        physics=Physics().with_link(STEADY),
+    )
     assert isinstance(env, HubEnv)
     env.reset()
     started_s, ages = env.twin.now_s(), []

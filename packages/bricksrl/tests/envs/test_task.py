@@ -47,16 +47,20 @@ def test_run_away_rewards_the_sign_of_the_change(before: float, after: float) ->
 
 
 @pytest.mark.parametrize(
-    ("distance_mm", "ends"), [(39, True), (40, True), (41, False), (250, False), (1999, False), (2000, True)]
+    ("distance_mm", "ends"),
+    [(39, True), (40, True), (41, False), (250, False), (1999, False), (2000, True)],
 )
 def test_run_away_ends_at_the_wall_and_out_of_sight(distance_mm: float, ends: bool) -> None:
     assert RUN_AWAY.terminated(at_distance(distance_mm)).tolist() == [[ends]]
 
 
 @pytest.mark.parametrize(
-    ("path_mm", "succeeds"), [((300, 999), False), ((900, 1000), True), ((1900, 2000), True), ((100, 40), False)]
+    ("path_mm", "succeeds"),
+    [((300, 999), False), ((900, 1000), True), ((1900, 2000), True), ((100, 40), False)],
 )
-def test_run_away_succeeds_when_it_ends_a_metre_away(path_mm: tuple[float, ...], succeeds: bool) -> None:
+def test_run_away_succeeds_when_it_ends_a_metre_away(
+    path_mm: tuple[float, ...], succeeds: bool
+) -> None:
     episode = at_distance(*path_mm)
     assert RUN_AWAY.success(episode).item() is succeeds
     assert RUN_AWAY.metrics(episode)["final_distance_mm"].item() == path_mm[-1]
@@ -122,9 +126,12 @@ def test_all_functions_are_batched(task: Task, batch: tuple[int, ...]) -> None:
 
 def test_nominal_entries_are_measured_and_exceedable() -> None:
     assert [entry.name for entry in RUN_AWAY.entries if entry.limits is not None] == []
-    assert [(e.name, e.limits) for e in SPINNING.entries if e.limits is not None] == [("yaw_rate", (-3276.7, 3276.7))]
+    assert [(e.name, e.limits) for e in SPINNING.entries if e.limits is not None] == [
+        ("yaw_rate", (-3276.7, 3276.7))
+    ]
     arm = dataclasses.replace(
-        RUN_AWAY, interface=dataclasses.replace(RUN_AWAY.interface, channels=(MotorAngle("left", -45, 10),))
+        RUN_AWAY,
+        interface=dataclasses.replace(RUN_AWAY.interface, channels=(MotorAngle("left", -45, 10),)),
     )
     assert arm.entries[0].bounds == (-3276.7, 3276.7)
 
@@ -141,14 +148,26 @@ def test_sampled_entries_are_drawn_from_their_whole_range() -> None:
     [
         ({"id": "RunAway"}, "version"),
         ({"max_steps": 0}, "max_steps"),
-        ({"interface": Interface((), RUN_AWAY.interface.channels, RUN_AWAY.interface.settle)}, "command"),
+        (
+            {"interface": Interface((), RUN_AWAY.interface.channels, RUN_AWAY.interface.settle)},
+            "command",
+        ),
         ({"sampled_entries": (SampledEntry("distance", 0, 1),)}, "twice"),
-        ({"sampled_entries": (SampledEntry("wind", 5, 1),)}, "the range of wind ends below its start"),
+        (
+            {"sampled_entries": (SampledEntry("wind", 5, 1),)},
+            "the range of wind ends below its start",
+        ),
         ({"max_steps": None}, "max_steps is None; give a whole number"),
         ({"camera": True}, "camera is True; give CameraView"),
         ({"reward": 1.0}, "reward is 1.0; give a function"),
-        ({"reward": lambda o: o}, r"takes other arguments, \(o\); write a function of \(previous, action, observation\)"),
-        ({"metrics": lambda o, a: {}}, r"metrics of .* takes other arguments, \(o, a\); write a function of \(observations\)"),
+        (
+            {"reward": lambda o: o},
+            r"takes other arguments, \(o\); write a function of \(previous, action, observation\)",
+        ),
+        (
+            {"metrics": lambda o, a: {}},
+            r"metrics of .* takes other arguments, \(o, a\); write a function of \(observations\)",
+        ),
         ({"terminated": lambda: True}, r"terminated of .* write a function of \(observation\)"),
         ({"interface": RUN_AWAY.interface.commands}, "interface is .*; give Interface"),
     ],
@@ -162,9 +181,16 @@ def test_lists_make_an_interface_and_what_is_no_part_of_one_is_named() -> None:
     drive, eyes, done = DriveStraight(-100, 100), Distance("eyes"), UntilDone()
     assert Interface([drive], [eyes], done) == Interface((drive,), (eyes,), done)  # type: ignore[arg-type]
     for parts, words in (
-        ((drive, (eyes,), done), r"commands is DriveStraight\(.*\); give several values, each Command"),  # a comma is missing
+        # a comma is missing
+        (
+            (drive, (eyes,), done),
+            r"commands is DriveStraight\(.*\); give several values, each Command",
+        ),
         (((drive,), (eyes,), UntilDone), "settle is of type type; give Wait"),
-        (((DriveStraight("far", 100),), (eyes,), done), "low of 'straight' is 'far'; give a number"),  # type: ignore[arg-type]
+        (
+            ((DriveStraight("far", 100),), (eyes,), done),
+            "low of 'straight' is 'far'; give a number",
+        ),  # type: ignore[arg-type]
     ):
         with pytest.raises(DescriptionError, match=words):
             Interface(*parts)
@@ -173,17 +199,44 @@ def test_lists_make_an_interface_and_what_is_no_part_of_one_is_named() -> None:
 @pytest.mark.parametrize(
     ("function", "returned", "words"),
     [
-        ("reward", 1.0, "reward of Wrong-v0 is 1.0; compute a tensor of shape [1] from the observation"),
+        (
+            "reward",
+            1.0,
+            "reward of Wrong-v0 is 1.0; compute a tensor of shape [1] from the observation",
+        ),
         ("reward", torch.ones(5), "reward of Wrong-v0 is of shape [5]; compute a tensor"),
         ("terminated", False, "terminated of Wrong-v0 is False; compute a tensor"),
-        ("terminated", torch.ones(1), "terminated of Wrong-v0 is [1.0], not true or false; compare"),
-        ("success", torch.ones(5), "success of Wrong-v0 is of shape [5]; give one number for an episode"),
-        ("metrics", {"way_mm": torch.ones(5)}, "metrics['way_mm'] of Wrong-v0 is of shape [5]; give one number for an episode"),
-        ("metrics", None, "what metrics of Wrong-v0 returns is None; give a table of names and values"),
+        (
+            "terminated",
+            torch.ones(1),
+            "terminated of Wrong-v0 is [1.0], not true or false; compare",
+        ),
+        (
+            "success",
+            torch.ones(5),
+            "success of Wrong-v0 is of shape [5]; give one number for an episode",
+        ),
+        (
+            "metrics",
+            {"way_mm": torch.ones(5)},
+            "metrics['way_mm'] of Wrong-v0 is of shape [5]; give one number for an episode",
+        ),
+        (
+            "metrics",
+            None,
+            "what metrics of Wrong-v0 returns is None; give a table of names and values",
+        ),
     ],
 )
-def test_function_that_returns_something_else_is_named(function: str, returned: object, words: str) -> None:
-    bricksrl.register(dataclasses.replace(RUN_AWAY, id="Wrong-v0", max_steps=2, **{function: lambda *_: returned}))  # type: ignore[arg-type]
-    with closing(bricksrl.make("Wrong-v0", seed=0)) as env, pytest.raises(DescriptionError) as error:
+def test_function_that_returns_something_else_is_named(
+    function: str, returned: object, words: str
+) -> None:
+    bricksrl.register(
+        dataclasses.replace(RUN_AWAY, id="Wrong-v0", max_steps=2, **{function: lambda *_: returned})
+    )  # type: ignore[arg-type]
+    with (
+        closing(bricksrl.make("Wrong-v0", seed=0)) as env,
+        pytest.raises(DescriptionError) as error,
+    ):
         list(play_episodes(env, env.rand_action, 1, seed=0))
     assert str(error.value).startswith(words)

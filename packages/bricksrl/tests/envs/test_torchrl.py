@@ -42,12 +42,15 @@ def test_serial_and_parallel_envs_are_equal() -> None:
     assert all(one > 0 for one in here)
 
 
-@pytest.mark.filterwarnings("ignore:Creating .*WeightUpdater:DeprecationWarning")  # TorchRL's own, when it is loaded
+# TorchRL's own, when it is loaded
+@pytest.mark.filterwarnings("ignore:Creating .*WeightUpdater:DeprecationWarning")
 @pytest.mark.parametrize(("env_id", "frames"), [("RunAway-v0", 50), ("WalkerSim-v0", 150)])
 def test_collector_continues_over_episode_ends(env_id: str, frames: int) -> None:
     from torchrl.collectors import Collector
 
-    collector = Collector(bricksrl.make(env_id, seed=0), None, frames_per_batch=frames, total_frames=2 * frames)
+    collector = Collector(
+        bricksrl.make(env_id, seed=0), None, frames_per_batch=frames, total_frames=2 * frames
+    )
     batches = list(collector)
     collector.shutdown()
     assert [len(batch) for batch in batches] == [frames, frames]
@@ -55,7 +58,11 @@ def test_collector_continues_over_episode_ends(env_id: str, frames: int) -> None
 
 
 def test_transforms() -> None:
-    transforms: list[Any] = [RewardSum(), StepCounter(12), CatFrames(N=3, dim=-1, in_keys=["observation"])]
+    transforms: list[Any] = [
+        RewardSum(),
+        StepCounter(12),
+        CatFrames(N=3, dim=-1, in_keys=["observation"]),
+    ]
     env = TransformedEnv(bricksrl.make("RoboArm-v0", seed=0), Compose(*transforms))
     check_env_specs(env)
     steps = env.rollout(20)
@@ -69,13 +76,20 @@ def test_transforms() -> None:
 @pytest.mark.parametrize("frames", [1, 3])
 def test_transforms_add_dimensions_to_the_observation(dim: int, frames: int) -> None:
     """They change a spec in place, without its methods."""
-    unsqueeze, stack = UnsqueezeTransform(dim=dim, in_keys=["observation"]), CatFrames(N=frames, dim=dim, in_keys=["observation"])
+    unsqueeze, stack = (
+        UnsqueezeTransform(dim=dim, in_keys=["observation"]),
+        CatFrames(N=frames, dim=dim, in_keys=["observation"]),
+    )
     env = TransformedEnv(bricksrl.make("WalkerSim-v0", seed=0), Compose(unsqueeze, stack))
     check_env_specs(env)
     spec, seen = env.observation_spec["observation"], env.reset()["observation"]
     assert seen.shape == {-1: (7, frames), -2: (frames, 7)}[dim] and spec.is_in(seen)
-    assert torch.equal(spec.project(seen), seen) and not spec.is_in(torch.full_like(seen, torch.inf))
-    assert frames > 1 or not spec.is_in(torch.full_like(seen, -1.0)), "no angle of a leg is negative"
+    assert torch.equal(spec.project(seen), seen) and not spec.is_in(
+        torch.full_like(seen, torch.inf)
+    )
+    assert frames > 1 or not spec.is_in(torch.full_like(seen, -1.0)), (
+        "no angle of a leg is negative"
+    )
 
 
 @pytest.mark.parametrize("env_id", ["RunAway-v0", "WalkerSim-v0"])

@@ -1,4 +1,5 @@
-"""A cart with a train motor holds its distance from a wall; a remote's button ends the episode, and a lamp shows its state."""
+"""A cart with a train motor holds its distance from a wall; a remote's button ends the episode, and
+a lamp shows its state."""
 
 from __future__ import annotations
 
@@ -18,7 +19,15 @@ from brickhub.hub.program.generate import validate
 from bricksrl.envs import Task, register
 from bricksrl.evaluation import evaluate
 from bricksrl.hub.interface import Distance, Interface, LightBrightness, RemoteButton, RunDuty, Wait
-from bricksrl.robots import HubKind, Motor, MotorKind, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from bricksrl.robots import (
+    HubKind,
+    Motor,
+    MotorKind,
+    PoweredUpSensor,
+    Robot,
+    SensorKind,
+    UltrasonicSensor,
+)
 from bricksrl.training import TrainConfig, train
 from bricksrl.twin.scene import Scene
 
@@ -31,7 +40,12 @@ CART = Robot(
     motors=(Motor("wheel", "A", MotorKind.TRAIN),),
     sensors=(UltrasonicSensor("eye", "B"),),
 )
-LIT_CART = Robot("lit-cart", HubKind.TECHNIC, CART.motors, (*CART.sensors, PoweredUpSensor("lamp", "C", SensorKind.LIGHT)))
+LIT_CART = Robot(
+    "lit-cart",
+    HubKind.TECHNIC,
+    CART.motors,
+    (*CART.sensors, PoweredUpSensor("lamp", "C", SensorKind.LIGHT)),
+)
 
 
 def ahead_mm(angles: Mapping[str, float]) -> float:
@@ -47,7 +61,9 @@ def task(robot: Robot, *lights: LightBrightness) -> Task:
         id=f"Cart{len(lights)}-v0",
         doc="A cart holds its distance from a wall, by full power ahead and back.",
         robot=robot,
-        interface=Interface((RunDuty("wheel"), *lights), (Distance("eye"), RemoteButton("right_minus")), Wait(200)),
+        interface=Interface(
+            (RunDuty("wheel"), *lights), (Distance("eye"), RemoteButton("right_minus")), Wait(200)
+        ),
         max_steps=30,
         reward=lambda previous, action, observation: -off(observation),
         terminated=lambda observation: observation[..., 1:2] > 0.5,
@@ -86,5 +102,9 @@ def test_cart_learns(tmp_path: Path) -> None:
     train(TrainConfig("Cart0-v0", "sac", episodes=25, run_dir=tmp_path / "run"))
     learned = evaluate(tmp_path / "run", episodes=3)
     with closing(bricksrl.make("Cart0-v0", seed=1)) as env:
-        resting = float(env.rollout(30, lambda tensordict: tensordict.set("action", torch.zeros(1)))["next", "reward"].sum())
+        resting = float(
+            env.rollout(30, lambda tensordict: tensordict.set("action", torch.zeros(1)))[
+                "next", "reward"
+            ].sum()
+        )
     assert learned.return_mean > resting / 2 and learned.success_rate == 1.0

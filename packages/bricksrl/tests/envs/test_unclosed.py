@@ -13,8 +13,14 @@ SCRIPTS = {
     "env": ENV,
     "real time": ENV.replace("seed=0", "realtime=True"),
     "cycle": f"{ENV}env.policy = lambda tensordict: env.rand_action(tensordict)\n",
-    "arena": "from bricksrl.envs.arenas import make_arena\nenv = make_arena('Tag-v0', seed=0)\nenv.rollout(3)\n",
-    "gymnasium": "import bricksrl, gymnasium\nenv = gymnasium.make('bricksrl/Spinning-v0')\nenv.reset(seed=0)\n",
+    "arena": (
+        "from bricksrl.envs.arenas import make_arena\nenv = make_arena('Tag-v0', seed=0)\n"
+        "env.rollout(3)\n"
+    ),
+    "gymnasium": (
+        "import bricksrl, gymnasium\nenv = gymnasium.make('bricksrl/Spinning-v0')\n"
+        "env.reset(seed=0)\n"
+    ),
 }
 
 

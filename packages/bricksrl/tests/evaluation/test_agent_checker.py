@@ -42,7 +42,15 @@ def own(path: Path, *, change: str = "", field: str = "", frozen: str = "frozen=
 @pytest.mark.parametrize("agent", ["sac", "ppo", "bc", "act", "random"])
 def test_our_agents_pass_check(agent: str) -> None:
     checks = list(check_agent(agent))
-    assert [check.name for check in checks] == ["settings", "build", "acting", "memory", "learning", "saving", "copies"]
+    assert [check.name for check in checks] == [
+        "settings",
+        "build",
+        "acting",
+        "memory",
+        "learning",
+        "saving",
+        "copies",
+    ]
     assert [check for check in checks if check.outcome is Outcome.ERROR] == []
 
 
@@ -59,13 +67,21 @@ def test_user_agent_passes_check(tmp_path: Path) -> None:
         ({"change": "learner.policy = lambda state: state"}, "acting", "in_keys"),
         ({"change": "learner.policy = Far()"}, "acting", "-1..1"),
         ({"change": "learner.updates_per_step = 1e-9"}, "learning", "updates_per_step"),
-        ({"change": "learner.optimizer = torch.optim.SGD(learner.parameters(), lr=0.0)"}, "learning", "changed nothing"),
+        (
+            {"change": "learner.optimizer = torch.optim.SGD(learner.parameters(), lr=0.0)"},
+            "learning",
+            "changed nothing",
+        ),
         ({"change": "learner.loss.gamma = float('nan')"}, "learning", "not a number"),
         ({"change": "learner.state_dict = lambda: {'a': object()}"}, "saving", "object"),
     ],
 )
-def test_wrong_agent_fails_check(tmp_path: Path, what: dict[str, str], name: str, says: str) -> None:
-    failed = [check for check in check_agent(own(tmp_path, **what)) if check.outcome is Outcome.ERROR]
+def test_wrong_agent_fails_check(
+    tmp_path: Path, what: dict[str, str], name: str, says: str
+) -> None:
+    failed = [
+        check for check in check_agent(own(tmp_path, **what)) if check.outcome is Outcome.ERROR
+    ]
     assert failed[0].name == name and says in failed[0].detail and "\n" not in failed[0].detail
 
 
@@ -74,16 +90,32 @@ def test_changed_settings_are_reported(tmp_path: Path) -> None:
     path.write_text(
         "from dataclasses import dataclass\nfrom bricksrl.agents import random\n"
         "@dataclass\nclass Settings:\n    rate: float = 1.0\n"
-        "def build(env, settings: Settings, device='cpu'):\n    return random.build(env, settings, device)\n"
+        "def build(env, settings: Settings, device='cpu'):\n"
+        "    return random.build(env, settings, device)\n"
     )
     (check, *_) = check_agent(str(path))
-    assert (check.outcome, check.name) == (Outcome.ERROR, "settings") and "frozen=True" in check.detail
+    assert (check.outcome, check.name) == (
+        Outcome.ERROR,
+        "settings",
+    ) and "frozen=True" in check.detail
 
 
 def test_agent_file_differs_from_task_file(tmp_path: Path) -> None:
     task = tmp_path / "task.py"
     task.write_text(
-        "from bricksrl.envs.tasks.spinning import SPINNING as TASK\n\ndef make_task(*, fast=True):\n    return TASK\n"
+        "from bricksrl.envs.tasks.spinning import SPINNING as TASK\n\n"
+        "def make_task(*, fast=True):\n    return TASK\n"
     )
     assert is_agent("sac") and is_agent(own(tmp_path)) and is_agent(f"{own(tmp_path)}:build")
-    assert not any(map(is_agent, ("Walker-v0", str(task), f"{task}:TASK", f"{task}:make_task", str(tmp_path / "none.py"))))
+    assert not any(
+        map(
+            is_agent,
+            (
+                "Walker-v0",
+                str(task),
+                f"{task}:TASK",
+                f"{task}:make_task",
+                str(tmp_path / "none.py"),
+            ),
+        )
+    )

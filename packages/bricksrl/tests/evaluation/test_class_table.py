@@ -1,4 +1,5 @@
-"""The table of a class: which runs are the same, in what others differ, and what may be compared."""
+"""The table of a class: which runs are the same, in what others differ, and what may be
+compared."""
 
 from __future__ import annotations
 
@@ -13,7 +14,14 @@ from bricksrl.evaluation.class_table import class_table
 from bricksrl.training.config import TrainConfig
 
 
-def pupil(folder: Path, name: str, seed: int, returns: list[float], evaluation: float | None = 5.0, **options: object) -> Path:
+def pupil(
+    folder: Path,
+    name: str,
+    seed: int,
+    returns: list[float],
+    evaluation: float | None = 5.0,
+    **options: object,
+) -> Path:
     config = TrainConfig(env="RunAway-v0", seed=seed, name=name, **options)
     return write_run(folder / (name or "nobody") / "runs" / "one", config, returns, evaluation)
 
@@ -22,9 +30,14 @@ def test_runs_of_the_default_seed_are_named_as_the_same(tmp_path: Path) -> None:
     for name in ("Anna", "Ben", "Cem"):
         pupil(tmp_path, name, 0, [1.0, 2.0])
     table = class_table(tmp_path)
-    assert {row.name for row in table.rows} == {"Anna", "Ben", "Cem"} and not any(row.differs for row in table.rows)
+    assert {row.name for row in table.rows} == {"Anna", "Ben", "Cem"} and not any(
+        row.differs for row in table.rows
+    )
     text = "\n".join(table.sentences)
-    assert "Anna (Anna/runs/one), Ben (Ben/runs/one), Cem (Cem/runs/one) are the same run, seed 0" in text
+    assert (
+        "Anna (Anna/runs/one), Ben (Ben/runs/one), Cem (Cem/runs/one) are the same run, seed 0"
+        in text
+    )
     assert "together they tell what one run tells" in text and "interval" not in text
 
 
@@ -33,7 +46,10 @@ def test_seeds_give_an_interval_and_repeats_count_once(tmp_path: Path) -> None:
         pupil(tmp_path, f"pupil {seed}", seed, [float(seed)], float(seed))
     pupil(tmp_path, "again", 4, [4.0], 4.0)
     text = "\n".join(class_table(tmp_path).sentences)
-    assert "6 runs of the same settings and length: 5 different seeds, interquartile mean 2 (95 % interval" in text
+    assert (
+        "6 runs of the same settings and length: 5 different seeds, interquartile mean 2 (95 % "
+        "interval"
+    ) in text
     (tmp_path / "pupil 0/runs/one/evaluation.json").unlink()
     assert "some were evaluated and some were not" in "\n".join(class_table(tmp_path).sentences)
 
@@ -44,10 +60,18 @@ def test_what_differs_is_said(tmp_path: Path) -> None:
     pupil(tmp_path, "longer", 2, [1.0, 2.0, 3.0])
     pupil(tmp_path, "td3", 3, [1.0, 2.0], agent="td3")
     settings = TrainConfig(env="RunAway-v0").settings
-    pupil(tmp_path, "faster", 4, [1.0, 2.0], settings={**vars(settings)} and type(settings)(learning_rate=0.5))
+    pupil(
+        tmp_path,
+        "faster",
+        4,
+        [1.0, 2.0],
+        settings={**vars(settings)} and type(settings)(learning_rate=0.5),
+    )
     rows = {row.name: row.differs for row in class_table(tmp_path).rows}
     assert rows["usual 0"] == () and rows["longer"] == ("episodes 3 instead of 2",)
-    assert rows["td3"] == ("agent td3 instead of sac",) and "learning_rate 0.5 instead of" in " ".join(rows["faster"])
+    assert rows["td3"] == (
+        "agent td3 instead of sac",
+    ) and "learning_rate 0.5 instead of" in " ".join(rows["faster"])
     text = "\n".join(class_table(tmp_path).sentences)
     assert "2 to 3 episodes by their curves" in text and "an interval needs 5 seeds" in text
 

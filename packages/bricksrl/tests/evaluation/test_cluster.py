@@ -14,7 +14,14 @@ import ray
 
 from bricksrl.cli.new import write_template
 from bricksrl.errors import RunError
-from bricksrl.evaluation.multi_seed import Keeper, changed_files, parse_on, train_on_cluster, train_on_worker, train_seeds
+from bricksrl.evaluation.multi_seed import (
+    Keeper,
+    changed_files,
+    parse_on,
+    train_on_cluster,
+    train_on_worker,
+    train_seeds,
+)
 from bricksrl.training import TrainConfig
 
 pytestmark = pytest.mark.realtime
@@ -44,7 +51,11 @@ print(json.dumps({"returns": group.scores, "told": told, "killed": len(killed)})
 
 def sweep(folder: Path, on: str) -> dict:
     done = subprocess.run(
-        [sys.executable, "-c", SWEEP, str(folder), on], check=False, capture_output=True, text=True, timeout=500
+        [sys.executable, "-c", SWEEP, str(folder), on],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=500,
     )
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout.strip().splitlines()[-1])
@@ -53,15 +64,27 @@ def sweep(folder: Path, on: str) -> dict:
 def test_killed_ray_worker_gives_same_numbers(tmp_path: Path) -> None:
     here, there = sweep(tmp_path / "here", ""), sweep(tmp_path / "there", "ray")
     assert there["killed"] == 1
-    started = [message["started"] for seed, message in there["told"] if seed == 1 and "started" in message]
-    assert len(started) == 2 and started[0] == 0 and started[1] >= 2, "it was resumed, not begun anew"
+    started = [
+        message["started"] for seed, message in there["told"] if seed == 1 and "started" in message
+    ]
+    assert len(started) == 2 and started[0] == 0 and started[1] >= 2, (
+        "it was resumed, not begun anew"
+    )
     assert here["returns"] == there["returns"]
     for seed in (0, 1):
         one, other = (tmp_path / place / "sweep" / f"seed-{seed}" for place in ("here", "there"))
-        names = [sorted(str(path.relative_to(run)) for path in run.rglob("*") if path.is_file()) for run in (one, other)]
+        names = [
+            sorted(str(path.relative_to(run)) for path in run.rglob("*") if path.is_file())
+            for run in (one, other)
+        ]
         assert names[0] == names[1], "the same run folders"
-        columns = [(run / "metrics.csv").read_text().splitlines()[0].split(",") for run in (one, other)]
-        rows = [[line.split(",") for line in (run / "metrics.csv").read_text().splitlines()] for run in (one, other)]
+        columns = [
+            (run / "metrics.csv").read_text().splitlines()[0].split(",") for run in (one, other)
+        ]
+        rows = [
+            [line.split(",") for line in (run / "metrics.csv").read_text().splitlines()]
+            for run in (one, other)
+        ]
         seconds = columns[0].index("seconds")
         assert [line[:seconds] for line in rows[0]] == [line[:seconds] for line in rows[1]]
 
@@ -95,25 +118,38 @@ def test_changed_files_return_from_worker(tmp_path: Path) -> None:
     (there / ".part-half").write_bytes(b"of a checkpoint that a learner is writing")
     known, keeper = dict[str, tuple[int, int]](), Keeper([str(here)])
     first = changed_files(there, known)
-    assert list(first) == [str(Path("data/zz.parquet")), "checkpoint.bin"], "the checkpoint comes last"
+    assert list(first) == [str(Path("data/zz.parquet")), "checkpoint.bin"], (
+        "the checkpoint comes last"
+    )
     keeper.keep(0, first, {"episode": 1})
     (there / "checkpoint.bin").write_bytes(b"22")
     second = changed_files(there, known)
     assert second == {"checkpoint.bin": b"22"}
     keeper.keep(0, second, {"episode": 2})
     assert keeper.files(0) == {"checkpoint.bin": b"22", str(Path("data/zz.parquet")): b"rows"}
-    assert keeper.messages() == [(0, {"episode": 1}), (0, {"episode": 2})] and keeper.messages() == []
+    assert (
+        keeper.messages() == [(0, {"episode": 1}), (0, {"episode": 2})] and keeper.messages() == []
+    )
 
 
-def test_error_of_user_code_on_worker_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_of_user_code_on_worker_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It was taken for a lost worker."""
     task = tmp_path / "my_task.py"
     write_template("task", task)
-    task.write_text(task.read_text().replace("return -error_mm(observation) / 100.0", "raise ZeroDivisionError('by hand')"))
+    task.write_text(
+        task.read_text().replace(
+            "return -error_mm(observation) / 100.0", "raise ZeroDivisionError('by hand')"
+        )
+    )
     monkeypatch.setattr(ray, "get", lambda value: value)
     keeper = SimpleNamespace(
-        files=SimpleNamespace(remote=lambda number: {}), keep=SimpleNamespace(remote=lambda number, files, message: None)
+        files=SimpleNamespace(remote=lambda number: {}),
+        keep=SimpleNamespace(remote=lambda number, files, message: None),
     )
     config = TrainConfig(str(task), episodes=1).to_dict()
     error = train_on_worker(0, config, keeper)
-    assert error is not None and re.fullmatch(r"ZeroDivisionError: by hand.*my_task\.py.*; correct it", error)
+    assert error is not None and re.fullmatch(
+        r"ZeroDivisionError: by hand.*my_task\.py.*; correct it", error
+    )

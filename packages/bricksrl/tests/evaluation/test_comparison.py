@@ -21,12 +21,16 @@ from bricksrl.training.curve import draw_learning_curve
 RESULTS = Path(__file__).parents[4] / "benchmarks/results"
 
 
-def write_run(path: Path, config: TrainConfig, returns: list[float], evaluation: float | None = None) -> Path:
+def write_run(
+    path: Path, config: TrainConfig, returns: list[float], evaluation: float | None = None
+) -> Path:
     """A run folder for comparisons."""
     path.mkdir(parents=True)
     folder = RunFolder(path)
     folder.write_config(config)
-    episodes = [Episode(k, Phase.TRAIN, 10 * k, 10, value, None) for k, value in enumerate(returns, 1)]
+    episodes = [
+        Episode(k, Phase.TRAIN, 10 * k, 10, value, None) for k, value in enumerate(returns, 1)
+    ]
     folder.write_episodes(episodes)
     if evaluation is not None:
         scores = {"return_mean": evaluation, "return_std": 0.0, "episodes": 5}
@@ -39,9 +43,17 @@ def write_run(path: Path, config: TrainConfig, returns: list[float], evaluation:
 def runs(tmp_path: Path) -> list[Path]:
     """Five seeds of one agent, two of another, and one in another environment."""
     sac = TrainConfig("Walker-v0", "sac")
-    made = [write_run(tmp_path / f"sac{s}", replace(sac, seed=s), [-200.0 + s, -50.0 + s, -10.0], -9.0 - s) for s in range(5)]
+    made = [
+        write_run(
+            tmp_path / f"sac{s}", replace(sac, seed=s), [-200.0 + s, -50.0 + s, -10.0], -9.0 - s
+        )
+        for s in range(5)
+    ]
     td3 = TrainConfig("Walker-v0", "td3")
-    made += [write_run(tmp_path / f"td3{s}", replace(td3, seed=s), [-150.0, -60.0], -50.0 - s) for s in range(2)]
+    made += [
+        write_run(tmp_path / f"td3{s}", replace(td3, seed=s), [-150.0, -60.0], -50.0 - s)
+        for s in range(2)
+    ]
     return [*made, write_run(tmp_path / "arm", TrainConfig("RoboArm-v0"), [-100.0, -1.0], -1.5)]
 
 
@@ -55,7 +67,11 @@ def test_intervals_need_five_seeds(runs: list[Path]) -> None:
     ]
     assert found.scored_by == "evaluation" and arm.is_evaluated
     assert (arm.interval, td3.interval) == (None, None)
-    assert sac.score == pytest.approx(-11.0) and sac.interval is not None and sac.interval.low < -11.0 < sac.interval.high
+    assert (
+        sac.score == pytest.approx(-11.0)
+        and sac.interval is not None
+        and sac.interval.low < -11.0 < sac.interval.high
+    )
     assert found.improvements == (), "two seeds tell no probability"
 
 
@@ -67,7 +83,9 @@ def test_missing_evaluation_scores_all_by_training(runs: list[Path]) -> None:
 
 
 @pytest.mark.parametrize("change", [{"trained_episodes": 1}, {"as_trained": False}])
-def test_evaluation_of_fewer_episodes_or_other_conditions_is_ignored(runs: list[Path], change: dict[str, object]) -> None:
+def test_evaluation_of_fewer_episodes_or_other_conditions_is_ignored(
+    runs: list[Path], change: dict[str, object]
+) -> None:
     path = runs[0] / "evaluation.json"
     assert compare(runs[:1]).scored_by == "evaluation"
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
@@ -100,8 +118,11 @@ def test_seed_folder_expands_without_duplicates(tmp_path: Path) -> None:
 def test_probability_of_improvement_counts_pairs() -> None:
     assert probability_of_improvement([2.0, 3.0], [1.0, 2.0]) == (0.875, None)
     rng = np.random.default_rng(0)
-    probability, interval = probability_of_improvement(rng.normal(1, 1, 200).tolist(), rng.normal(0, 1, 200).tolist())
-    assert probability == pytest.approx(0.76, abs=0.06)  # of normal variables: the distribution function at 1 / sqrt(2)
+    probability, interval = probability_of_improvement(
+        rng.normal(1, 1, 200).tolist(), rng.normal(0, 1, 200).tolist()
+    )
+    # of normal variables: the distribution function at 1 / sqrt(2)
+    assert probability == pytest.approx(0.76, abs=0.06)
     assert interval is not None and interval.low < probability < interval.high
     with pytest.raises(DescriptionError):
         probability_of_improvement([], [1.0])
@@ -129,13 +150,17 @@ def test_reference_lines_equal_results() -> None:
     assert REFERENCES.keys() == baselines.keys()
     for env, reference in REFERENCES.items():
         measured = baselines[env]
-        wanted = {"random": measured["random"]["return_mean"], "by hand": measured["scripted"]["return_mean"]}
+        wanted = {
+            "random": measured["random"]["return_mean"],
+            "by hand": measured["scripted"]["return_mean"],
+        }
         paper = (papers.get(env) or {}).get("paper")
         assert reference == wanted | ({"paper's SAC": paper["sac"][0]} if paper else {}), env
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(8280.4, "8,280"), (-52.04, "-52"), (0.123456, "0.123"), (12.345, "12.3"), (3e9, "3.00e+09")]
+    ("value", "text"),
+    [(8280.4, "8,280"), (-52.04, "-52"), (0.123456, "0.123"), (12.345, "12.3"), (3e9, "3.00e+09")],
 )
 def test_numbers_are_plain(value: float, text: str) -> None:
     assert number(value) == text
@@ -144,7 +169,9 @@ def test_numbers_are_plain(value: float, text: str) -> None:
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_curves_of_few_episodes(count: int, tmp_path: Path) -> None:
     episodes = [Episode(k, Phase.TRAIN, k, 1, 8280.0 * k, None) for k in range(1, count + 1)]
-    draw_learning_curve(tmp_path / "a.png", episodes, "Spinning-v0", {"random": 75.0, "by hand": 8529.0})
+    draw_learning_curve(
+        tmp_path / "a.png", episodes, "Spinning-v0", {"random": 75.0, "by hand": 8529.0}
+    )
     assert (tmp_path / "a.png").exists()
 
 
@@ -160,4 +187,6 @@ def test_curve_of_one_episode_is_visible() -> None:
     [line] = axes.plot([1], [5.0])
     finish(axes)
     low, high = axes.get_xlim()
-    assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [1.0] and line.get_marker() == "o"
+    assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [
+        1.0
+    ] and line.get_marker() == "o"

@@ -36,16 +36,30 @@ from bricktwin.twin.render.opengl import VideoWriter
 @pytest.fixture(scope="module")
 def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = SACSettings(hidden=(32, 32), batch_size=32)
-    config = TrainConfig(env="Cart", episodes=20, settings=settings, run_dir=tmp_path_factory.mktemp("runs") / "cart")
+    config = TrainConfig(
+        env="Cart", episodes=20, settings=settings, run_dir=tmp_path_factory.mktemp("runs") / "cart"
+    )
     return train(config, env=Cart()).run_dir
 
 
 @pytest.fixture(scope="module")
 def spinning(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run on a robot with a flat battery."""
-    settings, folder = SACSettings(hidden=(8,), batch_size=8), tmp_path_factory.mktemp("spinning") / "run"
+    settings, folder = (
+        SACSettings(hidden=(8,), batch_size=8),
+        tmp_path_factory.mktemp("spinning") / "run",
+    )
     physics = Physics(battery_v=6.4)
-    return train(TrainConfig("Spinning-v0", episodes=1, settings=settings, physics=physics, record=False, run_dir=folder)).run_dir
+    return train(
+        TrainConfig(
+            "Spinning-v0",
+            episodes=1,
+            settings=settings,
+            physics=physics,
+            record=False,
+            run_dir=folder,
+        )
+    ).run_dir
 
 
 NOTHING = Interface((), (), Wait(1))
@@ -56,7 +70,10 @@ class Task:
     """A minimal task: the cart has to pass 600 mm."""
 
     id: str = "Judged-v0"
-    entries: tuple[Entry, ...] = (Entry("x", 0.0, 1000.0, "mm", (0.0, 1000.0)), Entry("noise", -1.0, 1.0, "", (-1.0, 1.0)))
+    entries: tuple[Entry, ...] = (
+        Entry("x", 0.0, 1000.0, "mm", (0.0, 1000.0)),
+        Entry("noise", -1.0, 1.0, "", (-1.0, 1.0)),
+    )
     interface: Interface = NOTHING
     symmetric: bool = False
 
@@ -69,11 +86,18 @@ class Task:
 
 def test_evaluation_result_is_consistent_and_saved(run_dir: Path) -> None:
     heard: list[tuple[int, float]] = []
-    result = evaluate(run_dir, Cart(), episodes=6, on_episode=lambda episode, return_: heard.append((episode, return_)))
+    result = evaluate(
+        run_dir,
+        Cart(),
+        episodes=6,
+        on_episode=lambda episode, return_: heard.append((episode, return_)),
+    )
     assert result.episodes == len(result.returns) == len(result.lengths) == 6
     assert result.trained_episodes == 20
     assert result.return_mean == pytest.approx(sum(result.returns) / 6)
-    assert result.return_std == pytest.approx(math.sqrt(sum((r - result.return_mean) ** 2 for r in result.returns) / 6))
+    assert result.return_std == pytest.approx(
+        math.sqrt(sum((r - result.return_mean) ** 2 for r in result.returns) / 6)
+    )
     assert result.return_interval is not None
     assert result.return_interval.low <= result.return_mean <= result.return_interval.high
     assert result.return_mean > 5.0
@@ -97,11 +121,17 @@ def test_successes_and_metrics_are_counted(run_dir: Path) -> None:
     assert 600.0 < result.metrics["final_position_mm"] <= 1000.0
 
 
-def test_other_environment_gets_the_options_of_the_training_that_it_has(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_other_environment_gets_the_options_of_the_training_that_it_has(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     task = "from dataclasses import replace\nfrom bricksrl.envs import get_task\n"
-    (tmp_path / "own.py").write_text(f"{task}TASK = replace(get_task('Walker-v0'), id='Own-v0', max_steps=2)\n")
+    (tmp_path / "own.py").write_text(
+        f"{task}TASK = replace(get_task('Walker-v0'), id='Own-v0', max_steps=2)\n"
+    )
     steps = {"step_ms": 400, "blocked_at_mm": 50.0}
-    config = TrainConfig("WalkerSim-v1", "random", episodes=1, run_dir=tmp_path / "run", options=steps)
+    config = TrainConfig(
+        "WalkerSim-v1", "random", episodes=1, run_dir=tmp_path / "run", options=steps
+    )
     run_dir, settled = train(config).run_dir, []
 
     def time_of_step(env: Any) -> None:
@@ -138,7 +168,10 @@ def test_mismatched_environment_raises(run_dir: Path) -> None:
             super().__init__()
             self.observation_spec["observation"].space.high.mul_(2.0)
 
-    with pytest.raises(CheckpointError, match="learned in Cart; choose an environment with its observations and actions"):
+    with pytest.raises(
+        CheckpointError,
+        match="learned in Cart; choose an environment with its observations and actions",
+    ):
         evaluate(run_dir, Wider())
 
 
@@ -158,14 +191,18 @@ class PausedCart(BricksEnv, Cart):
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         out = super()._step(tensordict)
-        return out.update({"truncated": out["truncated"] | self.is_cut, "done": out["done"] | self.is_cut})
+        return out.update(
+            {"truncated": out["truncated"] | self.is_cut, "done": out["done"] | self.is_cut}
+        )
 
 
 def test_paused_episode_is_not_counted(run_dir: Path) -> None:
     env, seen = PausedCart(), []
     paused = evaluate(run_dir, env, episodes=3, save=False, on_env=seen.append)
     assert env.resets == 4 and seen == [env]
-    assert paused.returns == evaluate(run_dir, Cart(), episodes=3, save=False).returns, "it was made again, from the same start"
+    assert paused.returns == evaluate(run_dir, Cart(), episodes=3, save=False).returns, (
+        "it was made again, from the same start"
+    )
 
 
 def test_few_episodes_have_no_interval(run_dir: Path) -> None:
@@ -178,24 +215,41 @@ def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning
     for changes in ({"physics": Physics()}, {"randomize": True}):
         assert not evaluate(spinning, episodes=1, **changes).as_trained
         assert compare([spinning]).scored_by != "evaluation"
-        assert "not been evaluated" in (export_policy(spinning, spinning / next(iter(changes))) / "README.md").read_text()
+        assert (
+            "not been evaluated"
+            in (export_policy(spinning, spinning / next(iter(changes))) / "README.md").read_text()
+        )
     with closing(make("Spinning-v0", seed=0)) as env:
-        assert evaluate(spinning, env, episodes=1).as_trained, "the caller's, whose physics are not compared"
+        assert evaluate(spinning, env, episodes=1).as_trained, (
+            "the caller's, whose physics are not compared"
+        )
         env.task = replace(env.task, id="Turning-v0")
         assert not evaluate(spinning, env, episodes=1).as_trained
     assert evaluate(spinning, episodes=1, physics=Physics(battery_v=6.4)).as_trained
     assert evaluate(spinning, episodes=1).as_trained
     assert compare([spinning]).scored_by == "evaluation"
-    assert "in 1 episode of evaluation" in (export_policy(spinning, spinning / "policy") / "README.md").read_text()
+    assert (
+        "in 1 episode of evaluation"
+        in (export_policy(spinning, spinning / "policy") / "README.md").read_text()
+    )
 
 
 def test_film_shows_the_evaluated_episodes(spinning: Path, tmp_path: Path) -> None:
     path, small, seen = tmp_path / "film.mp4", {"size": (64, 48), "budget_s": 0.2}, []
-    for changes in ({}, {"physics": Physics(friction_scale=0.1, slope_deg=10.0)}, {"randomize": True}):
+    for changes in (
+        {},
+        {"physics": Physics(friction_scale=0.1, slope_deg=10.0)},
+        {"randomize": True},
+    ):
         with ExitStack() as films:
-            on_env = partial(lambda films, env: films.enter_context(filmed_env(env, path, "spins", **small)), films)
+            on_env = partial(
+                lambda films, env: films.enter_context(filmed_env(env, path, "spins", **small)),
+                films,
+            )
             try:
-                seen.append(evaluate(spinning, episodes=1, save=False, on_env=on_env, **changes).returns)
+                seen.append(
+                    evaluate(spinning, episodes=1, save=False, on_env=on_env, **changes).returns
+                )
             except RenderingUnavailableError as error:
                 pytest.skip(str(error))
         assert path.stat().st_size > 0
@@ -205,7 +259,9 @@ def test_film_shows_the_evaluated_episodes(spinning: Path, tmp_path: Path) -> No
     assert film_run(spinning, "last", path, "spins", **small).return_ == pytest.approx(seen[0][0])
 
 
-def test_films_in_a_folder_of_any_name_are_joined(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_films_in_a_folder_of_any_name_are_joined(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A colon does not end the name of a protocol."""
     monkeypatch.chdir(tmp_path)
     films = [Path(f"C:\\läufe 1/{name}.mp4") for name in ("before", "after", "both")]
@@ -215,7 +271,9 @@ def test_films_in_a_folder_of_any_name_are_joined(tmp_path: Path, monkeypatch: p
     assert read_video(side_by_side(*films)).shape == (1, 540, 1080, 3)
 
 
-def test_film_ends_with_the_return_of_the_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_film_ends_with_the_return_of_the_episode(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     shown: list[str] = []
 
     def captioned(image: Any, title: str, text: str, marks: Any) -> Any:
@@ -226,7 +284,9 @@ def test_film_ends_with_the_return_of_the_episode(tmp_path: Path, monkeypatch: p
     with closing(make("RunAway-v0", seed=0)) as env:
         try:
             with filmed_env(env, tmp_path / "film.mp4", "runs", size=(64, 48), budget_s=0.2):
-                scores = list(play_episodes(env, lambda state: state.set("action", torch.ones(1)), 2, 0))
+                scores = list(
+                    play_episodes(env, lambda state: state.set("action", torch.ones(1)), 2, 0)
+                )
         except RenderingUnavailableError as error:
             pytest.skip(str(error))
     last = {text.split("   ")[0]: text for text in shown}

@@ -22,24 +22,40 @@ SMALL = SACSettings(hidden=(16,), batch_size=16, prefill_episodes=1, updates_per
 
 
 def test_seeds_equal_single_runs(tmp_path: Path) -> None:
-    config = TrainConfig("RoboArmSim-v0", episodes=2, seed=3, settings=SMALL, run_dir=tmp_path / "all")
+    config = TrainConfig(
+        "RoboArmSim-v0", episodes=2, seed=3, settings=SMALL, run_dir=tmp_path / "all"
+    )
     heard: list[tuple[int, str]] = []
-    group = train_seeds(config, 2, on_line=lambda seed, message: heard.append((seed, next(iter(message)))))
-    assert sorted(heard) == [(seed, kind) for seed in (3, 4) for kind in ("episode", "episode", "evaluated")]
+    group = train_seeds(
+        config, 2, on_line=lambda seed, message: heard.append((seed, next(iter(message))))
+    )
+    assert sorted(heard) == [
+        (seed, kind) for seed in (3, 4) for kind in ("episode", "episode", "evaluated")
+    ]
     assert group.seeds == (3, 4)
     assert group.interval is None, "two seeds say too little"
     assert len(group.curves) == 2 and group.scores[0] != group.scores[1]
     summary = json.loads((tmp_path / "all" / "summary.json").read_text())
-    assert summary["scored_by"] == "evaluation" and summary["groups"][0]["scores"] == list(group.scores)
+    assert summary["scored_by"] == "evaluation" and summary["groups"][0]["scores"] == list(
+        group.scores
+    )
     assert (tmp_path / "all" / "learning_curves.png").read_bytes().startswith(b"\x89PNG")
-    alone = train(TrainConfig("RoboArmSim-v0", episodes=2, seed=4, settings=SMALL, run_dir=tmp_path / "alone"))
+    alone = train(
+        TrainConfig("RoboArmSim-v0", episodes=2, seed=4, settings=SMALL, run_dir=tmp_path / "alone")
+    )
     together = RunFolder(tmp_path / "all" / "seed-4").read_episodes()
-    assert [episode.return_ for episode in together] == [episode.return_ for episode in alone.episodes]
+    assert [episode.return_ for episode in together] == [
+        episode.return_ for episode in alone.episodes
+    ]
 
 
 def test_failing_seed_raises_one_line(tmp_path: Path) -> None:
-    config = TrainConfig("RoboArmSim-v0", realtime=True, episodes=1, settings=SMALL, run_dir=tmp_path / "all")
-    with pytest.raises(RunError, match="2 of 2 seeds failed; seed 0: RoboArmSim-v0 is simulated without a robot"):
+    config = TrainConfig(
+        "RoboArmSim-v0", realtime=True, episodes=1, settings=SMALL, run_dir=tmp_path / "all"
+    )
+    with pytest.raises(
+        RunError, match="2 of 2 seeds failed; seed 0: RoboArmSim-v0 is simulated without a robot"
+    ):
         train_seeds(config, 2)
     assert not (tmp_path / "all").exists(), "it can be tried again"
     (tmp_path / "all").mkdir()
@@ -69,7 +85,9 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[ChildProcess]:
 
 def test_killed_seed_is_an_error(tmp_path: Path, started: list[ChildProcess]) -> None:
     config = TrainConfig("RoboArmSim-v0", episodes=200, settings=SMALL, run_dir=tmp_path / "all")
-    with pytest.raises(RunError, match=r"2 of 2 seeds failed; seed 0: its process ended with exit code -?\d+"):
+    with pytest.raises(
+        RunError, match=r"2 of 2 seeds failed; seed 0: its process ended with exit code -?\d+"
+    ):
         train_seeds(config, 2, jobs=1, on_line=lambda seed, message: started[seed].end())
     assert RunFolder(tmp_path / "all" / "seed-0").read_episodes(), "what was learned is kept"
 
@@ -86,5 +104,16 @@ def test_interrupted_seeds_end_by_themselves(tmp_path: Path, started: list[Child
 
 @pytest.mark.slow
 def test_seeds_end_with_a_program_that_is_killed(tmp_path: Path) -> None:
-    run = ["train", "RoboArmSim-v0", "--agent", "random", "--episodes", "1000000", "--seeds", "2", "--run", str(tmp_path / "all")]
+    run = [
+        "train",
+        "RoboArmSim-v0",
+        "--agent",
+        "random",
+        "--episodes",
+        "1000000",
+        "--seeds",
+        "2",
+        "--run",
+        str(tmp_path / "all"),
+    ]
     assert_runs_end_with(run, tmp_path)

@@ -26,7 +26,9 @@ from bricksrl.training.run_folder import Origin
         ("straightness", 0.8, ("straightness", "0.8")),
     ],
 )
-def test_metrics_are_shown_with_their_units(name: str, value: float, shown: tuple[str, str]) -> None:
+def test_metrics_are_shown_with_their_units(
+    name: str, value: float, shown: tuple[str, str]
+) -> None:
     assert labelled(name, value) == shown
 
 
@@ -62,11 +64,16 @@ def test_success_and_return_have_their_intervals() -> None:
     [
         (TrainConfig("RunAway-v0"), "bricksrl resume 'my run' --episodes 80 --page", True),
         (TrainConfig("WalkerSim-v0"), "bricksrl resume 'my run' --episodes 80 --page", False),
-        (TrainConfig("RunAway-v0", "bc", data="d", updates=100), "bricksrl train RunAway-v0 --demonstrations 'my run'", True),
+        (
+            TrainConfig("RunAway-v0", "bc", data="d", updates=100),
+            "bricksrl train RunAway-v0 --demonstrations 'my run'",
+            True,
+        ),
     ],
 )
 def test_commands_suit_the_run(config: TrainConfig, longer: str, on_robot: bool) -> None:
-    """A run that has learned from data cannot be resumed for longer, and a simulation has no hub."""
+    """A run that has learned from data cannot be resumed for longer, and a simulation has no
+    hub."""
     origin = Origin(config.env, config.robot, config.agent, config.seed, bool(config.updates))
     text = _commands(Path("my run"), origin, 40)
     assert f"<code>{longer}</code>" in text and ("--hub ble" in text) is on_robot
@@ -75,6 +82,14 @@ def test_commands_suit_the_run(config: TrainConfig, longer: str, on_robot: bool)
 @pytest.mark.skipif(sys.platform != "linux", reason="names are bytes there")
 def test_folder_with_an_unreadable_name_gets_its_report(tmp_path: Path) -> None:
     """As "läuft" in a terminal whose locale is C."""
-    result = train(TrainConfig("WalkerSim-v0", "random", episodes=1, run_dir=tmp_path / os.fsdecode(b"l\xe4uft"), record=False))
+    result = train(
+        TrainConfig(
+            "WalkerSim-v0",
+            "random",
+            episodes=1,
+            run_dir=tmp_path / os.fsdecode(b"l\xe4uft"),
+            record=False,
+        )
+    )
     path, _ = write_report(result.run_dir, result.episodes, evaluate(result.run_dir, episodes=1))
     assert b"l\xe4uft" in path.read_bytes()

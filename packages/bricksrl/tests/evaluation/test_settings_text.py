@@ -16,18 +16,30 @@ from bricksrl.training.trust import trust
 
 
 @given(st.floats(1e-6, 1.0), st.lists(st.integers(1, 512), min_size=1, max_size=4), st.booleans())
-def test_numbers_lists_and_flags_are_parsed(rate: float, hidden: list[int], layer_norm: bool) -> None:
+def test_numbers_lists_and_flags_are_parsed(
+    rate: float, hidden: list[int], layer_norm: bool
+) -> None:
     text = ",".join(map(str, hidden))
-    changed = with_changes(SACSettings(), [f"learning_rate={rate!r}", f"hidden={text}", f"critic-layer-norm={layer_norm}"])
+    changed = with_changes(
+        SACSettings(),
+        [f"learning_rate={rate!r}", f"hidden={text}", f"critic-layer-norm={layer_norm}"],
+    )
     norm = "layer" if layer_norm else "none"
-    assert (changed.learning_rate, changed.hidden, changed.critic_norm) == (rate, tuple(hidden), norm)
+    assert (changed.learning_rate, changed.hidden, changed.critic_norm) == (
+        rate,
+        tuple(hidden),
+        norm,
+    )
 
 
 @pytest.mark.parametrize("agent", [agent for agent in AGENTS if agent != "random"])
 def test_every_setting_can_be_given(agent: str, tmp_path: Path) -> None:
     settings = preset("default", agent)
     values = dataclasses.asdict(settings)
-    texts = [f"{name}={','.join(map(str, value)) if isinstance(value, tuple) else value}" for name, value in values.items()]
+    texts = [
+        f"{name}={','.join(map(str, value)) if isinstance(value, tuple) else value}"
+        for name, value in values.items()
+    ]
     assert with_changes(settings, texts) == settings
     path = tmp_path / "settings.json"
     path.write_text(json.dumps(values))
@@ -59,7 +71,9 @@ def test_invalid_settings_text_raises(change: str, says: str) -> None:
 def test_settings_file_of_any_editor_is_read(tmp_path: Path) -> None:
     path = tmp_path / "settings.json"
     path.write_bytes('{"network": "n\u00e4tze.py", "batch_size": 7}'.encode("utf-8-sig"))
-    with pytest.raises(RunError, match=r"would run code \(n\u00e4tze.py\) .* `bricksrl trust \S*settings.json`$"):
+    with pytest.raises(
+        RunError, match=r"would run code \(n\u00e4tze.py\) .* `bricksrl trust \S*settings.json`$"
+    ):
         read_settings(path, SACSettings())
     assert trust(path) == ("n\u00e4tze.py",)
     assert read_settings(path, SACSettings()) == SACSettings(network="n\u00e4tze.py", batch_size=7)

@@ -20,7 +20,9 @@ from bricksrl.evaluation.tuning import BEST, Tuning, tune
 optuna = pytest.importorskip("optuna")
 
 
-def test_tuning_resumes_and_best_can_be_trained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tuning_resumes_and_best_can_be_trained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     about = Tuning("RoboArmSim-v0", "sac", steps=100, seeds=1)
 
     def score(_: Tuning, settings: object, seed: int) -> float:
@@ -37,15 +39,21 @@ def test_tuning_resumes_and_best_can_be_trained(tmp_path: Path, monkeypatch: pyt
     assert json.loads((tmp_path / BEST).read_text())["provenance"]["trials"] == 6
     with pytest.raises(RunError, match="holds a study of steps 100; give the same"):
         tune(Tuning("RoboArmSim-v0", "sac", steps=200, seeds=1), tmp_path, 1)
-    with pytest.raises(RunError, match="holds a study of RoboArmSim-v0 sac; choose another folder"):  # best.json is the other's
+    # best.json is the other's
+    with pytest.raises(RunError, match="holds a study of RoboArmSim-v0 sac; choose another folder"):
         tune(Tuning("RoboArmSim-v0", "td3", steps=100, seeds=1), tmp_path, 1)
 
 
-def test_only_one_of_several_commands_adds_the_default_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_one_of_several_commands_adds_the_default_settings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     begun, enqueue = [], optuna.Study.enqueue_trial
 
     def begin(study: optuna.Study, values: dict[str, object]) -> None:
-        with pytest.raises(RunError, match="another program writes into"), only_writer(tmp_path, RunError):
+        with (
+            pytest.raises(RunError, match="another program writes into"),
+            only_writer(tmp_path, RunError),
+        ):
             pass
         begun.append(len(study.trials))
         enqueue(study, values)
@@ -62,13 +70,17 @@ def test_a_trial_trains_and_evaluates(tmp_path: Path) -> None:
     assert best.value < 0
 
 
-def test_diverged_trial_does_not_end_the_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_diverged_trial_does_not_end_the_study(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     make_updates, trials = Learner.make_updates, []
 
     def diverge(learner: Learner, count: int) -> dict[str, torch.Tensor]:
         metrics = make_updates(learner, count)
         if not trials:
-            torch.nn.utils.vector_to_parameters(torch.full((10**6,), math.nan), learner.policy.parameters())
+            torch.nn.utils.vector_to_parameters(
+                torch.full((10**6,), math.nan), learner.policy.parameters()
+            )
         return metrics
 
     monkeypatch.setattr(Learner, "make_updates", diverge)
@@ -92,7 +104,10 @@ def test_hopeless_trials_are_pruned(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_damaged_study_is_told(tmp_path: Path) -> None:
     (tmp_path / "study.db").write_text("no database")
-    with pytest.raises(RunError, match=r"study.db \(file is not a database\); restore that file, or choose another folder"):
+    with pytest.raises(
+        RunError,
+        match=r"study.db \(file is not a database\); restore that file, or choose another folder",
+    ):
         tune(Tuning("WalkerSim-v0", "sac"), tmp_path, 1)
 
 
@@ -103,8 +118,16 @@ def test_wrong_tuning_names_raise(tmp_path: Path) -> None:
         tune(Tuning("WalkerSim-v0", "pppo"), tmp_path, 1)
 
 
-def test_tuning_resumes_after_unfinished_trials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    outcomes: list[float | Exception] = [BrokenPipeError(), optuna.TrialPruned(), optuna.TrialPruned(), -2.0, -1.0]
+def test_tuning_resumes_after_unfinished_trials(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outcomes: list[float | Exception] = [
+        BrokenPipeError(),
+        optuna.TrialPruned(),
+        optuna.TrialPruned(),
+        -2.0,
+        -1.0,
+    ]
 
     def score(*_: object) -> float:
         outcome = outcomes.pop(0)

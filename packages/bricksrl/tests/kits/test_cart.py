@@ -22,7 +22,11 @@ TASKS = ("LineFollow-v0", "Park-v0", "Spinning-v0")
 def test_task_is_the_same_on_the_cart(env_id: str) -> None:
     own, cart = get_task(env_id), get_task(env_id, robot="cart")
     assert cart.robot is CART
-    assert (cart.interface, cart.entries, cart.max_steps) == (own.interface, own.entries, own.max_steps)
+    assert (cart.interface, cart.entries, cart.max_steps) == (
+        own.interface,
+        own.entries,
+        own.max_steps,
+    )
 
 
 def test_other_robot_is_refused() -> None:

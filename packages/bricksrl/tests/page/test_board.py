@@ -22,8 +22,14 @@ def test_reader_gets_snapshot_then_changes() -> None:
     series.add((0.5,))
     reader = BoardReader(board)
     news = reader.changes(numbers=True)
-    assert news[0] == {"scene": 1} and news[1][0] == POSES and news[2] == {"status": {"state": "running"}}
-    assert news[3] == {"series": {"reward": {"first": 0, "rows": [[0.5]], "names": ("reward",), "kept": 400}}}
+    assert (
+        news[0] == {"scene": 1}
+        and news[1][0] == POSES
+        and news[2] == {"status": {"state": "running"}}
+    )
+    assert news[3] == {
+        "series": {"reward": {"first": 0, "rows": [[0.5]], "names": ("reward",), "kept": 400}}
+    }
     assert reader.changes(numbers=True) == []
     series.add((0.25,))
     board.update_status(state="running")
@@ -32,7 +38,12 @@ def test_reader_gets_snapshot_then_changes() -> None:
     board.show_poses(lambda: poses([[0, 0, 2]]))
     (moved,) = reader.changes(numbers=False)
     assert struct.unpack("<7f", moved[4:])[:3] == (0, 0, 2)
-    assert [type(one) for one in BoardReader(board).changes(numbers=True)] == [dict, bytes, dict, dict]
+    assert [type(one) for one in BoardReader(board).changes(numbers=True)] == [
+        dict,
+        bytes,
+        dict,
+        dict,
+    ]
 
 
 def test_board_image() -> None:
@@ -50,7 +61,13 @@ def test_late_reader_gets_bounded_series() -> None:
     for value in range(12):
         series.add((value,))
     assert reader.changes(numbers=True)[-1]["series"]["return"]["first"] == 7
-    assert BoardReader(board).changes(numbers=True)[-1]["series"]["return"]["rows"] == [[7.0], [8.0], [9.0], [10.0], [11.0]]
+    assert BoardReader(board).changes(numbers=True)[-1]["series"]["return"]["rows"] == [
+        [7.0],
+        [8.0],
+        [9.0],
+        [10.0],
+        [11.0],
+    ]
     assert Series(("a",)).since(0) == (0, [])
 
 
@@ -65,15 +82,29 @@ def test_new_series_replaces_same_name() -> None:
     json.dumps(told)
 
 
-LEGS = [Entry(f"{side}_{end}", -100.0, 0.0, "deg") for end in ("front", "back") for side in ("left", "right")]
+LEGS = [
+    Entry(f"{side}_{end}", -100.0, 0.0, "deg")
+    for end in ("front", "back")
+    for side in ("left", "right")
+]
 
 
 def test_driver_covers_full_range(monkeypatch) -> None:
     driver = PageDriver(LEGS, in_charge=True)
-    assert driver(None).tolist() == [1.0] * 4 and driver.actions() == [0.0] * 4, "legs at rest: nothing turns"
+    assert driver(None).tolist() == [1.0] * 4 and driver.actions() == [0.0] * 4, (
+        "legs at rest: nothing turns"
+    )
     assert driver.push([-1, -0.5, 0, 1])
     assert driver.actions() == [-100.0, -50.0, 0.0, 0.0]
-    for bad in (None, [1, 2], [1, 2, 3, float("nan")], ["a"] * 4, {"a": 1}, [None] * 4, [10**400] * 4):
+    for bad in (
+        None,
+        [1, 2],
+        [1, 2, 3, float("nan")],
+        ["a"] * 4,
+        {"a": 1},
+        [None] * 4,
+        [10**400] * 4,
+    ):
         assert not driver.push(bad)
     assert driver.pushes == [-1.0, -0.5, 0.0, 1.0]
     monkeypatch.setattr("bricksrl.page.live.PUSH_TIMEOUT_S", -1.0)
@@ -88,15 +119,23 @@ def test_driver_stick() -> None:
     assert stick_map(wheels) == [[1.0, 1.0], [-1.0, 1.0]]
     assert stick_map([Entry("drive", -1.0, 1.0)]) == [[0.0, 1.0]]
     drive = [Entry("drive_speed", -100.0, 100.0, "mm/s"), Entry("turn_rate", -60.0, 60.0, "deg/s")]
-    assert stick_map(drive) == [[0.0, 1.0], [1.0, 0.0]] and stick_map(drive[::-1]) == [[1.0, 0.0], [0.0, 1.0]]
+    assert stick_map(drive) == [[0.0, 1.0], [1.0, 0.0]] and stick_map(drive[::-1]) == [
+        [1.0, 0.0],
+        [0.0, 1.0],
+    ]
     arm = [Entry(name, -1.0, 1.0) for name in ("rotation", "low", "high", "grab")]
-    assert stick_map(arm) == [[-1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]], "an arm to the right, seen from behind"
+    assert stick_map(arm) == [[-1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]], (
+        "an arm to the right, seen from behind"
+    )
 
 
 def test_numbers_that_json_lacks_are_null() -> None:
     board = Board()
     board.update_status(facts={"reward": float("nan"), "episode": "1/2"})
     board.new_series("reward", ("reward",)).add((float("inf"),))
-    status, series = (json.loads(to_json(message), parse_constant=float) for message in BoardReader(board).changes(numbers=True))
+    status, series = (
+        json.loads(to_json(message), parse_constant=float)
+        for message in BoardReader(board).changes(numbers=True)
+    )
     assert status == {"status": {"facts": {"reward": None, "episode": "1/2"}}}
     assert series["series"]["reward"]["rows"] == [[None]]

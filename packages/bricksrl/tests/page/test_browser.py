@@ -52,7 +52,9 @@ class Played(threading.Thread):
         self.env = bricksrl.make(env_id, seed=0)
         self.error: BaseException | None = None
         names = ("by hand",) if by_hand else ("resting", "random")
-        self.page = LivePage(env_id, "a test", task=self.env.task, in_charge=by_hand, policies=names, speed="1x")
+        self.page = LivePage(
+            env_id, "a test", task=self.env.task, in_charge=by_hand, policies=names, speed="1x"
+        )
         self.players = {
             "random": lambda: random_player(self.env, 0),
             "resting": lambda: resting_player(self.env),
@@ -173,7 +175,8 @@ def test_robot_at_rest_is_drawn_with_all_pixels(browser: object, played: Played)
     with tab(browser, played.page.url, width=1600, height=1000) as page:
         until(lambda: played.steps > 2, "it plays")
         missing_px = (
-            "(scene => scene.clientWidth * Math.min(devicePixelRatio, 2) - scene.width)(document.querySelector('#scene'))"
+            "(scene => scene.clientWidth * Math.min(devicePixelRatio, 2) - "
+            "scene.width)(document.querySelector('#scene'))"
         )
         page.wait_for_timeout(3_000)
         button(page, "Pause").click()
@@ -204,7 +207,9 @@ def test_two_tabs_and_reload_during_run(browser: object, played: Played) -> None
         first.wait_for_selector("#scene[data-frames]")
         shown = first.locator("figure[data-series='reward/0']")
         shown.wait_for()
-        first.wait_for_function("document.querySelector(\"figure[data-series='reward/0']\").dataset.count >= 5")
+        first.wait_for_function(
+            "document.querySelector(\"figure[data-series='reward/0']\").dataset.count >= 5"
+        )
         state_is(first, "running")
     count = played.steps
     until(lambda: played.steps > count + 2, "closing all tabs changes nothing")
@@ -230,13 +235,19 @@ def test_human_drives_then_rests(browser: object) -> None:
         pull_forward(page)
         until(lambda: min(played.page.driver.pushes) > 0.8, "forward")
         start_m = played.env.twin.body.data.qpos[0].item()
-        until(lambda: abs(played.env.twin.body.data.qpos[0].item() - start_m) > 0.02, "the robot drives")
+        until(
+            lambda: abs(played.env.twin.body.data.qpos[0].item() - start_m) > 0.02,
+            "the robot drives",
+        )
         page.mouse.up()
         until(lambda: played.page.driver.pushes == [0.0, 0.0], "let go")
         pull_forward(page)
         until(lambda: min(played.page.driver.pushes) > 0.8, "forward")
         page.close()
-        until(lambda: played.page.driver.pushes == [0.0, 0.0], "a driver whose tab is gone pushes nothing")
+        until(
+            lambda: played.page.driver.pushes == [0.0, 0.0],
+            "a driver whose tab is gone pushes nothing",
+        )
 
 
 def test_page_that_slept_does_not_drive_on(browser: object) -> None:
@@ -258,11 +269,15 @@ def test_page_on_phone(browser: object, played: Played) -> None:
     with tab(browser, played.page.url, 390, 844) as page:
         page.wait_for_selector("#scene[data-frames]")
         stop, view = (page.locator(name).bounding_box() for name in ("#stop", "#view"))
-        assert stop["width"] > 340 and stop["y"] < 130 and view["width"] > 360 and view["height"] > 250
+        assert (
+            stop["width"] > 340 and stop["y"] < 130 and view["width"] > 360 and view["height"] > 250
+        )
         page.wait_for_selector("#facts span")
         facts = page.locator("#facts").bounding_box()
         assert facts["y"] > view["y"] + view["height"] / 2, "below the robot"
-        assert page.evaluate("document.documentElement.scrollWidth") <= 390, "nothing lies beside the screen"
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390, (
+            "nothing lies beside the screen"
+        )
         page.evaluate("scrollTo(0, 3000)")
         assert page.locator("#stop").bounding_box()["y"] < 130, "the stop button stays"
         button(page, "EMERGENCY STOP").click()
@@ -314,14 +329,19 @@ def test_access_without_token_is_denied(played: Played) -> None:
     ]
     requests.append(urllib.request.Request(f"{base}?token=wrong"))
     requests.append(urllib.request.Request(played.page.url, headers={"Host": "evil.example"}))
-    requests.append(urllib.request.Request(played.page.url, headers={"Origin": "http://evil.example"}))
+    requests.append(
+        urllib.request.Request(played.page.url, headers={"Origin": "http://evil.example"})
+    )
     for request in requests:
         with pytest.raises(urllib.error.HTTPError, match="403") as caught:
             urllib.request.urlopen(request)
         assert b"the terminal shows" in caught.value.read()
         caught.value.close()
     with urllib.request.urlopen(played.page.url) as answer:
-        assert answer.status == 200 and "frame-ancestors 'none'" in answer.headers["Content-Security-Policy"]
+        assert (
+            answer.status == 200
+            and "frame-ancestors 'none'" in answer.headers["Content-Security-Policy"]
+        )
     for name in ("../server.py", "%2e%2e/server.py", "nothing.js"):
         with pytest.raises(urllib.error.HTTPError, match="404") as caught:
             urllib.request.urlopen(f"{base}{name}?{played.page.url.partition('?')[2]}")
@@ -345,7 +365,10 @@ def test_goal_scores_and_curve_are_beside_the_robot(browser: object, played: Pla
         assert page.locator("#goal p").inner_text() == played.env.task.summary
         for name in ("random", "by hand", "paper's SAC"):
             page.locator(f'#goal dt:text-is("{name}")').wait_for()
-        curve, view = (page.locator(name).bounding_box() for name in ("figure[data-series='return/0']", "#view"))
+        curve, view = (
+            page.locator(name).bounding_box()
+            for name in ("figure[data-series='return/0']", "#view")
+        )
         assert curve["y"] + curve["height"] <= 800 and curve["y"] >= view["y"] + view["height"]
 
 
@@ -355,7 +378,9 @@ def test_robot_is_on_the_screen_of_a_phone_held_across(browser: object, played: 
         view, stop = (page.locator(name).bounding_box() for name in ("#view", "#stop"))
         assert view["height"] > 200 and view["y"] + view["height"] <= 360 and stop["y"] < 60
         page.evaluate("scrollTo(0, 3000)")
-        assert page.locator("#view").bounding_box()["y"] >= 0, "it stays while one scrolls to the sliders"
+        assert page.locator("#view").bounding_box()["y"] >= 0, (
+            "it stays while one scrolls to the sliders"
+        )
         assert page.evaluate("document.documentElement.scrollWidth") <= 740
 
 
@@ -363,7 +388,10 @@ def test_robot_is_on_the_screen_of_a_phone_held_across(browser: object, played: 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844), (844, 390)])
 def test_robot_is_pulled_as_long_as_it_is_held(browser: object, width: int, height: int) -> None:
     """The same robot with the same seed stays where it is without."""
-    with playing("Spinning-v0", by_hand=True) as played, tab(browser, played.page.url, width, height) as page:
+    with (
+        playing("Spinning-v0", by_hand=True) as played,
+        tab(browser, played.page.url, width, height) as page,
+    ):
         page.wait_for_selector("#scene[data-frames]")
         box = page.locator("#scene").bounding_box()
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -382,7 +410,11 @@ def test_robot_is_pulled_as_long_as_it_is_held(browser: object, width: int, heig
         until(lambda: not played.env.twin.body.data.xfrc_applied.any(), "let go")
         count, there = played.steps, place_m(played.env)
         with closing(bricksrl.make("Spinning-v0", seed=0)) as alone:
-            list(itertools.islice(play(alone, resting_player(alone).act, alone.reset()), min(count, 50)))
+            list(
+                itertools.islice(
+                    play(alone, resting_player(alone).act, alone.reset()), min(count, 50)
+                )
+            )
             assert np.linalg.norm(place_m(alone)) < 0.002 < 0.04 < np.linalg.norm(there)
         page.mouse.move(box["x"] + 12, box["y"] + box["height"] - 12)
         page.mouse.down()
@@ -395,7 +427,10 @@ def test_robot_is_pulled_as_long_as_it_is_held(browser: object, width: int, heig
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844), (844, 390)])
 def test_wall_is_pulled_against_the_robot(browser: object, width: int, height: int) -> None:
     """The same robot with the same seed stays where it is without."""
-    with playing("RunAway-v0", by_hand=True) as played, tab(browser, played.page.url, width, height) as page:
+    with (
+        playing("RunAway-v0", by_hand=True) as played,
+        tab(browser, played.page.url, width, height) as page,
+    ):
         page.wait_for_selector("#scene[data-frames]")
         until(lambda: played.steps > 0, "the episode has begun")
         data = played.env.twin.body.data
@@ -417,9 +452,15 @@ def test_wall_is_pulled_against_the_robot(browser: object, width: int, height: i
         page.mouse.up()
         count, there_m = played.steps, data.qpos[:2].copy()
         with closing(bricksrl.make("RunAway-v0", seed=0)) as alone:
-            list(itertools.islice(play(alone, resting_player(alone).act, alone.reset()), min(count, 20)))
+            list(
+                itertools.islice(
+                    play(alone, resting_player(alone).act, alone.reset()), min(count, 20)
+                )
+            )
             rests_m = alone.twin.body.data.qpos[:2]
-            assert np.linalg.norm(rests_m - start_m) < 0.005 < 0.04 < np.linalg.norm(there_m - rests_m)
+            assert (
+                np.linalg.norm(rests_m - start_m) < 0.005 < 0.04 < np.linalg.norm(there_m - rests_m)
+            )
 
 
 def test_program_prints_on_its_page_which_stays(browser: object) -> None:
@@ -431,7 +472,10 @@ def test_program_prints_on_its_page_which_stays(browser: object) -> None:
         staying.start()
         state_is(page, "finished")
         page.locator("#message.note:has-text('has ended')").wait_for()
-        assert page.locator("#console").inner_text() == "hello\nworld\n" and page.locator("#stop").is_hidden()
+        assert (
+            page.locator("#console").inner_text() == "hello\nworld\n"
+            and page.locator("#stop").is_hidden()
+        )
         page.wait_for_timeout(1_000)
         assert staying.is_alive(), "as long as somebody looks"
         page.goto("about:blank")
@@ -447,7 +491,9 @@ def test_arrow_keys_and_gamepad_drive(browser: object) -> None:
         page.keyboard.up("ArrowUp")
         until(lambda: played.page.driver.pushes == [0.0, 0.0], "let go")
         page.keyboard.down("ArrowLeft")
-        until(lambda: played.page.driver.pushes[0] < -0.8 < 0.8 < played.page.driver.pushes[1], "left")
+        until(
+            lambda: played.page.driver.pushes[0] < -0.8 < 0.8 < played.page.driver.pushes[1], "left"
+        )
         page.keyboard.up("ArrowLeft")
         until(lambda: played.page.driver.pushes == [0.0, 0.0], "let go")
         page.evaluate("navigator.getGamepads = () => [null, { axes: [0.05, -1, 0, 0] }]")
@@ -474,14 +520,18 @@ MAT = (
 
 
 def hits(pixels: np.ndarray, marks: Sequence[Mark], view: View) -> tuple[int, int]:
-    """How many pixels of a picture show the mark that lies uppermost there, and how many are to. Around the robot none are."""
+    """How many pixels of a picture show the mark that lies uppermost there, and how many are to.
+    Around the robot none are."""
     height, width, _ = pixels.shape
     yaw, pitch = np.radians((view.yaw_deg, view.pitch_deg))
     back = np.array((np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)))
     right = np.array((-np.sin(yaw), np.cos(yaw), 0.0))
     focal = 1 / np.tan(0.65 / 2) * min(1.0, 0.9 * width / height)
     rows, columns = np.mgrid[4 : height - 60 : 3, 4 : width - 4 : 3].reshape(2, -1)
-    across, up = (2 * columns + 1 - width) / height / focal, (height - 2 * rows - 1) / height / focal
+    across, up = (
+        (2 * columns + 1 - width) / height / focal,
+        (height - 2 * rows - 1) / height / focal,
+    )
     rays = across[:, None] * right + up[:, None] * np.cross(back, right) - back
     target = np.array(view.target)
     eye = target + view.distance_m * back
@@ -490,13 +540,17 @@ def hits(pixels: np.ndarray, marks: Sequence[Mark], view: View) -> tuple[int, in
     is_ahead = (rays[:, 2] < -0.05) & (np.linalg.norm(floor_mm - 1000 * target[:2], axis=1) > 250)
     uppermost = np.full(len(rows), -1)
     for number, mark in enumerate(marks):
-        around = [mark.covers(floor_mm + shift) for shift in ((0, 0), (6, 0), (-6, 0), (0, 6), (0, -6))]
+        around = [
+            mark.covers(floor_mm + shift) for shift in ((0, 0), (6, 0), (-6, 0), (0, 6), (0, -6))
+        ]
         uppermost[np.logical_or.reduce(around)] = -1  # an edge
         uppermost[np.logical_and.reduce(around)] = number
     expected = is_ahead & (uppermost >= 0)
     colours = np.array([COLORS[mark.color] for mark in marks] + [(0.86, 0.87, 0.885)])
     seen = pixels[rows, columns, None] / 255
-    lit = np.minimum(1.0, colours * np.where(np.arange(len(colours)) < len(marks), 1.2, 1.0)[:, None])
+    lit = np.minimum(
+        1.0, colours * np.where(np.arange(len(colours)) < len(marks), 1.2, 1.0)[:, None]
+    )
     nearest = np.abs(seen - lit).sum(-1).argmin(1)
     is_right = np.abs(lit[nearest] - lit[uppermost]).sum(-1) < 0.05
     return int((is_right & expected).sum()), int(expected.sum())
@@ -509,8 +563,14 @@ def test_what_lies_on_the_floor_is_seen_wherever_the_robot_is(browser: object, n
     mirror, board = Mirror(make_body(task.robot, scene=Surroundings(objects=marks))), Board()
     qpos = mirror.body.data.qpos.copy()
     qpos[:2] = 0.217, -0.331
-    hide = "for (const over of document.querySelectorAll('#view > :not(#scene)')) over.style.visibility = 'hidden'"
-    with PageServer(board, lambda *_: None, on_stop=lambda: None) as server, tab(browser, server.url) as page:
+    hide = (
+        "for (const over of document.querySelectorAll('#view > :not(#scene)')) "
+        "over.style.visibility = 'hidden'"
+    )
+    with (
+        PageServer(board, lambda *_: None, on_stop=lambda: None) as server,
+        tab(browser, server.url) as page,
+    ):
         page.evaluate(hide)
         for number, (width, height) in enumerate([(1366, 768), (390, 844), (844, 390)]):
             page.set_viewport_size({"width": width, "height": height})

@@ -8,13 +8,24 @@ from bricksrl.page.server import Guard
 
 OURS = Guard("secret", 8090)
 OPEN = Guard("secret", 8090, is_open=True)
-GOOD = {"Host": "127.0.0.1:8090", "Origin": "http://127.0.0.1:8090", "Cookie": "bricksrl_8090=secret"}
+GOOD = {
+    "Host": "127.0.0.1:8090",
+    "Origin": "http://127.0.0.1:8090",
+    "Cookie": "bricksrl_8090=secret",
+}
 
 
 def test_access_with_token() -> None:
     assert OURS.refusal("/?token=secret", {"Host": "127.0.0.1:8090"}, is_socket=False) is None
     assert OURS.refusal("/ws", GOOD, is_socket=True) is None
-    assert OURS.refusal("/ws", {**GOOD, "Host": "localhost:8090", "Origin": "http://localhost:8090"}, is_socket=True) is None
+    assert (
+        OURS.refusal(
+            "/ws",
+            {**GOOD, "Host": "localhost:8090", "Origin": "http://localhost:8090"},
+            is_socket=True,
+        )
+        is None
+    )
 
 
 @pytest.mark.parametrize(
@@ -82,7 +93,11 @@ def test_cookie_is_limited_to_page() -> None:
     ],
 )
 def test_cookies_of_other_programs_do_no_harm(other: str) -> None:
-    for cookies in (f"{other}; bricksrl_8090=secret", f"bricksrl_8090=secret; {other}", f"{other};bricksrl_8090=secret;{other}"):
+    for cookies in (
+        f"{other}; bricksrl_8090=secret",
+        f"bricksrl_8090=secret; {other}",
+        f"{other};bricksrl_8090=secret;{other}",
+    ):
         assert OURS.refusal("/ws", {**GOOD, "Cookie": cookies}, is_socket=True) is None
     assert OURS.refusal("/ws", {**GOOD, "Cookie": other}, is_socket=True) is not None
 

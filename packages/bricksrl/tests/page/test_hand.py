@@ -19,7 +19,11 @@ CUP = Scene(objects=(Block((300.0, 0.0), (60.0, 60.0, 80.0), mass_g=40.0, round=
 
 def pulled(robot, scene, name: str, to_m: tuple[float, float], value=None):
     """Positions of robot and object after a second in which one is pulled."""
-    body, mirror, hand = make_body(robot, scene=scene), Mirror(make_body(robot, scene=scene)), Hand()
+    body, mirror, hand = (
+        make_body(robot, scene=scene),
+        Mirror(make_body(robot, scene=scene)),
+        Hand(),
+    )
     number = [one.name for one in mirror.scene.bodies].index(name)
     for time_ms in range(5, 1000, 5):
         hand.pull([number, *to_m] if value is None else value)
@@ -43,7 +47,9 @@ def test_object_comes_to_the_hand_and_the_robot_stays() -> None:
     assert np.linalg.norm(robot) < 0.01 and np.linalg.norm(cup - (0.3, 0.25)) < 0.03
 
 
-@pytest.mark.parametrize("value", [None, 1, "x", [], [1, 2], [1.5, 0, 0], [0, "a", 0], [0, float("nan"), 0], [-1, 0, 0]])
+@pytest.mark.parametrize(
+    "value", [None, 1, "x", [], [1, 2], [1.5, 0, 0], [0, "a", 0], [0, float("nan"), 0], [-1, 0, 0]]
+)
 def test_other_values_pull_nothing(value) -> None:
     here, _ = pulled(TWO_WHEELER, OPEN_FLOOR, "chassis", (0.0, 0.0), value or [99, 0, 0])
     assert np.linalg.norm(here) < 0.01
@@ -62,7 +68,11 @@ def test_hand_of_a_closed_tab_lets_go(monkeypatch) -> None:
 
 def test_wall_keeps_its_grip_pushes_the_robot_and_is_put_back() -> None:
     scene = Scene(wall_distance_mm=(250.0, 250.0))
-    body, mirror, hand = make_body(TWO_WHEELER, scene=scene), Mirror(make_body(TWO_WHEELER, scene=scene)), Hand()
+    body, mirror, hand = (
+        make_body(TWO_WHEELER, scene=scene),
+        Mirror(make_body(TWO_WHEELER, scene=scene)),
+        Hand(),
+    )
     number = [one.name for one in mirror.scene.bodies].index("wall")
     body.reset(np.random.default_rng(0))
     robot_m, wall_m = body.data.qpos[:2].copy(), body.data.mocap_pos[0].copy()
@@ -76,4 +86,6 @@ def test_wall_keeps_its_grip_pushes_the_robot_and_is_put_back() -> None:
     drawn = mirror.poses(body.data.qpos, None, body.data.mocap_pos)[number]
     assert drawn[:2] == pytest.approx(wall_m[:2] + moved_m[:2], abs=1e-6)
     body.reset(np.random.default_rng(0))
-    assert (body.data.mocap_pos[0] == wall_m).all() and body.data.qpos[:2] == pytest.approx(robot_m, abs=1e-3)
+    assert (body.data.mocap_pos[0] == wall_m).all() and body.data.qpos[:2] == pytest.approx(
+        robot_m, abs=1e-3
+    )

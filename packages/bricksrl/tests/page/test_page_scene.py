@@ -40,7 +40,9 @@ def volume(mesh: Mesh) -> float:
         (mujoco.mjtGeom.mjGEOM_CAPSULE, (1.0, 2.0, 0.0), 4 * np.pi + 4 / 3 * np.pi),
     ],
 )
-def test_primitives_are_closed_and_face_outwards(kind: int, size: tuple[float, float, float], expected: float) -> None:
+def test_primitives_are_closed_and_face_outwards(
+    kind: int, size: tuple[float, float, float], expected: float
+) -> None:
     mesh = PRIMITIVES[kind](*size)
     assert 0.95 * expected < volume(mesh) < 1.0001 * expected
     assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-5)
@@ -60,17 +62,28 @@ def test_too_large_mesh_raises() -> None:
 
 def test_scene_bytes() -> None:
     cube = box((1.0, 1.0, 1.0))
-    red, blue = (Shape(cube, colour, (0.0, 0.0, z)) for colour, z in (((1.0, 0, 0, 1.0), 0.0), ((0, 0, 1.0, 0.5), 2.0)))
-    data = Scene((SceneBody("both", (red, blue)), SceneBody("one", (red,))), floor_m=None).to_bytes()
+    red, blue = (
+        Shape(cube, colour, (0.0, 0.0, z))
+        for colour, z in (((1.0, 0, 0, 1.0), 0.0), ((0, 0, 1.0, 0.5), 2.0))
+    )
+    data = Scene(
+        (SceneBody("both", (red, blue)), SceneBody("one", (red,))), floor_m=None
+    ).to_bytes()
     (length,) = struct.unpack_from("<I", data)
     header = json.loads(data[4 : 4 + length])
-    assert (4 + length) % 4 == 0 and len(header["meshes"]) == 1, "a mesh that is used three times is sent once"
+    assert (4 + length) % 4 == 0 and len(header["meshes"]) == 1, (
+        "a mesh that is used three times is sent once"
+    )
     mesh = header["meshes"][0]
-    points = np.frombuffer(data, "<f4", 3 * mesh["vertices"], 4 + length + mesh["points"]).reshape(-1, 3)
+    points = np.frombuffer(data, "<f4", 3 * mesh["vertices"], 4 + length + mesh["points"]).reshape(
+        -1, 3
+    )
     faces = np.frombuffer(data, "<u4", 3 * mesh["triangles"], 4 + length + mesh["faces"])
     assert np.array_equal(points, cube.points) and faces.max() == mesh["vertices"] - 1
     assert len(data) == 4 + length + mesh["faces"] + 12 * mesh["triangles"]
-    assert [shape["colour"][3] for shape in header["bodies"][0]["shapes"]] == [1.0, 0.5] and header["floor"] is None
+    assert [shape["colour"][3] for shape in header["bodies"][0]["shapes"]] == [1.0, 0.5] and header[
+        "floor"
+    ] is None
 
 
 def test_poses() -> None:
@@ -81,7 +94,11 @@ def test_poses() -> None:
 
 @pytest.mark.parametrize(
     ("robot", "surroundings"),
-    [(WALKER, Surroundings(wall_distance_mm=(300, 300))), (TWO_WHEELER, OPEN_FLOOR), (ROBO_ARM, Surroundings(ball=True))],
+    [
+        (WALKER, Surroundings(wall_distance_mm=(300, 300))),
+        (TWO_WHEELER, OPEN_FLOOR),
+        (ROBO_ARM, Surroundings(ball=True)),
+    ],
 )
 def test_twin_scene(robot, surroundings) -> None:
     body = make_body(robot, scene=surroundings)
@@ -96,7 +113,9 @@ def test_twin_scene(robot, surroundings) -> None:
     body.data.qpos[-1] += 0.1
     body.update_visuals()
     seen = mirror.poses(body.data.qpos)
-    assert np.allclose(seen[: len(numbers)], poses(body.data.xpos[numbers], body.data.xquat[numbers]))
+    assert np.allclose(
+        seen[: len(numbers)], poses(body.data.xpos[numbers], body.data.xquat[numbers])
+    )
     assert np.isnan(seen[len(numbers) :, 0]).all(), "a ghost without a goal is hidden"
 
 
@@ -109,12 +128,17 @@ def test_goal_is_drawn_as_a_ghost_of_the_robot(env_id: str) -> None:
     assert (goal is None) == (env_id == "Walker-v1")
     if goal is None:
         return
-    mirror, body = Mirror(make_body(task.robot, scene=task.scene)), make_body(task.robot, scene=task.scene)
+    mirror, body = (
+        Mirror(make_body(task.robot, scene=task.scene)),
+        make_body(task.robot, scene=task.scene),
+    )
     pose_at(body, goal)
     names = [one.name for one in mirror.scene.bodies]
     seen = dict(zip(names, mirror.poses(body.data.qpos, goal), strict=True))
     ghosts = [name for name in names if name.startswith("goal ")]
-    assert len(ghosts) > 1 and {s.colour[3] for one in mirror.scene.bodies if one.name in ghosts for s in one.shapes} == {0.45}
+    assert len(ghosts) > 1 and {
+        s.colour[3] for one in mirror.scene.bodies if one.name in ghosts for s in one.shapes
+    } == {0.45}
     for name in ghosts:
         assert np.allclose(seen[name], seen[name.removeprefix("goal ")], atol=1e-5)
     away = mirror.poses(make_body(task.robot, scene=task.scene).data.qpos, goal)
@@ -125,12 +149,17 @@ def test_goal_is_drawn_as_a_ghost_of_the_robot(env_id: str) -> None:
 def test_pose_follows_sensors(robot) -> None:
     """Sensor values of one twin give another the same pose."""
     body, mirror = make_body(robot), Mirror(make_body(robot))
-    for port, voltage in zip((motor.port for motor in robot.motors), (3000, -2500, 2000, -3500), strict=False):
+    for port, voltage in zip(
+        (motor.port for motor in robot.motors), (3000, -2500, 2000, -3500), strict=False
+    ):
         body.set_voltage(port, voltage)
     for time_ms in range(10, 600, 10):
         body.advance_to(time_ms)
     body.update_visuals()
-    angles = {m.name: body.angle_mdeg(m.port) / 1000 * m.direction.value * m.turn_deg / 360 for m in robot.motors}
+    angles = {
+        m.name: body.angle_mdeg(m.port) / 1000 * m.direction.value * m.turn_deg / 360
+        for m in robot.motors
+    }
     seen = sensed_qpos(mirror.body, angles, body.tilt_deg())
     for joint in range(body.model.njnt):
         if body.model.jnt_type[joint] == 3 and "backlash" not in body.model.joint(joint).name:
@@ -148,7 +177,9 @@ MOTORS = (Motor("left", "A"), Motor("right", "B"))
 def shown(robot: Robot) -> Board:
     """A board with a real robot's pose."""
     board = Board()
-    RobotView(board, threading.Event(), lambda: 1.0).show_sensed(robot, OPEN_FLOOR, {"left": 10.0, "right": 20.0}, (0.0, 0.0))
+    RobotView(board, threading.Event(), lambda: 1.0).show_sensed(
+        robot, OPEN_FLOOR, {"left": 10.0, "right": 20.0}, (0.0, 0.0)
+    )
     return board
 
 
@@ -169,7 +200,10 @@ def test_real_robot_is_drawn_from_plan_or_drive_base(robot: Robot) -> None:
     ("robot", "says"),
     [
         (Robot("bench", HubKind.PRIME, MOTORS), "no model to draw"),
-        (Robot("narrow", HubKind.PRIME, MOTORS, drive_base=DriveBase("left", "right", 8, 130)), "leave no room for its motors"),
+        (
+            Robot("narrow", HubKind.PRIME, MOTORS, drive_base=DriveBase("left", "right", 8, 130)),
+            "leave no room for its motors",
+        ),
     ],
 )
 def test_page_says_why_real_robot_is_not_drawn(robot: Robot, says: str) -> None:

@@ -29,7 +29,9 @@ class Robot(BricksEnv):
         self.stop = link.emergency_stop
 
 
-def test_page_stop_acts_at_next_connection_event(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_page_stop_acts_at_next_connection_event(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(generate, "END_MS", 60_000)  # a browser on a loaded machine takes its time
     with chromium() as browser, LivePage("a robot") as live, tab(browser, live.url) as page:
         red = page.get_by_role("button", name="EMERGENCY STOP")

@@ -78,7 +78,11 @@ def test_invalid_press_is_ignored(press: tuple[str, object]) -> None:
 
 
 def test_incomplete_plan_shows_steps() -> None:
-    lines = ["1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat", "0 STEP", "1 4 0 60 0 1 0 0 0 1 0 0 0 1 32316.dat"]
+    lines = [
+        "1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat",
+        "0 STEP",
+        "1 4 0 60 0 1 0 0 0 1 0 0 0 1 32316.dat",
+    ]
     shown = PlanView(make_plan(ldraw_file.parse("\n".join(lines), "try.ldr")))
     assert "has no port" in shown.board.status[1]["message"]
     assert [one["name"] for one in shown.board.status[1]["sliders"]] == ["Step"]

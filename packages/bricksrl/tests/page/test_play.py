@@ -60,12 +60,18 @@ def test_page_shows_the_robots_own_steps(tmp_path: Path) -> None:
         page.show_step = shown.append
         returns = play_on_page(env, page, {"": lambda: random_player(env, 0)}, episodes=1)
     assert [frame["next", "observation"].shape for frame in shown] == [(7,)] * 100
-    assert returns == [pytest.approx(sum(float(frame["next", "reward"]) for frame in shown), rel=1e-4)]
+    assert returns == [
+        pytest.approx(sum(float(frame["next", "reward"]) for frame in shown), rel=1e-4)
+    ]
 
 
 def test_nothing_resets_while_a_human_drives() -> None:
     with closing(bricksrl.make("RunAway-v0", seed=0)) as env:
-        page, over, steps = LivePage("RunAway-v0", task=env.task, in_charge=True), threading.Event(), list[int]()
+        page, over, steps = (
+            LivePage("RunAway-v0", task=env.task, in_charge=True),
+            threading.Event(),
+            list[int](),
+        )
 
         def show(_frame: object) -> None:
             steps.append(page._steps)

@@ -47,13 +47,18 @@ def test_program_is_shown_and_stopped(tmp_path: Path) -> None:
     with ProgramPage("main.py") as page:
 
         def stop_once_shown() -> None:
-            while page.board.poses[0] < 5 or (page.board.status[1].get("hub") or {}).get("light") is None:
+            while (
+                page.board.poses[0] < 5
+                or (page.board.status[1].get("hub") or {}).get("light") is None
+            ):
                 time.sleep(0.02)
             page.stop()
 
         thread = threading.Thread(target=stop_once_shown)
         thread.start()
-        code = run_file(path, body, stdout=io.BytesIO(), stderr=said, operation=Operation(attend=page.attend))
+        code = run_file(
+            path, body, stdout=io.BytesIO(), stderr=said, operation=Operation(attend=page.attend)
+        )
         thread.join()
         status = page.board.status[1]
     assert code == 0 and "stopped" in said.getvalue(), "also a program that takes no SystemExit"
@@ -79,18 +84,25 @@ def test_used_port_raises() -> None:
 
 @pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="this computer has no IPv6")
 def test_page_on_all_addresses_is_where_it_says() -> None:
-    with ProgramPage("all", PageOptions("::", 0)) as page, urllib.request.urlopen(page.url, timeout=10) as answer:
+    with (
+        ProgramPage("all", PageOptions("::", 0)) as page,
+        urllib.request.urlopen(page.url, timeout=10) as answer,
+    ):
         assert answer.status == 200
 
 
 def test_unknown_host_raises() -> None:
     with (
-        pytest.raises(PageError, match=r"on no\.invalid:8090 \([^()]+\); name another host or port"),
+        pytest.raises(
+            PageError, match=r"on no\.invalid:8090 \([^()]+\); name another host or port"
+        ),
         ProgramPage("nowhere", PageOptions("no.invalid")),
     ):
         pass
 
 
-@pytest.mark.parametrize(("hub", "pixels"), [(HubKind.PRIME, 25), (HubKind.TECHNIC, 0), (HubKind.CITY, 0)])
+@pytest.mark.parametrize(
+    ("hub", "pixels"), [(HubKind.PRIME, 25), (HubKind.TECHNIC, 0), (HubKind.CITY, 0)]
+)
 def test_only_hubs_with_a_display_show_one(hub: HubKind, pixels: int) -> None:
     assert len(panel_of(Panel(hub))["display"] or ()) == pixels

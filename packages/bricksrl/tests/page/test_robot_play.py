@@ -1,4 +1,5 @@
-"""Robots on the page at once: without TorchRL, as the environment itself, not reset while one drives; signals end them."""
+"""Robots on the page at once: without TorchRL, as the environment itself, not reset while one
+drives; signals end them."""
 
 from __future__ import annotations
 
@@ -46,11 +47,16 @@ def test_robot_moves_without_torch():
 
 @pytest.mark.parametrize("env_id", ["Walker-v1", "Spinning-v0", "Park-v0", "RoboArm-v0"])
 def test_robot_is_the_environment(env_id):
-    with closing(bricksrl.make(env_id, seed=3)) as env, closing(make_robot(env_id, seed=3)) as robot:
+    with (
+        closing(bricksrl.make(env_id, seed=3)) as env,
+        closing(make_robot(env_id, seed=3)) as robot,
+    ):
         state, observation = env.reset(), robot.begin().observation
         for _ in range(3):
             np.testing.assert_array_equal(state["observation"].numpy(), observation)
-            action = np.asarray(CONTROLLERS[env_id]({"observation": observation.copy()}), np.float32).clip(-1, 1)
+            action = np.asarray(
+                CONTROLLERS[env_id]({"observation": observation.copy()}), np.float32
+            ).clip(-1, 1)
             state = env.step(state.set("action", torch.from_numpy(action)))["next"]
             observation = robot.move(action.tolist())
 
@@ -63,7 +69,9 @@ def played(env_id: str, **named: object) -> tuple[object, LivePage]:
 def test_whole_episode_has_its_return():
     env, page = played("RunAway-v0", policies=("scripted",))
     with closing(env):
-        (total,) = play_robot(env, page, {"scripted": lambda: CONTROLLERS["RunAway-v0"]}, episodes=1)
+        (total,) = play_robot(
+            env, page, {"scripted": lambda: CONTROLLERS["RunAway-v0"]}, episodes=1
+        )
     assert total > 15.0
     assert page.board.status[1]["facts"]["return"] == pytest.approx(total)
 
@@ -118,7 +126,9 @@ def test_paused_page_ends_when_it_is_stopped(is_plain):
 @contextmanager
 def command(*words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A command with a page, and its address."""
-    with subprocess.Popen([sys.executable, "-m", "bricksrl", *words], stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-m", "bricksrl", *words], stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stderr is not None
         found = None
         try:
@@ -138,15 +148,22 @@ def pressing(url: str, name: str) -> None:
     with urlopen(url) as response:
         cookie = response.headers["Set-Cookie"].partition(";")[0]
     host = url.split("/")[2]
-    with connect(f"ws://{host}/ws", origin=f"http://{host}", additional_headers={"Cookie": cookie}) as socket:
+    with connect(
+        f"ws://{host}/ws", origin=f"http://{host}", additional_headers={"Cookie": cookie}
+    ) as socket:
         socket.send(json.dumps({"press": name, "value": None}))
         for message in socket:
-            if isinstance(message, str) and json.loads(message).get("status", {}).get("state") == "paused":
+            if (
+                isinstance(message, str)
+                and json.loads(message).get("status", {}).get("state") == "paused"
+            ):
                 return
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("words", [("demo",), ("drive", "RunAway-v0"), ("play", "WalkerSim-v0", "--page")])
+@pytest.mark.parametrize(
+    "words", [("demo",), ("drive", "RunAway-v0"), ("play", "WalkerSim-v0", "--page")]
+)
 def test_paused_page_ends_at_sigterm(words):
     with command(*words) as (process, url):
         pressing(url, "pause")
@@ -158,6 +175,8 @@ def test_paused_page_ends_at_sigterm(words):
 def test_demo_walks_in_the_browser():
     """From the command to a robot that has moved."""
     with chromium() as browser, command("demo") as (_, url), tab(browser, url) as page:
-        page.locator("[data-fact=distance]").filter(has_text=re.compile(r"0\.(0[3-9]|[1-9])")).wait_for()
+        page.locator("[data-fact=distance]").filter(
+            has_text=re.compile(r"0\.(0[3-9]|[1-9])")
+        ).wait_for()
         page.locator("#policy").select_option("random")
         page.locator("[data-fact=return]").wait_for()

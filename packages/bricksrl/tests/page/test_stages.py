@@ -1,4 +1,5 @@
-"""Jobs of the start page, of several visitors, without a browser. A job is a process that ends when its input does."""
+"""Jobs of the start page, of several visitors, without a browser. A job is a process that ends when
+its input does."""
 
 from __future__ import annotations
 
@@ -37,10 +38,14 @@ def people(page: StartPage) -> tuple[Visitor, Visitor]:
 
 
 def running(page: StartPage) -> list[tuple[str, str]]:
-    return [(job["about"], job["owner"]) for job in page.board.status[1]["jobs"] if job["code"] is None]
+    return [
+        (job["about"], job["owner"]) for job in page.board.status[1]["jobs"] if job["code"] is None
+    ]
 
 
-def test_each_visitor_has_a_robot_of_its_own(page: StartPage, people: tuple[Visitor, Visitor]) -> None:
+def test_each_visitor_has_a_robot_of_its_own(
+    page: StartPage, people: tuple[Visitor, Visitor]
+) -> None:
     ada, ben = people
     page._press("drive", "Spinning-v0", ada)
     page._press("play", "Walker-v1", ben)
@@ -50,7 +55,9 @@ def test_each_visitor_has_a_robot_of_its_own(page: StartPage, people: tuple[Visi
     assert {*page.board.status[1]["holders"].values()} == {"Ada", "Ben"}
 
 
-def test_owner_is_asked_before_a_robot_is_ended(page: StartPage, people: tuple[Visitor, Visitor]) -> None:
+def test_owner_is_asked_before_a_robot_is_ended(
+    page: StartPage, people: tuple[Visitor, Visitor]
+) -> None:
     ada, ben = people
     page._press("drive", "Spinning-v0", ada)
     number = page._jobs[0].number
@@ -67,7 +74,9 @@ def test_owner_is_asked_before_a_robot_is_ended(page: StartPage, people: tuple[V
     assert page.board.status[1]["jobs"][0]["why"] == "ended for Ben"
 
 
-def test_robot_of_somebody_who_left_needs_no_question(page: StartPage, people: tuple[Visitor, Visitor]) -> None:
+def test_robot_of_somebody_who_left_needs_no_question(
+    page: StartPage, people: tuple[Visitor, Visitor]
+) -> None:
     ada, ben = people
     page._press("train", "RunAway-v0", ada)
     page.visitors.leave(ada, closed=True)
@@ -82,7 +91,9 @@ def test_owner_who_is_at_the_robot_is_asked(
     ada, ben = people
     page._press("drive", "Spinning-v0", ada)
     page._jobs[0].url = "http://127.0.0.1:9/?token=x"
-    monkeypatch.setattr(start_page.Job, "visitors", lambda _job: {"here": [ada.key], "asleep": False})
+    monkeypatch.setattr(
+        start_page.Job, "visitors", lambda _job: {"here": [ada.key], "asleep": False}
+    )
     page.visitors.leave(ada, closed=True)
     ada.left_s -= 100.0
     page._end_deserted()
@@ -100,7 +111,9 @@ def test_there_is_no_room_for_more_robots_than_are_allowed(
     assert len(running(page)) == 1 and "Ada" in ben.note and not ada.note
 
 
-def test_one_visitor_at_a_time_checks_a_real_hub(page: StartPage, people: tuple[Visitor, Visitor]) -> None:
+def test_one_visitor_at_a_time_checks_a_real_hub(
+    page: StartPage, people: tuple[Visitor, Visitor]
+) -> None:
     ada, ben = people
     page._press("check ble", "RunAway-v0", ada)
     page._press("check ble", "RunAway-v0", ben)
@@ -125,7 +138,10 @@ def test_deaf_jobs_end_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     page = StartPage(
         tmp_path,
         launch=lambda *_: subprocess.Popen(
-            [sys.executable, "-c", "import time; time.sleep(99)"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, "-c", "import time; time.sleep(99)"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
         ),
     )
     for _ in range(4):
@@ -137,11 +153,18 @@ def test_deaf_jobs_end_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_what_a_job_leaves_ends_with_it(tmp_path: Path) -> None:
     """A process of its group that is frozen hears of no end."""
-    script = "import subprocess, sys; print(subprocess.Popen(['sleep', '99']).pid, flush=True); sys.stdin.read()"
+    script = (
+        "import subprocess, sys; print(subprocess.Popen(['sleep', '99']).pid, flush=True); "
+        "sys.stdin.read()"
+    )
     page = StartPage(
         tmp_path,
         launch=lambda *_: subprocess.Popen(
-            [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+            [sys.executable, "-c", script],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
         ),
     )
     page._press("train", "RunAway-v0")
@@ -159,7 +182,11 @@ def test_what_a_job_leaves_ends_with_it(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("is_asleep", "ends_after_s"), [(False, 5.1), (True, 120.1)])
 def test_play_ends_when_all_its_tabs_are_closed(
-    page: StartPage, people: tuple[Visitor, Visitor], monkeypatch: pytest.MonkeyPatch, is_asleep: bool, ends_after_s: float
+    page: StartPage,
+    people: tuple[Visitor, Visitor],
+    monkeypatch: pytest.MonkeyPatch,
+    is_asleep: bool,
+    ends_after_s: float,
 ) -> None:
     ada, _ = people
     for action, name in (("train", "RunAway-v0"), ("play", "Walker-v1")):
@@ -182,7 +209,9 @@ def test_play_ends_when_all_its_tabs_are_closed(
     assert not play.is_running and "closed" in play.why and training.is_running
 
 
-def test_run_that_vanishes_does_not_end_the_refreshing(page: StartPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_that_vanishes_does_not_end_the_refreshing(
+    page: StartPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = tmp_path / "runs" / "gone"
     run.mkdir(parents=True)
     (run / "config.json").symlink_to(tmp_path / "nowhere")

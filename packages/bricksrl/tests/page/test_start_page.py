@@ -34,7 +34,11 @@ def start(forked: ForkServer, tmp_path: Path) -> Iterator[StartPage]:
     def launch(words: Sequence[str], folder: Path) -> Forked:
         read, write = os.pipe()
         with os.fdopen(write, "w") as said:
-            asked = {"folder": str(folder), "environment": dict(os.environ), "module": "bricksrl.cli.job"}
+            asked = {
+                "folder": str(folder),
+                "environment": dict(os.environ),
+                "module": "bricksrl.cli.job",
+            }
             process = forked.start(words, (subprocess.PIPE, said, said), **asked)
         process.stdout = os.fdopen(read)
         return process
@@ -69,15 +73,24 @@ def button(place: object, name: str) -> object:
 
 
 @pytest.mark.slow
-def test_class_trains_plays_and_compares_without_typing(browser: object, start: StartPage, tmp_path: Path) -> None:
+def test_class_trains_plays_and_compares_without_typing(
+    browser: object, start: StartPage, tmp_path: Path
+) -> None:
     with walk(browser, start.url) as page:
         for number in (1, 2):
             button(page.get_by_label("RunAway-v0"), "Train").click()
             page.wait_for_selector("#scene[data-frames]")
-            until(page, "document.querySelector(\"figure[data-series='return/0']\")?.dataset.count >= 2")
+            until(
+                page,
+                "document.querySelector(\"figure[data-series='return/0']\")?.dataset.count >= 2",
+            )
             page.get_by_role("link", name="Start").click()
-            page.locator(".job", has_text="RunAway-v0 learns").first.get_by_role("button", name="End").click()
-            page.locator(f".job:has-text('learns'):has(.chip:text-is('done')) >> nth={number - 1}").wait_for()
+            page.locator(".job", has_text="RunAway-v0 learns").first.get_by_role(
+                "button", name="End"
+            ).click()
+            page.locator(
+                f".job:has-text('learns'):has(.chip:text-is('done')) >> nth={number - 1}"
+            ).wait_for()
         assert len(list((tmp_path / "runs").iterdir())) == 2
         page.locator("#runs li").nth(1).wait_for()
         for box in page.locator("#runs input").all():
@@ -106,7 +119,9 @@ def test_hub_check_and_plan_need_no_typing(browser: object, start: StartPage) ->
         button(page, "Check").click()
         page.locator(".job[data-action=check] .chip:text-is('done')").wait_for()
         assert "battery" in page.locator(".job[data-action=check] pre").inner_text()
-        assert page.evaluate("document.documentElement.scrollWidth") <= 390, "long lines are wrapped"
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390, (
+            "long lines are wrapped"
+        )
         button(page.locator("#build li", has_text="walker"), "Step by step in 3D").click()
         page.wait_for_selector("#scene[data-frames]")
         page.get_by_role("slider", name="Step").wait_for()
@@ -127,7 +142,9 @@ def test_hub_check_and_plan_need_no_typing(browser: object, start: StartPage) ->
         ("shout", "Tag-v0"),
     ],
 )
-def test_values_that_the_page_does_not_know_start_nothing(action: str, value: object, tmp_path: Path) -> None:
+def test_values_that_the_page_does_not_know_start_nothing(
+    action: str, value: object, tmp_path: Path
+) -> None:
     def launch(*_: object) -> object:
         raise AssertionError("something was started")
 
@@ -179,13 +196,29 @@ def test_pupil_has_name_report_and_class_table(tmp_path: Path) -> None:
     folder.write_config(TrainConfig(env="RunAway-v0", name="Anna"))
     folder.write_episodes([Episode(1, Phase.TRAIN, 10, 10, 13.3, None)])
     (run / "report.html").write_text("a report")
-    scores = {"return_mean": 20.0, "return_std": 0.0, "episodes": 5, "trained_episodes": 1, "as_trained": True}
+    scores = {
+        "return_mean": 20.0,
+        "return_std": 0.0,
+        "episodes": 5,
+        "trained_episodes": 1,
+        "as_trained": True,
+    }
     folder.evaluation_path.write_text(json.dumps(scores))
     page._press("class", "runs")
     assert started[-1] == ["compare", "--class", "runs"]
     (shown,) = page.board.status[1]["runs"]
-    assert (shown["pupil"], shown["return"], shown["score"], shown["has_report"]) == ("Anna", 20.0, "evaluation", True)
+    assert (shown["pupil"], shown["return"], shown["score"], shown["has_report"]) == (
+        "Anna",
+        20.0,
+        "evaluation",
+        True,
+    )
     assert page.file("runs/one/report.html") == ("text/html; charset=utf-8", b"a report")
-    for name in ("runs/one/config.json", "runs/../report.html", "runs/one/../one/report.html", "runs/two/report.html"):
+    for name in (
+        "runs/one/config.json",
+        "runs/../report.html",
+        "runs/one/../one/report.html",
+        "runs/two/report.html",
+    ):
         assert page.file(name) is None
     page.close()

@@ -1,4 +1,5 @@
-"""What the page says of an emergency stop, of its connection, and of who drives, in a real browser."""
+"""What the page says of an emergency stop, of its connection, and of who drives, in a real
+browser."""
 
 from __future__ import annotations
 
@@ -90,7 +91,9 @@ def test_stop_is_sent_then_confirmed_by_the_robot(browser: object) -> None:
 
 
 @pytest.mark.parametrize("error", ["the link to the hub is lost", ""])
-def test_stop_that_is_not_confirmed_says_what_to_do(browser: object, monkeypatch: pytest.MonkeyPatch, error: str) -> None:
+def test_stop_that_is_not_confirmed_says_what_to_do(
+    browser: object, monkeypatch: pytest.MonkeyPatch, error: str
+) -> None:
     monkeypatch.setattr(page_server, "CONFIRM_S", 0.3)
     robot = Robot()
     robot.error = error
@@ -150,8 +153,12 @@ def test_tab_of_another_page_on_the_same_port_is_told(browser: object) -> None:
         sees(page, "#state.finished", "this page has ended")
 
 
-@pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844), (320, 568), (844, 390), (568, 320)])
-def test_stop_is_reached_by_keyboard_and_seen_at_each_size(browser: object, width: int, height: int) -> None:
+@pytest.mark.parametrize(
+    ("width", "height"), [(1280, 800), (390, 844), (320, 568), (844, 390), (568, 320)]
+)
+def test_stop_is_reached_by_keyboard_and_seen_at_each_size(
+    browser: object, width: int, height: int
+) -> None:
     robot = Robot()
     with Live(robot) as live, tab(browser, live.url, width, height) as page:
         button(page, "EMERGENCY STOP").wait_for()
@@ -190,7 +197,11 @@ def test_space_in_a_name_stops_nothing(browser: object) -> None:
 
 
 def test_visitors_ask_each_other_for_the_robot(browser: object) -> None:
-    with Live(Robot()) as live, tab(browser, live.url) as ada, tab(browser, live.url, 390, 844) as ben:
+    with (
+        Live(Robot()) as live,
+        tab(browser, live.url) as ada,
+        tab(browser, live.url, 390, 844) as ben,
+    ):
         for page, name in ((ada, "Ada"), (ben, "Ben")):
             page.get_by_label("Your name").fill(name)
             page.get_by_label("Your name").press("Enter")

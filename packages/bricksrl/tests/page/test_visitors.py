@@ -35,7 +35,9 @@ def people(clock_s: list[float]) -> tuple[Visitors, Visitor, Visitor]:
         ("<b>", "<b>"),
     ],
 )
-def test_each_visitor_has_a_name_of_its_own(people: tuple[Visitors, Visitor, Visitor], given: object, shown: str) -> None:
+def test_each_visitor_has_a_name_of_its_own(
+    people: tuple[Visitors, Visitor, Visitor], given: object, shown: str
+) -> None:
     everybody, _, second = people
     everybody.rename(second, given)
     assert second.name == shown
@@ -74,7 +76,9 @@ def test_question_of_two_visitors(people: tuple[Visitors, Visitor, Visitor]) -> 
     assert seats.answer("runner", ada, agrees=True) is other
 
 
-def test_question_without_answer_is_withdrawn(people: tuple[Visitors, Visitor, Visitor], clock_s: list[float]) -> None:
+def test_question_without_answer_is_withdrawn(
+    people: tuple[Visitors, Visitor, Visitor], clock_s: list[float]
+) -> None:
     _, ada, other = people
     seats = Seats()
     seats.take("runner", ada)
@@ -84,7 +88,9 @@ def test_question_without_answer_is_withdrawn(people: tuple[Visitors, Visitor, V
     assert not seats.described()["questions"] and "not answered" in other.note
 
 
-def test_who_comes_back_in_time_keeps_it(people: tuple[Visitors, Visitor, Visitor], clock_s: list[float]) -> None:
+def test_who_comes_back_in_time_keeps_it(
+    people: tuple[Visitors, Visitor, Visitor], clock_s: list[float]
+) -> None:
     everybody, ada, other = people
     seats = Seats()
     seats.take("runner", ada)

@@ -34,12 +34,16 @@ def test_watched_run_equals_unwatched(tmp_path: Path) -> None:
         train(config(tmp_path / "shown"), PageCallback(page, stop), driver=page.driver, stop=stop)
         news = page.board
         assert news.status[1]["state"] == "finished" and news.series["return"].count == 2
-        assert news.series["reward"].count == sum(e.length for e in RunFolder(tmp_path / "shown").read_episodes())
+        assert news.series["reward"].count == sum(
+            e.length for e in RunFolder(tmp_path / "shown").read_episodes()
+        )
         assert callable(news.poses[1]) and news.poses[1]().shape[1] == 7
     env = make("Walker-v1")
     plain, shown = (RunFolder(tmp_path / name) for name in ("plain", "shown"))
     assert [e.return_ for e in plain.read_episodes()] == [e.return_ for e in shown.read_episodes()]
-    weights = [load_learner(folder.path, env).learner.policy.state_dict() for folder in (plain, shown)]
+    weights = [
+        load_learner(folder.path, env).learner.policy.state_dict() for folder in (plain, shown)
+    ]
     assert weights[0].keys() == weights[1].keys()
     assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
 
@@ -55,7 +59,15 @@ class Presses(PageCallback):
 
 def test_page_reset_ends_episode_and_evaluation_continues(tmp_path: Path) -> None:
     settings = settings_for("RunAway-v0", "default", "random")
-    config = TrainConfig("RunAway-v0", "random", 2, settings=settings, eval_every=1, eval_episodes=1, run_dir=tmp_path / "run")
+    config = TrainConfig(
+        "RunAway-v0",
+        "random",
+        2,
+        settings=settings,
+        eval_every=1,
+        eval_episodes=1,
+        run_dir=tmp_path / "run",
+    )
     stop = threading.Event()
     with LivePage("RunAway-v0", task=get_task("RunAway-v0"), on_stop=stop.set) as page:
         result = train(config, Presses(page, stop), driver=page.driver, stop=stop)
@@ -67,7 +79,10 @@ def test_page_reset_ends_episode_and_evaluation_continues(tmp_path: Path) -> Non
 
 def test_page_reset_ends_recorded_episode(tmp_path: Path) -> None:
     env = make("RunAway-v0", seed=0)
-    with LivePage("RunAway-v0", task=env.task) as page, Recorder(tmp_path / "data", describe(env)) as recorder:
+    with (
+        LivePage("RunAway-v0", task=env.task) as page,
+        Recorder(tmp_path / "data", describe(env)) as recorder,
+    ):
         page.attach(env)
 
         def on_frame(frame: TensorDictBase) -> None:
@@ -83,11 +98,21 @@ def test_page_reset_ends_recorded_episode(tmp_path: Path) -> None:
 
 def test_page_stop_ends_recording_of_simulation(tmp_path: Path) -> None:
     env = make("RoboArmSim-v0", seed=0)
-    with LivePage("RoboArmSim-v0", task=env.task) as page, Recorder(tmp_path / "data", describe(env)) as recorder:
+    with (
+        LivePage("RoboArmSim-v0", task=env.task) as page,
+        Recorder(tmp_path / "data", describe(env)) as recorder,
+    ):
         page.attach(env)
         page.stop()
         with pytest.raises(StoppedError):
-            collect(env, random_policy(env, 0), recorder, 1, name="random", on_frame=page.show_step_and_hold)
+            collect(
+                env,
+                random_policy(env, 0),
+                recorder,
+                1,
+                name="random",
+                on_frame=page.show_step_and_hold,
+            )
     assert page._steps == 1
 
 
@@ -104,5 +129,8 @@ def test_stopped_run_can_be_resumed(tmp_path: Path) -> None:
                 super().on_step(episode, step, phase)
 
         result = train(config, Stops(page, stop), driver=page.driver, stop=stop)
-        assert page.board.status[1]["state"] == "finished" and "bricksrl resume" in page.board.status[1]["note"]
+        assert (
+            page.board.status[1]["state"] == "finished"
+            and "bricksrl resume" in page.board.status[1]["note"]
+        )
     assert result.interrupted and 1 <= len(result.episodes) < 50

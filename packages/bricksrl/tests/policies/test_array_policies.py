@@ -1,4 +1,5 @@
-"""Policies of arrays: those that come with BricksRL, scripted and random ones, and an agent's as plain numbers."""
+"""Policies of arrays: those that come with BricksRL, scripted and random ones, and an agent's as
+plain numbers."""
 
 from __future__ import annotations
 
@@ -40,14 +41,17 @@ def test_numbers_of_an_agent_act_as_it(env_id, agent, tmp_path):
 
 def test_agent_with_other_layers_has_no_plain_numbers():
     with closing(bricksrl.make("WalkerSim-v0", seed=0)) as env:
-        learner = make_learner("sac", env, replace(preset("default", "sac"), hidden=(8,), actor_norm="layer"))
+        learner = make_learner(
+            "sac", env, replace(preset("default", "sac"), hidden=(8,), actor_norm="layer")
+        )
         with pytest.raises(DescriptionError, match="only linear layers"):
             plain_of(Policy(learner.policy, env))
 
 
 @pytest.mark.parametrize("env_id", sorted(TRAINED))
 def test_trained_policy_is_better_than_chance(env_id):
-    """The table says what it has reached; that is at least half of the way from random to scripted actions."""
+    """The table says what it has reached; that is at least half of the way from random to scripted
+    actions."""
     from bricksrl.envs.reference_returns import REFERENCES
 
     random, scripted = REFERENCES[env_id]["random"], REFERENCES[env_id]["by hand"]

@@ -33,7 +33,10 @@ from bricktwin.robots import WALKER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.physics import Physics
 
-OBSERVED = [[10.0, 200.0, 359.5, 90.0, 3.0, -4.0, 812.0], [0.0, 0.0, 180.0, 270.25, -30.0, 2.5, 2000.0]]
+OBSERVED = [
+    [10.0, 200.0, 359.5, 90.0, 3.0, -4.0, 812.0],
+    [0.0, 0.0, 180.0, 270.25, -30.0, 2.5, 2000.0],
+]
 
 
 def acted(source: str, observed: list[list[float]]) -> torch.Tensor:
@@ -73,12 +76,20 @@ def test_a_network_on_the_hub_is_held_within_what_it_was_taught_on() -> None:
     assert torch.allclose(acted(network.hub_source(), [seen.tolist()]), wanted, atol=2e-4)
 
 
-def test_a_policy_with_transforms_is_taught_by_what_the_robot_observes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_policy_with_transforms_is_taught_by_what_the_robot_observes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "halved.py").write_text(
-        "from torchrl.envs import ObservationNorm\nHALVED = ObservationNorm(loc=0.0, scale=0.5, in_keys=['observation'])\n"
+        "from torchrl.envs import ObservationNorm\n"
+        "HALVED = ObservationNorm(loc=0.0, scale=0.5, in_keys=['observation'])\n"
     )
-    options = {"transform": f"{tmp_path / 'halved.py'}:HALVED", "settings": SACSettings(hidden=(8,), prefill_episodes=1)}
-    train(TrainConfig("WalkerSim-v0", episodes=1, record=False, run_dir=tmp_path / "run", **options))
+    options = {
+        "transform": f"{tmp_path / 'halved.py'}:HALVED",
+        "settings": SACSettings(hidden=(8,), prefill_episodes=1),
+    }
+    train(
+        TrainConfig("WalkerSim-v0", episodes=1, record=False, run_dir=tmp_path / "run", **options)
+    )
     seen: list[float] = []
 
     def distil(env: Any, policy: Any, network: HubNetwork, _seed: int) -> None:
@@ -157,16 +168,23 @@ def test_any_agent_becomes_a_network_with_the_distance(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("quick")
-def test_a_program_that_computes_too_long_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_that_computes_too_long_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(Machine, "charge_product", lambda machine: machine.advance(1))
     train(TrainConfig("Walker-v1", "random", episodes=1, record=False, run_dir=tmp_path / "run"))
-    with pytest.raises(RunError, match=r"computes for \d+ ms, and a step of Walker-v1 takes 250 ms; give fewer hidden units"):
+    with pytest.raises(
+        RunError,
+        match=r"computes for \d+ ms, and a step of Walker-v1 takes 250 ms; give fewer hidden units",
+    ):
         export_program(tmp_path / "run", tmp_path / "walk.py")
     assert not (tmp_path / "walk.py").exists()
 
 
 @pytest.mark.usefixtures("quick")
-def test_a_program_that_does_not_fit_is_refused(gait: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_that_does_not_fit_is_refused(
+    gait: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(hub_export, "program_blob", lambda *_: bytes(300_000))
     with pytest.raises(RunError, match="the program and its objects need"):
         export_program(gait, tmp_path / "walk.py")
@@ -202,7 +220,9 @@ def test_rewards_on_the_hub_see_what_the_task_observes(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("quick", "turning")
-def test_an_export_tries_a_real_run_on_the_twin_of_its_world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_export_tries_a_real_run_on_the_twin_of_its_world(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file, physics = tmp_path / "run" / "config.json", Physics(battery_v=7.0)
     about = json.loads(file.read_text())
     about["config"] |= {"hub": "ble:nobody", "physics": asdict(physics)}
@@ -220,7 +240,9 @@ def test_an_export_tries_a_real_run_on_the_twin_of_its_world(tmp_path: Path, mon
 
 @pytest.mark.usefixtures("turning")
 def test_what_this_computer_senses_is_refused(tmp_path: Path) -> None:
-    sensor = HostSensor("light", (Entry("lux", 0.0, 10.0),), open=lambda: None, twin=lambda world: [1.0])
+    sensor = HostSensor(
+        "light", (Entry("lux", 0.0, 10.0),), open=lambda: None, twin=lambda world: [1.0]
+    )
     register(replace(get_task("Turning-v0"), sensors=(sensor,)))
     with pytest.raises(RunError, match="nothing that this computer senses"):
         export_program(tmp_path / "run", tmp_path / "turn.py")
@@ -232,7 +254,9 @@ def test_what_a_hub_cannot_know_is_refused(tmp_path: Path) -> None:
         export_program(tmp_path / "run", tmp_path / "spin.py")
 
 
-def test_a_distilled_network_acts_like_its_policy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_distilled_network_acts_like_its_policy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A gait that was found in a simulation."""
     monkeypatch.setattr(hub_network, "ROUNDS", 2)
     train(TrainConfig("WalkerSim-v0", "gait", episodes=1, record=False, run_dir=tmp_path / "run"))

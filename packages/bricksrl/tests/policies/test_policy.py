@@ -24,7 +24,9 @@ from bricksrl.training import TrainConfig, resume, train
 def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     small = replace(preset("default", "sac"), hidden=(16,))
     folder = tmp_path_factory.mktemp("runs") / "arm"
-    return train(TrainConfig("RoboArmSim-v0", episodes=1, settings=small, run_dir=folder, record=False)).run_dir
+    return train(
+        TrainConfig("RoboArmSim-v0", episodes=1, settings=small, run_dir=folder, record=False)
+    ).run_dir
 
 
 def test_policy_can_be_pickled(run_dir: Path) -> None:
@@ -35,13 +37,18 @@ def test_policy_can_be_pickled(run_dir: Path) -> None:
 
 @pytest.mark.parametrize("shape", [(), (7,), (8, 1)])
 def test_observation_of_another_size_raises(run_dir: Path, shape: tuple[int, ...]) -> None:
-    with pytest.raises(DescriptionError, match=r"takes observations of 8 numbers; give \[\*batch, 8\]"):
+    with pytest.raises(
+        DescriptionError, match=r"takes observations of 8 numbers; give \[\*batch, 8\]"
+    ):
         load_policy(run_dir).act(np.zeros(shape))
 
 
 def test_policy_of_another_environment_raises(run_dir: Path) -> None:
     for env_id in ("WalkerSim-v0", "RunAway-v0"):
-        with closing(bricksrl.make(env_id)) as env, pytest.raises(DescriptionError, match="takes observations of 8 numbers"):
+        with (
+            closing(bricksrl.make(env_id)) as env,
+            pytest.raises(DescriptionError, match="takes observations of 8 numbers"),
+        ):
             env.rollout(1, load_policy(run_dir))
 
 

@@ -22,7 +22,9 @@ from bricksrl.training import TrainConfig, train
 
 def run(folder: Path, agent: str, **settings: object) -> Path:
     small = replace(preset("default", agent), **settings)
-    return train(TrainConfig("RoboArmSim-v0", agent, 1, settings=small, run_dir=folder / agent, record=False)).run_dir
+    return train(
+        TrainConfig("RoboArmSim-v0", agent, 1, settings=small, run_dir=folder / agent, record=False)
+    ).run_dir
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +32,9 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return run(tmp_path_factory.mktemp("runs"), "sac", hidden=(16,))
 
 
-def test_exported_policy_acts_without_bricksrl(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exported_policy_acts_without_bricksrl(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "new" / "arm.pt2"
     assert main(["export", str(trained), "--out", str(out)]) == 0
     assert capsys.readouterr().out.startswith(f"written  {out}  (its actions differ by 0")
@@ -40,16 +44,21 @@ def test_exported_policy_acts_without_bricksrl(trained: Path, tmp_path: Path, ca
         "import sys, torch\n"
         f"observation = torch.load({str(tmp_path / 'observation.pt')!r})\n"
         f"action = torch.export.load({str(out)!r}).module()(observation)\n"
-        "assert not {name for name in sys.modules if name.startswith(('bricksrl', 'torchrl', 'tensordict'))}\n"
+        "assert not {name for name in sys.modules if name.startswith(('bricksrl', 'torchrl', "
+        "'tensordict'))}\n"
         f"torch.save(torch.from_numpy(action.numpy()), {str(tmp_path / 'action.pt')!r})\n"
     )
     subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
-    torch.testing.assert_close(torch.load(tmp_path / "action.pt"), load_policy(trained).act(observation))
+    torch.testing.assert_close(
+        torch.load(tmp_path / "action.pt"), load_policy(trained).act(observation)
+    )
 
 
 def test_shared_policy_can_be_exported(trained: Path, tmp_path: Path) -> None:
     assert export_model(export_policy(trained, tmp_path / "shared"), tmp_path / "arm.pt2") < 1e-5
-    with pytest.raises(RunError, match="shared holds the policy of one checkpoint; take the last one"):
+    with pytest.raises(
+        RunError, match="shared holds the policy of one checkpoint; take the last one"
+    ):
         export_model(tmp_path / "shared", tmp_path / "best.pt2", which="best")
 
 
@@ -60,16 +69,25 @@ def test_existing_file_is_not_overwritten(trained: Path, tmp_path: Path) -> None
     assert (tmp_path / "arm.pt2").read_text() == "mine"
 
 
-def test_wrong_export_is_removed(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(export, "_reader", lambda path, format_: lambda inputs: torch.full((len(inputs[0]), 4), 0.5))
+def test_wrong_export_is_removed(
+    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        export, "_reader", lambda path, format_: lambda inputs: torch.full((len(inputs[0]), 4), 0.5)
+    )
     with pytest.raises(RunError, match="what was written acts otherwise, by"):
         export_model(trained, tmp_path / "arm.pt2")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_missing_onnx_raises(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_onnx_raises(
+    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(export.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(RunError, match=r"export as onnx needs onnx and onnxscript; run `pip install 'bricksrl\[onnx\]'`"):
+    with pytest.raises(
+        RunError,
+        match=r"export as onnx needs onnx and onnxscript; run `pip install 'bricksrl\[onnx\]'`",
+    ):
         export_model(trained, tmp_path / "arm.onnx", "onnx")
     assert list(tmp_path.iterdir()) == []
 

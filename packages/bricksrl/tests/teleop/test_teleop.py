@@ -14,7 +14,15 @@ from prompt_toolkit.input.vt100 import Vt100Input
 
 from brickhub.entry import Entry
 from bricksrl.errors import DataError
-from bricksrl.teleoperation import GamepadDriver, KeyboardDriver, LinuxPad, Paced, PygamePad, at_rest, pushed
+from bricksrl.teleoperation import (
+    GamepadDriver,
+    KeyboardDriver,
+    LinuxPad,
+    Paced,
+    PygamePad,
+    at_rest,
+    pushed,
+)
 
 pytestmark = pytest.mark.realtime
 
@@ -100,14 +108,16 @@ class TestGamepad:
         def event(value: int, kind: int, number: int) -> None:
             os.write(hand, struct.pack("<IhBB", 1, value, kind, number))
 
-        for axis, position in enumerate((0, -32767, 0)):  # as they stand when the device is opened: the second is a trigger
+        # as they stand when the device is opened: the second is a trigger
+        for axis, position in enumerate((0, -32767, 0)):
             event(position, 0x82, axis)
         with GamepadDriver([LEG, ARM], pad=pad) as driver:
             assert driver(NOTHING).tolist() == [1.0, 0.0]
             event(-32767, 0x02, 0)
             event(16384, 0x02, 2)
             assert driver(NOTHING).tolist() == pytest.approx([-1.0, 0.5], abs=1e-4)
-            assert driver(NOTHING).tolist() == pytest.approx([-1.0, 0.5], abs=1e-4)  # sticks stay where they are
+            # sticks stay where they are
+            assert driver(NOTHING).tolist() == pytest.approx([-1.0, 0.5], abs=1e-4)
             event(1000, 0x02, 2)  # within the dead zone
             assert driver(NOTHING).tolist() == [-1.0, 0.0]
             event(1, 0x01, 0)
@@ -138,7 +148,11 @@ class PlayedPygame:
         self.positions = [0.0, -1.0, 0.0]
         self.queue: list[SimpleNamespace] = []
         self.init = self.quit = self.pump = lambda: None
-        self.get_count, self.get_numaxes, self.get_axis = lambda: 1, lambda: 3, lambda axis: self.positions[axis]
+        self.get_count, self.get_numaxes, self.get_axis = (
+            lambda: 1,
+            lambda: 3,
+            lambda axis: self.positions[axis],
+        )
         self.Joystick = lambda number: self
 
     def post(self, kind: int, **fields: int) -> None:

@@ -14,7 +14,10 @@ from brickhub import files
 from bricksrl.errors import CheckpointError
 from bricksrl.training.checkpoint import MAGIC, load_checkpoint, save_checkpoint
 
-STATE: dict[str, Any] = {"numbers": [1, 2.5, "three", None, True], "tensor": torch.arange(6.0).view(2, 3)}
+STATE: dict[str, Any] = {
+    "numbers": [1, 2.5, "three", None, True],
+    "tensor": torch.arange(6.0).view(2, 3),
+}
 
 
 def test_checkpoint_round_trip(tmp_path: Path) -> None:

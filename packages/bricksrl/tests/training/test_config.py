@@ -18,7 +18,12 @@ from bricksrl.errors import DescriptionError, RunError
 from bricksrl.training import TrainConfig
 
 
-@given(st.integers(0, LARGEST_SEED), st.lists(st.integers(1, 512), min_size=1, max_size=4), st.floats(1e-6, 1.0), st.booleans())
+@given(
+    st.integers(0, LARGEST_SEED),
+    st.lists(st.integers(1, 512), min_size=1, max_size=4),
+    st.floats(1e-6, 1.0),
+    st.booleans(),
+)
 def test_config_json_round_trip(seed: int, hidden: list[int], rate: float, realtime: bool) -> None:
     settings = SACSettings(hidden=tuple(hidden), learning_rate=rate)
     config = TrainConfig(env="RunAway-v0", seed=seed, realtime=realtime, settings=settings)
@@ -29,7 +34,9 @@ def test_folder_is_not_part_of_the_dictionary() -> None:
     config = TrainConfig(env="RunAway-v0", settings=preset("paper"), run_dir=Path("here"))
     assert "run_dir" not in config.to_dict()
     assert replace(config, run_dir="here") == config, "a string too"
-    assert TrainConfig.from_dict(config.to_dict(), run_dir=Path("there")) == replace(config, run_dir=Path("there"))
+    assert TrainConfig.from_dict(config.to_dict(), run_dir=Path("there")) == replace(
+        config, run_dir=Path("there")
+    )
 
 
 @pytest.mark.parametrize("agent", AGENTS)
@@ -100,7 +107,9 @@ def test_values_of_another_type_raise(change: dict[str, Any]) -> None:
 
 
 def test_folders_may_be_paths() -> None:
-    config = TrainConfig(env="RunAway-v0", demonstrations=Path("datasets/walk"), start=Path("runs/walk"))  # type: ignore[arg-type]
+    config = TrainConfig(
+        env="RunAway-v0", demonstrations=Path("datasets/walk"), start=Path("runs/walk")
+    )  # type: ignore[arg-type]
     assert (config.demonstrations, config.start) == ("datasets/walk", "runs/walk")
 
 
@@ -122,7 +131,9 @@ def test_invalid_numbers_raise(change: dict[str, int]) -> None:
     ids=["nan", "inf", "-inf", "numpy", "huge"],
 )
 def test_return_to_stop_at_is_finite(stop_at: float) -> None:
-    with pytest.raises(RunError, match="^stop_at is not a finite number; give the return to stop at, or omit it$"):
+    with pytest.raises(
+        RunError, match="^stop_at is not a finite number; give the return to stop at, or omit it$"
+    ):
         TrainConfig(env="RunAway-v0", stop_at=stop_at)
     assert TrainConfig(env="RunAway-v0", stop_at=-3).stop_at == -3
 

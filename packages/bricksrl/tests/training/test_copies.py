@@ -32,9 +32,15 @@ SMALL: dict[str, Any] = {"hidden": (16,), "batch_size": 32, "updates_per_step": 
 
 def config(agent: str, run_dir: Path, **changes: Any) -> TrainConfig:
     settings = preset("default", agent)
-    settings = replace(settings, **{name: value for name, value in SMALL.items() if name in vars(settings)})
+    settings = replace(
+        settings, **{name: value for name, value in SMALL.items() if name in vars(settings)}
+    )
     return TrainConfig(
-        ENV, agent, settings=settings, run_dir=run_dir, **{"episodes": 3, "num_envs": COPIES, "seed": 2, **changes}
+        ENV,
+        agent,
+        settings=settings,
+        run_dir=run_dir,
+        **{"episodes": 3, "num_envs": COPIES, "seed": 2, **changes},
     )
 
 
@@ -131,7 +137,9 @@ def test_parallel_robots_learn_and_lost_one_returns(tmp_path: Path) -> None:
     result = train(run)
     assert (tmp_path / "loser").exists()
     assert [episode.steps for episode in result.episodes] == [12, 24, 36]
-    assert result.episodes[0].length == 6, "the episode that the lost link cut off after 4 steps does not count"
+    assert result.episodes[0].length == 6, (
+        "the episode that the lost link cut off after 4 steps does not count"
+    )
     kept = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]["memory"]["rows"]
     assert len(kept["action"]) == 36 - 1, "the step without an outcome is not remembered"
     assert evaluate(tmp_path / "run", episodes=1, save=False).episodes == 1
@@ -149,11 +157,23 @@ def test_copies_act_without_dropout(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     train(TrainConfig("WalkerSim-v0", "random", 1, run_dir=tmp_path / "data"))
     settings = replace(preset("default", "bc"), hidden=(8, 8), updates_per_step=0.1)
     shown = str(tmp_path / "data")
-    train(TrainConfig("WalkerSim-v0", "bc", 1, num_envs=2, settings=settings, demonstrations=shown, run_dir=tmp_path / "run"))
+    train(
+        TrainConfig(
+            "WalkerSim-v0",
+            "bc",
+            1,
+            num_envs=2,
+            settings=settings,
+            demonstrations=shown,
+            run_dir=tmp_path / "run",
+        )
+    )
     assert set(seen) == {(True, True), (False, False)}
 
 
-def test_copies_explore_without_the_dropout_of_an_own_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_copies_explore_without_the_dropout_of_an_own_network(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     seen, forward = set(), torch.nn.Dropout.forward
 
     def noted(self: torch.nn.Dropout, x: torch.Tensor) -> torch.Tensor:
@@ -163,10 +183,17 @@ def test_copies_explore_without_the_dropout_of_an_own_network(tmp_path: Path, mo
     monkeypatch.setattr(torch.nn.Dropout, "forward", noted)
     network = tmp_path / "nets.py"
     network.write_text(
-        "from torch import nn\ndef make(i, o):\n    return nn.Sequential(nn.Linear(i, 8), nn.Dropout(0.5), nn.Linear(8, o))\n"
+        "from torch import nn\ndef make(i, o):\n"
+        "    return nn.Sequential(nn.Linear(i, 8), nn.Dropout(0.5), nn.Linear(8, o))\n"
     )
-    settings = replace(preset("default", "sac"), network=f"{network}:make", batch_size=16, updates_per_step=0.1)
-    train(TrainConfig("WalkerSim-v0", "sac", 3, num_envs=3, settings=settings, run_dir=tmp_path / "run"))
+    settings = replace(
+        preset("default", "sac"), network=f"{network}:make", batch_size=16, updates_per_step=0.1
+    )
+    train(
+        TrainConfig(
+            "WalkerSim-v0", "sac", 3, num_envs=3, settings=settings, run_dir=tmp_path / "run"
+        )
+    )
     assert seen >= {(3, False), (16, True)}
     assert (3, True) not in seen
 
@@ -175,7 +202,11 @@ class Chunked(TensorDictModule):
     """A policy with a state that only `reset` makes new."""
 
     def __init__(self) -> None:
-        super().__init__(lambda observation: observation.new_zeros(*observation.shape[:-1], 4), ["observation"], ["action"])
+        super().__init__(
+            lambda observation: observation.new_zeros(*observation.shape[:-1], 4),
+            ["observation"],
+            ["action"],
+        )
         self.resets: list[int] = []
         self.made = 0
 
@@ -212,17 +243,32 @@ def test_parallel_robots_are_evaluated_during_training(tmp_path: Path) -> None:
 
 
 def test_own_copies_without_counters_raise(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match="copies of your own need TorchRL's RewardSum and StepCounter"):
+    with pytest.raises(
+        RunError, match="copies of your own need TorchRL's RewardSum and StepCounter"
+    ):
         train(config("sac", tmp_path / "run", num_envs=1), env=bricksrl.make(ENV, batch_size=2))
     own = make_env(ENV, config("sac", tmp_path), 2, seed=0)
-    assert train(config("sac", tmp_path / "run", num_envs=1, episodes=1), env=own).episodes[0].steps == 2 * ROUND
+    assert (
+        train(config("sac", tmp_path / "run", num_envs=1, episodes=1), env=own).episodes[0].steps
+        == 2 * ROUND
+    )
 
 
 @pytest.mark.slow
 def test_script_without_main_guard_is_told_to_have_one(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
-    script.write_text("from bricksrl.training import TrainConfig, train\ntrain(TrainConfig('RunAway-v0', num_envs=2))\n")
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=100, cwd=tmp_path, check=False)
+    script.write_text(
+        "from bricksrl.training import TrainConfig, train\n"
+        "train(TrainConfig('RunAway-v0', num_envs=2))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, script],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        cwd=tmp_path,
+        check=False,
+    )
     *_, last = done.stderr.splitlines()
     assert done.returncode == 1
     assert re.search(r"RunError: the 2 processes cannot start; .*__main__", last)

@@ -23,7 +23,15 @@ from bricksrl.envs.rollout import play_episodes
 from bricksrl.errors import BricksError, CheckpointError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.policies import load_policy
-from bricksrl.training import Callback, RunFolder, TrainConfig, load_learner, recording, resume, train
+from bricksrl.training import (
+    Callback,
+    RunFolder,
+    TrainConfig,
+    load_learner,
+    recording,
+    resume,
+    train,
+)
 from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.learner_side import InLoopLearner
 from bricksrl.training.restore import reproducible
@@ -33,7 +41,15 @@ SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=1)
 
 @pytest.fixture
 def config(tmp_path: Path) -> TrainConfig:
-    return TrainConfig("Cart", episodes=6, seed=4, settings=SMALL, run_dir=tmp_path / "run", eval_every=2, eval_episodes=3)
+    return TrainConfig(
+        "Cart",
+        episodes=6,
+        seed=4,
+        settings=SMALL,
+        run_dir=tmp_path / "run",
+        eval_every=2,
+        eval_episodes=3,
+    )
 
 
 def test_evaluation_does_not_affect_learning(config: TrainConfig, tmp_path: Path) -> None:
@@ -41,14 +57,20 @@ def test_evaluation_does_not_affect_learning(config: TrainConfig, tmp_path: Path
     train(replace(config, run_dir=tmp_path / "without", eval_every=0), env=Cart())
     told = [row.pop("evaluation") for row in rows(tmp_path / "run")]
     assert [bool(text) for text in told] == [False, True] * 3
-    one, other = ([{**row, "evaluation": ""} for row in rows(tmp_path / name)] for name in ("run", "without"))
+    one, other = (
+        [{**row, "evaluation": ""} for row in rows(tmp_path / name)] for name in ("run", "without")
+    )
     assert one == other
     assert not (tmp_path / "without" / "best.bin").exists()
 
 
 def test_best_checkpoint_is_kept(config: TrainConfig) -> None:
     result = train(config, env=Cart())
-    found = {episode.episode: episode.evaluation for episode in result.episodes if episode.evaluation is not None}
+    found = {
+        episode.episode: episode.evaluation
+        for episode in result.episodes
+        if episode.evaluation is not None
+    }
     best = max(found, key=lambda episode: found[episode])
     assert load_checkpoint(result.run_dir / "checkpoint.bin")["best"] == found[best]
     assert load_learner(result.run_dir, Cart(), which="best").episodes == best
@@ -66,7 +88,8 @@ def test_no_best_checkpoint_without_evaluations(config: TrainConfig) -> None:
 
 
 def test_stop_during_an_evaluation_ends_the_run(config: TrainConfig, tmp_path: Path) -> None:
-    """It does not wait for the last evaluation episode; the episode before is kept, and a resumed run makes the evaluation."""
+    """It does not wait for the last evaluation episode; the episode before is kept, and a resumed
+    run makes the evaluation."""
 
     class Interrupted(Cart):
         def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -84,7 +107,9 @@ def test_stop_during_an_evaluation_ends_the_run(config: TrainConfig, tmp_path: P
     assert recorded(tmp_path / "run") == recorded(tmp_path / "whole")
 
 
-def test_stop_during_the_last_evaluation_can_be_resumed(config: TrainConfig, tmp_path: Path) -> None:
+def test_stop_during_the_last_evaluation_can_be_resumed(
+    config: TrainConfig, tmp_path: Path
+) -> None:
     env = Cart()
     stop = threading.Event()
     config = replace(config, episodes=2)
@@ -100,11 +125,15 @@ def test_stop_during_the_last_evaluation_can_be_resumed(config: TrainConfig, tmp
     observer = Recorder()
     again = resume(config.run_dir, observer, env=env)
     assert not again.interrupted and again.episodes[-1].evaluation is not None and env.resets == 3
-    assert [call for call in observer.calls if call.startswith("episode")] == ["episode 2"], "told of once, when it is complete"
+    assert [call for call in observer.calls if call.startswith("episode")] == ["episode 2"], (
+        "told of once, when it is complete"
+    )
 
 
 def recorded(run_dir: Path) -> list[tuple[int | None, int, float, bool]]:
-    return [(row.about.seed, row.length, row.return_, row.about.whole) for row in load(run_dir).rows]
+    return [
+        (row.about.seed, row.length, row.return_, row.about.whole) for row in load(run_dir).rows
+    ]
 
 
 class Killed(BaseException):
@@ -155,12 +184,19 @@ def test_episode_is_kept_once_wherever_the_run_is_killed(
 @pytest.fixture(scope="module")
 def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("whole") / "run"
-    train(TrainConfig("Cart", episodes=4, seed=4, settings=SMALL, run_dir=path, eval_every=2, eval_episodes=2), env=Cart())
+    train(
+        TrainConfig(
+            "Cart", episodes=4, seed=4, settings=SMALL, run_dir=path, eval_every=2, eval_episodes=2
+        ),
+        env=Cart(),
+    )
     return path
 
 
 @pytest.mark.usefixtures("forked_children")
-def test_asynchronous_run_keeps_the_policy_that_it_evaluated(config: TrainConfig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_asynchronous_run_keeps_the_policy_that_it_evaluated(
+    config: TrainConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     acted: list[list[torch.Tensor]] = []
 
     def exploit(learner: Learner, tensordict: TensorDictBase) -> TensorDictBase:
@@ -172,7 +208,11 @@ def test_asynchronous_run_keeps_the_policy_that_it_evaluated(config: TrainConfig
     settings = replace(SMALL, updates_per_step=20.0)
     result = train(replace(config, asynchronous=True, episodes=2, settings=settings), env=Cart())
     saved = list(load_checkpoint(result.run_dir / "best.bin")["agent"]["policy"].values())
-    assert acted and all(torch.equal(one, other) for weights in acted for one, other in zip(weights, saved, strict=True))
+    assert acted and all(
+        torch.equal(one, other)
+        for weights in acted
+        for one, other in zip(weights, saved, strict=True)
+    )
 
 
 def test_resumed_run_keeps_best_checkpoint(config: TrainConfig, tmp_path: Path) -> None:
@@ -184,8 +224,13 @@ def test_resumed_run_keeps_best_checkpoint(config: TrainConfig, tmp_path: Path) 
     assert one.episodes == other.episodes
 
 
-@pytest.mark.parametrize(("stop_at", "eval_every", "ends"), [(-100.0, 2, 2), (-100.0, 0, 6), (-100.0, 4, 4), (100.0, 2, 8)])
-def test_run_stops_at_target_return(config: TrainConfig, stop_at: float, eval_every: int, ends: int) -> None:
+@pytest.mark.parametrize(
+    ("stop_at", "eval_every", "ends"),
+    [(-100.0, 2, 2), (-100.0, 0, 6), (-100.0, 4, 4), (100.0, 2, 8)],
+)
+def test_run_stops_at_target_return(
+    config: TrainConfig, stop_at: float, eval_every: int, ends: int
+) -> None:
     result = train(replace(config, episodes=8, stop_at=stop_at, eval_every=eval_every), env=Cart())
     assert (len(result.episodes), result.interrupted) == (ends, False)
 
@@ -219,7 +264,11 @@ class Costly(LosingCart):
 def test_episodes_with_lost_link_do_not_reach_target_return(config: TrainConfig) -> None:
     result = train(replace(config, episodes=14, eval_every=0, stop_at=-5.0), env=Costly(8))
     whole = [episode for episode in result.episodes if not episode.link_lost]
-    assert len(result.episodes) == 14 and len(whole) == 7 and {episode.return_ for episode in whole} <= {-8.0}
+    assert (
+        len(result.episodes) == 14
+        and len(whole) == 7
+        and {episode.return_ for episode in whole} <= {-8.0}
+    )
 
 
 def test_stopped_run_stays_stopped(config: TrainConfig) -> None:
@@ -252,12 +301,16 @@ def test_evaluation_goes_on_after_a_lost_link(config: TrainConfig) -> None:
 def test_unavailable_device_raises(config: TrainConfig, tmp_path: Path) -> None:
     absent = "mps" if torch.cuda.is_available() else "cuda"
     for name in (absent, "abacus"):
-        with pytest.raises(RunError, match=f"there is no device '{name}' here; choose cpu.* or auto"):
+        with pytest.raises(
+            RunError, match=f"there is no device '{name}' here; choose cpu.* or auto"
+        ):
             train(replace(config, device=name), env=Cart())
     assert list(tmp_path.iterdir()) == []
 
 
-def test_auto_selects_best_device(config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_auto_selects_best_device(
+    config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     monkeypatch.setattr(torch.backends.mps, "is_available", lambda: False)
     train(replace(config, device="auto", episodes=3), env=Cart())
@@ -278,7 +331,9 @@ class Seeded(Cart):
 
 
 @pytest.mark.parametrize("seed", [0, 1000])
-def test_no_seed_lets_an_evaluation_meet_other_episodes_of_the_run(config: TrainConfig, seed: int) -> None:
+def test_no_seed_lets_an_evaluation_meet_other_episodes_of_the_run(
+    config: TrainConfig, seed: int
+) -> None:
     trained, evaluated = Seeded(), Seeded()
     result = train(replace(config, seed=seed, eval_every=1, episodes=4), env=trained)
     for number in (0, 1000):
@@ -287,14 +342,22 @@ def test_no_seed_lets_an_evaluation_meet_other_episodes_of_the_run(config: Train
     selection = {seed for seed in trained.seeds if seed >= 2**31}
     assert len(training) == 4 and len(selection) == config.eval_episodes
     assert all(2**31 <= seed < 3 * 2**30 for seed in selection)
-    assert len({*evaluated.seeds}) == 8 and all(3 * 2**30 <= seed < 2**32 for seed in evaluated.seeds)
+    assert len({*evaluated.seeds}) == 8 and all(
+        3 * 2**30 <= seed < 2**32 for seed in evaluated.seeds
+    )
 
 
-def test_evaluation_follows_from_the_seeds_of_run_and_evaluation(config: TrainConfig, tmp_path: Path) -> None:
-    """Runs with one seed meet the same episodes, so that agents can be compared in pairs; others meet others."""
+def test_evaluation_follows_from_the_seeds_of_run_and_evaluation(
+    config: TrainConfig, tmp_path: Path
+) -> None:
+    """Runs with one seed meet the same episodes, so that agents can be compared in pairs; others
+    meet others."""
     returns = {}
     for agent, seed in (("random", 1), ("random", 2), ("sac", 1)):
-        run = train(TrainConfig("Cart", agent, episodes=1, seed=seed, run_dir=tmp_path / f"{agent}{seed}"), env=Cart()).run_dir
+        run = train(
+            TrainConfig("Cart", agent, episodes=1, seed=seed, run_dir=tmp_path / f"{agent}{seed}"),
+            env=Cart(),
+        ).run_dir
         env = Seeded()
         returns[agent, seed] = evaluate(run, env, episodes=2, save=False).returns, env.seeds
         assert evaluate(run, Cart(), episodes=2, save=False).returns == returns[agent, seed][0]

@@ -24,7 +24,24 @@ from bricksrl.errors import BricksError, CheckpointError, RunError
 from bricksrl.training import TrainConfig, load_learner, resume, train
 from bricksrl.training.checkpoint import MAGIC, load_checkpoint, save_checkpoint
 
-WRONG = (None, True, -1, 0, 10**30, 1.5, float("nan"), "", "x", "../../x", "\0", [], [1], {}, {"a": 1}, [[[]]])
+WRONG = (
+    None,
+    True,
+    -1,
+    0,
+    10**30,
+    1.5,
+    float("nan"),
+    "",
+    "x",
+    "../../x",
+    "\0",
+    [],
+    [1],
+    {},
+    {"a": 1},
+    [[[]]],
+)
 TENSORS = (torch.zeros(3), torch.zeros(2, 2, dtype=torch.int8), torch.zeros(()))
 EXPLODED = Path(__file__).with_name("exploded")
 
@@ -33,7 +50,9 @@ EXPLODED = Path(__file__).with_name("exploded")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of two episodes of four, the second with learning."""
     folder = tmp_path_factory.mktemp("run") / "run"
-    small = replace(preset("default", "sac"), hidden=(8,), batch_size=4, prefill_episodes=1, n_step=2)
+    small = replace(
+        preset("default", "sac"), hidden=(8,), batch_size=4, prefill_episodes=1, n_step=2
+    )
     train(TrainConfig("Cart", episodes=2, settings=small, run_dir=folder, record=False), env=Cart())
     return folder
 
@@ -47,7 +66,13 @@ def changed(run: Path, tmp_path: Path) -> Path:
 def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
     """All paths in nested dictionaries and lists."""
     yield path
-    inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    inside = (
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
     for key, part in inside:
         yield from places(part, (*path, key))
 
@@ -81,7 +106,9 @@ def is_refused_or_sound(folder: Path, error: type[BricksError]) -> None:
     assert contents(folder) == before
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(
+    max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
+)
 @given(data=st.data())
 def test_config_with_wrong_values_raises(changed: Path, run: Path, data: st.DataObject) -> None:
     said = json.loads((run / "config.json").read_text())
@@ -90,11 +117,16 @@ def test_config_with_wrong_values_raises(changed: Path, run: Path, data: st.Data
     is_refused_or_sound(changed, BricksError)
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(
+    max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
+)
 @given(data=st.data())
 def test_checkpoint_with_wrong_values_raises(changed: Path, run: Path, data: st.DataObject) -> None:
     state = load_checkpoint(run / "checkpoint.bin")
-    path, new = data.draw(st.sampled_from(list(places(state)))), data.draw(st.sampled_from((*WRONG, *TENSORS)))
+    path, new = (
+        data.draw(st.sampled_from(list(places(state)))),
+        data.draw(st.sampled_from((*WRONG, *TENSORS))),
+    )
     if path:
         save_checkpoint(changed / "checkpoint.bin", exchanged(state, path, new))
         is_refused_or_sound(changed, CheckpointError)
@@ -124,7 +156,9 @@ def test_checkpoint_with_wrong_values_raises(changed: Path, run: Path, data: st.
         (("pace",), [1]),
     ],
 )
-def test_incomplete_checkpoint_raises(changed: Path, run: Path, path: tuple[Any, ...], new: Any) -> None:
+def test_incomplete_checkpoint_raises(
+    changed: Path, run: Path, path: tuple[Any, ...], new: Any
+) -> None:
     state = load_checkpoint(run / "checkpoint.bin")
     save_checkpoint(changed / "checkpoint.bin", exchanged(state, path, new))
     with pytest.raises(CheckpointError):
@@ -152,7 +186,9 @@ def test_incomplete_checkpoint_raises(changed: Path, run: Path, path: tuple[Any,
         (("collected",), [3]),
     ],
 )
-def test_invalid_buffer_state_raises(changed: Path, run: Path, path: tuple[Any, ...], new: Any) -> None:
+def test_invalid_buffer_state_raises(
+    changed: Path, run: Path, path: tuple[Any, ...], new: Any
+) -> None:
     state = load_checkpoint(run / "checkpoint.bin")
     save_checkpoint(changed / "checkpoint.bin", exchanged(state, path, new))
     before = contents(changed)
@@ -164,7 +200,13 @@ def test_invalid_buffer_state_raises(changed: Path, run: Path, path: tuple[Any, 
 
 @pytest.mark.parametrize(
     "settings",
-    [{"batch_size": 10**30}, {"hidden": [10**9, 10**9]}, {"buffer_size": 10**15}, {"learning_rate": float("inf")}, {"tau": None}],
+    [
+        {"batch_size": 10**30},
+        {"hidden": [10**9, 10**9]},
+        {"buffer_size": 10**15},
+        {"learning_rate": float("inf")},
+        {"tau": None},
+    ],
 )
 def test_huge_settings_raise(changed: Path, run: Path, settings: dict[str, Any]) -> None:
     said = json.loads((run / "config.json").read_text())
@@ -196,7 +238,14 @@ def in_a_file_of_torch() -> bytes:
 
 
 @pytest.mark.parametrize(
-    "payload", [pickle.dumps(Bomb()), pickle.dumps(Bomb(), 2), in_a_file_of_torch(), b"", b"PK\3\4" + b"\0" * 99]
+    "payload",
+    [
+        pickle.dumps(Bomb()),
+        pickle.dumps(Bomb(), 2),
+        in_a_file_of_torch(),
+        b"",
+        b"PK\3\4" + b"\0" * 99,
+    ],
 )
 def test_pickle_with_valid_digest_raises(changed: Path, payload: bytes) -> None:
     (changed / "checkpoint.bin").write_bytes(MAGIC + hashlib.sha256(payload).digest() + payload)

@@ -26,7 +26,9 @@ SETTINGS = ("--set", "hidden=16", "--set", "batch_size=16", "--set", "updates_pe
 def start(*arguments: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "bricksrl", *arguments]
     pipe = subprocess.PIPE
-    return subprocess.Popen(command, env={**os.environ, "MUJOCO_GL": "disable"}, stdout=pipe, stderr=pipe, text=True)
+    return subprocess.Popen(
+        command, env={**os.environ, "MUJOCO_GL": "disable"}, stdout=pipe, stderr=pipe, text=True
+    )
 
 
 def kill_in(process: subprocess.Popen[str], episode: int, delay_s: float) -> int:
@@ -44,17 +46,31 @@ def kill_in(process: subprocess.Popen[str], episode: int, delay_s: float) -> int
     # multiprocessing's resource tracker tells of semaphores that TorchRL's replay buffers held
     said = [line for line in stderr.splitlines() if "resource_tracker" not in line]
     assert (process.returncode, said) == (-9, [])
-    return max([told, *(int(number) for number in re.findall(r"^episode (\d+)/", rest, re.MULTILINE))])
+    return max(
+        [told, *(int(number) for number in re.findall(r"^episode (\d+)/", rest, re.MULTILINE))]
+    )
 
 
 @pytest.mark.slow
 def test_repeatedly_killed_run_equals_uninterrupted(tmp_path: Path) -> None:
     rng = random.Random(7)
     settings = replace(preset("default", "sac"), hidden=(16,), batch_size=16, updates_per_step=1.0)
-    config = TrainConfig("RoboArmSim-v0", episodes=EPISODES, seed=5, settings=settings, run_dir=tmp_path / "whole")
+    config = TrainConfig(
+        "RoboArmSim-v0", episodes=EPISODES, seed=5, settings=settings, run_dir=tmp_path / "whole"
+    )
     train(config)
     run_dir = tmp_path / "run"
-    new = ("train", "RoboArmSim-v0", "--episodes", str(EPISODES), "--seed", "5", *SETTINGS, "--run", str(run_dir))
+    new = (
+        "train",
+        "RoboArmSim-v0",
+        "--episodes",
+        str(EPISODES),
+        "--seed",
+        "5",
+        *SETTINGS,
+        "--run",
+        str(run_dir),
+    )
     saved = 0
     for arguments in (new, ("resume", str(run_dir)), ("train", "--resume", str(run_dir))):
         told = kill_in(start(*arguments), saved + rng.randint(2, 7), rng.uniform(0.0, 0.1))
@@ -69,7 +85,16 @@ def test_repeatedly_killed_run_equals_uninterrupted(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_learner_of_killed_run_saves_and_exits(tmp_path: Path) -> None:
     run_dir = tmp_path / "run"
-    child = start("train", "RoboArmSim-v0", "--episodes", "500", *SETTINGS, "--run", str(run_dir), "--asynchronous")
+    child = start(
+        "train",
+        "RoboArmSim-v0",
+        "--episodes",
+        "500",
+        *SETTINGS,
+        "--run",
+        str(run_dir),
+        "--asynchronous",
+    )
     told = kill_in(child, 3, 0.05)  # it waits until the learner has gone too
     assert len(load_checkpoint(run_dir / "checkpoint.bin")["episodes"]) >= told
     assert len(RunFolder(run_dir).read_episodes()) >= told

@@ -43,7 +43,9 @@ SEEN = torch.tensor([300.0, 0.5])
 
 @pytest.fixture
 def config(tmp_path: Path) -> TrainConfig:
-    return TrainConfig("Cart", episodes=6, seed=4, settings=SMALL, run_dir=tmp_path / "run", asynchronous=True)
+    return TrainConfig(
+        "Cart", episodes=6, seed=4, settings=SMALL, run_dir=tmp_path / "run", asynchronous=True
+    )
 
 
 @pytest.fixture
@@ -61,9 +63,17 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
 
 
 @contextlib.contextmanager
-def learner(*, patient: bool = False, pace: LearningPace = LearningPace()) -> Iterator[AsyncLearner]:  # noqa: B008  it is frozen
+# it is frozen
+def learner(
+    *,
+    patient: bool = False,
+    pace: LearningPace = LearningPace(),  # noqa: B008
+) -> Iterator[AsyncLearner]:
     torch.manual_seed(0)
-    acting, config = make_learner("sac", Cart(), SMALL), TrainConfig("Cart", settings=SMALL, realtime=not patient)
+    acting, config = (
+        make_learner("sac", Cart(), SMALL),
+        TrainConfig("Cart", settings=SMALL, realtime=not patient),
+    )
     state = {"agent": acting.state_dict(), "pace": asdict(pace), "collected": [], "transforms": {}}
     with AsyncLearner(config, Cart(), acting, state) as found:
         yield found
@@ -75,8 +85,16 @@ def best_action(side: AsyncLearner) -> torch.Tensor:
 
 def remember(side: AsyncLearner, count: int) -> None:
     flag = torch.zeros(1, dtype=torch.bool)
-    after = {"observation": SEEN, "reward": torch.ones(1), "terminated": flag, "truncated": flag, "done": flag}
-    frame = TensorDict({"observation": SEEN, "action": torch.tensor([0.5]), "next": TensorDict(after)})
+    after = {
+        "observation": SEEN,
+        "reward": torch.ones(1),
+        "terminated": flag,
+        "truncated": flag,
+        "done": flag,
+    }
+    frame = TensorDict(
+        {"observation": SEEN, "action": torch.tensor([0.5]), "next": TensorDict(after)}
+    )
     for _ in range(count):
         side.remember(frame[None])
 
@@ -120,7 +138,9 @@ def test_pending_updates_are_made_after_resume() -> None:
 def test_networks_on_a_gpu_are_sent_over_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
     learner = make_learner("sac", make("RunAway-v0"), device="meta")  # stands for a GPU
     with monkeypatch.context() as patched:
-        patched.setattr(torch.Tensor, "cpu", lambda tensor: torch.zeros(tensor.shape, dtype=tensor.dtype))
+        patched.setattr(
+            torch.Tensor, "cpu", lambda tensor: torch.zeros(tensor.shape, dtype=tensor.dtype)
+        )
         data = io.BytesIO()
         child_process._Pickler(data).dump(learner.state_dict())
     assert data.tell() > 10_000
@@ -129,7 +149,10 @@ def test_networks_on_a_gpu_are_sent_over_the_cpu(monkeypatch: pytest.MonkeyPatch
 def test_slow_on_policy_learner_uses_each_batch() -> None:
     """All frames are there before it begins; none may be overwritten before it was learned from."""
     env, settings = Cart(), PPOSettings(hidden=(8,), steps=4, batch_size=4, passes=1)
-    acting, config = make_learner("ppo", env, settings), TrainConfig("Cart", "ppo", settings=settings)
+    acting, config = (
+        make_learner("ppo", env, settings),
+        TrainConfig("Cart", "ppo", settings=settings),
+    )
     with set_exploration_type(ExplorationType.RANDOM), torch.no_grad():
         frames = env.rollout(8, acting.policy, break_when_any_done=False)
     inbox: Inbox = SimpleQueue()
@@ -144,9 +167,27 @@ def test_slow_on_policy_learner_uses_each_batch() -> None:
         if len(learned) == 8:
             inbox.put(child_process.END)
 
-    state = {"agent": acting.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": [], "transforms": {}}
-    specs = {name: getattr(env, name).clone() for name in ("observation_spec", "action_spec", "reward_spec", "done_spec")}
-    serve({"config": config.to_dict(), "specs": specs, "layout": None, "has_task": False, "state": state}, inbox, send)
+    state = {
+        "agent": acting.state_dict(),
+        "pace": {"asked": 0, "done": 0},
+        "collected": [],
+        "transforms": {},
+    }
+    specs = {
+        name: getattr(env, name).clone()
+        for name in ("observation_spec", "action_spec", "reward_spec", "done_spec")
+    }
+    serve(
+        {
+            "config": config.to_dict(),
+            "specs": specs,
+            "layout": None,
+            "has_task": False,
+            "state": state,
+        },
+        inbox,
+        send,
+    )
     assert [bool(metrics) for _, metrics, _ in learned] == [False, False, False, True] * 2
 
 
@@ -168,7 +209,9 @@ def test_asynchronous_run_saves_learner(config: TrainConfig) -> None:
     assert state["pace"]["done"] == asked + sum(episode.length for episode in more.episodes[6:])
 
 
-def test_killed_learner_ends_run_with_one_error(config: TrainConfig, started, tmp_path: Path) -> None:
+def test_killed_learner_ends_run_with_one_error(
+    config: TrainConfig, started, tmp_path: Path
+) -> None:
     observer = Recorder((4, 1), lambda: os.kill(started[0].pid, signal.SIGKILL))
     with pytest.raises(LearnerError, match=r"died \(signal 9\); resume") as caught:
         train(replace(config, episodes=10_000), observer, env=Cart())
@@ -202,14 +245,18 @@ def test_motors_stop_when_learner_dies(started, tmp_path: Path, monkeypatch) -> 
 
 def test_learner_error_is_one_line(config: TrainConfig, tmp_path: Path) -> None:
     env = make("RunAway-v0", seed=0)
-    with pytest.raises(LearnerError, match=r"failed \(UnknownNameError: there is no environment 'Nowhere-v7'") as caught:
+    with pytest.raises(
+        LearnerError, match=r"failed \(UnknownNameError: there is no environment 'Nowhere-v7'"
+    ) as caught:
         train(replace(config, env="Nowhere-v7"), env=env)
     env.close()
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_c_during_learner_start_leaves_no_files(config: TrainConfig, started, tmp_path: Path) -> None:
+def test_ctrl_c_during_learner_start_leaves_no_files(
+    config: TrainConfig, started, tmp_path: Path
+) -> None:
     class Interrupting(Recorder):
         def on_learner(self, learner: Learner) -> None:
             threading.Timer(0.03, ctrl_c).start()
@@ -225,7 +272,9 @@ def test_real_time_runs_are_asynchronous_by_default() -> None:
     assert TrainConfig("Walker-v0", realtime=True).asynchronous
     assert TrainConfig("Walker-v0", hub="ble").asynchronous
     assert not TrainConfig("Walker-v0", realtime=True, asynchronous=False).asynchronous
-    for config, chosen in itertools.product((TrainConfig("Walker-v0"), TrainConfig("Walker-v0", realtime=True)), (True, False)):
+    for config, chosen in itertools.product(
+        (TrainConfig("Walker-v0"), TrainConfig("Walker-v0", realtime=True)), (True, False)
+    ):
         told = replace(config, asynchronous=chosen)
         assert TrainConfig.from_dict(told.to_dict()) == told
 
@@ -239,5 +288,12 @@ def test_error_of_a_callback_is_the_last_line(tmp_path: Path) -> None:
         "        raise ValueError('mine')\n"
         "train(TrainConfig('RunAway-v0', episodes=2, asynchronous=True), Faulty())\n"
     )
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=100, cwd=tmp_path, check=False)
+    done = subprocess.run(
+        [sys.executable, script],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        cwd=tmp_path,
+        check=False,
+    )
     assert (done.returncode, done.stderr.splitlines()[-1]) == (1, "ValueError: mine")

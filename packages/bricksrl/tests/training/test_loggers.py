@@ -35,18 +35,26 @@ def test_tensorboard_equals_metrics(config: TrainConfig) -> None:
         result = resume(result.run_dir, episodes=4, env=Cart())
         found = EventAccumulator(str(result.run_dir / "tensorboard"))
         found.Reload()
-    assert set(found.Tags()["scalars"]) == {name for episode in result.episodes for name in numbers(episode)}
+    assert set(found.Tags()["scalars"]) == {
+        name for episode in result.episodes for name in numbers(episode)
+    }
     returns = [(event.step, event.value) for event in found.Scalars("return")]
-    assert returns == [(episode.steps, pytest.approx(episode.return_, rel=1e-5)) for episode in result.episodes]
+    assert returns == [
+        (episode.steps, pytest.approx(episode.return_, rel=1e-5)) for episode in result.episodes
+    ]
     assert len(found.Scalars("loss_qvalue")) == 3
 
 
 def test_unknown_logger_raises(config: TrainConfig) -> None:
-    with pytest.raises(DescriptionError, match="log is 'paper'; choose none, tensorboard, wandb or trackio"):
+    with pytest.raises(
+        DescriptionError, match="log is 'paper'; choose none, tensorboard, wandb or trackio"
+    ):
         replace(config, log="paper")
 
 
-def test_missing_logger_raises_and_leaves_no_files(config: TrainConfig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_missing_logger_raises_and_leaves_no_files(
+    config: TrainConfig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(loggers.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(RunError, match="wandb is not installed"):
         train(replace(config, log="wandb"), env=Cart())
@@ -60,7 +68,9 @@ class Experiment:
         self.given, self.logged, self.finished = given, [], False
         self.config = SimpleNamespace(update=lambda *args, **kwargs: None)
 
-    def log(self, data: dict[str, float], step: int | None = None, commit: bool | None = None) -> None:
+    def log(
+        self, data: dict[str, float], step: int | None = None, commit: bool | None = None
+    ) -> None:
         self.logged.append((data, step))
 
     def define_metric(self, *args: Any, **kwargs: Any) -> None:
@@ -73,7 +83,12 @@ class Experiment:
 def test_trackio_logs_locally(config: TrainConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     experiments = []
 
-    def init(project: str, name: str | None = None, config: dict[str, Any] | None = None, resume: str = "never") -> Experiment:
+    def init(
+        project: str,
+        name: str | None = None,
+        config: dict[str, Any] | None = None,
+        resume: str = "never",
+    ) -> Experiment:
         experiments.append(Experiment(project=project, name=name, config=config, resume=resume))
         return experiments[-1]
 

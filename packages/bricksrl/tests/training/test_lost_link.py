@@ -54,7 +54,11 @@ def successors(run_dir: Path) -> list[int]:
 
 def assert_linked_within_episodes(result: RunResult) -> None:
     """Transitions are linked within each episode only, also in the broken one."""
-    lengths, expected, nothing = [episode.length for episode in result.episodes], [], SMALL.buffer_size
+    lengths, expected, nothing = (
+        [episode.length for episode in result.episodes],
+        [],
+        SMALL.buffer_size,
+    )
     for length in lengths:
         expected += [len(expected) + step + 1 for step in range(length - 1)]
         expected.append(nothing)
@@ -163,11 +167,19 @@ def test_virtual_robot_returns(asynchronous: bool, tmp_path: Path) -> None:
     hub = Breaking(make_body(RUN_AWAY.robot, scene=RUN_AWAY.scene))
     link = HubLink(hub, RUN_AWAY.robot, RUN_AWAY.interface)
     env = HubEnv(RUN_AWAY, lambda _: Connection(link, hub.reset), seed=0)
-    config = TrainConfig("RunAway-v0", episodes=4, settings=SMALL, run_dir=tmp_path / "run", asynchronous=asynchronous)
+    config = TrainConfig(
+        "RunAway-v0",
+        episodes=4,
+        settings=SMALL,
+        run_dir=tmp_path / "run",
+        asynchronous=asynchronous,
+    )
     seen: dict[int, list[TensorDictBase]] = {}
 
     class Listener(Recorder):
-        def on_transition(self, episode: int, step: int, phase: object, transition: TensorDictBase) -> None:
+        def on_transition(
+            self, episode: int, step: int, phase: object, transition: TensorDictBase
+        ) -> None:
             seen.setdefault(episode, []).append(transition.clone())
 
     observer = Listener()
@@ -179,5 +191,11 @@ def test_virtual_robot_returns(asynchronous: bool, tmp_path: Path) -> None:
     assert len(result.episodes) == 4
     for data in seen.values():
         for one, other in zip(data[:-1], data[1:], strict=True):
-            assert torch.equal(one["next", "observation"], other["observation"]), "no transition leaps"
-    assert len(remembered(result.run_dir)["action"]) == sum(map(len, seen.values())) == result.episodes[-1].steps
+            assert torch.equal(one["next", "observation"], other["observation"]), (
+                "no transition leaps"
+            )
+    assert (
+        len(remembered(result.run_dir)["action"])
+        == sum(map(len, seen.values()))
+        == result.episodes[-1].steps
+    )

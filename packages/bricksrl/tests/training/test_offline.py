@@ -45,18 +45,38 @@ def small(agent: str, **changes: Any) -> Any:
 
 @pytest.fixture
 def config(tmp_path: Path, data: str) -> TrainConfig:
-    return TrainConfig("Cart", "iql", 3, seed=4, settings=small("iql"), data=data, updates=40, run_dir=tmp_path / "run")
+    return TrainConfig(
+        "Cart",
+        "iql",
+        3,
+        seed=4,
+        settings=small("iql"),
+        data=data,
+        updates=40,
+        run_dir=tmp_path / "run",
+    )
 
 
 def test_offline_run_writes_files(config: TrainConfig) -> None:
     listener = Listener()
     result = train(config, listener, env=Cart())
     assert not result.interrupted
-    assert names(result.run_dir) == [".lock", "checkpoint.bin", "config.json", "learning_curve.png", "metrics.csv"]
+    assert names(result.run_dir) == [
+        ".lock",
+        "checkpoint.bin",
+        "config.json",
+        "learning_curve.png",
+        "metrics.csv",
+    ]
     folder = RunFolder(result.run_dir)
     assert folder.read_config() == config
     assert [episode.phase for episode in folder.read_episodes()] == [Phase.OFFLINE] * 3
-    assert set(result.episodes[0].measures) == {"loss_qvalue", "loss_value", "loss_actor", "entropy"}
+    assert set(result.episodes[0].measures) == {
+        "loss_qvalue",
+        "loss_value",
+        "loss_actor",
+        "entropy",
+    }
     assert listener.calls == ["start 0", "episode 1", "episode 2", "episode 3", "end"]
     found = evaluate(result.run_dir, Cart(), episodes=2)
     assert (found.agent, found.episodes) == ("iql", 2)
@@ -93,14 +113,18 @@ class Breaking(Cart):
         return super()._reset()
 
 
-def test_interrupted_and_resumed_run_ends_bit_identical(config: TrainConfig, tmp_path: Path) -> None:
+def test_interrupted_and_resumed_run_ends_bit_identical(
+    config: TrainConfig, tmp_path: Path
+) -> None:
     train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
     result = train(config, env=Breaking())
     assert result.interrupted
     assert len(result.episodes) == len(rows(result.run_dir)) == 1
     assert not resume(result.run_dir, env=Cart()).interrupted
     assert_same_run(tmp_path / "whole", tmp_path / "run")
-    with pytest.raises(RunError, match="learned from data; `bricksrl train ENV --from RUN` goes on"):
+    with pytest.raises(
+        RunError, match="learned from data; `bricksrl train ENV --from RUN` goes on"
+    ):
         resume(result.run_dir, episodes=9, env=Cart())
 
 
@@ -112,7 +136,9 @@ def test_interrupted_and_resumed_run_ends_bit_identical(config: TrainConfig, tmp
         ({"updates": 2}, RunError, "2 updates cannot be spread over 3 episodes"),
     ],
 )
-def test_invalid_configs_raise(config: TrainConfig, changes: dict[str, Any], error: type[Exception], says: str) -> None:
+def test_invalid_configs_raise(
+    config: TrainConfig, changes: dict[str, Any], error: type[Exception], says: str
+) -> None:
     with pytest.raises(error, match=says):
         replace(config, **changes)
 
@@ -124,23 +150,32 @@ def test_invalid_offline_agent_leaves_no_folder(config: TrainConfig, tmp_path: P
         train(replace(config, agent="random", settings=None), env=Cart())
     with pytest.raises(DataError, match="nowhere"):
         train(replace(config, data=str(tmp_path / "nowhere")), env=Cart())
-    with pytest.raises(DataError, match=r"is of Cart: its observation is \[.*\], not \[left_angle, .*; choose data"):
-        train(TrainConfig("RunAway-v0", "sac", demonstrations=config.data, run_dir=tmp_path / "run"))
+    with pytest.raises(
+        DataError, match=r"is of Cart: its observation is \[.*\], not \[left_angle, .*; choose data"
+    ):
+        train(
+            TrainConfig("RunAway-v0", "sac", demonstrations=config.data, run_dir=tmp_path / "run")
+        )
     assert names(tmp_path) == []
 
 
 @pytest.mark.parametrize(
-    ("agent", "least", "most"), [("bc", -3, 3), ("iql", 3, 8), ("cql", 5, 9), ("td3bc", 5, 9), ("sac", 5, 9)]
+    ("agent", "least", "most"),
+    [("bc", -3, 3), ("iql", 3, 8), ("cql", 5, 9), ("td3bc", 5, 9), ("sac", 5, 9)],
 )
 @pytest.mark.slow
-def test_offline_agent_learns_from_data(tmp_path: Path, data: str, agent: str, least: int, most: int) -> None:
+def test_offline_agent_learns_from_data(
+    tmp_path: Path, data: str, agent: str, least: int, most: int
+) -> None:
     """Random steps drift from the wall; the best policy gets 7 dm in 8 steps.
 
     BC imitates, and IQL imitates the better half: the mean of its actions stays below the best one.
     """
     changes = {"sampled_actions": 4} if agent == "cql" else {}
     settings = small(agent, **changes)
-    config = TrainConfig("Cart", agent, 1, settings=settings, data=data, updates=400, run_dir=tmp_path / "run")
+    config = TrainConfig(
+        "Cart", agent, 1, settings=settings, data=data, updates=400, run_dir=tmp_path / "run"
+    )
     train(config, env=Cart())
     found = evaluate(tmp_path / "run", Cart(), episodes=10).return_mean
     assert least < found < (3 if agent == "bc" else 9)
@@ -151,13 +186,19 @@ def test_offline_agent_learns_from_data(tmp_path: Path, data: str, agent: str, l
     [
         ("sac", False),
         ("sac", True),
-        *(pytest.param(*more, marks=pytest.mark.slow) for more in (("td3", False), ("iql", True), ("iql", False), ("cql", True))),
+        *(
+            pytest.param(*more, marks=pytest.mark.slow)
+            for more in (("td3", False), ("iql", True), ("iql", False), ("cql", True))
+        ),
     ],
 )
 def test_warm_start_continues(tmp_path: Path, data: str, agent: str, beside: bool) -> None:
-    """It acts as before at once, and stays as good while it learns on, with or without the dataset."""
+    """It acts as before at once, and stays as good while it learns on, with or without the
+    dataset."""
     settings = small(agent, **({"sampled_actions": 4} if agent == "cql" else {}))
-    first = TrainConfig("Cart", agent, 1, settings=settings, data=data, updates=400, run_dir=tmp_path / "first")
+    first = TrainConfig(
+        "Cart", agent, 1, settings=settings, data=data, updates=400, run_dir=tmp_path / "first"
+    )
     train(first, env=Cart())
     before = evaluate(tmp_path / "first", Cart(), episodes=10).return_mean
     start = str(tmp_path / "first")
@@ -173,7 +214,8 @@ def test_warm_start_continues(tmp_path: Path, data: str, agent: str, beside: boo
 
 
 def test_warm_start_copies_whole_agent(tmp_path: Path) -> None:
-    """Critics, targets, temperature, optimiser and replay buffer; without them the policy degrades."""
+    """Critics, targets, temperature, optimiser and replay buffer; without them the policy
+    degrades."""
     settings = small("sac", prefill_episodes=1)
     first = TrainConfig("Cart", episodes=3, settings=settings, run_dir=tmp_path / "first")
     train(first, env=Cart())
@@ -205,15 +247,23 @@ def test_first_step_after_warm_start_follows_no_other(tmp_path: Path) -> None:
     last = len(state["agent"]["memory"]["rows"]["action"]) - 1
     state["agent"]["memory"]["last"] = torch.tensor([last])
     save_checkpoint(path, state)
-    train(replace(first, start=str(tmp_path / "first"), episodes=1, run_dir=tmp_path / "second"), env=Cart())
+    train(
+        replace(first, start=str(tmp_path / "first"), episodes=1, run_dir=tmp_path / "second"),
+        env=Cart(),
+    )
     memory = load_checkpoint(tmp_path / "second" / "checkpoint.bin")["agent"]["memory"]
-    assert memory["successor"][last] == settings.buffer_size and memory["successor"][last + 1] == last + 2
+    assert (
+        memory["successor"][last] == settings.buffer_size
+        and memory["successor"][last + 1] == last + 2
+    )
 
 
 def test_warm_start_of_other_settings_raises(config: TrainConfig, tmp_path: Path) -> None:
     train(config, env=Cart())
     start = str(tmp_path / "run")
-    wanted = TrainConfig("Cart", "iql", settings=config.settings, start=start, run_dir=tmp_path / "next")
+    wanted = TrainConfig(
+        "Cart", "iql", settings=config.settings, start=start, run_dir=tmp_path / "next"
+    )
     with pytest.raises(CheckpointError, match="run is iql's, not crossq's; "):
         train(replace(wanted, agent="crossq", settings=small("crossq")), env=Cart())
     with pytest.raises(CheckpointError, match="has other settings"):
@@ -223,16 +273,27 @@ def test_warm_start_of_other_settings_raises(config: TrainConfig, tmp_path: Path
     assert names(tmp_path) == ["run"]
 
 
-def test_asynchronous_learner_uses_dataset(config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_asynchronous_learner_uses_dataset(
+    config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """ACT needs the dataset, and its actor needs resets."""
     starts: list[ChunkPolicy] = []
-    monkeypatch.setattr(ChunkPolicy, "reset", lambda self: starts.append(self))  # noqa: PLW0108  append is no method
+    # append is no method
+    monkeypatch.setattr(ChunkPolicy, "reset", lambda self: starts.append(self))  # noqa: PLW0108
     given = {"data": None, "demonstrations": config.data, "updates": 0}
-    beside = replace(config, agent="act", settings=preset("default", "act"), episodes=3, asynchronous=True, **given)
+    beside = replace(
+        config,
+        agent="act",
+        settings=preset("default", "act"),
+        episodes=3,
+        asynchronous=True,
+        **given,
+    )
     result = train(beside, env=Cart())
     state = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]
     assert len(starts) == 3
-    assert 0 < state["updates"] <= 2 * result.episodes[-1].steps  # it does not wait for the last ones
+    # it does not wait for the last ones
+    assert 0 < state["updates"] <= 2 * result.episodes[-1].steps
 
 
 @pytest.mark.slow
@@ -242,18 +303,24 @@ def test_iql_reaches_goals_of_demonstrations(tmp_path: Path) -> None:
     def reach(state: TensorDictBase) -> TensorDictBase:
         lacks = state["observation"][4:] - state["observation"][:4]
         lacks[0] = (lacks[0] + 180.0) % 360.0 - 180.0
-        return state.set("action", (lacks / torch.tensor([100.0, 30.0, 60.0, 25.0])).clamp(-1.0, 1.0))
+        return state.set(
+            "action", (lacks / torch.tensor([100.0, 30.0, 60.0, 25.0])).clamp(-1.0, 1.0)
+        )
 
     env = bricksrl.make("RoboArmSim-v0", seed=0)
     with Recorder(tmp_path / "data", describe(env)) as recorder:
         collect(env, reach, recorder, 40, name="reach")
     settings = replace(preset("default", "iql"), hidden=(64, 64))
-    config = TrainConfig("RoboArmSim-v0", "iql", 1, settings=settings, data=str(tmp_path / "data"), updates=800)
+    config = TrainConfig(
+        "RoboArmSim-v0", "iql", 1, settings=settings, data=str(tmp_path / "data"), updates=800
+    )
     train(replace(config, run_dir=tmp_path / "run", record=False))
     assert evaluate(tmp_path / "run", episodes=10).success_rate >= 0.9
 
 
-def test_entries_that_are_not_observed_are_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_entries_that_are_not_observed_are_left_out(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """One line says it; the others are taken by name, in the environment's order."""
     env = Cart()
     own = describe(env)
@@ -262,7 +329,9 @@ def test_entries_that_are_not_observed_are_left_out(tmp_path: Path, caplog: pyte
     with Recorder(tmp_path / "set", wider) as recorder:
         recorder.write(steps, About())
     data = read_for(str(tmp_path / "set"), env, images=False)
-    assert data.observation.tolist() == [[1.0, 2.0]] and data.next_observation.tolist() == [[3.0, 4.0]]
+    assert data.observation.tolist() == [[1.0, 2.0]] and data.next_observation.tolist() == [
+        [3.0, 4.0]
+    ]
     assert [record.getMessage() for record in caplog.records] == [
         f"{tmp_path / 'set'} has acceleration_x, which Cart does not observe; it is left out"
     ]

@@ -76,7 +76,9 @@ def test_a_lost_step_with_a_camera_has_the_previous_image(lost: str) -> None:
         film.fails_at = film.shown + 1
     after = env.step(env.rand_action(before.clone()))["next"]
     assert bool(after["link_lost"]) and bool(after["truncated"])
-    assert torch.equal(after["image"], before["image"]) and torch.equal(after["observation"], before["observation"])
+    assert torch.equal(after["image"], before["image"]) and torch.equal(
+        after["observation"], before["observation"]
+    )
     assert after["image"].data_ptr() != before["image"].data_ptr()
     assert env.observation_spec.is_in(after.select(*env.observation_spec.keys()))
     assert not bool(env.reset()["link_lost"])
@@ -90,8 +92,16 @@ def test_a_run_with_a_camera_goes_on_after_a_lost_step(lost: str, tmp_path: Path
         hub.answers_left = 10
     else:
         film.fails_at = 9
-    settings = replace(preset("default", "sac", images=True), hidden=(8,), batch_size=4, prefill_episodes=1, updates_per_step=0.5)
-    config = TrainConfig("RoboArm_mixed-v0", episodes=3, settings=settings, run_dir=tmp_path / "run")
+    settings = replace(
+        preset("default", "sac", images=True),
+        hidden=(8,),
+        batch_size=4,
+        prefill_episodes=1,
+        updates_per_step=0.5,
+    )
+    config = TrainConfig(
+        "RoboArm_mixed-v0", episodes=3, settings=settings, run_dir=tmp_path / "run"
+    )
     result = train(config, env=env)
     env.close()
     assert [episode.link_lost for episode in result.episodes].count(True) == 1
@@ -143,7 +153,9 @@ def test_copies_end_by_themselves_behind_a_frame_skip(skip: int) -> None:
         total = 0.0
         for frame in copy.unbind(0):
             total += float(frame["reward"])
-            assert total == pytest.approx(float(frame["episode_reward"]), abs=1e-3), "all steps count, and none after the end"
+            assert total == pytest.approx(float(frame["episode_reward"]), abs=1e-3), (
+                "all steps count, and none after the end"
+            )
             assert int(frame["step_count"]) <= 100
             assert bool(frame["done"]) or int(frame["step_count"]) % skip == 0
             if bool(frame["terminated"]):
@@ -155,12 +167,23 @@ def test_copies_end_by_themselves_behind_a_frame_skip(skip: int) -> None:
 
 def test_a_run_of_copies_behind_a_frame_skip_counts_all_steps(tmp_path: Path) -> None:
     settings = replace(preset("default", "sac"), hidden=(8,), batch_size=4, updates_per_step=0.1)
-    common: dict[str, Any] = {"options": {"max_steps": 20}, "frame_skip": 4, "episodes": 2, "settings": settings}
-    copies = train(TrainConfig("WalkerSim-v0", num_envs=8, run_dir=tmp_path / "copies", **common)).episodes
+    common: dict[str, Any] = {
+        "options": {"max_steps": 20},
+        "frame_skip": 4,
+        "episodes": 2,
+        "settings": settings,
+    }
+    copies = train(
+        TrainConfig("WalkerSim-v0", num_envs=8, run_dir=tmp_path / "copies", **common)
+    ).episodes
     alone = train(TrainConfig("WalkerSim-v0", run_dir=tmp_path / "alone", **common)).episodes
-    assert [episode.length for episode in copies] == [episode.length for episode in alone] == [20, 20]
-    assert copies[0].steps == 8 * 4 * 20  # a round has as many steps of the agent as an episode of the robot
-    assert copies[0].return_ == pytest.approx(alone[0].return_, rel=0.5)  # random actions, not a quarter of their rewards
+    assert (
+        [episode.length for episode in copies] == [episode.length for episode in alone] == [20, 20]
+    )
+    # a round has as many steps of the agent as an episode of the robot
+    assert copies[0].steps == 8 * 4 * 20
+    # random actions, not a quarter of their rewards
+    assert copies[0].return_ == pytest.approx(alone[0].return_, rel=0.5)
 
 
 def test_a_link_that_is_lost_within_a_skip_ends_the_step(tmp_path: Path) -> None:
@@ -180,13 +203,21 @@ def test_a_robots_link_that_is_lost_within_a_skip_keeps_the_steps_before(tmp_pat
     task = replace(get_task("RunAway-v0"), max_steps=6)
     hub = Forgetful(make_body(task.robot, scene=task.scene))
     hub.answers_left = 4  # hello, reading, and a step of the three
-    env = HubEnv(task, lambda _seed: Connection(HubLink(hub, task.robot, task.interface), hub.reset, hub), seed=0)
+    env = HubEnv(
+        task,
+        lambda _seed: Connection(HubLink(hub, task.robot, task.interface), hub.reset, hub),
+        seed=0,
+    )
     settings = replace(preset("default", "sac"), hidden=(8,), batch_size=4, updates_per_step=0.1)
     result = train(
-        TrainConfig("RunAway-v0", episodes=2, settings=settings, run_dir=tmp_path / "run"), env=TransformedEnv(env, FrameSkip(3))
+        TrainConfig("RunAway-v0", episodes=2, settings=settings, run_dir=tmp_path / "run"),
+        env=TransformedEnv(env, FrameSkip(3)),
     )
     env.close()
-    assert [(episode.length, episode.link_lost) for episode in result.episodes] == [(1, True), (6, False)]
+    assert [(episode.length, episode.link_lost) for episode in result.episodes] == [
+        (1, True),
+        (6, False),
+    ]
     data = load(tmp_path / "run")
     assert len(data) == 7 and float(data.hub_time_s[0]) > 0
 
@@ -199,16 +230,24 @@ def test_what_is_frozen_is_never_reset(agent: str) -> None:
     learner = make_learner(agent, env, settings)
     add_base(learner, Base(teacher))
     learner.remember(env.rollout(20))
-    kept = {name: part for name, part in learner.loss.state_dict().items() if name.startswith(("base.", "anchor."))}
+    kept = {
+        name: part
+        for name, part in learner.loss.state_dict().items()
+        if name.startswith(("base.", "anchor."))
+    }
     frozen = {name: part.clone() for name, part in kept.items() if isinstance(part, torch.Tensor)}
-    assert any(name.startswith("base.") for name in frozen) and any(name.startswith("anchor.") for name in frozen)
+    assert any(name.startswith("base.") for name in frozen) and any(
+        name.startswith("anchor.") for name in frozen
+    )
     actor = [tensor.detach().clone() for tensor in learner.loss.actor.parameters()]
     learner.make_updates(3)
     after = learner.loss.state_dict()
     for name, tensor in frozen.items():
         assert torch.equal(tensor, after[name]), name
     now = [tensor.detach() for tensor in learner.loss.actor.parameters()]
-    assert any(float((one - other).abs().max()) > 0.05 for one, other in zip(actor, now, strict=True)), "the actor is"
+    assert any(
+        float((one - other).abs().max()) > 0.05 for one, other in zip(actor, now, strict=True)
+    ), "the actor is"
 
 
 def test_frozen_layers_of_an_own_network_are_never_reset(tmp_path: Path) -> None:
@@ -221,12 +260,19 @@ def test_frozen_layers_of_an_own_network_are_never_reset(tmp_path: Path) -> None
         "    return nn.Sequential(known, nn.ReLU(), half, nn.ReLU(), nn.Linear(8, m))\n"
     )
     env = bricksrl.make("WalkerSim-v0", seed=0)
-    settings = replace(preset("default", "sac"), batch_size=4, reset_every=2, network=str(tmp_path / "mine.py"))
+    settings = replace(
+        preset("default", "sac"), batch_size=4, reset_every=2, network=str(tmp_path / "mine.py")
+    )
     learner = make_learner("sac", env, settings)
     learner.remember(env.rollout(20))
-    before = [(name, tensor.clone(), tensor.requires_grad) for name, tensor in learner.loss.actor.named_parameters()]
+    before = [
+        (name, tensor.clone(), tensor.requires_grad)
+        for name, tensor in learner.loss.actor.named_parameters()
+    ]
     learner.make_updates(2)
-    for (name, tensor, is_learned), (_, now) in zip(before, learner.loss.actor.named_parameters(), strict=True):
+    for (name, tensor, is_learned), (_, now) in zip(
+        before, learner.loss.actor.named_parameters(), strict=True
+    ):
         assert torch.equal(tensor, now) is not is_learned, name
 
 
@@ -234,12 +280,20 @@ MEMORY_MAPPED = [agent for agent in AGENTS if hasattr(preset("default", agent), 
 
 
 @pytest.mark.parametrize("agent", MEMORY_MAPPED)
-def test_each_agent_learns_from_a_memory_mapped_buffer_as_from_memory(agent: str, tmp_path: Path) -> None:
+def test_each_agent_learns_from_a_memory_mapped_buffer_as_from_memory(
+    agent: str, tmp_path: Path
+) -> None:
     learned = []
     for memory_mapped in (False, True):
         torch.manual_seed(0)
         env = bricksrl.make("RoboArmSim-v0", seed=0)
-        settings = replace(preset("default", agent), hidden=(8,), batch_size=4, n_step=2, memory_mapped=memory_mapped)
+        settings = replace(
+            preset("default", agent),
+            hidden=(8,),
+            batch_size=4,
+            n_step=2,
+            memory_mapped=memory_mapped,
+        )
         learner = make_learner(agent, env, settings)
         learner.remember(env.rollout(20))
         learner.learn(1)

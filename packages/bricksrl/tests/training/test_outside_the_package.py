@@ -98,7 +98,7 @@ FAST = Task(
     success=lambda observations: observations[..., -1, 1] > 100.0,
     metrics=lambda observations: {"speed_deg_s": observations[..., 1].mean(-1)},
 )
-"""
+"""  # noqa: E501
 AGENT = """
 from dataclasses import dataclass
 
@@ -128,13 +128,18 @@ def build(env, settings: DDPGSettings, device="cpu"):
     optimizer = torch.optim.Adam(loss.parameters(), lr=settings.learning_rate)
     memory = make_replay_buffer(env, settings, device)
     return Learner(policy, loss, optimizer, memory, SoftUpdate(loss, tau=0.01), prefill_episodes=settings.prefill_episodes)
-"""
+"""  # noqa: E501
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    for name, text in {"my_sensor": SENSOR, "my_robot": ROBOT, "my_task": TASK, "my_agent": AGENT}.items():
+    for name, text in {
+        "my_sensor": SENSOR,
+        "my_robot": ROBOT,
+        "my_task": TASK,
+        "my_agent": AGENT,
+    }.items():
         (tmp_path / f"{name}.py").write_text(text)
     yield tmp_path
     for name in ("my_sensor", "my_robot"):
@@ -146,7 +151,10 @@ def test_user_channels_are_in_program_and_env(folder: Path) -> None:
     task = bricksrl.envs.get_task(reference)
     program = generate(task.robot, task.interface).source
     assert "wire(motor_disc.speed() * 1)," in program
-    assert "    millivolts = hub.battery.voltage()\n" in program and "from pybricks.tools import StopWatch\n" in program
+    assert (
+        "    millivolts = hub.battery.voltage()\n" in program
+        and "from pybricks.tools import StopWatch\n" in program
+    )
     assert task.entries[1] == Entry("disc_speed", -1000.0, 1000.0, "deg/s", (-2000.0, 2000.0))
     assert [finding for finding in check_env(reference) if finding.outcome is Outcome.ERROR] == []
     env = bricksrl.make(reference, seed=0)
@@ -158,26 +166,49 @@ def test_user_channels_are_in_program_and_env(folder: Path) -> None:
 
 
 def test_user_algorithm_learns_from_user_channels(folder: Path) -> None:
-    config = TrainConfig(f"{folder / 'my_task.py'}:FAST", agent=str(folder / "my_agent.py"), episodes=4, run_dir=folder / "run")
+    config = TrainConfig(
+        f"{folder / 'my_task.py'}:FAST",
+        agent=str(folder / "my_agent.py"),
+        episodes=4,
+        run_dir=folder / "run",
+    )
     result = train(config)
     assert [episode.length for episode in result.episodes] == [6] * 4
     data = load(folder / "run")
-    assert [entry.name for entry in data.description.observation] == ["disc_angle", "disc_speed", "battery"]
+    assert [entry.name for entry in data.description.observation] == [
+        "disc_angle",
+        "disc_speed",
+        "battery",
+    ]
 
 
 def test_motion_log_of_user_channels_round_trip(folder: Path) -> None:
     task = bricksrl.envs.get_task(f"{folder / 'my_task.py'}:FAST")
-    log = RunLog("spinner", task.interface, 7, np.zeros((1, 1)), np.zeros(1), np.array([0, 100]), np.ones((2, 3)))
+    log = RunLog(
+        "spinner",
+        task.interface,
+        7,
+        np.zeros((1, 1)),
+        np.zeros(1),
+        np.array([0, 100]),
+        np.ones((2, 3)),
+    )
     write_log(folder / "log.jsonl", log)
     assert read_log(folder / "log.jsonl").interface == task.interface
 
 
-def test_run_of_user_files_can_be_used_in_any_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (folder / "my_network.py").write_text("import torch\ndef make_network(m, n):\n    return torch.nn.Linear(m, n)\n")
+def test_run_of_user_files_can_be_used_in_any_folder(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "my_network.py").write_text(
+        "import torch\ndef make_network(m, n):\n    return torch.nn.Linear(m, n)\n"
+    )
     (folder / "elsewhere").mkdir()
     monkeypatch.chdir(folder)
     settings = settings_from("my_agent.py", {"network": "my_network.py"})
-    run = train(TrainConfig("my_task.py:FAST", agent="my_agent.py", episodes=2, settings=settings)).run_dir.absolute()
+    run = train(
+        TrainConfig("my_task.py:FAST", agent="my_agent.py", episodes=2, settings=settings)
+    ).run_dir.absolute()
     assert run.name == "my_task.py-FAST-my_agent.py-seed-0"
     export_policy(run, folder / "policy")
     monkeypatch.chdir(folder / "elsewhere")
@@ -186,17 +217,26 @@ def test_run_of_user_files_can_be_used_in_any_folder(folder: Path, monkeypatch: 
     assert load_policy(run).act(np.zeros(3)).shape == (1,)
     shared = json.loads((folder / "policy" / "policy.json").read_text())["config"]
     names = (shared["env"], shared["agent"], shared["settings"]["network"])
-    assert names == ("my_task.py:FAST", "my_agent.py", "my_network.py")  # nobody else has the folders of this computer
+    # nobody else has the folders of this computer
+    assert names == ("my_task.py:FAST", "my_agent.py", "my_network.py")
     (folder / "my_agent.py").rename(folder / "renamed.py")
     missing = re.escape(str(folder / "my_agent.py"))
-    with pytest.raises(RunError, match=rf"^the run needs what is not here: there is no file {missing}; put it there, [^;]*$"):
+    with pytest.raises(
+        RunError,
+        match=rf"^the run needs what is not here: there is no file {missing}; put it there, [^;]*$",
+    ):
         evaluate(run, episodes=1)
 
 
-def test_run_with_relative_paths_of_an_earlier_version(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_with_relative_paths_of_an_earlier_version(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(folder)
     run = train(TrainConfig("my_task.py:FAST", agent="my_agent.py", episodes=2)).run_dir
-    config, state = json.loads((run / "config.json").read_text()), load_checkpoint(run / "checkpoint.bin")
+    config, state = (
+        json.loads((run / "config.json").read_text()),
+        load_checkpoint(run / "checkpoint.bin"),
+    )
     for values in (config["config"], state["identity"]):
         values |= {"env": "my_task.py:FAST", "agent": "my_agent.py"}
     (run / "config.json").write_text(json.dumps(config))

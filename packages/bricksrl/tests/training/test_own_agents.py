@@ -69,7 +69,7 @@ def make_redq(env, settings: Redq, device="cpu"):
         target=SoftUpdate(loss, tau=0.01),
         prefill_episodes=1,
     )
-'''
+'''  # noqa: E501
 
 
 @pytest.fixture
@@ -94,24 +94,39 @@ def test_user_loss_trains_and_resumes_exactly(redq: str, tmp_path: Path) -> None
 
 def test_user_algorithm_starts_from_its_earlier_run(redq: str, tmp_path: Path) -> None:
     train(TrainConfig("Cart", redq, 3, run_dir=tmp_path / "first"), env=Cart())
-    train(TrainConfig("Cart", redq, 2, start=str(tmp_path / "first"), run_dir=tmp_path / "second"), env=Cart())
-    first, second = (load_checkpoint(tmp_path / name / "checkpoint.bin")["agent"]["updates"] for name in ("first", "second"))
+    train(
+        TrainConfig("Cart", redq, 2, start=str(tmp_path / "first"), run_dir=tmp_path / "second"),
+        env=Cart(),
+    )
+    first, second = (
+        load_checkpoint(tmp_path / name / "checkpoint.bin")["agent"]["updates"]
+        for name in ("first", "second")
+    )
     assert 0 < first < second
 
 
 def test_dataset_beside_the_users_buffer(redq: str, tmp_path: Path) -> None:
     """Half of each batch with ours, whatever the settings are."""
     train(TrainConfig("Cart", redq, episodes=2, run_dir=tmp_path / "first"), env=Cart())
-    named = {"start": str(tmp_path / "first"), "demonstrations": str(tmp_path / "first"), "run_dir": tmp_path / "second"}
+    named = {
+        "start": str(tmp_path / "first"),
+        "demonstrations": str(tmp_path / "first"),
+        "run_dir": tmp_path / "second",
+    }
     buffer = "TransitionReplayBuffer(40, 8, ['observation'])"
-    text = REDQ.replace("TensorDictReplayBuffer(storage=LazyTensorStorage(40), batch_size=8)", buffer)
-    (tmp_path / "own.py").write_text(f"from bricksrl.agents.replay.buffer import TransitionReplayBuffer\n{text}")
+    text = REDQ.replace(
+        "TensorDictReplayBuffer(storage=LazyTensorStorage(40), batch_size=8)", buffer
+    )
+    (tmp_path / "own.py").write_text(
+        f"from bricksrl.agents.replay.buffer import TransitionReplayBuffer\n{text}"
+    )
     result = train(TrainConfig("Cart", redq, episodes=2, **named), env=Cart())
     assert result.episodes[-1].measures
 
 
 def test_sequences_are_learned_from_a_dataset_and_then_online(tmp_path: Path) -> None:
-    """What was recorded comes first in the user's own buffer, whose batches are slices of episodes."""
+    """What was recorded comes first in the user's own buffer, whose batches are slices of
+    episodes."""
     data, offline, online = (str(tmp_path / name) for name in ("data", "offline", "online"))
     train(TrainConfig("WalkerSim-v0", "random", 2, seed=0, run_dir=Path(data)))
     train(TrainConfig("WalkerSim-v0", SEQUENCES, 1, data=data, updates=20, run_dir=Path(offline)))
@@ -124,7 +139,9 @@ def test_sequences_are_learned_from_a_dataset_and_then_online(tmp_path: Path) ->
 
 @pytest.mark.usefixtures("forked_children")
 def test_asynchronous_user_algorithm(redq: str, tmp_path: Path) -> None:
-    result = train(TrainConfig("Cart", redq, 8, run_dir=tmp_path / "run", asynchronous=True), env=Cart())
+    result = train(
+        TrainConfig("Cart", redq, 8, run_dir=tmp_path / "run", asynchronous=True), env=Cart()
+    )
     assert any(episode.measures.get("loss_qvalue", 0.0) > 0 for episode in result.episodes)
     assert load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]["updates"] > 0
 
@@ -135,19 +152,38 @@ def test_asynchronous_user_algorithm(redq: str, tmp_path: Path) -> None:
         ("Linear(n, units)", "Linear(n + 1, units)", "mat1 and mat2"),
         ("Linear(units, 1)", "Linear(units, 2)", "size of tensor"),
         (", batch_size=8", "", "batch_size not specified"),
-        ("distribution_class=TanhNormal", "out_keys=['act'], distribution_class=TanhNormal", 'key "action" not found'),
+        (
+            "distribution_class=TanhNormal",
+            "out_keys=['act'], distribution_class=TanhNormal",
+            'key "action" not found',
+        ),
     ],
 )
-def test_failure_of_a_users_algorithm_is_told(redq: str, tmp_path: Path, old: str, new: str, problem: str) -> None:
+def test_failure_of_a_users_algorithm_is_told(
+    redq: str, tmp_path: Path, old: str, new: str, problem: str
+) -> None:
     (tmp_path / "own.py").write_text(REDQ.replace(old, new))
     with pytest.raises(DescriptionError, match=f"own.py:make_redq fails .*{problem}"):
         train(TrainConfig("Cart", redq, 2, run_dir=tmp_path / "run"), env=Cart())
 
 
 @pytest.mark.slow
-def test_example_agent_learns_tunes_and_shares(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_example_agent_learns_tunes_and_shares(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     run, agent = tmp_path / "run", str(EXAMPLE)
-    options = ("--set", "noise=0.2", "--set", "hidden=32,32", "--set", "batch_size=32", "--episodes", "6", "--run", str(run))
+    options = (
+        "--set",
+        "noise=0.2",
+        "--set",
+        "hidden=32,32",
+        "--set",
+        "batch_size=32",
+        "--episodes",
+        "6",
+        "--run",
+        str(run),
+    )
     assert main(["train", "RoboArmSim-v0", "--agent", agent, *options]) == 0
     assert RunFolder(run).read_config().settings.noise == 0.2
     assert main(["resume", str(run), "--episodes", "8"]) == 0
@@ -160,9 +196,16 @@ def test_example_agent_learns_tunes_and_shares(tmp_path: Path, capsys: pytest.Ca
     assert len(env.rollout(5, policy)) <= 5
     with pytest.raises(CheckpointError, match="learned in RoboArmSim-v0; choose an environment"):
         bricksrl.load_policy(run, bricksrl.make("WalkerSim-v0"))
-    best = tune(Tuning("RoboArmSim-v0", agent, steps=20, seeds=1, episodes=1), tmp_path / "attach_dataset", 2)
+    best = tune(
+        Tuning("RoboArmSim-v0", agent, steps=20, seeds=1, episodes=1),
+        tmp_path / "attach_dataset",
+        2,
+    )
     assert best.trials == 2 and 0.03 <= best.settings.noise <= 3.0
-    assert json.loads((tmp_path / "attach_dataset" / BEST).read_text())["settings"]["noise"] == best.settings.noise
+    assert (
+        json.loads((tmp_path / "attach_dataset" / BEST).read_text())["settings"]["noise"]
+        == best.settings.noise
+    )
 
 
 @pytest.mark.slow
@@ -178,10 +221,16 @@ def test_example_agent_reaches_goals(tmp_path: Path) -> None:
         ("", UnknownNameError, "there is no 'build'"),
         ("import sys; sys.exit(3)", DescriptionError, "cannot be loaded .*SystemExit: 3"),
         ("def build(env, device): pass", DescriptionError, "takes no settings; write build"),
-        ("def build(env, settings, device): pass", DescriptionError, "has no type for its settings"),
+        (
+            "def build(env, settings, device): pass",
+            DescriptionError,
+            "has no type for its settings",
+        ),
     ],
 )
-def test_invalid_algorithm_raises(tmp_path: Path, text: str, error: type[Exception], says: str) -> None:
+def test_invalid_algorithm_raises(
+    tmp_path: Path, text: str, error: type[Exception], says: str
+) -> None:
     (tmp_path / "own.py").write_text(text)
     with pytest.raises(error, match=says) as caught:
         algorithm(str(tmp_path / "own.py"))

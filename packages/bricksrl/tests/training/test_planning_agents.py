@@ -30,11 +30,14 @@ RHYTHM = (1.0, 1.0, -1.0, -1.0, 1.0)
 
 
 class Metronome(Cart):
-    """Five steps with a fixed sequence of directions; the observation is 1 at the first step and 0 later."""
+    """Five steps with a fixed sequence of directions; the observation is 1 at the first step and 0
+    later."""
 
     def __init__(self) -> None:
         super().__init__(len(RHYTHM))
-        self.observation_spec = Composite(observation=Bounded(torch.tensor([0.0]), torch.tensor([1.0]), dtype=torch.float32))
+        self.observation_spec = Composite(
+            observation=Bounded(torch.tensor([0.0]), torch.tensor([1.0]), dtype=torch.float32)
+        )
 
     def _observation(self) -> torch.Tensor:
         return torch.tensor([float(self.step_count == 0)])
@@ -60,11 +63,31 @@ def config(tmp_path_factory: pytest.TempPathFactory) -> TrainConfig:
     env = Metronome()
     beats = iter(RHYTHM * 30)
     with Recorder(folder / "data", describe(env)) as recorder:
-        collect(env, lambda state: state.set("action", torch.tensor([next(beats)])), recorder, 30, name="rhythm")
-    nets: dict[str, Any] = {"width": 16, "feedforward": 16, "heads": 2, "batch_size": 16, "dropout": 0.0, "learning_rate": 3e-3}
+        collect(
+            env,
+            lambda state: state.set("action", torch.tensor([next(beats)])),
+            recorder,
+            30,
+            name="rhythm",
+        )
+    nets: dict[str, Any] = {
+        "width": 16,
+        "feedforward": 16,
+        "heads": 2,
+        "batch_size": 16,
+        "dropout": 0.0,
+        "learning_rate": 3e-3,
+    }
     settings = replace(preset("default", "act"), chunk=8, executed=8, **nets)
     made = TrainConfig(
-        "Metronome", "act", 3, seed=1, settings=settings, data=str(folder / "data"), updates=220, run_dir=folder / "run"
+        "Metronome",
+        "act",
+        3,
+        seed=1,
+        settings=settings,
+        data=str(folder / "data"),
+        updates=220,
+        run_dir=folder / "run",
     )
     train(made, env=Metronome())
     return made
@@ -114,13 +137,19 @@ def test_intervention_resets_chunks(config: TrainConfig, tmp_path: Path) -> None
         collect(env, policy, recorder, 2, name="act", driver=driver, reset_policy=policy.reset)
     assert load(tmp_path / "data").action[2::5, 0].tolist() == pytest.approx([wanted] * 2, abs=1e-6)
     beside: Any = {"updates": 0, "data": None, "demonstrations": config.data}
-    train(replace(config, episodes=1, start=str(config.run_dir), run_dir=tmp_path / "run", **beside), env=env, driver=driver)
+    train(
+        replace(config, episodes=1, start=str(config.run_dir), run_dir=tmp_path / "run", **beside),
+        env=env,
+        driver=driver,
+    )
     assert load(tmp_path / "run").action[2, 0] == pytest.approx(wanted, abs=0.05)
 
 
 def test_continued_learning_does_not_collapse(config: TrainConfig, tmp_path: Path) -> None:
     beside: Any = {"updates": 0, "data": None, "demonstrations": config.data}
-    start = replace(config, start=str(config.run_dir), episodes=4, run_dir=tmp_path / "next", **beside)
+    start = replace(
+        config, start=str(config.run_dir), episodes=4, run_dir=tmp_path / "next", **beside
+    )
     result = train(start, env=Metronome())
     assert min(episode.return_ for episode in result.episodes) > -0.6
     with pytest.raises(RunError, match="act needs demonstrations"):
@@ -134,7 +163,9 @@ def test_shared_policy_resets_chunks_each_episode(
     with Recorder(tmp_path / "data", describe(env)) as recorder:
         collect(env, random_policy(env, 0), recorder, 2, name="random")
     run = tmp_path / "run"
-    train(TrainConfig("WalkerSim-v0", "act", 1, data=str(tmp_path / "data"), updates=4, run_dir=run))
+    train(
+        TrainConfig("WalkerSim-v0", "act", 1, data=str(tmp_path / "data"), updates=4, run_dir=run)
+    )
     export_policy(run, tmp_path / "policy")  # a policy that was learned from data is one without
     one, other = load_policy(run, env), load_policy(tmp_path / "policy", env)
     observation = env.reset()["observation"]
@@ -142,8 +173,16 @@ def test_shared_policy_resets_chunks_each_episode(
         assert torch.equal(one.act(observation), other.act(observation))
 
     starts: list[ChunkPolicy] = []
-    monkeypatch.setattr(ChunkPolicy, "reset", lambda self: starts.append(self))  # noqa: PLW0108  append is no method
-    arguments = ["--policy", str(tmp_path / "policy"), "--episodes", "3", "--out", str(tmp_path / "recorded")]
+    # append is no method
+    monkeypatch.setattr(ChunkPolicy, "reset", lambda self: starts.append(self))  # noqa: PLW0108
+    arguments = [
+        "--policy",
+        str(tmp_path / "policy"),
+        "--episodes",
+        "3",
+        "--out",
+        str(tmp_path / "recorded"),
+    ]
     assert main(["record", "WalkerSim-v0", *arguments]) == 0
     assert len(starts) == 3
     capsys.readouterr()

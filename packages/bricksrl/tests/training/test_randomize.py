@@ -42,7 +42,9 @@ def test_randomisation_redraws_physics_each_episode() -> None:
     for name, parameter in PARAMETERS.items():
         values = {getattr(physics, name) for physics in drawn}
         different = 2 if name.startswith("link_") else len(drawn)  # one of two links
-        assert len(values) == (1 if parameter.random_range[0] == parameter.random_range[1] else different), name
+        assert len(values) == (
+            1 if parameter.random_range[0] == parameter.random_range[1] else different
+        ), name
     assert drawn == physics_of_episodes(config), "a seed repeats them"
 
 
@@ -62,7 +64,10 @@ def test_a_simulation_without_a_robot_has_no_physics() -> None:
 
 
 def test_old_and_new_configs_are_read() -> None:
-    for config in (TrainConfig("RunAway-v0", physics=WEAK), TrainConfig("RunAway-v0", randomize=True)):
+    for config in (
+        TrainConfig("RunAway-v0", physics=WEAK),
+        TrainConfig("RunAway-v0", randomize=True),
+    ):
         assert TrainConfig.from_dict(config.to_dict()) == config
     older = TrainConfig("RunAway-v0").to_dict()
     del older["randomize"], older["physics"]
@@ -82,7 +87,9 @@ def test_old_and_new_configs_are_read() -> None:
         ({}, {"physics": WEAK}, (False, WEAK)),
     ],
 )
-def test_evaluation_does_not_randomise_by_default(trained_with, evaluated_with, expected, tmp_path, monkeypatch) -> None:
+def test_evaluation_does_not_randomise_by_default(
+    trained_with, evaluated_with, expected, tmp_path, monkeypatch
+) -> None:
     settings = SACSettings(hidden=(8,), batch_size=8, prefill_episodes=1)
     config = TrainConfig("RunAway-v0", episodes=1, settings=settings, run_dir=tmp_path / "run")
     train(replace(config, **trained_with))

@@ -49,7 +49,9 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def small(agent: str) -> Any:
     settings = preset("default", agent)
-    return replace(settings, **{name: value for name, value in SMALL.items() if name in vars(settings)})
+    return replace(
+        settings, **{name: value for name, value in SMALL.items() if name in vars(settings)}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -69,19 +71,30 @@ def taught(run_dir: Path, agent: str = "sac", **changes: Any) -> TrainConfig:
     [
         ("sac", "demonstrations"),
         ("td3", "base"),
-        *(pytest.param(*more, marks=pytest.mark.slow) for more in (("td3", "demonstrations"), ("sac", "base"))),
+        *(
+            pytest.param(*more, marks=pytest.mark.slow)
+            for more in (("td3", "demonstrations"), ("sac", "base"))
+        ),
     ],
 )
 def test_taught_run_does_not_collapse(data: str, tmp_path: Path, agent: str, teacher: str) -> None:
-    """With new critics, an unconstrained actor would lose its policy; and there are no random episodes."""
-    config = taught(tmp_path / "run", agent, episodes=12, **{teacher: data if teacher == "demonstrations" else "scripted"})
+    """With new critics, an unconstrained actor would lose its policy; and there are no random
+    episodes."""
+    config = taught(
+        tmp_path / "run",
+        agent,
+        episodes=12,
+        **{teacher: data if teacher == "demonstrations" else "scripted"},
+    )
     episodes = train(config).episodes
     assert {episode.phase for episode in episodes} == {Phase.TRAIN}
     assert torch.tensor([episode.return_ for episode in episodes]).mean() > -8.0
     assert evaluate(tmp_path / "run", episodes=20).return_mean > -5.0
 
 
-def test_taught_runs_are_resumed_to_the_last_digit(iql: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_taught_runs_are_resumed_to_the_last_digit(
+    iql: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Teacher and anchor are in the checkpoint, and demonstrations are not imitated twice."""
     monkeypatch.setattr("bricksrl.agents.teachers.UPDATES", 50)
     for teacher in ("demonstrations", "base"):
@@ -90,21 +103,31 @@ def test_taught_runs_are_resumed_to_the_last_digit(iql: str, tmp_path: Path, mon
         part = tmp_path / f"{teacher}-part"
         train(replace(whole, run_dir=part, episodes=1))
         resume(part, episodes=2)
-        one, other = (load_checkpoint(path / "checkpoint.bin")["agent"] for path in (whole.run_dir, part) if path)
+        one, other = (
+            load_checkpoint(path / "checkpoint.bin")["agent"]
+            for path in (whole.run_dir, part)
+            if path
+        )
         assert one["updates"] > 0
         assert_equal(one, other)
 
 
-def test_run_demonstrates_what_its_policy_does(iql: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_demonstrates_what_its_policy_does(
+    iql: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In the steps of the data that it learned from, or of those that it recorded."""
     monkeypatch.setattr("bricksrl.agents.teachers.UPDATES", 400)
     config, env = taught(tmp_path / "run", episodes=1, demonstrations=iql), make(ENV, seed=0)
     learner = make_learner("sac", env, config.settings)
     frames = attach_dataset(config, learner, env)
-    assert frames is not None and learner.dataset is not None and len(learner.dataset) == len(frames)
+    assert (
+        frames is not None and learner.dataset is not None and len(learner.dataset) == len(frames)
+    )
     warm_start(config, learner, env, frames)
     shown = load_learner(iql, env).learner.exploit(frames.select("observation"))["action"]
-    assert float((learner.exploit(frames.select("observation"))["action"] - shown).abs().mean()) < 0.1
+    assert (
+        float((learner.exploit(frames.select("observation"))["action"] - shown).abs().mean()) < 0.1
+    )
 
 
 def test_residual_run_is_a_policy_and_goes_on(iql: str, tmp_path: Path) -> None:
@@ -129,10 +152,16 @@ def test_residual_run_is_a_policy_and_goes_on(iql: str, tmp_path: Path) -> None:
         ("tqc", {"base": "scripted"}, "only sac, droq, .* can be taught"),
         ("sac", {"data": "d"}, "data without updates has no effect; give it as demonstrations"),
         ("sac", {"data": "d", "demonstrations": "d", "updates": 40}, "takes no demonstrations"),
-        ("td3", {"start": "iql"}, "iql is iql's, not td3's; .* let the run demonstrate: --demonstrations"),
+        (
+            "td3",
+            {"start": "iql"},
+            "iql is iql's, not td3's; .* let the run demonstrate: --demonstrations",
+        ),
     ],
 )
-def test_teachers_that_do_not_fit_raise(iql: str, tmp_path: Path, agent: str, changes: dict[str, Any], says: str) -> None:
+def test_teachers_that_do_not_fit_raise(
+    iql: str, tmp_path: Path, agent: str, changes: dict[str, Any], says: str
+) -> None:
     changes = {name: iql if value == "iql" else value for name, value in changes.items()}
     with pytest.raises(BricksError, match=says):
         train(taught(tmp_path / "run", agent, **changes))

@@ -19,8 +19,25 @@ from toys import Cart, assert_equal
 from brickhub.files import TEMPORARY_PREFIX
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.sac import SACSettings
-from bricksrl.errors import CheckpointError, DivergedError, HubTimeoutError, RunError, UnknownNameError, WriteError
-from bricksrl.training import Callback, Episode, Phase, Progress, RunFolder, RunResult, TrainConfig, resume, train
+from bricksrl.errors import (
+    CheckpointError,
+    DivergedError,
+    HubTimeoutError,
+    RunError,
+    UnknownNameError,
+    WriteError,
+)
+from bricksrl.training import (
+    Callback,
+    Episode,
+    Phase,
+    Progress,
+    RunFolder,
+    RunResult,
+    TrainConfig,
+    resume,
+    train,
+)
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 
 SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=2, alpha_init=0.1)
@@ -33,7 +50,10 @@ def config(tmp_path: Path) -> TrainConfig:
 
 def rows(path: Path) -> list[dict[str, str]]:
     with (path / "metrics.csv").open(newline="") as file:
-        return [{name: value for name, value in row.items() if name != "seconds"} for row in csv.DictReader(file)]
+        return [
+            {name: value for name, value in row.items() if name != "seconds"}
+            for row in csv.DictReader(file)
+        ]
 
 
 def names(path: Path) -> list[str]:
@@ -48,7 +68,9 @@ def test_metrics_with_a_new_measure_leave_files_that_are_being_written(config: T
     before = folder.read_episodes()
     folder.append(replace(before[-1], episode=7, measures={"final_error_mm": 3.0}))
     assert being_written.exists()
-    assert folder.read_episodes()[:-1] == before and folder.read_episodes()[-1].measures == {"final_error_mm": 3.0}
+    assert folder.read_episodes()[:-1] == before and folder.read_episodes()[-1].measures == {
+        "final_error_mm": 3.0
+    }
 
 
 def assert_same_run(one: Path, other: Path) -> None:
@@ -64,7 +86,9 @@ def assert_same_run(one: Path, other: Path) -> None:
 class Recorder(Callback):
     """Records calls, and runs a function at one step."""
 
-    def __init__(self, at: tuple[int, int] | None = None, do: Callable[[], object] = lambda: None) -> None:
+    def __init__(
+        self, at: tuple[int, int] | None = None, do: Callable[[], object] = lambda: None
+    ) -> None:
         self.calls: list[str] = []
         self.episodes: list[tuple[Episode, Progress]] = []
         self._at, self._do = at, do
@@ -95,21 +119,42 @@ def test_run_writes_files(config: TrainConfig) -> None:
     assert not result.interrupted
     assert len(result.episodes) == 6
     folder = RunFolder(result.run_dir)
-    assert names(result.run_dir) == [".lock", "checkpoint.bin", "config.json", "data", "learning_curve.png", "metrics.csv"]
+    assert names(result.run_dir) == [
+        ".lock",
+        "checkpoint.bin",
+        "config.json",
+        "data",
+        "learning_curve.png",
+        "metrics.csv",
+    ]
     assert folder.read_config() == config
     assert "torchrl" in json.loads(folder.config_path.read_text())["versions"]
     episode = "episode,phase,steps,length,return,success"
     learned = "loss_qvalue,loss_actor,loss_alpha,alpha,entropy,seconds,updates_per_step"
     columns = folder.metrics_path.read_text().splitlines()[0]
     assert columns == f"{episode},{learned},link_lost,evaluation,robot"
-    assert [episode.return_ for episode in folder.read_episodes()] == [episode.return_ for episode in result.episodes]
+    assert [episode.return_ for episode in folder.read_episodes()] == [
+        episode.return_ for episode in result.episodes
+    ]
     assert [episode.phase for episode in result.episodes] == [Phase.PREFILL] * 2 + [Phase.TRAIN] * 4
     assert not result.episodes[1].measures
-    assert set(result.episodes[2].measures) == {"loss_qvalue", "loss_actor", "loss_alpha", "entropy", "alpha"}
+    assert set(result.episodes[2].measures) == {
+        "loss_qvalue",
+        "loss_actor",
+        "loss_alpha",
+        "entropy",
+        "alpha",
+    }
     assert sum(episode.length for episode in result.episodes) == result.episodes[-1].steps
     assert folder.curve_path.read_bytes().startswith(b"\x89PNG")
-    assert (observer.calls[0], observer.calls[1], observer.calls[-1]) == ("start 0", "step 1.1 prefill", "end")
-    assert [call for call in observer.calls if call.startswith("episode")] == [f"episode {k}" for k in range(1, 7)]
+    assert (observer.calls[0], observer.calls[1], observer.calls[-1]) == (
+        "start 0",
+        "step 1.1 prefill",
+        "end",
+    )
+    assert [call for call in observer.calls if call.startswith("episode")] == [
+        f"episode {k}" for k in range(1, 7)
+    ]
     assert observer.episodes[-1][1].remaining_s == 0.0
     assert observer.episodes[2][1].remaining_s > 0.0
     assert all(progress.steps_per_s > 0.0 for _, progress in observer.episodes)
@@ -139,9 +184,14 @@ def test_run_has_one_writer(config: TrainConfig) -> None:
 
     train(config, Recorder((3, 2), interfere), env=Cart())
     resume(config.run_dir, Recorder((8, 2), interfere), env=Cart(), episodes=8)
-    said = f"another program writes into {config.run_dir} at this moment; wait for its end or choose another folder"
+    said = (
+        f"another program writes into {config.run_dir} at this moment; wait for its end or "
+        "choose another folder"
+    )
     assert errors == [said, said]
-    assert [row["episode"] for row in rows(config.run_dir)] == [str(number) for number in range(1, 9)]
+    assert [row["episode"] for row in rows(config.run_dir)] == [
+        str(number) for number in range(1, 9)
+    ]
 
 
 class Listener(Callback):
@@ -150,7 +200,9 @@ class Listener(Callback):
     def __init__(self) -> None:
         self.seen: list[tuple[int, int, Phase, TensorDictBase]] = []
 
-    def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
+    def on_transition(
+        self, episode: int, step: int, phase: Phase, transition: TensorDictBase
+    ) -> None:
         self.seen.append((episode, step, phase, transition.clone()))
 
 
@@ -159,12 +211,18 @@ def test_callback_receives_every_transition(config: TrainConfig) -> None:
     result = train(config, listener, env=Cart())
     for episode in result.episodes:
         steps = [
-            (step, data) for number, step, phase, data in listener.seen if (number, phase) == (episode.episode, episode.phase)
+            (step, data)
+            for number, step, phase, data in listener.seen
+            if (number, phase) == (episode.episode, episode.phase)
         ]
         assert [step for step, _ in steps] == list(range(1, episode.length + 1))
         outcomes = [data["next"] for _, data in steps]
-        assert sum(outcome["reward"].item() for outcome in outcomes) == pytest.approx(episode.return_, abs=1e-5)
-        assert [outcome["done"].item() for outcome in outcomes] == [False] * (episode.length - 1) + [True]
+        assert sum(outcome["reward"].item() for outcome in outcomes) == pytest.approx(
+            episode.return_, abs=1e-5
+        )
+        assert [outcome["done"].item() for outcome in outcomes] == [False] * (
+            episode.length - 1
+        ) + [True]
         for (_, one), (_, other) in itertools.pairwise(steps):
             assert torch.equal(one["next", "observation"], other["observation"])
         last = outcomes[-1]
@@ -188,7 +246,9 @@ def test_training_restores_torch_state(config: TrainConfig) -> None:
 
 
 @pytest.mark.parametrize("at", [(1, 1), (2, 8), (3, 1), (4, 2), (6, 2)])
-def test_interrupted_and_resumed_run_ends_bit_identical(config: TrainConfig, tmp_path: Path, at: tuple[int, int]) -> None:
+def test_interrupted_and_resumed_run_ends_bit_identical(
+    config: TrainConfig, tmp_path: Path, at: tuple[int, int]
+) -> None:
     train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
     result = train(config, Recorder(at, ctrl_c), env=Cart())
     assert result.interrupted
@@ -209,7 +269,9 @@ def test_a_finished_run_can_be_extended(config: TrainConfig, tmp_path: Path) -> 
     again = resume(tmp_path / "run", env=Cart())
     assert not again.interrupted
     assert_same_run(tmp_path / "whole", tmp_path / "run")
-    with pytest.raises(RunError, match="is meant to have 6 episodes; give that number or more, not 5"):
+    with pytest.raises(
+        RunError, match="is meant to have 6 episodes; give that number or more, not 5"
+    ):
         resume(tmp_path / "run", episodes=5, env=Cart())
 
 
@@ -288,7 +350,9 @@ def test_metrics_row_that_a_crash_cut_is_not_read(config: TrainConfig, tmp_path:
     result = train(replace(config, episodes=3), env=Cart())
     folder = RunFolder(tmp_path / "run")
     folder.metrics_path.write_bytes(folder.metrics_path.read_bytes()[:-9])
-    assert [episode.return_ for episode in folder.read_episodes()] == [episode.return_ for episode in result.episodes[:2]]
+    assert [episode.return_ for episode in folder.read_episodes()] == [
+        episode.return_ for episode in result.episodes[:2]
+    ]
 
 
 def test_run_folder_is_never_overwritten(config: TrainConfig) -> None:
@@ -307,14 +371,23 @@ def test_run_folder_that_cannot_be_written_is_told(config: TrainConfig, tmp_path
         train(replace(config, run_dir=tmp_path / "file" / "run"), env=Cart())
 
 
-def test_default_run_folder_is_next_free(config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_default_run_folder_is_next_free(
+    config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     for name in (f"Cart-sac-seed-{config.seed}", f"Cart-sac-seed-{config.seed}-2"):
-        assert train(replace(config, run_dir=None, episodes=1), env=Cart()).run_dir == Path("runs") / name
+        assert (
+            train(replace(config, run_dir=None, episodes=1), env=Cart()).run_dir
+            == Path("runs") / name
+        )
 
 
 def test_unknown_names_leave_no_folder(config: TrainConfig, tmp_path: Path) -> None:
-    for wrong in (replace(config, env="RunAwya-v0"), replace(config, agent="pop"), replace(config, env="RunAway-v0", hub="wifi")):
+    for wrong in (
+        replace(config, env="RunAwya-v0"),
+        replace(config, agent="pop"),
+        replace(config, env="RunAway-v0", hub="wifi"),
+    ):
         with pytest.raises(UnknownNameError):
             train(wrong)
     assert names(tmp_path) == []

@@ -37,7 +37,7 @@ def drawn(env):
 def transform(env):
     named = RenameTransform(["observation"], ["seen"])
     return TransformedEnv(env, Compose(VecNormV2(in_keys=["observation"]), RewardScaling(0.0, 0.1), named))
-"""
+"""  # noqa: E501
 
 
 SHORT = {"env": "WalkerSim-v0", "options": {"max_steps": 40}}
@@ -64,12 +64,16 @@ def test_runs_carry_their_transforms(tmp_path: Path, options: dict[str, Any]) ->
     whole = train(config(tmp_path / "whole", episodes=3, **options))
     train(config(tmp_path / "part", **options))
     resumed = resume(tmp_path / "part", episodes=3)
-    assert [episode.return_ for episode in resumed.episodes] == [episode.return_ for episode in whole.episodes]
+    assert [episode.return_ for episode in resumed.episodes] == [
+        episode.return_ for episode in whole.episodes
+    ]
     assert [episode.length for episode in whole.episodes] == [40] * 3  # steps of the robot
     data = load(tmp_path / "whole")
     assert data.observation.shape == (120, 7)  # its own observations and rewards
     returns = torch.stack([data.reward[data.episode == number].sum() for number in range(3)])
-    torch.testing.assert_close(returns, torch.tensor([episode.return_ for episode in whole.episodes]), atol=1e-2, rtol=0)
+    torch.testing.assert_close(
+        returns, torch.tensor([episode.return_ for episode in whole.episodes]), atol=1e-2, rtol=0
+    )
     judged = evaluate(tmp_path / "whole", episodes=2, save=False)
     assert judged.as_trained
     assert judged.return_mean < -1.0  # of the robot, not of a scaled reward
@@ -77,7 +81,11 @@ def test_runs_carry_their_transforms(tmp_path: Path, options: dict[str, Any]) ->
     env = bricksrl.make("WalkerSim-v0", seed=5)
     actions = env.rollout(10, policy)["action"]  # of the environment itself
     assert actions.shape == (10, 4)
-    assert torch.equal(actions[0], actions[1]) == torch.equal(actions[2], actions[3]) == ("frame_skip" in options)
+    assert (
+        torch.equal(actions[0], actions[1])
+        == torch.equal(actions[2], actions[3])
+        == ("frame_skip" in options)
+    )
     assert not torch.equal(actions[1], actions[2])
     assert export_model(tmp_path / "whole", tmp_path / "policy.pt2") < 1e-4
 
@@ -90,7 +98,10 @@ def test_data_goes_through_the_transforms(tmp_path: Path, options: dict[str, Any
 
 def test_an_environment_with_transforms_is_trained_and_evaluated(tmp_path: Path) -> None:
     def made() -> TransformedEnv:
-        return TransformedEnv(bricksrl.make("WalkerSim-v0", seed=0, max_steps=40), CatFrames(2, -1, in_keys=["observation"]))
+        return TransformedEnv(
+            bricksrl.make("WalkerSim-v0", seed=0, max_steps=40),
+            CatFrames(2, -1, in_keys=["observation"]),
+        )
 
     train(config(tmp_path / "run"), env=made())
     assert evaluate(tmp_path / "run", made(), episodes=1, save=False).episodes == 1
@@ -116,11 +127,16 @@ def test_actions_of_another_range_are_scaled(tmp_path: Path) -> None:
     train(config(data, episodes=5, settings=settings, **named), env=env)
     assert 100.0 < env.most_mm <= 150.0
     assert load(data).action.max() == pytest.approx(env.most_mm)
-    run = train(config(tmp_path / "run", settings=settings, data=str(data), updates=4, **named), env=WideCart())
+    run = train(
+        config(tmp_path / "run", settings=settings, data=str(data), updates=4, **named),
+        env=WideCart(),
+    )
     assert len(run.episodes) == 2
     judged = evaluate(data, WideCart(), episodes=1, seed=3, save=False)
     env = WideCart()
-    seed_episode(env, episode_seed("evaluation", evaluation_seed(RunFolder(data).read_config().seed, 3), 1))
+    seed_episode(
+        env, episode_seed("evaluation", evaluation_seed(RunFolder(data).read_config().seed, 3), 1)
+    )
     frames = env.rollout(8, bricksrl.load_policy(data, env))
     assert float(frames["next", "reward"].sum()) == pytest.approx(judged.return_mean, abs=1e-4)
 
@@ -144,7 +160,10 @@ def test_what_no_dataset_holds_is_not_recorded(tmp_path: Path) -> None:
     assert not (tmp_path / "run" / "data").exists()
     train(config(tmp_path / "data", env="Cart"), env=Cart())
     with pytest.raises(DataError, match="no data hold what Elsewhere observes"):
-        train(config(tmp_path / "offline", env="Elsewhere", data=str(tmp_path / "data"), updates=4), env=Elsewhere())
+        train(
+            config(tmp_path / "offline", env="Elsewhere", data=str(tmp_path / "data"), updates=4),
+            env=Elsewhere(),
+        )
 
 
 def test_copies_of_an_own_environment(tmp_path: Path) -> None:
@@ -181,5 +200,7 @@ def test_what_cannot_be_honoured_is_refused(tmp_path: Path) -> None:
     file.write_text(TRANSFORM)
     with pytest.raises(RunError, match="different statistics"):
         train(config(tmp_path / "run", env="RunAway-v0", robots=2, transform=str(file)))
-    with pytest.raises(RunError, match="acts on what the robot itself observes; omit the transforms"):
+    with pytest.raises(
+        RunError, match="acts on what the robot itself observes; omit the transforms"
+    ):
         train(config(tmp_path / "run", base="scripted", frame_stack=2))

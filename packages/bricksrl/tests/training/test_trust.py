@@ -1,4 +1,5 @@
-"""Code of strangers: nothing that a run, a policy, a dataset or settings from elsewhere name is executed without trust."""
+"""Code of strangers: nothing that a run, a policy, a dataset or settings from elsewhere name is
+executed without trust."""
 
 from __future__ import annotations
 
@@ -56,13 +57,16 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def stranger(honest: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A run and a policy from elsewhere, in the present folder, beside a module and a package that must not be imported."""
+    """A run and a policy from elsewhere, in the present folder, beside a module and a package that
+    must not be imported."""
     for name in ("run", "policy"):
         shutil.copytree(honest / name, tmp_path / "runs" / name)
     mark = tmp_path / "executed"
     for file in (f"{CANARY}.py", f"{CANARY}_package/__init__.py"):
         (tmp_path / file).parent.mkdir(exist_ok=True)
-        (tmp_path / file).write_text(f"open({str(mark)!r}, 'w').close()\nNAME = transform = build = make_network = None\n")
+        (tmp_path / file).write_text(
+            f"open({str(mark)!r}, 'w').close()\nNAME = transform = build = make_network = None\n"
+        )
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))  # nobody has trusted anything
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
@@ -72,7 +76,8 @@ def stranger(honest: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> I
 
 
 def changed(folder: Path, **values: Any) -> None:
-    """Write other values into the config of a run or a policy; ``settings`` and ``options`` are added to."""
+    """Write other values into the config of a run or a policy; ``settings`` and ``options`` are
+    added to."""
     for path in folder.glob("*/*.json"):
         content = json.loads(path.read_text())
         if "config" in content:
@@ -89,9 +94,17 @@ def test_what_comes_with_bricksrl_needs_no_trust() -> None:
     for agent in AGENTS:
         assert code_in(TrainConfig("Walker-v1", agent).to_dict()) == ()
     assert code_in({"settings": {"structure": "linear"}, "agent": "gait"}) == ()
-    config = TrainConfig("Spinning-v0", options={"robot": "cart"}, link="mac", log="wandb", base="runs/a", start="runs/b")
+    config = TrainConfig(
+        "Spinning-v0",
+        options={"robot": "cart"},
+        link="mac",
+        log="wandb",
+        base="runs/a",
+        start="runs/b",
+    )
     assert code_in(config.to_dict()) == ()
-    for name in ("Anna", "Ben and Carla", "anna.py", "group:Anna"):  # of a pupil, on another computer
+    # of a pupil, on another computer
+    for name in ("Anna", "Ben and Carla", "anna.py", "group:Anna"):
         assert code_in(TrainConfig("RunAway-v0", name=name).to_dict()) == ()
 
 
@@ -120,8 +133,12 @@ def test_what_comes_with_bricksrl_needs_no_trust() -> None:
     ],
 )
 def test_whatever_may_name_code_needs_trust(values: dict[str, Any], form: str) -> None:
-    config = {**TrainConfig("Walker-v1").to_dict(), **json.loads(json.dumps(values).replace('"X"', json.dumps(form)))}
-    assert form in code_in(config) or (values == {"env": "X"} and form == CANARY)  # which is looked up only
+    config = {
+        **TrainConfig("Walker-v1").to_dict(),
+        **json.loads(json.dumps(values).replace('"X"', json.dumps(form))),
+    }
+    # which is looked up only
+    assert form in code_in(config) or (values == {"env": "X"} and form == CANARY)
 
 
 def test_a_name_that_is_none_of_ours_is_code() -> None:
@@ -169,7 +186,11 @@ def test_no_command_executes_code_of_a_stranger(
     ):
         assert main(words) == 2, words
         said = capfd.readouterr().err
-        assert said.count("\n") == 1 and "made elsewhere or changed" in said and "`bricksrl trust " in said, (words, said)
+        assert (
+            said.count("\n") == 1
+            and "made elsewhere or changed" in said
+            and "`bricksrl trust " in said
+        ), (words, said)
     assert StartPage(stranger.parent)._runs() == []
     for words in (["data", "info", "runs/run"], ["data", "check", "runs/run"]):
         assert main(words) == 0, words  # numbers need no trust
@@ -179,15 +200,27 @@ def test_no_command_executes_code_of_a_stranger(
 def test_an_environment_that_is_only_named_is_not_looked_for_among_modules(stranger: Path) -> None:
     changed(stranger, env=CANARY)
     assert main(["evaluate", "runs/run", "--episodes", "1"]) == main(["resume", "runs/run"]) == 2
-    assert main(["record", "RunAway-v0", "--policy", "runs/run", "--out", "set"]) == main(["play", "runs/policy"]) == 2
+    assert (
+        main(["record", "RunAway-v0", "--policy", "runs/run", "--out", "set"])
+        == main(["play", "runs/policy"])
+        == 2
+    )
 
 
 TEXTS = st.sampled_from(FORMS) | st.sampled_from([f"{CANARY}_package", f"{CANARY}_package:NAME"])
-VALUES = TEXTS | st.lists(TEXTS, min_size=1, max_size=2) | st.dictionaries(st.sampled_from(("a", CANARY)), TEXTS, min_size=1)
+VALUES = (
+    TEXTS
+    | st.lists(TEXTS, min_size=1, max_size=2)
+    | st.dictionaries(st.sampled_from(("a", CANARY)), TEXTS, min_size=1)
+)
 FIELDS = [field.name for field in dataclasses.fields(TrainConfig) if field.name != "run_dir"]
 SETTINGS = [field.name for field in dataclasses.fields(preset("default", "sac"))]
 PLACES = st.sampled_from(
-    [*((name,) for name in [*FIELDS, "of_later"]), *(("settings", name) for name in [*SETTINGS, "later"]), ("options", "robot")]
+    [
+        *((name,) for name in [*FIELDS, "of_later"]),
+        *(("settings", name) for name in [*SETTINGS, "later"]),
+        ("options", "robot"),
+    ]
 )
 
 
@@ -195,12 +228,22 @@ def _is_text(field: str, value: Any) -> bool:
     """Whether it is an address, a folder or an id, which are never loaded."""
     if field == "env":
         return value in (CANARY, f"{CANARY}_package")
-    return isinstance(value, str) and field in ("start", "base", "demonstrations", "data", "hub", "link", "device")
+    return isinstance(value, str) and field in (
+        "start",
+        "base",
+        "demonstrations",
+        "data",
+        "hub",
+        "link",
+        "device",
+    )
 
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(changes=st.dictionaries(PLACES, VALUES, min_size=1, max_size=2))
-def test_no_config_executes_code_of_a_stranger(stranger: Path, changes: dict[tuple[str, ...], Any]) -> None:
+def test_no_config_executes_code_of_a_stranger(
+    stranger: Path, changes: dict[tuple[str, ...], Any]
+) -> None:
     path = stranger / "run" / "config.json"
     content = json.loads(path.read_text())
     whole = json.loads(json.dumps(content))
@@ -222,8 +265,12 @@ def test_no_config_executes_code_of_a_stranger(stranger: Path, changes: dict[tup
     path.write_text(json.dumps(content))
 
 
-def test_settings_of_a_stranger_need_trust(stranger: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    Path("best.json").write_text(json.dumps({"settings": {"network": CANARY}, "provenance": {"found_by": "bricksrl tune"}}))
+def test_settings_of_a_stranger_need_trust(
+    stranger: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    Path("best.json").write_text(
+        json.dumps({"settings": {"network": CANARY}, "provenance": {"found_by": "bricksrl tune"}})
+    )
     assert main(["train", "RunAway-v0", "--settings", "best.json", "--run", "own"]) == 2
     assert "`bricksrl trust best.json`" in capfd.readouterr().err
     assert trust(Path("best.json")) == (CANARY,)

@@ -25,8 +25,12 @@ def test_resumed_run_equals_uninterrupted(env: str, tmp_path: Path) -> None:
     one = train(whole)
     train(replace(whole, episodes=2, run_dir=tmp_path / "parts"))
     other = resume(tmp_path / "parts", episodes=3)
-    assert [episode.return_ for episode in one.episodes] == [episode.return_ for episode in other.episodes]
-    assert all(torch.equal(a, b) for a, b in zip(weights(one.run_dir), weights(other.run_dir), strict=True))
+    assert [episode.return_ for episode in one.episodes] == [
+        episode.return_ for episode in other.episodes
+    ]
+    assert all(
+        torch.equal(a, b) for a, b in zip(weights(one.run_dir), weights(other.run_dir), strict=True)
+    )
     assert evaluate(one.run_dir, episodes=1).returns == evaluate(other.run_dir, episodes=1).returns
 
 

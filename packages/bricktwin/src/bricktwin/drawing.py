@@ -7,7 +7,8 @@ import sys
 
 
 def import_matplotlib() -> None:
-    """Import Matplotlib, even if ``MPLBACKEND`` names an unavailable window system, as no window is opened."""
+    """Import Matplotlib, even if ``MPLBACKEND`` names an unavailable window system, as no window is
+    opened."""
     if "matplotlib" in sys.modules:
         return
     backend = os.environ.pop("MPLBACKEND", None)

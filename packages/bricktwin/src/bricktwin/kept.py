@@ -1,7 +1,9 @@
-"""Kept results: what takes long to make, in the user's cache under a digest of all that it is made of.
+"""Kept results: what takes long to make, in the user's cache under a digest of all that it is made
+of.
 
-A result is made anew when anything of that changes: its sources, a line of our code or tables, the version of Python or NumPy, or
-the kind of processor, on which the last digits depend. Where nothing can be written, it is made each time.
+A result is made anew when anything of that changes: its sources, a line of our code or tables, the
+version of Python or NumPy, or the kind of processor, on which the last digits depend. Where nothing
+can be written, it is made each time.
 """
 
 import contextlib
@@ -29,7 +31,8 @@ _HOUSES = (brickhub, bricktwin)
 _MAX_BYTES = 200_000_000
 """Size of all kept files, about 50 models; those that were not used for longest are removed."""
 _MAX_WRITTEN = 32
-"""Number of results that one process keeps: one that makes a scene for each episode does not wear out the disk."""
+"""Number of results that one process keeps: one that makes a scene for each episode does not wear
+out the disk."""
 _TICK_NS = 20_000_000
 """Steps in which file systems count time."""
 _written = itertools.count()
@@ -50,9 +53,9 @@ def kept(
     """``make()``, or what an earlier process made of the same sources.
 
     Args:
-        sources: gives all that the result depends on, except our code. It may raise OSError or UnkeptError: the result is then
-            made and not kept.
-        encode, decode: conversion to bytes and back; ``decode`` raises ValueError for bytes that it does not know.
+        sources: gives all that the result depends on, except our code. It may raise OSError or
+            UnkeptError: the result is then made and not kept. encode, decode: conversion to bytes
+            and back; ``decode`` raises ValueError for bytes that it does not know.
     """
     path = _path(sources)
     data = None if path is None else _read(path)
@@ -60,13 +63,15 @@ def kept(
         with contextlib.suppress(ValueError):
             return decode(data)
     made = make()
-    if path is not None and path == _path(sources) and next(_written) < _MAX_WRITTEN:  # no source has changed meanwhile
+    # no source has changed meanwhile
+    if path is not None and path == _path(sources) and next(_written) < _MAX_WRITTEN:
         _write(path, encode(made))
     return made
 
 
 def described(value: object) -> bytes:
-    """Text of a value of plain types, enums and dataclasses of ours, equal in each process. Raises UnkeptError for others."""
+    """Text of a value of plain types, enums and dataclasses of ours, equal in each process. Raises
+    UnkeptError for others."""
     return json.dumps(value, default=_plain).encode()
 
 
@@ -94,13 +99,17 @@ def _path(sources: Callable[[], Iterable[bytes]]) -> Path | None:
 
 @functools.cache
 def _code() -> bytes | None:
-    """Digest of our code and of what runs it; ``None`` if this process may have loaded other code than is in the files."""
+    """Digest of our code and of what runs it; ``None`` if this process may have loaded other code
+    than is in the files."""
     loaded_ns = min(house.LOADED_NS for house in _HOUSES) - _TICK_NS
     texts = [repr((sys.version, np.__version__, np.show_config(mode="dicts"))).encode()]
     try:
-        for path in (path for house in _HOUSES for path in sorted(Path(house.__path__[0]).rglob("*"))):
+        for path in (
+            path for house in _HOUSES for path in sorted(Path(house.__path__[0]).rglob("*"))
+        ):
             if path.suffix in (".py", ".csv"):
-                # The time of the last change of any kind: tools that copy or unpack files set that of their content.
+                # The time of the last change of any kind: tools that copy or unpack files set that
+                # of their content.
                 if path.stat().st_ctime_ns > loaded_ns:
                     return None
                 texts += [path.name.encode(), path.read_bytes()]

@@ -15,12 +15,15 @@ def report_page(title: str, body: str) -> str:
         title: its title, as plain text.
         body: its contents, as HTML.
     """
-    template = Template(resources.files("bricktwin").joinpath("report.html").read_text(encoding="utf-8"))
+    template = Template(
+        resources.files("bricktwin").joinpath("report.html").read_text(encoding="utf-8")
+    )
     return template.substitute(title=html.escape(title), body=body)
 
 
 def plain_number(value: float, digits: int = 4) -> str:
-    """Number rounded to significant digits, without an exponent, trailing zeros, or a minus before zero.
+    """Number rounded to significant digits, without an exponent, trailing zeros, or a minus before
+    zero.
 
     Digits before the decimal point are all kept: 12345.6 is "12346".
     """

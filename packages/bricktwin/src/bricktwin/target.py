@@ -17,15 +17,16 @@ from bricktwin.twin.scene import Scene
 
 
 def find(name: str) -> Target:
-    """One of our robots, the robot of a building plan, or the robot in a user's file. Raises UnknownNameError if there is none,
-    DescriptionError or PlanError if a file is wrong."""
+    """One of our robots, the robot of a building plan, or the robot in a user's file. Raises
+    UnknownNameError if there is none, DescriptionError or PlanError if a file is wrong."""
     if name in robots.ROBOTS:
         return with_body(robots.get(name))
     if is_plan(name):
         return with_body(robot_of_plan(Path(name)))
     if not is_reference(name):
         raise UnknownNameError(
-            f"there is no robot '{name}'; choose {', '.join(robots.ROBOTS)}, or name a file: my_robot.ldr or my_robot.py"
+            f"there is no robot '{name}'; choose {', '.join(robots.ROBOTS)}, or name a file: "
+            "my_robot.ldr or my_robot.py"
         )
     return _in_scene(find_in_files(name), name)
 
@@ -38,7 +39,10 @@ def _in_scene(target: Target, reference: str) -> Target:
         return replace(target, make_body=partial(make_body, target.robot, scene=scene), scene=scene)
     file = without_name(reference)
     note = (
-        f"{file} has scenes {', '.join(scenes)}, and none is taken; name one: --scene {file}:{next(iter(scenes))}"
+        (
+            f"{file} has scenes {', '.join(scenes)}, and none is taken; name one: --scene "
+            f"{file}:{next(iter(scenes))}"
+        )
         if scenes
         else ""
     )
@@ -46,11 +50,13 @@ def _in_scene(target: Target, reference: str) -> Target:
 
 
 def load_scene(reference: str) -> Scene:
-    """The scene that a user names: ``my_robot.py:ARENA``, or a file with a single one. Raises UnknownNameError if there is none,
-    DescriptionError if the file is wrong, or what is named is no scene."""
+    """The scene that a user names: ``my_robot.py:ARENA``, or a file with a single one. Raises
+    UnknownNameError if there is none, DescriptionError if the file is wrong, or what is named is no
+    scene."""
     if not is_reference(reference):
         raise UnknownNameError(
-            f"'{reference}' is not a scene; name a Python file with one, such as my_scene.py or my_scene.py:MAT"
+            f"'{reference}' is not a scene; name a Python file with one, such as my_scene.py or "
+            "my_scene.py:MAT"
         )
     scene = load_object(reference, Scene)
     if not isinstance(scene, Scene):
@@ -59,13 +65,14 @@ def load_scene(reference: str) -> Scene:
 
 
 def body_of(target: Target, scene: Scene | None, **options: Any) -> Body:
-    """The body of a target in its own scene, or in another one; further options are those of `make_body`. Raises TwinError if a
-    robot on the bench is to be in a scene."""
+    """The body of a target in its own scene, or in another one; further options are those of
+    `make_body`. Raises TwinError if a robot on the bench is to be in a scene."""
     if scene is None:
         return target.make_body(**options)
     if lies_on_bench(target.robot, scene) and not (scene.readings or scene.end_stops):
         raise TwinError(
-            f"'{target.name}' lies on the bench, which is in no scene; leave out --scene, or take a robot with a body"
+            f"'{target.name}' lies on the bench, which is in no scene; leave out --scene, or take "
+            "a robot with a body"
         )
     return target.make_body(scene=scene, **options)
 
@@ -76,14 +83,20 @@ def with_body(robot: Robot) -> Target:
 
 
 def robot_of_plan(path: Path) -> Robot:
-    """The robot that a building plan describes: its hub, and the motors and sensors on the hub's ports. Raises PlanError if the
-    plan cannot be read, DescriptionError if it has no hub of ours."""
+    """The robot that a building plan describes: its hub, and the motors and sensors on the hub's
+    ports. Raises PlanError if the plan cannot be read, DescriptionError if it has no hub of
+    ours."""
     facts = read_facts(path)
     hub = facts.hubs[0] if facts.hubs else None
     kinds = {kind.value: kind for kind in HubKind}
     if hub is None or hub.name not in kinds:
-        raise DescriptionError(f"{path} has {'no hub' if hub is None else hub.part}; a robot needs one that runs Pybricks")
+        raise DescriptionError(
+            f"{path} has {'no hub' if hub is None else hub.part}; a robot needs one that runs "
+            "Pybricks"
+        )
     kind = kinds[hub.name]
     needs_imu = kind.model.has_imu and len(facts.hub_sides) == 2
     stem = "".join(letter if letter.isalnum() else "_" for letter in path.stem)
-    return Robot(stem if stem.isidentifier() else f"robot_{stem}", kind, needs_imu=needs_imu, plan=str(path))
+    return Robot(
+        stem if stem.isidentifier() else f"robot_{stem}", kind, needs_imu=needs_imu, plan=str(path)
+    )

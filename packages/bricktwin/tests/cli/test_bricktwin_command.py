@@ -1,4 +1,5 @@
-"""The command ``bricktwin`` as a whole, and ``bricktwin run`` with our robots, plans and users' files."""
+"""The command ``bricktwin`` as a whole, and ``bricktwin run`` with our robots, plans and users'
+files."""
 
 from __future__ import annotations
 
@@ -17,7 +18,9 @@ COMMANDS = ("run", "plan check", "plan parts", "plan steps", "twin record", "twi
 def test_version_and_help(bricktwin) -> None:
     assert bricktwin("--version") == (0, f"bricktwin {package.__version__}\n", "")
     overview = bricktwin("--help")
-    assert overview.code == 0 and all(f"• {command} " in overview.out for command in ("run", "plan", "twin"))
+    assert overview.code == 0 and all(
+        f"• {command} " in overview.out for command in ("run", "plan", "twin")
+    )
     for command in COMMANDS:
         told = bricktwin(*command.split(), "--help")
         assert told.code == 0 and f"\n  bricktwin {command} " in told.out, command
@@ -26,7 +29,11 @@ def test_version_and_help(bricktwin) -> None:
 def test_python_runs_the_package_as_the_command() -> None:
     command = [sys.executable, "-m", "bricktwin", "--version"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (0, f"bricktwin {package.__version__}\n", "")
+    assert (done.returncode, done.stdout, done.stderr) == (
+        0,
+        f"bricktwin {package.__version__}\n",
+        "",
+    )
 
 
 def test_help_imports_no_mujoco() -> None:
@@ -38,9 +45,12 @@ def test_help_imports_no_mujoco() -> None:
         "        main([*command.split(), '--help'])\n"
         "    except SystemExit as end:\n"
         "        assert not end.code, end.code\n"
-        "    print('loaded by', command, *sorted(set(sys.modules) & {'matplotlib', 'mujoco', 'scipy', 'torch', 'bricksrl'}))\n"
+        "    print('loaded by', command, *sorted(set(sys.modules) & {'matplotlib', 'mujoco', "
+        "'scipy', 'torch', 'bricksrl'}))\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
+    )
     lines = [line.rstrip() for line in done.stdout.splitlines()]
     assert all(f"loaded by {command}".rstrip() in lines for command in ("", *COMMANDS))
 
@@ -70,14 +80,16 @@ def test_robot_in_a_users_file_has_a_body(bricktwin, program: Path, tmp_path: Pa
     robot = tmp_path / "car.py"
     robot.write_text(
         "from brickhub.robot import *\n"
-        "CAR = Robot('car', HubKind.PRIME, (Motor('left', 'A', direction=Direction.COUNTERCLOCKWISE), Motor('right', 'B')),\n"
+        "CAR = Robot('car', HubKind.PRIME, (Motor('left', 'A', "
+        "direction=Direction.COUNTERCLOCKWISE), Motor('right', 'B')),\n"
         "            drive_base=DriveBase('left', 'right', 56, 112), needs_imu=True)\n"
     )
     program.write_text(
         "from pybricks.hubs import PrimeHub\nfrom pybricks.parameters import Direction, Port\n"
         "from pybricks.pupdevices import Motor\nfrom pybricks.robotics import DriveBase\n"
         "hub, left = PrimeHub(), Motor(Port.A, Direction.COUNTERCLOCKWISE)\n"
-        "DriveBase(left, Motor(Port.B), 56, 112).turn(90)\nprint(abs(hub.imu.heading() - 90) < 10)\n"
+        "DriveBase(left, Motor(Port.B), 56, 112).turn(90)\n"
+        "print(abs(hub.imu.heading() - 90) < 10)\n"
     )
     assert bricktwin("run", str(program), "--robot", f"{robot}:CAR") == (0, "True\n", "")
 
@@ -85,7 +97,14 @@ def test_robot_in_a_users_file_has_a_body(bricktwin, program: Path, tmp_path: Pa
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (("--robot", "dog"), "there is no robot 'dog'; choose two-wheeler, scout, cart, walker, robo-arm, bench, or name a file"),
+        (
+            ("--robot", "dog"),
+            (
+                "there is no robot 'dog'; choose two-wheeler, scout, cart, walker, "
+                "robo-arm, bench, "
+                "or name a file"
+            ),
+        ),
         (("--robot", "rover.ldr"), "rover.ldr: No such file or directory; name an LDraw file"),
         (("--robot", "nowhere.py"), "no file nowhere.py"),
         (("--robot", "walker", "--reading", "B=red"), "--robot bench"),
@@ -93,7 +112,9 @@ def test_robot_in_a_users_file_has_a_body(bricktwin, program: Path, tmp_path: Pa
         (("--hub", "ble", "--video", "a.mp4"), "leave out --hub, or --video"),
     ],
 )
-def test_mismatched_options_print_one_line(fails, program: Path, options: tuple[str, ...], says: str) -> None:
+def test_mismatched_options_print_one_line(
+    fails, program: Path, options: tuple[str, ...], says: str
+) -> None:
     fails("run", str(program), *options, says=says)
 
 
@@ -104,7 +125,7 @@ from bricktwin.twin.scene import Scene
 LIGHT = PoweredUpSensor("light", "C", SensorKind.COLOR, Mount((30, 0, 12), "down"))
 CAR = Robot("car", HubKind.PRIME, (Motor("left", "A"), Motor("right", "B")), (LIGHT,), DriveBase("left", "right", 56, 112))
 MAT = Scene(objects=(Line(points_mm=((-100.0, 0.0), (300.0, 0.0)), color="red", width_mm=60),))
-"""
+"""  # noqa: E501
 SEES = """from pybricks.parameters import Port
 from pybricks.pupdevices import ColorSensor
 print(ColorSensor(Port.C).color())
@@ -127,7 +148,12 @@ NOTE = "others.py has scenes MAT, OTHER, and none is taken; name one: --scene ot
 )
 def test_scene_of_a_file_is_taken(bricktwin, tmp_path, monkeypatch, options, out, err):
     monkeypatch.chdir(tmp_path)
-    for name, text in (("rover", ROVER), ("bare", "from rover import CAR\n"), ("others", OTHERS), ("main", SEES)):
+    for name, text in (
+        ("rover", ROVER),
+        ("bare", "from rover import CAR\n"),
+        ("others", OTHERS),
+        ("main", SEES),
+    ):
         (tmp_path / f"{name}.py").write_text(text)
     monkeypatch.delitem(sys.modules, "rover", raising=False)
     assert bricktwin("run", "main.py", *options) == (0, out, err)
@@ -136,11 +162,20 @@ def test_scene_of_a_file_is_taken(bricktwin, tmp_path, monkeypatch, options, out
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (("--robot", "rover.py", "--scene", "rover.py:CAR"), "rover.py:CAR is not a scene; name a Scene"),
+        (
+            ("--robot", "rover.py", "--scene", "rover.py:CAR"),
+            "rover.py:CAR is not a scene; name a Scene",
+        ),
         (("--robot", "rover.py", "--scene", "mat"), "'mat' is not a scene; name a Python file"),
-        (("--robot", "bench", "--scene", "rover.py"), "'bench' lies on the bench, which is in no scene"),
+        (
+            ("--robot", "bench", "--scene", "rover.py"),
+            "'bench' lies on the bench, which is in no scene",
+        ),
         (("--hub", "ble", "--scene", "rover.py"), "leave out --hub, or --scene"),
-        (("--robot", "rover.py", "--end-stop", "D=-9..9"), "'car' has no motor on port D for an end stop; it has motors on A, B"),
+        (
+            ("--robot", "rover.py", "--end-stop", "D=-9..9"),
+            "'car' has no motor on port D for an end stop; it has motors on A, B",
+        ),
     ],
 )
 def test_scene_or_stop_that_cannot_be_is_refused(bricktwin, tmp_path, monkeypatch, options, says):
@@ -155,7 +190,8 @@ def test_scene_or_stop_that_cannot_be_is_refused(bricktwin, tmp_path, monkeypatc
 def test_homing_that_nothing_stops_is_said(bricktwin, tmp_path):
     program = tmp_path / "home.py"
     program.write_text(
-        "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\nMotor(Port.D).run_until_stalled(200)\n"
+        "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\n"
+        "Motor(Port.D).run_until_stalled(200)\n"
     )
     done = bricktwin("run", str(program), "--robot", "walker", "--time-limit-s", "0.2")
     assert "in this twin nothing does: give --end-stop " in done.err

@@ -22,8 +22,13 @@ def test_correct_plan_passes(bricktwin):
 
 def test_robots_have_plans(bricktwin):
     assert bricktwin("plan", "check", "two-wheeler").out == bricktwin("plan", "check", PLAN).out
-    assert "there is no robot 'two-wheels'; choose one of" in bricktwin("plan", "check", "two-wheels").err
-    assert "bench has no building plan; name an LDraw file" in bricktwin("plan", "check", "bench").err
+    assert (
+        "there is no robot 'two-wheels'; choose one of"
+        in bricktwin("plan", "check", "two-wheels").err
+    )
+    assert (
+        "bench has no building plan; name an LDraw file" in bricktwin("plan", "check", "bench").err
+    )
 
 
 def test_folder_of_the_name_of_a_robot_is_no_plan(tmp_path, monkeypatch, capsys):
@@ -37,29 +42,45 @@ def test_folder_in_place_of_a_plan_is_named(fails, tmp_path, monkeypatch):
     (tmp_path / "plans.d").mkdir()
     monkeypatch.chdir(tmp_path)
     for folder in (".", "plans.d", str(tmp_path)):
-        says = f"{folder} is a folder; name an LDraw file in it (.ldr, .mpd or .io), or a robot: two-wheeler, walker, robo-arm"
+        says = (
+            f"{folder} is a folder; name an LDraw file in it (.ldr, .mpd or .io), or a robot: "
+            "two-wheeler, walker, robo-arm"
+        )
         fails("plan", "check", folder, says=f"error: {says}")
 
 
 def test_plan_of_one_part(bricktwin, tmp_path):
     path = tmp_path / "one.ldr"
     path.write_text("0 STEP\n1 0 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat\n", encoding="utf-8")
-    assert bricktwin("plan", "check", str(path)).out.splitlines()[-1].startswith("1 part of 1 kind, 1 step, ")
+    assert (
+        bricktwin("plan", "check", str(path))
+        .out.splitlines()[-1]
+        .startswith("1 part of 1 kind, 1 step, ")
+    )
 
 
 def test_mistake_has_line_and_exit_code(bricktwin, tmp_path):
     path = tmp_path / "my.ldr"
-    path.write_text(Path(PLAN).read_text(encoding="utf-8").replace("!BRICKSRL PORT E", "!BRICKSRL PORT A"), encoding="utf-8")
+    path.write_text(
+        Path(PLAN).read_text(encoding="utf-8").replace("!BRICKSRL PORT E", "!BRICKSRL PORT A"),
+        encoding="utf-8",
+    )
     done = bricktwin("plan", "check", str(path))
     assert done.code == 1
-    assert any(line.startswith("line ") and "give each its own" in line for line in done.out.splitlines())
+    assert any(
+        line.startswith("line ") and "give each its own" in line for line in done.out.splitlines()
+    )
 
 
 def test_parts_for_shops(bricktwin, tmp_path):
     listed = bricktwin("plan", "parts", PLAN).out
     assert "  18 x  2780      black" in listed
     assert "Set 45678 SPIKE Prime: 37 of 37 parts\n" in listed
-    table, wanted, sets = tmp_path / "parts.csv", tmp_path / "wanted.xml", tmp_path / "rebrickable.csv"
+    table, wanted, sets = (
+        tmp_path / "parts.csv",
+        tmp_path / "wanted.xml",
+        tmp_path / "rebrickable.csv",
+    )
     bricktwin("plan", "parts", PLAN, "--out", str(table))
     bricktwin("plan", "parts", PLAN, "--out", str(wanted), "--format", "bricklink")
     bricktwin("plan", "parts", PLAN, "--out", str(sets), "--format", "rebrickable")
@@ -69,7 +90,10 @@ def test_parts_for_shops(bricktwin, tmp_path):
     assert sum(float(row["mass_g"]) for row in rows) == pytest.approx(428, abs=0.5)
     counts = re.findall(r"<MINQTY>(\d+)</MINQTY>", wanted.read_text(encoding="utf-8"))
     assert sum(map(int, counts)) == 36
-    assert {row["Part"]: row["Quantity"] for row in csv.DictReader(sets.read_text(encoding="utf-8").splitlines())}["2780"] == "18"
+    assert {
+        row["Part"]: row["Quantity"]
+        for row in csv.DictReader(sets.read_text(encoding="utf-8").splitlines())
+    }["2780"] == "18"
 
 
 def test_what_is_missing_from_own_sets(bricktwin, fails, tmp_path):
@@ -77,20 +101,39 @@ def test_what_is_missing_from_own_sets(bricktwin, fails, tmp_path):
     assert [line.split()[:3] for line in alone[:2]] == [["2", "x", "45603"], ["12", "x", "3673"]]
     assert alone[2].startswith("14 of 84 parts")
     wanted = tmp_path / "wanted.xml"
-    both = bricktwin("plan", "parts", "walker", "--own", "45678,45681", "--out", str(wanted), "--format", "bricklink").out
+    both = bricktwin(
+        "plan",
+        "parts",
+        "walker",
+        "--own",
+        "45678,45681",
+        "--out",
+        str(wanted),
+        "--format",
+        "bricklink",
+    ).out
     assert "Set 45678 SPIKE Prime and 45681 SPIKE Prime expansion: 82 of 84 parts" in both
     assert re.findall(r"<MINQTY>(\d+)</MINQTY>", wanted.read_text(encoding="utf-8")) == ["2"]
     assert "0 of 84 parts" in bricktwin("plan", "parts", "walker", "--own", "45678,45681,45678").out
-    says = "error: there is no inventory of set '45345'; name sets of 45678, 45681, 31313, 45544, 45560, with commas between them"
+    says = (
+        "error: there is no inventory of set '45345'; name sets of 45678, 45681, 31313, "
+        "45544, 45560, with commas between them"
+    )
     fails("plan", "parts", "walker", "--own", "45345", says=says)
     fails("plan", "parts", "--own", "45678", says="error: --own needs a plan; name an LDraw file")
 
 
 def test_drawn_cables_and_lines_left_out_are_listed(bricktwin, tmp_path):
     path, place = tmp_path / "hose.ldr", "1 0 0 0 0 1 0 0 0 1 0 0 0 1"
-    path.write_text(f"{place} 32316.dat\n0 SYNTH BEGIN HOSE 0\n{place} LS01.dat\n0 SYNTH END\n1 0 0\n", encoding="utf-8")
+    path.write_text(
+        f"{place} 32316.dat\n0 SYNTH BEGIN HOSE 0\n{place} LS01.dat\n0 SYNTH END\n1 0 0\n",
+        encoding="utf-8",
+    )
     listed = bricktwin("plan", "parts", str(path)).out
-    assert "   1 x  drawn cable or hose, without a number\nline 5 is left out: cannot place a part; write 1," in listed
+    assert (
+        "   1 x  drawn cable or hose, without a number\nline 5 is left out: cannot place a part; "
+        "write 1,"
+    ) in listed
 
 
 def test_the_catalogue(bricktwin):
@@ -101,9 +144,18 @@ def test_the_catalogue(bricktwin):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["check", "no.ldr"], "error: no.ldr: No such file or directory; name an LDraw file (.ldr, .mpd or .io)"),
-        (["steps", PLAN, "--out", "plan.doc"], "error: plan.doc: a booklet is a .pdf or .html file; name one of these"),
-        (["parts", PLAN, "--format", "bricklink"], "error: --format has no effect without --out; omit it"),
+        (
+            ["check", "no.ldr"],
+            "error: no.ldr: No such file or directory; name an LDraw file (.ldr, .mpd or .io)",
+        ),
+        (
+            ["steps", PLAN, "--out", "plan.doc"],
+            "error: plan.doc: a booklet is a .pdf or .html file; name one of these",
+        ),
+        (
+            ["parts", PLAN, "--format", "bricklink"],
+            "error: --format has no effect without --out; omit it",
+        ),
         (["parts", "--out", "parts.csv"], "error: --out needs a plan; name an LDraw file"),
     ],
 )

@@ -36,7 +36,14 @@ def test_record_and_fit(bricktwin, log: Path) -> None:
 
 def test_invalid_log_or_physics_prints_one_line(fails, tmp_path: Path) -> None:
     fails("twin", "fit", str(tmp_path / "nothing.jsonl"), says="cannot read the log")
-    fails("twin", "record", "robo-ant", "--out", str(tmp_path / "x"), says="there is no robot 'robo-ant'; choose two-wheeler")
+    fails(
+        "twin",
+        "record",
+        "robo-ant",
+        "--out",
+        str(tmp_path / "x"),
+        says="there is no robot 'robo-ant'; choose two-wheeler",
+    )
     wrong = tmp_path / "wrong.json"
     record = ("twin", "record", "bench", "--out", str(tmp_path / "x"))
     fails(*record, "--physics", str(wrong), says="cannot read the physics")
@@ -58,22 +65,38 @@ def test_robot_from_a_file(bricktwin, fails, tmp_path: Path) -> None:
         "from brickhub.robot import HubKind, Motor, Robot\n"
         "ROBOT = Robot('my-robot', HubKind.CITY, motors=(Motor('wheel', 'A'),))\n"
     )
-    assert "20 commands in" in bricktwin("twin", "record", str(robot), "--steps", "20", "--out", str(log)).out
+    assert (
+        "20 commands in"
+        in bricktwin("twin", "record", str(robot), "--steps", "20", "--out", str(log)).out
+    )
     assert read_log(log).robot == "my-robot"
-    fails("twin", "fit", str(log), says="is of the robot 'my-robot', which is not built in; name its file")
-    done = bricktwin("twin", "fit", str(log), "--robot", f"{robot}:ROBOT", "--parameters", "battery_v")
+    fails(
+        "twin",
+        "fit",
+        str(log),
+        says="is of the robot 'my-robot', which is not built in; name its file",
+    )
+    done = bricktwin(
+        "twin", "fit", str(log), "--robot", f"{robot}:ROBOT", "--parameters", "battery_v"
+    )
     assert done.code == 0 and "wheel_angle" in done.out
     physics = log.with_suffix(".physics.json")
     assert str(physics) in done.out and read_physics(physics).battery_v > 6.0
 
 
-def test_robot_does_not_move_if_the_log_cannot_be_written(fails, monkeypatch, tmp_path: Path) -> None:
+def test_robot_does_not_move_if_the_log_cannot_be_written(
+    fails, monkeypatch, tmp_path: Path
+) -> None:
     def move(*_: object) -> None:
         pytest.fail("the robot moved")
 
     monkeypatch.setattr(motion_log, "record", move)
     (tmp_path / "file").write_text("an earlier log")
-    for out in (tmp_path / "file" / "log.jsonl", tmp_path / "file" / "folder" / "log.jsonl", tmp_path / ("x" * 300)):
+    for out in (
+        tmp_path / "file" / "log.jsonl",
+        tmp_path / "file" / "folder" / "log.jsonl",
+        tmp_path / ("x" * 300),
+    ):
         fails("twin", "record", "bench", "--out", str(out), says=f"cannot write {out} (")
     for out in (tmp_path / "logs" / "log.jsonl", tmp_path / "file"):
         fails("twin", "record", "bench", "--hub", "ble", "--out", str(out), says="give --yes")

@@ -36,21 +36,31 @@ ANGLES = (MotorAngle("left", -3000, 3000), MotorAngle("right", -3000, 3000))
 
 
 def interface(*commands: Command, settle: Wait | UntilDone | None = None) -> Interface:
-    return Interface(commands, (*ANGLES, DriveDistance(-2000, 2000), DriveAngle(-360, 360), Heading()), settle or Wait(500))
+    return Interface(
+        commands,
+        (*ANGLES, DriveDistance(-2000, 2000), DriveAngle(-360, 360), Heading()),
+        settle or Wait(500),
+    )
 
 
-def carried_out(wanted: Interface, *steps: Sequence[float], robot: Any = TWO_WHEELER) -> tuple[list[list[float]], VirtualHub]:
+def carried_out(
+    wanted: Interface, *steps: Sequence[float], robot: Any = TWO_WHEELER
+) -> tuple[list[list[float]], VirtualHub]:
     """Readings after the steps ``[1 + steps, channels]``, relative to the first, and the hub."""
     hub = VirtualHub(make_body(robot))
     link = HubLink(hub, robot, wanted)
     link.open()
     first = link.read().values
     readings = [first, *(link.act(step).values for step in steps)]
-    return [[value - start for value, start in zip(reading, first, strict=True)] for reading in readings], hub
+    return [
+        [value - start for value, start in zip(reading, first, strict=True)] for reading in readings
+    ], hub
 
 
 def test_drive_command_signs() -> None:
-    seen, hub = carried_out(interface(DriveSpeed(-200, 200), DriveTurnRate(-90, 90)), *((200, 0),) * 3, *((0, 90),) * 3)
+    seen, hub = carried_out(
+        interface(DriveSpeed(-200, 200), DriveTurnRate(-90, 90)), *((200, 0),) * 3, *((0, 90),) * 3
+    )
     assert seen[3][2] == pytest.approx(200 * 1.6, abs=60) and abs(seen[3][3]) < 4
     assert seen[6][3] - seen[3][3] == pytest.approx(90 * 1.6, abs=30)
     assert seen[6][4] == pytest.approx(seen[6][3], abs=8), "the gyroscope agrees"
@@ -69,7 +79,9 @@ def test_turns_and_curves_end_correctly() -> None:
 
 def test_preflight_tries_commands() -> None:
     commands = (Curve(-90, 90, radius_mm=100), HubLight(), HubSound())
-    wanted = replace(interface(*commands), channels=(MotorAngle("left"), MotorAngle("right"), Distance("eyes")))
+    wanted = replace(
+        interface(*commands), channels=(MotorAngle("left"), MotorAngle("right"), Distance("eyes"))
+    )
     transport = VirtualHub(make_body(TWO_WHEELER))
     findings = list(check_robot(transport, TWO_WHEELER, wanted, may_move=lambda: True))
     assert [finding for finding in findings if finding.outcome is Outcome.ERROR] == []

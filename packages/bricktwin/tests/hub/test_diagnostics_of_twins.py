@@ -24,7 +24,9 @@ class MisbuiltHub(VirtualHub):
 
 
 def observe(hub: VirtualHub, calibration: Calibration | None) -> tuple[float, ...]:
-    calibrate = None if calibration is None else lambda described: calibrated(described, calibration)
+    calibrate = (
+        None if calibration is None else lambda described: calibrated(described, calibration)
+    )
     with HubLink(hub, ROBO_ARM, REACHING, calibrate=calibrate) as link:
         return link.read().values
 
@@ -37,7 +39,9 @@ def test_end_stop_calibration_corrects_observation() -> None:
     right = observe(VirtualHub(make_body(ROBO_ARM)), None)
     hub = MisbuiltHub(SHIFTS)
     wrong = observe(hub, None)
-    assert all(abs(shifted - angle) > 30 for shifted, angle in zip(wrong[1:], right[1:], strict=True))
+    assert all(
+        abs(shifted - angle) > 30 for shifted, angle in zip(wrong[1:], right[1:], strict=True)
+    )
     stops = find_stops(hub, ROBO_ARM)
     zeros = {name: zero_between(found, ROBO_ARM.motor(name)) for name, found in stops.items()}
     turned_deg = {"low": 35, "high": -120, "grab": 150}
@@ -47,7 +51,9 @@ def test_end_stop_calibration_corrects_observation() -> None:
     assert observe(again, Calibration(zeros)) == pytest.approx(right, abs=3)
 
 
-@pytest.mark.parametrize("name", [name for name in robots.ROBOTS if robots.get(name).hub.model.runs_programs])
+@pytest.mark.parametrize(
+    "name", [name for name in robots.ROBOTS if robots.get(name).hub.model.runs_programs]
+)
 def test_survey_finds_devices_without_motion(name: str) -> None:
     robot = robots.get(name)
     hub = VirtualHub(make_body(robot))

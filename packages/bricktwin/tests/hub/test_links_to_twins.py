@@ -1,4 +1,5 @@
-"""Generated programs of all robot tasks with link, hub, firmware and physics: what a body changes."""
+"""Generated programs of all robot tasks with link, hub, firmware and physics: what a body
+changes."""
 
 from __future__ import annotations
 
@@ -47,7 +48,9 @@ def test_step_takes_move_and_two_intervals(env_id: str) -> None:
     link.read()
     reading = link.act([command.low for command in interface.commands])
     # The firmware with its own model of a motor takes 805 ms for 100 mm; LEGO's is stronger.
-    settle_s = {"RunAway-v0": 0.785, "Spinning-v0": 0.1, "Walker-v0": 0.25, "RoboArm-v0": 0.25}[env_id]
+    settle_s = {"RunAway-v0": 0.785, "Spinning-v0": 0.1, "Walker-v0": 0.25, "RoboArm-v0": 0.25}[
+        env_id
+    ]
     assert reading.round_trip_s == pytest.approx(settle_s + 0.030, abs=0.02)
     assert hub.now_s() > settle_s
 
@@ -60,7 +63,8 @@ def test_overlapping_commands_equal_firmware() -> None:
         link.act([-100, -100, -100, -100])
         angles.append(-hub.machine.servos["C"].angle_deg())
     steps = [after - before for before, after in zip(angles, angles[1:], strict=False)]
-    # facts/twin.md: 60 degrees in the first step, 88 in each that follows, every 250 ms; here a step takes 280 ms on the ground
+    # facts/twin.md: 60 degrees in the first step, 88 in each that follows, every 250 ms; here a
+    # step takes 280 ms on the ground
     assert 55 <= angles[0] <= 70
     assert sum(steps[2:]) / len(steps[2:]) == pytest.approx(92, abs=8)
 

@@ -39,4 +39,10 @@ def test_readings_are_for_the_bench(tmp_path: Path) -> None:
     (tmp_path / "main.py").write_text("")
     operation = Operation(readings=[parse_reading("A=red")])
     with pytest.raises(TwinError, match="--robot bench"):
-        run_file(tmp_path / "main.py", make_body(WALKER), stdout=io.BytesIO(), stderr=io.StringIO(), operation=operation)
+        run_file(
+            tmp_path / "main.py",
+            make_body(WALKER),
+            stdout=io.BytesIO(),
+            stderr=io.StringIO(),
+            operation=operation,
+        )

@@ -43,7 +43,9 @@ def hub() -> VirtualHub:
 
 @pytest.fixture(scope="module")
 def log(hub: VirtualHub) -> SessionLog:
-    return measure(hub, TWO_WHEELER, SimulatedPerson(hub, np.random.default_rng(5)), {"hub": "virtual"})
+    return measure(
+        hub, TWO_WHEELER, SimulatedPerson(hub, np.random.default_rng(5)), {"hub": "virtual"}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +68,9 @@ def test_a_robot_is_found_that_differs_in_all(comparison: Comparison) -> None:
         assert getattr(found, name) == pytest.approx(getattr(HIDDEN, name), abs=34)
     assert found.distance_bias_mm == pytest.approx(HIDDEN.distance_bias_mm, abs=5)
     assert found.battery_v == pytest.approx(HIDDEN.battery_v, abs=0.01)
-    assert (found.motor_1_scale, found.motor_2_scale) == pytest.approx((HIDDEN.motor_1_scale, HIDDEN.motor_2_scale), rel=0.02)
+    assert (found.motor_1_scale, found.motor_2_scale) == pytest.approx(
+        (HIDDEN.motor_1_scale, HIDDEN.motor_2_scale), rel=0.02
+    )
     assert found.color_noise_pct == Physics().color_noise_pct, "nothing is known of it"
 
 
@@ -82,14 +86,24 @@ def test_speeds_of_the_motors(hub: VirtualHub, comparison: Comparison) -> None:
     body.advance_to(2000)
     for motor in TWO_WHEELER.motors:
         true_deg_s = (body.angle_mdeg(motor.port) - before[motor.port]) / 1000
-        assert comparison.robot[f"speed of {motor.name}, free"] == pytest.approx(true_deg_s, rel=0.03)
+        assert comparison.robot[f"speed of {motor.name}, free"] == pytest.approx(
+            true_deg_s, rel=0.03
+        )
 
 
 def test_a_held_motor_stands_still(log: SessionLog) -> None:
     for motor in TWO_WHEELER.motors:
-        turned = [row.values[f"{motor.name}_angle"] for row in log.rows if row.phase == f"held {motor.name}"]
+        turned = [
+            row.values[f"{motor.name}_angle"]
+            for row in log.rows
+            if row.phase == f"held {motor.name}"
+        ]
         assert np.ptp(turned) < 15
-        free = [row.values[f"{motor.name}_angle"] for row in log.rows if row.phase == f"free {motor.name}"]
+        free = [
+            row.values[f"{motor.name}_angle"]
+            for row in log.rows
+            if row.phase == f"free {motor.name}"
+        ]
         assert np.ptp(free) > 500
 
 
@@ -98,16 +112,24 @@ def test_what_no_drawn_twin_is_like_is_told(comparison: Comparison) -> None:
     assert not any(told.values())
     outside = dataclasses.replace(comparison, robot={**comparison.robot, "gyroscope, drift": 3.0})
     told = {name: remark for name, *_, remark in lines(outside)}
-    assert told["gyroscope, drift, deg/min"] == "outside of what --randomize draws (gyro_drift_deg_min)"
+    assert (
+        told["gyroscope, drift, deg/min"]
+        == "outside of what --randomize draws (gyro_drift_deg_min)"
+    )
     assert sum(map(bool, told.values())) == 1
 
 
 def test_link_times_and_failures_are_counted() -> None:
     delays_ms = [*[40.0] * 95, *[200.0] * 5]
-    rows = [Row("wall", 10 * number, delay, {"distance": 310.0}) for number, delay in enumerate(delays_ms)]
+    rows = [
+        Row("wall", 10 * number, delay, {"distance": 310.0})
+        for number, delay in enumerate(delays_ms)
+    ]
     rows += [Row("aslant", 10 * number, 40.0, {"distance": 2000.0}) for number in range(100)]
     numbers = measured(SessionLog("two-wheeler", {}, tuple(rows)))
-    assert numbers["link, median"] == 40.0 and numbers["link, over 150 ms"] == pytest.approx(2.5, rel=0.01)
+    assert numbers["link, median"] == 40.0 and numbers["link, over 150 ms"] == pytest.approx(
+        2.5, rel=0.01
+    )
     assert numbers["wall at 300 mm"] == 310.0 and numbers["distance, failed readings"] == 0.0
     assert numbers["wall aslant, failed readings"] == 100.0 and "wall aslant" not in numbers
 

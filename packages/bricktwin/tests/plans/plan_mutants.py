@@ -9,7 +9,16 @@ import numpy as np
 
 from bricktwin.plans import catalogue
 
-KINDS = ("pin removed", "part removed", "part shifted", "two in one place", "part turned", "steps swapped", "port", "number")
+KINDS = (
+    "pin removed",
+    "part removed",
+    "part shifted",
+    "two in one place",
+    "part turned",
+    "steps swapped",
+    "port",
+    "number",
+)
 
 
 @dataclass(frozen=True)
@@ -42,14 +51,24 @@ def mutant(text: str, seed: int) -> Mutant:
     elif kind == "number":
         lines[at] = " ".join([*words[:14], "99999.dat"])
     elif kind == "port":
-        others = [line.split()[3] for line in lines if "!BRICKSRL PORT" in line and line.split()[3] != words[3]]
-        lines[at] = "" if rng.random() < 0.5 else " ".join([*words[:3], rng.choice(others), *words[4:]])
+        others = [
+            line.split()[3]
+            for line in lines
+            if "!BRICKSRL PORT" in line and line.split()[3] != words[3]
+        ]
+        lines[at] = (
+            "" if rng.random() < 0.5 else " ".join([*words[:3], rng.choice(others), *words[4:]])
+        )
     elif kind == "part shifted":
         axis, far = rng.randrange(3), rng.choice((-20, -10, 10, 20))
         words[2 + axis] = str(float(words[2 + axis]) + far)
         lines[at] = " ".join(words)
     else:
-        turn = np.roll(np.eye(3), 1, axis=0) if rng.random() < 0.5 else np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+        turn = (
+            np.roll(np.eye(3), 1, axis=0)
+            if rng.random() < 0.5
+            else np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+        )
         matrix = turn @ np.array([float(word) for word in words[5:14]]).reshape(3, 3)
         lines[at] = " ".join([*words[:5], *(f"{value:g}" for value in matrix.ravel()), words[14]])
     return Mutant(kind, f"line {at + 1}: {before}", "\n".join(lines))

@@ -56,19 +56,30 @@ def test_gear_pairs_multiply_idler_does_not():
 
 @pytest.mark.parametrize(
     ("name", "bodies", "drives", "rods", "geared", "followers", "is_fixed"),
-    [("two_wheeler", 3, 2, 0, 0, 0, False), ("walker", 9, 4, 4, 0, 0, False), ("robo_arm", 6, 4, 0, 1, 6, True)],
+    [
+        ("two_wheeler", 3, 2, 0, 0, 0, False),
+        ("walker", 9, 4, 4, 0, 0, False),
+        ("robo_arm", 6, 4, 0, 1, 6, True),
+    ],
 )
 def test_simplification_keeps_all_parts(name, bodies, drives, rods, geared, followers, is_fixed):
     made = robot(name)
     found = made.articulation
-    counts = tuple(map(len, (found.bodies, found.drives, found.rods, found.geared, found.followers)))
+    counts = tuple(
+        map(len, (found.bodies, found.drives, found.rods, found.geared, found.followers))
+    )
     assert counts == (bodies, drives, rods, geared, followers)
     assert (found.loops, found.is_fixed) == ((), is_fixed)
-    whole, before = merged(list(found.bodies)), merged(list(mechanism(made.plan, structure_of(made.plan).bodies).links))
+    whole, before = (
+        merged(list(found.bodies)),
+        merged(list(mechanism(made.plan, structure_of(made.plan).bodies).links)),
+    )
     assert whole.mass_kg == pytest.approx(before.mass_kg)
     # A rod has half of its mass at either pin, so its own middle may be elsewhere by a little.
     assert np.allclose(whole.centre_m, before.centre_m, atol=1e-4)
-    parts = [part for body in found.bodies for part in body.parts] + [part for rod in found.rods for part in rod.parts]
+    parts = [part for body in found.bodies for part in body.parts] + [
+        part for rod in found.rods for part in rod.parts
+    ]
     assert sorted(parts) == list(range(len(made.plan.parts)))
 
 
@@ -103,8 +114,13 @@ def test_two_motors_on_one_axle_raise():
 def test_motor_whose_shaft_is_pinned_to_its_case_raises():
     motor = ["0 !BRICKSRL PORT A", "1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat"]
     beam = [f"1 0 30 {y} 20 1 0 0 0 0 -1 0 1 0 2780.dat" for y in (20, -20, -60)]
-    beam += ["1 4 40 -60 20 0 1 0 0 0 1 1 0 0 40490.dat", "1 7 20 -60 20 0 0 1 0 1 0 -1 0 0 3167.dat"]
-    with pytest.raises(PlanError, match="the motor of port A drives the same part as another one, or nothing"):
+    beam += [
+        "1 4 40 -60 20 0 1 0 0 0 1 1 0 0 40490.dat",
+        "1 7 20 -60 20 0 0 1 0 1 0 -1 0 0 3167.dat",
+    ]
+    with pytest.raises(
+        PlanError, match="the motor of port A drives the same part as another one, or nothing"
+    ):
         planned(plan_of(*motor, *beam, "1 0 20 -50 0 0 0 1 1 0 0 0 1 0 2780.dat"))
 
 
@@ -155,12 +171,22 @@ def test_walker_legs_turn_fully():
         linkage.turn({"motor_C": math.radians(turned)})
         places.append(moved(linkage, parts[leg], foot))
         for rod in made.rods:
-            apart = moved(linkage, parts[rod.far], rod.far_m) - moved(linkage, parts[rod.near], rod.near_m)
-            assert np.linalg.norm(apart) == pytest.approx(np.linalg.norm(rod.far_m - rod.near_m), abs=2e-5)
+            apart = moved(linkage, parts[rod.far], rod.far_m) - moved(
+                linkage, parts[rod.near], rod.near_m
+            )
+            assert np.linalg.norm(apart) == pytest.approx(
+                np.linalg.norm(rod.far_m - rod.near_m), abs=2e-5
+            )
             for end, point in ((rod.near, rod.near_m), (rod.far, rod.far_m)):
-                assert moved(linkage, rod.parts[0], point) == pytest.approx(moved(linkage, parts[end], point), abs=2e-5)
+                assert moved(linkage, rod.parts[0], point) == pytest.approx(
+                    moved(linkage, parts[end], point), abs=2e-5
+                )
     stride, across, lift = np.ptp(places, axis=0) * 1000
-    assert (stride, across, lift) == (pytest.approx(38.4, abs=1.0), pytest.approx(0, abs=1e-6), pytest.approx(16.0, abs=0.5))
+    assert (stride, across, lift) == (
+        pytest.approx(38.4, abs=1.0),
+        pytest.approx(0, abs=1e-6),
+        pytest.approx(16.0, abs=0.5),
+    )
 
 
 def test_visual_gears_counter_rotate():
@@ -173,7 +199,9 @@ def test_visual_gears_counter_rotate():
     forearm, _ = linkage.motion(made.bodies[drive.joint.child].parts[0])
     assert np.allclose(shaft_turn @ [0, 1, 0], [0, 1, 0])
     # The motor turns by 90 degrees, the forearm by half of that the other way.
-    first, second = (math.degrees(math.atan2(turn[0, 2], turn[0, 0])) for turn in (shaft_turn, forearm))
+    first, second = (
+        math.degrees(math.atan2(turn[0, 2], turn[0, 0])) for turn in (shaft_turn, forearm)
+    )
     assert abs(first) == pytest.approx(90.0)
     assert second == pytest.approx(-first / 2)
 

@@ -30,7 +30,10 @@ def test_lines_of_a_part_are_that_part(assembly: Assembly) -> None:
 
 def test_composed_part_may_lie_anywhere_and_its_shaft_be_turned() -> None:
     plan = plan_of(
-        "1 4 100 0 0 0 0 1 0 1 0 -1 0 0 u9364c01.dat", "0 STEP", "1 4 100 -50 0 0.8 0 0.6 0 1 0 -0.6 0 0.8 u9363.dat", BEAM
+        "1 4 100 0 0 0 0 1 0 1 0 -1 0 0 u9364c01.dat",
+        "0 STEP",
+        "1 4 100 -50 0 0.8 0 0.6 0 1 0 -0.6 0 0.8 u9363.dat",
+        BEAM,
     )
     motor = plan.parts[0]
     assert (motor.part.number, motor.position.tolist(), motor.step) == ("54696p02", [100, 0, 0], 0)
@@ -39,7 +42,10 @@ def test_composed_part_may_lie_anywhere_and_its_shaft_be_turned() -> None:
     assert [one.number for one in away.unknown] == ["u9363"]  # no shaft of this motor
 
 
-@pytest.mark.parametrize(("hub", "battery"), [("45601", "45610"), ("67718", "67704"), ("67718p01", "45610"), ("95646", "95656")])
+@pytest.mark.parametrize(
+    ("hub", "battery"),
+    [("45601", "45610"), ("67718", "67704"), ("67718p01", "45610"), ("95646", "95656")],
+)
 def test_hub_has_its_battery(hub: str, battery: str) -> None:
     place = (0, 90, 0) if hub == "95646" else (0, 0, 0)
     plan = plan_of(AT.format(15, 0, 0, 0, hub), AT.format(71, *place, battery))
@@ -51,10 +57,14 @@ def test_hub_has_its_battery(hub: str, battery: str) -> None:
 def test_comment_before_either_line_is_that_of_the_part(order: int, port: int) -> None:
     lines = [AT.format(16, 0, 0, 0, "u9367c01"), AT.format(4, 0, -50, 0, "u9363")][::order]
     lines.insert(port, "0 !BRICKSRL PORT A left 30")
-    assert [(one.port, one.device, one.angle_deg) for one in plan_of(*lines).parts] == [("A", "left", 30.0)]
+    assert [(one.port, one.device, one.angle_deg) for one in plan_of(*lines).parts] == [
+        ("A", "left", 30.0)
+    ]
 
 
-@pytest.mark.parametrize("assembly", [one for one in assemblies() if one.here == "pieces"], ids=lambda one: one.number)
+@pytest.mark.parametrize(
+    "assembly", [one for one in assemblies() if one.here == "pieces"], ids=lambda one: one.number
+)
 def test_line_of_a_shortcut_is_its_pieces(assembly: Assembly) -> None:
     one, several = plan_of(AT.format(4, 10, 0, 0, assembly.number)), plan_of(*lines_of(assembly))
     assert [placed.part for placed in one.parts] == [placed.part for placed in several.parts]

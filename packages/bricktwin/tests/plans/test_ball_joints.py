@@ -28,12 +28,19 @@ def test_links_become_rods_and_steer_both_wheels():
     made = planned_robot(CAR).articulation
     knuckles = [number for number, swing in enumerate(made.swings) if abs(swing.axis[2]) > 0.9]
     assert (len(made.rods), len(knuckles), made.loops) == (2, 2, ())
-    assert sorted(np.linalg.norm(rod.far_m - rod.near_m) for rod in made.rods) == pytest.approx([0.040, 0.064])
+    assert sorted(np.linalg.norm(rod.far_m - rod.near_m) for rod in made.rods) == pytest.approx(
+        [0.040, 0.064]
+    )
     linkage = Linkage(made)
     for steered in (-30, 15):
         linkage.turn({"motor_A": math.radians(steered)})
-        turns = [linkage.motion(made.bodies[made.swings[number].child].parts[0])[0] for number in knuckles]
-        assert [math.degrees(math.atan2(turn[1, 0], turn[0, 0])) for turn in turns] == pytest.approx([steered, steered], abs=0.01)
+        turns = [
+            linkage.motion(made.bodies[made.swings[number].child].parts[0])[0]
+            for number in knuckles
+        ]
+        assert [
+            math.degrees(math.atan2(turn[1, 0], turn[0, 0])) for turn in turns
+        ] == pytest.approx([steered, steered], abs=0.01)
 
 
 def test_link_on_one_ball_moves_in_three_ways():
@@ -59,7 +66,9 @@ def test_towball_that_is_there_twice_welds_nothing():
 
 @pytest.mark.parametrize("shift", [4, -4])
 def test_ball_beside_its_socket_is_loose(shift):
-    names = {one.name for one in check(plan_of(BEAM, TOWBALL, LINK.replace("0 20 40", f"{shift} 20 40")))}
+    names = {
+        one.name for one in check(plan_of(BEAM, TOWBALL, LINK.replace("0 20 40", f"{shift} 20 40")))
+    }
     assert {"loose", "half-held", "step"} <= names
 
 

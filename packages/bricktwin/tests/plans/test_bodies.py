@@ -19,7 +19,9 @@ FLAT = "1 0 0 0 0 1 0 -1 0"
 def shaft(x: float, z: float, *gears: str) -> list[str]:
     """A vertical axle of 4 in the plate with a bush below and gears above."""
     lines = [f"1 0 {x} -10 {z} {UPRIGHT} 3705.dat", f"1 0 {x} 20 {z} {FLAT} 3713.dat"]
-    return lines + [f"1 4 {x} {-20 - 20 * level} {z} {FLAT} {number}.dat" for level, number in enumerate(gears)]
+    return lines + [
+        f"1 4 {x} {-20 - 20 * level} {z} {FLAT} {number}.dat" for level, number in enumerate(gears)
+    ]
 
 
 def solved(*lines: str) -> tuple[Plan, Structure]:
@@ -41,15 +43,27 @@ def test_axle_without_bush_slides():
 
 @pytest.mark.parametrize(
     ("first", "second", "distance"),
-    [("10928", "3648b", 40), ("3648b", "3648b", 60), ("94925", "94925", 40), ("32270", "32498", 60), ("18575", "46372", 60)],
+    [
+        ("10928", "3648b", 40),
+        ("3648b", "3648b", 60),
+        ("94925", "94925", 40),
+        ("32270", "32498", 60),
+        ("18575", "46372", 60),
+    ],
 )
 def test_gear_ratio_follows_teeth(first, second, distance):
     plan, structure = solved(PLATE, *shaft(0, 0, first), *shaft(distance, 0, second))
     assert [mesh.is_good for mesh in structure.meshes] == [True]
     motions = structure.bodies.motions()
     assert motions.shape[1] == 1
-    teeth = [plan.parts[mesh].part.gears[0].teeth for mesh in (structure.meshes[0].first, structure.meshes[0].second)]
-    one, two = (body_of(structure.bodies, structure.meshes[0].first), body_of(structure.bodies, structure.meshes[0].second))
+    teeth = [
+        plan.parts[mesh].part.gears[0].teeth
+        for mesh in (structure.meshes[0].first, structure.meshes[0].second)
+    ]
+    one, two = (
+        body_of(structure.bodies, structure.meshes[0].first),
+        body_of(structure.bodies, structure.meshes[0].second),
+    )
     rates = [float(motions[6 * body + 4, 0]) for body in (one, two)]
     assert rates[0] * teeth[0] == pytest.approx(-rates[1] * teeth[1])
 
@@ -58,7 +72,10 @@ def test_ratio_follows_teeth_with_small_distance_error():
     # 12 and 24 teeth, 2 modules along and 1 across: 17.9 mm instead of 18.
     _, structure = solved(PLATE, *shaft(0, 0, "32270"), *shaft(40, 20, "3648b"))
     motions = structure.bodies.motions()
-    bodies = [body_of(structure.bodies, part) for part in (structure.meshes[0].first, structure.meshes[0].second)]
+    bodies = [
+        body_of(structure.bodies, part)
+        for part in (structure.meshes[0].first, structure.meshes[0].second)
+    ]
     first, second = (float(motions[6 * body + 4, 0]) for body in bodies)
     assert first == pytest.approx(-2 * second)
 
@@ -75,19 +92,33 @@ def test_three_gears_in_ring_lock():
 @pytest.mark.parametrize(
     ("first", "second", "at", "ahead"),
     [
-        *(("32270", "32270", 20, 20), ("32270", "18575", 30, 20), ("18575", "32270", 20, 30), ("32270", "32498", 50, 20)),
+        *(
+            ("32270", "32270", 20, 20),
+            ("32270", "18575", 30, 20),
+            ("18575", "32270", 20, 30),
+            ("32270", "32498", 50, 20),
+        ),
         # A crown gear's teeth are in front of its hub, which is 2 LDU from its origin.
-        *(("3650c", "10928", 22, 20), ("3650c", "10928", 22, 40), ("3650c", "3648b", 42, 40), ("3650c", "32270", 27, 35)),
+        *(
+            ("3650c", "10928", 22, 20),
+            ("3650c", "10928", 22, 40),
+            ("3650c", "3648b", 42, 40),
+            ("3650c", "32270", 27, 35),
+        ),
     ],
 )
 def test_gears_at_right_angle_turn_at_the_ratio_of_their_teeth(first, second, at, ahead):
     # The axes, along z and x, meet at the origin; the teeth meet towards +x and -z.
-    plan = plan_of(f"1 4 0 0 {-at} 1 0 0 0 1 0 0 0 1 {first}.dat", f"1 4 {ahead} 0 0 0 0 1 0 1 0 -1 0 0 {second}.dat")
+    plan = plan_of(
+        f"1 4 0 0 {-at} 1 0 0 0 1 0 0 0 1 {first}.dat",
+        f"1 4 {ahead} 0 0 0 0 1 0 1 0 -1 0 0 {second}.dat",
+    )
     (mesh,) = meshes(plan.parts)
     assert mesh.is_good
     about_z, about_x = mesh.motion[0][5], mesh.motion[1][3]
     teeth, other_teeth = (placed.part.gears[0].teeth for placed in plan.parts)
-    # If the first turns by the other's teeth, counter-clockwise about +z, its teeth move towards +y, and so do the other's.
+    # If the first turns by the other's teeth, counter-clockwise about +z, its teeth move towards
+    # +y, and so do the other's.
     assert about_z * other_teeth + about_x * teeth == pytest.approx(0.0)
     # A carrier that turns both as one body does not strain the teeth.
     assert mesh.motion.sum(axis=0) == pytest.approx(np.zeros(6))
@@ -95,12 +126,20 @@ def test_gears_at_right_angle_turn_at_the_ratio_of_their_teeth(first, second, at
 
 @pytest.mark.parametrize(("at", "ahead"), [(30, 20), (22, 55), (-22, 20)])
 def test_crown_gear_does_not_reach_a_spur_gear_that_is_not_in_front_of_its_teeth(at, ahead):
-    plan = plan_of(f"1 4 0 0 {-at} 1 0 0 0 1 0 0 0 1 3650c.dat", f"1 4 {ahead} 0 0 0 0 1 0 1 0 -1 0 0 10928.dat")
+    plan = plan_of(
+        f"1 4 0 0 {-at} 1 0 0 0 1 0 0 0 1 3650c.dat",
+        f"1 4 {ahead} 0 0 0 0 1 0 1 0 -1 0 0 10928.dat",
+    )
     assert not any(mesh.is_good for mesh in meshes(plan.parts))
 
 
 def test_worm_has_a_right_handed_thread_with_one_tooth_per_turn():
-    lines = [PLATE, *shaft(0, 0, "3648b"), "1 0 0 -20 40 1 0 0 0 1 0 0 0 1 3706.dat", "1 7 0 -20 40 0 0 1 0 1 0 -1 0 0 4716.dat"]
+    lines = [
+        PLATE,
+        *shaft(0, 0, "3648b"),
+        "1 0 0 -20 40 1 0 0 0 1 0 0 0 1 3706.dat",
+        "1 7 0 -20 40 0 0 1 0 1 0 -1 0 0 4716.dat",
+    ]
     plan, structure = solved(*lines)
     (mesh,) = structure.meshes
     assert mesh.is_good
@@ -141,7 +180,8 @@ def test_differential_averages_axles():
     motions = bodies.motions()
     left, right = (motions[6 * body_of(bodies, part) + 5] for part in (1, 2))
     assert np.abs(left).max() > 0.1
-    assert np.allclose(left, -right, atol=1e-6)  # the first body, at rest, is the differential itself
+    # the first body, at rest, is the differential itself
+    assert np.allclose(left, -right, atol=1e-6)
     assert [plan.parts[part].part.name for part in bodies.members[0]] == ["Differential 28"]
 
 
@@ -157,5 +197,7 @@ def test_studs_connect_plates_and_bricks():
 
 def test_pin_fits_technic_brick_not_studs():
     pin = "1 0 0 10 10 0 0 1 0 1 0 -1 0 0 2780.dat"
-    _, structure = solved("1 4 0 0 0 1 0 0 0 1 0 0 0 1 3700.dat", pin, pin.replace("0 10 10", "10 -2 0"))
+    _, structure = solved(
+        "1 4 0 0 0 1 0 0 0 1 0 0 0 1 3700.dat", pin, pin.replace("0 10 10", "10 -2 0")
+    )
     assert [(link.male, link.female) for link in structure.connections] == [(1, 0)]

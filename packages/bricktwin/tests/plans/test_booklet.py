@@ -20,7 +20,10 @@ from bricktwin.plans.picture import VIEWS, Shown, Studio, View, sprite_of
 from bricktwin.plans.plan import read_plan
 
 WHITE = (1.0, 1.0, 1.0)
-WHEEL = "0 FILE wheel.ldr\n1 71 0 0 0 1 0 0 0 1 0 0 0 1 39367p02.dat\n0 STEP\n1 71 0 0 20 1 0 0 0 1 0 0 0 1 3713.dat"
+WHEEL = (
+    "0 FILE wheel.ldr\n1 71 0 0 0 1 0 0 0 1 0 0 0 1 39367p02.dat\n0 STEP\n"
+    "1 71 0 0 20 1 0 0 0 1 0 0 0 1 3713.dat"
+)
 
 
 def picture_of(plan, view=VIEWS[0], zoom=1.0):
@@ -44,7 +47,14 @@ def test_every_part_is_drawn_at_its_size():
 def test_surfaces_face_outwards():
     for part in catalogue.parts():
         triangles = surface_of(part).triangles
-        volume = float(np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum()) / 6
+        volume = (
+            float(
+                np.einsum(
+                    "ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])
+                ).sum()
+            )
+            / 6
+        )
         full = solid_volume(part)
         # Solids overlap one another, and holes are discs on their surface.
         assert 0.3 * full < volume < 4.0 * full, part.number
@@ -74,14 +84,18 @@ def test_box_covers_its_projection():
 
 
 def test_one_sees_through_a_hole_and_not_through_its_pin():
-    open_beam, with_pin = (picture_of(plan_of(BEAM, *lines), View(0, 89.99), 4.0) for lines in ([], [pin(0, 0, 0)]))
+    open_beam, with_pin = (
+        picture_of(plan_of(BEAM, *lines), View(0, 89.99), 4.0) for lines in ([], [pin(0, 0, 0)])
+    )
     x, y = (round(2 * value) for value in open_beam.pixel_of(np.zeros(3)))
     assert open_beam.owner[y, x] == -1
     assert with_pin.owner[y, x + 20] == 1  # the wall of the pin; its bore is open
 
 
 def test_nearer_parts_occlude():
-    plan = plan_of("1 4 0 0 0 1 0 0 0 1 0 0 0 1 67718.dat", "1 1 0 -40 -200 1 0 0 0 1 0 0 0 1 3713.dat")
+    plan = plan_of(
+        "1 4 0 0 0 1 0 0 0 1 0 0 0 1 67718.dat", "1 1 0 -40 -200 1 0 0 0 1 0 0 0 1 3713.dat"
+    )
     assert picture_of(plan, View(0, 0)).visible([1]) == 0
     assert picture_of(plan, View(180, 0)).visible([1]) == 1
 
@@ -99,7 +113,12 @@ def test_long_step_is_split_into_few_pieces_each_about_as_many():
     steps = steps_of(*lines)
     assert [len(step.items) for step in steps] == [7, 7, 6]
     kinds = [part for part in catalogue.parts() if part.family != "hubs"][:20]
-    steps = steps_of(*(f"1 4 {100 * at} 0 0 1 0 0 0 1 0 0 0 1 {part.number}.dat" for at, part in enumerate(kinds)))
+    steps = steps_of(
+        *(
+            f"1 4 {100 * at} 0 0 1 0 0 0 1 0 0 0 1 {part.number}.dat"
+            for at, part in enumerate(kinds)
+        )
+    )
     assert [len(step.items) for step in steps] == [4] * 5
 
 
@@ -121,8 +140,14 @@ def test_view_is_turned_for_a_hidden_part_and_the_turn_is_marked():
 
 
 def test_part_that_is_enclosed_is_shown_without_what_hides_it():
-    walls = [f"1 4 {x} {y} {z} 1 0 0 0 1 0 0 0 1 67718.dat" for x, y, z in np.array([[150, 0, 0], [-150, 0, 0], [0, 0, 230]])]
-    walls += [f"1 4 {x} {y} {z} 1 0 0 0 1 0 0 0 1 67718.dat" for x, y, z in ((0, 0, -230), (0, 90, 0), (0, -90, 0))]
+    walls = [
+        f"1 4 {x} {y} {z} 1 0 0 0 1 0 0 0 1 67718.dat"
+        for x, y, z in np.array([[150, 0, 0], [-150, 0, 0], [0, 0, 230]])
+    ]
+    walls += [
+        f"1 4 {x} {y} {z} 1 0 0 0 1 0 0 0 1 67718.dat"
+        for x, y, z in ((0, 0, -230), (0, 90, 0), (0, -90, 0))
+    ]
     steps = steps_of(*walls, "0 STEP", "1 1 0 -40 0 1 0 0 0 1 0 0 0 1 3713.dat")
     assert steps[-1].inset is not None
     assert len(steps[-1].inset.shown) == 1
@@ -134,10 +159,19 @@ def test_title_with_dollars_is_no_formula(tmp_path):
 
 def test_repeated_steps_share_a_page():
     turned = "1 16 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr"
-    lines = ["0 FILE car.ldr", "0 // A beam.", BEAM, "0 STEP", "1 16 0 0 0 1 0 0 0 1 0 0 0 1 wheel.ldr", turned]
+    lines = [
+        "0 FILE car.ldr",
+        "0 // A beam.",
+        BEAM,
+        "0 STEP",
+        "1 16 0 0 0 1 0 0 0 1 0 0 0 1 wheel.ldr",
+        turned,
+    ]
     pages = list(pages_of(plan_of(*lines, *WHEEL.split("\n"))))
     assert [(page.head, page.note) for page in pages[1:3]] == [("Parts", ""), ("1", "A beam.")]
-    assert [(page.head, page.instruction.times, page.instruction.assembly != ()) for page in pages[3:]] == [
+    assert [
+        (page.head, page.instruction.times, page.instruction.assembly != ()) for page in pages[3:]
+    ] == [
         ("2", 2, True),
         ("3", 2, True),
         ("4", 1, False),
@@ -148,7 +182,18 @@ def test_repeated_steps_share_a_page():
 def test_sub_assemblies_of_two_colours_have_pages_of_their_own():
     other = "1 4 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr"
     wheel = WHEEL.replace("1 71", "1 16").split("\n")
-    pages = list(pages_of(plan_of("0 FILE car.ldr", BEAM, "0 STEP", "1 1 0 0 0 1 0 0 0 1 0 0 0 1 wheel.ldr", other, *wheel)))
+    pages = list(
+        pages_of(
+            plan_of(
+                "0 FILE car.ldr",
+                BEAM,
+                "0 STEP",
+                "1 1 0 0 0 1 0 0 0 1 0 0 0 1 wheel.ldr",
+                other,
+                *wheel,
+            )
+        )
+    )
     assert [page.head for page in pages[2:]] == ["1", "2", "3", "4", "5", "6"]
     assert [(item.count, item.text) for item in pages[-1].items] == [(1, "wheel"), (1, "wheel")]
 
@@ -167,7 +212,10 @@ def test_cables_are_labelled_at_both_ends():
 def test_mirrored_unknown_and_single_parts_have_a_booklet(tmp_path):
     mirrored = "1 4 0 -20 0 -1 0 0 0 1 0 0 0 1 32316.dat"
     unknown = "1 4 0 -40 0 1 0 0 0 1 0 0 0 1 99999.dat"
-    assert write_booklet(plan_of(BEAM, pin(0, -10, 20), mirrored, unknown), tmp_path / "robot.pdf") == 3
+    assert (
+        write_booklet(plan_of(BEAM, pin(0, -10, 20), mirrored, unknown), tmp_path / "robot.pdf")
+        == 3
+    )
     assert write_booklet(plan_of(BEAM), tmp_path / "beam.html") == 3
 
 
@@ -209,7 +257,10 @@ def test_two_wheeler_booklet(tmp_path):
     plan = read_plan(PLANS / "two_wheeler.ldr")
     pages = write_booklet(plan, tmp_path / "plan.pdf")
     assert write_booklet(plan, tmp_path / "plan.html") == pages == 14
-    pdf, html = (tmp_path / "plan.pdf").read_bytes(), (tmp_path / "plan.html").read_text(encoding="utf-8")
+    pdf, html = (
+        (tmp_path / "plan.pdf").read_bytes(),
+        (tmp_path / "plan.html").read_text(encoding="utf-8"),
+    )
     assert pdf.startswith(b"%PDF-")
     assert len(re.findall(rb"/Type /Page\b", pdf)) == pages
     assert html.count("<section>") == pages

@@ -84,13 +84,31 @@ def test_parts_are_found_by_number_suffix_or_alias():
 
 
 def test_unknown_part_number_raises():
-    with pytest.raises(UnknownNameError, match=r"^part '99999' is not in the catalogue; .*`bricktwin plan parts`"):
+    with pytest.raises(
+        UnknownNameError, match=r"^part '99999' is not in the catalogue; .*`bricktwin plan parts`"
+    ):
         catalogue.get("99999")
 
 
 def test_notation_of_points_ranges_and_sets():
-    assert part_notation.points("0,0,-20 ±40,0..20,1") == [(0, 0, -20), (-40, 0, 1), (-40, 20, 1), (40, 0, 1), (40, 20, 1)]
-    assert [z for _, _, z in part_notation.points("0,0,40..0 0,0,-80..80/80 0,0,5;±10")] == [40, 20, 0, -80, 0, 80, 5, -10, 10]
+    assert part_notation.points("0,0,-20 ±40,0..20,1") == [
+        (0, 0, -20),
+        (-40, 0, 1),
+        (-40, 20, 1),
+        (40, 0, 1),
+        (40, 20, 1),
+    ]
+    assert [z for _, _, z in part_notation.points("0,0,40..0 0,0,-80..80/80 0,0,5;±10")] == [
+        40,
+        20,
+        0,
+        -80,
+        0,
+        80,
+        5,
+        -10,
+        10,
+    ]
 
 
 def test_chains_of_a_beam_share_a_hole_and_skip_none():
@@ -104,5 +122,10 @@ def test_chains_of_a_beam_share_a_hole_and_skip_none():
 
 
 def test_every_device_is_a_row_of_the_parts():
-    rows = {row["number"]: row["family"] for row in read_table("bricktwin.plans.catalogue", "parts")}
-    assert all(rows[row["number"]] == f"{row['kind']}s" for row in read_table("bricktwin.plans.catalogue", "devices"))
+    rows = {
+        row["number"]: row["family"] for row in read_table("bricktwin.plans.catalogue", "parts")
+    }
+    assert all(
+        rows[row["number"]] == f"{row['kind']}s"
+        for row in read_table("bricktwin.plans.catalogue", "devices")
+    )

@@ -34,11 +34,13 @@ DRIVEN = [
     "1 4 0 -70 220 1 0 0 0 0 1 0 -1 0 3649.dat",
     *chain((0, 0, 24), (0, 220, 40), -70),
 ]
-"""A motor turns an axle with a gear of 40 teeth by a chain over its own gear of 24; both axles are vertical."""
+"""A motor turns an axle with a gear of 40 teeth by a chain over its own gear of 24; both axles are
+vertical."""
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "teeth"), [("3648b", "3648b", (24, 24)), ("10928", "3649", (8, 40)), ("3649", "94925", (40, 16))]
+    ("first", "second", "teeth"),
+    [("3648b", "3648b", (24, 24)), ("10928", "3649", (8, 40)), ("3649", "94925", (40, 16))],
 )
 def test_chained_gears_turn_the_same_way_at_the_ratio_of_their_teeth(first, second, teeth):
     links = chain((0, -80, teeth[0]), (20, 80, teeth[1]), -20)
@@ -47,14 +49,19 @@ def test_chained_gears_turn_the_same_way_at_the_ratio_of_their_teeth(first, seco
     (mesh,) = structure.meshes
     motions = structure.bodies.motions()
     assert motions.shape[1] == 1
-    one, two = (float(motions[6 * body_of(structure.bodies, part) + 4, 0]) for part in (mesh.first, mesh.second))
+    one, two = (
+        float(motions[6 * body_of(structure.bodies, part) + 4, 0])
+        for part in (mesh.first, mesh.second)
+    )
     assert one * teeth[0] == pytest.approx(two * teeth[1])
     assert {found.name for found in check(plan)} <= {"half-held"}  # the gears turn freely
 
 
 def test_gear_in_the_place_of_another_is_a_finding():
     number = next(number for number, line in enumerate(DRIVEN) if "3648b" in line)
-    assert [found.name for found in check(plan_of(*DRIVEN[: number + 1], *DRIVEN[number:]))] == ["collision"]
+    assert [found.name for found in check(plan_of(*DRIVEN[: number + 1], *DRIVEN[number:]))] == [
+        "collision"
+    ]
 
 
 def test_motor_drives_twin_through_chain(tmp_path):
@@ -62,7 +69,9 @@ def test_motor_drives_twin_through_chain(tmp_path):
     assert check(plan) == []
     made = planned(plan)
     assert [train.gears for train in made.trains if train.port == "A"] == [(24, 40)]
-    assert sorted(part for body in made.articulation.bodies for part in body.parts) == list(range(len(plan.parts)))
+    assert sorted(part for body in made.articulation.bodies for part in body.parts) == list(
+        range(len(plan.parts))
+    )
     path = tmp_path / "driven.ldr"
     path.write_text("\n".join(DRIVEN))
     quiet = Physics(distance_noise_mm=0, distance_noise_ratio=0, tilt_noise_deg=0, backlash_deg=0)
@@ -73,7 +82,9 @@ def test_motor_drives_twin_through_chain(tmp_path):
     driven = one.data.body("driven_A").xmat.reshape(3, 3)
     assert motor > 60
     # Clockwise from above is negative about the vertical; a chain keeps the direction.
-    assert math.degrees(math.atan2(driven[1, 0], driven[0, 0])) == pytest.approx(-motor * 24 / 40, abs=1.5)
+    assert math.degrees(math.atan2(driven[1, 0], driven[0, 0])) == pytest.approx(
+        -motor * 24 / 40, abs=1.5
+    )
 
 
 def test_broken_chain_turns_nothing():
@@ -100,6 +111,8 @@ def test_gear_inside_a_chain_that_no_link_touches_is_not_turned():
 
 def test_two_equal_chains_turn_together():
     gears = [PLATE, *shaft(0, -80, "3648b", "10928"), *shaft(0, 80, "3648b", "10928")]
-    plan = plan_of(*gears, *chain((0, -80, 24), (0, 80, 24), -20), *chain((0, -80, 8), (0, 80, 8), -40))
+    plan = plan_of(
+        *gears, *chain((0, -80, 24), (0, 80, 24), -20), *chain((0, -80, 8), (0, 80, 8), -40)
+    )
     assert len(chain_meshes(plan.parts)) == 2
     assert structure_of(plan).bodies.motions().shape[1] == 1

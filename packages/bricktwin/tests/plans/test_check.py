@@ -39,14 +39,24 @@ def test_two_beams_on_two_pins_pass(findings):
 @pytest.mark.parametrize(
     ("lines", "kind", "number", "says"),
     [
-        ((*HELD, line("12345", 0, 0, 0)), "unknown part", 5, "part 12345 (once) is not in the catalogue"),
+        (
+            (*HELD, line("12345", 0, 0, 0)),
+            "unknown part",
+            5,
+            "part 12345 (once) is not in the catalogue",
+        ),
         ((*HELD, "0 !BRICKSRL PARTS 5"), "count", 0, "says PARTS 5, but places 4"),
         ((*HELD, line("2780", 99, 0, 0)), "loose", 5, "not connected to the main body"),
         (HELD[:3], "half-held", 2, "can swing or slide; connect it at a second place"),
         ((*HELD[:3], pin(0, -10, -20)), "half-held", 4, "goes into one part only"),
         ((*HELD[:3], pin(0, 20, -20)), "half-held", 4, "only 4.0 mm are inside"),
         ((*HELD, FRAME), "collision", 5, "is inside Beam 5 (32316) of line 2"),
-        ((*HELD, line("60483", 0, -20, 40), pin(0, -10, 40)), "misfit", 6, "a pin does not go into an axle hole"),
+        (
+            (*HELD, line("60483", 0, -20, 40), pin(0, -10, 40)),
+            "misfit",
+            6,
+            "a pin does not go into an axle hole",
+        ),
         ((*HELD, line("54696p02", 0, 60, 0)), "wiring", 0, "has no hub"),
     ],
 )
@@ -94,17 +104,28 @@ def test_enclosed_part_is_found(findings):
     inner = line("32316", 0, 0, 0)
     lid, floor = line("39369", 0, -20, 0), line("39369", 0, 20, 0)
     pins = [pin(x, y, z) for y in (-10, 10) for x, z in ((60, 100), (-60, 100), (60, -100))]
-    text = [one.detail for one in findings(frame, floor, *pins[3:], "0 STEP", lid, *pins[:3], "0 STEP", inner)]
+    text = [
+        one.detail
+        for one in findings(frame, floor, *pins[3:], "0 STEP", lid, *pins[:3], "0 STEP", inner)
+    ]
     assert any("has no free path to its place" in one for one in text)
 
 
 def test_what_an_unknown_part_may_hold_is_one_finding(findings):
-    """A brick on an unknown brick on a brick, and what stands on it; a brick far away is loose all the same."""
-    tower = [line("3001", 0, 0, 0), line("99999", 0, -24, 0), line("3004", 0, -48, 0), line("3004", 0, -72, 0)]
+    """A brick on an unknown brick on a brick, and what stands on it; a brick far away is loose all
+    the same."""
+    tower = [
+        line("3001", 0, 0, 0),
+        line("99999", 0, -24, 0),
+        line("3004", 0, -48, 0),
+        line("3004", 0, -72, 0),
+    ]
     text = "\n0 STEP\n".join(tower).splitlines()
     assert [(one.name, one.line) for one in findings(*text)] == [("unknown part", 3)]
     assert "what it holds, of 3 parts around it, is not checked" in findings(*text)[0].detail
-    assert ("loose", 8) in [(one.name, one.line) for one in findings(*text, line("3004", 400, 0, 0))]
+    assert ("loose", 8) in [
+        (one.name, one.line) for one in findings(*text, line("3004", 400, 0, 0))
+    ]
 
 
 def test_unconnected_part_is_found(findings):
@@ -119,7 +140,8 @@ def test_what_hangs_on_an_unconnected_part_is_no_finding_of_its_own(findings):
 
 
 def test_pin_with_a_bush_may_spin(findings):
-    """Through two beams that other pins hold together; with a gear on an axle in its bush, it is a shaft."""
+    """Through two beams that other pins hold together; with a gear on an axle in its bush, it is a
+    shaft."""
     bush = "1 0 0 0 40 0 1 0 1 0 0 0 0 -1 32054.dat"
     held = [BEAM, line("32316", 0, 20, 0), pin(0, 10, 0), pin(0, 10, 20), bush]
     assert findings(*held) == []
@@ -141,7 +163,8 @@ def test_a_thousand_parts_in_one_place_are_found_in_seconds(findings, number):
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_mutants_are_found(robot):
-    """At least 95 % of mistakes of eight kinds; those without a changed part count and without loose parts are excluded."""
+    """At least 95 % of mistakes of eight kinds; those without a changed part count and without
+    loose parts are excluded."""
     text = (PLANS / f"{robot}.ldr").read_text(encoding="utf-8")
     missed = []
     for seed in range(SEEDS[robot]):
@@ -157,7 +180,9 @@ def test_mutants_are_found(robot):
 def test_missing_part_is_mostly_found(robot):
     text = _COUNT.sub("", (PLANS / f"{robot}.ldr").read_text(encoding="utf-8"))
     mutants = [mutant(text, seed) for seed in range(0, 80, 8)]
-    found = sum(bool(findings_of(make_plan(ldraw_file.parse(one.text, "mutant.ldr")))) for one in mutants)
+    found = sum(
+        bool(findings_of(make_plan(ldraw_file.parse(one.text, "mutant.ldr")))) for one in mutants
+    )
     assert found >= 5
 
 

@@ -41,13 +41,26 @@ def written(folder: Path, name: str, *lines: str) -> Path:
 )
 def test_model_is_found_beside_the_plan(tmp_path: Path, placed: str, file: str) -> None:
     written(tmp_path, file, "0 the rear", "0 STEP", REAR)
-    plan = read_plan(written(tmp_path, "plan.ldr", BEAM, pin(0, 10, 20), pin(0, 10, -20), OTHER.format(placed)))
-    assert [part.line for part in plan.parts] == [1, 2, 3, 4] or [part.line for part in plan.parts] == [4, 1, 2, 3]
+    plan = read_plan(
+        written(tmp_path, "plan.ldr", BEAM, pin(0, 10, 20), pin(0, 10, -20), OTHER.format(placed))
+    )
+    assert [part.line for part in plan.parts] == [1, 2, 3, 4] or [
+        part.line for part in plan.parts
+    ] == [4, 1, 2, 3]
     assert (plan.unknown, len(plan.steps), check(plan)) == ((), 1, [])
 
 
 @pytest.mark.parametrize(
-    "name", ["../rear.ldr", "..\\rear.ldr", "{}/rear.ldr", "sub/../../rear.ldr", "link.ldr", "notes.txt", "sub"]
+    "name",
+    [
+        "../rear.ldr",
+        "..\\rear.ldr",
+        "{}/rear.ldr",
+        "sub/../../rear.ldr",
+        "link.ldr",
+        "notes.txt",
+        "sub",
+    ],
 )
 def test_nothing_outside_of_the_folder_is_read(tmp_path: Path, name: str) -> None:
     outside = written(tmp_path, "rear.ldr", BEAM)
@@ -63,22 +76,46 @@ def test_missing_file_says_what_to_do(tmp_path: Path) -> None:
     (found,) = check(plan)
     assert (found.line, found.name) == (2, "missing file")
     assert (
-        "rear.ldr (once) is a model in a file of its own, which is not beside the plan; put it there, or join both"
-        in found.detail
-    )
+        "rear.ldr (once) is a model in a file of its own, which is not beside the plan; put it "
+        "there, or join both"
+    ) in found.detail
 
 
 def test_models_of_two_files_may_have_one_name(tmp_path: Path) -> None:
     for name, part in (("left", "32316"), ("right", "32524")):
         inner = OTHER.format(f"{part}.dat")
-        written(tmp_path, f"{name}.mpd", "0 FILE main.ldr", OTHER.format("leg.ldr"), "0 FILE leg.ldr", inner, inner)
-    plan = read_plan(written(tmp_path, "plan.ldr", OTHER.format("left.mpd"), OTHER.format("right.mpd"), OTHER.format("left.mpd")))
-    assert [part.part.number for part in plan.parts] == ["32316"] * 2 + ["32524"] * 2 + ["32316"] * 2
+        written(
+            tmp_path,
+            f"{name}.mpd",
+            "0 FILE main.ldr",
+            OTHER.format("leg.ldr"),
+            "0 FILE leg.ldr",
+            inner,
+            inner,
+        )
+    plan = read_plan(
+        written(
+            tmp_path,
+            "plan.ldr",
+            OTHER.format("left.mpd"),
+            OTHER.format("right.mpd"),
+            OTHER.format("left.mpd"),
+        )
+    )
+    assert [part.part.number for part in plan.parts] == ["32316"] * 2 + ["32524"] * 2 + [
+        "32316"
+    ] * 2
     assert len({part.assembly for part in plan.parts}) == 3
 
 
 def test_file_in_a_folder_finds_what_is_beside_it(tmp_path: Path) -> None:
-    written(tmp_path, "sub/a.ldr", OTHER.format("b.ldr"), OTHER.format("c.ldr"), OTHER.format("../c.ldr"))
+    written(
+        tmp_path,
+        "sub/a.ldr",
+        OTHER.format("b.ldr"),
+        OTHER.format("c.ldr"),
+        OTHER.format("../c.ldr"),
+    )
     written(tmp_path, "sub/b.ldr", BEAM)
     written(tmp_path, "c.ldr", pin(0, 0, 0))
     plan = read_plan(written(tmp_path, "plan.ldr", OTHER.format("sub/a.ldr")))
@@ -94,7 +131,9 @@ def test_cycle_of_files_raises(tmp_path: Path, other: str) -> None:
 
 def test_mistake_in_another_file_names_it(tmp_path: Path) -> None:
     written(tmp_path, "a.ldr", BEAM, "1 4 0 0 zero 1 0 0 0 1 0 0 0 1 32316.dat")
-    plan = read_plan(written(tmp_path, "plan.ldr", BEAM, OTHER.format("a.ldr"), OTHER.format("a.ldr")))
+    plan = read_plan(
+        written(tmp_path, "plan.ldr", BEAM, OTHER.format("a.ldr"), OTHER.format("a.ldr"))
+    )
     assert [(fault.line, fault.text) for fault in plan.faults] == [
         (2, "in a.ldr, line 2: cannot place a part; write 1, a colour, 12 numbers and a file")
     ]
@@ -115,5 +154,14 @@ def test_plan_is_made_anew_when_a_file_beside_it_changes(tmp_path: Path) -> None
 def test_embedded_model_and_part_come_before_a_file(tmp_path: Path) -> None:
     written(tmp_path, "leg.ldr", pin(0, 0, 0))
     written(tmp_path, "32316.dat", pin(0, 0, 0))
-    plan = written(tmp_path, "plan.mpd", "0 FILE main.ldr", OTHER.format("leg.ldr"), BEAM, "0 FILE leg.ldr", BEAM, BEAM)
+    plan = written(
+        tmp_path,
+        "plan.mpd",
+        "0 FILE main.ldr",
+        OTHER.format("leg.ldr"),
+        BEAM,
+        "0 FILE leg.ldr",
+        BEAM,
+        BEAM,
+    )
     assert [part.part.number for part in read_plan(plan).parts] == ["32316"] * 3

@@ -60,19 +60,31 @@ def test_walker_plan_has_four_four_bar_legs():
     assert sum(hinge.closes_loop for hinge in made.hinges) == 4
     assert sorted(made.ports) == ["A", "B", "C", "D"]
     places = np.round([hinge.point_m * 1000 for hinge in made.hinges], 1)
-    for end in (1, -1):  # crank's axis and pin, and the rocker's pin on the chassis, from the hub's middle at -16 mm
+    # crank's axis and pin, and the rocker's pin on the chassis, from the hub's middle at -16 mm
+    for end in (1, -1):
         for x, z in ((end * 64, -20), (end * 64, -28), (end * 32, 20)):
-            assert np.sum(np.all(np.isclose(places[:, [0, 2]], [x, z], atol=0.1), axis=1)) >= 2, (end, x, z)
+            assert np.sum(np.all(np.isclose(places[:, [0, 2]], [x, z], atol=0.1), axis=1)) >= 2, (
+                end,
+                x,
+                z,
+            )
 
 
 @pytest.mark.parametrize("name", ["two_wheeler", "walker", "robo_arm"])
 def test_the_order_of_the_lines_changes_no_hinge(name):
     plan = read_plan(PLANS / f"{name}.ldr")
-    backwards = replace(plan, parts=tuple(replace(part, index=at) for at, part in enumerate(reversed(plan.parts))))
+    backwards = replace(
+        plan, parts=tuple(replace(part, index=at) for at, part in enumerate(reversed(plan.parts)))
+    )
     places = []
     for one in (plan, backwards):
         made = mechanism(one, structure_of(one).bodies)
-        places.append(sorted((*np.round(hinge.point_m, 6), *np.round(np.abs(hinge.axis), 6)) for hinge in made.hinges))
+        places.append(
+            sorted(
+                (*np.round(hinge.point_m, 6), *np.round(np.abs(hinge.axis), 6))
+                for hinge in made.hinges
+            )
+        )
     assert np.allclose(places[0], places[1], atol=1e-6)
 
 
@@ -86,7 +98,9 @@ def test_robo_arm_plan_gears_match_description():
     fingers = [ratios["E", 104.0, y, 208.0] for y in (24.0, -24.0)]
     assert fingers == [pytest.approx(0.5), pytest.approx(-0.5)]
     arm = robots.ROBO_ARM
-    assert abs(ratios["B", 0, 0, 0]) == pytest.approx(arm.motor("rotation").gears[0] / arm.motor("rotation").gears[-1])
+    assert abs(ratios["B", 0, 0, 0]) == pytest.approx(
+        arm.motor("rotation").gears[0] / arm.motor("rotation").gears[-1]
+    )
 
 
 def test_bare_motor_turns_its_shaft():

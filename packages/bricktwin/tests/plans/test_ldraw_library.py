@@ -16,7 +16,9 @@ CERTIFIED = "0 BFC CERTIFY CCW\n"
 
 def volume(triangles: Floats) -> float:
     """Volume of a closed surface; negative if inverted."""
-    return float(np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6)
+    return float(
+        np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6
+    )
 
 
 def read(tmp_path: Path, **parts: str) -> ldraw_library.Triangles:
@@ -32,7 +34,10 @@ def test_ldraw_part_is_scaled_moved_coloured(tmp_path: Path) -> None:
     assert set(read_back) == {ldraw_library.MAIN_COLOUR, 15}
     main, white = read_back[ldraw_library.MAIN_COLOUR], read_back[15]
     assert main.shape == white.shape == (12, 3, 3)
-    assert (main.min(axis=(0, 1)).tolist(), main.max(axis=(0, 1)).tolist()) == ([90, -2, -3], [110, 2, 3])
+    assert (main.min(axis=(0, 1)).tolist(), main.max(axis=(0, 1)).tolist()) == (
+        [90, -2, -3],
+        [110, 2, 3],
+    )
     assert volume(main) == pytest.approx(20 * 4 * 6)
     assert volume(white) == pytest.approx(8)
 
@@ -48,8 +53,13 @@ def test_winding_survives_mirroring(tmp_path: Path, first: str, sign: int, mirro
 
 def test_winding(tmp_path: Path) -> None:
     triangle = "3 16 0 0 0 1 0 0 0 1 0\n"
-    root = write_library(tmp_path, ccw=CERTIFIED + triangle, cw="0 BFC CERTIFY CW\n" + triangle, unknown=triangle)
-    ccw, cw, unknown = (triangles_of(root, f"{name}.dat")[ldraw_library.MAIN_COLOUR] for name in ("ccw", "cw", "unknown"))
+    root = write_library(
+        tmp_path, ccw=CERTIFIED + triangle, cw="0 BFC CERTIFY CW\n" + triangle, unknown=triangle
+    )
+    ccw, cw, unknown = (
+        triangles_of(root, f"{name}.dat")[ldraw_library.MAIN_COLOUR]
+        for name in ("ccw", "cw", "unknown")
+    )
     assert np.array_equal(cw, ccw[:, ::-1])
     assert np.array_equal(unknown, np.concatenate([ccw, cw])), "seen from both sides"
 
@@ -68,7 +78,10 @@ def test_colour_with_a_leading_zero_is_decimal(tmp_path: Path) -> None:
 
 
 def test_broken_ldraw_lines_are_skipped(tmp_path: Path) -> None:
-    broken = "3 16 0 0 zero 1 0 0 0 1 0\n4 16 1 2 3\n1 16 0 0 0\n3\n3 red 0 0 0 1 0 0 0 1 0\n3 16 nan 0 0 1 0 0 0 1 0\n"
+    broken = (
+        "3 16 0 0 zero 1 0 0 0 1 0\n4 16 1 2 3\n1 16 0 0 0\n3\n3 red 0 0 0 1 0 0 0 1 0\n"
+        "3 16 nan 0 0 1 0 0 0 1 0\n"
+    )
     text = CERTIFIED + broken + placed("not there.dat") + placed("box8.dat")
     assert volume(read(tmp_path, a=text)[ldraw_library.MAIN_COLOUR]) == pytest.approx(8)
 
@@ -82,7 +95,9 @@ def test_ldraw_folder_follows_variable(tmp_path: Path, monkeypatch: pytest.Monke
     assert ldraw_library.folder() == tmp_path / "other"
 
 
-def test_invalid_ldraw_variable_warns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+def test_invalid_ldraw_variable_warns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     monkeypatch.setenv("LDRAWDIR", str(tmp_path))
     assert ldraw_library.folder() is None
     assert "is not an LDraw library" in caplog.text

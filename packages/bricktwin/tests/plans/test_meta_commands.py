@@ -37,12 +37,42 @@ def test_page_has_the_table() -> None:
 @pytest.mark.parametrize(
     ("lines", "kept"),
     [
-        ([BEAM, "0 BUFEXCHG A STORE", SPARE, "0 STEP", "0 BUFEXCHG A RETRIEVE", pin(0, 10, 0)], [1, 6]),
-        ([BEAM, "0 BUFEXCHG A STORE", SPARE, "0 BUFEXCHG A RETRIEVE", SPARE, "0 BUFEXCHG A RETRIEVE"], [1]),
-        ([BEAM, "0 BUFEXCHG A STORE", SPARE, "0 BUFEXCHG B STORE", SPARE, "0 BUFEXCHG A RETRIEVE"], [1]),
+        (
+            [BEAM, "0 BUFEXCHG A STORE", SPARE, "0 STEP", "0 BUFEXCHG A RETRIEVE", pin(0, 10, 0)],
+            [1, 6],
+        ),
+        (
+            [
+                BEAM,
+                "0 BUFEXCHG A STORE",
+                SPARE,
+                "0 BUFEXCHG A RETRIEVE",
+                SPARE,
+                "0 BUFEXCHG A RETRIEVE",
+            ],
+            [1],
+        ),
+        (
+            [
+                BEAM,
+                "0 BUFEXCHG A STORE",
+                SPARE,
+                "0 BUFEXCHG B STORE",
+                SPARE,
+                "0 BUFEXCHG A RETRIEVE",
+            ],
+            [1],
+        ),
         # What B saw comes back, although A took it away.
         (
-            [BEAM, "0 BUFEXCHG A STORE", SPARE, "0 BUFEXCHG B STORE", "0 BUFEXCHG A RETRIEVE", "0 BUFEXCHG B RETRIEVE"],
+            [
+                BEAM,
+                "0 BUFEXCHG A STORE",
+                SPARE,
+                "0 BUFEXCHG B STORE",
+                "0 BUFEXCHG A RETRIEVE",
+                "0 BUFEXCHG B RETRIEVE",
+            ],
             [1, 3],
         ),
         ([BEAM, "0 BUFEXCHG C RETRIEVE", SPARE], [1, 3]),
@@ -61,12 +91,21 @@ def test_buffer_restores_what_it_stored(lines: list[str], kept: list[int]) -> No
     ],
 )
 def test_ignored_lines_are_no_parts(begin: str, end: str) -> None:
-    assert lines_of(BEAM, begin, SPARE, "4 16 0 0 0 1 0 0 0 1 0 0 0 1", "1 0 0", end, BEAM) == [1, 7]
-    with pytest.raises(PlanError, match="line 2: no 0 !LPUB PART END or 0 MLCAD SKIP_END follows; write it after the last line"):
+    assert lines_of(BEAM, begin, SPARE, "4 16 0 0 0 1 0 0 0 1 0 0 0 1", "1 0 0", end, BEAM) == [
+        1,
+        7,
+    ]
+    with pytest.raises(
+        PlanError,
+        match="line 2: no 0 !LPUB PART END or 0 MLCAD SKIP_END follows; write it after the "
+        "last line",
+    ):
         plan_of(BEAM, begin, SPARE)
 
 
-@pytest.mark.parametrize("words", [command.words for command in META_COMMANDS if command.meaning is Meaning.PICTURE])
+@pytest.mark.parametrize(
+    "words", [command.words for command in META_COMMANDS if command.meaning is Meaning.PICTURE]
+)
 def test_what_is_for_pictures_changes_no_part_and_is_no_title(words: str) -> None:
     plan = plan_of(f"0 {words} END 1 2 3", BEAM, f"0 {words} BEGIN", BEAM)
     assert (len(plan.parts), len(plan.steps), plan.title, plan.faults) == (2, 1, "try", ())
@@ -87,11 +126,26 @@ def test_band_of_links_is_its_links(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["RUBBER_BAND", "STRING_BAND", "TECHNIC_TREAD", "TECHNIC_PNEUMATIC_HOSE", "HOSE_FLEXIBLE_12L", "MY_HOSE"]
+    "name",
+    [
+        "RUBBER_BAND",
+        "STRING_BAND",
+        "TECHNIC_TREAD",
+        "TECHNIC_PNEUMATIC_HOSE",
+        "HOSE_FLEXIBLE_12L",
+        "MY_HOSE",
+    ],
 )
 def test_band_or_hose_of_one_piece_is_one(name: str) -> None:
     plan = plan_of(
-        BEAM, f"0 SYNTH BEGIN {name} 0", SEGMENT, "0 SYNTHESIZED BEGIN", SEGMENT, SPARE, "0 SYNTHESIZED END", "0 SYNTH END"
+        BEAM,
+        f"0 SYNTH BEGIN {name} 0",
+        SEGMENT,
+        "0 SYNTHESIZED BEGIN",
+        SEGMENT,
+        SPARE,
+        "0 SYNTHESIZED END",
+        "0 SYNTH END",
     )
     assert (lines_of(BEAM), plan.unknown, plan.drawn) == ([1], (), (2,))
 
@@ -100,7 +154,15 @@ def test_gears_within_a_band_are_parts() -> None:
     gear = "1 7 0 -54 -20 1 0 0 0 1 0 0 0 1 4019.DAT"
     band = ["0 SYNTH BEGIN TECHNIC_CHAIN_LINK 0", gear, "0 SYNTH INSIDE", SEGMENT, "0 SYNTH END"]
     assert [placed.part.number for placed in plan_of(BEAM, *band).parts] == ["32316", "94925"]
-    hose = ["0 SYNTH BEGIN TECHNIC_FLEX-SYSTEM_HOSE 0", gear, "0 SYNTH SHOW", gear, "0 SYNTH HIDE", gear, "0 SYNTH END"]
+    hose = [
+        "0 SYNTH BEGIN TECHNIC_FLEX-SYSTEM_HOSE 0",
+        gear,
+        "0 SYNTH SHOW",
+        gear,
+        "0 SYNTH HIDE",
+        gear,
+        "0 SYNTH END",
+    ]
     assert lines_of(BEAM, *hose) == [1, 5]
 
 
@@ -114,12 +176,28 @@ def test_substituted_segments_are_one_piece_and_parts_stay() -> None:
 
 
 @pytest.mark.parametrize(
-    "words", ["!LDCAD GENERATED [generator=LDCad]", "MLCAD RUBBER_BELT 1 2", "MLCAD SPRING 1", "MLCAD FLEXHOSE 1"]
+    "words",
+    [
+        "!LDCAD GENERATED [generator=LDCad]",
+        "MLCAD RUBBER_BELT 1 2",
+        "MLCAD SPRING 1",
+        "MLCAD FLEXHOSE 1",
+    ],
 )
 def test_drawn_model_is_one_piece(words: str) -> None:
-    plan = plan_of("0 FILE a.ldr", BEAM, BEAM.replace("32316.dat", "b.ldr"), "0 FILE b.ldr", f"0 {words}", *[SEGMENT] * 9)
+    plan = plan_of(
+        "0 FILE a.ldr",
+        BEAM,
+        BEAM.replace("32316.dat", "b.ldr"),
+        "0 FILE b.ldr",
+        f"0 {words}",
+        *[SEGMENT] * 9,
+    )
     assert (len(plan.parts), plan.unknown, plan.drawn) == (1, (), (3,))
 
 
 def test_steps_are_those_of_both_kinds() -> None:
-    assert len(plan_of(BEAM, "0 ROTSTEP 0 90 0 REL", SPARE, "0 ROTSTEP END", "0 STEP", SPARE).steps) == 3
+    assert (
+        len(plan_of(BEAM, "0 ROTSTEP 0 90 0 REL", SPARE, "0 ROTSTEP END", "0 STEP", SPARE).steps)
+        == 3
+    )

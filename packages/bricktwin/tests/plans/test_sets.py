@@ -27,8 +27,14 @@ PATHS = [PLANS / f"{name}.ldr" for name in ("two_wheeler", "walker", "robo_arm")
         (
             PATHS[1],
             [
-                "45678 SPIKE Prime and 45681 SPIKE Prime expansion: 82 of 84 parts; add 2 x Medium angular motor (45603)",
-                "45678 SPIKE Prime: 70 of 84 parts; add 2 x Medium angular motor (45603), 12 x Pin (3673)",
+                (
+                    "45678 SPIKE Prime and 45681 SPIKE Prime expansion: 82 of 84 parts; add 2 x "
+                    "Medium angular motor (45603)"
+                ),
+                (
+                    "45678 SPIKE Prime: 70 of 84 parts; add 2 x Medium angular motor (45603), 12 x "
+                    "Pin (3673)"
+                ),
             ],
         ),
         (PATHS[3], ["45678 SPIKE Prime: 32 of 33 parts; add 1 x Axle 12 (3708)"]),
@@ -60,23 +66,35 @@ def test_sets_and_what_is_added_are_what_a_plan_needs(path):
 
 
 def test_set_without_parts_list_compares_devices_only():
-    (found,) = [one for one in purchases(plan_of(HUB, LARGE, BEAM)) if one.sets[0].number == "51515"]
-    assert str(found) == "51515 MINDSTORMS Robot Inventor: 1 of 3 parts; 1 not compared; add 1 x Large angular motor (45602)"
+    (found,) = [
+        one for one in purchases(plan_of(HUB, LARGE, BEAM)) if one.sets[0].number == "51515"
+    ]
+    assert str(found) == (
+        "51515 MINDSTORMS Robot Inventor: 1 of 3 parts; 1 not compared; add 1 x Large angular "
+        "motor (45602)"
+    )
 
 
 def test_second_set_must_add_a_part():
-    pairs = {one.sets[1].number for one in purchases(plan_of(HUB, LARGE, RACK)) if len(one.sets) == 2}
+    pairs = {
+        one.sets[1].number for one in purchases(plan_of(HUB, LARGE, RACK)) if len(one.sets) == 2
+    }
     assert pairs == {"45681"}
 
 
 def test_unknown_part_is_named_and_not_bought():
     lines = [str(one) for one in purchases(plan_of(HUB, UNKNOWN, UNKNOWN))]
-    assert lines[0] == "45678 SPIKE Prime: 1 of 3 parts; 2 not compared (not in the catalogue: 99999)"
+    assert (
+        lines[0] == "45678 SPIKE Prime: 1 of 3 parts; 2 not compared (not in the catalogue: 99999)"
+    )
 
 
 def test_devices_are_named_first_and_many_kinds_are_shortened():
     kinds = ("3003", "3648b", "3649", "10928", "2905", "10197", "98989", "99010")
-    lines = [f"1 15 0 0 {900 * place} 1 0 0 0 1 0 0 0 1 {number}.dat" for place, number in enumerate(kinds, 2)]
+    lines = [
+        f"1 15 0 0 {900 * place} 1 0 0 0 1 0 0 0 1 {number}.dat"
+        for place, number in enumerate(kinds, 2)
+    ]
     alone = next(one for one in purchases(plan_of(HUB, LARGE, LARGE, *lines)) if len(one.sets) == 1)
     assert "add 1 x Large angular motor (45602), 1 x" in str(alone)
     assert str(alone).endswith(") and 1 more of other kinds")
@@ -87,14 +105,30 @@ def test_plan_without_hub_lists_no_set():
 
 
 def test_moulds_and_assemblies_count_as_the_parts_of_a_set():
-    """A notched axle serves for a plain one; a rim with its tyre is two parts; the hub's colour does not matter."""
+    """A notched axle serves for a plain one; a rim with its tyre is two parts; the hub's colour
+    does not matter."""
     lines = ("3704", "56145c01", "45601", "6558", "42924")
-    needed = needs(plan_of(*(f"1 15 0 0 {900 * place} 1 0 0 0 1 0 0 0 1 {number}.dat" for place, number in enumerate(lines))))
+    needed = needs(
+        plan_of(
+            *(
+                f"1 15 0 0 {900 * place} 1 0 0 0 1 0 0 0 1 {number}.dat"
+                for place, number in enumerate(lines)
+            )
+        )
+    )
     assert needed == {"32062": 1, "56145": 1, "44309": 1, "prime": 1, "6558": 2}
 
 
 def test_inventories():
     """All parts are in the catalogue, with as many as the sources say."""
     totals = {one.number: one.parts.total() for one in sets()}
-    assert totals == {"45678": 469, "51515": 7, "45681": 558, "17101": 3, "31313": 543, "45544": 462, "45560": 736}
+    assert totals == {
+        "45678": 469,
+        "51515": 7,
+        "45681": 558,
+        "17101": 3,
+        "31313": 543,
+        "45544": 462,
+        "45560": 736,
+    }
     assert [one.number for one in sets() if not one.is_listed] == ["51515", "17101"]

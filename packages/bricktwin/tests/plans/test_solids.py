@@ -1,4 +1,5 @@
-"""What belongs together does not collide; the same, displaced or tilted, does. Shapes of an installed LDraw library agree."""
+"""What belongs together does not collide; the same, displaced or tilted, does. Shapes of an
+installed LDraw library agree."""
 
 from __future__ import annotations
 
@@ -37,13 +38,20 @@ NEIGHBOURS = {
         )
     ],
     "axle in wheel": [
-        *(f"{wheel} | {AXLE} 0 0 0" for wheel in ("41896", "44772", "86652", "56908", "49295p02", "2903", "3649", "3736")),
+        *(
+            f"{wheel} | {AXLE} 0 0 0"
+            for wheel in ("41896", "44772", "86652", "56908", "49295p02", "2903", "3649", "3736")
+        ),
         f"55982 | {AXLE} 0 0 10",
         f"56145 | {AXLE} 0 0 -10",
         f"56145c01 | {AXLE} 0 0 -10",
     ],
     "axle in button": ["37312 1 0 0 0 0 1 0 -1 0 | 32062 0 -1 0 -1 0 0 0 0 -1 0 -70 0"],
-    "peg hole": [f"32020 | 6558 {ALONG_Z} 0 20 0", "39789 | 3749 0 -1 0 1 0 0 0 0 1 20 24 0", f"56908 | 2780 {ALONG_Z} 0 20 -10"],
+    "peg hole": [
+        f"32020 | 6558 {ALONG_Z} 0 20 0",
+        "39789 | 3749 0 -1 0 1 0 0 0 0 1 20 24 0",
+        f"56908 | 2780 {ALONG_Z} 0 20 -10",
+    ],
     "tooth": ["41669 | 3705 0 -1 0 1 0 0 0 0 1 0 0 0"],
     "near": [
         "55982 | 3713 1 0 0 0 1 0 0 0 1 0 0 -10",
@@ -64,7 +72,10 @@ NEIGHBOURS = {
 def line(text: str) -> str:
     """A line from a number and, where it is turned or moved, nine and three more."""
     number, *values = text.split()
-    matrix, place = values[:9] or ["1", "0", "0", "0", "1", "0", "0", "0", "1"], values[9:] or ["0", "0", "0"]
+    matrix, place = (
+        values[:9] or ["1", "0", "0", "0", "1", "0", "0", "0", "1"],
+        values[9:] or ["0", "0", "0"],
+    )
     return " ".join(["1 4", *place, *matrix, f"{number}.dat"])
 
 
@@ -91,7 +102,9 @@ def test_tyre_and_button_hold(pair):
 def holes() -> Iterator[tuple[Part, Site]]:
     """The holes of all parts, one for each axis of a part."""
     for part in catalogue.parts():
-        yield from ((part, site) for site in {(site.fit, site.axis): site for site in part.holes}.values())
+        yield from (
+            (part, site) for site in {(site.fit, site.axis): site for site in part.holes}.values()
+        )
 
 
 def frame(axis: Floats) -> Floats:
@@ -104,7 +117,9 @@ def frame(axis: Floats) -> Floats:
 def displaced(turn: Floats) -> Iterator[tuple[Floats, Floats]]:
     """Shifts across the first axis of a frame, and turns about axes across it."""
     for quarter in range(4):
-        across = turn[:, 1] * math.cos(quarter * math.pi / 2) + turn[:, 2] * math.sin(quarter * math.pi / 2)
+        across = turn[:, 1] * math.cos(quarter * math.pi / 2) + turn[:, 2] * math.sin(
+            quarter * math.pi / 2
+        )
         yield SHIFT * across, np.eye(3)
         yield np.zeros(3), rotation(across, math.radians(15))
 
@@ -112,16 +127,30 @@ def displaced(turn: Floats) -> Iterator[tuple[Floats, Floats]]:
 def test_axle_or_pin_beside_its_hole_or_tilted_is_found():
     missed = []
     for part, site in holes():
-        bar, turn, base = catalogue.get("3705" if site.fit is Fit.AXLE_HOLE else "3673"), frame(np.array(site.axis)), np.eye(3)
+        bar, turn, base = (
+            catalogue.get("3705" if site.fit is Fit.AXLE_HOLE else "3673"),
+            frame(np.array(site.axis)),
+            np.eye(3),
+        )
         here = placed(0, part, base, np.zeros(3))
         if not collide(here, placed(1, bar, turn, site.centre)):  # it is no blind hole
-            moved = ((placed(1, bar, tilt @ turn, site.centre + shift)) for shift, tilt in displaced(turn))
-            missed += [(part.number, site.centre) for bar_there in moved if not collide(here, bar_there)]
+            moved = (
+                (placed(1, bar, tilt @ turn, site.centre + shift))
+                for shift, tilt in displaced(turn)
+            )
+            missed += [
+                (part.number, site.centre) for bar_there in moved if not collide(here, bar_there)
+            ]
     assert missed == []
 
 
 def test_tyre_beside_its_rim_or_tilted_is_found():
-    seats = [(part, site) for part in catalogue.parts() for site in part.sites if site.fit in (Fit.RIM, Fit.TYRE)]
+    seats = [
+        (part, site)
+        for part in catalogue.parts()
+        for site in part.sites
+        if site.fit in (Fit.RIM, Fit.TYRE)
+    ]
     pairs = [
         (rim, seat, tyre, hold)
         for (rim, seat), (tyre, hold) in product(seats, seats)
@@ -133,14 +162,21 @@ def test_tyre_beside_its_rim_or_tilted_is_found():
         at = np.array(seat.centre)
         assert not collide(here, placed(1, tyre, np.eye(3), at - middle)), (rim.number, tyre.number)
         for shift, tilt in displaced(frame(np.array(seat.axis))):
-            assert collide(here, placed(1, tyre, tilt, at - tilt @ middle + shift)), (rim.number, tyre.number, shift)
+            assert collide(here, placed(1, tyre, tilt, at - tilt @ middle + shift)), (
+                rim.number,
+                tyre.number,
+                shift,
+            )
 
 
 def test_forty_overlaps_drawn_by_a_seed_are_found():
-    """Two parts, one turned at random; a point of one, 1.2 mm deep in its material, lies on one of the other."""
+    """Two parts, one turned at random; a point of one, 1.2 mm deep in its material, lies on one of
+    the other."""
     rng, missed = random.Random(43), []
     deep = {
-        part: part.samples[part.blocks(part.samples, 3.0, part.holes)] for part in catalogue.parts() if part.family != "chains"
+        part: part.samples[part.blocks(part.samples, 3.0, part.holes)]
+        for part in catalogue.parts()
+        if part.family != "chains"
     }
     massive = [part for part, points in deep.items() if len(points)]
     assert len(massive) > 200
@@ -158,12 +194,17 @@ LIBRARY = ldraw_library.folder()
 
 @functools.cache
 def shortcuts() -> list[tuple[str, list[str]]]:
-    """Assemblies of the installed library that have only parts of the catalogue, and their lines."""
+    """Assemblies of the installed library that have only parts of the catalogue, and their
+    lines."""
     found = []
     for path in sorted((LIBRARY / "parts").glob("*.dat")) if LIBRARY else ():
         text = path.read_text(encoding="utf-8", errors="replace")
         lines = [one for one in text.splitlines() if one.startswith("1 ")]
-        if "Shortcut" in text[:1500] and len(lines) > 1 and all(catalogue.find(one.split()[14]) for one in lines):
+        if (
+            "Shortcut" in text[:1500]
+            and len(lines) > 1
+            and all(catalogue.find(one.split()[14]) for one in lines)
+        ):
             found.append((path.name, lines))
     return found
 
@@ -172,7 +213,9 @@ def shortcuts() -> list[tuple[str, list[str]]]:
 @pytest.mark.skipif(LIBRARY is None, reason="no LDraw library")
 def test_what_ldraw_puts_together_passes():
     assert len(shortcuts()) > 8
-    collisions = {name: Occupancy(plan_of(*lines).parts).collisions() for name, lines in shortcuts()}
+    collisions = {
+        name: Occupancy(plan_of(*lines).parts).collisions() for name, lines in shortcuts()
+    }
     assert not any(collisions.values()), collisions
 
 
@@ -189,7 +232,14 @@ def test_moved_and_printed_numbers_of_the_library_are_known():
         if title.startswith(("0 ~Moved to", "0 =")) and len(places) == 1:
             facts[name] = places[0][14].lower().removesuffix(".dat")
         elif "Pattern" in title or ("Sticker" in title and "Shortcut" not in title):
-            facts[name] = next((name[:end] for end in range(len(name)) if name[end] in "pd" and name[:end] in table), name)
+            facts[name] = next(
+                (
+                    name[:end]
+                    for end in range(len(name))
+                    if name[end] in "pd" and name[:end] in table
+                ),
+                name,
+            )
     final = {name: facts.get(target, target) for name, target in facts.items()}
     pool = sorted(name for name, target in final.items() if target in table and name not in table)
     drawn = random.Random(43).sample(pool, 200)

@@ -37,7 +37,12 @@ def test_given_fields_are_kept_port_follows_from_plan():
 
 
 def test_gears_follow_from_plan_unless_given():
-    arm = Robot("mine", HubKind.PRIME, motors=(Motor("low", gears=(1, 1)),), plan=str(PLANS / "robo_arm.ldr"))
+    arm = Robot(
+        "mine",
+        HubKind.PRIME,
+        motors=(Motor("low", gears=(1, 1)),),
+        plan=str(PLANS / "robo_arm.ldr"),
+    )
     assert {motor.name: motor.gears for motor in arm.motors} == {
         "low": (1, 1),
         "rotation": (20, 60),
@@ -49,12 +54,27 @@ def test_gears_follow_from_plan_unless_given():
 @pytest.mark.parametrize(
     ("said", "says"),
     [
-        ({"motors": (Motor("left", "A"),)}, "line 19: port A has .* 'right', but .* 'left'; make both agree"),
+        (
+            {"motors": (Motor("left", "A"),)},
+            "line 19: port A has .* 'right', but .* 'left'; make both agree",
+        ),
         ({"motors": (Motor("nose"),)}, r"'nose' has no port, and .* \(it has: right, left\)"),
-        ({"motors": (Motor("right", "A", gears=(12, 36)),)}, r"has gears \(12, 36\) .* but no gears in the plan"),
-        ({"motors": (Motor("right", "A", kind=MotorKind.SPIKE_LARGE),)}, "'right', a spike-large; make both agree"),
-        ({"drive_base": DriveBase("left", "right", 62.0)}, "should turn a wheel of 62 mm, .* turns one of 56 mm"),
-        ({"drive_base": DriveBase("left", "right", 0.0, 112.0)}, "130.0 mm apart, but mine says 112"),
+        (
+            {"motors": (Motor("right", "A", gears=(12, 36)),)},
+            r"has gears \(12, 36\) .* but no gears in the plan",
+        ),
+        (
+            {"motors": (Motor("right", "A", kind=MotorKind.SPIKE_LARGE),)},
+            "'right', a spike-large; make both agree",
+        ),
+        (
+            {"drive_base": DriveBase("left", "right", 62.0)},
+            "should turn a wheel of 62 mm, .* turns one of 56 mm",
+        ),
+        (
+            {"drive_base": DriveBase("left", "right", 0.0, 112.0)},
+            "130.0 mm apart, but mine says 112",
+        ),
         ({"sensors": (UltrasonicSensor("ears", "C"),)}, "'eyes', but .* 'ears'"),
     ],
 )
@@ -84,12 +104,20 @@ def test_descriptions_match_plans(one):
     check_description(one, PLANS / f"{one.name.replace('-', '_')}.ldr")
 
 
-@pytest.mark.parametrize("turn", ["1 0 0 0 .8 -.6 0 .6 .8", ".8 0 .6 0 1 0 -.6 0 .8"], ids=["tilted", "turned"])
+@pytest.mark.parametrize(
+    "turn", ["1 0 0 0 .8 -.6 0 .6 .8", ".8 0 .6 0 1 0 -.6 0 .8"], ids=["tilted", "turned"]
+)
 def test_hub_at_an_angle_has_no_imu(tmp_path, turn):
     plan, hub = tmp_path / "car.ldr", "1 15 0 -50 -40 {} 67718.dat"
-    plan.write_text(Path(TWO_WHEELER_PLAN).read_text().replace(hub.format("1 0 0 0 1 0 0 0 1"), hub.format(turn)))
+    plan.write_text(
+        Path(TWO_WHEELER_PLAN)
+        .read_text()
+        .replace(hub.format("1 0 0 0 1 0 0 0 1"), hub.format(turn))
+    )
     for said in ({}, {"hub_sides": ("up", "ahead")}):
-        with pytest.raises(DescriptionError, match="the hub is at an angle, so its IMU cannot be read"):
+        with pytest.raises(
+            DescriptionError, match="the hub is at an angle, so its IMU cannot be read"
+        ):
             Robot("mine", HubKind.PRIME, plan=str(plan), needs_imu=True, **said)
     assert Robot("mine", HubKind.PRIME, plan=str(plan)).motors
 
@@ -97,11 +125,15 @@ def test_hub_at_an_angle_has_no_imu(tmp_path, turn):
 def test_unsupported_motor_raises(tmp_path):
     plan = tmp_path / "ev3.ldr"
     plan.write_text("0 !BRICKSRL PORT A arm\n1 4 0 0 0 1 0 0 0 1 0 0 0 1 99455.dat\n")
-    with pytest.raises(DescriptionError, match=r"line 2: no hub of ours runs EV3 medium motor \(99455\); take"):
+    with pytest.raises(
+        DescriptionError, match=r"line 2: no hub of ours runs EV3 medium motor \(99455\); take"
+    ):
         Robot("mine", HubKind.PRIME, plan=str(plan))
 
 
 def test_model_in_unknown_package_raises() -> None:
-    with pytest.raises(DescriptionError, match="no package 'no.such.package' with the plan car.ldr"):
+    with pytest.raises(
+        DescriptionError, match="no package 'no.such.package' with the plan car.ldr"
+    ):
         plan_file("no.such.package:car.ldr")
     assert plan_file("C:/car.ldr") == Path("C:/car.ldr") and plan_file("car.xml") is None

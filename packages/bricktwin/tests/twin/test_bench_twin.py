@@ -12,7 +12,15 @@ from brickhub.errors import DescriptionError, TwinError
 from brickhub.hub.interface import Distance, Interface, MotorAngle, RunAngle, SensorReading, Wait
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.generate import generate
-from brickhub.robot import Direction, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from brickhub.robot import (
+    Direction,
+    HubKind,
+    Motor,
+    PoweredUpSensor,
+    Robot,
+    SensorKind,
+    UltrasonicSensor,
+)
 from brickhub.virtual.pybricks import pupsensors
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import TWO_WHEELER, WALKER
@@ -23,12 +31,24 @@ from bricktwin.twin.scene import Scene
 ROBOT = Robot(
     "crank",
     HubKind.TECHNIC,
-    motors=(Motor("crank", "A", direction=Direction.COUNTERCLOCKWISE, gears=(12, 36)), Motor("other", "C")),
+    motors=(
+        Motor("crank", "A", direction=Direction.COUNTERCLOCKWISE, gears=(12, 36)),
+        Motor("other", "C"),
+    ),
     sensors=(PoweredUpSensor("light", "B", SensorKind.COLOR), UltrasonicSensor("eyes", "D")),
 )
-CHANNELS = (MotorAngle("crank", -1000, 1000), SensorReading("light", "reflection", 0, 100, "%"), Distance("eyes"))
+CHANNELS = (
+    MotorAngle("crank", -1000, 1000),
+    SensorReading("light", "reflection", 0, 100, "%"),
+    Distance("eyes"),
+)
 INTERFACE = Interface((RunAngle("crank", -90, 90, 500),), CHANNELS, Wait(1200))
-SCENE = Scene(readings={"light": lambda angles: 50 + angles["crank"] / 10, "eyes": lambda angles: 500 + angles["crank"]})
+SCENE = Scene(
+    readings={
+        "light": lambda angles: 50 + angles["crank"] / 10,
+        "eyes": lambda angles: 500 + angles["crank"],
+    }
+)
 
 
 def readings(scene: Scene, command: float) -> list[float]:
@@ -40,7 +60,9 @@ def readings(scene: Scene, command: float) -> list[float]:
 def test_readings_follow_motor_angles(command: float) -> None:
     angle, light, distance = readings(SCENE, command)
     assert angle == pytest.approx(command, abs=2), "through direction and gears"
-    assert light == pytest.approx(150 - math.sqrt(22_500 - 200 * (50 + angle / 10)), abs=1.1), "raw light, not brightness"
+    assert light == pytest.approx(150 - math.sqrt(22_500 - 200 * (50 + angle / 10)), abs=1.1), (
+        "raw light, not brightness"
+    )
     assert distance == pytest.approx(500 + angle, abs=1.5)
 
 
@@ -58,9 +80,13 @@ def test_program_uses_sensor_class_and_method() -> None:
 
 
 def test_unknown_sensor_method_lists_known() -> None:
-    interface = dataclasses.replace(INTERFACE, channels=(SensorReading("light", "reflexion", 0, 1),))
+    interface = dataclasses.replace(
+        INTERFACE, channels=(SensorReading("light", "reflexion", 0, 1),)
+    )
     with pytest.raises(
-        DescriptionError, match="no reading 'reflexion' .did you mean 'reflection'..; it has reflection, ambient, hsv"
+        DescriptionError,
+        match="no reading 'reflexion' .did you mean 'reflection'..; it has reflection, "
+        "ambient, hsv",
     ):
         generate(ROBOT, interface)
 
@@ -69,7 +95,11 @@ def test_scene_error_is_not_a_program_error() -> None:
     scene = dataclasses.replace(SCENE, readings={"light": lambda angles: 1 / 0})
     link = HubLink(VirtualHub(make_body(ROBOT, scene=scene)), ROBOT, INTERFACE)
     with (
-        pytest.raises(TwinError, match=r"the scene.s reading for port B .* ZeroDivisionError: .*test_bench_twin.py, line \d+"),
+        pytest.raises(
+            TwinError,
+            match=r"the scene.s reading for port B .* ZeroDivisionError: .*test_bench_twin.py, "
+            r"line \d+",
+        ),
         link,
     ):
         link.read()
@@ -97,19 +127,27 @@ def test_mismatched_scenes_raise(scene: Scene, says: str) -> None:
 def test_modelled_robot_takes_no_readings() -> None:
     with pytest.raises(TwinError, match="sensors of its own"):
         make_body(TWO_WHEELER, scene=Scene(readings={"eyes": lambda angles: 1}))
-    touching = dataclasses.replace(WALKER, sensors=(*WALKER.sensors, PoweredUpSensor("bump", "F", SensorKind.FORCE)))
+    touching = dataclasses.replace(
+        WALKER, sensors=(*WALKER.sensors, PoweredUpSensor("bump", "F", SensorKind.FORCE))
+    )
     with pytest.raises(TwinError, match="no place for 'bump'"):
         make_body(touching)
 
 
 @pytest.mark.parametrize(
-    ("channel", "says"), [(Distance("light"), "SensorReading"), (SensorReading("eyes", "distance", 0, 9), "use Distance")]
+    ("channel", "says"),
+    [
+        (Distance("light"), "SensorReading"),
+        (SensorReading("eyes", "distance", 0, 9), "use Distance"),
+    ],
 )
 def test_channels_match_sensors(channel: Distance | SensorReading, says: str) -> None:
     with pytest.raises(DescriptionError, match=says):
         generate(ROBOT, dataclasses.replace(INTERFACE, channels=(channel,)))
     with pytest.raises(DescriptionError, match="no reading"):
-        generate(ROBOT, dataclasses.replace(INTERFACE, channels=(SensorReading("light", "a b", 0, 9),)))
+        generate(
+            ROBOT, dataclasses.replace(INTERFACE, channels=(SensorReading("light", "a b", 0, 9),))
+        )
 
 
 def test_bench_physics_can_be_given_and_drawn() -> None:

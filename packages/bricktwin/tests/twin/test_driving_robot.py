@@ -35,7 +35,9 @@ from bricktwin.twin.objects import COLORS, Block, Field, Lamp, Line, Ramp, Wall,
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
-QUIET = Physics(color_noise_pct=0.0, distance_noise_mm=0.0, distance_noise_ratio=0.0, tilt_noise_deg=0.0)
+QUIET = Physics(
+    color_noise_pct=0.0, distance_noise_mm=0.0, distance_noise_ratio=0.0, tilt_noise_deg=0.0
+)
 ROVER = Robot(
     "rover",
     HubKind.TECHNIC,
@@ -65,7 +67,9 @@ def driven(robot: Robot, body: MujocoBody) -> Any:
         ratio = motor.gears[-1] * 1000 // motor.gears[0] if motor.gears else 1000
         servos.append(machine.servos[motor.port])
         servos[-1].setup(motor.direction, ratio, True, 0)
-    drive = machine.new_drive_base(*servos, round(base.wheel_diameter_mm * 1000), round(base.axle_track_mm * 1000))
+    drive = machine.new_drive_base(
+        *servos, round(base.wheel_diameter_mm * 1000), round(base.axle_track_mm * 1000)
+    )
     return machine, drive
 
 
@@ -80,7 +84,8 @@ def test_no_load_speed_follows_motor_curve(kind: MotorKind) -> None:
     constants = motor_constants(kind)
     stall_mnm = 1000 * (7.2 * constants.torque_nm_v - constants.friction_nm)
     free_deg_s = math.degrees(stall_mnm / 1000 / constants.drag_nm_s)
-    # At 7.2 V: LEGO's sheets (medium, large), Pybricks' curves. The firmware allows 66 % (small) to 93 % of these speeds.
+    # At 7.2 V: LEGO's sheets (medium, large), Pybricks' curves. The firmware allows 66 % (small) to
+    # 93 % of these speeds.
     expected = {
         MotorKind.SPIKE_SMALL: (66, 941),
         MotorKind.TECHNIC_L: (184, 1470),
@@ -107,17 +112,30 @@ def test_no_load_speed_follows_motor_curve(kind: MotorKind) -> None:
 @pytest.mark.parametrize("hub", [HubKind.PRIME, HubKind.ESSENTIAL, HubKind.TECHNIC, HubKind.CITY])
 @pytest.mark.parametrize(
     ("kind", "gears", "wheel_mm"),
-    [(MotorKind.SPIKE_SMALL, (), 56), (MotorKind.SPIKE_LARGE, (), 88), (MotorKind.TECHNIC_XL, (12, 20), 43.2)],
+    [
+        (MotorKind.SPIKE_SMALL, (), 56),
+        (MotorKind.SPIKE_LARGE, (), 88),
+        (MotorKind.TECHNIC_XL, (12, 20), 43.2),
+    ],
 )
-def test_distance_and_turn_follow_description(hub: HubKind, kind: MotorKind, gears: tuple[int, ...], wheel_mm: float) -> None:
-    motors = (Motor("left", "A", kind, Direction.COUNTERCLOCKWISE, gears), Motor("right", "B", kind, gears=gears))
+def test_distance_and_turn_follow_description(
+    hub: HubKind, kind: MotorKind, gears: tuple[int, ...], wheel_mm: float
+) -> None:
+    motors = (
+        Motor("left", "A", kind, Direction.COUNTERCLOCKWISE, gears),
+        Motor("right", "B", kind, gears=gears),
+    )
     robot = Robot("any", hub, motors, drive_base=DriveBase("left", "right", wheel_mm, 130))
     body = placed(robot=robot)
     machine, drive = driven(robot, body)
     straight(machine, drive, 250)
     machine.advance(300)
     pose = body.pose()
-    assert pose.x_m == pytest.approx(0.250, abs=0.012) and abs(pose.y_m) < 0.01 and abs(pose.heading_deg) < 3
+    assert (
+        pose.x_m == pytest.approx(0.250, abs=0.012)
+        and abs(pose.y_m) < 0.01
+        and abs(pose.heading_deg) < 3
+    )
     drive.turn(90, OnCompletion.HOLD)
     machine.advance(2500)
     assert body.pose().heading_deg - pose.heading_deg == pytest.approx(90, abs=5)
@@ -133,14 +151,24 @@ def test_odometry_equals_drive_base() -> None:
     drive.curve(150, 180, OnCompletion.HOLD)
     machine.advance(6000)
     distance_mm, _, turned_deg, _ = drive.state()
-    assert distance_mm == pytest.approx(400 + math.pi * 150, abs=8) and turned_deg == pytest.approx(180, abs=4)
+    assert distance_mm == pytest.approx(400 + math.pi * 150, abs=8) and turned_deg == pytest.approx(
+        180, abs=4
+    )
     pose = body.pose()
-    assert (pose.x_m, pose.y_m) == pytest.approx((0.4, -0.3), abs=0.02) and pose.heading_deg == pytest.approx(180, abs=6)
+    assert (pose.x_m, pose.y_m) == pytest.approx(
+        (0.4, -0.3), abs=0.02
+    ) and pose.heading_deg == pytest.approx(180, abs=6)
 
 
 def test_custom_part_positions() -> None:
-    ahead = replace(ROVER, chassis=Chassis(hub_mm=(10.0, 0.0), caster_mm=(60.0, 0.0), ballast_g=200.0), sensors=())
-    light, heavy = (placed(robot=robot).model.body_mass.sum() for robot in (replace(ROVER, sensors=()), ahead))
+    ahead = replace(
+        ROVER,
+        chassis=Chassis(hub_mm=(10.0, 0.0), caster_mm=(60.0, 0.0), ballast_g=200.0),
+        sensors=(),
+    )
+    light, heavy = (
+        placed(robot=robot).model.body_mass.sum() for robot in (replace(ROVER, sensors=()), ahead)
+    )
     assert heavy == pytest.approx(light + 0.2)
     machine, drive = driven(ahead, placed(robot=ahead))
     straight(machine, drive, 100)
@@ -178,10 +206,14 @@ def test_invalid_bodies() -> None:
 
 @pytest.mark.parametrize("color", COLORS)
 def test_colour_is_sensed(color: str) -> None:
-    hue, saturation, value = placed(Scene(objects=(Field((60, 0), (100, 100), color),))).sensed("C", Sense.SURFACE)
+    hue, saturation, value = placed(Scene(objects=(Field((60, 0), (100, 100), color),))).sensed(
+        "C", Sense.SURFACE
+    )
     red, green, blue = COLORS[color]
     assert value == pytest.approx(100 * max(red, green, blue), abs=0.5)
-    assert saturation == pytest.approx(100 * (1 - min(red, green, blue) / max(red, green, blue)), abs=0.5)
+    assert saturation == pytest.approx(
+        100 * (1 - min(red, green, blue) / max(red, green, blue)), abs=0.5
+    )
     assert 0 <= hue < 360
 
 
@@ -193,20 +225,31 @@ def test_colour_edge_is_mixed_and_top_counts() -> None:
     turned = Field((60, 0), (400, 10), "red", heading_deg=90)
     assert turned.covers(np.array([(60.0, 150.0), (150.0, 0.0)])).tolist() == [True, False]
     disc = Field((0, 0), (100, 60), round=True)
-    assert disc.covers(np.array([(49.0, 0.0), (0.0, 29.0), (45.0, 25.0)])).tolist() == [True, True, False]
+    assert disc.covers(np.array([(49.0, 0.0), (0.0, 29.0), (45.0, 25.0)])).tolist() == [
+        True,
+        True,
+        False,
+    ]
 
 
 def test_line_can_be_followed() -> None:
     line = Line(oval(800, 400), width_mm=20, closed=True)
     along = np.array([(0.0, 0.0), (399.0, 200.0), (0.0, 400.0), (-399.0, 200.0), (-100.0, 0.0)])
     assert line.covers(along).all() and not line.covers(along * 1.1 + (0.0, 25.0)).any()
-    assert not Line(((0, 0), (100, 0), (100, 100))).covers(np.array([(50.0, 50.0)])).any(), "it is not closed"
+    assert not Line(((0, 0), (100, 0), (100, 100))).covers(np.array([(50.0, 50.0)])).any(), (
+        "it is not closed"
+    )
     twice = Line(((0, 0), (0, 0), (100, 0)), width_mm=20)
-    assert twice.covers(np.array([(0.0, 10.1), (0.0, 9.9), (100.0, -9.9), (110.1, 0.0)])).tolist() == [False, True, True, False]
+    assert twice.covers(
+        np.array([(0.0, 10.1), (0.0, 9.9), (100.0, -9.9), (110.1, 0.0)])
+    ).tolist() == [False, True, True, False]
 
 
 def test_reflection_decreases_with_distance() -> None:
-    high = replace(ROVER, sensors=(PoweredUpSensor("light", "C", SensorKind.COLOR, Mount((60, 0, 60), "down")),))
+    high = replace(
+        ROVER,
+        sensors=(PoweredUpSensor("light", "C", SensorKind.COLOR, Mount((60, 0, 60), "down")),),
+    )
     _, _, near = placed().sensed("C", Sense.SURFACE)
     _, _, far = placed(robot=high).sensed("C", Sense.SURFACE)
     assert far < near / 5
@@ -214,7 +257,10 @@ def test_reflection_decreases_with_distance() -> None:
 
 def test_ambient_light_depends_on_lamp() -> None:
     def light(looks: str, *objects: Any) -> float:
-        robot = replace(ROVER, sensors=(PoweredUpSensor("light", "C", SensorKind.COLOR, Mount((60, 0, 50), looks)),))
+        robot = replace(
+            ROVER,
+            sensors=(PoweredUpSensor("light", "C", SensorKind.COLOR, Mount((60, 0, 50), looks)),),
+        )
         sensed = placed(Scene(objects=objects, light_pct=10.0), robot).sensed("C", Sense.AMBIENT)
         assert isinstance(sensed, float)
         return sensed
@@ -242,7 +288,10 @@ def test_distance_to_walls_and_blocks() -> None:
 
 
 def test_force_sensor_pushes_block() -> None:
-    robot = replace(ROVER, sensors=(PoweredUpSensor("bump", "C", SensorKind.FORCE, Mount((90, 0, 30), "ahead")),))
+    robot = replace(
+        ROVER,
+        sensors=(PoweredUpSensor("bump", "C", SensorKind.FORCE, Mount((90, 0, 30), "ahead")),),
+    )
     scene = Scene(objects=(Block((200, 0), (60, 60, 60), mass_g=300, spread_mm=(10, 0)),))
     body = placed(scene, robot)
     assert body.sensed("C", Sense.FORCE) == 0
@@ -257,7 +306,9 @@ def test_force_sensor_pushes_block() -> None:
     block = int(body.model.joint("object_0").qposadr[0])
     assert body.data.qpos[block] > 0.3, (body.pose(), pushed)
     body.reset(np.random.default_rng(0))
-    assert body.data.qpos[block] == pytest.approx(0.2, abs=0.01) and body.data.qpos[block] != 0.2, "drawn anew"
+    assert body.data.qpos[block] == pytest.approx(0.2, abs=0.01) and body.data.qpos[block] != 0.2, (
+        "drawn anew"
+    )
 
 
 def test_robot_stalls_at_wall() -> None:
@@ -273,14 +324,21 @@ def test_robot_stalls_at_wall() -> None:
         Scene(objects=(Wall((-100, 0), (100, 0)),)),
         Scene(objects=(Block((0, 0), mass_g=100.0),)),
         Scene(objects=(Ramp((-300, 0)),)),
-        Scene(objects=(Line(((0, 0), (9, 9))), Block((400, 0), round=True)), start_mm=((0, 400), (0, 0))),
+        Scene(
+            objects=(Line(((0, 0), (9, 9))), Block((400, 0), round=True)),
+            start_mm=((0, 400), (0, 0)),
+        ),
         Scene(wall_distance_mm=(20, 300), heading_deg=(0, 60)),
     ],
 )
 def test_start_inside_an_obstacle_is_refused(scene: Scene) -> None:
     name = "wall" if not scene.objects else type(scene.objects[-1]).__name__
     option = "start_mm" if scene.objects else "wall_distance_mm"
-    with pytest.raises(TwinError, match=f"would start inside of {name}.*; move that, or change {option} or heading_deg of the"):
+    with pytest.raises(
+        TwinError,
+        match=f"would start inside of {name}.*; move that, or change {option} or "
+        "heading_deg of the",
+    ):
         placed(scene, ROVER if scene.objects else TWO_WHEELER)
 
 
@@ -344,23 +402,31 @@ def test_lists_of_objects_and_of_points_are_taken() -> None:
 
 def test_two_wheeler_with_colour_sensor() -> None:
     sensors = (*TWO_WHEELER.sensors, PoweredUpSensor("light", "B", SensorKind.COLOR))
-    body = placed(Scene(objects=(Field((60, 0), (60, 60), "red"),)), replace(TWO_WHEELER, sensors=sensors))
+    body = placed(
+        Scene(objects=(Field((60, 0), (60, 60), "red"),)), replace(TWO_WHEELER, sensors=sensors)
+    )
     hue, saturation, _ = body.sensed("B", Sense.SURFACE)  # type: ignore[misc]
     assert min(hue, 360 - hue) < 10 and saturation > 60
 
 
 def test_robots_without_scene_are_unchanged() -> None:
-    plain, floor = make_body(TWO_WHEELER), make_body(TWO_WHEELER, scene=Scene(objects=(Field((0, 0), (9, 9)),)))
+    plain, floor = (
+        make_body(TWO_WHEELER),
+        make_body(TWO_WHEELER, scene=Scene(objects=(Field((0, 0), (9, 9)),))),
+    )
     assert isinstance(plain, MujocoBody) and isinstance(floor, MujocoBody)
     assert plain.model.nq == floor.model.nq and floor.model.ngeom == plain.model.ngeom + 1
     mujoco.mj_step(floor.model, floor.data)
 
 
 def test_upright_hub_reads_as_mounted() -> None:
-    # The hub stands at the back of the robot, its front upwards, its top backwards: the gravity is along its front.
+    # The hub stands at the back of the robot, its front upwards, its top backwards: the gravity is
+    # along its front.
     upright = replace(ROVER, needs_imu=True, hub_sides=("back", "up"))
     quiet = Physics(acceleration_noise_mm_s2=0, gyro_noise_deg_s=0, tilt_noise_deg=0)
-    body, flat = (make_body(one, physics=quiet) for one in (upright, replace(ROVER, needs_imu=True)))
+    body, flat = (
+        make_body(one, physics=quiet) for one in (upright, replace(ROVER, needs_imu=True))
+    )
     assert body.acceleration_mm_s2() == pytest.approx((9810, 0, 0), abs=30)
     assert flat.acceleration_mm_s2() == pytest.approx((0, 0, 9810), abs=30)
     for one in (body, flat):

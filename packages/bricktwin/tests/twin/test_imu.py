@@ -42,10 +42,14 @@ def test_gyroscope_of_a_walking_robot_adds_up_to_its_rotation() -> None:
 
 
 def test_sensor_on_the_base_of_an_arm_does_not_turn_with_the_hub() -> None:
-    robot = replace(ROBO_ARM, sensors=(UltrasonicSensor("eyes", "F", Mount((100.0, 0.0, 50.0), "ahead")),))
+    robot = replace(
+        ROBO_ARM, sensors=(UltrasonicSensor("eyes", "F", Mount((100.0, 0.0, 50.0), "ahead")),)
+    )
     quiet = Physics(distance_noise_mm=0, distance_noise_ratio=0)
     # A wall whose top is 4 mm below the sensor, whose rays are level, and another one behind it.
-    scene = Scene(objects=(Wall((300, -500), (300, 500), height_mm=46.0), Wall((400, -500), (400, 500))))
+    scene = Scene(
+        objects=(Wall((300, -500), (300, 500), height_mm=46.0), Wall((400, -500), (400, 500)))
+    )
     body = MujocoBody(robot, scene, quiet, 0)
     assert body.distance_mm("F") == pytest.approx(292, abs=1)
     body.set_voltage("B", 6000)

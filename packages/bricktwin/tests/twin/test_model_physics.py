@@ -1,4 +1,5 @@
-"""Physics applied to models: each parameter changes what the robot does, by the amount that mechanics says."""
+"""Physics applied to models: each parameter changes what the robot does, by the amount that
+mechanics says."""
 
 from __future__ import annotations
 
@@ -37,7 +38,9 @@ def test_a_braked_robot_stands_on_a_slope_and_measures_it(slope_deg: float) -> N
     assert pitch_deg == pytest.approx(-slope_deg, abs=0.5)
     assert roll_deg == pytest.approx(0.0, abs=0.1)
     slope = math.radians(slope_deg)
-    assert robot.acceleration_mm_s2() == pytest.approx((9810 * math.sin(slope), 0, 9810 * math.cos(slope)), abs=100)
+    assert robot.acceleration_mm_s2() == pytest.approx(
+        (9810 * math.sin(slope), 0, 9810 * math.cos(slope)), abs=100
+    )
 
 
 def test_a_robot_across_a_slope_measures_it_as_roll() -> None:
@@ -98,12 +101,19 @@ def test_each_motor_has_its_own_speed(scale: float) -> None:
         assert speed_deg_s == pytest.approx(math.degrees(no_load_rad_s), rel=0.01)
 
 
-@pytest.mark.parametrize(("voltage_mv", "is_tilted"), [(2000, False), (2300, False), (5000, True), (8000, True)])
-def test_a_robot_tilts_when_it_accelerates_as_its_masses_say(voltage_mv: int, is_tilted: bool) -> None:
-    """Driving backwards it lifts its caster as soon as the acceleration times the height of its centre of mass exceeds gravity
-    times that centre's distance behind the axle: the moments about the wheels' contact."""
+@pytest.mark.parametrize(
+    ("voltage_mv", "is_tilted"), [(2000, False), (2300, False), (5000, True), (8000, True)]
+)
+def test_a_robot_tilts_when_it_accelerates_as_its_masses_say(
+    voltage_mv: int, is_tilted: bool
+) -> None:
+    """Driving backwards it lifts its caster as soon as the acceleration times the height of its
+    centre of mass exceeds gravity times that centre's distance behind the axle: the moments about
+    the wheels' contact."""
     robot = body(backlash_deg=0.0)
-    behind_m, _, height_m = np.abs(robot.data.subtree_com[robot.chassis] - [*robot.data.xpos[robot.chassis][:2], 0.0])
+    behind_m, _, height_m = np.abs(
+        robot.data.subtree_com[robot.chassis] - [*robot.data.xpos[robot.chassis][:2], 0.0]
+    )
     robot.set_voltage(LEFT, voltage_mv)
     robot.set_voltage(RIGHT, -voltage_mv)
     robot.advance_to(30)
@@ -125,19 +135,31 @@ def test_random_physics_starts_from_the_nominal_model_each_time() -> None:
     for _ in range(3):
         robot.reset(rng)
         load_kg = robot.physics.side_load_g / 1000
-        assert robot.model.body_mass.sum() == pytest.approx(nominal.body_mass.sum() * robot.physics.mass_scale + load_kg)
+        assert robot.model.body_mass.sum() == pytest.approx(
+            nominal.body_mass.sum() * robot.physics.mass_scale + load_kg
+        )
         shift_m = np.linalg.norm(robot.model.body_ipos - nominal.body_ipos, axis=-1)
-        assert shift_m.sum() == shift_m[robot.chassis] < 0.048 * load_kg / robot.model.body_mass[robot.chassis] + 1e-9
+        assert (
+            shift_m.sum()
+            == shift_m[robot.chassis]
+            < 0.048 * load_kg / robot.model.body_mass[robot.chassis] + 1e-9
+        )
 
 
 def test_all_robots_of_an_arena_get_the_physics() -> None:
-    arena = Arena(tuple(Contestant(name, TWO_WHEELER, Place(x_m=(x_m, x_m))) for x_m, name in enumerate("ab")))
+    arena = Arena(
+        tuple(Contestant(name, TWO_WHEELER, Place(x_m=(x_m, x_m))) for x_m, name in enumerate("ab"))
+    )
     nominal = ArenaWorld(arena).model
-    changed = ArenaWorld(arena, Physics(slope_deg=5.0, side_load_g=50.0, motor_1_scale=0.7, motor_friction_scale=2.0)).model
+    changed = ArenaWorld(
+        arena, Physics(slope_deg=5.0, side_load_g=50.0, motor_1_scale=0.7, motor_friction_scale=2.0)
+    ).model
     assert changed.body_mass.sum() == pytest.approx(nominal.body_mass.sum() + 0.1)
     assert changed.opt.gravity[0] == pytest.approx(-9.81 * math.sin(math.radians(5.0)))
     for name in ("a", "b"):
         weak, strong = (changed.actuator(f"{name}/motor_{port}").id for port in (LEFT, RIGHT))
-        assert 0.7 * changed.actuator_biasprm[weak, 2] == pytest.approx(changed.actuator_biasprm[strong, 2])
+        assert 0.7 * changed.actuator_biasprm[weak, 2] == pytest.approx(
+            changed.actuator_biasprm[strong, 2]
+        )
         dof = changed.joint(f"{name}/motor_{LEFT}").dofadr[0]
         assert changed.dof_frictionloss[dof] > nominal.dof_frictionloss[dof]

@@ -46,7 +46,9 @@ def test_log_has_commands_answers_hub_time(log: RunLog) -> None:
 
 
 @pytest.mark.parametrize(
-    "robot", [robot for robot in ROBOTS.values() if robot.hub.model.runs_programs], ids=lambda robot: robot.name
+    "robot",
+    [robot for robot in ROBOTS.values() if robot.hub.model.runs_programs],
+    ids=lambda robot: robot.name,
 )
 def test_every_robot_has_a_log_interface(robot) -> None:
     interface = whole_interface(robot)
@@ -60,7 +62,9 @@ def test_every_robot_has_a_log_interface(robot) -> None:
 
 def test_motion_log_round_trip(log: RunLog, tmp_path: Path) -> None:
     write_log(tmp_path / "log.jsonl", log)
-    assert_equal(read_log(tmp_path / "log.jsonl"), dataclasses.replace(log, gaps_ms=log.gaps_ms.round(3)))
+    assert_equal(
+        read_log(tmp_path / "log.jsonl"), dataclasses.replace(log, gaps_ms=log.gaps_ms.round(3))
+    )
     header = json.loads((tmp_path / "log.jsonl").read_text().splitlines()[0])
     assert (header["robot"], header["program"]) == ("two-wheeler", f"{log.program_hash:08x}")
 
@@ -77,7 +81,9 @@ def test_drive_base_tasks_can_be_logged(tmp_path: Path) -> None:
     with HubLink(VirtualHub(make_body(TWO_WHEELER, scene=scene)), TWO_WHEELER, RUN_AWAY) as link:
         log = record(link, TWO_WHEELER, RUN_AWAY, [[-50.0], [30.0]])
     write_log(tmp_path / "log.jsonl", log)
-    assert_equal(read_log(tmp_path / "log.jsonl"), dataclasses.replace(log, gaps_ms=log.gaps_ms.round(3)))
+    assert_equal(
+        read_log(tmp_path / "log.jsonl"), dataclasses.replace(log, gaps_ms=log.gaps_ms.round(3))
+    )
     assert log.channels[1, 4] > log.channels[0, 4]
 
 
@@ -117,7 +123,9 @@ def _line_5(**values: object) -> Callable[[list[str]], list[str]]:
 
 
 def _command(**values: object) -> Callable[[list[str]], list[str]]:
-    return lambda lines: _header(commands=[part | values for part in json.loads(lines[0])["commands"]])(lines)
+    return lambda lines: _header(
+        commands=[part | values for part in json.loads(lines[0])["commands"]]
+    )(lines)
 
 
 @pytest.mark.parametrize(
@@ -145,14 +153,19 @@ def _command(**values: object) -> Callable[[list[str]], list[str]]:
         (_line_5(time_ms=0), "its times are not whole numbers that increase"),
     ],
 )
-def test_error_says_what_is_wrong_with_a_log(log: RunLog, tmp_path: Path, harm, reason: str) -> None:
+def test_error_says_what_is_wrong_with_a_log(
+    log: RunLog, tmp_path: Path, harm, reason: str
+) -> None:
     """In words of the log, not of Python."""
     path = tmp_path / "log.jsonl"
     write_log(path, log)
     path.write_text("\n".join(harm(path.read_text().splitlines())))
     with pytest.raises(TwinError) as caught:
         read_log(path)
-    assert str(caught.value) == f"cannot read the log {path} ({reason}); give a file that `bricktwin twin record` wrote"
+    assert (
+        str(caught.value)
+        == f"cannot read the log {path} ({reason}); give a file that `bricktwin twin record` wrote"
+    )
 
 
 @pytest.mark.parametrize("content", [bytes(range(256)), '{"bricksrl_log": 1}\n{}'.encode("utf-16")])

@@ -20,12 +20,20 @@ from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
-QUIET = Physics(distance_noise_mm=0, distance_noise_ratio=0, tilt_noise_deg=0, gyro_noise_deg_s=0, acceleration_noise_mm_s2=0)
+QUIET = Physics(
+    distance_noise_mm=0,
+    distance_noise_ratio=0,
+    tilt_noise_deg=0,
+    gyro_noise_deg_s=0,
+    acceleration_noise_mm_s2=0,
+)
 LEFT, RIGHT, EYES = "E", "A", "C"
 MEDIUM = motor_constants(MotorKind.SPIKE_MEDIUM)
 
 
-def body(scene: Scene = OPEN_FLOOR, physics: Physics | RandomPhysics = QUIET, seed: int = 0) -> MujocoBody:
+def body(
+    scene: Scene = OPEN_FLOOR, physics: Physics | RandomPhysics = QUIET, seed: int = 0
+) -> MujocoBody:
     return MujocoBody(TWO_WHEELER, scene, physics, seed)
 
 
@@ -37,7 +45,9 @@ def before_wall(mm: float, heading_deg: float = 0.0) -> Scene:
     return Scene(wall_distance_mm=(mm, mm), heading_deg=(heading_deg, heading_deg))
 
 
-def drive(robot: MujocoBody, left_mv: int | None, right_mv: int | None, *, start_ms: int = 0, for_ms: int) -> int:
+def drive(
+    robot: MujocoBody, left_mv: int | None, right_mv: int | None, *, start_ms: int = 0, for_ms: int
+) -> int:
     """Apply clockwise voltages for a time. Returns the end time."""
     robot.set_voltage(LEFT, left_mv)
     robot.set_voltage(RIGHT, right_mv)
@@ -86,8 +96,13 @@ class TestMotors:
         robot = off_the_ground(body())
         robot.set_voltage(port, round(volts * 1000))
         robot.advance_to(1000)
-        no_load = math.copysign(MEDIUM.torque_nm_v * abs(volts) - MEDIUM.friction_nm, volts) / MEDIUM.drag_nm_s
-        assert shaft_speed_deg_s(robot, port, 1000) == pytest.approx(math.degrees(no_load), rel=0.01)
+        no_load = (
+            math.copysign(MEDIUM.torque_nm_v * abs(volts) - MEDIUM.friction_nm, volts)
+            / MEDIUM.drag_nm_s
+        )
+        assert shaft_speed_deg_s(robot, port, 1000) == pytest.approx(
+            math.degrees(no_load), rel=0.01
+        )
 
     def test_low_voltage_does_not_overcome_friction(self) -> None:
         robot = off_the_ground(body())
@@ -116,7 +131,9 @@ class TestMotors:
         assert math.hypot(pose.x_m, pose.y_m) < 0.03
         assert robot.angular_velocity_deg_s()[2] > 50
         drive(robot, 3000, 3000, start_ms=now_ms, for_ms=1000)
-        assert robot.heading_deg() - before == pytest.approx(-robot.angular_velocity_deg_s()[2], rel=0.05)
+        assert robot.heading_deg() - before == pytest.approx(
+            -robot.angular_velocity_deg_s()[2], rel=0.05
+        )
 
     def test_heading_is_not_wrapped(self) -> None:
         robot = body()
@@ -152,7 +169,9 @@ class TestSensors:
         assert body().distance_mm(EYES) == 2000
 
     def test_distance_is_nearest_point_in_cone(self) -> None:
-        straight, turned = (body(before_wall(500, heading_deg)).distance_mm(EYES) for heading_deg in (0, 12))
+        straight, turned = (
+            body(before_wall(500, heading_deg)).distance_mm(EYES) for heading_deg in (0, 12)
+        )
         assert turned == pytest.approx(straight, abs=2)
         assert body(before_wall(500, 30)).distance_mm(EYES) > 510
 
@@ -160,7 +179,9 @@ class TestSensors:
         robot = body(before_wall(250))
         start = robot.pose().x_m
         drive(robot, 3000, -3000, for_ms=1000)
-        assert robot.distance_mm(EYES) - 250 == pytest.approx((start - robot.pose().x_m) * 1000, abs=2)
+        assert robot.distance_mm(EYES) - 250 == pytest.approx(
+            (start - robot.pose().x_m) * 1000, abs=2
+        )
 
     def test_wall_stops_robot(self) -> None:
         robot = body(before_wall(100))
@@ -169,7 +190,8 @@ class TestSensors:
         assert 0.05 < robot.pose().x_m - start < 0.12
 
     @pytest.mark.parametrize(
-        ("axis", "pitch_deg", "roll_deg"), [((0, 1, 0), 20, 0), ((0, -1, 0), -20, 0), ((1, 0, 0), 0, 20), ((-1, 0, 0), 0, -20)]
+        ("axis", "pitch_deg", "roll_deg"),
+        [((0, 1, 0), 20, 0), ((0, -1, 0), -20, 0), ((1, 0, 0), 0, 20), ((-1, 0, 0), 0, -20)],
     )
     def test_nose_down_and_right_side_down_are_positive(
         self, axis: tuple[int, int, int], pitch_deg: float, roll_deg: float
@@ -205,7 +227,9 @@ def way_mm(physics: Physics, voltage_mv: int, for_ms: int) -> float:
     return robot.pose().x_m * 1000
 
 
-def spread(physics: Physics, read: Callable[[MujocoBody], float], scene: Scene = OPEN_FLOOR) -> float:
+def spread(
+    physics: Physics, read: Callable[[MujocoBody], float], scene: Scene = OPEN_FLOOR
+) -> float:
     robot = body(scene, physics)
     return float(np.std([read(robot) for _ in range(500)]))
 
@@ -213,10 +237,13 @@ def spread(physics: Physics, read: Callable[[MujocoBody], float], scene: Scene =
 class TestPhysics:
     def test_battery_v_limits_the_speed(self) -> None:
         faster = math.degrees((8.3 - 7.2) * MEDIUM.torque_nm_v / MEDIUM.drag_nm_s)
-        assert free_speed(quiet(battery_v=8.3)) - free_speed(quiet(battery_v=7.2)) == pytest.approx(faster, abs=5)
+        assert free_speed(quiet(battery_v=8.3)) - free_speed(quiet(battery_v=7.2)) == pytest.approx(
+            faster, abs=5
+        )
 
     def test_battery_ohm_lets_the_voltage_sag_under_the_motors_load(self) -> None:
-        """Two blocked motors draw voltage by resistance each; the firmware's average follows in 0.6 s."""
+        """Two blocked motors draw voltage by resistance each; the firmware's average follows in 0.6
+        s."""
         robot = body(physics=quiet(battery_ohm=0.4))
         robot.model.dof_armature[robot.shaft_dofs] = 1e6
         now_ms = drive(robot, -9000, 9000, for_ms=20)
@@ -237,10 +264,14 @@ class TestPhysics:
         assert ways[1] == pytest.approx(ways[0], rel=0.01)
 
     def test_friction_scale_limits_the_grip(self) -> None:
-        assert way_mm(quiet(friction_scale=0.1), 8000, 200) < 0.6 * way_mm(quiet(friction_scale=1.0), 8000, 200)
+        assert way_mm(quiet(friction_scale=0.1), 8000, 200) < 0.6 * way_mm(
+            quiet(friction_scale=1.0), 8000, 200
+        )
 
     def test_mass_scale_slows(self) -> None:
-        assert way_mm(quiet(mass_scale=3.0), 3000, 100) < 0.8 * way_mm(quiet(mass_scale=1.0), 3000, 100)
+        assert way_mm(quiet(mass_scale=3.0), 3000, 100) < 0.8 * way_mm(
+            quiet(mass_scale=1.0), 3000, 100
+        )
 
     def test_motor_friction_scale_sticks(self) -> None:
         assert way_mm(quiet(motor_friction_scale=1.0), 2000, 500) > 20
@@ -264,23 +295,33 @@ class TestPhysics:
 
     def test_distance_noise_grows_with_the_distance(self) -> None:
         physics = quiet(distance_noise_mm=2.0, distance_noise_ratio=0.01)
-        assert spread(physics, lambda robot: robot.distance_mm(EYES), before_wall(200)) == pytest.approx(4.0, rel=0.15)
-        assert spread(physics, lambda robot: robot.distance_mm(EYES), before_wall(1000)) == pytest.approx(12.0, rel=0.15)
+        assert spread(
+            physics, lambda robot: robot.distance_mm(EYES), before_wall(200)
+        ) == pytest.approx(4.0, rel=0.15)
+        assert spread(
+            physics, lambda robot: robot.distance_mm(EYES), before_wall(1000)
+        ) == pytest.approx(12.0, rel=0.15)
 
     @pytest.mark.parametrize("index", [0, 1])
     def test_tilt_noise_deg(self, index: int) -> None:
-        assert spread(quiet(tilt_noise_deg=2.0), lambda robot: robot.tilt_deg()[index]) == pytest.approx(2.0, rel=0.15)
+        assert spread(
+            quiet(tilt_noise_deg=2.0), lambda robot: robot.tilt_deg()[index]
+        ) == pytest.approx(2.0, rel=0.15)
 
     @pytest.mark.parametrize("index", [0, 1, 2])
     def test_gyro_and_acceleration_noise(self, index: int) -> None:
         physics = quiet(gyro_noise_deg_s=3.0, acceleration_noise_mm_s2=100.0)
-        assert spread(physics, lambda robot: robot.angular_velocity_deg_s()[index]) == pytest.approx(3.0, rel=0.15)
-        assert spread(physics, lambda robot: robot.acceleration_mm_s2()[index]) == pytest.approx(100.0, rel=0.15)
+        assert spread(
+            physics, lambda robot: robot.angular_velocity_deg_s()[index]
+        ) == pytest.approx(3.0, rel=0.15)
+        assert spread(physics, lambda robot: robot.acceleration_mm_s2()[index]) == pytest.approx(
+            100.0, rel=0.15
+        )
 
     def test_physics_sets_the_link(self) -> None:
-        assert make_body(TWO_WHEELER, physics=quiet(link_interval_ms=40.0)).link == dataclasses.replace(
-            PROFILES[DEFAULT_LINK], interval_ms=40.0
-        )
+        assert make_body(
+            TWO_WHEELER, physics=quiet(link_interval_ms=40.0)
+        ).link == dataclasses.replace(PROFILES[DEFAULT_LINK], interval_ms=40.0)
 
 
 class TestReset:
@@ -318,7 +359,9 @@ class TestReset:
             seen.append(robot.physics)
             assert robot.battery_mv == round(robot.physics.battery_v * 1000)
             load_kg = robot.physics.side_load_g / 1000
-            assert robot.model.body_mass.sum() == pytest.approx(0.4283 * robot.physics.mass_scale + load_kg, abs=0.001)
+            assert robot.model.body_mass.sum() == pytest.approx(
+                0.4283 * robot.physics.mass_scale + load_kg, abs=0.001
+            )
         assert len(set(seen)) == 3
 
     def test_given_physics_are_constant(self) -> None:
@@ -333,7 +376,12 @@ def history(seed: int) -> list[object]:
     for left_mv, right_mv in ((-3000, 3000), (5000, -4000), (None, 0), (2000, 2000)):
         for _ in range(40):
             now_ms = drive(robot, left_mv, right_mv, start_ms=now_ms, for_ms=5)
-            seen += [robot.distance_mm(EYES), robot.tilt_deg(), robot.angular_velocity_deg_s(), robot.acceleration_mm_s2()]
+            seen += [
+                robot.distance_mm(EYES),
+                robot.tilt_deg(),
+                robot.angular_velocity_deg_s(),
+                robot.acceleration_mm_s2(),
+            ]
             seen += [robot.angle_mdeg(LEFT), robot.heading_deg(), robot.pose()]
         robot.reset(rng)
     return seen
@@ -353,7 +401,10 @@ class TestTime:
             for now_ms in range(0, 1001, grain_ms):
                 robot.advance_to(now_ms)
             poses.append(robot.pose())
-        assert all(a == pytest.approx(b, abs=1e-12) for a, b in itertools.pairwise(map(dataclasses.astuple, poses)))
+        assert all(
+            a == pytest.approx(b, abs=1e-12)
+            for a, b in itertools.pairwise(map(dataclasses.astuple, poses))
+        )
 
     def test_two_steps_are_taken_for_each_control_loop(self) -> None:
         robot = body()

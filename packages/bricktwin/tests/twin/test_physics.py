@@ -18,7 +18,13 @@ def test_every_field_says_its_unit_range_and_source() -> None:
         assert parameter.unit
         assert parameter.source
         low, high = parameter.random_range
-        assert parameter.allowed_range[0] <= low <= getattr(Physics(), name) <= high <= parameter.allowed_range[1]
+        assert (
+            parameter.allowed_range[0]
+            <= low
+            <= getattr(Physics(), name)
+            <= high
+            <= parameter.allowed_range[1]
+        )
 
 
 @pytest.mark.parametrize("name", list(PARAMETERS))
@@ -45,12 +51,18 @@ def test_draws_cover_ranges() -> None:
     draws = [RandomPhysics().sample(rng) for _ in range(400)]
     for name, parameter in PARAMETERS.items():
         low, high = parameter.random_range
-        share = np.ptp([getattr(physics, name) for physics in draws]) / (high - low) if high > low else 1.0
+        share = (
+            np.ptp([getattr(physics, name) for physics in draws]) / (high - low)
+            if high > low
+            else 1.0
+        )
         assert share > 0.95, name
 
 
 def test_draws_are_reproducible_zero_width_is_default() -> None:
-    assert RandomPhysics().sample(np.random.default_rng(3)) == RandomPhysics().sample(np.random.default_rng(3))
+    assert RandomPhysics().sample(np.random.default_rng(3)) == RandomPhysics().sample(
+        np.random.default_rng(3)
+    )
     assert RandomPhysics(0.0).sample(np.random.default_rng(3)) == Physics()
 
 

@@ -34,5 +34,7 @@ def test_invalid_start_raises(arguments: dict[str, Any]) -> None:
 
 
 def test_reading_that_is_no_function_is_named() -> None:
-    with pytest.raises(TwinError, match=r"the reading of 'light' is 50.0; give a function: lambda angles: 50.0"):
+    with pytest.raises(
+        TwinError, match=r"the reading of 'light' is 50.0; give a function: lambda angles: 50.0"
+    ):
         Scene(readings={"light": 50.0})  # type: ignore[dict-item]

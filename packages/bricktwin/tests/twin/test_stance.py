@@ -15,7 +15,9 @@ def feet(heights: list[float]) -> np.ndarray[tuple[int, int], np.dtype[np.float6
     return np.column_stack([CORNERS, heights])
 
 
-def on_the_floor(heights: list[float], centre: np.ndarray = CENTRE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def on_the_floor(
+    heights: list[float], centre: np.ndarray = CENTRE
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Feet and centre of mass in the world, and the rotation [3, 3]."""
     points = feet(heights)
     quaternion, height = standing_pose(points, centre)
@@ -62,7 +64,8 @@ def test_short_leg_is_off_floor() -> None:
 
 
 def test_of_two_stances_the_lower_is_taken() -> None:
-    """With its centre near the diagonal the robot stands on the short leg, too, tilted and lower."""
+    """With its centre near the diagonal the robot stands on the short leg, too, tilted and
+    lower."""
     points, centre, _ = on_the_floor([-0.09, -0.09, -0.09, -0.08])
     assert points[3, 2] < 1e-9
     assert 0.089 < centre[2] < 0.09

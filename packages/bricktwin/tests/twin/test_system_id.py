@@ -22,13 +22,20 @@ from bricktwin.twin.scene import Scene
 from bricktwin.twin.system_id import FITTED, fit, replay
 
 HIDDEN = Physics(
-    battery_v=7.3, friction_scale=0.8, motor_friction_scale=1.4, mass_scale=1.1, backlash_deg=1.2, gyro_noise_deg_s=0.8
+    battery_v=7.3,
+    friction_scale=0.8,
+    motor_friction_scale=1.4,
+    mass_scale=1.1,
+    backlash_deg=1.2,
+    gyro_noise_deg_s=0.8,
 )
 # Recovered parameters are within this share of the range that randomisation draws from.
 TOLERANCE = 0.25
 
 
-def recorded(physics: Physics, steps: int, robot: Robot = TWO_WHEELER, interface: Interface | None = None) -> RunLog:
+def recorded(
+    physics: Physics, steps: int, robot: Robot = TWO_WHEELER, interface: Interface | None = None
+) -> RunLog:
     interface = interface or whole_interface(robot)
     commands = identification_commands(interface, steps, np.random.default_rng(0))
     with HubLink(VirtualHub(make_body(robot, physics=physics, seed=3)), robot, interface) as link:
@@ -53,7 +60,9 @@ def test_true_parameters_reproduce_motion(log: RunLog) -> None:
 def test_drive_base_moves_are_replayed() -> None:
     physics = Physics(distance_noise_mm=0, distance_noise_ratio=0)
     scene = Scene(wall_distance_mm=(200.0, 300.0), heading_deg=(-5.0, 5.0))
-    with HubLink(VirtualHub(make_body(TWO_WHEELER, scene=scene, physics=physics)), TWO_WHEELER, RUN_AWAY) as link:
+    with HubLink(
+        VirtualHub(make_body(TWO_WHEELER, scene=scene, physics=physics)), TWO_WHEELER, RUN_AWAY
+    ) as link:
         log = record(link, TWO_WHEELER, RUN_AWAY, [[-80.0], [50.0], [-100.0]])
     assert np.abs(replay(log, physics)[:, 4] - log.channels[:, 4]).max() < 15.0
 
@@ -64,7 +73,9 @@ def test_hidden_parameters_are_found(log: RunLog) -> None:
     for name in ("left_angle", "right_angle", "yaw_rate"):
         assert found.error_after[name] < found.error_before[name] / 2, name
     assert set(found.identified) | set(found.unidentified) == set(FITTED)
-    assert {"battery_v", "motor_friction_scale", "mass_scale", "backlash_deg"} <= set(found.identified)
+    assert {"battery_v", "motor_friction_scale", "mass_scale", "backlash_deg"} <= set(
+        found.identified
+    )
     for name in found.identified:
         off = abs(getattr(found.physics, name) - getattr(HIDDEN, name))
         assert off < TOLERANCE * np.ptp(PARAMETERS[name].random_range), name
@@ -76,7 +87,9 @@ def test_noise_is_estimated_at_rest() -> None:
     noisy = Physics(gyro_noise_deg_s=2.0, tilt_noise_deg=1.0)
     commands = np.zeros((150, 2))
     interface = whole_interface(TWO_WHEELER)
-    with HubLink(VirtualHub(make_body(TWO_WHEELER, physics=noisy, seed=1)), TWO_WHEELER, interface) as link:
+    with HubLink(
+        VirtualHub(make_body(TWO_WHEELER, physics=noisy, seed=1)), TWO_WHEELER, interface
+    ) as link:
         found = fit(record(link, TWO_WHEELER, interface, commands), names=("battery_v",))
     assert found.physics.gyro_noise_deg_s == pytest.approx(2.0, rel=0.2)
     assert found.physics.tilt_noise_deg == pytest.approx(1.0, rel=0.2)

@@ -30,16 +30,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def collect_rarely() -> None:
-    """Let Python's garbage collector work less often in this process: what imports define stays, and to look through it again
-    and again takes a quarter of the time of importing torch and TorchRL."""
+    """Let Python's garbage collector work less often in this process: what imports define stays,
+    and to look through it again and again takes a quarter of the time of importing torch and
+    TorchRL."""
     gc.set_threshold(_COLLECT_EVERY)
 
 
 def start(table: str, arguments: Sequence[str] | None = None) -> int:
-    """Run one command of a module's ``LINE`` in a terminal of any kind, and return its exit code: 0, 1 for a hub program that
-    failed, 2 for an error, 130 for Ctrl-C. ``arguments`` are those of the process by default."""
+    """Run one command of a module's ``LINE`` in a terminal of any kind, and return its exit code:
+    0, 1 for a hub program that failed, 2 for an error, 130 for Ctrl-C. ``arguments`` are those of
+    the process by default."""
     if sys.flags.optimize > 1:  # the help texts need docstrings
-        sys.stderr.write("error: Python leaves docstrings out (-OO); unset PYTHONOPTIMIZE or set it to 1\n")
+        sys.stderr.write(
+            "error: Python leaves docstrings out (-OO); unset PYTHONOPTIMIZE or set it to 1\n"
+        )
         return 2
     collect_rarely()
     columns = os.environ.get("COLUMNS", "")
@@ -53,7 +57,8 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")  # for terminals that lack a character
     if arguments is not None:
         return _run(table, arguments)
-    os.environ["PYTHONSAFEPATH"] = "1"  # processes started from here import nothing from the present folder by themselves
+    # processes started from here import nothing from the present folder by themselves
+    os.environ["PYTHONSAFEPATH"] = "1"
     from brickhub.cli.ending import INTERRUPTED, ended_in_time
 
     with ended_in_time() as is_asked:
@@ -83,7 +88,8 @@ def _run(table: str, arguments: Sequence[str]) -> int:
 
 
 def _leave(code: int) -> NoReturn:
-    """End this process without the seconds in which the interpreter takes torch apart and waits for threads."""
+    """End this process without the seconds in which the interpreter takes torch apart and waits for
+    threads."""
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):

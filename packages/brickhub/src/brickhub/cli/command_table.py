@@ -14,7 +14,7 @@ Examples:
   brickhub scan
   brickhub run --help
   brickhub --version
-""",
+""",  # noqa: E501
     {
         "run": "brickhub.cli.run_command:Run",
         "check": "brickhub.cli.hub_tools:Check",

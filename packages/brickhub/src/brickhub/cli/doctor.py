@@ -21,19 +21,32 @@ Answer = tuple[Outcome, str]
 
 
 def run_check(name: str, check: Callable[[], Answer], timeout_s: float) -> Finding:
-    """Finding of a check, also if it raises or exceeds the timeout; it is then left running in its thread."""
+    """Finding of a check, also if it raises or exceeds the timeout; it is then left running in its
+    thread."""
     answers: list[Answer] = []
 
     def run() -> None:
         try:
             answers.append(check())
         except BaseException as error:  # noqa: BLE001  a broken package may raise anything
-            answers.append((Outcome.ERROR, f"{type(error).__name__}: {' '.join(str(error).split())}; install this package again"))
+            answers.append(
+                (
+                    Outcome.ERROR,
+                    (
+                        f"{type(error).__name__}: {' '.join(str(error).split())}; install this "
+                        "package again"
+                    ),
+                )
+            )
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     thread.join(timeout_s)
-    outcome, detail = answers[0] if answers else (Outcome.WARNING, f"no answer within {timeout_s:g} s; look at it by itself")
+    outcome, detail = (
+        answers[0]
+        if answers
+        else (Outcome.WARNING, f"no answer within {timeout_s:g} s; look at it by itself")
+    )
     return Finding(name, outcome, detail)
 
 
@@ -43,13 +56,17 @@ def check_python() -> Answer:
 
 
 def check_packages(
-    distributions: tuple[str, ...] = ("brickhub",), named: tuple[str, ...] = ("brickhub", "bleak", "mpy-cross-v6")
+    distributions: tuple[str, ...] = ("brickhub",),
+    named: tuple[str, ...] = ("brickhub", "bleak", "mpy-cross-v6"),
 ) -> Answer:
-    """Check the packages that distributions require, and their versions. ``named``: those whose versions are told."""
+    """Check the packages that distributions require, and their versions. ``named``: those whose
+    versions are told."""
     from packaging.requirements import Requirement
 
     installed, faults = [], []
-    for text in itertools.chain.from_iterable(metadata.requires(name) or [] for name in distributions):
+    for text in itertools.chain.from_iterable(
+        metadata.requires(name) or [] for name in distributions
+    ):
         requirement = Requirement(text)
         if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
             continue
@@ -124,6 +141,9 @@ class Doctor:
 
     def execute(self) -> int:
         if not 0 < self.timeout_s <= _MAX_TIMEOUT_S:
-            raise DescriptionError(f"timeout-s is {self.timeout_s:g}; give a positive number of up to {_MAX_TIMEOUT_S:g}")
+            raise DescriptionError(
+                f"timeout-s is {self.timeout_s:g}; give a positive number of up to "
+                f"{_MAX_TIMEOUT_S:g}"
+            )
         findings = (run_check(name, check, self.timeout_s) for name, check in self.checks.items())
         return print_findings(findings, (9, 12), as_json=self.json)

@@ -1,8 +1,10 @@
-"""End of a command that somebody else asks for: a signal, a closed terminal, or the end of the process that started it.
+"""End of a command that somebody else asks for: a signal, a closed terminal, or the end of the
+process that started it.
 
-The command ends in order, as by Ctrl-C, and has :data:`DEADLINE_S` for it. Then its process ends, whatever
-its threads do. Windows has no SIGTERM and no SIGHUP that a program could handle: there a closed terminal
-ends the process at once, and a parent's pipe, which works on every system, is the way to ask for an end.
+The command ends in order, as by Ctrl-C, and has :data:`DEADLINE_S` for it. Then its process ends,
+whatever its threads do. Windows has no SIGTERM and no SIGHUP that a program could handle: there a
+closed terminal ends the process at once, and a parent's pipe, which works on every system, is the
+way to ask for an end.
 """
 
 from __future__ import annotations
@@ -28,8 +30,9 @@ _NAMES = ("SIGTERM", "SIGHUP", "SIGBREAK")
 
 
 def end_signals() -> list[signal.Signals]:
-    """Signals that end a command, except Ctrl-C: SIGTERM, SIGHUP (a closed terminal) and, on Windows, Ctrl-Break. Those that the
-    caller has made us ignore, as ``nohup`` does, are left out."""
+    """Signals that end a command, except Ctrl-C: SIGTERM, SIGHUP (a closed terminal) and, on
+    Windows, Ctrl-Break. Those that the caller has made us ignore, as ``nohup`` does, are left
+    out."""
     known = [signal.Signals[name] for name in _NAMES if hasattr(signal, name)]
     return [number for number in known if signal.getsignal(number) is not signal.SIG_IGN]
 
@@ -48,8 +51,9 @@ def end_after(duration_s: float) -> None:
 def ended_in_time() -> Iterator[threading.Event]:
     """Context of a command in the main thread, with the event that it is to end.
 
-    The signals of `end_signals` are a Ctrl-C to it, and it ends before the deadline, also if the main thread is busy.
-    A second Ctrl-C has the same deadline; the first may take longer, to save what is learned.
+    The signals of `end_signals` are a Ctrl-C to it, and it ends before the deadline, also if the
+    main thread is busy. A second Ctrl-C has the same deadline; the first may take longer, to save
+    what is learned.
     """
     numbers = end_signals()
     handlers = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
@@ -58,7 +62,10 @@ def ended_in_time() -> Iterator[threading.Event]:
     wakeup_before = signal.set_wakeup_fd(tell.fileno(), warn_on_full_buffer=False)
     is_asked = threading.Event()
     watcher = threading.Thread(
-        target=_watch_signals, args=(told, frozenset(numbers), is_asked), name="brickhub-signals", daemon=True
+        target=_watch_signals,
+        args=(told, frozenset(numbers), is_asked),
+        name="brickhub-signals",
+        daemon=True,
     )
     watcher.start()
     try:
@@ -81,7 +88,9 @@ def _watch_signals(told: socket.socket, numbers: frozenset[int], is_asked: threa
                 end_after(DEADLINE_S)
                 return
             if data[0] == signal.SIGINT:
-                threading.Thread(target=_answer_interrupt, name="brickhub-interrupt", daemon=True).start()
+                threading.Thread(
+                    target=_answer_interrupt, name="brickhub-interrupt", daemon=True
+                ).start()
 
 
 def _answer_interrupt() -> None:
@@ -91,8 +100,8 @@ def _answer_interrupt() -> None:
 
 
 def end_with_parent() -> None:
-    """End this command when standard input ends, which its parent holds open for as long as it lives. The command itself reads
-    nothing from then on."""
+    """End this command when standard input ends, which its parent holds open for as long as it
+    lives. The command itself reads nothing from then on."""
     held = os.dup(0)
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)

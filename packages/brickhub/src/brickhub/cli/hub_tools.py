@@ -15,7 +15,13 @@ from brickhub.errors import DescriptionError, HubNotFoundError, counted, percent
 from brickhub.fields import Count
 from brickhub.files import quoted, write_durably
 from brickhub.hub.diagnostics import calibration as kept
-from brickhub.hub.diagnostics.calibration import Calibration, CalibrationError, calibrated, calibration_of, zero_between
+from brickhub.hub.diagnostics.calibration import (
+    Calibration,
+    CalibrationError,
+    calibrated,
+    calibration_of,
+    zero_between,
+)
 from brickhub.hub.diagnostics.preflight import advice, check_kit, check_robot, measure
 from brickhub.hub.diagnostics.survey import find_stops, survey
 from brickhub.hub.link.lockstep import HubLink
@@ -30,17 +36,25 @@ from brickhub.target import Target, find
 
 _SCAN_S = 5.0
 
-Hub = Annotated[str, option(metavar="HUB", help="Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual.")]
+Hub = Annotated[
+    str,
+    option(metavar="HUB", help="Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."),
+]
 TargetArgument = Annotated[
     Positional[str],
     option(
         metavar="ROBOT",
-        help="Robot in a file: my_robot.py or my_robot.py:ROBOT. bricktwin adds its robots, such as walker, and building plans; "
+        help="Robot in a file: my_robot.py or my_robot.py:ROBOT. bricktwin adds its robots, such "
+        "as walker, and building plans; "
         "bricksrl adds environments, such as RunAway-v0, with their robots and commands.",
     ),
 ]
 Link = Annotated[
-    str | None, option(metavar="LINK", help="Bluetooth link of the virtual hub: mac, linux or bad-room; linux by default.")
+    str | None,
+    option(
+        metavar="LINK",
+        help="Bluetooth link of the virtual hub: mac, linux or bad-room; linux by default.",
+    ),
 ]
 Folder = Annotated[Path | None, option(metavar="DIR")]
 
@@ -67,20 +81,33 @@ class Scan:
     def execute(self) -> int:
         """Scan and print; exit code 1 if no hub was found."""
         if self.hub not in ("ble", "virtual"):
-            raise DescriptionError(f"nothing can be scanned for on '{self.hub}'; choose ble or virtual")
+            raise DescriptionError(
+                f"nothing can be scanned for on '{self.hub}'; choose ble or virtual"
+            )
         if not 0 < self.seconds <= 600:
             raise DescriptionError(f"seconds is {self.seconds:g}; give a number from 0 to 600")
         virtual = [FoundHub("virtual hub", "virtual", 0, HubKind.PRIME)]
         hubs = virtual if self.hub == "virtual" else scan(self.seconds)
         if self.json:
-            print_line(json.dumps([{**dataclasses.asdict(hub), "kind": hub.kind and hub.kind.value} for hub in hubs], indent=2))
+            print_line(
+                json.dumps(
+                    [
+                        {**dataclasses.asdict(hub), "kind": hub.kind and hub.kind.value}
+                        for hub in hubs
+                    ],
+                    indent=2,
+                )
+            )
         elif hubs:
             print_line(f"{'name':16}  {'address':36}  {'signal':>8}  kind")
             for hub in hubs:
                 kind = hub.kind.value if hub.kind else "unknown"
                 print_line(f"{hub.name:16}  {hub.address:36}  {hub.rssi_dbm:>4} dBm  {kind}")
         else:
-            print_line("no hub with Pybricks advertises itself; switch one on, end its program, and disconnect it elsewhere")
+            print_line(
+                "no hub with Pybricks advertises itself; switch one on, end its program, and "
+                "disconnect it elsewhere"
+            )
         return 0 if hubs else 1
 
 
@@ -135,12 +162,16 @@ class Stop:
             status, identity = transport.status, transport.identity
             transport.stop()
         except HubNotFoundError as error:
-            raise HubNotFoundError(f"{error}; a hub whose program runs without a computer hears only its button") from None
+            raise HubNotFoundError(
+                f"{error}; a hub whose program runs without a computer hears only its button"
+            ) from None
         finally:
             transport.close()
         ran = status is not None and Status.USER_PROGRAM_RUNNING in status.flags
         name = identity.name if identity else "the hub"
-        print_line(f"{name}: {'the program was stopped' if ran else 'no program ran'}, no motor is driven")
+        print_line(
+            f"{name}: {'the program was stopped' if ran else 'no program ran'}, no motor is driven"
+        )
 
 
 @dataclass(frozen=True)
@@ -162,24 +193,33 @@ class MeasureLatency:
 
     def execute(self) -> None:
         target = find(self.target)
-        with HubLink(_transport(self.hub, target, self.link, self.fault), target.robot, target.interface) as link:
+        with HubLink(
+            _transport(self.hub, target, self.link, self.fault), target.robot, target.interface
+        ) as link:
             result = measure(link, target.interface, self.exchanges)
         if self.json:
             print_line(json.dumps(dataclasses.asdict(result)))
             return
-        print_line(f"round trip           p50 {result.p50_ms:.1f} ms, p99 {result.p99_ms:.1f} ms, of {self.exchanges} exchanges")
+        print_line(
+            f"round trip           p50 {result.p50_ms:.1f} ms, p99 {result.p99_ms:.1f} ms, of "
+            f"{self.exchanges} exchanges"
+        )
         if result.link_share is not None:
             print_line(f"of a step            {percent(result.link_share)} is the link")
         print_line(f"connection interval  {result.interval_ms:g} ms (inferred: half a round trip)")
         if result.is_slow and parse_hub(self.hub).is_virtual:
-            print_line("faster               as this link is played; another one with --link, such as --link mac")
+            print_line(
+                "faster               as this link is played; another one with --link, such as "
+                "--link mac"
+            )
         elif result.is_slow:
             print_line(f"faster               {advice()}")
 
 
 @dataclass(frozen=True)
 class Check:
-    """Check a robot before training: hub, ports, battery, IMU, angles, round trip, and the direction of each motor.
+    """Check a robot before training: hub, ports, battery, IMU, angles, round trip, and the
+    direction of each motor.
 
     Test moves need confirmation. Exit code 1 if something is wrong.
 
@@ -205,7 +245,9 @@ class Check:
             print_note(f"looking for the hub ({self.hub}), which can take some seconds")
 
         def may_move() -> bool:
-            return self.yes or confirm(f"The {target.robot.name} needs room to move each motor a little. Move it now?")
+            return self.yes or confirm(
+                f"The {target.robot.name} needs room to move each motor a little. Move it now?"
+            )
 
         def was_right(move: str) -> bool | None:
             return ask(f"{move}: was it this motor, and in the right direction?")
@@ -215,10 +257,18 @@ class Check:
             transport = _transport(self.hub, target, self.link, self.fault)
             calibrate = calibration_of(transport, self.calibrations)
             robot = transport, target.robot, target.interface
-            findings = check_robot(*robot, may_move=may_move, is_right=is_right, calibrate=calibrate, command=self._calibration())
+            findings = check_robot(
+                *robot,
+                may_move=may_move,
+                is_right=is_right,
+                calibrate=calibrate,
+                command=self._calibration(),
+            )
         else:
             radio = _reach(self.hub, target, self.link, self.fault)
-            findings = check_kit(radio, target.robot, target.interface, may_move=may_move, is_right=is_right)
+            findings = check_kit(
+                radio, target.robot, target.interface, may_move=may_move, is_right=is_right
+            )
         code = print_findings(findings, (9, 18), as_json=self.json, env=target.name, hub=self.hub)
         if not self.json:
             print_line("not ready: see the errors above" if code else f"ready for {target.name}")
@@ -236,7 +286,8 @@ class Check:
 class Calibrate:
     """Calibrate the zeros of a robot's motors, and save them for its hub.
 
-    Joints with a range are turned to their stops. With `--by-hand`, the present angles of all other motors become their zeros.
+    Joints with a range are turned to their stops. With `--by-hand`, the present angles of all other
+    motors become their zeros.
 
     Examples:
       brickhub calibrate my_robot.py
@@ -250,9 +301,11 @@ class Calibrate:
     hub: Hub = "ble"
     fault: Faults = ()
     by_hand: Flag = False
-    """Set the zeros of motors without a range to their present angles; put legs and turntable at their zeros first."""
+    """Set the zeros of motors without a range to their present angles; put legs and turntable at
+    their zeros first."""
     reverse: Annotated[tuple[str, ...], option(metavar="MOTOR ...")] = ()
-    """Motors that turn opposite to the description; nothing else is calibrated then. Saying it twice changes nothing."""
+    """Motors that turn opposite to the description; nothing else is calibrated then. Saying it
+    twice changes nothing."""
     as_described: Annotated[tuple[str, ...], option(metavar="MOTOR ...")] = ()
     """Motors that are not reversed any more; nothing else is calibrated then."""
     forget: Flag = False
@@ -264,13 +317,23 @@ class Calibrate:
 
     def execute(self) -> None:
         directions = ("--reverse", "--as-described")
-        modes = ((("--forget",), self.forget), (directions, self.reverse), (directions, self.as_described))
+        modes = (
+            (("--forget",), self.forget),
+            (directions, self.reverse),
+            (directions, self.as_described),
+        )
         for flags, is_chosen in modes:
             if is_chosen:
-                refuse_ignored(self, ("--target", "--hub", "--fault", "--yes", "--calibrations", *flags), f"with {flags[0]}")
+                refuse_ignored(
+                    self,
+                    ("--target", "--hub", "--fault", "--yes", "--calibrations", *flags),
+                    f"with {flags[0]}",
+                )
         both = sorted(set(self.reverse) & set(self.as_described))
         if both:
-            raise DescriptionError(f"'{both[0]}' cannot be reversed and as described; leave one out")
+            raise DescriptionError(
+                f"'{both[0]}' cannot be reversed and as described; leave one out"
+            )
         target = find(self.target)
         for name in (*self.reverse, *self.as_described):
             target.robot.motor(name)  # raises for an unknown name
@@ -302,25 +365,34 @@ class Calibrate:
         uncalibrated = calibrated(robot, dataclasses.replace(saved, zeros_deg={}))
         joints = [motor for motor in uncalibrated.motors if motor.range_deg is not None]
         if not joints and not self.by_hand:
-            raise CalibrationError(f"no motor of '{robot.name}' has stops; put its motors at their zeros and add --by-hand")
+            raise CalibrationError(
+                f"no motor of '{robot.name}' has stops; put its motors at their zeros and add "
+                "--by-hand"
+            )
         angles_deg = survey(transport, uncalibrated).angles_deg if self.by_hand else {}
         free = [motor.name for motor in uncalibrated.motors if motor.range_deg is None]
         zeros_deg = {name: angles_deg[name] for name in free if name in angles_deg}
         if not joints:
             return zeros_deg
         names = ", ".join(motor.name for motor in joints)
-        if not self.yes and not confirm(f"The joints {names} need room to turn slowly to their stops. Move them now?"):
-            raise CalibrationError("nothing was moved and nothing calibrated; clear the way and say yes, or add --yes")
+        if not self.yes and not confirm(
+            f"The joints {names} need room to turn slowly to their stops. Move them now?"
+        ):
+            raise CalibrationError(
+                "nothing was moved and nothing calibrated; clear the way and say yes, or add --yes"
+            )
         for name, stops in find_stops(transport, uncalibrated).items():
             if stops is None:
-                raise CalibrationError(f"motor '{name}' meets no stops; look whether it drives its joint")
+                raise CalibrationError(
+                    f"motor '{name}' meets no stops; look whether it drives its joint"
+                )
             zeros_deg[name] = zero_between(stops, uncalibrated.motor(name))
         return zeros_deg
 
 
 def _reach(hub: str, target: Target, link: str | None, faults: Sequence[str]) -> Any:
-    """An unopened transport to a hub, or a radio to devices of LEGO's kits. ``link``: that of a virtual one, by name, and its
-    faults. Raises DescriptionError if a real one is given such."""
+    """An unopened transport to a hub, or a radio to devices of LEGO's kits. ``link``: that of a
+    virtual one, by name, and its faults. Raises DescriptionError if a real one is given such."""
     from brickhub.virtual.faults import with_faults
     from brickhub.virtual.virtual_kit import virtual_robot
 
@@ -328,15 +400,25 @@ def _reach(hub: str, target: Target, link: str | None, faults: Sequence[str]) ->
     if address.is_virtual:
         return virtual_robot(with_faults(target.make_body(), faults), link=chosen)
     if faults:
-        raise DescriptionError("a real robot has faults of its own; leave out --fault, or take --hub virtual")
+        raise DescriptionError(
+            "a real robot has faults of its own; leave out --fault, or take --hub virtual"
+        )
     if link is not None:
-        raise DescriptionError("a real hub has a link of its own; leave out --link, or take --hub virtual")
+        raise DescriptionError(
+            "a real hub has a link of its own; leave out --link, or take --hub virtual"
+        )
     return address.transport() if target.robot.hub.model.runs_programs else address.radio()
 
 
-def _transport(hub: str, target: Target, link: str | None = None, faults: Sequence[str] = ()) -> Transport:
-    """An unopened transport to a hub, as `_reach`. Raises DescriptionError for a robot of LEGO's kits."""
+def _transport(
+    hub: str, target: Target, link: str | None = None, faults: Sequence[str] = ()
+) -> Transport:
+    """An unopened transport to a hub, as `_reach`. Raises DescriptionError for a robot of LEGO's
+    kits."""
     if not target.robot.hub.model.runs_programs:
-        raise DescriptionError(f"'{target.name}' has devices of LEGO's kits, which need none of this; `check` checks them")
+        raise DescriptionError(
+            f"'{target.name}' has devices of LEGO's kits, which need none of this; `check` "
+            "checks them"
+        )
     transport: Transport = _reach(hub, target, link, faults)
     return transport

@@ -22,10 +22,12 @@ _POLL_S, _END_S = 0.02, 2.0
 
 @contextmanager
 def keys_heard(on_key: Callable[[str], None], source: Input | None = None) -> Iterator[None]:
-    """Call ``on_key`` for each key press inside this context, in a separate thread. Ctrl-C still interrupts.
+    """Call ``on_key`` for each key press inside this context, in a separate thread. Ctrl-C still
+    interrupts.
 
     Args:
-        on_key: called with the key's name: a letter, or one of prompt_toolkit's names, such as ``"escape"``.
+        on_key: called with the key's name: a letter, or one of prompt_toolkit's names, such as
+            ``"escape"``.
         source: input to read; by default the terminal.
     """
     from prompt_toolkit.input import create_input
@@ -46,7 +48,9 @@ def keys_heard(on_key: Callable[[str], None], source: Input | None = None) -> It
                     else:
                         on_key(key)
 
-    thread = threading.Thread(target=listen, args=(source or create_input(),), name="bricksrl-keys", daemon=True)
+    thread = threading.Thread(
+        target=listen, args=(source or create_input(),), name="bricksrl-keys", daemon=True
+    )
     thread.start()
     ready.wait(_END_S)
     try:
@@ -65,7 +69,8 @@ def interrupt_main() -> None:
 
 
 def can_listen() -> bool:
-    """True if keys can be read: standard input is a terminal and we run in its foreground, where reading does not suspend us."""
+    """True if keys can be read: standard input is a terminal and we run in its foreground, where
+    reading does not suspend us."""
     if sys.stdin is None or not sys.stdin.isatty():
         return False
     if not hasattr(os, "tcgetpgrp"):

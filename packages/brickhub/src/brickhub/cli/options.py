@@ -27,15 +27,20 @@ option = partial(arg, help_behavior_hint=_default)
 def parsed(
     read: Callable[[str], Any], metavar: str, collect: Callable[[Any], Any] | None = None
 ) -> PrimitiveConstructorSpec[Any]:
-    """Annotation of an option whose text is read by a function; with ``collect``, of one that may be repeated, whose values go
-    through it together."""
+    """Annotation of an option whose text is read by a function; with ``collect``, of one that may
+    be repeated, whose values go through it together."""
 
     def value(words: Any) -> Any:
         return read(words[0]) if collect is None else collect(map(read, words))
 
     action: Any = {} if collect is None else {"_action": "append"}  # as tyro's UseAppendAction
     return PrimitiveConstructorSpec(
-        1, metavar, value, is_instance=lambda _: True, str_from_instance=lambda given: [str(given)] if given else [], **action
+        1,
+        metavar,
+        value,
+        is_instance=lambda _: True,
+        str_from_instance=lambda given: [str(given)] if given else [],
+        **action,
     )
 
 
@@ -51,7 +56,8 @@ Faults = Annotated[
     UseAppendAction[tuple[Annotated[str, NotCode()], ...]],
     option(
         metavar="FAULT",
-        help="Fault of the virtual robot, to practise: battery=6.2, reversed:left, port:left=C, dead:eyes, absent:eyes, "
+        help="Fault of the virtual robot, to practise: battery=6.2, reversed:left, port:left=C, "
+        "dead:eyes, absent:eyes, "
         "slip:left=0.5 or link=12s. May be repeated.",
     ),
 ]
@@ -65,14 +71,22 @@ def changed_options(command: Any) -> Iterator[str]:
         value = getattr(command, field.name)
         if dataclasses.is_dataclass(value):
             yield from changed_options(value)
-        elif value != (field.default if field.default_factory is dataclasses.MISSING else field.default_factory()):
-            names = (getattr(item, "name", None) for item in getattr(hints[field.name], "__metadata__", ()))
+        elif value != (
+            field.default
+            if field.default_factory is dataclasses.MISSING
+            else field.default_factory()
+        ):
+            names = (
+                getattr(item, "name", None)
+                for item in getattr(hints[field.name], "__metadata__", ())
+            )
             no = "no-" if field.default is True else ""
             yield f"--{no}{next(filter(None, names), field.name).replace('_', '-')}"
 
 
 def refuse_ignored(command: Any, kept: Container[str], mode: str) -> None:
-    """Raise DescriptionError if an option of a command is set that has no effect in a mode, such as ``with --resume``."""
+    """Raise DescriptionError if an option of a command is set that has no effect in a mode, such as
+    ``with --resume``."""
     ignored = next((name for name in changed_options(command) if name not in kept), None)
     if ignored is not None:
         raise DescriptionError(f"{ignored} has no effect {mode}; omit it")

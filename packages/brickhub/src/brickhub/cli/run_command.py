@@ -26,15 +26,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Run:
-    """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit code 1 if it raises, 124
-    at the time limit.
+    """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit
+    code 1 if it raises, 124 at the time limit.
 
-    Files that it imports from its folder are included; those that it writes, as `motor.log.save` does, are saved beside it.
-    The program can read standard input. Ctrl-C stops it and its motors. A program that imports LEGO's package
-    `legoeducation` runs on this computer, and drives virtual devices of LEGO's kits.
+    Files that it imports from its folder are included; those that it writes, as `motor.log.save`
+    does, are saved beside it. The program can read standard input. Ctrl-C stops it and its motors.
+    A program that imports LEGO's package `legoeducation` runs on this computer, and drives virtual
+    devices of LEGO's kits.
 
-    Without --robot, the virtual hub adapts to the program: its kind is the one that the program imports, and each port has the
-    device that the program expects there.
+    Without --robot, the virtual hub adapts to the program: its kind is the one that the program
+    imports, and each port has the device that the program expects there.
 
     Examples:
       brickhub run main.py
@@ -48,26 +49,30 @@ class Run:
     file: Annotated[Positional[Path], option(metavar="FILE")]
     """Pybricks program."""
     robot: Annotated[str | None, option(metavar="ROBOT")] = None
-    """Virtual robot: my_robot.py, or a name that bricktwin or bricksrl adds, such as walker or RunAway-v0."""
+    """Virtual robot: my_robot.py, or a name that bricktwin or bricksrl adds, such as walker or
+    RunAway-v0."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """Which hub: virtual, in simulated time, or ble, ble:NAME, ble:ADDRESS, usb, usb:PORT."""
     time_limit_s: Annotated[float | None, option(metavar="SECONDS")] = None
     """Stop the program after this time, with exit code 124."""
     press: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="BUTTON@TIME")] = ()
-    """Button press on the virtual hub: left@2.5s, center@4s+1s (held for 1 s), remote.left_plus@3s. May be repeated."""
+    """Button press on the virtual hub: left@2.5s, center@4s+1s (held for 1 s), remote.left_plus@3s.
+    May be repeated."""
     reading: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=VALUE")] = ()
-    """Reading of a sensor on the bench: B=red, B=40%, B=200mm, B=3N, B=10,-5deg, or B=@FILE with lines "seconds, value"."""
+    """Reading of a sensor on the bench: B=red, B=40%, B=200mm, B=3N, B=10,-5deg, or B=@FILE with
+    lines "seconds, value"."""
     end_stop: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=LOW..HIGH")] = ()
     """End stops (deg) of a motor, at which it stalls: C=-90..120."""
     port: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=DEVICE")] = ()
-    """Which motor or sensor is on a port of the bench: A=interactive, B=spike-large, C=ColorSensor, D=nothing. On others there is
-    what the program asks for, medium motors of SPIKE."""
+    """Which motor or sensor is on a port of the bench: A=interactive, B=spike-large, C=ColorSensor,
+    D=nothing. On others there is what the program asks for, medium motors of SPIKE."""
     fault: Faults = ()
     log: Annotated[Path | None, option(metavar="FILE")] = None
-    """CSV file of what each motor and sensor of the virtual hub did: every 10 ms the motors' angle, speed, load and voltage, and
-    what the program last read from each sensor."""
+    """CSV file of what each motor and sensor of the virtual hub did: every 10 ms the motors' angle,
+    speed, load and voltage, and what the program last read from each sensor."""
     realtime: Flag = False
-    """Run a virtual hub in real time. The keys left, right, space (center) and b (bluetooth) press its buttons."""
+    """Run a virtual hub in real time. The keys left, right, space (center) and b (bluetooth) press
+    its buttons."""
     firmware: Annotated[str, option(metavar="VERSION")] = "4.1"
     """Version of Pybricks' firmware that the virtual hub plays: 4.1 or 4.0."""
     panel: Flag = False
@@ -88,7 +93,8 @@ class Run:
         from brickhub.hub.program.run_program import imports, load_program
         from brickhub.hub.transports.address import parse_hub
 
-        address, program = parse_hub(self.hub), load_program(self.file)  # which raises before a film begins
+        # which raises before a film begins
+        address, program = parse_hub(self.hub), load_program(self.file)
         is_for_kit = imports(program, LEGO_PACKAGE)
         stdin = sys.stdin
         if isinstance(stdin, io.TextIOWrapper):
@@ -103,7 +109,13 @@ class Run:
                 body = self.body(stack)
                 operation = self._operation(stack, body)
                 if is_for_kit:
-                    return run_kit_file(self.file, body, stderr=err, time_limit_s=self.time_limit_s, operation=operation)
+                    return run_kit_file(
+                        self.file,
+                        body,
+                        stderr=err,
+                        time_limit_s=self.time_limit_s,
+                        operation=operation,
+                    )
                 return run_file(
                     self.file,
                     body,
@@ -113,19 +125,38 @@ class Run:
                     time_limit_s=self.time_limit_s,
                     operation=operation,
                 )
-        virtual = next((name for name in changed_options(self) if name not in ("--file", "--hub", "--time-limit-s")), None)
+        virtual = next(
+            (
+                name
+                for name in changed_options(self)
+                if name not in ("--file", "--hub", "--time-limit-s")
+            ),
+            None,
+        )
         if virtual is not None:
-            raise DescriptionError(f"a real hub has its own robot, buttons and time; leave out --hub, or {virtual}")
+            raise DescriptionError(
+                f"a real hub has its own robot, buttons and time; leave out --hub, or {virtual}"
+            )
         from brickhub.hub.program.run_program import run_program
 
         if is_for_kit:
-            raise DescriptionError("LEGO's devices run no programs; run it on this computer: python " + str(self.file))
+            raise DescriptionError(
+                "LEGO's devices run no programs; run it on this computer: python " + str(self.file)
+            )
         with ExitStack() as stack, closing(address.transport()) as transport:
             out = self._without_files(sys.stdout.buffer, stack)
-            return run_program(transport, program, stdout=out, stderr=sys.stderr, stdin=stdin, time_limit_s=self.time_limit_s)
+            return run_program(
+                transport,
+                program,
+                stdout=out,
+                stderr=sys.stderr,
+                stdin=stdin,
+                time_limit_s=self.time_limit_s,
+            )
 
     def _without_files(self, out: BinaryIO, stack: ExitStack) -> BinaryIO:
-        """A stream for the program's output, which saves the files in it beside the program and writes all else to ``out``."""
+        """A stream for the program's output, which saves the files in it beside the program and
+        writes all else to ``out``."""
         from brickhub.hub.program.program_files import ProgramFiles
 
         files = ProgramFiles(out, self.file.absolute().parent, print_note)
@@ -133,16 +164,20 @@ class Run:
         return cast("BinaryIO", files)
 
     def body(self, stack: ExitStack) -> Body | None:
-        """Body of the virtual robot; ``None`` for the bench that adapts to the program. ``stack`` closes what it needs."""
+        """Body of the virtual robot; ``None`` for the bench that adapts to the program. ``stack``
+        closes what it needs."""
         if self.robot is None:
             return self.faulty(None)
         from brickhub.robot import BENCH
 
         target = self.target(self.robot)
-        return self.faulty(None if target.robot is BENCH else target.make_body(**self.stops_of(target)))
+        return self.faulty(
+            None if target.robot is BENCH else target.make_body(**self.stops_of(target))
+        )
 
     def stops_of(self, target: Target) -> dict[str, dict[str, tuple[float, float]]]:
-        """Arguments of `make_body` with the end stops that are given, by name of the motor, deg of the output."""
+        """Arguments of `make_body` with the end stops that are given, by name of the motor, deg of
+        the output."""
         from brickhub.virtual.given_readings import end_stops_of
 
         stops = end_stops_of(target.robot, self.end_stop)
@@ -162,17 +197,25 @@ class Run:
         from brickhub.virtual.faults import parse_fault, with_faults
 
         if any(parse_fault(text).kind == "link" for text in self.fault):
-            raise DescriptionError("a program of one's own runs without a link; leave out --fault link, or practise with `check`")
+            raise DescriptionError(
+                "a program of one's own runs without a link; leave out --fault link, or practise "
+                "with `check`"
+            )
         if body is None and self.fault:
-            raise DescriptionError("faults are those of a robot; name one with --robot, or say what is on a port with --port")
+            raise DescriptionError(
+                "faults are those of a robot; name one with --robot, or say what is on a port "
+                "with --port"
+            )
         return None if body is None else with_faults(body, self.fault)
 
     def streams(self, stack: ExitStack) -> tuple[BinaryIO, TextIO]:
-        """Streams for what the program prints, and for its traceback; ``stack`` closes what they need."""
+        """Streams for what the program prints, and for its traceback; ``stack`` closes what they
+        need."""
         return sys.stdout.buffer, sys.stderr
 
     def attend(self, stack: ExitStack) -> Callable[[Machine], None] | None:
-        """Function that is given the machine before the program starts; ``stack`` closes what it needs."""
+        """Function that is given the machine before the program starts; ``stack`` closes what it
+        needs."""
         return None
 
     def _operation(self, stack: ExitStack, body: Body | None) -> Operation:
@@ -193,7 +236,9 @@ class Run:
                 panel.is_watched = True
                 stack.enter_context(keys_heard(press))
             if self.panel:
-                panel.on_change = lambda panel: print_note(f"{panel.now_s:9.3f} s  {panel.describe()}")
+                panel.on_change = lambda panel: print_note(
+                    f"{panel.now_s:9.3f} s  {panel.describe()}"
+                )
 
         return Operation(
             presses=[parse_press(text) for text in self.press],

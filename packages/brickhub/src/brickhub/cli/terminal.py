@@ -11,7 +11,8 @@ from brickhub.finding import Finding, Outcome
 
 
 class Interrupted(Exception):
-    """Ctrl-C or a stop, which ends the command. The message says what is saved; without one, nothing is printed."""
+    """Ctrl-C or a stop, which ends the command. The message says what is saved; without one,
+    nothing is printed."""
 
 
 def print_line(line: str = "") -> None:
@@ -30,17 +31,26 @@ def print_note(line: str) -> None:
     sys.stderr.write(f"{line}\n")
 
 
-def print_findings(findings: Iterable[Finding], widths: tuple[int, int], *, as_json: bool = False, **about: str) -> int:
-    """Print each finding as it is made, in columns of these ``widths``, or all as one JSON object with the names and values in
-    ``about``. Returns the exit code: 1 if a finding is an error, else 0."""
+def print_findings(
+    findings: Iterable[Finding], widths: tuple[int, int], *, as_json: bool = False, **about: str
+) -> int:
+    """Print each finding as it is made, in columns of these ``widths``, or all as one JSON object
+    with the names and values in ``about``. Returns the exit code: 1 if a finding is an error, else
+    0."""
     found = []
     for finding in findings:
         found.append(finding)
         if not as_json:
-            print_line(f"{finding.outcome.value:{widths[0]}}{finding.name:{widths[1]}}{finding.detail}")
+            print_line(
+                f"{finding.outcome.value:{widths[0]}}{finding.name:{widths[1]}}{finding.detail}"
+            )
     failed = any(finding.outcome is Outcome.ERROR for finding in found)
     if as_json:
-        print_line(json.dumps({**about, "ok": not failed, "findings": [finding.to_dict() for finding in found]}))
+        print_line(
+            json.dumps(
+                {**about, "ok": not failed, "findings": [finding.to_dict() for finding in found]}
+            )
+        )
     return int(failed)
 
 
@@ -50,7 +60,8 @@ def is_terminal() -> bool:
 
 
 _PIPE_S = 2.0
-"""Time within which an answer has to be in a pipe: nobody types into it, and one without a writer would wait for ever."""
+"""Time within which an answer has to be in a pipe: nobody types into it, and one without a writer
+would wait for ever."""
 _LONGEST_ANSWER = 100
 
 
@@ -84,7 +95,11 @@ def ask(question: str, *, default: bool | None = None) -> bool | None:
             return False
         if not answer and default is not None:
             return default
-        print_note(f"'{answer[:20]}' is neither y nor n; type y for yes, n for no" if answer else "type y for yes, n for no")
+        print_note(
+            f"'{answer[:20]}' is neither y nor n; type y for yes, n for no"
+            if answer
+            else "type y for yes, n for no"
+        )
 
 
 def _answer() -> str | None:

@@ -1,8 +1,9 @@
 """Commands of a hub to its motors, drive base, light and loudspeaker, sent at every step.
 
-A kind is one frozen dataclass, here or in a user's file. Each is one number with a range, to which the hub clamps it, and one
-line of the hub program. Endless moves (``RunSpeed``, ``RunDuty``, ``DriveSpeed``, ``DriveTurnRate``) go on until the next step;
-if the host falls silent, the hub's watchdog stops them.
+A kind is one frozen dataclass, here or in a user's file. Each is one number with a range, to which
+the hub clamps it, and one line of the hub program. Endless moves (``RunSpeed``, ``RunDuty``,
+``DriveSpeed``, ``DriveTurnRate``) go on until the next step; if the host falls silent, the hub's
+watchdog stops them.
 """
 
 from __future__ import annotations
@@ -33,11 +34,12 @@ class WireNumber:
     """Number on the wire.
 
     Attributes:
-        role: ``"command"`` or ``"channel"``, for messages.
-        low, high: range in its unit; the hub clamps commands to it.
+        role: ``"command"`` or ``"channel"``, for messages. low, high: range in its unit; the hub
+        clamps commands to it.
         scale: factor from the number to its fixed-point value on the wire.
         imports: names that the hub program imports for it, besides hub, ports and devices.
-        mirror_sign: its factor in a mirror from left to right; 0 if its mirror image is none of its values.
+        mirror_sign: its factor in a mirror from left to right; 0 if its mirror image is none of its
+            values.
     """
 
     role: ClassVar[str]
@@ -67,7 +69,8 @@ class WireNumber:
         return Entry(self.name, self.low, self.high, self.unit)
 
     def in_mirror(self, robot: Robot) -> tuple[str, int]:
-        """Name of the number in whose place it is in a mirror from left to right, and its factor there."""
+        """Name of the number in whose place it is in a mirror from left to right, and its factor
+        there."""
         return self.name, self.mirror_sign
 
     def error(self, problem: str) -> DescriptionError:
@@ -80,13 +83,17 @@ class Command(WireNumber, ABC):
     """Number that is sent to the hub at every step, and its effect.
 
     Attributes:
-        mover: moving object in the hub program, with the methods ``done()`` and ``stop()``; ``None`` for a light or a sound.
+        mover: moving object in the hub program, with the methods ``done()`` and ``stop()``;
+            ``None`` for a light or a sound.
         ends: whether the move ends by itself, so that a step may wait for it.
         needs_encoder: whether its motors need a rotation sensor.
-        is_turn_by: whether its amount is an angle by which one motor turns, which a motor with a range counts from its target.
-        call: commands with the same ``call`` are the arguments of one call on the hub; ``None`` for a separate call.
+        is_turn_by: whether its amount is an angle by which one motor turns, which a motor with a
+            range counts from its target.
+        call: commands with the same ``call`` are the arguments of one call on the hub; ``None`` for
+            a separate call.
         description: for the header of the hub program; a format of the command.
-        code: statement that starts the move; a format of the command and the expression of its value. See `start`.
+        code: statement that starts the move; a format of the command and the expression of its
+            value. See `start`.
     """
 
     role: ClassVar[str] = "command"
@@ -118,12 +125,13 @@ class Command(WireNumber, ABC):
         return ()
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
-        """Statements of the hub program that make the mover, after the motors; equal ones of several commands occur once."""
+        """Statements of the hub program that make the mover, after the motors; equal ones of
+        several commands occur once."""
         return ()
 
     def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
-        """Statement of the hub program that starts the move, without waiting for its end. ``amounts``: expressions of all
-        commands of one ``call``, by their names."""
+        """Statement of the hub program that starts the move, without waiting for its end.
+        ``amounts``: expressions of all commands of one ``call``, by their names."""
         return self.code.format(self, amounts[self.name])
 
 
@@ -159,7 +167,8 @@ class _MotorCommand(Command):
 
 @dataclass(frozen=True)
 class RunAngle(_MotorCommand):
-    """Turn one motor by an angle, without waiting: ``Motor.run_angle(speed, angle, wait=False)``."""
+    """Turn one motor by an angle, without waiting: ``Motor.run_angle(speed, angle,
+    wait=False)``."""
 
     speed_deg_s: int
     unit: ClassVar[str] = "deg"
@@ -168,7 +177,9 @@ class RunAngle(_MotorCommand):
 
     def check(self, robot: Robot) -> None:
         if not 1 <= self.speed_deg_s <= WIRE_MAX:
-            raise self.error(f": speed {self.speed_deg_s} deg/s; give a positive one, the sign is the angle's")
+            raise self.error(
+                f": speed {self.speed_deg_s} deg/s; give a positive one, the sign is the angle's"
+            )
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return (amount,)
@@ -187,7 +198,10 @@ class _Endless(_MotorCommand):
 
     def check(self, robot: Robot) -> None:
         if robot.motor(self.motor).range_deg is not None:
-            raise self.error(f" turns endlessly, and motor '{self.motor}' has a range; use RunAngle or TrackTarget")
+            raise self.error(
+                f" turns endlessly, and motor '{self.motor}' has a range; use RunAngle or "
+                "TrackTarget"
+            )
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return (_test_turn_deg(amount),)
@@ -204,7 +218,8 @@ class RunSpeed(_Endless):
 
 @dataclass(frozen=True)
 class RunDuty(_Endless):
-    """Drive one motor, also one without encoder, with a duty cycle in percent of the battery's voltage: ``Motor.dc(duty)``."""
+    """Drive one motor, also one without encoder, with a duty cycle in percent of the battery's
+    voltage: ``Motor.dc(duty)``."""
 
     needs_encoder: ClassVar[bool] = False
     low: float = -100.0
@@ -216,12 +231,15 @@ class RunDuty(_Endless):
     def check(self, robot: Robot) -> None:
         super().check(robot)
         if self.low < -100 or self.high > 100:
-            raise self.error(f" ranges from {self.low:g} to {self.high:g} %; stay within -100 to 100")
+            raise self.error(
+                f" ranges from {self.low:g} to {self.high:g} %; stay within -100 to 100"
+            )
 
 
 @dataclass(frozen=True)
 class TrackTarget(_MotorCommand):
-    """Move one motor to an angle as fast as possible, without a profile, and hold it: ``Motor.track_target(angle)``."""
+    """Move one motor to an angle as fast as possible, without a profile, and hold it:
+    ``Motor.track_target(angle)``."""
 
     unit: ClassVar[str] = "deg"
     ends: ClassVar[bool] = False
@@ -232,7 +250,9 @@ class TrackTarget(_MotorCommand):
         range_deg = robot.motor(self.motor).range_deg
         if range_deg is not None and not range_deg[0] <= self.low < self.high <= range_deg[1]:
             beyond = f"beyond the motor's range of {range_deg[0]} to {range_deg[1]}"
-            raise self.error(f" ranges from {self.low:g} to {self.high:g} deg, {beyond}; stay within")
+            raise self.error(
+                f" ranges from {self.low:g} to {self.high:g} deg, {beyond}; stay within"
+            )
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return (0.0,)
@@ -255,7 +275,8 @@ class _DriveBaseCommand(Command):
         for name in sorted(self.motors(robot)):
             if robot.motor(name).range_deg is not None:
                 raise DescriptionError(
-                    f"motor '{name}' of the drive base has a range; wheels turn endlessly, take range_deg away"
+                    f"motor '{name}' of the drive base has a range; wheels turn endlessly, take "
+                    "range_deg away"
                 )
 
     def motors(self, robot: Robot) -> tuple[str, ...]:
@@ -279,7 +300,8 @@ class _DriveBaseCommand(Command):
 
 @dataclass(frozen=True)
 class DriveStraight(_DriveBaseCommand):
-    """Drive the drive base by a distance, without waiting: ``DriveBase.straight(distance, wait=False)``."""
+    """Drive the drive base by a distance, without waiting: ``DriveBase.straight(distance,
+    wait=False)``."""
 
     unit: ClassVar[str] = "mm"
     name: ClassVar[str] = "straight"
@@ -289,7 +311,8 @@ class DriveStraight(_DriveBaseCommand):
 
 @dataclass(frozen=True)
 class Turn(_DriveBaseCommand):
-    """Turn the drive base on the spot, clockwise positive, without waiting: ``DriveBase.turn(angle, wait=False)``."""
+    """Turn the drive base on the spot, clockwise positive, without waiting: ``DriveBase.turn(angle,
+    wait=False)``."""
 
     unit: ClassVar[str] = "deg"
     name: ClassVar[str] = "turn"
@@ -300,30 +323,41 @@ class Turn(_DriveBaseCommand):
 
 @dataclass(frozen=True)
 class Curve(_DriveBaseCommand):
-    """Drive along a circle by an angle, to the right for a positive one, without waiting: ``DriveBase.curve(..., wait=False)``.
-    ``radius_mm``: radius of the path of the robot's centre; negative to drive backwards."""
+    """Drive along a circle by an angle, to the right for a positive one, without waiting:
+    ``DriveBase.curve(..., wait=False)``. ``radius_mm``: radius of the path of the robot's centre;
+    negative to drive backwards."""
 
     radius_mm: int
     unit: ClassVar[str] = "deg"
     name: ClassVar[str] = "curve"
     mirror_sign: ClassVar[int] = 0
-    description: ClassVar[str] = "drive along a circle of {0.radius_mm} mm by {0.low:g} to {0.high:g} deg"
+    description: ClassVar[str] = (
+        "drive along a circle of {0.radius_mm} mm by {0.low:g} to {0.high:g} deg"
+    )
     code: ClassVar[str] = "{0.mover}.curve({0.radius_mm}, {1}, wait=False)"
 
     def check(self, robot: Robot) -> None:
         super().check(robot)
         if not 10 <= abs(self.radius_mm) <= WIRE_MAX:
-            raise self.error(f": a radius of {self.radius_mm} mm; give 10 or more, or Turn on the spot")
+            raise self.error(
+                f": a radius of {self.radius_mm} mm; give 10 or more, or Turn on the spot"
+            )
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         base = drive_base(robot, self.name)
-        path, turn = abs(amount) * self.radius_mm, math.copysign(amount, amount * self.radius_mm) * base.axle_track_mm / 2
-        return 2 * (path + turn) / base.wheel_diameter_mm, 2 * (path - turn) / base.wheel_diameter_mm
+        path, turn = (
+            abs(amount) * self.radius_mm,
+            math.copysign(amount, amount * self.radius_mm) * base.axle_track_mm / 2,
+        )
+        return 2 * (path + turn) / base.wheel_diameter_mm, 2 * (
+            path - turn
+        ) / base.wheel_diameter_mm
 
 
 @dataclass(frozen=True)
 class _Drive(_DriveBaseCommand):
-    """One of the two arguments of ``DriveBase.drive(speed, turn_rate)``; the other is 0 unless it is a command too."""
+    """One of the two arguments of ``DriveBase.drive(speed, turn_rate)``; the other is 0 unless it
+    is a command too."""
 
     ends: ClassVar[bool] = False
     call: ClassVar[str] = "drive"
@@ -332,7 +366,9 @@ class _Drive(_DriveBaseCommand):
         return tuple(map(_test_turn_deg, self.wheel_turns_deg(robot, amount)))
 
     def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
-        speed, turn_rate = (amounts.get(command.name, "0") for command in (DriveSpeed, DriveTurnRate))
+        speed, turn_rate = (
+            amounts.get(command.name, "0") for command in (DriveSpeed, DriveTurnRate)
+        )
         return f"{self.mover}.drive({speed}, {turn_rate})"
 
 
@@ -359,7 +395,10 @@ class DriveTurnRate(_Drive):
 def drive_base(robot: Robot, needed_by: str) -> DriveBase:
     """The robot's drive base. Raises DescriptionError if the robot has no drive base."""
     if robot.drive_base is None:
-        raise DescriptionError(f"robot '{robot.name}' has no drive base for '{needed_by}'; describe one or command its motors")
+        raise DescriptionError(
+            f"robot '{robot.name}' has no drive base for '{needed_by}'; describe one or command "
+            "its motors"
+        )
     return robot.drive_base
 
 
@@ -375,7 +414,8 @@ def drive_base_setup(robot: Robot, needed_by: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class HubLight(Command):
-    """Hue of the hub's light: ``hub.light.on(Color(hue, 100, 100))``; 0 is red, 120 green, 240 blue."""
+    """Hue of the hub's light: ``hub.light.on(Color(hue, 100, 100))``; 0 is red, 120 green, 240
+    blue."""
 
     low: float = 0.0
     high: float = 359.0
@@ -387,7 +427,9 @@ class HubLight(Command):
 
     def check(self, robot: Robot) -> None:
         if self.low < 0 or self.high > 360:
-            raise self.error(f" ranges from {self.low:g} to {self.high:g}; hues are 0 to 360 degrees")
+            raise self.error(
+                f" ranges from {self.low:g} to {self.high:g}; hues are 0 to 360 degrees"
+            )
 
 
 @dataclass(frozen=True)
@@ -405,7 +447,8 @@ class ClientCommand(Command):
 
 @dataclass(frozen=True)
 class LightBrightness(Command):
-    """Brightness of a light on a port, or of the lights around a distance sensor: ``Light.on(brightness)``."""
+    """Brightness of a light on a port, or of the lights around a distance sensor:
+    ``Light.on(brightness)``."""
 
     sensor: str
     low: float = 0.0
@@ -420,7 +463,9 @@ class LightBrightness(Command):
     def check(self, robot: Robot) -> None:
         kind = robot.sensor(self.sensor).kind
         if not kind.model.light:
-            raise self.error(f": a {kind.value} has no light to set; use a Light or an UltrasonicSensor")
+            raise self.error(
+                f": a {kind.value} has no light to set; use a Light or an UltrasonicSensor"
+            )
         if self.low < 0 or self.high > 100:
             raise self.error(f" ranges from {self.low:g} to {self.high:g} %; stay within 0 to 100")
 
@@ -434,8 +479,8 @@ class LightBrightness(Command):
 
 @dataclass(frozen=True)
 class HubSound(Command):
-    """Short tone of the hub's loudspeaker: ``hub.speaker.beep(frequency, duration)``; silent below 64 Hz. ``duration_ms``:
-    duration of the tone, for which the hub waits."""
+    """Short tone of the hub's loudspeaker: ``hub.speaker.beep(frequency, duration)``; silent below
+    64 Hz. ``duration_ms``: duration of the tone, for which the hub waits."""
 
     low: float = 0.0
     high: float = 2000.0
@@ -448,10 +493,20 @@ class HubSound(Command):
 
     def check(self, robot: Robot) -> None:
         if not robot.hub.model.has_speaker:
-            raise self.error(f": a {robot.hub.value} hub has no loudspeaker; choose a prime hub, or use HubLight")
+            raise self.error(
+                f": a {robot.hub.value} hub has no loudspeaker; choose a prime hub, or use HubLight"
+            )
         if self.low < 0 or not 1 <= self.duration_ms <= 200:
-            raise self.error(f": {self.low:g} Hz at least, for {self.duration_ms} ms; give 0 Hz or more, and 1 to 200 ms")
+            raise self.error(
+                f": {self.low:g} Hz at least, for {self.duration_ms} ms; give 0 Hz or more, and 1 "
+                "to 200 ms"
+            )
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
         play = f"hub.speaker.beep(frequency_hz, {self.duration_ms})"
-        return ("def play_tone(frequency_hz):", f"    if frequency_hz >= {_LOWEST_TONE_HZ}:", f"        {play}", "")
+        return (
+            "def play_tone(frequency_hz):",
+            f"    if frequency_hz >= {_LOWEST_TONE_HZ}:",
+            f"        {play}",
+            "",
+        )

@@ -1,7 +1,9 @@
-"""Interface between a task and a hub: the commands that the hub takes and the channels that it reports.
+"""Interface between a task and a hub: the commands that the hub takes and the channels that it
+reports.
 
-An ``Interface`` and a ``Robot`` determine the hub program, the wire format and the specs of the environment. All values are in
-the units of their names; the wire carries int16 fixed-point numbers, and int32 ones of what counts without end.
+An ``Interface`` and a ``Robot`` determine the hub program, the wire format and the specs of the
+environment. All values are in the units of their names; the wire carries int16 fixed-point numbers,
+and int32 ones of what counts without end.
 """
 
 from abc import ABC, abstractmethod
@@ -12,7 +14,15 @@ from brickhub.entry import Entry
 from brickhub.errors import hint
 from brickhub.fields import check_fields, check_value
 from brickhub.hub.commands import *
-from brickhub.hub.commands import WIDE_MAX, WIRE_MAX, Command, Imports, WireNumber, drive_base, drive_base_setup
+from brickhub.hub.commands import (
+    WIDE_MAX,
+    WIRE_MAX,
+    Command,
+    Imports,
+    WireNumber,
+    drive_base,
+    drive_base_setup,
+)
 from brickhub.robot import Robot, UltrasonicSensor
 from brickhub.robot.hardware import REMOTE_BUTTONS
 
@@ -22,14 +32,17 @@ class Channel(WireNumber, ABC):
     """Number that the hub reports at every step.
 
     Attributes:
-        is_nominal: whether values beyond ``low`` and ``high`` are possible, up to the limits of the wire.
-        accumulates: whether it counts from the start of the program, without end; environments let it count from the start of
-            each episode.
-        noise, noise_share: names of the twin's physics parameters for its noise: the standard deviation, and an additional one as
-            a share of the value.
-        wireless: kind of the device beside the hub that it reads, such as ``"remote"``; ``None`` without one.
+        is_nominal: whether values beyond ``low`` and ``high`` are possible, up to the limits of the
+            wire.
+        accumulates: whether it counts from the start of the program, without end; environments let
+            it count from the start of each episode. noise, noise_share: names of the twin's physics
+            parameters for its noise: the standard deviation, and an additional one as a share of
+            the value.
+        wireless: kind of the device beside the hub that it reads, such as ``"remote"``; ``None``
+            without one.
         setup_s: longest time that its setup takes at the start of the program.
-        roughness: insignificant difference between a robot and its twin, in the unit, due to rounding and clock ticks.
+        roughness: insignificant difference between a robot and its twin, in the unit, due to
+            rounding and clock ticks.
     """
 
     role: ClassVar[str] = "channel"
@@ -62,8 +75,8 @@ class Channel(WireNumber, ABC):
         return (-largest, largest) if self.is_nominal else None
 
     def is_wide(self, robot: Robot | None) -> bool:
-        """Whether it has 32 bits on the wire rather than 16, as it counts without end. ``robot``: the one that it is read on;
-        ``None`` for one whose motors have ranges."""
+        """Whether it has 32 bits on the wire rather than 16, as it counts without end. ``robot``:
+        the one that it is read on; ``None`` for one whose motors have ranges."""
         return self.accumulates
 
     @property
@@ -75,12 +88,14 @@ class Channel(WireNumber, ABC):
         """Raise DescriptionError unless the robot supports the channel."""
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
-        """Statements of the hub program that make the object to read, after the motors; equal ones occur once."""
+        """Statements of the hub program that make the object to read, after the motors; equal ones
+        occur once."""
         return ()
 
     @property
     def statement(self) -> str | None:
-        """Line of the hub program before all channels are read, such as a call that returns several numbers.
+        """Line of the hub program before all channels are read, such as a call that returns several
+        numbers.
 
         Equal lines of several channels occur once.
         """
@@ -89,12 +104,14 @@ class Channel(WireNumber, ABC):
     @property
     @abstractmethod
     def expression(self) -> str:
-        """Expression of the value in the hub program, in its unit, from ``hub``, ``motor_NAME`` and ``sensor_NAME``."""
+        """Expression of the value in the hub program, in its unit, from ``hub``, ``motor_NAME`` and
+        ``sensor_NAME``."""
 
 
 @dataclass(frozen=True)
 class MotorAngle(Channel):
-    """``Motor.angle()``; wrapped into 0..360 if that is the range, else unchanged, even beyond the range."""
+    """``Motor.angle()``; wrapped into 0..360 if that is the range, else unchanged, even beyond the
+    range."""
 
     motor: str
     low: float = 0.0
@@ -178,7 +195,8 @@ class Roll(_Tilt):
 
 @dataclass(frozen=True)
 class YawRate(_ImuChannel):
-    """``hub.imu.angular_velocity(Axis.Z)``; the range is nominal: faster turns are reported as they are."""
+    """``hub.imu.angular_velocity(Axis.Z)``; the range is nominal: faster turns are reported as they
+    are."""
 
     low: float = -100.0
     high: float = 100.0
@@ -279,7 +297,8 @@ class Distance(Channel):
 
 @dataclass(frozen=True)
 class HubButton(Channel):
-    """Button of the hub, such as ``"left"``: 1 while it is down as the hub reads it, else 0. The center button ends programs."""
+    """Button of the hub, such as ``"left"``: 1 while it is down as the hub reads it, else 0. The
+    center button ends programs."""
 
     button: str
     low: ClassVar[float] = 0.0
@@ -299,8 +318,14 @@ class HubButton(Channel):
 
     def check(self, robot: Robot) -> None:
         if self.button not in self.buttons(robot):
-            remedy = f"choose {', '.join(self.buttons(robot))}" if self.buttons(robot) else "take a prime hub, or a RemoteButton"
-            raise self.error(f": the {self.owner} has no such button that a program may read; {remedy}")
+            remedy = (
+                f"choose {', '.join(self.buttons(robot))}"
+                if self.buttons(robot)
+                else "take a prime hub, or a RemoteButton"
+            )
+            raise self.error(
+                f": the {self.owner} has no such button that a program may read; {remedy}"
+            )
 
     @property
     def expression(self) -> str:
@@ -309,7 +334,8 @@ class HubButton(Channel):
 
 @dataclass(frozen=True)
 class RemoteButton(HubButton):
-    """Button of the Powered Up remote, such as ``"left_plus"``; switch the remote on within 10 s of the program's start."""
+    """Button of the Powered Up remote, such as ``"left_plus"``; switch the remote on within 10 s of
+    the program's start."""
 
     owner: ClassVar[str] = "remote"
     wireless: ClassVar[str] = "remote"
@@ -344,11 +370,12 @@ PARTS = {"hsv": ("hue", "saturation", "value"), "tilt": ("pitch", "roll")}
 
 @dataclass(frozen=True)
 class SensorReading(Channel):
-    """Number that a method of a sensor returns, such as ``ColorSensor.reflection()``, with its range.
+    """Number that a method of a sensor returns, such as ``ColorSensor.reflection()``, with its
+    range.
 
     Attributes:
-        part: name of the number if the method returns several, such as ``"hue"`` of ``"hsv"``: see ``PARTS``. The hub calls the
-            method once for all of them.
+        part: name of the number if the method returns several, such as ``"hue"`` of ``"hsv"``: see
+            ``PARTS``. The hub calls the method once for all of them.
     """
 
     sensor: str
@@ -385,7 +412,9 @@ class SensorReading(Channel):
         if parts is None and self.part is not None:
             raise self.error(f": {self.method}() is one number; omit the part '{self.part}'")
         if parts is not None and self.part not in parts:
-            raise self.error(f": {self.method}() is {len(parts)} numbers; give as part one of {', '.join(parts)}")
+            raise self.error(
+                f": {self.method}() is {len(parts)} numbers; give as part one of {', '.join(parts)}"
+            )
 
     @property
     def statement(self) -> str | None:
@@ -393,7 +422,11 @@ class SensorReading(Channel):
 
     @property
     def expression(self) -> str:
-        return self._call if self.part is None else f"{self._parts}[{PARTS[self.method].index(self.part)}]"
+        return (
+            self._call
+            if self.part is None
+            else f"{self._parts}[{PARTS[self.method].index(self.part)}]"
+        )
 
     @property
     def _call(self) -> str:
@@ -423,7 +456,8 @@ class Wait:
 
 @dataclass(frozen=True)
 class UntilDone:
-    """Steps that end when all moves have ended; a move that takes longer than the timeout is stopped."""
+    """Steps that end when all moves have ended; a move that takes longer than the timeout is
+    stopped."""
 
     timeout_ms: int = 3000
     fixed_ms: ClassVar[None] = None
@@ -435,8 +469,8 @@ class UntilDone:
 
 @dataclass(frozen=True)
 class Interface:
-    """Commands in the order of the action vector, channels in the order of the observation vector. Raises DescriptionError if
-    they are none."""
+    """Commands in the order of the action vector, channels in the order of the observation vector.
+    Raises DescriptionError if they are none."""
 
     commands: tuple[Command, ...]
     channels: tuple[Channel, ...]
@@ -454,9 +488,16 @@ class Interface:
     @property
     def angle_indices(self) -> dict[str, int]:
         """Index of each motor's angle among the channels, by motor name."""
-        return {channel.motor: index for index, channel in enumerate(self.channels) if isinstance(channel, MotorAngle)}
+        return {
+            channel.motor: index
+            for index, channel in enumerate(self.channels)
+            if isinstance(channel, MotorAngle)
+        }
 
     @property
     def distance_index(self) -> int | None:
         """Index of the first distance among the channels; ``None`` if there is none."""
-        return next((index for index, channel in enumerate(self.channels) if isinstance(channel, Distance)), None)
+        return next(
+            (index for index, channel in enumerate(self.channels) if isinstance(channel, Distance)),
+            None,
+        )

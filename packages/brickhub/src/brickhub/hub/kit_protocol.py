@@ -1,9 +1,11 @@
-"""Protocol of LEGO's kits of 2026: messages of Double Motor, Single Motor, Color Sensor and Controller as bytes, and back.
+"""Protocol of LEGO's kits of 2026: messages of Double Motor, Single Motor, Color Sensor and
+Controller as bytes, and back.
 
-A message is a byte with its number, and packed little-endian fields. A packet to a device holds several messages; a device sends
-one at a time, whose number is that of the command plus 1, or a notification, which holds several reports. Facts read in version
-1.2.0 of LEGO's package ``legoeducation`` (RPC 2.3.0), which is BUSL-1.1; the code is our own. What LEGO publishes nowhere is
-estimated, as docs/kits.md tells.
+A message is a byte with its number, and packed little-endian fields. A packet to a device holds
+several messages; a device sends one at a time, whose number is that of the command plus 1, or a
+notification, which holds several reports. Facts read in version 1.2.0 of LEGO's package
+``legoeducation`` (RPC 2.3.0), which is BUSL-1.1; the code is our own. What LEGO publishes nowhere
+is estimated, as docs/kits.md tells.
 """
 
 import enum
@@ -20,7 +22,8 @@ NOTIFICATION = 60
 FULL_SPEED_DEG_S = 1000
 """Speed of 100 %."""
 SUPERVISION_S = 24.0
-"""Silence after which a device takes its link for lost: a comment in LEGO's package names it, for the device's side."""
+"""Silence after which a device takes its link for lost: a comment in LEGO's package names it, for
+the device's side."""
 
 
 class Product(enum.IntEnum):
@@ -56,14 +59,16 @@ class MotorState(enum.IntEnum):
 
 
 FACES = ("up", "ahead", "right", "down", "back", "left")
-"""Faces of a Double Motor in the order of their numbers, as the sides of a robot on which it lies flat."""
+"""Faces of a Double Motor in the order of their numbers, as the sides of a robot on which it lies
+flat."""
 NO_COLOR = -1
 """Number of no color; those of the others are LEGO's usual ones, 0 (black) to 10 (white)."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Kind of a message or report: its number, the ``struct`` of its number and its fields, and their names."""
+    """Kind of a message or report: its number, the ``struct`` of its number and its fields, and
+    their names."""
 
     number: int
     struct: struct.Struct
@@ -72,7 +77,10 @@ class Layout:
 
 def _layouts(text: str) -> dict[str, Layout]:
     rows = (line.split() for line in text.strip().splitlines())
-    return {name: Layout(int(n), struct.Struct(f"<B{fmt.strip('-')}"), tuple(fields)) for name, n, fmt, *fields in rows}
+    return {
+        name: Layout(int(n), struct.Struct(f"<B{fmt.strip('-')}"), tuple(fields))
+        for name, n, fmt, *fields in rows
+    }
 
 
 COMMANDS = _layouts("""
@@ -109,7 +117,8 @@ COMMANDS = _layouts("""
     reset_yaw             192 h    yaw
     set_color_mode        200 b    mode
 """)
-"""Commands by our names for them. Those with ``motors`` are of single motors, a bit each, and so are their answers."""
+"""Commands by our names for them. Those with ``motors`` are of single motors, a bit each, and so
+are their answers."""
 REPORTS = _layouts("""
     info       0  BB         battery_pct usb
     imu        1  BBhhhhhhhhh face yaw_face yaw pitch roll ax ay az gx gy gz
@@ -127,7 +136,8 @@ _BY_NUMBER = {layout.number: (name, layout) for name, layout in COMMANDS.items()
 
 @dataclass(frozen=True)
 class Message:
-    """One command to a device: its name in :data:`COMMANDS`, its fields by name, and the number of the answer to it."""
+    """One command to a device: its name in :data:`COMMANDS`, its fields by name, and the number of
+    the answer to it."""
 
     name: str
     values: dict[str, int]
@@ -135,19 +145,35 @@ class Message:
 
 
 def decode(packet: bytes) -> Iterator[Message]:
-    """The commands in a packet, in order. Raises HubProtocolError if a message is unknown or cut off."""
+    """The commands in a packet, in order. Raises HubProtocolError if a message is unknown or cut
+    off."""
     while packet:
         name, layout = _BY_NUMBER.get(packet[0], ("", None))
         if layout is None or len(packet) < layout.struct.size:
-            raise HubProtocolError(f"message {packet.hex()} of LEGO's kits is unknown or cut off; update brickhub")
+            raise HubProtocolError(
+                f"message {packet.hex()} of LEGO's kits is unknown or cut off; update brickhub"
+            )
         number, *fields = layout.struct.unpack_from(packet)
         yield Message(name, dict(zip(layout.fields, fields, strict=True)), number + 1)
         packet = packet[layout.struct.size :]
 
 
 def encode_info(product: Product, packet_bytes: int = 244) -> bytes:
-    """Answer to ``info``: versions of protocol, firmware and bootloader, the largest packet, and the product."""
-    return struct.pack("<B" + _INFO, COMMANDS["info"].number + 1, *RPC_VERSION, 1, 0, 0, 1, 0, 0, packet_bytes, product)
+    """Answer to ``info``: versions of protocol, firmware and bootloader, the largest packet, and
+    the product."""
+    return struct.pack(
+        "<B" + _INFO,
+        COMMANDS["info"].number + 1,
+        *RPC_VERSION,
+        1,
+        0,
+        0,
+        1,
+        0,
+        0,
+        packet_bytes,
+        product,
+    )
 
 
 def encode_answer(number: int, status: int, motors: int | None = None) -> bytes:
@@ -157,5 +183,7 @@ def encode_answer(number: int, status: int, motors: int | None = None) -> bytes:
 
 def encode_notification(reports: Iterable[tuple[str, tuple[int, ...]]]) -> bytes:
     """Notification with some reports, each a name in :data:`REPORTS` and its fields in order."""
-    body = b"".join(REPORTS[name].struct.pack(REPORTS[name].number, *values) for name, values in reports)
+    body = b"".join(
+        REPORTS[name].struct.pack(REPORTS[name].number, *values) for name, values in reports
+    )
     return struct.pack("<BH", NOTIFICATION, len(body)) + body

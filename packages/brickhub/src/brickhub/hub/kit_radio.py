@@ -1,4 +1,5 @@
-"""Bluetooth to the devices of LEGO's kits, through LEGO's own package; and which devices a robot has.
+"""Bluetooth to the devices of LEGO's kits, through LEGO's own package; and which devices a robot
+has.
 
 The package ``legoeducation`` is optional: its licence, BUSL-1.1, permits non-commercial use.
 """
@@ -12,7 +13,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-from brickhub.errors import DescriptionError, HubTimeoutError, MediumUnavailableError, Reason, UnknownNameError
+from brickhub.errors import (
+    DescriptionError,
+    HubTimeoutError,
+    MediumUnavailableError,
+    Reason,
+    UnknownNameError,
+)
 from brickhub.hub.kit_protocol import Product
 from brickhub.robot import AnyHub, KitKind, Robot
 
@@ -23,15 +30,20 @@ _CARD_COLORS = ("RED", "YELLOW", "BLUE", "GREEN", "PURPLE", "MAGENTA", "AZURE", 
 
 
 def lego_package(*, is_silent: bool = False) -> Any:
-    """LEGO's package. ``is_silent``: what it logs is not printed, as errors say it. Raises MediumUnavailableError if it is not
-    installed."""
+    """LEGO's package. ``is_silent``: what it logs is not printed, as errors say it. Raises
+    MediumUnavailableError if it is not installed."""
     if is_silent:
         logging.getLogger(LEGO_PACKAGE).addHandler(_SILENT)
     try:
         return importlib.import_module(LEGO_PACKAGE)
     except ImportError:
-        remedy = f"run `pip install 'brickhub[{LEGO_PACKAGE}]'` (its licence, BUSL-1.1, permits non-commercial use)"
-        raise MediumUnavailableError(f"LEGO's package {LEGO_PACKAGE} is not installed; {remedy}", Reason.NO_SERVICE) from None
+        remedy = (
+            f"run `pip install 'brickhub[{LEGO_PACKAGE}]'` (its licence, BUSL-1.1, permits "
+            "non-commercial use)"
+        )
+        raise MediumUnavailableError(
+            f"LEGO's package {LEGO_PACKAGE} is not installed; {remedy}", Reason.NO_SERVICE
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -42,19 +54,31 @@ class KitPart:
     ports: str
 
 
-def parts(hub: AnyHub, motor_ports: Iterable[str], sensor_ports: Iterable[str]) -> tuple[KitPart, ...]:
-    """The devices for motors and color sensors on these ports. Raises DescriptionError if a motor of the first one is missing."""
+def parts(
+    hub: AnyHub, motor_ports: Iterable[str], sensor_ports: Iterable[str]
+) -> tuple[KitPart, ...]:
+    """The devices for motors and color sensors on these ports. Raises DescriptionError if a motor
+    of the first one is missing."""
     own, motors = hub.model.own_motors, list(motor_ports)
     if missing := [port for port in own if port not in motors]:
-        raise DescriptionError(f"no motor is described on port {missing[0]}, where a {hub.value} has one; describe it")
+        raise DescriptionError(
+            f"no motor is described on port {missing[0]}, where a {hub.value} has one; describe it"
+        )
     carrier = Product.DOUBLE_MOTOR if hub is KitKind.DOUBLE_MOTOR else Product.SINGLE_MOTOR
     singles = [KitPart(Product.SINGLE_MOTOR, port) for port in motors if port not in own]
-    return KitPart(carrier, own), *singles, *(KitPart(Product.COLOR_SENSOR, port) for port in sensor_ports)
+    return (
+        KitPart(carrier, own),
+        *singles,
+        *(KitPart(Product.COLOR_SENSOR, port) for port in sensor_ports),
+    )
 
 
 def parts_of(robot: Robot) -> tuple[KitPart, ...]:
-    """The devices of a robot. Raises DescriptionError if a motor of the one that carries it is missing."""
-    return parts(robot.hub, [motor.port for motor in robot.motors], [sensor.port for sensor in robot.sensors])
+    """The devices of a robot. Raises DescriptionError if a motor of the one that carries it is
+    missing."""
+    return parts(
+        robot.hub, [motor.port for motor in robot.motors], [sensor.port for sensor in robot.sensors]
+    )
 
 
 class Radio(Protocol):
@@ -78,8 +102,8 @@ class Radio(Protocol):
 
 @dataclass(frozen=True)
 class RealRadio:
-    """Bluetooth of this computer. ``card``: color and serial of the devices' connection card, such as ``"azure-3683"``; ``None``
-    for the first devices in reach."""
+    """Bluetooth of this computer. ``card``: color and serial of the devices' connection card, such
+    as ``"azure-3683"``; ``None`` for the first devices in reach."""
 
     card: str | None = None
 
@@ -92,14 +116,22 @@ class RealRadio:
             return {}
         color, _, serial = self.card.partition("-")
         if color.upper() not in _CARD_COLORS or not serial.isdigit() or len(serial) > 4:
-            raise UnknownNameError(f"'{self.card}' is no connection card; give its color and serial, such as ble:azure-3683")
-        return {"card_color": vars(lego_package())[f"LEGO_COLOR_{color.upper()}"], "card_serial": serial}
+            raise UnknownNameError(
+                f"'{self.card}' is no connection card; give its color and serial, such as "
+                "ble:azure-3683"
+            )
+        return {
+            "card_color": vars(lego_package())[f"LEGO_COLOR_{color.upper()}"],
+            "card_serial": serial,
+        }
 
     def run(self, function: Callable[[], _T], limit_s: float | None = None) -> _T:
         future: concurrent.futures.Future[_T] = concurrent.futures.Future()
         threading.Thread(target=settle, args=(future, function), daemon=True).start()
         if not concurrent.futures.wait([future], limit_s).done:
-            raise HubTimeoutError(f"a device did not answer within {limit_s:g} s; check that it is on and near")
+            raise HubTimeoutError(
+                f"a device did not answer within {limit_s:g} s; check that it is on and near"
+            )
         return future.result()
 
     def now_s(self) -> float:

@@ -1,10 +1,11 @@
 """Protocol between host and hub: frames as pure functions, and a decoder for any stream of bytes.
 
-Data frame, both ways: ``A5 seq payload crc8`` with ``seq`` 1..255. Down, the payload is the actions; up, it is
-the hub's clock (u16 milliseconds) and the channels; each number is int16 little endian, ``round(value * scale)``, or
-int32 for a channel that counts without end. Other channels saturate, which the host says.
-Control frame: ``A5 00 kind payload crc8``, ``kind`` one ASCII byte with a fixed payload length. The lengths of
-data frames follow from the ``Interface``. ``program/generate.py`` generates the hub's side from these definitions.
+Data frame, both ways: ``A5 seq payload crc8`` with ``seq`` 1..255. Down, the payload is the
+actions; up, it is the hub's clock (u16 milliseconds) and the channels; each number is int16 little
+endian, ``round(value * scale)``, or int32 for a channel that counts without end. Other channels
+saturate, which the host says. Control frame: ``A5 00 kind payload crc8``, ``kind`` one ASCII byte
+with a fixed payload length. The lengths of data frames follow from the ``Interface``.
+``program/generate.py`` generates the hub's side from these definitions.
 """
 
 import enum
@@ -20,7 +21,8 @@ from brickhub.robot import Robot
 PROTOCOL_VERSION = 1
 MAGIC = 0xA5
 NOTIFICATION_BYTES = 19
-"""Payload of one notification, on every hub; a longer answer takes a further connection interval."""
+"""Payload of one notification, on every hub; a longer answer takes a further connection
+interval."""
 WRITE_BYTES = 20
 """Largest write that every hub's standard input buffer accepts."""
 APP_DATA_BYTES = WRITE_BYTES + 2
@@ -60,7 +62,13 @@ class ByeReason(enum.IntEnum):
     SILENCE = 2
 
 
-DOWN_PAYLOAD_BYTES: dict[int, int] = {Down.HELLO: 0, Down.STOP: 0, Down.READ: 1, Down.WATCHDOG: 2, Down.STREAM: 2}
+DOWN_PAYLOAD_BYTES: dict[int, int] = {
+    Down.HELLO: 0,
+    Down.STOP: 0,
+    Down.READ: 1,
+    Down.WATCHDOG: 2,
+    Down.STREAM: 2,
+}
 UP_PAYLOAD_BYTES: dict[int, int] = {Up.HELLO: 5, Up.BYE: 1}
 DATA_OVERHEAD = 3
 CONTROL_OVERHEAD = 4
@@ -142,29 +150,42 @@ class WireFormat:
         robot: the robot of the interface, see `Channel.is_wide`.
 
     Attributes:
-        action_format, answer_format: ``struct`` formats of the actions, and of an answer: the hub's clock and the channels.
-        down_frame_bytes, answer_bytes: size of a frame with actions, and of an answer's payload.
+        action_format, answer_format: ``struct`` formats of the actions, and of an answer: the hub's
+        clock and the channels. down_frame_bytes, answer_bytes: size of a frame with actions, and of
+        an answer's payload.
     """
 
     def __init__(self, interface: Interface, robot: Robot | None = None) -> None:
         self._commands, self._channels = interface.commands, interface.channels
         self._scales = [channel.scale for channel in interface.channels]
-        self.action_format, self._value_format = "<" + "h" * len(self._commands), "f" * len(self._scales)
+        self.action_format, self._value_format = (
+            "<" + "h" * len(self._commands),
+            "f" * len(self._scales),
+        )
         self._are_wide = [channel.is_wide(robot) for channel in interface.channels]
         self.answer_format = "<H" + "".join("i" if is_wide else "h" for is_wide in self._are_wide)
         self.down_frame_bytes = DATA_OVERHEAD + struct.calcsize(self.action_format)
         self.answer_bytes = struct.calcsize(self.answer_format)
 
     def encode_actions(self, values: Iterable[float]) -> bytes:
-        """Payload for the actions ``[n_commands]`` in the units of their names; values out of range saturate. Raises
-        EncodingError for a wrong number of values, or one that is not a number."""
-        numbers, names = [float(value) for value in values], [command.name for command in self._commands]
+        """Payload for the actions ``[n_commands]`` in the units of their names; values out of range
+        saturate. Raises EncodingError for a wrong number of values, or one that is not a number."""
+        numbers, names = (
+            [float(value) for value in values],
+            [command.name for command in self._commands],
+        )
         if len(numbers) != len(names):
-            raise EncodingError(f"got {len(numbers)} values for {len(names)} ({', '.join(names)}); give one for each")
+            raise EncodingError(
+                f"got {len(numbers)} values for {len(names)} ({', '.join(names)}); give one "
+                "for each"
+            )
         wire = []
         for number, command in zip(numbers, self._commands, strict=True):
             if number != number:
-                raise EncodingError(f"the value for '{command.name}' is not a number (NaN); look for what computed it")
+                raise EncodingError(
+                    f"the value for '{command.name}' is not a number (NaN); look for what "
+                    "computed it"
+                )
             wire.append(round(min(max(number * command.scale, _INT16_LOW), _INT16_HIGH)))
         return struct.pack(self.action_format, *wire)
 
@@ -174,7 +195,8 @@ class WireFormat:
         return int.from_bytes(payload[:2], "little")
 
     def decode_answer(self, payload: bytes) -> tuple[int, tuple[float, ...]]:
-        """Hub's clock (0..65535 ms) and the channels ``[n_channels]`` in their units, rounded to float32."""
+        """Hub's clock (0..65535 ms) and the channels ``[n_channels]`` in their units, rounded to
+        float32."""
         time_ms, *numbers = struct.unpack(self.answer_format, payload)
         values = map(operator.truediv, numbers, self._scales)
         return time_ms, struct.unpack(self._value_format, struct.pack(self._value_format, *values))
@@ -183,13 +205,18 @@ class WireFormat:
         """Names of the channels of an answer that are at an end of what 16 bits hold, or beyond."""
         _, *numbers = struct.unpack(self.answer_format, payload)
         parts = zip(numbers, self._are_wide, self._channels, strict=True)
-        return [channel.name for number, is_wide, channel in parts if number in _INT16_ENDS and not is_wide]
+        return [
+            channel.name
+            for number, is_wide, channel in parts
+            if number in _INT16_ENDS and not is_wide
+        ]
 
 
 class FrameDecoder:
     """Decoder of frames in a stream of bytes, with any other bytes between them.
 
-    After garbage, it finds the second data frame at the latest, and every intact one before the garbage. It never raises.
+    After garbage, it finds the second data frame at the latest, and every intact one before the
+    garbage. It never raises.
 
     Attributes:
         crc_errors: candidates for a frame with a wrong CRC.
@@ -200,13 +227,16 @@ class FrameDecoder:
         self.crc_errors = 0
         self.skipped_bytes = 0
         self._data_size = DATA_OVERHEAD + data_payload_bytes
-        self._control_sizes = {kind: CONTROL_OVERHEAD + size for kind, size in control_payload_bytes.items()}
+        self._control_sizes = {
+            kind: CONTROL_OVERHEAD + size for kind, size in control_payload_bytes.items()
+        }
         self._buffer = bytearray()
         self._text = bytearray()
 
     @property
     def text(self) -> str:
-        """The last skipped bytes as text: a failing program prints its traceback between the frames."""
+        """The last skipped bytes as text: a failing program prints its traceback between the
+        frames."""
         return self._text.decode("utf-8", "replace")
 
     def feed(self, data: bytes) -> list[Frame]:
@@ -228,7 +258,11 @@ class FrameDecoder:
             candidate = bytes(buffer[start : start + size])
             if size and crc8(candidate) == 0:
                 seq = candidate[1]
-                frames.append(DataFrame(seq, candidate[2:-1]) if seq else ControlFrame(candidate[2], candidate[3:-1]))
+                frames.append(
+                    DataFrame(seq, candidate[2:-1])
+                    if seq
+                    else ControlFrame(candidate[2], candidate[3:-1])
+                )
                 start += size
             else:
                 self.crc_errors += size > 0
@@ -238,7 +272,8 @@ class FrameDecoder:
         return frames
 
     def _frame_size(self, start: int) -> int:
-        """Length of the frame that begins here, 0 if none can; while unknown, more than the available bytes."""
+        """Length of the frame that begins here, 0 if none can; while unknown, more than the
+        available bytes."""
         head = self._buffer[start : start + 3]
         if len(head) < 2:
             return 2

@@ -12,25 +12,30 @@ class Pipe(enum.Enum):
     """Channel for the bytes to a program and back."""
 
     STDIN = "stdin"
-    """Standard input and output: a queue. A write that does not fit the hub's buffer is refused and retried."""
+    """Standard input and output: a queue. A write that does not fit the hub's buffer is refused and
+    retried."""
     APP_DATA = "app-data"
     """AppData: a buffer that every write overwrites, so that nothing queues."""
 
 
 def app_data_slot(count: int, frame: bytes) -> bytes:
-    """Content of the program's AppData buffer for a frame; a changed ``count`` (1..255) marks it as new."""
+    """Content of the program's AppData buffer for a frame; a changed ``count`` (1..255) marks it as
+    new."""
     return bytes((count, len(frame))) + frame
 
 
 def as_typed(data: bytes | str) -> bytes:
-    """Bytes of input; lines of text end with the Enter key, CR, for which ``input()`` waits on a hub. Bytes that are no UTF-8 are
-    surrogate escapes in text."""
-    return data.replace("\n", "\r").encode(errors="surrogateescape") if isinstance(data, str) else data
+    """Bytes of input; lines of text end with the Enter key, CR, for which ``input()`` waits on a
+    hub. Bytes that are no UTF-8 are surrogate escapes in text."""
+    return (
+        data.replace("\n", "\r").encode(errors="surrogateescape") if isinstance(data, str) else data
+    )
 
 
 @dataclass(frozen=True)
 class HubModule:
-    """Module of a program: its name on the hub (``parts.arm``), its file (``parts/arm.py``), its source."""
+    """Module of a program: its name on the hub (``parts.arm``), its file (``parts/arm.py``), its
+    source."""
 
     name: str
     file: str
@@ -43,10 +48,11 @@ class HubProgram:
 
     Attributes:
         source: source of the main file.
-        hash: hash of the whole program, which its HELLO frame carries.
-        pipe, name: channel for its input and output; name of its file in tracebacks.
+        hash: hash of the whole program, which its HELLO frame carries. pipe, name: channel for its
+        input and output; name of its file in tracebacks.
         modules: modules that it imports.
-        says_hello: whether it begins with a HELLO frame, by which a transport recognises it on the hub.
+        says_hello: whether it begins with a HELLO frame, by which a transport recognises it on the
+            hub.
     """
 
     source: str
@@ -58,9 +64,11 @@ class HubProgram:
 
 
 class Transport(Protocol):
-    """Transport to one hub: virtual, over Bluetooth, or over USB. All methods but ``stop`` are called from one thread.
+    """Transport to one hub: virtual, over Bluetooth, or over USB. All methods but ``stop`` are
+    called from one thread.
 
-    All errors are ``HubError`` or its subclasses. ``close`` stops the program; it may be called in any state and repeatedly.
+    All errors are ``HubError`` or its subclasses. ``close`` stops the program; it may be called in
+    any state and repeatedly.
     """
 
     def open(self) -> None:
@@ -76,7 +84,8 @@ class Transport(Protocol):
         """Next bytes from the program, or ``b""`` if none came in time."""
 
     def stop(self) -> None:
-        """Stop the program and with it the motors. May be called from any thread, even while another call is blocked."""
+        """Stop the program and with it the motors. May be called from any thread, even while
+        another call is blocked."""
 
     def close(self) -> None:
         """Stop and disconnect."""

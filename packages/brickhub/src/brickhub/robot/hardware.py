@@ -1,7 +1,8 @@
 """Hubs, motors and sensors of LEGO: one row for each kind, with what everybody needs to know of it.
 
-Sources: Pybricks 4, its documentation, the configurations of its firmware (``bricks/*/mpconfigport.h``), its list of devices
-(``lego_device_type_id_t``); sizes of stacks and frames from the firmware compiled for each hub with GCC 12 and ``-fstack-usage``.
+Sources: Pybricks 4, its documentation, the configurations of its firmware
+(``bricks/*/mpconfigport.h``), its list of devices (``lego_device_type_id_t``); sizes of stacks and
+frames from the firmware compiled for each hub with GCC 12 and ``-fstack-usage``.
 """
 
 import enum
@@ -18,7 +19,9 @@ class KindType(enum.EnumType):
         if name.startswith("_"):
             raise AttributeError(name)
         names = list(cls.__members__)
-        raise AttributeError(f"there is no {cls.__name__}.{name}{hint(name, names)}; choose {', '.join(names)}")
+        raise AttributeError(
+            f"there is no {cls.__name__}.{name}{hint(name, names)}; choose {', '.join(names)}"
+        )
 
 
 class _Kind(enum.Enum, metaclass=KindType):
@@ -38,29 +41,29 @@ class HubModel:
     """Properties of a kind of hub.
 
     Attributes:
-        class_name, alias: class in ``pybricks.hubs``, and its other name if it has one.
-        product_id: number by which it identifies itself to this computer.
-        machine: name and processor, as ``usys.implementation`` tells them.
-        ports: letters of the ports for motors and sensors.
-        own_motors: those at which it has motors of its own, and ``own_kind``: the name of their kind.
-        program_bytes: largest size of a user program, which is the memory for stored data and the heap too.
-        stdin_bytes: usable size of the standard input ring buffer up to Pybricks 4.0; 0 means no stdin.
-        packet_bytes: largest packet over Bluetooth (``PBDRV_BLUETOOTH_MAX_MTU_SIZE``, less 3), which the buffer takes since 4.1.
-        has_hub_network: whether its firmware has ``HubNetwork`` since Pybricks 4.1.
-        stack_bytes, call_bytes: size of the call stack, which is what static data leaves of the memory, and of a call's frame.
-        stored_bytes: user data, settings and slots.
-        storage_bytes: user data that ``hub.system.storage`` keeps.
-        product_us: time of a product of floats that is added to a sum. Nobody has measured it on a hub: inferred from five to
-            seven steps of byte code and two objects on the heap at 96 MHz, 8 to 15 us (a Prime hub runs about half the pystones
-            of a pyboard, pybricks/support#718 and micropython#4858); for others in proportion to their clocks.
-        has_imu: whether a gyroscope and an accelerometer report tilt and angular velocity.
-        has_accelerometer: whether there is an accelerometer only.
-        has_float: whether the hub's MicroPython has floating-point numbers; one without is small, and has no streams either.
+        class_name, alias: class in ``pybricks.hubs``, and its other name if it has one. product_id:
+        number by which it identifies itself to this computer. machine: name and processor, as
+        ``usys.implementation`` tells them. ports: letters of the ports for motors and sensors.
+        own_motors: those at which it has motors of its own, and ``own_kind``: the name of their
+        kind. program_bytes: largest size of a user program, which is the memory for stored data and
+        the heap too. stdin_bytes: usable size of the standard input ring buffer up to Pybricks 4.0;
+        0 means no stdin. packet_bytes: largest packet over Bluetooth
+        (``PBDRV_BLUETOOTH_MAX_MTU_SIZE``, less 3), which the buffer takes since 4.1.
+        has_hub_network: whether its firmware has ``HubNetwork`` since Pybricks 4.1. stack_bytes,
+        call_bytes: size of the call stack, which is what static data leaves of the memory, and of a
+        call's frame. stored_bytes: user data, settings and slots. storage_bytes: user data that
+        ``hub.system.storage`` keeps. product_us: time of a product of floats that is added to a
+        sum. Nobody has measured it on a hub: inferred from five to seven steps of byte code and two
+        objects on the heap at 96 MHz, 8 to 15 us (a Prime hub runs about half the pystones of a
+        pyboard, pybricks/support#718 and micropython#4858); for others in proportion to their
+        clocks. has_imu: whether a gyroscope and an accelerometer report tilt and angular velocity.
+        has_accelerometer: whether there is an accelerometer only. has_float: whether the hub's
+        MicroPython has floating-point numbers; one without is small, and has no streams either.
         has_display, has_speaker: whether there are a display of 5 x 5 pixels and a loudspeaker.
-        is_rechargeable: whether it has a lithium battery with a charger rather than cells.
-        buttons: names of its buttons.
-        peripherals: number of wireless devices that it can hold (``PBDRV_CONFIG_BLUETOOTH_NUM_PERIPHERALS``).
-        missing: builtin names, and classes of wireless devices, that its firmware leaves out.
+        is_rechargeable: whether it has a lithium battery with a charger rather than cells. buttons:
+        names of its buttons. peripherals: number of wireless devices that it can hold
+        (``PBDRV_CONFIG_BLUETOOTH_NUM_PERIPHERALS``). missing: builtin names, and classes of
+        wireless devices, that its firmware leaves out.
     """
 
     name: str
@@ -92,7 +95,8 @@ class HubModel:
 
     @property
     def runs_programs(self) -> bool:
-        """Whether a program of ours can run on it; a device that runs none only obeys its commands over Bluetooth."""
+        """Whether a program of ours can run on it; a device that runs none only obeys its commands
+        over Bluetooth."""
         return self.program_bytes > 0
 
 
@@ -186,14 +190,27 @@ class HubKind(_Kind):
         call_bytes=232,
         has_accelerometer=True,
         has_float=False,
-        missing=("bytearray", "complex", "enumerate", "float", "input", "memoryview", "open", "reversed", "set", *_RARE_DEVICES),
+        missing=(
+            "bytearray",
+            "complex",
+            "enumerate",
+            "float",
+            "input",
+            "memoryview",
+            "open",
+            "reversed",
+            "set",
+            *_RARE_DEVICES,
+        ),
     )
 
 
 class KitKind(_Kind):
-    """Devices of LEGO's kits of 2026 that carry a robot's motors as a hub does; ``class_name`` is that in LEGO's package.
+    """Devices of LEGO's kits of 2026 that carry a robot's motors as a hub does; ``class_name`` is
+    that in LEGO's package.
 
-    The robot's other devices are on the other ports, over the air: each motor a Single Motor, each color sensor a Color Sensor.
+    The robot's other devices are on the other ports, over the air: each motor a Single Motor, each
+    color sensor a Color Sensor.
     """
 
     model: HubModel
@@ -211,7 +228,12 @@ class KitKind(_Kind):
     )
     """Its left motor is on port A, its right one on port B."""
     SINGLE_MOTOR = replace(
-        DOUBLE_MOTOR, name="single-motor", class_name="SingleMotor", product_id=512, own_motors="A", has_imu=False
+        DOUBLE_MOTOR,
+        name="single-motor",
+        class_name="SingleMotor",
+        product_id=512,
+        own_motors="A",
+        has_imu=False,
     )
 
 
@@ -221,13 +243,15 @@ AnyHub = HubKind | KitKind
 
 @dataclass(frozen=True)
 class MotorModel:
-    """Properties of a kind of motor; its model in the firmware is in ``virtual/firmware/motor_model.py``.
+    """Properties of a kind of motor; its model in the firmware is in
+    ``virtual/firmware/motor_model.py``.
 
     Attributes:
         device_id: number by which it identifies itself to a hub.
-        like: name of the kind that it is in another colour, if so; for one without encoder, the kind that a twin takes for it, as
-            the firmware has no model of it.
-        case: name of the kind whose case a twin gives it, if it has none of its own, as one inside of a hub.
+        like: name of the kind that it is in another colour, if so; for one without encoder, the
+            kind that a twin takes for it, as the firmware has no model of it.
+        case: name of the kind whose case a twin gives it, if it has none of its own, as one inside
+            of a hub.
         is_absolute: whether its rotation sensor knows the shaft's angle after plugging in.
         has_encoder: whether it has a rotation sensor; without one, it takes only a duty cycle.
     """
@@ -288,14 +312,17 @@ REMOTE_BUTTONS = ("left_plus", "left", "left_minus", "right_plus", "right", "rig
 
 @dataclass(frozen=True)
 class SensorModel:
-    """Properties of a kind of sensor or light; its modes are in ``virtual/pybricks/device_modes.py``.
+    """Properties of a kind of sensor or light; its modes are in
+    ``virtual/pybricks/device_modes.py``.
 
     Attributes:
         device_id: number by which it identifies itself to a hub.
         senses: what it senses; a scene names the first one by the sensor alone. Empty for a light.
         readings: methods that return measurements, as numbers or booleans, for a ``SensorReading``.
-        range_mm: least and largest distance in mm, for a ``Distance``; ``None`` for a sensor that does not measure millimetres.
-        light: call that sets the brightness of its light in %, for a ``LightBrightness``; empty without one.
+        range_mm: least and largest distance in mm, for a ``Distance``; ``None`` for a sensor that
+            does not measure millimetres.
+        light: call that sets the brightness of its light in %, for a ``LightBrightness``; empty
+            without one.
     """
 
     name: str
@@ -311,13 +338,24 @@ class SensorKind(_Kind):
 
     model: SensorModel
 
-    ULTRASONIC = SensorModel("UltrasonicSensor", 62, (Sense.DISTANCE,), range_mm=(40, 2000), light="lights.on")
-    COLOR = SensorModel("ColorSensor", 61, (Sense.SURFACE, Sense.AMBIENT), ("reflection", "ambient", "hsv"))
-    COLOR_DISTANCE = SensorModel(
-        "ColorDistanceSensor", 37, (Sense.SURFACE, Sense.DISTANCE, Sense.AMBIENT), ("reflection", "ambient", "hsv", "distance")
+    ULTRASONIC = SensorModel(
+        "UltrasonicSensor", 62, (Sense.DISTANCE,), range_mm=(40, 2000), light="lights.on"
     )
-    FORCE = SensorModel("ForceSensor", 63, (Sense.FORCE,), ("force", "distance", "pressed", "touched"))
-    INFRARED = SensorModel("InfraredSensor", 35, (Sense.DISTANCE, Sense.COUNT), ("reflection", "distance", "count"))
+    COLOR = SensorModel(
+        "ColorSensor", 61, (Sense.SURFACE, Sense.AMBIENT), ("reflection", "ambient", "hsv")
+    )
+    COLOR_DISTANCE = SensorModel(
+        "ColorDistanceSensor",
+        37,
+        (Sense.SURFACE, Sense.DISTANCE, Sense.AMBIENT),
+        ("reflection", "ambient", "hsv", "distance"),
+    )
+    FORCE = SensorModel(
+        "ForceSensor", 63, (Sense.FORCE,), ("force", "distance", "pressed", "touched")
+    )
+    INFRARED = SensorModel(
+        "InfraredSensor", 35, (Sense.DISTANCE, Sense.COUNT), ("reflection", "distance", "count")
+    )
     TILT = SensorModel("TiltSensor", 34, (Sense.TILT,), ("tilt",))
     LIGHT = SensorModel("Light", 8, light="on")
     COLOR_LIGHT_MATRIX = SensorModel("ColorLightMatrix", 64)

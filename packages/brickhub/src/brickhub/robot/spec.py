@@ -1,4 +1,5 @@
-"""Description of a LEGO robot: hub, ports, motors, sensors, drive base. Pure, frozen, validated data."""
+"""Description of a LEGO robot: hub, ports, motors, sensors, drive base. Pure, frozen, validated
+data."""
 
 import enum
 import functools
@@ -27,15 +28,16 @@ class Motor:
 
     Attributes:
         port: port of the hub; "" takes the one of that name in the robot's plan.
-        gears: teeth from the motor to the output, as in Pybricks, e.g. ``(20, 60)``. Empty takes those of the robot's plan, if
-            any; ``(1, 1)`` means the motor's shaft.
+        gears: teeth from the motor to the output, as in Pybricks, e.g. ``(20, 60)``. Empty takes
+            those of the robot's plan, if any; ``(1, 1)`` means the motor's shaft.
         range_deg: range that the hub clamps every target to; ``None`` for endless rotation.
-        end_stops_deg: lowest and highest angle at which what the motor drives meets something, so that it stalls there; ``None``
-            if nothing is known. A virtual robot stops there; a real one has its own. Angles as in ``range_deg``.
-        speed_limit_deg_s, acceleration_deg_s2, torque_limit_mnm: arguments of ``Motor.control.limits``; ``None`` keeps the
-            firmware's default.
-        zero_deg: output angle, after the hub is switched on, at which our angle is 0. It depends on how the motor is mounted;
-            `brickhub calibrate` finds it.
+        end_stops_deg: lowest and highest angle at which what the motor drives meets something, so
+            that it stalls there; ``None`` if nothing is known. A virtual robot stops there; a real
+            one has its own. Angles as in ``range_deg``. speed_limit_deg_s, acceleration_deg_s2,
+            torque_limit_mnm: arguments of ``Motor.control.limits``; ``None`` keeps the firmware's
+            default.
+        zero_deg: output angle, after the hub is switched on, at which our angle is 0. It depends on
+            how the motor is mounted; `brickhub calibrate` finds it.
     """
 
     name: str
@@ -57,7 +59,8 @@ class Motor:
 
     @property
     def shaft_turns(self) -> float:
-        """Clockwise turns of the motor's shaft per turn of the output; negative if the motor counts up counterclockwise."""
+        """Clockwise turns of the motor's shaft per turn of the output; negative if the motor counts
+        up counterclockwise."""
         ratio = self.gears[-1] / self.gears[0] if self.gears else 1.0
         return ratio * self.direction.value
 
@@ -65,20 +68,29 @@ class Motor:
         _check_device(self)
         if len(self.gears) == 1 or any(teeth < 1 for teeth in self.gears):
             raise DescriptionError(
-                f"motor '{self.name}': gears {self.gears} are not a train; give the teeth from motor to output, e.g. (20, 60)"
+                f"motor '{self.name}': gears {self.gears} are not a train; give the teeth from "
+                "motor to output, e.g. (20, 60)"
             )
         if self.range_deg is not None and self.range_deg[0] >= self.range_deg[1]:
-            raise DescriptionError(f"motor '{self.name}': range {self.range_deg} is empty; give (lowest, highest) in degrees")
+            raise DescriptionError(
+                f"motor '{self.name}': range {self.range_deg} is empty; give (lowest, highest) "
+                "in degrees"
+            )
         if self.end_stops_deg is not None and not self.end_stops_deg[0] < self.end_stops_deg[1]:
             raise DescriptionError(
-                f"motor '{self.name}': end stops {self.end_stops_deg} leave no way; give (lowest, highest) in degrees"
+                f"motor '{self.name}': end stops {self.end_stops_deg} leave no way; give (lowest, "
+                "highest) in degrees"
             )
         for field in ("speed_limit_deg_s", "acceleration_deg_s2", "torque_limit_mnm", "range_deg"):
             value = getattr(self, field)
             if value is not None and not self.kind.model.has_encoder:
-                raise DescriptionError(f"motor '{self.name}': a {self.kind.value} motor has no encoder; omit {field}")
+                raise DescriptionError(
+                    f"motor '{self.name}': a {self.kind.value} motor has no encoder; omit {field}"
+                )
             if isinstance(value, int) and value < 1:
-                raise DescriptionError(f"motor '{self.name}': {field} is {value}; give a positive number or None")
+                raise DescriptionError(
+                    f"motor '{self.name}': {field} is {value}; give a positive number or None"
+                )
 
 
 LOOKS: dict[str, tuple[float, float, float]] = {
@@ -95,11 +107,12 @@ HUB_FLAT = ("up", "ahead")
 
 @dataclass(frozen=True)
 class Mount:
-    """Mount of a sensor on a driving robot, for its virtual body; a real robot ignores it. Raises DescriptionError if position or
-    direction is invalid.
+    """Mount of a sensor on a driving robot, for its virtual body; a real robot ignores it. Raises
+    DescriptionError if position or direction is invalid.
 
     Attributes:
-        at_mm: position of its eye, or its button: ahead of the middle of the axle, to the left of it, and above the floor.
+        at_mm: position of its eye, or its button: ahead of the middle of the axle, to the left of
+            it, and above the floor.
         looks: viewing direction, one of ``LOOKS``.
     """
 
@@ -109,9 +122,14 @@ class Mount:
     def __post_init__(self) -> None:
         check_fields(Mount, vars(self))
         if self.looks not in LOOKS:
-            raise DescriptionError(f"a sensor cannot look '{self.looks}'; choose {', '.join(LOOKS)}")
+            raise DescriptionError(
+                f"a sensor cannot look '{self.looks}'; choose {', '.join(LOOKS)}"
+            )
         if not all(math.isfinite(value) for value in self.at_mm) or self.at_mm[2] <= 0:
-            raise DescriptionError(f"a sensor cannot sit at {self.at_mm}; give mm ahead, to the left and above the floor")
+            raise DescriptionError(
+                f"a sensor cannot sit at {self.at_mm}; give mm ahead, to the left and above "
+                "the floor"
+            )
 
 
 @dataclass(frozen=True)
@@ -147,7 +165,11 @@ Sensor = UltrasonicSensor | PoweredUpSensor
 
 def sensor_of(kind: SensorKind, name: str, port: str) -> Sensor:
     """Description of a sensor by its kind, as a user writes it."""
-    return UltrasonicSensor(name, port) if kind is UltrasonicSensor.kind else PoweredUpSensor(name, port, kind)
+    return (
+        UltrasonicSensor(name, port)
+        if kind is UltrasonicSensor.kind
+        else PoweredUpSensor(name, port, kind)
+    )
 
 
 _Device = TypeVar("_Device", Motor, Sensor)
@@ -155,7 +177,8 @@ _Device = TypeVar("_Device", Motor, Sensor)
 
 @dataclass(frozen=True)
 class DriveBase:
-    """Drive base of two named motors. A wheel diameter or axle track of 0 is taken from the robot's plan."""
+    """Drive base of two named motors. A wheel diameter or axle track of 0 is taken from the robot's
+    plan."""
 
     left: str
     right: str
@@ -165,9 +188,13 @@ class DriveBase:
     def __post_init__(self) -> None:
         check_fields(DriveBase, vars(self))
         if self.left == self.right:
-            raise DescriptionError(f"drive base: left and right are both '{self.left}'; name two motors")
+            raise DescriptionError(
+                f"drive base: left and right are both '{self.left}'; name two motors"
+            )
         if self.wheel_diameter_mm < 0 or self.axle_track_mm < 0:
-            raise DescriptionError("drive base: wheel diameter and axle track must be positive millimetres")
+            raise DescriptionError(
+                "drive base: wheel diameter and axle track must be positive millimetres"
+            )
 
     def turn_deg(self, distance_mm: float) -> float:
         """Angle that the wheels turn by over a distance."""
@@ -176,8 +203,8 @@ class DriveBase:
 
 @dataclass(frozen=True)
 class Chassis:
-    """Chassis of a driving robot, for its virtual body; positions in mm ahead of the middle of the axle, and to the left of it.
-    Raises DescriptionError if a value is invalid.
+    """Chassis of a driving robot, for its virtual body; positions in mm ahead of the middle of the
+    axle, and to the left of it. Raises DescriptionError if a value is invalid.
 
     Attributes:
         hub_mm: middle of the hub; ``None`` for slightly behind the axle.
@@ -192,29 +219,38 @@ class Chassis:
     def __post_init__(self) -> None:
         check_fields(Chassis, vars(self))
         numbers = (*(self.hub_mm or (0.0, 0.0)), *self.caster_mm, self.ballast_g)
-        if not all(math.isfinite(number) for number in numbers) or self.ballast_g < 0 or abs(self.caster_mm[0]) < 20:
+        if (
+            not all(math.isfinite(number) for number in numbers)
+            or self.ballast_g < 0
+            or abs(self.caster_mm[0]) < 20
+        ):
             raise DescriptionError(
-                f"a chassis with its caster at {self.caster_mm} mm and {self.ballast_g} g; put the caster 20 mm or more before "
+                f"a chassis with its caster at {self.caster_mm} mm and {self.ballast_g} g; put "
+                "the caster 20 mm or more before "
                 "or behind the axle, and give 0 g or more"
             )
 
 
 @dataclass(frozen=True)
 class Robot:
-    """Description of a robot: one hub, or a device of LEGO's kits in its place, with its devices. Raises DescriptionError if the
-    description is invalid.
+    """Description of a robot: one hub, or a device of LEGO's kits in its place, with its devices.
+    Raises DescriptionError if the description is invalid.
 
     Attributes:
-        hub_sides: where the hub's top and its front, with the USB port, look: names of :data:`LOOKS`. By default as in the plan,
-            or ``("up", "ahead")``. The IMU's values are along the robot's axes, however the hub is mounted.
-        model: MuJoCo model of a virtual robot: ``"package.module:function"``, which is called with the robot and its scene and
-            returns an ``MjSpec``, or the path of an MJCF file (see ``bricktwin.twin.models.load``) or of a building plan.
-            Without a model, a robot with a drive base gets a generated body, and any other one is a bench.
-        plan: path of the building plan, an LDraw file. It completes this description: missing motors and sensors, ports that are
-            "", gears, wheel diameter and axle track; and it is the model if there is none.
+        hub_sides: where the hub's top and its front, with the USB port, look: names of
+            :data:`LOOKS`. By default as in the plan, or ``("up", "ahead")``. The IMU's values are
+            along the robot's axes, however the hub is mounted.
+        model: MuJoCo model of a virtual robot: ``"package.module:function"``, which is called with
+            the robot and its scene and returns an ``MjSpec``, or the path of an MJCF file (see
+            ``bricktwin.twin.models.load``) or of a building plan. Without a model, a robot with a
+            drive base gets a generated body, and any other one is a bench.
+        plan: path of the building plan, an LDraw file. It completes this description: missing
+            motors and sensors, ports that are "", gears, wheel diameter and axle track; and it is
+            the model if there is none.
         chassis: chassis of the generated body of a drive base without model and plan.
-        mirrored: of a body whose left and right sides are alike, the pairs of motors, or of sensors, that change places in a
-            mirror. A motor that is paired with itself turns the other way there; one in no pair turns as it does.
+        mirrored: of a body whose left and right sides are alike, the pairs of motors, or of
+            sensors, that change places in a mirror. A motor that is paired with itself turns the
+            other way there; one in no pair turns as it does.
     """
 
     name: str
@@ -236,22 +272,33 @@ class Robot:
             object.__setattr__(self, field, tuple(value) if isinstance(value, list) else value)
         check_fields(Robot, vars(self))
         if self.plan is not None:
-            for field, value in zip(("motors", "sensors", "drive_base", "hub_sides"), _completion()(self), strict=True):
+            for field, value in zip(
+                ("motors", "sensors", "drive_base", "hub_sides"), _completion()(self), strict=True
+            ):
                 object.__setattr__(self, field, value)
         if not self.hub_sides:
             object.__setattr__(self, "hub_sides", HUB_FLAT)
         known = [LOOKS[side] for side in self.hub_sides if side in LOOKS]
-        if len(self.hub_sides) != 2 or len(known) != 2 or sum(a * b for a, b in zip(*known, strict=True)):
+        if (
+            len(self.hub_sides) != 2
+            or len(known) != 2
+            or sum(a * b for a, b in zip(*known, strict=True))
+        ):
             remedy = f'give two of {", ".join(LOOKS)} at right angles, such as ("up", "ahead")'
             raise self._error(f"the hub's top and front cannot look {self.hub_sides}; {remedy}")
         if self.hub_sides != HUB_FLAT and not self.needs_imu:
             raise self._error("only the IMU depends on hub_sides; omit them, or say needs_imu=True")
         self._check_devices()
         if self.needs_imu and not self.hub.model.has_imu:
-            raise self._error(f"a {self.hub.value} hub has no IMU; choose a prime, essential or technic hub")
+            raise self._error(
+                f"a {self.hub.value} hub has no IMU; choose a prime, essential or technic hub"
+            )
         if self.drive_base is not None:
             if not (self.drive_base.wheel_diameter_mm and self.drive_base.axle_track_mm):
-                raise self._error("its drive base has no wheel diameter or no axle track; say both in mm, or name a plan")
+                raise self._error(
+                    "its drive base has no wheel diameter or no axle track; say both in mm, or "
+                    "name a plan"
+                )
             left, right = self.motor(self.drive_base.left), self.motor(self.drive_base.right)
             if left.gears != right.gears:
                 raise self._error("both motors of a drive base need the same gears")
@@ -262,31 +309,57 @@ class Robot:
 
     def _check_devices(self) -> None:
         devices: tuple[Motor | Sensor, ...] = (*self.motors, *self.sensors)
-        for kind, keys in (("port", [d.port for d in devices]), ("name", [d.name for d in devices])):
+        for kind, keys in (
+            ("port", [d.port for d in devices]),
+            ("name", [d.name for d in devices]),
+        ):
             for key, count in Counter(keys).items():
                 if count > 1:
-                    raise self._error(f"{kind} {key} is used {count} times; give each device its own")
+                    raise self._error(
+                        f"{kind} {key} is used {count} times; give each device its own"
+                    )
         for device in devices:
             if not device.port:
                 raise self._error(f"'{device.name}' has no port; say it, or name a plan that does")
             if len(device.port) != 1 or device.port not in self.hub.model.ports:
                 ports = f"a {self.hub.value} hub has ports {', '.join(self.hub.model.ports)}"
-                raise self._error(f"'{device.name}' is on port {device.port}, but {ports}; move it or choose another hub")
+                raise self._error(
+                    f"'{device.name}' is on port {device.port}, but {ports}; move it or choose "
+                    "another hub"
+                )
 
     def _check_mirror(self) -> None:
         known = [device.name for device in (*self.motors, *self.sensors)]
         named = Counter(name for pair in self.mirrored for name in dict.fromkeys(pair))
         for name, count in named.items():
             if name not in known or count > 1:
-                raise self._error(f"mirrored names '{name}' {count} times; it may name each motor and sensor of the robot once")
+                raise self._error(
+                    f"mirrored names '{name}' {count} times; it may name each motor and sensor of "
+                    "the robot once"
+                )
         for pair in self.mirrored:
-            sorts = {("motor", motor.kind, motor.gears) for motor in self.motors if motor.name in pair}
-            if len(sorts | {("sensor", sensor.kind, ()) for sensor in self.sensors if sensor.name in pair}) > 1:
-                raise self._error(f"{pair[0]} and {pair[1]} are no mirror images; pair two of the same kind, with the same gears")
+            sorts = {
+                ("motor", motor.kind, motor.gears) for motor in self.motors if motor.name in pair
+            }
+            if (
+                len(
+                    sorts
+                    | {
+                        ("sensor", sensor.kind, ())
+                        for sensor in self.sensors
+                        if sensor.name in pair
+                    }
+                )
+                > 1
+            ):
+                raise self._error(
+                    f"{pair[0]} and {pair[1]} are no mirror images; pair two of the same kind, "
+                    "with the same gears"
+                )
 
     def in_mirror(self, name: str) -> tuple[str, int]:
-        """The motor or sensor in whose place a device is in a mirror from left to right, and the factor of its angle there. A
-        mirror image turns the other way, seen from its shaft."""
+        """The motor or sensor in whose place a device is in a mirror from left to right, and the
+        factor of its angle there. A mirror image turns the other way, seen from its shaft."""
         pairs = dict(self.mirrored) | {second: first for first, second in self.mirrored}
         other = pairs.get(name, name)
         directions = [motor.direction for motor in self.motors if motor.name in (name, other)]
@@ -304,23 +377,31 @@ class Robot:
 
 @functools.cache
 def _completion() -> Callable[[Robot], tuple[Any, ...]]:
-    """Function that reads a robot's plan: the entry point ``complete`` of the group ``brickhub.plan``."""
+    """Function that reads a robot's plan: the entry point ``complete`` of the group
+    ``brickhub.plan``."""
     for point in metadata.entry_points(group="brickhub.plan", name="complete"):
         complete: Callable[[Robot], tuple[Any, ...]] = point.load()
         return complete
-    raise DescriptionError("a building plan is read by bricktwin, which is not installed; run `pip install bricktwin`")
+    raise DescriptionError(
+        "a building plan is read by bricktwin, which is not installed; run `pip install bricktwin`"
+    )
 
 
 def _check_device(device: Motor | Sensor) -> None:
     _check_name(device.name)
     if not isinstance(device.port, str):
-        raise DescriptionError(f"'{device.name}' is on port {device.port!r}; give the port's letter, such as 'A'")
+        raise DescriptionError(
+            f"'{device.name}' is on port {device.port!r}; give the port's letter, such as 'A'"
+        )
     check_fields(type(device), vars(device))
 
 
 def _check_name(name: str) -> None:
     if not isinstance(name, str) or not name.isidentifier():
-        raise DescriptionError(f"'{name}' is not a name; use letters, digits and underscores, not starting with a digit")
+        raise DescriptionError(
+            f"'{name}' is not a name; use letters, digits and underscores, not starting "
+            "with a digit"
+        )
 
 
 def _find_device(robot: Robot, kind: str, devices: tuple[_Device, ...], name: str) -> _Device:
@@ -332,15 +413,23 @@ def _find_device(robot: Robot, kind: str, devices: tuple[_Device, ...], name: st
 
 
 def with_end_stops(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) -> Robot:
-    """The robot whose motors of these names meet something at these angles (deg of the output). Raises DescriptionError if it has
-    no such motor, or the stops leave no way."""
+    """The robot whose motors of these names meet something at these angles (deg of the output).
+    Raises DescriptionError if it has no such motor, or the stops leave no way."""
     if not end_stops:
         return robot
     for name in end_stops:
         robot.motor(name)
-    motors = (replace(motor, end_stops_deg=end_stops.get(motor.name, motor.end_stops_deg)) for motor in robot.motors)
+    motors = (
+        replace(motor, end_stops_deg=end_stops.get(motor.name, motor.end_stops_deg))
+        for motor in robot.motors
+    )
     return replace(robot, motors=tuple(motors))
 
 
-BENCH = Robot("bench", HubKind.PRIME, tuple(Motor(f"motor_{port.lower()}", port) for port in "ABCDEF"), needs_imu=True)
+BENCH = Robot(
+    "bench",
+    HubKind.PRIME,
+    tuple(Motor(f"motor_{port.lower()}", port) for port in "ABCDEF"),
+    needs_imu=True,
+)
 """A bare Prime hub with an unloaded medium motor on every port."""

@@ -1,7 +1,8 @@
 """Virtual hub: a Pybricks hub in software and simulated time, with any body as its robot.
 
-It runs a LEGO hub's program: MicroPython's dialect, Pybricks' modules, the firmware's motor control. Motors and sensors belong to
-a :class:`Body`: motors without load (:class:`BenchBody`), or a twin of ``bricktwin.twin``.
+It runs a LEGO hub's program: MicroPython's dialect, Pybricks' modules, the firmware's motor
+control. Motors and sensors belong to a :class:`Body`: motors without load (:class:`BenchBody`), or
+a twin of ``bricktwin.twin``.
 """
 
 from __future__ import annotations
@@ -17,7 +18,12 @@ if TYPE_CHECKING:
 
 __all__ = ["BenchBody", "Body", "VirtualHub", "run_file"]
 
-_MODULES = {"BenchBody": "bench_body", "Body": "body", "VirtualHub": "virtual_transport", "run_file": "run"}
+_MODULES = {
+    "BenchBody": "bench_body",
+    "Body": "body",
+    "VirtualHub": "virtual_transport",
+    "run_file": "run",
+}
 
 
 def __getattr__(name: str) -> Any:

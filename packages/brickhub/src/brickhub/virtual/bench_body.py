@@ -1,7 +1,9 @@
-"""Bench: a robot that is not assembled, of given motors and sensors, or of those that a program uses.
+"""Bench: a robot that is not assembled, of given motors and sensors, or of those that a program
+uses.
 
-The motor model is that of the firmware's test build (``motor_driver_virtual_simulation.c``, v4): a medium angular motor in steps
-of 1 ms with the states angle, speed and current, used for every kind of motor. It brakes also when it should coast.
+The motor model is that of the firmware's test build (``motor_driver_virtual_simulation.c``, v4): a
+medium angular motor in steps of 1 ms with the states angle, speed and current, used for every kind
+of motor. It brakes also when it should coast.
 """
 
 import math
@@ -23,11 +25,17 @@ _MAX_DUTY = 1000  # steps of the PWM (``PBDRV_MOTOR_DRIVER_MAX_DUTY``)
 _NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
 _STALL_TRAVEL_MDEG = 90_000.0
 _HEADING_PER_WHEEL = 0.25  # wheels of 56 mm, 112 mm apart
-_DEFAULTS: Mapping[Sense, Sensed] = {**DEFAULT_STIMULI, Sense.SURFACE: (0.0, 0.0, 0.0), Sense.FORCE: 0.0, Sense.TILT: (0.0, 0.0)}
+_DEFAULTS: Mapping[Sense, Sensed] = {
+    **DEFAULT_STIMULI,
+    Sense.SURFACE: (0.0, 0.0, 0.0),
+    Sense.FORCE: 0.0,
+    Sense.TILT: (0.0, 0.0),
+}
 
 
 class BenchMotor:
-    """Motor: angle in mdeg, speed in mdeg/s, current in 0.1 mA, voltage in mV, end ``stops`` in mdeg."""
+    """Motor: angle in mdeg, speed in mdeg/s, current in 0.1 mA, voltage in mV, end ``stops`` in
+    mdeg."""
 
     __slots__ = ("angle", "current", "speed", "stops", "voltage")
 
@@ -38,30 +46,48 @@ class BenchMotor:
     def step(self, friction_unm: float) -> None:
         """One millisecond."""
         v, i, u = self.speed, self.current, self.voltage
-        # In the firmware's order of operations, which decides the last digit of a drive base's angle.
+        # In the firmware's order of operations, which decides the last digit of a drive base's
+        # angle.
         linear_below = _FRICTION_LINEAR_BELOW_MDEG_S
-        torque = friction_unm if v > linear_below else -friction_unm if v < -linear_below else friction_unm * v / linear_below
+        torque = (
+            friction_unm
+            if v > linear_below
+            else -friction_unm
+            if v < -linear_below
+            else friction_unm * v / linear_below
+        )
         if self.stops is not None:
             excess = self.angle - max(self.stops[0], min(self.angle, self.stops[1]))
             if excess:
                 torque += excess * _STOP_UNM_PER_MDEG + v * _STOP_UNM_PER_MDEG_S
         angle = self.angle + v * 0.0009981527613056019 + i * 0.001957577848006867
         self.angle = angle + u * 0.0002818172865566039 + torque * -9.498678309037282e-05
-        self.speed = v * 0.994653578576391 + i * 3.640640918794361 + u * 0.815657436669528 + torque * -0.18980175337809
+        self.speed = (
+            v * 0.994653578576391
+            + i * 3.640640918794361
+            + u * 0.815657436669528
+            + torque * -0.18980175337809
+        )
         self.current = (
-            v * -0.0021977502690683696 + i * 0.6348769647439378 + u * 0.335291816502189 + torque * 0.0002247101788128779
+            v * -0.0021977502690683696
+            + i * 0.6348769647439378
+            + u * 0.335291816502189
+            + torque * 0.0002247101788128779
         )
 
 
 class BenchBody:
-    """A robot that is not assembled: motors turn freely, the hub lies still and level, nothing is in sight.
+    """A robot that is not assembled: motors turn freely, the hub lies still and level, nothing is
+    in sight.
 
     Args:
         robot: hub, motors and sensors.
-        readings: readings of the sensors, by name, as functions of the angles of the motors (deg at the output, by name). The
-            name of a sensor, such as ``"light"``, is that of its first quantity, ``"light.ambient"`` of another one. An
-            ultrasonic sensor without a reading sees nothing.
-        end_stops: lowest and highest angle (deg at the output) at which a motor is blocked, by name.
+        readings: readings of the sensors, by name, as functions of the angles of the motors (deg at
+            the output, by name). The name of a sensor, such as ``"light"``, is that of its first
+            quantity, ``"light.ambient"`` of another one. An ultrasonic sensor without a reading
+            sees nothing.
+        end_stops: lowest and highest angle (deg at the output) at which a motor is blocked, by
+            name.
 
     Attributes:
         battery_mv: voltage of the battery; at first that of the firmware's motor simulation.
@@ -87,7 +113,9 @@ class BenchBody:
         self.link = PROFILES[DEFAULT_LINK]
         self._readings = _readings_by_sense(robot, readings)
         self._kinds = {sensor.port: sensor.kind for sensor in robot.sensors}
-        self._outputs = [(motor.name, motor.port, 1000.0 * motor.shaft_turns) for motor in robot.motors]
+        self._outputs = [
+            (motor.name, motor.port, 1000.0 * motor.shaft_turns) for motor in robot.motors
+        ]
         stops = _end_stops_mdeg(robot, {**described_end_stops(robot), **end_stops})
         self._motors = {motor.port: BenchMotor(stops.get(motor.port)) for motor in robot.motors}
         self._time_ms = 0
@@ -119,10 +147,15 @@ class BenchBody:
         try:
             return reading({name: self.angle_mdeg(p) / scale for name, p, scale in self._outputs})
         except Exception as error:
-            line = error.__traceback__.tb_next.tb_lineno if error.__traceback__ and error.__traceback__.tb_next else 0
+            line = (
+                error.__traceback__.tb_next.tb_lineno
+                if error.__traceback__ and error.__traceback__.tb_next
+                else 0
+            )
             file = reading.__code__.co_filename if hasattr(reading, "__code__") else "its file"
             raise SceneError(
-                f"the scene's reading for port {port} of '{self.robot.name}' raised {type(error).__name__}: {error} "
+                f"the scene's reading for port {port} of '{self.robot.name}' raised "
+                f"{type(error).__name__}: {error} "
                 f"({file.rpartition('/')[2]}, line {line}); correct it"
             ) from error
 
@@ -146,24 +179,32 @@ class BenchBody:
 
 
 def described_end_stops(robot: Robot) -> dict[str, tuple[float, float]]:
-    """End stops of a description (deg of the output), by name of the motor. Raises TwinError if one does not begin at 0, where a
-    motor on the bench is."""
-    stops = {motor.name: motor.end_stops_deg for motor in robot.motors if motor.end_stops_deg is not None}
+    """End stops of a description (deg of the output), by name of the motor. Raises TwinError if one
+    does not begin at 0, where a motor on the bench is."""
+    stops = {
+        motor.name: motor.end_stops_deg for motor in robot.motors if motor.end_stops_deg is not None
+    }
     for name, (low, high) in stops.items():
         if not low <= 0.0 <= high:
             raise TwinError(
-                f"motor '{name}' of '{robot.name}' has end stops {low:g} and {high:g}, but starts at 0 on the bench; "
+                f"motor '{name}' of '{robot.name}' has end stops {low:g} and {high:g}, but starts "
+                "at 0 on the bench; "
                 "give the robot a model"
             )
     return stops
 
 
-def _end_stops_mdeg(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+def _end_stops_mdeg(
+    robot: Robot, end_stops: Mapping[str, tuple[float, float]]
+) -> dict[str, tuple[float, float]]:
     """End stops by port, as clockwise angles of the shaft in mdeg."""
     motors = {motor.name: motor for motor in robot.motors}
     unknown = sorted(set(end_stops) - set(motors))
     if unknown:
-        raise TwinError(f"robot '{robot.name}' has no motor '{unknown[0]}' for an end stop; it has {', '.join(motors) or 'none'}")
+        raise TwinError(
+            f"robot '{robot.name}' has no motor '{unknown[0]}' for an end stop; it has "
+            f"{', '.join(motors) or 'none'}"
+        )
     stops = {}
     for name, angles_deg in end_stops.items():
         scale = 1000.0 * motors[name].shaft_turns
@@ -172,35 +213,48 @@ def _end_stops_mdeg(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) 
     return stops
 
 
-def _readings_by_sense(robot: Robot, readings: Mapping[str, Reading]) -> dict[tuple[str, Sense], Reading]:
+def _readings_by_sense(
+    robot: Robot, readings: Mapping[str, Reading]
+) -> dict[tuple[str, Sense], Reading]:
     inputs = {}
     for sensor in robot.sensors:
         for index, sense in enumerate(sensor.kind.model.senses):
             inputs[f"{sensor.name}.{sense}" if index else sensor.name] = (sensor.port, sense)
     unknown = sorted(set(readings) - set(inputs))
     if unknown:
-        raise TwinError(f"robot '{robot.name}' has no sensor '{unknown[0]}'; it senses {', '.join(inputs) or 'nothing'}")
+        raise TwinError(
+            f"robot '{robot.name}' has no sensor '{unknown[0]}'; it senses "
+            f"{', '.join(inputs) or 'nothing'}"
+        )
     for sensor in robot.sensors:
-        if sensor.kind.model.senses and sensor.kind.model.range_mm is None and sensor.name not in readings:
+        if (
+            sensor.kind.model.senses
+            and sensor.kind.model.range_mm is None
+            and sensor.name not in readings
+        ):
             raise TwinError(
                 f"sensor '{sensor.name}' of robot '{robot.name}' has no reading; "
-                f"give readings={{'{sensor.name}': a function of the motors' angles}}, for a task in its Scene"
+                f"give readings={{'{sensor.name}': a function of the motors' angles}}, for a task "
+                "in its Scene"
             )
     return {inputs[name]: reading for name, reading in readings.items()}
 
 
 class FittedBench(BenchBody):
-    """A hub without devices until a program uses some, as the hub tells it; motors turn freely, sensors have given readings.
+    """A hub without devices until a program uses some, as the hub tells it; motors turn freely,
+    sensors have given readings.
 
-    With motors, the hub is mounted as the program says; alone, it lies flat. With a drive base, it turns as the wheels do.
-    Without one, the first two motors are wheels if they are of one kind and their positive directions are opposite. A motor that
-    runs until it stalls is blocked after 90 degrees. Raises TwinError if a reading is for a port that the hub does not have.
+    With motors, the hub is mounted as the program says; alone, it lies flat. With a drive base, it
+    turns as the wheels do. Without one, the first two motors are wheels if they are of one kind and
+    their positive directions are opposite. A motor that runs until it stalls is blocked after 90
+    degrees. Raises TwinError if a reading is for a port that the hub does not have.
 
     Args:
         hub: kind of hub.
         readings: of sensors; without one a sensor sees nothing near, dark, untouched and level.
         end_stops: lowest and highest angle of the motor on a port, deg of the shaft.
-        devices: what is on a port, ``None`` for nothing; on others there is what the program asks for, medium motors of SPIKE.
+        devices: what is on a port, ``None`` for nothing; on others there is what the program asks
+            for, medium motors of SPIKE.
         report: called with a line about what the bench assumes.
 
     Attributes:
@@ -229,27 +283,38 @@ class FittedBench(BenchBody):
         self._up = (0.0, 0.0, 1.0)
         for port in (*self._given_readings, *self._stops, *devices):
             if port not in hub.model.ports:
-                raise TwinError(f"the {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}")
+                raise TwinError(
+                    f"the {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}"
+                )
         self._free_ports = set(hub.model.ports) - set(devices)
         for port, kind in devices.items():
             if port in hub.model.own_motors:
-                raise TwinError(f"port {port} of the {hub.value} hub has the hub's own motor; say what is on another port")
+                raise TwinError(
+                    f"port {port} of the {hub.value} hub has the hub's own motor; say what is on "
+                    "another port"
+                )
             if isinstance(kind, MotorKind):
                 self._add_motor(port, kind, kind.model.class_name)
             elif kind is not None:
                 self._add_sensor(port, kind.value)
 
     def plug_in(self, port: str, device: str) -> bool:
-        """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether the port was free or has it already. Raises
-        TwinError if the port's reading does not suit the device."""
+        """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether the port was free
+        or has it already. Raises TwinError if the port's reading does not suit the device."""
         is_motor = device in ("Motor", "DCMotor")
         if port not in self._free_ports:
             return self._devices.get(port) == device
         self._free_ports.remove(port)
         if is_motor:
             hub = self.robot.hub.model
-            usual = MotorKind.SPIKE_MEDIUM if device == MotorKind.SPIKE_MEDIUM.model.class_name else MotorKind.MEDIUM_LINEAR
-            self._add_motor(port, MotorKind(hub.own_kind) if port in hub.own_motors else usual, device)
+            usual = (
+                MotorKind.SPIKE_MEDIUM
+                if device == MotorKind.SPIKE_MEDIUM.model.class_name
+                else MotorKind.MEDIUM_LINEAR
+            )
+            self._add_motor(
+                port, MotorKind(hub.own_kind) if port in hub.own_motors else usual, device
+            )
         else:
             self._add_sensor(port, device)
         return True
@@ -271,12 +336,14 @@ class FittedBench(BenchBody):
         return lambda _: reading.at(self._time_ms / 1000)
 
     def block(self, port: str, direction: int) -> None:
-        """Something is in the way of a motor that runs until it stalls, clockwise (1) or counterclockwise (-1)."""
+        """Something is in the way of a motor that runs until it stalls, clockwise (1) or
+        counterclockwise (-1)."""
         motor = self._motors[port]
         low, high = motor.stops or (-math.inf, math.inf)
         if motor.stops is None:  # said once
             self._tell(
-                f"The bench blocks the motor on port {port} after 90 degrees, as the program runs it until it stalls; "
+                f"The bench blocks the motor on port {port} after 90 degrees, as the program runs "
+                "it until it stalls; "
                 f"--end-stop {port}=-90..120 gives it other ends."
             )
         if direction > 0 and high == math.inf:
@@ -289,41 +356,55 @@ class FittedBench(BenchBody):
         return bool(self._turns)
 
     def put_on_wheels(self, turns: Mapping[str, float]) -> None:
-        """The hub rides on wheels that do not slip: degrees that it turns clockwise for one millidegree of each motor."""
+        """The hub rides on wheels that do not slip: degrees that it turns clockwise for one
+        millidegree of each motor."""
         heading_deg, self._turns = self.heading_deg(), dict(turns)
         self._heading_offset_deg += heading_deg - self.heading_deg()
 
     def find_wheels(self, directions: Mapping[str, int]) -> None:
-        """The program reads the gyroscope without a drive base: positive directions of its motors, clockwise 1 or
-        counterclockwise -1, by port in order of creation."""
+        """The program reads the gyroscope without a drive base: positive directions of its motors,
+        clockwise 1 or counterclockwise -1, by port in order of creation."""
         pair = list(directions)[:2]
-        if self._report is None or self._turns or len(pair) < 2 or not any(self._motors[port].angle for port in pair):
+        if (
+            self._report is None
+            or self._turns
+            or len(pair) < 2
+            or not any(self._motors[port].angle for port in pair)
+        ):
             return
         first, second = pair
         kinds = [(self._devices[port], self.motors[port]) for port in pair]
         if directions[first] != directions[second] and kinds[0] == kinds[1]:
             self._turns = dict.fromkeys(pair, -_HEADING_PER_WHEEL / 1000.0)
             self._report(
-                f"The bench takes the motors on ports {first} and {second} for wheels, as they come first and their positive "
+                f"The bench takes the motors on ports {first} and {second} for wheels, as they "
+                "come first and their positive "
                 "directions are opposite: the hub turns with them."
             )
         else:
             self._report(
-                "The hub lies still on the bench: its first two motors are not taken for wheels, as they are not of one kind "
-                "with opposite positive directions. It turns with a drive base; or take a robot, such as --robot two-wheeler."
+                "The hub lies still on the bench: its first two motors are not taken for wheels, "
+                "as they are not of one kind "
+                "with opposite positive directions. It turns with a drive base; or take a robot, "
+                "such as --robot two-wheeler."
             )
         self._report = None
 
     def mount(self, up: tuple[float, float, float]) -> None:
         """In a robot with motors, up is this direction in the hub's frame."""
         x, y, z = up
-        self._up = x + 0.0, y + 0.0, z + 0.0  # -0.0 would change the roll of a hub on end by 180 degrees
+        # -0.0 would change the roll of a hub on end by 180 degrees
+        self._up = x + 0.0, y + 0.0, z + 0.0
 
     def heading_deg(self) -> float:
-        return self._heading_offset_deg + sum(turn * self._motors[port].angle for port, turn in self._turns.items())
+        return self._heading_offset_deg + sum(
+            turn * self._motors[port].angle for port, turn in self._turns.items()
+        )
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
-        return self._about_vertical(sum(turn * self._motors[port].speed for port, turn in self._turns.items()))
+        return self._about_vertical(
+            sum(turn * self._motors[port].speed for port, turn in self._turns.items())
+        )
 
     def rotation_deg(self) -> tuple[float, float, float]:
         return self._about_vertical(self.heading_deg())

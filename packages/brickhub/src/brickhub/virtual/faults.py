@@ -1,7 +1,9 @@
-"""Faults of a virtual robot, as real ones have them: to practise finding them, and to see what a program or an agent does then.
+"""Faults of a virtual robot, as real ones have them: to practise finding them, and to see what a
+program or an agent does then.
 
-A fault is a text such as ``reversed:left``. A kind is a row of `FAULT_KINDS`. A faulty robot is a body around a sound one, which
-changes what passes between the hub and the motors and sensors; what is described of the robot stays as it is.
+A fault is a text such as ``reversed:left``. A kind is a row of `FAULT_KINDS`. A faulty robot is a
+body around a sound one, which changes what passes between the hub and the motors and sensors; what
+is described of the robot stays as it is.
 """
 
 import copy
@@ -50,12 +52,13 @@ class FaultKind:
     """Kind of fault.
 
     Attributes:
-        example: as it is written; what comes after a colon is a device, after an equals sign a value.
+        example: as it is written; what comes after a colon is a device, after an equals sign a
+            value.
         does: what it does to the robot.
         seen: what the owner sees.
         remedy: what to do about it on a real robot.
-        apply: adds the fault to a faulty body, whose device has that port; raises DescriptionError if it does not suit the robot.
-        low, high: range of its number; ``None`` without one.
+        apply: adds the fault to a faulty body, whose device has that port; raises DescriptionError
+        if it does not suit the robot. low, high: range of its number; ``None`` without one.
         unit: letters that may follow the number.
     """
 
@@ -108,10 +111,17 @@ def _replug(body: "FaultyBody", fault: Fault) -> None:
     device = body.device(fault)
     if fault.port not in body.robot.hub.model.ports:
         ports = ", ".join(body.robot.hub.model.ports)
-        raise DescriptionError(f"fault {fault.kind}:{fault.device}={fault.port}: the hub has no such port; choose {ports}")
+        raise DescriptionError(
+            f"fault {fault.kind}:{fault.device}={fault.port}: the hub has no such port; "
+            f"choose {ports}"
+        )
     ports_now = {other.name: other.port for other in (*body.robot.motors, *body.robot.sensors)}
     there = [name for name, port in ports_now.items() if port == fault.port]
-    body.wire({device.name: fault.port, **dict.fromkeys(there, device.port)} if fault.port != device.port else {})
+    body.wire(
+        {device.name: fault.port, **dict.fromkeys(there, device.port)}
+        if fault.port != device.port
+        else {}
+    )
 
 
 def _break_link(body: "FaultyBody", fault: Fault) -> None:
@@ -170,7 +180,8 @@ FAULT_KINDS: dict[str, FaultKind] = {
         ),
         FaultKind(
             "link=12s",
-            "the link breaks after so many seconds of the robot, and comes back when it is looked for again",
+            "the link breaks after so many seconds of the robot, and comes back when it is "
+            "looked for again",
             "an episode ends with `link_lost`; a training continues",
             "bring the robot near; switch other radios off",
             _break_link,
@@ -184,12 +195,15 @@ FAULT_KINDS: dict[str, FaultKind] = {
 
 
 def parse_fault(text: str) -> Fault:
-    """Parse a fault such as ``battery=6.2``, ``reversed:left`` or ``port:left=C``. Raises DescriptionError if it is none."""
+    """Parse a fault such as ``battery=6.2``, ``reversed:left`` or ``port:left=C``. Raises
+    DescriptionError if it is none."""
     match = re.fullmatch(r"\s*(\w+)\s*(?::\s*(\w+)\s*)?(?:=\s*(\S+)\s*)?", text)
     name = match[1].lower() if match else text
     if match is None or name not in FAULT_KINDS:
         examples = ", ".join(kind.example for kind in FAULT_KINDS.values())
-        raise DescriptionError(f"'{text}' is no fault{hint(name, FAULT_KINDS)}; give one such as {examples}")
+        raise DescriptionError(
+            f"'{text}' is no fault{hint(name, FAULT_KINDS)}; give one such as {examples}"
+        )
     kind, device, value = FAULT_KINDS[name], match[2] or "", match[3] or ""
     if bool(device) is not kind.has_device or bool(value) is not kind.has_value:
         raise DescriptionError(f"'{text}' is not a whole fault; write it as {kind.example}")
@@ -199,7 +213,9 @@ def parse_fault(text: str) -> Fault:
         return Fault(name, device, port=value.upper())
     number = _number(value, kind.unit)
     if number is None or not kind.low <= number <= kind.high:
-        raise DescriptionError(f"'{text}': give a number from {kind.low:g} to {kind.high:g}, such as {kind.example}")
+        raise DescriptionError(
+            f"'{text}': give a number from {kind.low:g} to {kind.high:g}, such as {kind.example}"
+        )
     return Fault(name, device, number)
 
 
@@ -211,12 +227,15 @@ def _number(text: str, units: str) -> float | None:
 
 
 def with_faults(body: Body, faults: Sequence[str]) -> Body:
-    """The body with faults, or itself without any. Raises DescriptionError if a fault does not suit the robot."""
+    """The body with faults, or itself without any. Raises DescriptionError if a fault does not suit
+    the robot."""
     if not faults:
         return body
     faulty = FaultyBody(body)
     # Wires first: other faults are those of a device, wherever it is plugged in.
-    parsed = sorted(map(parse_fault, faults), key=lambda fault: fault.kind not in ("port", "absent"))
+    parsed = sorted(
+        map(parse_fault, faults), key=lambda fault: fault.kind not in ("port", "absent")
+    )
     for fault in parsed:
         FAULT_KINDS[fault.kind].apply(faulty, fault)
     return faulty
@@ -235,7 +254,8 @@ class FaultyBody:
         robot: the robot as it is wired.
         faulty_battery_mv: voltage of a weak battery; ``None`` for the body's.
         directions: -1 for ports of reversed motors.
-        kept_shares: share of a wheel's turn that reaches the floor, by port, and ``start_mdeg``, the angle from which on.
+        kept_shares: share of a wheel's turn that reaches the floor, by port, and ``start_mdeg``,
+            the angle from which on.
         dead_ports: ports whose device does nothing.
         link_breaks_s: time of the robot at which its link breaks once; ``None`` for never.
     """
@@ -261,11 +281,15 @@ class FaultyBody:
     # ---- how faults are added
 
     def device(self, fault: Fault) -> Any:
-        """The device of a fault. Raises DescriptionError if the robot does not have it, or it is unplugged."""
+        """The device of a fault. Raises DescriptionError if the robot does not have it, or it is
+        unplugged."""
         devices = {device.name: device for device in (*self.robot.motors, *self.robot.sensors)}
         if fault.device not in devices:
             known = ", ".join(devices) or "none"
-            problem = f"robot '{self.robot.name}' has no '{fault.device}' plugged in{hint(fault.device, devices)}"
+            problem = (
+                f"robot '{self.robot.name}' has no '{fault.device}' plugged "
+                f"in{hint(fault.device, devices)}"
+            )
             raise DescriptionError(f"fault {fault.kind}:{fault.device}: {problem}; choose {known}")
         return devices[fault.device]
 
@@ -274,7 +298,9 @@ class FaultyBody:
         device = self.device(fault)
         if not isinstance(device, Motor):
             motors = ", ".join(motor.name for motor in self.robot.motors) or "none"
-            raise DescriptionError(f"fault {fault.kind}:{fault.device} is one of a motor; choose {motors}")
+            raise DescriptionError(
+                f"fault {fault.kind}:{fault.device} is one of a motor; choose {motors}"
+            )
         return device
 
     def wire(self, ports: dict[str, str]) -> None:
@@ -282,11 +308,14 @@ class FaultyBody:
 
         def plugged(devices: Sequence[Any]) -> tuple[Any, ...]:
             wired = [
-                replace(device, port=ports.get(device.name, device.port)) for device in devices if ports.get(device.name, "x")
+                replace(device, port=ports.get(device.name, device.port))
+                for device in devices
+                if ports.get(device.name, "x")
             ]
             return tuple(wired)
 
-        wired = copy.copy(self.robot)  # a description would have to have all devices of its drive base and its plan
+        # a description would have to have all devices of its drive base and its plan
+        wired = copy.copy(self.robot)
         for field in ("motors", "sensors"):
             object.__setattr__(wired, field, plugged(getattr(self.robot, field)))
         self.robot = wired
@@ -344,10 +373,17 @@ class FaultyBody:
         return self.sound.sensed(self.sound_port(port), sense)
 
     def distance_mm(self, port: str) -> int:
-        return UltrasonicSensor.FARTHEST_MM if port in self.dead_ports else self.sound.distance_mm(self.sound_port(port))
+        return (
+            UltrasonicSensor.FARTHEST_MM
+            if port in self.dead_ports
+            else self.sound.distance_mm(self.sound_port(port))
+        )
 
     def _measures_mm(self, port: str) -> bool:
-        return any(sensor.port == port and sensor.kind.model.range_mm is not None for sensor in self.robot.sensors)
+        return any(
+            sensor.port == port and sensor.kind.model.range_mm is not None
+            for sensor in self.robot.sensors
+        )
 
     def tilt_deg(self) -> tuple[float, float]:
         return self.sound.tilt_deg()
@@ -366,7 +402,8 @@ class FaultyBody:
 
 
 class BreakingLink:
-    """Whether the hub of a faulty body is in reach: not for the first calls after its link breaks, until it is looked for again.
+    """Whether the hub of a faulty body is in reach: not for the first calls after its link breaks,
+    until it is looked for again.
 
     Args:
         breaks_s: time of the robot at which that is.

@@ -1,5 +1,5 @@
-"""Text of what is on the bench: sensor readings (``B=red``, ``B=200mm``), constant or over time from a file, end stops
-(``C=-90..120``), and the devices on the ports (``A=interactive``)."""
+"""Text of what is on the bench: sensor readings (``B=red``, ``B=200mm``), constant or over time
+from a file, end stops (``C=-90..120``), and the devices on the ports (``A=interactive``)."""
 
 import bisect
 import math
@@ -15,7 +15,10 @@ from brickhub.virtual.stimuli import COLORS, Sensed
 
 _BUTTON_FORCES_N: Mapping[str, float] = {"pressed": 10.0, "released": 0.0}
 _UNIT_SENSES = {"mm": Sense.DISTANCE, "n": Sense.FORCE, "deg": Sense.TILT}
-_EXAMPLES = "B=red, B=120,80,50 (hue, saturation, value), B=40%, B=200mm, B=3N, B=pressed, B=10,-5deg (pitch, roll), B=@file"
+_EXAMPLES = (
+    "B=red, B=120,80,50 (hue, saturation, value), B=40%, B=200mm, B=3N, B=pressed, "
+    "B=10,-5deg (pitch, roll), B=@file"
+)
 _COMMAS = " (a comma separates columns here; write 2.5, or separate columns by ;)"
 _COUNTS_BY_UNIT: Mapping[str | None, tuple[int, ...]] = {None: (1, 2, 3), "deg": (1, 2)}
 """Numbers that may have a unit together; one of other units."""
@@ -46,13 +49,15 @@ class GivenReading:
         return self.values[max(0, bisect.bisect_right(self.times_s, time_s) - 1)]
 
     def sense_of(self, device: str) -> Sense:
-        """What a device of a class of ``pybricks.pupdevices`` senses by it. Raises TwinError if it has no such sense, or if the
-        values do not suit that."""
+        """What a device of a class of ``pybricks.pupdevices`` senses by it. Raises TwinError if it
+        has no such sense, or if the values do not suit that."""
         available = SensorKind(device).model.senses
         sense = self.sense or next(iter(available), None)
         if sense not in available:
             names = " or ".join(available) or "nothing"
-            raise TwinError(f"the {device} on port {self.port} senses {names}, not {sense}; give such a reading")
+            raise TwinError(
+                f"the {device} on port {self.port} senses {names}, not {sense}; give such a reading"
+            )
         counts = _VALUE_COUNTS.get(sense, (1,))
         for index, value in enumerate(self.values):
             count = len(value) if isinstance(value, tuple) else 1
@@ -66,8 +71,8 @@ class GivenReading:
 
 
 def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
-    """Parse ``B=red``, ``B.ambient=20%`` or ``B=@distances.csv`` (lines ``seconds, value``), a file in ``folder``. Raises
-    TwinError if the text is invalid, or the file cannot be read."""
+    """Parse ``B=red``, ``B.ambient=20%`` or ``B=@distances.csv`` (lines ``seconds, value``), a file
+    in ``folder``. Raises TwinError if the text is invalid, or the file cannot be read."""
     match = re.fullmatch(r"([A-Fa-f])(?:\.([a-z]+))?=(.+)", text.strip())
     if match is None:
         raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
@@ -80,7 +85,9 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
         return GivenReading(port, sense or unit_sense, (0.0,), (stimulus,))
     rows = read_rows(folder / value[1:])
     values = tuple(_value_of_row(row) for row in rows)
-    return GivenReading(port, sense, tuple(row.time_s for row in rows), values, tuple(row.place for row in rows))
+    return GivenReading(
+        port, sense, tuple(row.time_s for row in rows), values, tuple(row.place for row in rows)
+    )
 
 
 def _value_of_row(row: Row) -> Sensed:
@@ -111,32 +118,44 @@ def parse_end_stop(text: str) -> tuple[str, tuple[float, float]]:
     try:
         low, high = float(match[2]), float(match[3])  # type: ignore[index]
     except (TypeError, ValueError):
-        raise DescriptionError(f"'{text}' is not a pair of end stops; give one such as C=-90..120") from None
+        raise DescriptionError(
+            f"'{text}' is not a pair of end stops; give one such as C=-90..120"
+        ) from None
     if not low <= 0.0 <= high:
-        raise DescriptionError(f"'{text}': the motor starts at 0; give a lowest angle below that and a highest above it")
+        raise DescriptionError(
+            f"'{text}': the motor starts at 0; give a lowest angle below that and a highest "
+            "above it"
+        )
     return match[1].upper(), (low, high)  # type: ignore[index]
 
 
 def end_stops_of(robot: Robot, texts: Iterable[str]) -> dict[str, tuple[float, float]]:
-    """End stops (deg of the output) by name of the motor, of texts such as ``C=-90..120`` (deg of the shaft). Raises
-    DescriptionError if a text is invalid, or the robot has no motor on the port."""
+    """End stops (deg of the output) by name of the motor, of texts such as ``C=-90..120`` (deg of
+    the shaft). Raises DescriptionError if a text is invalid, or the robot has no motor on the
+    port."""
     motors = {motor.port: motor for motor in robot.motors}
     stops = {}
     for port, angles_deg in map(parse_end_stop, texts):
         if port not in motors:
             known = ", ".join(motors) or "none"
-            raise DescriptionError(f"'{robot.name}' has no motor on port {port} for an end stop; it has motors on {known}")
+            raise DescriptionError(
+                f"'{robot.name}' has no motor on port {port} for an end stop; it has motors "
+                f"on {known}"
+            )
         low, high = sorted(angle / motors[port].shaft_turns for angle in angles_deg)
         stops[motors[port].name] = low, high
     return stops
 
 
 def parse_device(text: str) -> tuple[str, MotorKind | SensorKind | None]:
-    """Port and device of ``A=interactive``, ``B=ColorSensor`` or ``C=nothing`` (``None``), in letters of any case. Raises
-    DescriptionError if there is no such device."""
+    """Port and device of ``A=interactive``, ``B=ColorSensor`` or ``C=nothing`` (``None``), in
+    letters of any case. Raises DescriptionError if there is no such device."""
     port, _, name = (part.strip() for part in text.partition("="))
     devices = {kind.value.lower(): kind for kind in (*MotorKind, *SensorKind)}
     if re.fullmatch("[A-Fa-f]", port) and name.lower() in ("nothing", *devices):
         return port.upper(), devices.get(name.lower())
     known = ", ".join(kind.value for kind in (*MotorKind, *SensorKind))
-    raise DescriptionError(f"'{text}' is not a device on a port; give one such as A=interactive, of {known}, or nothing")
+    raise DescriptionError(
+        f"'{text}' is not a device on a port; give one such as A=interactive, of {known}, "
+        "or nothing"
+    )

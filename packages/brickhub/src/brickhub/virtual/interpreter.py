@@ -12,7 +12,9 @@ from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.streams import Console
 from brickhub.virtual.micropython.transform import COMPREHENSIONS
 
-_NO_HOOKS: dict[str, Callable[..., Any]] = dict.fromkeys(("@turn", "@branch", *COMPREHENSIONS, "@callee"), lambda value: value)
+_NO_HOOKS: dict[str, Callable[..., Any]] = dict.fromkeys(
+    ("@turn", "@branch", *COMPREHENSIONS, "@callee"), lambda value: value
+)
 _NO_HOOKS["@tick"] = lambda: None
 
 
@@ -20,11 +22,13 @@ class Modules(dict[str, ModuleType]):
     """Modules that a program can import, by name.
 
     Attributes:
-        hooks: functions that the transformed program calls: ``@tick`` at each iteration of a ``while`` loop, so that simulated
-            time passes in one that does not wait; and some that return their argument: ``@turn`` at each iteration of a ``for``
-            loop, ``@branch`` and those of `COMPREHENSIONS` with the value on which a program branches, ``@callee`` with a
+        hooks: functions that the transformed program calls: ``@tick`` at each iteration of a
+            ``while`` loop, so that simulated time passes in one that does not wait; and some that
+            return their argument: ``@turn`` at each iteration of a ``for`` loop, ``@branch`` and
+            those of `COMPREHENSIONS` with the value on which a program branches, ``@callee`` with a
             function that may be calling itself. That one raises RuntimeError if the stack is full.
-        product: called after each product of floats, so that simulated time passes in a program that computes much.
+        product: called after each product of floats, so that simulated time passes in a program
+            that computes much.
         missing_builtins: builtin names that the hub does not have.
         find_module: returns a module of the program by its name, or ``None``.
         find_frozen: likewise a module of the firmware that is itself a program.
@@ -78,7 +82,9 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
             exec(compile_source(own_module.source, own_module.file), importable[name].__dict__)
         return importable[name]
 
-    names = builtin_names(importable.namespaces, find_module, console, importable.hooks, importable.missing_builtins)
+    names = builtin_names(
+        importable.namespaces, find_module, console, importable.hooks, importable.missing_builtins
+    )
     multiply = names["@mul"]
 
     def product(a: Any, b: Any) -> Any:

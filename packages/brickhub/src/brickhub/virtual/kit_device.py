@@ -1,6 +1,8 @@
-"""Behaviour of the devices of LEGO's kits of 2026 on a virtual robot: what they do on each command, and what they report.
+"""Behaviour of the devices of LEGO's kits of 2026 on a virtual robot: what they do on each command,
+and what they report.
 
-Motors are controlled as the firmware of a hub does. What LEGO does not publish is estimated, as docs/kits.md tells.
+Motors are controlled as the firmware of a hub does. What LEGO does not publish is estimated, as
+docs/kits.md tells.
 """
 
 import math
@@ -35,8 +37,10 @@ _LONGEST_TIMED_MS = 20_000
 _FULL_MV, _EMPTY_MV = 8300, 6000
 _MG_PER_MM_S2 = 1000 / 9810
 _DETECTABLE: Mapping[int, Hsv] = {
-    protocol.NO_COLOR: (0, 0, 0), 1: (300, 100, 100), 2: (270, 100, 100), 3: (240, 100, 100), 4: (200, 100, 100),
-    5: (170, 100, 100), 6: (120, 100, 100), 7: (60, 100, 100), 8: (30, 100, 100), 9: (0, 100, 100), 10: (0, 0, 100),
+    protocol.NO_COLOR: (0, 0, 0), 1: (300, 100, 100), 2: (270, 100, 100), 3: (240, 100, 100),
+    4: (200, 100, 100),
+    5: (170, 100, 100), 6: (120, 100, 100), 7: (60, 100, 100), 8: (30, 100, 100), 9: (0, 100, 100),
+    10: (0, 0, 100),
 }  # fmt: skip
 
 
@@ -60,11 +64,16 @@ class KitDevice:
         self._period_ms = self._due_ms = 0
         self._later: dict[str, _Command] = {
             "info": lambda _: self.outbox.append(protocol.encode_info(self.product)),
-            "uuid": lambda message: self.outbox.append(bytes((message.answer_number, *self.address.encode()[-8:].rjust(8)))),
+            "uuid": lambda message: self.outbox.append(
+                bytes((message.answer_number, *self.address.encode()[-8:].rjust(8)))
+            ),
             "notifications": self._notify,
         }
-        """Commands that have an answer of their own, or at their end; the others are accepted at once."""
-        self._commands: dict[str, _Command] = dict.fromkeys(("program_flow", "light", "beep", "stop_sound"), lambda _: None)
+        """Commands that have an answer of their own, or at their end; the others are accepted at
+        once."""
+        self._commands: dict[str, _Command] = dict.fromkeys(
+            ("program_flow", "light", "beep", "stop_sound"), lambda _: None
+        )
 
     def connect(self) -> None:
         """A computer connects: it takes commands from now on, and knows nothing of earlier ones."""
@@ -97,7 +106,11 @@ class KitDevice:
 
     def _reports(self) -> list[Report]:
         battery_pct = 100 * (self._machine.body.battery_mv - _EMPTY_MV) // (_FULL_MV - _EMPTY_MV)
-        return [("info", (_clamp(battery_pct, 0, 100), 0)), ("card", (protocol.NO_COLOR, 0)), ("button", (0,))]
+        return [
+            ("info", (_clamp(battery_pct, 0, 100), 0)),
+            ("card", (protocol.NO_COLOR, 0)),
+            ("button", (0,)),
+        ]
 
     def _notify(self, message: protocol.Message) -> None:
         self._answer(message)
@@ -105,7 +118,9 @@ class KitDevice:
         KitDevice.update(self)
 
     def _answer(self, message: protocol.Message, status: int = protocol.Done.COMPLETED) -> None:
-        self.outbox.append(protocol.encode_answer(message.answer_number, status, message.values.get("motors")))
+        self.outbox.append(
+            protocol.encode_answer(message.answer_number, status, message.values.get("motors"))
+        )
 
 
 @dataclass
@@ -141,11 +156,17 @@ class SingleMotor(KitDevice):
             "run_for_time": lambda m: self._run(m, time_ms=m.values["time_ms"]),
             "run_for_degrees": lambda m: self._run(m, lambda _: m.values["degrees"]),
             "run_to_absolute": self._run_to_absolute,
-            "run_to_relative": lambda m: self._run_by(m, lambda servo: m.values["position"] - servo.angle_deg()),
+            "run_to_relative": lambda m: self._run_by(
+                m, lambda servo: m.values["position"] - servo.angle_deg()
+            ),
         }
         self._commands |= {
-            "reset_position": lambda m: self._set(m, lambda servo: servo.reset_angle(m.values["position"])),
-            "set_duty": lambda m: self._set(m, lambda servo: servo.dc(trunc(m.values["duty"] / 100))),
+            "reset_position": lambda m: self._set(
+                m, lambda servo: servo.reset_angle(m.values["position"])
+            ),
+            "set_duty": lambda m: self._set(
+                m, lambda servo: servo.dc(trunc(m.values["duty"] / 100))
+            ),
             "stop": lambda m: self._stop(self._named(m)),
             "set_speed": lambda m: self._set_speed(m, self._named(m)),
             "set_end_state": lambda m: self._set_end_state(m, self._named(m)),
@@ -170,7 +191,10 @@ class SingleMotor(KitDevice):
             is_stalled = any(self._servos[bit].is_stalled() for bit in move.bits)
             if is_stalled or move.is_done():
                 self._moves.remove(move)
-                self._answer(move.message, protocol.Done.INTERRUPTED if is_stalled else protocol.Done.COMPLETED)
+                self._answer(
+                    move.message,
+                    protocol.Done.INTERRUPTED if is_stalled else protocol.Done.COMPLETED,
+                )
         super().update()
 
     def _reports(self) -> list[Report]:
@@ -188,7 +212,15 @@ class SingleMotor(KitDevice):
             state = protocol.MotorState.DUTY
         absolute = self._machine.body.angle_mdeg(servo.port) % 360_000 // 1000
         speed_pct = _clamp(100 * servo.speed_deg_s() / protocol.FULL_SPEED_DEG_S, -128, 127)
-        return bit, state, absolute, trunc((voltage_mv or 0) * 10_000 / battery_mv), speed_pct, servo.angle_deg(), _NO_GESTURE
+        return (
+            bit,
+            state,
+            absolute,
+            trunc((voltage_mv or 0) * 10_000 / battery_mv),
+            speed_pct,
+            servo.angle_deg(),
+            _NO_GESTURE,
+        )
 
     def _named(self, message: protocol.Message) -> dict[int, _Drive]:
         """The motors that a message names, and their settings."""
@@ -204,13 +236,18 @@ class SingleMotor(KitDevice):
         angle_deg: Callable[[int], float] | None = None,
         until: Callable[[], bool] | None = None,
     ) -> None:
-        """Move motors at shares of the speed of their settings: for a time, by angles, until something is so, or endlessly."""
+        """Move motors at shares of the speed of their settings: for a time, by angles, until
+        something is so, or endlessly."""
         self._interrupt(drives)
-        if time_ms is not None and time_ms > _LONGEST_TIMED_MS:  # beyond what the firmware plans as one move
+        # beyond what the firmware plans as one move
+        if time_ms is not None and time_ms > _LONGEST_TIMED_MS:
             until = self._stop_after(time_ms, drives)
             time_ms = None
         for bit, drive in drives.items():
-            servo, speed = self._servos[bit], round(shares[bit] * drive.speed_pct * protocol.FULL_SPEED_DEG_S / 100)
+            servo, speed = (
+                self._servos[bit],
+                round(shares[bit] * drive.speed_pct * protocol.FULL_SPEED_DEG_S / 100),
+            )
             if time_ms is not None:
                 servo.run_time(speed, time_ms, drive.then)
             elif angle_deg is not None:
@@ -238,7 +275,9 @@ class SingleMotor(KitDevice):
 
     def _halt(self, drives: Mapping[int, _Drive]) -> None:
         for bit, drive in drives.items():
-            self._servos[bit].stop(OnCompletion.COAST if drive.then is OnCompletion.CONTINUE else drive.then)
+            self._servos[bit].stop(
+                OnCompletion.COAST if drive.then is OnCompletion.CONTINUE else drive.then
+            )
 
     def _interrupt(self, bits: Iterable[int]) -> None:
         """End what these motors do: their next command has come."""
@@ -250,11 +289,16 @@ class SingleMotor(KitDevice):
             self._endless.pop(bit, None)
 
     def _run(
-        self, message: protocol.Message, angle_deg: Callable[[int], float] | None = None, time_ms: int | None = None
+        self,
+        message: protocol.Message,
+        angle_deg: Callable[[int], float] | None = None,
+        time_ms: int | None = None,
     ) -> None:
         drives = self._named(message)
         share = -1.0 if message.values["direction"] == _COUNTERCLOCKWISE else 1.0
-        self._start(message, drives, dict.fromkeys(drives, share), time_ms=time_ms, angle_deg=angle_deg)
+        self._start(
+            message, drives, dict.fromkeys(drives, share), time_ms=time_ms, angle_deg=angle_deg
+        )
 
     def _run_by(self, message: protocol.Message, angle_deg: Callable[[Servo], float]) -> None:
         """Turn each motor by an angle at the magnitude of its speed."""
@@ -264,10 +308,16 @@ class SingleMotor(KitDevice):
 
     def _run_to_absolute(self, message: protocol.Message) -> None:
         def angle_deg(servo: Servo) -> float:
-            clockwise = (message.values["position"] - self._machine.body.angle_mdeg(servo.port) / 1000) % 360.0
+            clockwise = (
+                message.values["position"] - self._machine.body.angle_mdeg(servo.port) / 1000
+            ) % 360.0
             ways = (clockwise, clockwise - 360.0)
             direction = message.values["direction"]
-            return ways[direction] if direction < _SHORTEST else (min, max)[direction - _SHORTEST](ways, key=abs)
+            return (
+                ways[direction]
+                if direction < _SHORTEST
+                else (min, max)[direction - _SHORTEST](ways, key=abs)
+            )
 
         self._run_by(message, angle_deg)
 
@@ -285,14 +335,19 @@ class SingleMotor(KitDevice):
         for bit, drive in drives.items():
             drive.speed_pct = message.values["speed"]
             if bit in self._endless:
-                self._servos[bit].run(round(self._endless[bit] * drive.speed_pct * protocol.FULL_SPEED_DEG_S / 100))
+                self._servos[bit].run(
+                    round(self._endless[bit] * drive.speed_pct * protocol.FULL_SPEED_DEG_S / 100)
+                )
 
     def _set_end_state(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
         for drive in drives.values():
             drive.then = OnCompletion[_END_STATES[message.values["end_state"]]]
 
     def _set_acceleration(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
-        rates = (max(message.values[name], 1) * _ACCELERATION_DEG_S2_PER_PCT for name in ("acceleration", "deceleration"))
+        rates = (
+            max(message.values[name], 1) * _ACCELERATION_DEG_S2_PER_PCT
+            for name in ("acceleration", "deceleration")
+        )
         acceleration, deceleration = rates
         for bit in drives:
             settings = self._servos[bit].settings
@@ -312,8 +367,12 @@ class DoubleMotor(SingleMotor):
         self._yaw_face, self._yaw_offset = 0, 0.0
         self._later |= {
             "move": lambda m: self._start(m, self._pair, self._shares(m)),
-            "move_for_time": lambda m: self._start(m, self._pair, self._shares(m), time_ms=m.values["time_ms"]),
-            "move_for_degrees": lambda m: self._start(m, self._pair, self._shares(m), angle_deg=lambda _: m.values["degrees"]),
+            "move_for_time": lambda m: self._start(
+                m, self._pair, self._shares(m), time_ms=m.values["time_ms"]
+            ),
+            "move_for_degrees": lambda m: self._start(
+                m, self._pair, self._shares(m), angle_deg=lambda _: m.values["degrees"]
+            ),
             "tank": lambda m: self._tank(m, None),
             "tank_for_degrees": lambda m: self._tank(m, m.values["degrees"]),
             "turn_for_degrees": self._turn,
@@ -374,7 +433,8 @@ class DoubleMotor(SingleMotor):
         self._start(message, drives, shares, angle_deg=by)
 
     def _turn(self, message: protocol.Message) -> None:
-        """Turn by the IMU: slow down where the rest of the turn is as long as that takes, and stop."""
+        """Turn by the IMU: slow down where the rest of the turn is as long as that takes, and
+        stop."""
         start_deg, wanted_deg = self._turned(), abs(message.values["degrees"])
         if message.values["degrees"] < 0:
             message.values["direction"] ^= 1
@@ -388,7 +448,11 @@ class DoubleMotor(SingleMotor):
                 self._halt(self._pair)
                 return True
             settings = servos[0].settings
-            slow_s = abs(servos[0].speed_deg_s(_WINDOW_MS)) * settings.steps_per_unit / (2 * settings.deceleration)
+            slow_s = (
+                abs(servos[0].speed_deg_s(_WINDOW_MS))
+                * settings.steps_per_unit
+                / (2 * settings.deceleration)
+            )
             left_deg = wanted_deg - abs(self._turned() - start_deg)
             if left_deg <= slow_s * abs(self._machine.body.angular_velocity_deg_s()[2]):
                 slowing.append(True)
@@ -429,7 +493,8 @@ class ColorSensor(KitDevice):
 
 
 class Controller(KitDevice):
-    """Two levers in a person's hands. ``levers_pct``: their positions, left and right, -100 to 100."""
+    """Two levers in a person's hands. ``levers_pct``: their positions, left and right, -100 to
+    100."""
 
     product = protocol.Product.CONTROLLER
 

@@ -23,7 +23,8 @@ from brickhub.virtual.run import Operation, ProgramStopped
 from brickhub.virtual.virtual_kit import VirtualKit
 
 BENCH_PORTS = {"A": "Motor", "B": "Motor", "C": "Motor", "D": "ColorSensor"}
-"""Bench of a program without a robot: a Double Motor, a Single Motor and a Color Sensor; there is always a Controller too."""
+"""Bench of a program without a robot: a Double Motor, a Single Motor and a Color Sensor; there is
+always a Controller too."""
 _TURN_PER_MDEG = -0.25 / 1000.0
 """Clockwise turn of the Double Motor on the bench, for wheels of 56 mm, 112 mm apart."""
 
@@ -36,14 +37,16 @@ def run_kit_file(
     time_limit_s: float | None = None,
     operation: Operation | None = None,
 ) -> int:
-    """Run a Python program that imports ``legoeducation`` to its end, on virtual devices and in their time.
+    """Run a Python program that imports ``legoeducation`` to its end, on virtual devices and in
+    their time.
 
     Args:
         path: the program; imports from its folder work.
         body: the robot; ``None`` for a bench with a device of each kind.
         stderr: for a traceback or a stop message; ``None`` for this process's.
         time_limit_s: simulated seconds until the program is stopped.
-        operation: readings, pace, and what watches the machine. Buttons are refused: the devices' own start no programs.
+        operation: readings, pace, and what watches the machine. Buttons are refused: the devices'
+            own start no programs.
 
     Returns:
         Exit code of the program: 1 if it raises, `TIME_LIMIT_EXIT_CODE` if the time limit ends it.
@@ -66,7 +69,12 @@ def run_kit_file(
     try:
         with _surroundings(path, kit):
             code = compile(source, str(path), "exec")
-            namespace = {"__name__": "__main__", "__file__": str(path), "exit": sys.exit, "quit": sys.exit}
+            namespace = {
+                "__name__": "__main__",
+                "__file__": str(path),
+                "exit": sys.exit,
+                "quit": sys.exit,
+            }
             kit.run(lambda: exec(code, namespace), time_limit_s)  # noqa: S102  the user's program
     except ProgramStopped:
         stderr.write("The program was stopped (SystemExit).\n")
@@ -91,35 +99,51 @@ def run_kit_file(
 
 def _kit(body: Body | None, operation: Operation) -> VirtualKit:
     if operation.presses:
-        raise TwinError("the devices of LEGO's kits have no buttons that a program reads; leave out the presses")
+        raise TwinError(
+            "the devices of LEGO's kits have no buttons that a program reads; leave out the presses"
+        )
     on_bench = operation.readings or operation.end_stops or operation.devices
     if body is not None:
         if on_bench:
-            raise TwinError("readings, end stops and devices on ports are for the bench; omit them, or the robot")
+            raise TwinError(
+                "readings, end stops and devices on ports are for the bench; omit them, or "
+                "the robot"
+            )
         if body.robot.hub.model.runs_programs:
             raise TwinError(
-                f"'{body.robot.name}' has a {body.robot.hub.value} hub, not devices of LEGO's kits; take --robot cart"
+                f"'{body.robot.name}' has a {body.robot.hub.value} hub, not devices of LEGO's "
+                "kits; take --robot cart"
             )
         return VirtualKit(body, realtime=operation.realtime)
     if operation.devices:
-        raise TwinError("the bench of LEGO's kits has a Double Motor, a Single Motor and a Color Sensor; leave out the devices")
+        raise TwinError(
+            "the bench of LEGO's kits has a Double Motor, a Single Motor and a Color Sensor; "
+            "leave out the devices"
+        )
     bench = FittedBench(KitKind.DOUBLE_MOTOR, operation.readings, operation.end_stops)
     for port, device in BENCH_PORTS.items():
         bench.plug_in(port, device)
     bench.put_on_wheels(dict.fromkeys("AB", _TURN_PER_MDEG))
-    return VirtualKit(bench, realtime=operation.realtime, sensor_ports=[p for p, name in BENCH_PORTS.items() if name != "Motor"])
+    return VirtualKit(
+        bench,
+        realtime=operation.realtime,
+        sensor_ports=[p for p, name in BENCH_PORTS.items() if name != "Motor"],
+    )
 
 
 @contextmanager
 def _surroundings(path: Path, kit: VirtualKit) -> Iterator[None]:
-    """Context in which a program finds what lies beside it, its own arguments, and a clock that is the devices'."""
+    """Context in which a program finds what lies beside it, its own arguments, and a clock that is
+    the devices'."""
     clock, began_s = types.ModuleType("time"), time.time()
     vars(clock).update(vars(time))
     clock.sleep = kit.wait  # type: ignore[attr-defined]
     for name in ("monotonic", "perf_counter", "time"):
         offset_s = began_s if name == "time" else 0.0
         setattr(clock, name, lambda offset_s=offset_s: offset_s + kit.now_s())
-        setattr(clock, f"{name}_ns", lambda offset_s=offset_s: round((offset_s + kit.now_s()) * 1e9))
+        setattr(
+            clock, f"{name}_ns", lambda offset_s=offset_s: round((offset_s + kit.now_s()) * 1e9)
+        )
     before = sys.argv, sys.path[:], sys.modules["time"]
     sys.argv, sys.modules["time"] = [str(path)], clock
     sys.path.insert(0, str(path.parent))

@@ -1,7 +1,9 @@
-"""Virtual devices as a Bluetooth transport of LEGO's package ``legoeducation``, which is not changed by it.
+"""Virtual devices as a Bluetooth transport of LEGO's package ``legoeducation``, which is not
+changed by it.
 
-Importing this module needs the package (extra ``legoeducation``; BUSL-1.1), which finds virtual devices from its first use on,
-once this transport is registered. Its coroutines run in the package's own thread.
+Importing this module needs the package (extra ``legoeducation``; BUSL-1.1), which finds virtual
+devices from its first use on, once this transport is registered. Its coroutines run in the
+package's own thread.
 """
 
 from collections.abc import Mapping
@@ -12,14 +14,17 @@ from legoeducation.ble_transport import BLETransport
 
 
 class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has no types
-    """Transport to the devices of all virtual kits of this process, each a ``Peer``. ``in_reach``: kits that a scan finds."""
+    """Transport to the devices of all virtual kits of this process, each a ``Peer``. ``in_reach``:
+    kits that a scan finds."""
 
     in_reach: ClassVar[list[Any]] = []
     _bluetooth: BLETransport | None = None
 
-    async def scan_devices(self, timeout: float, filters: Mapping[str, Any] | None = None) -> list[Any]:
-        """Virtual devices of the wanted product that nobody is connected to, at once; their card is the one that is asked for.
-        Where no virtual kit is in reach, real devices."""
+    async def scan_devices(
+        self, timeout: float, filters: Mapping[str, Any] | None = None
+    ) -> list[Any]:
+        """Virtual devices of the wanted product that nobody is connected to, at once; their card is
+        the one that is asked for. Where no virtual kit is in reach, real devices."""
         if not self.in_reach:
             return await self._real().scan_devices(timeout, filters) or []
         wanted = filters or {}
@@ -35,9 +40,13 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
             and (address == "any" or address.lower() in peer.address.lower())
         ]
 
-    async def connect(self, device: Any, notification_callback: Any, disconnect_callback: Any) -> bool:
+    async def connect(
+        self, device: Any, notification_callback: Any, disconnect_callback: Any
+    ) -> bool:
         if not _is_virtual(device):
-            return bool(await self._real().connect(device, notification_callback, disconnect_callback))
+            return bool(
+                await self._real().connect(device, notification_callback, disconnect_callback)
+            )
         return bool(device.connect(notification_callback, disconnect_callback))
 
     async def send(self, device: Any, message: bytes) -> None:

@@ -1,7 +1,7 @@
 """Machine behind a virtual hub: clock, the firmware's 5 ms control loop, and the body.
 
-Time is a whole number of milliseconds and passes only in methods of :class:`Machine`; :class:`Pace` keeps it in step with real
-time.
+Time is a whole number of milliseconds and passes only in methods of :class:`Machine`; :class:`Pace`
+keeps it in step with real time.
 """
 
 import contextlib
@@ -22,8 +22,8 @@ from brickhub.virtual.run_log import RunLog
 MAX_STEP_MS = 15
 """Maximum step of simulated time, for smooth pictures and a quick stop."""
 CONTROL_LOOP_MS = 5
-# On a hub each call takes some 10 us. Here calls are free until there are many of them without a wait: otherwise no simulated
-# time would ever pass in a program that only polls.
+# On a hub each call takes some 10 us. Here calls are free until there are many of them without a
+# wait: otherwise no simulated time would ever pass in a program that only polls.
 _FREE_CALLS = 200
 _CALLS_PER_MS = 100
 _AFTER_LOOP_TICKS = 10
@@ -34,9 +34,9 @@ class FirmwareVersion:
     """What distinguishes a version to a program.
 
     Attributes:
-        version, build: what ``pybricks.version`` tells.
-        takes_packets: whether the input buffer takes at least a whole packet (since 4.1: pybricks/support#2788).
-        has_hub_network: whether ``pybricks.messaging`` has ``HubNetwork``.
+        version, build: what ``pybricks.version`` tells. takes_packets: whether the input buffer
+        takes at least a whole packet (since 4.1: pybricks/support#2788). has_hub_network: whether
+        ``pybricks.messaging`` has ``HubNetwork``.
     """
 
     version: str
@@ -46,7 +46,9 @@ class FirmwareVersion:
 
 
 FIRMWARE_VERSIONS = {
-    "4.1": FirmwareVersion("4.1.0", "v4.1.0 on 2026-10-12", takes_packets=True, has_hub_network=True),
+    "4.1": FirmwareVersion(
+        "4.1.0", "v4.1.0 on 2026-10-12", takes_packets=True, has_hub_network=True
+    ),
     "4.0": FirmwareVersion("4.0.1", "v4.0.1 on 2026-06-23"),
 }
 """Stable versions, the newest first."""
@@ -57,14 +59,21 @@ def firmware_version(name: str) -> FirmwareVersion:
     """The version of that name. Raises UnknownNameError if it is not played."""
     if name not in FIRMWARE_VERSIONS:
         known = ", ".join(FIRMWARE_VERSIONS)
-        raise UnknownNameError(f"the virtual hub plays no firmware '{name}'{hint(name, FIRMWARE_VERSIONS)}; choose {known}")
+        raise UnknownNameError(
+            f"the virtual hub plays no firmware '{name}'{hint(name, FIRMWARE_VERSIONS)}; "
+            f"choose {known}"
+        )
     return FIRMWARE_VERSIONS[name]
 
 
 class Pace:
     """Delays simulated time to real time. ``clock_s, sleep``: replaced in tests."""
 
-    def __init__(self, clock_s: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep) -> None:
+    def __init__(
+        self,
+        clock_s: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
         self._clock_s, self._sleep = clock_s, sleep
         self._start_s = clock_s()
 
@@ -102,16 +111,20 @@ class Machine:
     Attributes:
         firmware: version of the firmware that is played.
         runs_program: whether a program runs that the stop button can stop.
-        pace: keeps simulated time to real time at each control loop; ``None`` for as fast as possible.
+        pace: keeps simulated time to real time at each control loop; ``None`` for as fast as
+            possible.
         log: log of the run; ``None`` for none.
         panel: buttons, light, display and loudspeaker.
         heading: heading of the robot by the gyroscope.
         modes: mode of each device that has modes, by port.
-        check_memory: returns the number of branches until its next call. Raises MemoryError if the program does not fit.
+        check_memory: returns the number of branches until its next call. Raises MemoryError if the
+            program does not fit.
         time_ms: simulated time since the hub was switched on.
-        time_ticks: the same for the motor control, in ticks of 0.1 ms. After the control loop the firmware sleeps until its next
-            event, at most 1 ms, before it resumes the program: commands are that much later than the loop of the same ms.
-        alarm_ms: simulated time at which ``on_alarm`` is called from within :meth:`advance`; ``None`` for never.
+        time_ticks: the same for the motor control, in ticks of 0.1 ms. After the control loop the
+            firmware sleeps until its next event, at most 1 ms, before it resumes the program:
+            commands are that much later than the loop of the same ms.
+        alarm_ms: simulated time at which ``on_alarm`` is called from within :meth:`advance`;
+            ``None`` for never.
     """
 
     def __init__(self, body: Body, panel: Panel | None = None) -> None:
@@ -149,13 +162,18 @@ class Machine:
             self.servos[port] = Servo(self.body.motors[port], port, self.body, self)
         return True
 
-    def new_drive_base(self, left: Servo, right: Servo, wheel_diameter_um: int, axle_track_um: int) -> DriveBaseControl:
-        """A drive base in the control loop. Raises ValueError and OSError as :class:`DriveBaseControl`."""
+    def new_drive_base(
+        self, left: Servo, right: Servo, wheel_diameter_um: int, axle_track_um: int
+    ) -> DriveBaseControl:
+        """A drive base in the control loop. Raises ValueError and OSError as
+        :class:`DriveBaseControl`."""
         base = DriveBaseControl(left, right, wheel_diameter_um, axle_track_um, self.heading)
         self.drive_bases.append(base)
         if isinstance(self.body, FittedBench):
             turn = wheel_diameter_um / (2 * axle_track_um * left.settings.steps_per_unit)
-            self.body.put_on_wheels({left.port: turn * left.direction, right.port: -turn * right.direction})
+            self.body.put_on_wheels(
+                {left.port: turn * left.direction, right.port: -turn * right.direction}
+            )
         return base
 
     def advance(self, duration_ms: int) -> None:
@@ -166,7 +184,8 @@ class Machine:
             self._advance_towards(end_ms)
 
     def advance_to_alarm(self, duration_ms: int) -> int:
-        """Let time pass, but not beyond the next alarm, which may bring input; returns the ms that passed."""
+        """Let time pass, but not beyond the next alarm, which may bring input; returns the ms that
+        passed."""
         self._calls = self._products = 0
         start_ms = self.time_ms
         end_ms = start_ms + duration_ms
@@ -175,7 +194,8 @@ class Machine:
         return self.time_ms - start_ms
 
     def _advance_towards(self, end_ms: int) -> bool:
-        """Advance to the next control loop, panel event or alarm, at most to ``end_ms``; returns whether it was an alarm."""
+        """Advance to the next control loop, panel event or alarm, at most to ``end_ms``; returns
+        whether it was an alarm."""
         time_ms = self.time_ms
         event_ms = self.panel.next_ms
         if self._is_ahead:
@@ -191,7 +211,12 @@ class Machine:
                 stop_ms = alarm_ms
             self._run_to(stop_ms)
         self.time_ticks = stop_ms * 10 + _AFTER_LOOP_TICKS
-        if event_ms is not None and event_ms <= stop_ms and self.panel.poll(stop_ms) and self.runs_program:
+        if (
+            event_ms is not None
+            and event_ms <= stop_ms
+            and self.panel.poll(stop_ms)
+            and self.runs_program
+        ):
             self.time_ms, self.time_ticks, self._is_ahead = stop_ms - 1, stop_ms * 10, True
             raise SwitchedOff if self.panel.is_off else SystemExit
         if self.alarm_ms is None or stop_ms < self.alarm_ms:
@@ -217,8 +242,8 @@ class Machine:
     def branch(self, value: Any) -> Any:
         """``value``, on which the program branches; the rest of the hub catches up first.
 
-        A program resumes at the beginning of a millisecond, the rest of the hub only at the program's first branch in it, such as
-        the next iteration of a loop.
+        A program resumes at the beginning of a millisecond, the rest of the hub only at the
+        program's first branch in it, such as the next iteration of a loop.
         """
         if not (self._is_ahead or self._is_stopping):
             time_ms, time_ticks = self.time_ms, self.time_ticks
@@ -260,7 +285,8 @@ class Machine:
             self._calls = calls
 
     def charge_product(self) -> None:
-        """Count a product of floats; time passes by whole ms, so that what takes less between two waits is free."""
+        """Count a product of floats; time passes by whole ms, so that what takes less between two
+        waits is free."""
         self._products += 1
         if self._products * self.robot.hub.model.product_us >= 1000:
             self.advance(1)
@@ -271,7 +297,8 @@ class Machine:
         return any(servo.voltage_mv is not None for servo in self.servos.values())
 
     def stop_motors(self) -> None:
-        """End a program as the firmware does: motors coast and are closed, drive bases are released, the display is cleared."""
+        """End a program as the firmware does: motors coast and are closed, drive bases are
+        released, the display is cleared."""
         self.runs_program = False
         self.panel.start_program()
         for base in self.drive_bases:

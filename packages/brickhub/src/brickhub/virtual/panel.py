@@ -1,6 +1,8 @@
-"""Panel of a hub: buttons, also those of a remote control and an Xbox controller, light, display and loudspeaker.
+"""Panel of a hub: buttons, also those of a remote control and an Xbox controller, light, display
+and loudspeaker.
 
-Buttons are pressed by a script (``Press``, at a simulated time), or from Python and by keys while the program runs.
+Buttons are pressed by a script (``Press``, at a simulated time), or from Python and by keys while
+the program runs.
 """
 
 import math
@@ -23,8 +25,30 @@ _DIRECTIONS = ("up", "down", "left", "right")
 _WIRELESS_BUTTONS = {
     "remote": REMOTE_BUTTONS,
     "xbox": (
-        *("a", "b", "x", "y", "lb", "rb", "view", "menu", "guide", "lj", "rj", "upload", "p1", "p2", "p3", "p4", *_DIRECTIONS),
-        *("left_trigger", "right_trigger", *(f"joystick_{side}_{end}" for side in ("left", "right") for end in _DIRECTIONS)),
+        *(
+            "a",
+            "b",
+            "x",
+            "y",
+            "lb",
+            "rb",
+            "view",
+            "menu",
+            "guide",
+            "lj",
+            "rj",
+            "upload",
+            "p1",
+            "p2",
+            "p3",
+            "p4",
+            *_DIRECTIONS,
+        ),
+        *(
+            "left_trigger",
+            "right_trigger",
+            *(f"joystick_{side}_{end}" for side in ("left", "right") for end in _DIRECTIONS),
+        ),
     ),
 }
 """Buttons of wireless devices; a stick and a trigger are pressed all the way."""
@@ -37,9 +61,9 @@ class Press:
     """One press of a button.
 
     Attributes:
-        button: ``left``, ``right``, ``center``, ``bluetooth``; ``remote.left_plus`` and so on for a remote control, ``xbox.a``,
-            ``xbox.joystick_left_up`` and so on for an Xbox controller.
-        start_s, duration_s: simulated seconds.
+        button: ``left``, ``right``, ``center``, ``bluetooth``; ``remote.left_plus`` and so on for a
+            remote control, ``xbox.a``, ``xbox.joystick_left_up`` and so on for an Xbox controller.
+            start_s, duration_s: simulated seconds.
 
     Raises:
         TwinError: at construction, a time is out of range.
@@ -52,17 +76,21 @@ class Press:
     def __post_init__(self) -> None:
         if not (0.0 <= self.start_s <= _MAX_S and 0.0 < self.duration_s <= _MAX_S):
             raise TwinError(
-                f"the time of the press of '{self.button}' is out of range; give {self.button}@2.5s or {self.button}@2.5s+1s"
+                f"the time of the press of '{self.button}' is out of range; give "
+                f"{self.button}@2.5s or {self.button}@2.5s+1s"
             )
 
 
 def parse_press(text: str) -> Press:
-    """The press for ``left@2.5s``, or ``left@2.5s+1s`` with a duration of 1 s. Raises TwinError for any other text."""
+    """The press for ``left@2.5s``, or ``left@2.5s+1s`` with a duration of 1 s. Raises TwinError for
+    any other text."""
     match = re.fullmatch(r"([a-z_.]+\d?)@([\d.]+)s?(?:\+([\d.]+)s?)?", text.strip().lower())
     try:
         start_s, duration_s = float(match[2]), float(match[3] or DEFAULT_PRESS_S)  # type: ignore[index]
     except (TypeError, ValueError):
-        raise TwinError(f"'{text}' is not a button press; give one such as left@2.5s, or center@4s+0.5s") from None
+        raise TwinError(
+            f"'{text}' is not a button press; give one such as left@2.5s, or center@4s+0.5s"
+        ) from None
     return Press(match[1], start_s, duration_s)  # type: ignore[index]
 
 
@@ -73,14 +101,17 @@ class Panel:
         buttons: names of the hub's buttons.
         stop_buttons: buttons that stop the program when pressed together; none if empty.
         near: wireless devices that a program can connect to, of ``WIRELESS``.
-        remote_name: name that a program gave to the remote control, which keeps it; ``None`` before.
+        remote_name: name that a program gave to the remote control, which keeps it; ``None``
+            before.
         has_display: whether the hub has a display of 5 x 5 pixels.
         light: color of the status light as (hue, saturation, value); ``None`` if off.
         display: brightness of the 25 pixels of the display in %, row by row from the top.
         text: the character or number that the display shows instead.
-        quarter_turns: clockwise turns of what a program shows, on the way to the display; of a text they are not seen.
+        quarter_turns: clockwise turns of what a program shows, on the way to the display; of a text
+            they are not seen.
         sound_hz: frequency of the loudspeaker; 0 if silent.
-        lamps: brightness in % of the lights on the ports, by port, as far as a program has set them.
+        lamps: brightness in % of the lights on the ports, by port, as far as a program has set
+            them.
         clock_ms: simulated time, set by the panel's machine.
         is_watched: whether a person may press a button at any time.
         on_change: called with the panel after a change of light, display or sound.
@@ -91,7 +122,9 @@ class Panel:
         TwinError: the hub has no such button.
     """
 
-    def __init__(self, hub: AnyHub, presses: Iterable[Press] = (), near: Iterable[str] = ()) -> None:
+    def __init__(
+        self, hub: AnyHub, presses: Iterable[Press] = (), near: Iterable[str] = ()
+    ) -> None:
         self.buttons, self.has_display = hub.model.buttons, hub.model.has_display
         self._hub = hub
         self._presses: list[tuple[int, int, str]] = []
@@ -108,7 +141,8 @@ class Panel:
         self.next_ms: int | None = None
         self._now_ms = 0
         self._stop_pressed_ms = -POLL_MS
-        self._center_polls = (-POLL_MS, -POLL_MS)  # first and last of those that found the center button down without a break
+        # first and last of those that found the center button down without a break
+        self._center_polls = (-POLL_MS, -POLL_MS)
         self._animations: dict[str, tuple[int, Iterator[int]]] = {}
         for press in presses:
             self.press(press)
@@ -119,12 +153,25 @@ class Panel:
         return self.clock_ms() / 1000
 
     def describe(self) -> str:
-        """Light, display and sound in one line; the display as five rows of five, from ``.`` to ``#``."""
-        light = "off" if self.light is None else f"hue {self.light[0]}, {self.light[1]} %, {self.light[2]} %"
+        """Light, display and sound in one line; the display as five rows of five, from ``.`` to
+        ``#``."""
+        light = (
+            "off"
+            if self.light is None
+            else f"hue {self.light[0]}, {self.light[1]} %, {self.light[2]} %"
+        )
         rows = (self.display[i : i + 5] for i in range(0, 25, 5))
-        display = self.text or "/".join("".join(_SHADES[min(3, value * 3 // 100 + (value > 0))] for value in row) for row in rows)
-        shown = f"light {light}; display {display if any(self.display) or self.text else 'off'}; sound {self.sound_hz or 'off'}"
-        return "; ".join([shown, *(f"lamp {port} {value} %" for port, value in sorted(self.lamps.items()))])
+        display = self.text or "/".join(
+            "".join(_SHADES[min(3, value * 3 // 100 + (value > 0))] for value in row)
+            for row in rows
+        )
+        shown = (
+            f"light {light}; display {display if any(self.display) or self.text else 'off'}; "
+            f"sound {self.sound_hz or 'off'}"
+        )
+        return "; ".join(
+            [shown, *(f"lamp {port} {value} %" for port, value in sorted(self.lamps.items()))]
+        )
 
     def tap(self, button: str) -> None:
         """Press a button now, for :data:`DEFAULT_PRESS_S`."""
@@ -135,7 +182,9 @@ class Panel:
         self._check(press.button)
         self.near |= {press.button.partition(".")[0]} & WIRELESS
         start_ms = round(press.start_s * 1000)
-        self._presses.append((start_ms, start_ms + max(1, math.ceil(press.duration_s * 1000)), press.button))
+        self._presses.append(
+            (start_ms, start_ms + max(1, math.ceil(press.duration_s * 1000)), press.button)
+        )
         self._schedule(self.clock_ms())
 
     def hold(self, button: str) -> None:
@@ -151,7 +200,9 @@ class Panel:
     def is_unattended(self) -> bool:
         """Whether no button will ever be pressed again."""
         now_ms = self.clock_ms()
-        return not (self.is_watched or self._held or any(end_ms > now_ms for _, end_ms, _ in self._presses))
+        return not (
+            self.is_watched or self._held or any(end_ms > now_ms for _, end_ms, _ in self._presses)
+        )
 
     def pressed(self, time_ms: int) -> frozenset[str]:
         """Buttons of the hub that are down at a simulated time."""
@@ -159,11 +210,13 @@ class Panel:
 
     def pressed_on(self, device: str, time_ms: int) -> frozenset[str]:
         """Buttons of a wireless device that are down at a simulated time."""
-        return frozenset(name.partition(".")[2] for name in self._down(time_ms) if name.startswith(f"{device}."))
+        return frozenset(
+            name.partition(".")[2] for name in self._down(time_ms) if name.startswith(f"{device}.")
+        )
 
     def poll(self, time_ms: int) -> bool:
-        """Process animations and the poll that are due; returns whether a program ends, as the stop button was pressed since the
-        last poll, or the hub is switched off."""
+        """Process animations and the poll that are due; returns whether a program ends, as the stop
+        button was pressed since the last poll, or the hub is switched off."""
         self._now_ms = time_ms
         for part, (due_ms, frames) in tuple(self._animations.items()):
             if due_ms <= time_ms:
@@ -219,19 +272,34 @@ class Panel:
                 self.on_change(self)
 
     def _down(self, time_ms: int) -> set[str]:
-        return self._held | {name for start_ms, end_ms, name in self._presses if start_ms <= time_ms < end_ms}
+        return self._held | {
+            name for start_ms, end_ms, name in self._presses if start_ms <= time_ms < end_ms
+        }
 
     def _schedule(self, from_ms: int) -> None:
         """Compute :attr:`next_ms`: the next poll of a pressed button or step of an animation."""
-        polls = [(max(start_ms + 1, from_ms), end_ms) for start_ms, end_ms, _ in self._presses if end_ms >= from_ms]
+        polls = [
+            (max(start_ms + 1, from_ms), end_ms)
+            for start_ms, end_ms, _ in self._presses
+            if end_ms >= from_ms
+        ]
         polls += [(from_ms, from_ms + POLL_MS)] * bool(self._held)
-        due = [poll_ms for begin_ms, end_ms in polls if (poll_ms := -(-begin_ms // POLL_MS) * POLL_MS) <= end_ms]
-        self.next_ms = min((*due, *(due_ms for due_ms, _ in self._animations.values())), default=None)
+        due = [
+            poll_ms
+            for begin_ms, end_ms in polls
+            if (poll_ms := -(-begin_ms // POLL_MS) * POLL_MS) <= end_ms
+        ]
+        self.next_ms = min(
+            (*due, *(due_ms for due_ms, _ in self._animations.values())), default=None
+        )
 
     def _check(self, button: str) -> None:
         device = button.partition(".")[0]
         names = [f"{device}.{name}" for name in _WIRELESS_BUTTONS.get(device, ())]
         if button not in (names or self.buttons):
             owner = f"the {device}" if names else f"the {self._hub.value} hub"
-            known = ", ".join(names or [*self.buttons, "or of a wireless device, such as remote.left_plus or xbox.a"])
+            known = ", ".join(
+                names
+                or [*self.buttons, "or of a wireless device, such as remote.left_plus or xbox.a"]
+            )
             raise TwinError(f"{owner} has no button '{button}'; press one of {known}")

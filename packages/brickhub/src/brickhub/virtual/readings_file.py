@@ -24,14 +24,17 @@ class Row:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Rows of a table of readings, in order of time. Raises TwinError, with the line, if there are none or one is wrong."""
+    """Rows of a table of readings, in order of time. Raises TwinError, with the line, if there are
+    none or one is wrong."""
     lines = _text(path).splitlines()
     separator = None
     if lines and (declared := re.fullmatch(r'"?sep=(.)"?', lines[0].strip(), re.IGNORECASE)):
         separator = declared[1]  # as Excel declares it
         lines[0] = ""
     contents = [line.partition("#")[0].strip(" \r") for line in lines]
-    separator = separator or next((mark for mark in _SEPARATORS if any(mark in line for line in contents)), ",")
+    separator = separator or next(
+        (mark for mark in _SEPARATORS if any(mark in line for line in contents)), ","
+    )
     rows: list[Row] = []
     is_first = True
     for number, content in enumerate(contents, 1):
@@ -49,12 +52,16 @@ def read_rows(path: Path) -> list[Row]:
 
 
 def _text(path: Path) -> str:
-    """Text of a file in UTF-8, in UTF-16 as spreadsheets write it, or in the characters of Western Europe."""
+    """Text of a file in UTF-8, in UTF-16 as spreadsheets write it, or in the characters of Western
+    Europe."""
     try:
         data = path.read_bytes()
     except OSError as error:
         reason = error.strerror or str(error)
-        raise TwinError(f"cannot read the readings in '{path}' ({reason}); give a file with lines such as: 2.5, red") from None
+        raise TwinError(
+            f"cannot read the readings in '{path}' ({reason}); give a file with lines such as: "
+            "2.5, red"
+        ) from None
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         encodings = ["utf-16"]
     elif b"\0" in data[:4]:
@@ -68,9 +75,14 @@ def _text(path: Path) -> str:
             continue
         if "\0" not in text:
             return (
-                text.replace("\N{NO-BREAK SPACE}", " ").replace("\N{NARROW NO-BREAK SPACE}", " ").replace("\N{MINUS SIGN}", "-")
+                text.replace("\N{NO-BREAK SPACE}", " ")
+                .replace("\N{NARROW NO-BREAK SPACE}", " ")
+                .replace("\N{MINUS SIGN}", "-")
             )
-    raise TwinError(f"cannot read the readings in '{path}' (it is no text); give a file with lines such as: 2.5, red")
+    raise TwinError(
+        f"cannot read the readings in '{path}' (it is no text); give a file with lines such as: "
+        "2.5, red"
+    )
 
 
 def _cells(content: str, separator: str) -> list[str]:
@@ -99,5 +111,8 @@ def _row(cells: list[str], place: str, before: list[Row]) -> Row:
     if len(cells) < 2:
         raise TwinError(f"{place} has a time and no reading; write {_EXAMPLE}")
     if before and time_s < before[-1].time_s:
-        raise TwinError(f"{place}: {time_s:g} s comes after {before[-1].time_s:g} s; write the lines in order of time")
+        raise TwinError(
+            f"{place}: {time_s:g} s comes after {before[-1].time_s:g} s; write the lines in "
+            "order of time"
+        )
     return Row(time_s, ",".join(cells[1:]), place)

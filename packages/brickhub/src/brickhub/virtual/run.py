@@ -32,7 +32,12 @@ from brickhub.virtual.given_readings import GivenReading
 from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import NEWEST, Machine, Pace, firmware_version
 from brickhub.virtual.micropython.compiler import compile_source
-from brickhub.virtual.micropython.exceptions import HostStop, SwitchedOff, class_name, is_program_error
+from brickhub.virtual.micropython.exceptions import (
+    HostStop,
+    SwitchedOff,
+    class_name,
+    is_program_error,
+)
 from brickhub.virtual.micropython.text import format_traceback
 from brickhub.virtual.panel import WIRELESS, Panel, Press
 from brickhub.virtual.pybricks import modules
@@ -50,13 +55,15 @@ class _TimeLimitReached(ProgramStopped):
 
 
 class _OutputFailed(HostStop):
-    """This computer does not take the program's output: no hub has that error, which is the only argument."""
+    """This computer does not take the program's output: no hub has that error, which is the only
+    argument."""
 
 
 class StreamConsole:
     """A console on binary streams with ``\\n`` line ends; AppData is discarded, as without a host.
 
-    Output waits in a buffer to be sent over USB, 60 bytes each millisecond. A program waits while it is full.
+    Output waits in a buffer to be sent over USB, 60 bytes each millisecond. A program waits while
+    it is full.
     """
 
     def __init__(self, machine: Machine, stdin: BinaryIO | TextIO | None, stdout: BinaryIO) -> None:
@@ -66,7 +73,8 @@ class StreamConsole:
 
     @cached_property
     def _input(self) -> bytes:
-        # Read everything, as simulated time waits for nobody, and only on demand, as a pipe without a writer would block.
+        # Read everything, as simulated time waits for nobody, and only on demand, as a pipe without
+        # a writer would block.
         return as_typed(self._stdin.read() if self._stdin is not None else b"")
 
     def available(self) -> int:
@@ -118,7 +126,8 @@ class Operation:
         realtime: run in real time.
         firmware: version of the firmware to play, such as ``"4.0"``.
         watch: called with the hub's panel before the program starts.
-        attend: called with the machine before the program starts; may set its pace and call :func:`stop_program`.
+        attend: called with the machine before the program starts; may set its pace and call
+            :func:`stop_program`.
     """
 
     presses: Sequence[Press] = ()
@@ -148,13 +157,14 @@ def run_file(
         body: the robot; ``None`` for a bench with the hub and devices that the program uses.
         stdout: for prints; ``None`` for this process's.
         stderr: for the hub's traceback or stop message; ``None`` for this process's.
-        stdin: input, read completely at once: bytes, or text as if it were typed; ``None`` for none.
+        stdin: input, read completely at once: bytes, or text as if it were typed; ``None`` for
+            none.
         time_limit_s: simulated seconds until the program is stopped.
         operation: buttons, readings and pace.
 
     Returns:
-        Exit code: 1 if the program raises, `TIME_LIMIT_EXIT_CODE` if the time limit ends it, else 0, also for ``SystemExit``
-        and switching off.
+        Exit code: 1 if the program raises, `TIME_LIMIT_EXIT_CODE` if the time limit ends it, else
+        0, also for ``SystemExit`` and switching off.
 
     Raises:
         OSError: ``stdout`` does not take what the program prints.
@@ -175,7 +185,8 @@ def run_file(
         machine = Machine(body, Panel(hub, operation.presses, near=WIRELESS))
     elif operation.readings or operation.end_stops or operation.devices:
         raise TwinError(
-            "readings and devices on ports are for the bench, and a body has its end stops; omit them, or take --robot bench"
+            "readings and devices on ports are for the bench, and a body has its end stops; omit "
+            "them, or take --robot bench"
         )
     else:
         machine = Machine(body, Panel(body.robot.hub, operation.presses))
@@ -209,7 +220,14 @@ def _imported_hub(program: HubProgram) -> HubKind:
     return HubKind.PRIME
 
 
-def _run(program: HubProgram, path: Path, machine: Machine, console: StreamConsole, stdout: BinaryIO, stderr: TextIO) -> int:
+def _run(
+    program: HubProgram,
+    path: Path,
+    machine: Machine,
+    console: StreamConsole,
+    stdout: BinaryIO,
+    stderr: TextIO,
+) -> int:
     try:
         importable = modules(machine, console)
         importable.find_module = {module.name: module for module in program.modules}.get
@@ -230,7 +248,11 @@ def _run(program: HubProgram, path: Path, machine: Machine, console: StreamConso
     except BaseException as error:
         if not (is_program_error(error) or isinstance(error, KeyboardInterrupt)):
             raise
-        hints = _module_hint(error, path) + _typing_hint(error, program.source) + _ports_hint(error, machine)
+        hints = (
+            _module_hint(error, path)
+            + _typing_hint(error, program.source)
+            + _ports_hint(error, machine)
+        )
         stderr.write(format_traceback(error, path.name) + hints)
         return 1
     finally:
@@ -241,7 +263,11 @@ def _run(program: HubProgram, path: Path, machine: Machine, console: StreamConso
 
 def _module_hint(error: BaseException, path: Path) -> str:
     """A line that says where a module is that a program does not find."""
-    missing = re.fullmatch("no module named '(.+)'", str(error)) if isinstance(error, ImportError) else None
+    missing = (
+        re.fullmatch("no module named '(.+)'", str(error))
+        if isinstance(error, ImportError)
+        else None
+    )
     folder = folder_with_module(path, missing[1]) if missing else None
     if missing is None or folder is None:
         return ""
@@ -257,12 +283,15 @@ def _ports_hint(error: BaseException, machine: Machine) -> str:
     devices = sorted((*robot.motors, *robot.sensors), key=lambda device: device.port)
     fitted = ", ".join(f"{device.port} '{device.name}' ({device.kind.value})" for device in devices)
     return (
-        f"The robot '{robot.name}' has on its ports: {fitted or 'nothing'}; use these in the program, or leave --robot out "
+        f"The robot '{robot.name}' has on its ports: {fitted or 'nothing'}; use these in the "
+        "program, or leave --robot out "
         "for a bench that has what the program expects.\n"
     )
 
 
-_OF_WORD_PROCESSORS = str.maketrans("\u201c\u201d\u201e\u2018\u2019\u2013\u2014\u2212", '"""\'\'---')
+_OF_WORD_PROCESSORS = str.maketrans(
+    "\u201c\u201d\u201e\u2018\u2019\u2013\u2014\u2212", '"""\'\'---'
+)
 """Curly quotes and long dashes, and what a program needs in their place."""
 
 
@@ -291,8 +320,9 @@ class _Interrupted(HostStop):
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Context in which Ctrl-C ends a program past its handlers, to which a KeyboardInterrupt is an ordinary error; that is raised
-    at the end of the context. No effect in other threads than the main one, which get no signals."""
+    """Context in which Ctrl-C ends a program past its handlers, to which a KeyboardInterrupt is an
+    ordinary error; that is raised at the end of the context. No effect in other threads than the
+    main one, which get no signals."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -10,14 +10,16 @@ _MOST_ROWS = 100_000
 
 
 class RunLog:
-    """A row every 10 ms of simulated time, and one at the end: the motors as the firmware knows them, and what the program last
-    read from its sensors.
+    """A row every 10 ms of simulated time, and one at the end: the motors as the firmware knows
+    them, and what the program last read from its sensors.
 
-    It measures nothing itself, so a run with a log is the same as one without. At most 100,000 rows are kept, some 15 MB with two
-    motors and a sensor: each time that they are full, after 1,000 s at first, every second row goes, and ``period_ms`` doubles.
+    It measures nothing itself, so a run with a log is the same as one without. At most 100,000 rows
+    are kept, some 15 MB with two motors and a sensor: each time that they are full, after 1,000 s
+    at first, every second row goes, and ``period_ms`` doubles.
 
-    Columns: ``time_s``; for a motor ``A_angle_deg``, ``A_speed_deg_s``, ``A_load_mnm``, ``A_voltage_mv`` (empty while it coasts);
-    for what the program reads ``B_reflection_pct``, ``C_distance_mm``, ``heading_deg`` and so on, empty until then.
+    Columns: ``time_s``; for a motor ``A_angle_deg``, ``A_speed_deg_s``, ``A_load_mnm``,
+    ``A_voltage_mv`` (empty while it coasts); for what the program reads ``B_reflection_pct``,
+    ``C_distance_mm``, ``heading_deg`` and so on, empty until then.
     """
 
     def __init__(self) -> None:
@@ -26,11 +28,14 @@ class RunLog:
         self._lines: list[str] = []
 
     def sample(self, time_ms: int, servos: Mapping[str, Servo]) -> None:
-        """Add a row, after the control loop, or at the end of the run; it replaces one of the same time."""
+        """Add a row, after the control loop, or at the end of the run; it replaces one of the same
+        time."""
         for port, servo in servos.items():
             angle_deg, *others = servo.observed()
             self._set(f"{port}_angle_deg", angle_deg)
-            for quantity, value in zip(("speed_deg_s", "load_mnm", "voltage_mv"), others, strict=True):
+            for quantity, value in zip(
+                ("speed_deg_s", "load_mnm", "voltage_mv"), others, strict=True
+            ):
                 self._set(f"{port}_{quantity}", value)
         time = f"{time_ms / 1000:.3f}"
         if self._lines and self._lines[-1].startswith(f"{time},"):
@@ -42,7 +47,9 @@ class RunLog:
 
     def read(self, columns: Sequence[str], value: Any) -> None:
         """Keep what the program reads: one value, or a tuple of one for each column."""
-        for column, part in zip(columns, value if isinstance(value, tuple) else (value,), strict=True):
+        for column, part in zip(
+            columns, value if isinstance(value, tuple) else (value,), strict=True
+        ):
             self._set(column, part)
 
     def csv(self) -> str:
@@ -50,7 +57,8 @@ class RunLog:
         return "\n".join((",".join(("time_s", *self._cells)), *self._lines, ""))
 
     def rows(self) -> Iterator[dict[str, float | str | None]]:
-        """Each row by column: a number, a text such as ``Color.RED``, or ``None`` for an empty cell."""
+        """Each row by column: a number, a text such as ``Color.RED``, or ``None`` for an empty
+        cell."""
         for row in csv.DictReader(self.csv().splitlines()):
             yield {column: _value(text) for column, text in row.items()}
 

@@ -14,12 +14,18 @@ Hsv = tuple[int, int, int]
 
 
 COLORS: Mapping[str, Hsv] = {
-    "RED": (0, 100, 100), "BROWN": (30, 100, 50), "ORANGE": (30, 100, 100), "YELLOW": (60, 100, 100), "GREEN": (120, 100, 100),
-    "CYAN": (180, 100, 100), "BLUE": (240, 100, 100), "MAGENTA": (300, 100, 100), "VIOLET": (270, 100, 100), "BLACK": (0, 0, 10),
+    "RED": (0, 100, 100), "BROWN": (30, 100, 50), "ORANGE": (30, 100, 100),
+    "YELLOW": (60, 100, 100), "GREEN": (120, 100, 100),
+    "CYAN": (180, 100, 100), "BLUE": (240, 100, 100), "MAGENTA": (300, 100, 100),
+    "VIOLET": (270, 100, 100), "BLACK": (0, 0, 10),
     "GRAY": (0, 0, 50), "WHITE": (0, 0, 100), "NONE": (0, 0, 0),
 }  # fmt: skip
 """Pybricks' named colors, in its order."""
-DEFAULT_STIMULI: Mapping[Sense, float] = {Sense.AMBIENT: 0.0, Sense.DISTANCE: 100.0, Sense.COUNT: 0.0}
+DEFAULT_STIMULI: Mapping[Sense, float] = {
+    Sense.AMBIENT: 0.0,
+    Sense.DISTANCE: 100.0,
+    Sense.COUNT: 0.0,
+}
 """Defaults of secondary senses: dark, nothing near, nothing passed."""
 
 
@@ -35,8 +41,11 @@ def brightness_pct(sensed: Sensed) -> float:
 
 
 def color(sensed: Sensed) -> Hsv:
-    """Hue 0..359, saturation and value 0..100; a number is a gray's value. Raises TwinError if it is neither."""
-    hue, saturation, value = (0.0, 0.0, sensed) if isinstance(sensed, int | float) else _expect(sensed, 3)
+    """Hue 0..359, saturation and value 0..100; a number is a gray's value. Raises TwinError if it
+    is neither."""
+    hue, saturation, value = (
+        (0.0, 0.0, sensed) if isinstance(sensed, int | float) else _expect(sensed, 3)
+    )
     return round(hue) % 360, *(min(max(round(share), 0), 100) for share in (saturation, value))  # type: ignore[return-value]
 
 
@@ -49,12 +58,18 @@ def pitch_and_roll(sensed: Sensed) -> tuple[float, float]:
 def reflection_pct(hsv: Hsv) -> int:
     """Mean of red, green and blue, as in the firmware."""
     hue, saturation, value = hsv
-    return int(round(sum(colorsys.hsv_to_rgb(hue / 360, saturation / 100, value / 100)) / 3 * 100, 6))
+    return int(
+        round(sum(colorsys.hsv_to_rgb(hue / 360, saturation / 100, value / 100)) / 3 * 100, 6)
+    )
 
 
 def _expect(sensed: Sensed, count: int) -> tuple[float, ...]:
     values = sensed if isinstance(sensed, tuple) else (sensed,)
     if len(values) != count:
-        expected = {1: "a number", 2: "(pitch, roll)", 3: "a brightness or (hue, saturation, value)"}[count]
+        expected = {
+            1: "a number",
+            2: "(pitch, roll)",
+            3: "a brightness or (hue, saturation, value)",
+        }[count]
         raise TwinError(f"the scene lets a sensor sense {sensed}; give {expected}")
     return values

@@ -1,8 +1,10 @@
 """Virtual robot of LEGO's kits: its devices behind LEGO's own package, in simulated or real time.
 
-Three threads take turns. The package runs Bluetooth in a thread of its own, and so may the program that uses it; the world runs
-in the thread that calls :meth:`VirtualKit.run` or :meth:`VirtualKit.sleep`. Simulated time passes only while the program waits:
-for a command or in a sleep. So a run is reproducible; a program that does neither for a while sees time pass as in reality.
+Three threads take turns. The package runs Bluetooth in a thread of its own, and so may the program
+that uses it; the world runs in the thread that calls :meth:`VirtualKit.run` or
+:meth:`VirtualKit.sleep`. Simulated time passes only while the program waits: for a command or in a
+sleep. So a run is reproducible; a program that does neither for a while sees time pass as in
+reality.
 """
 
 import asyncio
@@ -24,15 +26,18 @@ from brickhub.virtual.virtual_transport import PLACEMENT_MS, Radio, VirtualHub
 
 _T = TypeVar("_T")
 _IDLE_S = 1.0
-"""Time without a call after which a program is taken to poll: long, as another program may have the processor."""
+"""Time without a call after which a program is taken to poll: long, as another program may have the
+processor."""
 _TURNS = 6
 """Turns of the package's loop in which a call that has its answer ends."""
 
 
 class Peer:
-    """Device as LEGO's package sees it: its name and address, and the packets on their way to it and back.
+    """Device as LEGO's package sees it: its name and address, and the packets on their way to it
+    and back.
 
-    They travel at connection events. ``lost_ms``: simulated time since which nothing gets through. ``seed``: of their delays.
+    They travel at connection events. ``lost_ms``: simulated time since which nothing gets through.
+    ``seed``: of their delays.
     """
 
     def __init__(self, kit: "VirtualKit", device: KitDevice, seed: int) -> None:
@@ -54,7 +59,10 @@ class Peer:
         with self._kit.awake:
             if not self._kit.in_reach():
                 return False
-            self._kit.loop, self._kit.package_thread = asyncio.get_running_loop(), threading.get_ident()
+            self._kit.loop, self._kit.package_thread = (
+                asyncio.get_running_loop(),
+                threading.get_ident(),
+            )
             self._down.clear()
             self._up.clear()
             self.device.connect()
@@ -67,7 +75,9 @@ class Peer:
         with self._kit.awake:
             self._kit.check_stopped()
             if self._kit.in_reach():
-                self._down.append((self._radio.to_hub_ms(self._kit.machine.time_ms, self._kit.link), packet))
+                self._down.append(
+                    (self._radio.to_hub_ms(self._kit.machine.time_ms, self._kit.link), packet)
+                )
             self._kit.wake()
 
     def disconnect(self) -> None:
@@ -82,12 +92,17 @@ class Peer:
     # ---- in the thread of the world
 
     def exchange(self, now_ms: int) -> list[tuple[Callable[[Any, bytes], Any], bytes]]:
-        """Hand the device what has arrived, take what it sends, and return what has arrived at this computer."""
+        """Hand the device what has arrived, take what it sends, and return what has arrived at this
+        computer."""
         device = self.device
         if not self._kit.in_reach():
             self._lost_ms = now_ms if self._lost_ms is None else self._lost_ms
         is_lost = self._lost_ms is not None
-        if self._lost_ms is not None and device.is_connected and now_ms - self._lost_ms >= SUPERVISION_S * 1000:
+        if (
+            self._lost_ms is not None
+            and device.is_connected
+            and now_ms - self._lost_ms >= SUPERVISION_S * 1000
+        ):
             device.disconnect()
         while self._down and self._down[0][0] <= now_ms:
             packet = self._down.popleft()[1]
@@ -120,8 +135,8 @@ class VirtualKit:
     Attributes:
         peers: its devices.
         in_reach: set to False to break the link to all of them.
-        awake: condition of what the threads share.
-        loop, package_thread: event loop of LEGO's package, and its thread, since the first connection.
+        awake: condition of what the threads share. loop, package_thread: event loop of LEGO's
+        package, and its thread, since the first connection.
     """
 
     def __init__(
@@ -134,9 +149,14 @@ class VirtualKit:
         seed: int = 0,
     ) -> None:
         self.robot, self.body, self.machine = body.robot, body, Machine(body)
-        ports = [sensor.port for sensor in body.robot.sensors] if sensor_ports is None else sensor_ports
+        ports = (
+            [sensor.port for sensor in body.robot.sensors] if sensor_ports is None else sensor_ports
+        )
         devices = devices_of(self.machine, parts(body.robot.hub, self.machine.servos, ports))
-        self.peers = [Peer(self, device, seed * len(devices) + number) for number, device in enumerate(devices)]
+        self.peers = [
+            Peer(self, device, seed * len(devices) + number)
+            for number, device in enumerate(devices)
+        ]
         self.in_reach: Callable[[], bool] = lambda: True
         self._link = link
         self.awake = threading.Condition()
@@ -150,7 +170,8 @@ class VirtualKit:
         self._is_stopped = False
 
     def attach(self) -> None:
-        """Let LEGO's package find virtual devices. Raises MediumUnavailableError if it is not installed."""
+        """Let LEGO's package find virtual devices. Raises MediumUnavailableError if it is not
+        installed."""
         lego_package()
         from legoeducation.ble_transport import register_transport
 
@@ -159,9 +180,12 @@ class VirtualKit:
         register_transport(VirtualTransport)
 
     def search(self, part: KitPart) -> dict[str, Any]:
-        """Arguments of ``connect`` in LEGO's package: the device itself. Raises HubNotFoundError if it is out of reach."""
+        """Arguments of ``connect`` in LEGO's package: the device itself. Raises HubNotFoundError if
+        it is out of reach."""
         if not self.in_reach():
-            raise HubNotFoundError(f"no {part.product.title} is in reach; switch it on, and bring it near")
+            raise HubNotFoundError(
+                f"no {part.product.title} is in reach; switch it on, and bring it near"
+            )
         return {"device": next(peer for peer in self.peers if peer.device.part == part)}
 
     def now_s(self) -> float:
@@ -175,7 +199,8 @@ class VirtualKit:
 
     @property
     def link(self) -> LinkProfile:
-        """The link that was given, or the body's, of each device; no packet of theirs is lost for good."""
+        """The link that was given, or the body's, of each device; no packet of theirs is lost for
+        good."""
         return self._link or self.body.link
 
     def check_stopped(self) -> None:
@@ -194,8 +219,8 @@ class VirtualKit:
             self._tick()
 
     def run(self, function: Callable[[], _T], limit_s: float | None = None) -> _T:
-        """Run a function that uses LEGO's package, in a thread; the world goes on while it waits. Returns what it returns, and
-        raises what it raises, HubTimeoutError after ``limit_s``."""
+        """Run a function that uses LEGO's package, in a thread; the world goes on while it waits.
+        Returns what it returns, and raises what it raises, HubTimeoutError after ``limit_s``."""
         future: concurrent.futures.Future[_T] = concurrent.futures.Future()
 
         def work() -> None:
@@ -210,20 +235,27 @@ class VirtualKit:
             while not future.done():
                 self._go_on()
                 if limit_ms is not None and self.machine.time_ms >= limit_ms and not future.done():
-                    raise HubTimeoutError(f"nothing answered within {limit_s:g} s; check that the devices are on and near")
+                    raise HubTimeoutError(
+                        f"nothing answered within {limit_s:g} s; check that the devices are on "
+                        "and near"
+                    )
         except BaseException:
             self._stop_program()
             raise
         return future.result()
 
     def _go_on(self) -> None:
-        """Let time pass if the program waits; else wait for what it does next, or if it does nothing, let real time pass."""
+        """Let time pass if the program waits; else wait for what it does next, or if it does
+        nothing, let real time pass."""
         seen = self._events
         if self.is_realtime or self._sleepers or self._hand_over([]):
             self._tick()
             return
         with self.awake:
-            if self.awake.wait_for(lambda: self._events != seen, _IDLE_S if self._idle != seen else CONTROL_LOOP_MS / 1000):
+            if self.awake.wait_for(
+                lambda: self._events != seen,
+                _IDLE_S if self._idle != seen else CONTROL_LOOP_MS / 1000,
+            ):
                 return
         self._idle = seen
         self._tick()
@@ -247,7 +279,8 @@ class VirtualKit:
             self._pace.keep(self.machine.time_ms)
 
     def _hand_over(self, arrived: list[tuple[Callable[[Any, bytes], Any], bytes]]) -> int:
-        """Give LEGO's package what has arrived; returns how many of its calls waited for something before and still do."""
+        """Give LEGO's package what has arrived; returns how many of its calls waited for something
+        before and still do."""
         if self.loop is None or self.loop.is_closed():
             return 0
 
@@ -273,7 +306,8 @@ class VirtualKit:
     def wait(self, seconds: float) -> None:
         """``time.sleep`` of a program: the world goes on in its own thread."""
         if threading.get_ident() == self.package_thread:
-            return  # within a notification: LEGO's package waits for it, and nothing else can happen
+            # within a notification: LEGO's package waits for it, and nothing else can happen
+            return
         with self.awake:
             due = self.machine.time_ms + seconds * 1000
             self._sleepers.append(due)
@@ -286,9 +320,11 @@ class VirtualKit:
 VirtualRobot = VirtualHub | VirtualKit
 
 
-def virtual_robot(body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0) -> VirtualRobot:
-    """The virtual hub, or the virtual devices of LEGO's kits, of a robot's body. ``link``: in place of the body's, with its
-    random ``seed``."""
+def virtual_robot(
+    body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0
+) -> VirtualRobot:
+    """The virtual hub, or the virtual devices of LEGO's kits, of a robot's body. ``link``: in place
+    of the body's, with its random ``seed``."""
     make = VirtualHub if body.robot.hub.model.runs_programs else VirtualKit
     robot = make(body, realtime=realtime, link=link, seed=seed)
     if isinstance(body, FaultyBody) and body.link_breaks_s is not None:

@@ -1,7 +1,7 @@
 """Transport to a virtual hub, which runs a LEGO hub's program on a body in simulated time.
 
-The program is a greenlet that runs only while the host waits: no threads, reproducible runs. Bytes travel as the profile of the
-body's link says: at connection events, as over Bluetooth.
+The program is a greenlet that runs only while the host waits: no threads, reproducible runs. Bytes
+travel as the profile of the body's link says: at connection events, as over Bluetooth.
 """
 
 import itertools
@@ -44,7 +44,9 @@ class Radio:
 
     def __init__(self, seed: int) -> None:
         self._rng = random.Random(seed)
-        self._heard_ms = self._event_ms = self._arrival_ms = self._burst_start_ms = self._burst_end_ms = 0.0
+        self._heard_ms = self._event_ms = self._arrival_ms = self._burst_start_ms = (
+            self._burst_end_ms
+        ) = 0.0
 
     def to_hub_ms(self, now_ms: float, link: LinkProfile) -> float:
         """Arrival of a command that the computer sends now."""
@@ -54,10 +56,13 @@ class Radio:
         return self._heard_ms
 
     def to_computer_ms(self, now_ms: float, link: LinkProfile) -> float:
-        """Arrival of what the hub sends now: output of the program, or the acknowledgement of a command."""
+        """Arrival of what the hub sends now: output of the program, or the acknowledgement of a
+        command."""
         if self._event_ms <= now_ms:
             self._event_ms = self._next_event_ms(now_ms, link)
-            self._arrival_ms = max(self._arrival_ms, self._event_ms + self._drawn_ms(link.jitter_ms))
+            self._arrival_ms = max(
+                self._arrival_ms, self._event_ms + self._drawn_ms(link.jitter_ms)
+            )
         return self._arrival_ms
 
     def loses_notification(self, link: LinkProfile) -> bool:
@@ -91,7 +96,11 @@ class _Wire:
     def __init__(self, hub: "VirtualHub") -> None:
         model = hub.robot.hub.model
         self._hub = hub
-        self._capacity = max(model.stdin_bytes, model.packet_bytes) if hub.machine.firmware.takes_packets else model.stdin_bytes
+        self._capacity = (
+            max(model.stdin_bytes, model.packet_bytes)
+            if hub.machine.firmware.takes_packets
+            else model.stdin_bytes
+        )
         self._stdin, self.inbox = bytearray(), bytearray()
         self.outbox: deque[tuple[float, bytes]] = deque()
 
@@ -124,9 +133,12 @@ class _Wire:
         self.inbox[: len(data)] = data
 
     def deliver(self, data: bytes) -> None:
-        """Put the host's bytes into the ring buffer; like the firmware, refuses writes that do not fit."""
+        """Put the host's bytes into the ring buffer; like the firmware, refuses writes that do not
+        fit."""
         if len(self._stdin) + len(data) > self._capacity:
-            raise HubError("the hub's input buffer is full; wait for the program's answer before writing")
+            raise HubError(
+                "the hub's input buffer is full; wait for the program's answer before writing"
+            )
         self._stdin += data
 
 
@@ -142,10 +154,13 @@ class VirtualHub:
     Attributes:
         radio: when its messages arrive.
         in_reach: set to False to break the link.
-        waits_for_acknowledgement: whether `write` waits for the hub's; set to False where a host writes to several hubs at once.
+        waits_for_acknowledgement: whether `write` waits for the hub's; set to False where a host
+            writes to several hubs at once.
     """
 
-    def __init__(self, body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0) -> None:
+    def __init__(
+        self, body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0
+    ) -> None:
         self.robot, self.body = body.robot, body
         self._given_link, self.radio = link, Radio(seed)
         self.machine = Machine(body)
@@ -191,10 +206,13 @@ class VirtualHub:
         self._run_until(self.machine.time_ms, program)
 
     def write(self, data: bytes) -> None:
-        """Send bytes, and wait until the hub acknowledges them: two connection events later, or more. Raises HubError for over 20
-        bytes, no program, or a full input buffer, HubProgramError if the program raised."""
+        """Send bytes, and wait until the hub acknowledges them: two connection events later, or
+        more. Raises HubError for over 20 bytes, no program, or a full input buffer, HubProgramError
+        if the program raised."""
         if len(data) > MAX_WRITE_BYTES:
-            raise HubError(f"{len(data)} bytes in one write; split them into {MAX_WRITE_BYTES} bytes or less")
+            raise HubError(
+                f"{len(data)} bytes in one write; split them into {MAX_WRITE_BYTES} bytes or less"
+            )
         self._check_reach()
         self._keep_pace()
         arrival_ms = math.ceil(self.radio.to_hub_ms(self.machine.body_ms, self.link))
@@ -209,8 +227,8 @@ class VirtualHub:
             self.run_on_until(math.ceil(self.arrival_ms()))
 
     def read(self, timeout_s: float) -> bytes:
-        """The program's next output; ``b""`` after the (simulated) timeout. Raises HubError if no program runs and no output is
-        left, HubProgramError if the program raised."""
+        """The program's next output; ``b""`` after the (simulated) timeout. Raises HubError if no
+        program runs and no output is left, HubProgramError if the program raised."""
         self._check_reach()
         self._keep_pace()
         deadline_ms = self.machine.time_ms + round(timeout_s * 1000)
@@ -220,7 +238,11 @@ class VirtualHub:
                 self._check()
             if self.machine.time_ms >= deadline_ms:
                 return b""
-            self._run_until(self._next_stop_ms(min(deadline_ms, math.ceil(outbox[0][0])) if outbox else deadline_ms))
+            self._run_until(
+                self._next_stop_ms(
+                    min(deadline_ms, math.ceil(outbox[0][0])) if outbox else deadline_ms
+                )
+            )
             self._wait_for_real_time()
         data = bytearray()
         while outbox and outbox[0][0] <= self.machine.time_ms:
@@ -240,8 +262,10 @@ class VirtualHub:
         if self._program is not None:
             program, self._program = self._program, None
             try:
-                if not program.dead and not sys.is_finalizing():  # then greenlets cannot switch any more
-                    with self.machine.stopping():  # no time may pass: other hubs of the same world do not run now
+                # then greenlets cannot switch any more
+                if not program.dead and not sys.is_finalizing():
+                    # no time may pass: other hubs of the same world do not run now
+                    with self.machine.stopping():
                         program.throw(_Stopped)
             finally:
                 self.machine.stop_motors()
@@ -280,7 +304,8 @@ class VirtualHub:
             program.parent = self._host
         except ValueError:
             raise TwinError(
-                "the virtual hub was started in another thread; use an environment in one thread, or make one in each"
+                "the virtual hub was started in another thread; use an environment in one "
+                "thread, or make one in each"
             ) from None
         self.machine.alarm_ms = max(time_ms, self.machine.time_ms + 1)
         program.switch(*(() if new_program is None else (new_program,)))
@@ -304,7 +329,11 @@ class VirtualHub:
         end_ms = self.machine.time_ms + _LONGEST_RUN_DOWN_MS
         while self.machine.time_ms < end_ms:
             angles = [self.body.angle_mdeg(port) for port in self.machine.servos]
-            if before and max((abs(a - b) for a, b in zip(angles, before, strict=True)), default=0) <= _AT_REST_MDEG:
+            if (
+                before
+                and max((abs(a - b) for a, b in zip(angles, before, strict=True)), default=0)
+                <= _AT_REST_MDEG
+            ):
                 return
             before = angles
             self.machine.advance(MAX_STEP_MS)
@@ -326,14 +355,19 @@ class VirtualHub:
         except BaseException as error:
             if not is_program_error(error):
                 raise
-            self._error = describe_traceback(format_traceback(error, program.name), program.source, program.name)
+            self._error = describe_traceback(
+                format_traceback(error, program.name), program.source, program.name
+            )
         finally:
-            if getcurrent() is self._program:  # neither stopped, nor replaced by another thread's program
+            # neither stopped, nor replaced by another thread's program
+            if getcurrent() is self._program:
                 self.machine.stop_motors()
 
     def _check_reach(self) -> None:
         if not self.in_reach():
-            raise HubError("the virtual hub is out of reach; bring it back, and open the link again")
+            raise HubError(
+                "the virtual hub is out of reach; bring it back, and open the link again"
+            )
 
     def _check(self) -> None:
         if self._error is not None:

@@ -36,7 +36,9 @@ from brickhub.virtual.virtual_transport import VirtualHub
 class MisbuiltHub(VirtualHub):
     """A robot with motors mounted at an angle or reversed."""
 
-    def __init__(self, shifts_deg: dict[str, int], mirrored: tuple[str, ...] = (), body: Body | None = None) -> None:
+    def __init__(
+        self, shifts_deg: dict[str, int], mirrored: tuple[str, ...] = (), body: Body | None = None
+    ) -> None:
         body = body or BenchArm()
         super().__init__(body)
         angle, apply = body.angle_mdeg, body.set_voltage
@@ -47,7 +49,9 @@ class MisbuiltHub(VirtualHub):
 
 
 def observe(hub: VirtualHub, calibration: Calibration | None) -> tuple[float, ...]:
-    calibrate = None if calibration is None else lambda described: calibrated(described, calibration)
+    calibrate = (
+        None if calibration is None else lambda described: calibrated(described, calibration)
+    )
     with HubLink(hub, ROBO_ARM, REACHING, calibrate=calibrate) as link:
         return link.read().values
 
@@ -60,7 +64,9 @@ def test_end_stop_calibration_corrects_observation() -> None:
     right = observe(VirtualHub(BenchArm()), None)
     hub = MisbuiltHub(SHIFTS)
     wrong = observe(hub, None)
-    assert all(abs(shifted - angle) > 30 for shifted, angle in zip(wrong[1:], right[1:], strict=True))
+    assert all(
+        abs(shifted - angle) > 30 for shifted, angle in zip(wrong[1:], right[1:], strict=True)
+    )
     stops = find_stops(hub, ROBO_ARM)
     zeros = {name: zero_between(found, ROBO_ARM.motor(name)) for name, found in stops.items()}
     turned_deg = {"low": 35, "high": -120, "grab": 150}
@@ -74,7 +80,11 @@ def test_calibrated_targets_stay_in_range() -> None:
     """Without its calibration the arm would drive against its stops."""
     for calibration, low_end in ((None, True), (Calibration({"low": 35}), False)):
         hub = MisbuiltHub({"D": 35})
-        calibrate = None if calibration is None else lambda robot: calibrated(robot, Calibration({"low": 35}))
+        calibrate = (
+            None
+            if calibration is None
+            else lambda robot: calibrated(robot, Calibration({"low": 35}))
+        )
         with HubLink(hub, ROBO_ARM, REACHING, calibrate=calibrate) as link:
             for _ in range(6):
                 link.act([0, -30, 0, 0])
@@ -86,7 +96,9 @@ def test_mirrored_motor_direction_is_reversed() -> None:
     hub = MisbuiltHub({}, mirrored=("A",), body=BenchBody(TWO_WHEELER))
     turned = []
     for calibration in (Calibration(), Calibration({}, frozenset({"right"}))):
-        with HubLink(hub, TWO_WHEELER, SPINNING, calibrate=lambda robot, c=calibration: calibrated(robot, c)) as link:
+        with HubLink(
+            hub, TWO_WHEELER, SPINNING, calibrate=lambda robot, c=calibration: calibrated(robot, c)
+        ) as link:
             before = hub.true_angle_mdeg("A")
             for _ in range(5):
                 link.act([0, 100])
@@ -107,18 +119,26 @@ def test_program_without_calibration_is_unchanged() -> None:
 def test_hub_computes_angle_from_zero(zero: int, angle: int) -> None:
     motor = replace(ROBO_ARM.motor("low"), zero_deg=zero)
     shown = (angle + zero + 180) % 360 - 180
-    line = generate(replace(ROBO_ARM, motors=(motor, *[m for m in ROBO_ARM.motors if m.name != "low"])), REACHING).source
+    line = generate(
+        replace(ROBO_ARM, motors=(motor, *[m for m in ROBO_ARM.motors if m.name != "low"])),
+        REACHING,
+    ).source
     if zero:
         expression = line.split("motor_low.reset_angle(")[1].splitlines()[0][:-1]
-        assert eval(expression.replace("motor_low.angle()", str(shown))) == angle  # noqa: S307  our own line
+        # our own line
+        assert eval(expression.replace("motor_low.angle()", str(shown))) == angle  # noqa: S307
 
 
 def test_geared_motor_position_within_shaft_turn() -> None:
     assert ROBO_ARM.motor("rotation").turn_deg == 120.0
     source = generate(calibrated(ROBO_ARM, Calibration({"rotation": 10})), REACHING).source
     assert "motor_rotation.reset_angle((motor_rotation.angle() - -50) % 120 + -60)" in source
-    odd = replace(ROBO_ARM, motors=(Motor("rotation", "B", gears=(20, 28), zero_deg=4), *ROBO_ARM.motors[1:]))
-    assert "motor_rotation.reset_angle(motor_rotation.angle() - 4)" in generate(odd, REACHING).source
+    odd = replace(
+        ROBO_ARM, motors=(Motor("rotation", "B", gears=(20, 28), zero_deg=4), *ROBO_ARM.motors[1:])
+    )
+    assert (
+        "motor_rotation.reset_angle(motor_rotation.angle() - 4)" in generate(odd, REACHING).source
+    )
 
 
 @given(st.integers(-500, 500), st.integers(0, 40))
@@ -129,7 +149,9 @@ def test_range_is_centred_between_stops(zero: int, margin: int) -> None:
 
 
 def test_early_block_is_not_calibrated() -> None:
-    with pytest.raises(CalibrationError, match="blocked after 100 degrees and has to turn by 160; clear its way"):
+    with pytest.raises(
+        CalibrationError, match="blocked after 100 degrees and has to turn by 160; clear its way"
+    ):
         zero_between((0, 100), ROBO_ARM.motor("high"))
     with pytest.raises(CalibrationError, match="by hand"):
         zero_between((0, 100), ROBO_ARM.motor("rotation"))
@@ -158,7 +180,15 @@ def test_calibration_is_per_hub_and_robot(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{", "[]", "{}", '{"zeros_deg": [1], "reversed": []}', '{"zeros_deg": {"low": "x"}, "reversed": []}']
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        "{}",
+        '{"zeros_deg": [1], "reversed": []}',
+        '{"zeros_deg": {"low": "x"}, "reversed": []}',
+    ],
 )
 def test_damaged_calibration_file_raises(tmp_path: Path, text: str) -> None:
     path = save_calibration("hub", ROBO_ARM, Calibration(), tmp_path)
@@ -187,12 +217,17 @@ def test_unwritable_folder_raises(tmp_path: Path) -> None:
         save_calibration("hub", ROBO_ARM, Calibration(), tmp_path / "file")
 
 
-def test_calibration_folder_is_in_user_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_calibration_folder_is_in_user_folder(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     assert calibration_folder() == tmp_path / "bricksrl" / "calibrations"
     monkeypatch.setattr("sys.platform", "darwin")
-    assert calibration_folder().relative_to(Path.home()).parts[:2] == ("Library", "Application Support")
+    assert calibration_folder().relative_to(Path.home()).parts[:2] == (
+        "Library",
+        "Application Support",
+    )
     if os.name == "posix":
         monkeypatch.setattr("sys.platform", "win32")
         monkeypatch.setenv("APPDATA", str(tmp_path / "roaming"))

@@ -25,7 +25,9 @@ pytestmark = pytest.mark.realtime
 
 
 def test_scan_shows_kind_of_hub(world: World) -> None:
-    assert [(hub.name, hub.kind) for hub in scan(0.3, backend=world.radio.backend())] == [(NAME, HubKind.PRIME)]
+    assert [(hub.name, hub.kind) for hub in scan(0.3, backend=world.radio.backend())] == [
+        (NAME, HubKind.PRIME)
+    ]
 
 
 def test_preflight_over_bluetooth(world: World) -> None:
@@ -42,7 +44,13 @@ def test_preflight_over_bluetooth(world: World) -> None:
 
 
 def test_other_kind_of_hub_is_an_error() -> None:
-    told = {"kind": HubKind.CITY, "firmware": "3.6.1", "profile_version": (1, 4), "name": NAME, "address": "x"}
+    told = {
+        "kind": HubKind.CITY,
+        "firmware": "3.6.1",
+        "profile_version": (1, 4),
+        "name": NAME,
+        "address": "x",
+    }
     kind, firmware = check_hub(SimpleNamespace(**told), TWO_WHEELER)
     assert kind.outcome is Outcome.ERROR and "city hub" in kind.detail
     assert firmware.outcome is Outcome.WARNING and "3.6.1" in firmware.detail
@@ -59,14 +67,19 @@ def test_connection_interval_is_inferred(world: World, interval_ms: float, is_sl
 
 def test_any_program_can_be_stopped(world: World, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     """Also a foreign one, over a link that another program left open."""
-    other = "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\nfrom pybricks.tools import wait\n"
+    other = (
+        "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\n"
+        "from pybricks.tools import wait\n"
+    )
     other += "Motor(Port.A).run(500)\nwhile True:\n    wait(10)\n"
     world.hub.library.append(other)
     left = world.transport()
     left.open()
     left.start(HubProgram(other, 1))
     world.hub.wait_until("is_driven", True)
-    monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport(name=None, address=self.which))
+    monkeypatch.setattr(
+        HubAddress, "transport", lambda self: world.transport(name=None, address=self.which)
+    )
     start_s = time.monotonic()
     assert main(("stop", "--hub", f"ble:{world.hub.address}")) == 0
     assert "the program was stopped" in capsys.readouterr().out
@@ -77,21 +90,44 @@ def test_any_program_can_be_stopped(world: World, monkeypatch: pytest.MonkeyPatc
     assert "no program ran" in capsys.readouterr().out
 
 
-def test_unreachable_hub_needs_button(world: World, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport(name="Rover", timeout_s=0.5))
+def test_unreachable_hub_needs_button(
+    world: World, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    monkeypatch.setattr(
+        HubAddress, "transport", lambda self: world.transport(name="Rover", timeout_s=0.5)
+    )
     assert main(("stop", "--hub", "ble:Rover")) == 2
     assert "hears only its button" in capsys.readouterr().err
 
 
-def test_calibration_is_stored_by_address(world: World, monkeypatch: pytest.MonkeyPatch, capsys, tmp_path) -> None:
+def test_calibration_is_stored_by_address(
+    world: World, monkeypatch: pytest.MonkeyPatch, capsys, tmp_path
+) -> None:
     monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
-    assert main(("calibrate", f"{described.__file__}:TWO_WHEELER", "--reverse", "left", "--calibrations", str(tmp_path))) == 0
+    assert (
+        main(
+            (
+                "calibrate",
+                f"{described.__file__}:TWO_WHEELER",
+                "--reverse",
+                "left",
+                "--calibrations",
+                str(tmp_path),
+            )
+        )
+        == 0
+    )
     assert (tmp_path / world.hub.address.replace(":", "-") / "two-wheeler.json").exists()
     capsys.readouterr()
 
 
 def test_link_uses_calibration_of_hub(world: World, tmp_path) -> None:
-    from brickhub.hub.diagnostics.calibration import Calibration, calibrated, calibration_of, save_calibration
+    from brickhub.hub.diagnostics.calibration import (
+        Calibration,
+        calibrated,
+        calibration_of,
+        save_calibration,
+    )
     from brickhub.hub.program.generate import generate
 
     save_calibration(world.hub.address, TWO_WHEELER, Calibration({}, frozenset({"left"})), tmp_path)

@@ -29,7 +29,15 @@ from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.virtual_transport import VirtualHub
 
 GOOD = Survey(
-    {"A": 48, "B": 0, "C": 62, "D": 0, "E": 48, "F": 0}, {"left": 0, "right": 0}, 8000, "4.0.1", "hub", True, True, 0, 0
+    {"A": 48, "B": 0, "C": 62, "D": 0, "E": 48, "F": 0},
+    {"left": 0, "right": 0},
+    8000,
+    "4.0.1",
+    "hub",
+    True,
+    True,
+    0,
+    0,
 )
 
 
@@ -42,11 +50,17 @@ def test_preflight_names_every_port() -> None:
     findings = ports()
     assert list(findings) == list("ABCDEF")
     assert all(finding.outcome is Outcome.OK for finding in findings.values())
-    assert ports(B=61)["B"].outcome is Outcome.OK and "color sensor is there" in ports(B=61)["B"].detail
+    assert (
+        ports(B=61)["B"].outcome is Outcome.OK
+        and "color sensor is there" in ports(B=61)["B"].detail
+    )
 
 
 def test_missing_device_is_an_error_with_remedy() -> None:
-    assert ports(A=0)["A"].outcome is Outcome.ERROR and "plug it into port A until it clicks" in ports(A=0)["A"].detail
+    assert (
+        ports(A=0)["A"].outcome is Outcome.ERROR
+        and "plug it into port A until it clicks" in ports(A=0)["A"].detail
+    )
     assert "move it from port F to C" in ports(C=0, F=62)["C"].detail
     assert ports(A=62, C=48)["A"].outcome is Outcome.ERROR, "swapped"
     assert "device 99 is there" in ports(A=99)["A"].detail
@@ -54,7 +68,10 @@ def test_missing_device_is_an_error_with_remedy() -> None:
 
 def test_other_motor_kind_is_a_warning() -> None:
     finding = ports(A=MotorKind.TECHNIC_M_ANGULAR.model.device_id)["A"]
-    assert finding.outcome is Outcome.WARNING and "technic-m-angular is there; it works" in finding.detail
+    assert (
+        finding.outcome is Outcome.WARNING
+        and "technic-m-angular is there; it works" in finding.detail
+    )
 
 
 def test_every_described_device_has_a_number_and_a_name() -> None:
@@ -71,7 +88,9 @@ def test_every_described_device_has_a_number_and_a_name() -> None:
         "ultrasonic sensor",
     }
     numbers = [
-        device.kind.model.device_id for robot in (TWO_WHEELER, WALKER, ROBO_ARM) for device in (*robot.motors, *robot.sensors)
+        device.kind.model.device_id
+        for robot in (TWO_WHEELER, WALKER, ROBO_ARM)
+        for device in (*robot.motors, *robot.sensors)
     ]
     assert set(numbers) == {48, 62}
 
@@ -95,8 +114,12 @@ def test_batteries(hub: HubKind, battery_mv: int, outcome: Outcome) -> None:
 
 def test_imu() -> None:
     assert [f.outcome for f in check_imu(TWO_WHEELER, GOOD)] == [Outcome.OK]
-    assert [f.outcome for f in check_imu(TWO_WHEELER, replace(GOOD, imu_ready=False))] == [Outcome.WARNING]
-    assert [f.outcome for f in check_imu(TWO_WHEELER, replace(GOOD, imu_ready=None))] == [Outcome.ERROR]
+    assert [f.outcome for f in check_imu(TWO_WHEELER, replace(GOOD, imu_ready=False))] == [
+        Outcome.WARNING
+    ]
+    assert [f.outcome for f in check_imu(TWO_WHEELER, replace(GOOD, imu_ready=None))] == [
+        Outcome.ERROR
+    ]
     assert not list(check_imu(ROBO_ARM, GOOD)), "it does not need one"
 
 
@@ -123,7 +146,11 @@ def test_latency_follows_from_round_trips() -> None:
 
 
 def test_there_is_advice_for_every_system() -> None:
-    assert "conn_min_interval" in advice("linux") and "macOS" in advice("darwin") and "Windows 11" in advice("win32")
+    assert (
+        "conn_min_interval" in advice("linux")
+        and "macOS" in advice("darwin")
+        and "Windows 11" in advice("win32")
+    )
     assert advice("plan9")
 
 
@@ -154,12 +181,17 @@ def test_blocked_motor_is_an_error() -> None:
     findings = check_robot(Blocked(), TWO_WHEELER, SPINNING, may_move=lambda: True)
     told = {finding.name: finding for finding in findings}
     assert told["motor left"].outcome is Outcome.OK
-    assert told["motor right"].outcome is Outcome.ERROR and "blocked, or its cable is loose" in told["motor right"].detail
+    assert (
+        told["motor right"].outcome is Outcome.ERROR
+        and "blocked, or its cable is loose" in told["motor right"].detail
+    )
 
 
 def test_failing_program_is_a_finding() -> None:
     hub = VirtualHub(BenchBody(TWO_WHEELER))
-    described = replace(TWO_WHEELER, motors=(replace(TWO_WHEELER.motors[0], port="D"), *TWO_WHEELER.motors[1:]))
+    described = replace(
+        TWO_WHEELER, motors=(replace(TWO_WHEELER.motors[0], port="D"), *TWO_WHEELER.motors[1:])
+    )
     hub.machine.robot = described  # it says that it is there, and cannot be used
     interface = SPINNING
     *_, last = check_robot(hub, described, interface, may_move=lambda: True)

@@ -11,7 +11,15 @@ from described import ROBO_ARM, TWO_WHEELER, WALKER
 from hub_programs import unplug
 
 from brickhub.errors import HubError, HubProgramError, HubTimeoutError
-from brickhub.hub.diagnostics.survey import STALL_LIMIT_DEG, find_stops, parse_survey, run, stops_program, survey, survey_program
+from brickhub.hub.diagnostics.survey import (
+    STALL_LIMIT_DEG,
+    find_stops,
+    parse_survey,
+    run,
+    stops_program,
+    survey,
+    survey_program,
+)
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.transport import HubProgram
 from brickhub.robot import BENCH, Direction, HubKind, Motor, Robot
@@ -23,13 +31,17 @@ pytestmark = pytest.mark.realtime
 
 @pytest.mark.parametrize("hub", [HubKind.PRIME, HubKind.ESSENTIAL, HubKind.TECHNIC, HubKind.CITY])
 def test_survey_programs_fit_every_hub(hub: HubKind) -> None:
-    robot = Robot("any", hub, (Motor("one", "A", gears=(12, 20)), Motor("two", "B", range_deg=(0, 90))))
+    robot = Robot(
+        "any", hub, (Motor("one", "A", gears=(12, 20)), Motor("two", "B", range_deg=(0, 90)))
+    )
     for program in (survey_program(robot), stops_program(robot)):
         run(VirtualHub(BenchBody(robot)), program, 60.0)
         program_blob(compile_program(program), hub)
 
 
-@pytest.mark.parametrize("robot", [TWO_WHEELER, WALKER, ROBO_ARM, BENCH], ids=lambda robot: robot.name)
+@pytest.mark.parametrize(
+    "robot", [TWO_WHEELER, WALKER, ROBO_ARM, BENCH], ids=lambda robot: robot.name
+)
 def test_survey_finds_devices_without_motion(robot: Robot) -> None:
     hub = VirtualHub(BenchBody(robot))
     before = [hub.body.angle_mdeg(port) for port in hub.machine.servos]
@@ -78,7 +90,9 @@ def test_a_robot_without_joints_does_not_move() -> None:
     assert find_stops(VirtualHub(BenchBody(TWO_WHEELER)), TWO_WHEELER) == {}
 
 
-@pytest.mark.parametrize("lines", [[], ["{'ports': {"], ["{'ports': {'A': 48}, 'name': 'n'}"], ["8000"]])
+@pytest.mark.parametrize(
+    "lines", [[], ["{'ports': {"], ["{'ports': {'A': 48}, 'name': 'n'}"], ["8000"]]
+)
 def test_incomplete_answer_raises(lines: list[str]) -> None:
     with pytest.raises(HubError, match="incomplete; bring it near"):
         parse_survey(lines)
@@ -88,7 +102,11 @@ def test_incomplete_answer_raises(lines: list[str]) -> None:
     ("source", "error", "says"),
     [
         ("print('x')\n1 / 0\n", HubProgramError, "ZeroDivisionError at|raised ZeroDivisionError"),
-        ("from pybricks.tools import wait\nwhile True:\n    wait(100)\n", HubTimeoutError, "did not end within 3 s"),
+        (
+            "from pybricks.tools import wait\nwhile True:\n    wait(100)\n",
+            HubTimeoutError,
+            "did not end within 3 s",
+        ),
         ("print('x')\n", HubError, "did not end within 3 s"),
     ],
 )

@@ -24,14 +24,20 @@ WATCHDOG_S = WATCHDOG_MS / 1000
 
 
 @given(st.none() | st.floats(0.0, 10.0), st.floats(0.05, 2.0))
-def test_frame_is_repeated_as_keepalive_and_when_overdue(move_s: float | None, watchdog_s: float) -> None:
-    times_s = list(itertools.takewhile(lambda time_s: time_s < 12.0, repeat_times_s(move_s, watchdog_s)))
+def test_frame_is_repeated_as_keepalive_and_when_overdue(
+    move_s: float | None, watchdog_s: float
+) -> None:
+    times_s = list(
+        itertools.takewhile(lambda time_s: time_s < 12.0, repeat_times_s(move_s, watchdog_s))
+    )
     pauses_s = [after - before for before, after in itertools.pairwise([0.0, *times_s])]
     due_s = math.inf if move_s is None else move_s
     is_short = due_s < watchdog_s
     for pause_s, time_s in zip(pauses_s, times_s, strict=True):
         if time_s < due_s:
-            assert pause_s <= 1.0001 * watchdog_s / (2 if is_short else 6), "four in a row may get lost"
+            assert pause_s <= 1.0001 * watchdog_s / (2 if is_short else 6), (
+                "four in a row may get lost"
+            )
         else:
             assert time_s >= due_s + 0.4999 * watchdog_s, "the answer is on its way"
             assert pause_s <= 1.0001 * watchdog_s
@@ -45,9 +51,15 @@ def repeated(hub: StandInHub) -> tuple[int, int]:
 
 @pytest.mark.parametrize(
     ("robot", "interface", "values", "count"),
-    [(TWO_WHEELER, SPINNING, [30, 30], (1, 0)), (WALKER, WALKING, [-30] * 4, (2, 0)), (TWO_WHEELER, RUN_AWAY, [90], (2, 5))],
+    [
+        (TWO_WHEELER, SPINNING, [30, 30], (1, 0)),
+        (WALKER, WALKING, [-30] * 4, (2, 0)),
+        (TWO_WHEELER, RUN_AWAY, [90], (2, 5)),
+    ],
 )
-def test_keepalive_lets_long_step_finish(robot: Robot, interface: Interface, values: list[float], count: tuple[int, int]) -> None:
+def test_keepalive_lets_long_step_finish(
+    robot: Robot, interface: Interface, values: list[float], count: tuple[int, int]
+) -> None:
     hub = StandInHub()
     with HubLink(hub, robot, interface) as link:
         for _ in range(3):
@@ -65,7 +77,11 @@ def test_lost_keepalives_abort_step() -> None:
     hub.down = lambda data: data if next(sent) == 0 else b""
     with pytest.raises(SilentHubError):
         link.act([90])
-    assert link.state is LinkState.FAULT and not hub.running and not any(motor.moving for motor in hub.motors.values())
+    assert (
+        link.state is LinkState.FAULT
+        and not hub.running
+        and not any(motor.moving for motor in hub.motors.values())
+    )
     with pytest.raises(HubError, match="open"):
         link.act([90])
     hub.down = lambda data: data

@@ -14,7 +14,9 @@ from brickhub.hub.link.timing import percentile
 @given(st.lists(st.floats(0.0, 10.0), min_size=2))
 def test_percentiles_are_interpolated(values: list[float]) -> None:
     hundredths = statistics.quantiles(values, n=100, method="inclusive")
-    assert [percentile(values, percent) for percent in (1, 50, 99)] == pytest.approx([hundredths[i] for i in (0, 49, 98)])
+    assert [percentile(values, percent) for percent in (1, 50, 99)] == pytest.approx(
+        [hundredths[i] for i in (0, 49, 98)]
+    )
     assert (percentile(values, 0), percentile(values, 100)) == (min(values), max(values))
 
 

@@ -99,7 +99,9 @@ def test_hub_clock_is_unwrapped() -> None:
         for _ in range(30):
             times.append(link.read().hub_time_ms)
             hub.run_ms(7000)
-        assert [later - time for time, later in itertools.pairwise(times)] == pytest.approx([7000] * 29, abs=10)
+        assert [later - time for time, later in itertools.pairwise(times)] == pytest.approx(
+            [7000] * 29, abs=10
+        )
 
 
 @pytest.mark.parametrize("change", [lose, damage])
@@ -111,7 +113,9 @@ def test_lost_frame_never_moves_twice(direction: str, change: Callable[[bytes], 
         setattr(hub, direction, lambda data: data if is_sign_of_life(data) else harm(data))
         for step in range(40):
             link.act([step, -step])
-        assert [move[-1] for move in hub.moves] == [angle for step in range(40) for angle in (step, -step)]
+        assert [move[-1] for move in hub.moves] == [
+            angle for step in range(40) for angle in (step, -step)
+        ]
         assert link.statistics.resends >= 13
         assert link.statistics.exchanges == 40
 
@@ -120,7 +124,9 @@ def test_noise_in_both_directions() -> None:
     hub = StandInHub()
     noise = random.Random(3)
     with make(hub, timeout_s=8.0) as link:
-        hub.up = lambda data: bytes(noise.choices([0xA5, 0, 1, 72, 200], k=noise.randint(0, 15))) + data
+        hub.up = lambda data: (
+            bytes(noise.choices([0xA5, 0, 1, 72, 200], k=noise.randint(0, 15))) + data
+        )
         hub.down = every(2, damage)
         for step in range(30):
             assert link.act([step, 0]).values[0] == pytest.approx(hub.motors["E"].angle() % 360)
@@ -221,7 +227,9 @@ def test_other_program_is_detected() -> None:
 def test_other_protocol_is_detected() -> None:
     class OtherVersion(StandInHub):
         def start(self, program: HubProgram) -> None:
-            source = program.source.replace("HELLO_HEAD = bytes([MAGIC, 0, 72, 1])", "HELLO_HEAD = bytes([MAGIC, 0, 72, 2])")
+            source = program.source.replace(
+                "HELLO_HEAD = bytes([MAGIC, 0, 72, 1])", "HELLO_HEAD = bytes([MAGIC, 0, 72, 2])"
+            )
             super().start(HubProgram(source, program.hash))
 
     with pytest.raises(HubProtocolError, match="speaks protocol 2"):
@@ -232,7 +240,9 @@ def test_missing_device_raises_at_start() -> None:
     hub = StandInHub()
     hub.unplugged.add("E")
     link = make(hub)
-    with pytest.raises(HubProgramError, match=r"ENODEV.*motor_left = Motor\(Port.E, .*; plug") as info:
+    with pytest.raises(
+        HubProgramError, match=r"ENODEV.*motor_left = Motor\(Port.E, .*; plug"
+    ) as info:
         link.open()
     assert "\n" not in str(info.value)
     hub.unplugged.clear()
@@ -324,7 +334,10 @@ def test_close_never_raises(caplog: pytest.LogCaptureFixture) -> None:
         link.close()
     assert hub.closes == 2 and link.state is LinkState.DISCONNECTED
     assert "could not stop (gone)" in caplog.text and "could not disconnect" in caplog.text
-    assert [record.exc_info is not None and record.exc_info is not False for record in caplog.records[:2]] == [False, True]
+    assert [
+        record.exc_info is not None and record.exc_info is not False
+        for record in caplog.records[:2]
+    ] == [False, True]
 
 
 def test_transport_error_is_a_fault() -> None:
@@ -360,7 +373,8 @@ def test_watchdog_grows_with_delay() -> None:
         assert len(watchdogs) == 2
         link.stop()
         hub.writes.clear()
-        link.open()  # the new program has its own short watchdog, which a slow link would never outlive
+        # the new program has its own short watchdog, which a slow link would never outlive
+        link.open()
         assert hub.writes[0] == watchdogs[1]
 
 
@@ -369,7 +383,13 @@ class DelayedWrites:
 
     def __init__(self, hub: StandInHub, delay_ms: int) -> None:
         self.hub, self.delay_ms = hub, delay_ms
-        self.read, self.start, self.stop, self.now_s, self.open = hub.read, hub.start, hub.stop, hub.now_s, hub.open
+        self.read, self.start, self.stop, self.now_s, self.open = (
+            hub.read,
+            hub.start,
+            hub.stop,
+            hub.now_s,
+            hub.open,
+        )
         self.close = hub.close
 
     def write(self, data: bytes) -> None:
@@ -387,7 +407,12 @@ def test_statistics() -> None:
         statistics = link.statistics
     assert statistics.exchanges == 10
     assert 0.099 < statistics.round_trip_p50_s <= statistics.round_trip_p99_s < 0.11
-    assert (statistics.resends, statistics.stale_answers, statistics.crc_errors, statistics.skipped_bytes) == (0, 0, 0, 0)
+    assert (
+        statistics.resends,
+        statistics.stale_answers,
+        statistics.crc_errors,
+        statistics.skipped_bytes,
+    ) == (0, 0, 0, 0)
     assert statistics.watchdog_s == WATCHDOG_MS / 1000
 
 
@@ -397,7 +422,9 @@ def test_sequence_numbers_wrap() -> None:
         for _ in range(600):
             link.read()
         link.act([1, 1])
-        assert link.statistics.resends == 0 and all(write[1] != 0 or write[2] != 0 for write in hub.writes)
+        assert link.statistics.resends == 0 and all(
+            write[1] != 0 or write[2] != 0 for write in hub.writes
+        )
 
 
 def sleep_ms(hub: StandInHub, duration_ms: int) -> None:

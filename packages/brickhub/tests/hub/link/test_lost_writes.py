@@ -39,7 +39,9 @@ def run(link: HubLink, hub: LossyHub, interface: Interface, steps: int) -> None:
     """Random steps; each must be answered by the program that was started at first."""
     draw, spans = random.Random(7), [(command.low, command.high) for command in interface.commands]
     with link:
-        times_ms = [link.act([draw.uniform(*span) for span in spans]).hub_time_ms for _ in range(steps)]
+        times_ms = [
+            link.act([draw.uniform(*span) for span in spans]).hub_time_ms for _ in range(steps)
+        ]
         assert link.state is LinkState.ARMED and times_ms == sorted(times_ms)
         assert hub.lost > steps * SHARE / 2
 

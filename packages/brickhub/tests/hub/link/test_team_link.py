@@ -47,10 +47,14 @@ def test_lost_frame_is_sent_again_and_is_no_delay(direction: str) -> None:
             readings.append(link.receive())
         setattr(hub, direction, lambda data: data)
         assert link.statistics.resends >= 20
-        assert link.statistics.watchdog_s == watchdog_s, "waiting for a lost frame is no delay of the link"
+        assert link.statistics.watchdog_s == watchdog_s, (
+            "waiting for a lost frame is no delay of the link"
+        )
         for index in (0, 1):
             turned_deg = itertools.accumulate(values[index] for values in sent)
-            assert [reading.values[index] for reading in readings] == [(1 + angle_deg) % 360 for angle_deg in turned_deg]
+            assert [reading.values[index] for reading in readings] == [
+                (1 + angle_deg) % 360 for angle_deg in turned_deg
+            ]
 
 
 def test_silent_hub_raises() -> None:

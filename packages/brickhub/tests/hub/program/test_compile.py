@@ -19,7 +19,9 @@ def test_mpy_is_version_6_without_native_code_for_31_bit_small_integers() -> Non
     assert b"main.py" in mpy and b"robot.py" in compile_mpy("x = 1\n", "robot.py")
 
 
-@pytest.mark.parametrize("source", ["x = = 1\n", "if x:\npass\n", "match x:\n    case 1:\n        pass\n", "'\n", "\0"])
+@pytest.mark.parametrize(
+    "source", ["x = = 1\n", "if x:\npass\n", "match x:\n    case 1:\n        pass\n", "'\n", "\0"]
+)
 def test_syntax_errors_are_one_line(source: str) -> None:
     with pytest.raises(ProgramError, match=r"^main.py, line \d: SyntaxError: .*; ") as info:
         compile_mpy(source)
@@ -45,10 +47,22 @@ def test_missing_hub_compiler_raises(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 
 def test_blob_has_program_and_modules() -> None:
     modules = compile_program(
-        HubProgram("import arm.hand\n", 0, name="wave.py", modules=(HubModule("arm.hand", "arm/hand.py", "x = 1\n"),))
+        HubProgram(
+            "import arm.hand\n",
+            0,
+            name="wave.py",
+            modules=(HubModule("arm.hand", "arm/hand.py", "x = 1\n"),),
+        )
     )
     main, hand = compile_mpy("import arm.hand\n", "wave.py"), compile_mpy("x = 1\n", "arm/hand.py")
-    expected = struct.pack("<I", len(main)) + b"__main__\0" + main + struct.pack("<I", len(hand)) + b"arm.hand\0" + hand
+    expected = (
+        struct.pack("<I", len(main))
+        + b"__main__\0"
+        + main
+        + struct.pack("<I", len(hand))
+        + b"arm.hand\0"
+        + hand
+    )
     assert program_blob(modules, HubKind.PRIME) == expected
 
 

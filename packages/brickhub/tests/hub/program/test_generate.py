@@ -8,7 +8,16 @@ import dataclasses
 import pytest
 from described import REACHING, ROBO_ARM, RUN_AWAY, SPINNING, TWO_WHEELER, WALKER, WALKING
 
-from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, Pitch, RunAngle, UntilDone, Wait
+from brickhub.hub.interface import (
+    Distance,
+    DriveStraight,
+    Interface,
+    MotorAngle,
+    Pitch,
+    RunAngle,
+    UntilDone,
+    Wait,
+)
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.compile import compile_mpy, compile_program, program_blob
 from brickhub.hub.program.generate import generate
@@ -35,7 +44,8 @@ def driver(kind: HubKind, interface: Interface) -> tuple[Robot, Interface]:
     channels = tuple(
         channel
         for channel in interface.channels
-        if isinstance(channel, MotorAngle) or (has_third_port if isinstance(channel, Distance) else kind.model.has_imu)
+        if isinstance(channel, MotorAngle)
+        or (has_third_port if isinstance(channel, Distance) else kind.model.has_imu)
     )
     return robot, dataclasses.replace(interface, channels=channels)
 
@@ -66,7 +76,9 @@ def test_source_contains_hash(robot: Robot, interface: Interface) -> None:
     values = {
         node.targets[0].id: node.value.value
         for node in ast.parse(program.source).body
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and isinstance(node.value, ast.Constant)
+        if isinstance(node, ast.Assign)
+        and isinstance(node.targets[0], ast.Name)
+        and isinstance(node.value, ast.Constant)
     }
     assert values["PROGRAM_HASH"] == program.hash.to_bytes(4, "little")
 
@@ -74,7 +86,13 @@ def test_source_contains_hash(robot: Robot, interface: Interface) -> None:
 def test_source_header() -> None:
     top = generate(TWO_WHEELER, RUN_AWAY).source.split("\n\n", maxsplit=1)[0]
     assert all(line.startswith("# ") for line in top.splitlines())
-    for words in ("two-wheeler", "prime hub", "straight: drive -100 to 100 mm", "pitch, -90 to 90 deg", "3000 ms"):
+    for words in (
+        "two-wheeler",
+        "prime hub",
+        "straight: drive -100 to 100 mm",
+        "pitch, -90 to 90 deg",
+        "3000 ms",
+    ):
         assert words in top
 
 
@@ -97,10 +115,14 @@ def test_tilt_is_read_once_per_answer() -> None:
 
 
 def test_motor_names_may_be_any_identifier() -> None:
-    robot = Robot("odd", HubKind.PRIME, motors=(Motor("class", "A"), Motor("hub", "B"), Motor("wait", "C")))
+    robot = Robot(
+        "odd", HubKind.PRIME, motors=(Motor("class", "A"), Motor("hub", "B"), Motor("wait", "C"))
+    )
     names = [motor.name for motor in robot.motors]
     interface = Interface(
-        tuple(RunAngle(name, -1, 1, 100) for name in names), tuple(MotorAngle(name) for name in names), UntilDone()
+        tuple(RunAngle(name, -1, 1, 100) for name in names),
+        tuple(MotorAngle(name) for name in names),
+        UntilDone(),
     )
     assert compile_mpy(generate(robot, interface).source)
 

@@ -29,7 +29,11 @@ from brickhub.hub.protocol import (
 )
 from brickhub.robot import HubKind, Motor, Robot
 
-ARM = Robot("arm", HubKind.TECHNIC, motors=(Motor("low", "D", gears=(12, 36), range_deg=(10, 70), torque_limit_mnm=900),))
+ARM = Robot(
+    "arm",
+    HubKind.TECHNIC,
+    motors=(Motor("low", "D", gears=(12, 36), range_deg=(10, 70), torque_limit_mnm=900),),
+)
 ARM_INTERFACE = Interface((RunAngle("low", -30, 30, 250),), (MotorAngle("low", 10, 70),), Wait(250))
 
 
@@ -158,7 +162,9 @@ def test_silence_stops_the_motors_and_later_the_program(spinning: Session) -> No
     assert len(spinning.run_ms(WATCHDOG_MS - 2)) == 1, "the answer"
     assert not any(motor.stops for motor in motors)
     spinning.run_ms(2)
-    assert [motor.stops for motor in motors] == [1, 1], "counted from the host's last frame, not from the hub's answer"
+    assert [motor.stops for motor in motors] == [1, 1], (
+        "counted from the host's last frame, not from the hub's answer"
+    )
     spinning.run_ms(END_MS - 2)
     assert spinning.hub.running and [motor.stops for motor in motors] == [1, 1]
     assert spinning.run_ms(2) == [ControlFrame(Up.BYE, bytes([ByeReason.SILENCE]))]
@@ -299,7 +305,9 @@ def test_blocked_move_stops_at_timeout() -> None:
 def test_only_blocked_motor_stops() -> None:
     robot = Robot("pair", HubKind.CITY, motors=(Motor("one", "A"), Motor("two", "B")))
     interface = Interface(
-        (RunAngle("one", -90, 90, 500), RunAngle("two", -90, 90, 500)), (MotorAngle("one"), MotorAngle("two")), UntilDone(300)
+        (RunAngle("one", -90, 90, 500), RunAngle("two", -90, 90, 500)),
+        (MotorAngle("one"), MotorAngle("two")),
+        UntilDone(300),
     )
     session = Session(robot, interface)
     session.hub.motors["A"].blocked = True
@@ -319,7 +327,12 @@ def test_walker_answer_fits_one_notification() -> None:
 
 
 def test_long_answer_is_split() -> None:
-    robot = Robot("many", HubKind.PRIME, motors=tuple(Motor(f"motor_{port}", port) for port in "ABCDEF"), needs_imu=True)
+    robot = Robot(
+        "many",
+        HubKind.PRIME,
+        motors=tuple(Motor(f"motor_{port}", port) for port in "ABCDEF"),
+        needs_imu=True,
+    )
     motors = [motor.name for motor in robot.motors]
     interface = Interface(
         tuple(RunAngle(name, -90, 90, 500) for name in motors),

@@ -42,7 +42,10 @@ def test_files_are_saved_and_the_rest_is_printed(tmp_path: Path, size: int, end:
     assert printed.replace(b"\r\n", b"\n") == b"on\nPB_\noff"
     assert (tmp_path / "logs/servo.txt").read_bytes() == b"1, 2\n\n"
     assert (tmp_path / "track.csv").read_bytes() == b"0,5\n"
-    assert told == [f"saved {tmp_path}/logs/servo.txt (2 lines)", f"saved {tmp_path}/track.csv (1 line)"]
+    assert told == [
+        f"saved {tmp_path}/logs/servo.txt (2 lines)",
+        f"saved {tmp_path}/track.csv (1 line)",
+    ]
 
 
 def test_a_prompt_is_printed_at_once(tmp_path: Path) -> None:
@@ -63,8 +66,30 @@ def test_unfinished_and_doubly_begun_files_are_kept(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        *("../up.txt", "/etc/up.txt", "a/../../up.txt", "..", "", " ", "~/up.txt", "C:up.txt", r"C:\up.txt", r"..\up.txt"),
-        *(".bashrc", ".git/hooks/post-commit", "main.py", "evil.PY", "conftest.py", "x.pth", "run.sh", "a.so", "x.py. ", "x.bat"),
+        *(
+            "../up.txt",
+            "/etc/up.txt",
+            "a/../../up.txt",
+            "..",
+            "",
+            " ",
+            "~/up.txt",
+            "C:up.txt",
+            r"C:\up.txt",
+            r"..\up.txt",
+        ),
+        *(
+            ".bashrc",
+            ".git/hooks/post-commit",
+            "main.py",
+            "evil.PY",
+            "conftest.py",
+            "x.pth",
+            "run.sh",
+            "a.so",
+            "x.py. ",
+            "x.bat",
+        ),
         *(
             "con",
             "NUL.txt",

@@ -19,7 +19,10 @@ from brickhub.hub.program.syntax import parse
         ("wait(0500)\nx = 007 + 0.05 + 10\n", "wait(500)\nx = 7 + 0.05 + 10\n"),
         ("x = max(abs(a) for a in b, default=0)\n", "x = max((abs(a) for a in b), default=0)\n"),
         ("f(1, (2, [3]), a for a in\n  b)\n", "f(1, (2, [3]), (a for a in\n  b))\n"),
-        ("s = '\x1c'\nx = max(abs(a) for a in b, default=0)\n", "s = '\x1c'\nx = max((abs(a) for a in b), default=0)\n"),
+        (
+            "s = '\x1c'\nx = max(abs(a) for a in b, default=0)\n",
+            "s = '\x1c'\nx = max((abs(a) for a in b), default=0)\n",
+        ),
         (
             """s = f"{a["b"]} {{c}} {d}" + f'{e['f']:>{g['h']}}' + f"{i}" + 'f"j"'\n""",
             """s = f"{a['b']} {{c}} {d}" + f'{e["f"]:>{g["h"]}}' + f"{i}" + 'f"j"'\n""",

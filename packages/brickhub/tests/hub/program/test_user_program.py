@@ -23,7 +23,10 @@ from brickhub.robot import HubKind, Motor, Robot
 pytestmark = pytest.mark.realtime
 
 FILES = {
-    "main.py": "import parts.arm\nfrom leg import kick, step\nimport pybricks.tools\nprint(parts.reach(), kick, step)\n",
+    "main.py": (
+        "import parts.arm\nfrom leg import kick, step\nimport pybricks.tools\n"
+        "print(parts.reach(), kick, step)\n"
+    ),
     "parts/arm.py": "from tools import double\ndef reach():\n    return double(21)\n",
     "tools/__init__.py": "def double(x):\n    return 2 * x\n",
     "leg.py": "import ustruct\nkick, step = 1, 2\n",
@@ -55,7 +58,9 @@ def test_program_modules_match_pybricksdev(folder: Path) -> None:
     program = load_program(folder / "main.py")
     assert [module.name for module in program.modules] == ["parts.arm", "leg", "tools"]
     blob = program_blob(compile_program(program), HubKind.PRIME)
-    assert unpacked(blob) == unpacked(asyncio.run(compile_multi_file(str(folder / "main.py"), (6, 1))))
+    assert unpacked(blob) == unpacked(
+        asyncio.run(compile_multi_file(str(folder / "main.py"), (6, 1)))
+    )
     assert blob.index(b"__main__") == 4
 
 
@@ -68,7 +73,10 @@ def test_byte_order_mark_is_no_code(tmp_path: Path) -> None:
 def test_circular_imports_terminate(tmp_path: Path) -> None:
     (tmp_path / "main.py").write_text("import other\n")
     (tmp_path / "other.py").write_text("import main, other\n")
-    assert [module.name for module in load_program(tmp_path / "main.py").modules] == ["other", "main"]
+    assert [module.name for module in load_program(tmp_path / "main.py").modules] == [
+        "other",
+        "main",
+    ]
 
 
 def test_unreadable_or_invalid_files_raise(folder: Path) -> None:
@@ -105,7 +113,9 @@ STOPPED = "The program was stopped (SystemExit).\r\n"
     ],
 )
 @given(data=st.data())
-def test_firmware_messages_are_distinguished(data: st.DataObject, written: str, out: str, err: str, code: int) -> None:
+def test_firmware_messages_are_distinguished(
+    data: st.DataObject, written: str, out: str, err: str, code: int
+) -> None:
     stdout, stderr = io.BytesIO(), io.StringIO()
     transcript, left = Transcript(stdout, stderr), written.encode()
     while left:
@@ -123,7 +133,9 @@ def test_prompt_is_shown_immediately() -> None:
     assert stdout.getvalue() == b"a\nTicket: "
 
 
-def run(world: World, path: Path, stdin: str | None = None, time_limit_s: float | None = None) -> tuple[int, str, str]:
+def run(
+    world: World, path: Path, stdin: str | None = None, time_limit_s: float | None = None
+) -> tuple[int, str, str]:
     program = load_program(path)
     world.hub.files[program.name] = program.source
     world.hub.files.update({module.file: module.source for module in program.modules})
@@ -131,7 +143,9 @@ def run(world: World, path: Path, stdin: str | None = None, time_limit_s: float 
     transport.open()
     out, err = io.BytesIO(), io.StringIO()
     typed = io.StringIO(stdin) if stdin is not None else None
-    code = run_program(transport, program, stdout=out, stderr=err, stdin=typed, time_limit_s=time_limit_s)
+    code = run_program(
+        transport, program, stdout=out, stderr=err, stdin=typed, time_limit_s=time_limit_s
+    )
     transport.close()
     return code, out.getvalue().decode(), err.getvalue()
 
@@ -173,7 +187,9 @@ def test_user_program_is_always_downloaded(world: World, folder: Path) -> None:
 
 def test_user_program_reads_input(world: World, folder: Path) -> None:
     lines = "".join(f"{n}\n" for n in range(100))
-    (folder / "main.py").write_text("total = 0\nfor _ in range(100):\n    total += int(input())\nprint()\nprint('sum', total)\n")
+    (folder / "main.py").write_text(
+        "total = 0\nfor _ in range(100):\n    total += int(input())\nprint()\nprint('sum', total)\n"
+    )
     code, out, _ = run(world, folder / "main.py", stdin=lines)
     assert code == 0 and out.endswith("\nsum 4950\n")
 
@@ -184,15 +200,26 @@ def test_closed_input_is_empty(world: World, folder: Path) -> None:
     world.hub.files[program.name] = program.source
     closed, out = io.BytesIO(), io.BytesIO()
     closed.close()
-    assert run_program(world.transport(), program, stdout=out, stderr=io.StringIO(), stdin=closed) == 0
+    assert (
+        run_program(world.transport(), program, stdout=out, stderr=io.StringIO(), stdin=closed) == 0
+    )
     assert out.getvalue() == b"runs\n"
 
 
 def test_user_program_and_motors_stop_at_time_limit(world: World, folder: Path) -> None:
-    source = "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\nfrom pybricks.tools import wait\n"
-    (folder / "main.py").write_text(source + "Motor(Port.A).run(500)\nprint('runs')\nwhile True:\n    wait(10)\n")
+    source = (
+        "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\n"
+        "from pybricks.tools import wait\n"
+    )
+    (folder / "main.py").write_text(
+        source + "Motor(Port.A).run(500)\nprint('runs')\nwhile True:\n    wait(10)\n"
+    )
     code, out, err = run(world, folder / "main.py", time_limit_s=0.5)
-    assert (code, out.strip(), err) == (124, "runs", "The program was stopped at the time limit of 0.5 s.\n")
+    assert (code, out.strip(), err) == (
+        124,
+        "runs",
+        "The program was stopped at the time limit of 0.5 s.\n",
+    )
     assert not world.hub.is_driven and not world.hub.is_running
 
 
@@ -212,7 +239,9 @@ def test_lost_link_raises(world: World, folder: Path) -> None:
         run_program(transport, program, stdout=Unplugs(), stderr=io.StringIO())
 
 
-def test_command_runs_user_program(world: World, folder: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary) -> None:
+def test_command_runs_user_program(
+    world: World, folder: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary
+) -> None:
     monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
     monkeypatch.setattr(sys, "stdin", None)
     world.hub.files.update(FILES)

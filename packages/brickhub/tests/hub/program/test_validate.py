@@ -45,7 +45,10 @@ def test_paper_interfaces_are_valid(interface: Interface) -> None:
         (changed(channels=()), "no channels"),
         (changed(channels=(Pitch(), Pitch())), "'pitch' is named 2 times"),
         (changed(commands=(LEFT, LEFT)), "'left' is named 2 times"),
-        (changed(commands=(LEFT, DriveStraight(-1, 1))), "'left' is moved by the commands 'left' and 'straight'"),
+        (
+            changed(commands=(LEFT, DriveStraight(-1, 1))),
+            "'left' is moved by the commands 'left' and 'straight'",
+        ),
         (changed(commands=(RunAngle("left", 10, 10, 400),)), "give low < high"),
         (changed(commands=(RunAngle("left", -3277, 10, 400),)), r"within \+-3276.7"),
         (changed(commands=(RunAngle("left", float("nan"), 10, 400),)), "ranges from nan"),
@@ -70,7 +73,10 @@ def test_too_many_commands_raise() -> None:
 @pytest.mark.parametrize(
     ("reading", "message"),
     [
-        (SensorReading("light", "hsv", 0, 100), "hsv.. is 3 numbers; give as part one of hue, saturation, value"),
+        (
+            SensorReading("light", "hsv", 0, 100),
+            "hsv.. is 3 numbers; give as part one of hue, saturation, value",
+        ),
         (SensorReading("light", "hsv", 0, 100, part="pitch"), "one of hue, saturation, value"),
         (SensorReading("light", "reflection", 0, 100, part="hue"), "reflection.. is one number"),
     ],
@@ -83,12 +89,16 @@ def test_reading_is_one_number(reading: SensorReading, message: str) -> None:
 
 def test_driving_needs_drive_base() -> None:
     with pytest.raises(DescriptionError, match="no drive base"):
-        validate(ROBO_ARM, Interface((DriveStraight(-1, 1),), (MotorAngle("low", 10, 70),), UntilDone()))
+        validate(
+            ROBO_ARM, Interface((DriveStraight(-1, 1),), (MotorAngle("low", 10, 70),), UntilDone())
+        )
 
 
 def test_wheels_have_no_range() -> None:
     motors = (Motor("left", "A", range_deg=(0, 90)), Motor("right", "B"))
-    robot = Robot("odd", HubKind.PRIME, motors=motors, drive_base=DriveBase("left", "right", 56, 130))
+    robot = Robot(
+        "odd", HubKind.PRIME, motors=motors, drive_base=DriveBase("left", "right", 56, 130)
+    )
     with pytest.raises(DescriptionError, match="wheels turn endlessly"):
         validate(robot, Interface((DriveStraight(-1, 1),), (MotorAngle("left"),), UntilDone()))
 

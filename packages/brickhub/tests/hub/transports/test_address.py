@@ -40,9 +40,14 @@ def test_invalid_addresses(text: str) -> None:
 
 
 def test_transports() -> None:
-    named, addressed = (parse_hub(f"ble:{which}").transport() for which in ("Rover", "90:84:2b:01:02:03"))
+    named, addressed = (
+        parse_hub(f"ble:{which}").transport() for which in ("Rover", "90:84:2b:01:02:03")
+    )
     assert isinstance(named, BleTransport) and (named._name, named._address) == ("Rover", None)
-    assert isinstance(addressed, BleTransport) and (addressed._name, addressed._address) == (None, "90:84:2b:01:02:03")
+    assert isinstance(addressed, BleTransport) and (addressed._name, addressed._address) == (
+        None,
+        "90:84:2b:01:02:03",
+    )
     mac = parse_hub("ble:0A1B2C3D-0A1B-0A1B-0A1B-0A1B2C3D4E5F").transport()
     assert isinstance(mac, BleTransport) and mac._name is None
     assert isinstance(parse_hub("usb:COM3").transport(), UsbTransport)
@@ -52,13 +57,17 @@ def test_transports() -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo terminals are a thing of POSIX")
 @pytest.mark.parametrize("link_class", [HubLink, StreamingLink])
-def test_address_to_moving_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, link_class: type[HubLink]) -> None:
+def test_address_to_moving_motors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, link_class: type[HubLink]
+) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr("brickhub.hub.program.generate.END_MS", 500)
     hub = PlayedUsbHub(TWO_WHEELER)
     hub.library.append(generate(TWO_WHEELER, SPINNING).source)
     try:
-        with link_class(parse_hub(f"usb:{hub.attach_terminal()}").transport(), TWO_WHEELER, SPINNING) as link:
+        with link_class(
+            parse_hub(f"usb:{hub.attach_terminal()}").transport(), TWO_WHEELER, SPINNING
+        ) as link:
             for _ in range(3):
                 reading = link.act([100, 100])
             assert reading.values[0] > 5

@@ -14,7 +14,13 @@ from hub_programs import unplug
 from played_hub import PlayedHub
 from radio import ATT_WRITE_REQUEST
 
-from brickhub.errors import AmbiguousHubError, HubDisconnectedError, HubError, HubNotFoundError, HubProgramError
+from brickhub.errors import (
+    AmbiguousHubError,
+    HubDisconnectedError,
+    HubError,
+    HubNotFoundError,
+    HubProgramError,
+)
 from brickhub.hub.link.lockstep import LinkState
 from brickhub.hub.protocol import data_frame
 from brickhub.hub.transport import HubProgram
@@ -32,7 +38,11 @@ def test_connect_download_exchange(world: World) -> None:
     transport.open()
     identity = transport.identity
     assert identity is not None and (identity.name, identity.kind) == (NAME, HubKind.PRIME)
-    assert identity.firmware == "4.0.1" and identity.profile_version == (1, 5) and identity.capabilities.slots == 5
+    assert (
+        identity.firmware == "4.0.1"
+        and identity.profile_version == (1, 5)
+        and identity.capabilities.slots == 5
+    )
     transport.close()
     with world.link(SPINNING) as link:
         left, right = link.act([90, -45]).values[:2]
@@ -51,13 +61,17 @@ def test_an_exchange_takes_two_connection_intervals(tmp_path: Path) -> None:
             for interval_ms, exchanges in ((7.5, 60), (15.0, 40), (30.0, 20), (45.0, 12)):
                 world.set_interval(interval_ms)
                 link.read()
-                took_ms = statistics.median(link.read().round_trip_s for _ in range(exchanges)) * 1000
+                took_ms = (
+                    statistics.median(link.read().round_trip_s for _ in range(exchanges)) * 1000
+                )
                 assert took_ms == pytest.approx(2 * interval_ms, abs=2.0)
     finally:
         world.close()
 
 
-def test_clock_tells_milliseconds_on_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_clock_tells_milliseconds_on_windows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its monotonic clock has steps of 15.6 ms, about a round trip."""
     transport = BleTransport(record=tmp_path / "programs.json")
     monkeypatch.setattr(time, "monotonic", lambda: 7.0)
@@ -109,7 +123,9 @@ def test_an_unknown_program_is_never_started(world: World) -> None:
     world.hub.commands.clear()
     with world.link():
         kinds = world.hub.commands
-        assert kinds.index(PybricksCommand.WRITE_USER_RAM) < kinds.index(PybricksCommand.START_USER_PROGRAM)
+        assert kinds.index(PybricksCommand.WRITE_USER_RAM) < kinds.index(
+            PybricksCommand.START_USER_PROGRAM
+        )
 
 
 def test_writes_wait_for_response(world: World) -> None:
@@ -122,7 +138,8 @@ def test_writes_wait_for_response(world: World) -> None:
     world.fault(watch)
     with world.link() as link:
         link.act([100])
-    assert ATT_WRITE_REQUEST in seen and 0x52 not in seen  # 0x52: write without response, which hubs drop
+    # 0x52: write without response, which hubs drop
+    assert ATT_WRITE_REQUEST in seen and 0x52 not in seen
 
 
 # ---- the program
@@ -133,12 +150,17 @@ def test_program_raises_at_start(world: World, flushes_late: bool) -> None:
     world.hub.flushes_late = flushes_late
     unplug(world.hub.machine, "A")
     error = bounded(world.link().open, HubProgramError)
-    assert "ENODEV" in str(error) and "Motor(Port.A" in str(error) and "plug the device" in str(error)
+    assert (
+        "ENODEV" in str(error) and "Motor(Port.A" in str(error) and "plug the device" in str(error)
+    )
 
 
 def test_program_raises_later(world: World) -> None:
     transport = world.transport()
-    source = "from usys import stdin\nfrom pybricks.tools import wait\nprint('ready')\nstdin.buffer.read(1)\nwait(50)\n1 // 0\n"
+    source = (
+        "from usys import stdin\nfrom pybricks.tools import wait\nprint('ready')\n"
+        "stdin.buffer.read(1)\nwait(50)\n1 // 0\n"
+    )
     world.hub.library.append(source)
     transport.open()
     transport.start(HubProgram(source, 7))
@@ -157,7 +179,11 @@ def test_program_error_in_step_has_text_and_line(world: World) -> None:
     link.open()
     world.hub.machine.servos.pop("E").close()  # the motor is pulled out
     error = bounded(lambda: [link.act([100]) for _ in range(3)], HubProgramError)
-    assert "ENODEV" in str(error) and "at line" in str(error) and "motor_left.run_angle(400" in str(error)
+    assert (
+        "ENODEV" in str(error)
+        and "at line" in str(error)
+        and "motor_left.run_angle(400" in str(error)
+    )
     assert link.state is LinkState.FAULT
 
 
@@ -192,7 +218,10 @@ def test_stop_from_other_thread_during_move(world: World) -> None:
 def test_several_hubs(world: World) -> None:
     other = PlayedHub(world.radio, WALKER, "Rover", "C0:01:02:03:04:06")
     found = scan(0.3, backend=world.radio.backend())
-    assert {(hub.name, hub.address) for hub in found} == {(NAME, "C0:01:02:03:04:05"), ("Rover", "C0:01:02:03:04:06")}
+    assert {(hub.name, hub.address) for hub in found} == {
+        (NAME, "C0:01:02:03:04:05"),
+        ("Rover", "C0:01:02:03:04:06"),
+    }
     error = bounded(world.transport(name=None).open, AmbiguousHubError)
     assert "Rover" in str(error) and NAME in str(error)
     bounded(world.transport(name="Rovre", timeout_s=0.5).open, HubNotFoundError)

@@ -28,12 +28,19 @@ pytestmark = pytest.mark.realtime
 WATCHDOG_S = WATCHDOG_MS / 1000
 
 
-def drop_when(world: World, kind: PybricksCommand, count: int = 1, drop: Callable[[], None] | None = None) -> None:
+def drop_when(
+    world: World, kind: PybricksCommand, count: int = 1, drop: Callable[[], None] | None = None
+) -> None:
     """Break the link at the count-th command of a kind; subscribing counts as a first START."""
     seen = itertools.count(1)
 
     def rule(opcode: int, data: bytes) -> int:
-        if opcode == ATT_WRITE_REQUEST and len(data) > 3 and data[3] == kind and next(seen) == count:
+        if (
+            opcode == ATT_WRITE_REQUEST
+            and len(data) > 3
+            and data[3] == kind
+            and next(seen) == count
+        ):
             (drop or world.radio.disconnect)()
             return 0
         return 1
@@ -43,7 +50,11 @@ def drop_when(world: World, kind: PybricksCommand, count: int = 1, drop: Callabl
 
 @pytest.mark.parametrize(
     ("kind", "count"),
-    [(PybricksCommand.WRITE_USER_PROGRAM_META, 1), (PybricksCommand.WRITE_USER_RAM, 3), (PybricksCommand.START_USER_PROGRAM, 2)],
+    [
+        (PybricksCommand.WRITE_USER_PROGRAM_META, 1),
+        (PybricksCommand.WRITE_USER_RAM, 3),
+        (PybricksCommand.START_USER_PROGRAM, 2),
+    ],
 )
 def test_disconnect_during_download(world: World, kind: PybricksCommand, count: int) -> None:
     drop_when(world, kind, count)
@@ -108,7 +119,9 @@ def test_hub_out_of_reach_stops_and_returns(world: World) -> None:
     link.open()
     link.act([100])
     assert time.monotonic() - left_s < 15
-    assert world.hub.commands.count(PybricksCommand.WRITE_USER_PROGRAM_META) == 2, "the hub has kept its program"
+    assert world.hub.commands.count(PybricksCommand.WRITE_USER_PROGRAM_META) == 2, (
+        "the hub has kept its program"
+    )
 
 
 def test_hub_out_of_reach_is_not_found(world: World) -> None:
@@ -192,7 +205,11 @@ def test_program_that_does_not_stop(world: World) -> None:
     transport = world.transport()
     transport.open()
     transport.start(world.link().program)
-    world.fault(lambda opcode, data: int(not (opcode == ATT_NOTIFICATION and data[3] == Event.STATUS_REPORT)))
+    world.fault(
+        lambda opcode, data: int(
+            not (opcode == ATT_NOTIFICATION and data[3] == Event.STATUS_REPORT)
+        )
+    )
     assert "press the hub's button" in str(bounded(transport.stop, HubTimeoutError))
 
 
@@ -202,7 +219,9 @@ def test_battery_and_shutdown(world: World, caplog: pytest.LogCaptureFixture) ->
     with caplog.at_level(logging.WARNING):
         world.hub.battery = Status.BATTERY_LOW
         time.sleep(1.2)
-    assert [record.message for record in caplog.records].count("the hub's battery is low; charge it soon") == 1
+    assert [record.message for record in caplog.records].count(
+        "the hub's battery is low; charge it soon"
+    ) == 1
     assert transport.status is not None and Status.BATTERY_LOW in transport.status.flags
     world.hub.battery = Status.SHUTDOWN
     time.sleep(0.6)

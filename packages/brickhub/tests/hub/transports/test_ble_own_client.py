@@ -25,7 +25,9 @@ while True:
     stdout.buffer.write(ustruct.pack("!ffffff", *[1 / (x - 9) for x in numbers]))
 """
 INTERFACE = Interface(
-    tuple(ClientCommand(f"a{i}", -9, 9) for i in range(6)), tuple(ClientChannel(f"s{i}", -9, 9) for i in range(6)), UntilDone(500)
+    tuple(ClientCommand(f"a{i}", -9, 9) for i in range(6)),
+    tuple(ClientChannel(f"s{i}", -9, 9) for i in range(6)),
+    UntilDone(500),
 )
 
 
@@ -41,7 +43,9 @@ def test_commands_and_answers_longer_than_a_packet(world: World, tmp_path: Path)
     with linked(world, tmp_path) as link:
         assert link.read().values == pytest.approx([-1 / 9] * 6)
         for step in range(5):
-            assert link.act([1, 2, -1, step, 5, 6]).values == pytest.approx([1 / (x - 9) for x in (1, 2, -1, step, 5, 6)])
+            assert link.act([1, 2, -1, step, 5, 6]).values == pytest.approx(
+                [1 / (x - 9) for x in (1, 2, -1, step, 5, 6)]
+            )
     assert not world.hub.is_running
 
 
@@ -53,6 +57,8 @@ def test_traceback_and_silence_are_told(world: World, tmp_path: Path) -> None:
     link.open()
     bounded(lambda: link.act([3, 0, 0, 0, 0, 0]), HubTimeoutError)
     link.open()
-    assert link.act([1, 1, 1, 1, 1, 1]).values == pytest.approx([-1 / 8] * 6), "of the late answer nothing is left"
+    assert link.act([1, 1, 1, 1, 1, 1]).values == pytest.approx([-1 / 8] * 6), (
+        "of the late answer nothing is left"
+    )
     link.close()
     assert not world.hub.is_running

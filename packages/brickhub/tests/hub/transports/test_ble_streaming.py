@@ -26,7 +26,9 @@ TURN = Interface((RunAngle("wheel", -3000, 3000, 400),), (MotorAngle("wheel"),),
 WITHOUT_IMU = [HubKind.TECHNIC, HubKind.CITY, HubKind.ESSENTIAL]
 
 
-def streaming(world: World, interface: Interface = SPINNING, pipe: Pipe = Pipe.STDIN) -> StreamingLink:
+def streaming(
+    world: World, interface: Interface = SPINNING, pipe: Pipe = Pipe.STDIN
+) -> StreamingLink:
     link = StreamingLink(world.transport(), world.robot, interface, timeout_s=1.0, pipe=pipe)
     world.hub.library.append(link.program.source)
     return link
@@ -64,11 +66,16 @@ def test_lock_step_over_app_data(world: World) -> None:
 
 def test_streaming_hub_out_of_reach_stops(world: World) -> None:
     """A small output buffer makes the program wait until the hub notices the lost link."""
-    link = streaming(world, Interface((RunAngle("left", -3000, 3000, 400),), (MotorAngle("left"),), Wait(50)))
+    link = streaming(
+        world, Interface((RunAngle("left", -3000, 3000, 400),), (MotorAngle("left"),), Wait(50))
+    )
     link.open()
     link.act([3000])
     world.radio.leave()
-    assert world.hub.wait_until("is_driven", False) < max(WATCHDOG_MS / 1000, SUPERVISION_TIMEOUT_S) + 0.1
+    assert (
+        world.hub.wait_until("is_driven", False)
+        < max(WATCHDOG_MS / 1000, SUPERVISION_TIMEOUT_S) + 0.1
+    )
     bounded(lambda: [link.act([3000]) for _ in range(20)], HubDisconnectedError)
     world.hub.wait_until("is_running", False)
     world.radio.come_back()
@@ -103,7 +110,10 @@ def test_smaller_hubs(tmp_path: Path, kind: HubKind, pipe: Pipe) -> None:
 @pytest.mark.parametrize("kind", [*WITHOUT_IMU, HubKind.PRIME])
 def test_hub_refuses_oversized_write(tmp_path: Path, kind: HubKind) -> None:
     world = World(tmp_path, Robot("small", kind))
-    deaf = "from pybricks.tools import wait\nfrom micropython import kbd_intr\nkbd_intr(-1)\nwait(5000)\n"
+    deaf = (
+        "from pybricks.tools import wait\nfrom micropython import kbd_intr\nkbd_intr(-1)\n"
+        "wait(5000)\n"
+    )
     world.hub.library.append(deaf)
     try:
         transport = world.transport()

@@ -18,7 +18,11 @@ def linux(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A Linux computer with a Bluetooth adapter and a system bus."""
     (tmp_path / "bluetooth/hci0").mkdir(parents=True)
     (tmp_path / "bus").write_text("")
-    for name, path in (("_BLUETOOTH_FOLDER", "bluetooth"), ("_RFKILL_FOLDER", "rfkill"), ("_SYSTEM_BUS", "bus")):
+    for name, path in (
+        ("_BLUETOOTH_FOLDER", "bluetooth"),
+        ("_RFKILL_FOLDER", "rfkill"),
+        ("_SYSTEM_BUS", "bus"),
+    ):
         monkeypatch.setattr(ble, name, tmp_path / path)
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DBUS_SYSTEM_BUS_ADDRESS", raising=False)
@@ -26,7 +30,10 @@ def linux(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 
 def said_when_the_bus_is_not_there(reason: Reason) -> str:
-    with pytest.raises(BluetoothUnavailableError) as caught, bleak_errors("look for hubs", BluetoothUnavailableError):
+    with (
+        pytest.raises(BluetoothUnavailableError) as caught,
+        bleak_errors("look for hubs", BluetoothUnavailableError),
+    ):
         raise FileNotFoundError(2, "No such file or directory")
     assert caught.value.reason is reason
     return str(caught.value)
@@ -40,7 +47,9 @@ def test_system_errors_name_cause(linux: Path) -> None:
         "start both: `sudo systemctl start dbus bluetooth`"
     )
     (linux / "bluetooth/hci0").rmdir()
-    assert said_when_the_bus_is_not_there(Reason.NO_ADAPTER).endswith("no Bluetooth adapter; plug one in")
+    assert said_when_the_bus_is_not_there(Reason.NO_ADAPTER).endswith(
+        "no Bluetooth adapter; plug one in"
+    )
 
 
 def test_bluetooth_off_is_named(linux: Path) -> None:
@@ -59,15 +68,25 @@ def test_bluetooth_off_is_named(linux: Path) -> None:
         (BleakReason.UNKNOWN, Reason.UNKNOWN),
     ],
 )
-def test_other_systems_pass_message(monkeypatch: pytest.MonkeyPatch, told: BleakReason, reason: Reason) -> None:
+def test_other_systems_pass_message(
+    monkeypatch: pytest.MonkeyPatch, told: BleakReason, reason: Reason
+) -> None:
     monkeypatch.setattr("sys.platform", "darwin")
-    with pytest.raises(BluetoothUnavailableError) as caught, bleak_errors("look for hubs", BluetoothUnavailableError):
+    with (
+        pytest.raises(BluetoothUnavailableError) as caught,
+        bleak_errors("look for hubs", BluetoothUnavailableError),
+    ):
         raise BleakBluetoothNotAvailableError("no", told)
     assert caught.value.reason is reason
 
 
-@pytest.mark.parametrize(("platform", "says"), [("darwin", "Privacy & Security"), ("win32", "Settings"), ("beos", "allow")])
-def test_other_systems_have_their_own_remedies(monkeypatch: pytest.MonkeyPatch, platform: str, says: str) -> None:
+@pytest.mark.parametrize(
+    ("platform", "says"),
+    [("darwin", "Privacy & Security"), ("win32", "Settings"), ("beos", "allow")],
+)
+def test_other_systems_have_their_own_remedies(
+    monkeypatch: pytest.MonkeyPatch, platform: str, says: str
+) -> None:
     assert says in ble.remedy(platform)
     monkeypatch.setattr("sys.platform", platform)
     assert ble.bluetooth_problem() is None

@@ -12,13 +12,17 @@ from brickhub.errors import HubProtocolError
 from brickhub.hub.transports.usb import FRAME_END, Framer, decode_cobs, encode_cobs
 
 messages = (
-    st.binary(max_size=300) | st.lists(st.integers(0, 4), max_size=300).map(bytes) | st.integers(0, 300).map(lambda n: b"x" * n)
+    st.binary(max_size=300)
+    | st.lists(st.integers(0, 4), max_size=300).map(bytes)
+    | st.integers(0, 300).map(lambda n: b"x" * n)
 )
 
 
 def test_cobs_published_example() -> None:
     """From https://lego.github.io/spike-prime-docs/encoding.html, before the XOR."""
-    assert bytes(byte ^ 3 for byte in encode_cobs(bytes((0, 1, 2, 3)))[:-1]) == bytes((3, 87, 171, 4, 3))
+    assert bytes(byte ^ 3 for byte in encode_cobs(bytes((0, 1, 2, 3)))[:-1]) == bytes(
+        (3, 87, 171, 4, 3)
+    )
 
 
 @given(messages)
@@ -35,11 +39,19 @@ def test_any_bytes_raise_only_our_error(data: bytes) -> None:
         assert len(decode_cobs(data)) <= len(data)
 
 
-@given(st.binary(max_size=400), st.lists(st.binary(min_size=1, max_size=60), min_size=2, max_size=5), st.integers(1, 50))
+@given(
+    st.binary(max_size=400),
+    st.lists(st.binary(min_size=1, max_size=60), min_size=2, max_size=5),
+    st.integers(1, 50),
+)
 def test_reader_resyncs_within_two_frames(garbage: bytes, sent: list[bytes], piece: int) -> None:
     framer = Framer()
     stream = garbage + b"".join(map(encode_cobs, sent))
-    received = [m for start in range(0, len(stream), piece) for m in framer.feed(stream[start : start + piece])]
+    received = [
+        m
+        for start in range(0, len(stream), piece)
+        for m in framer.feed(stream[start : start + piece])
+    ]
     assert received[-len(sent) + 1 :] == sent[1:]
 
 

@@ -21,16 +21,24 @@ from brickhub.robot import HubKind
 
 
 @pytest.mark.parametrize("version", ["1.8.0", "2.0.0"])
-def test_newer_profile_is_told_and_used(world: World, caplog: pytest.LogCaptureFixture, version: str) -> None:
+def test_newer_profile_is_told_and_used(
+    world: World, caplog: pytest.LogCaptureFixture, version: str
+) -> None:
     world.hub.profile_version = version
     with caplog.at_level(logging.WARNING), world.link() as link:
         link.act([20.0])
-        firmware = next(found for found in check_hub(link._transport.identity, world.robot) if found.name == "firmware")
+        firmware = next(
+            found
+            for found in check_hub(link._transport.identity, world.robot)
+            if found.name == "firmware"
+        )
     assert firmware.outcome is Outcome.WARNING and "newer than this brickhub" in firmware.detail
     assert f"Pybricks Profile {version[:3]}, newer than the known 1.7" in caplog.text
 
 
-def test_newest_known_profile_is_not_remarked(world: World, caplog: pytest.LogCaptureFixture) -> None:
+def test_newest_known_profile_is_not_remarked(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
     world.hub.profile_version = "1.7.0"
     with caplog.at_level(logging.WARNING):
         world.transport().open()
@@ -57,20 +65,34 @@ def service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def test_hub_of_the_service_is_told_with_its_release(world: World, service: None) -> None:
     world.transport().open()
-    error = bounded(lambda: asyncio.run(find(None, None, 1.0, world.radio.backend())), HubTakenError)
+    error = bounded(
+        lambda: asyncio.run(find(None, None, 1.0, world.radio.backend())), HubTakenError
+    )
     assert error.reason is Reason.TAKEN and error.reason.is_lasting
-    assert "is connected to Pybricks' own" in str(error) and "`pb disconnect`" in str(error) and "`pb service stop`" in str(error)
+    assert (
+        "is connected to Pybricks' own" in str(error)
+        and "`pb disconnect`" in str(error)
+        and "`pb service stop`" in str(error)
+    )
 
 
 def test_missing_hub_may_be_with_the_service(world: World, service: None) -> None:
-    error = bounded(lambda: asyncio.run(find("Rover", None, 0.3, world.radio.backend())), HubNotFoundError)
+    error = bounded(
+        lambda: asyncio.run(find("Rover", None, 0.3, world.radio.backend())), HubNotFoundError
+    )
     assert "may have it" in str(error) and "`pb disconnect`" in str(error)
 
 
-def test_without_the_service_nothing_is_said_of_it(world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_service_nothing_is_said_of_it(
+    world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("PB_RUNTIME_DIR", str(tmp_path))
     assert not ble.service_is_running()
-    assert "service" not in str(bounded(lambda: asyncio.run(find("Rover", None, 0.3, world.radio.backend())), HubNotFoundError))
+    assert "service" not in str(
+        bounded(
+            lambda: asyncio.run(find("Rover", None, 0.3, world.radio.backend())), HubNotFoundError
+        )
+    )
 
 
 def test_socket_is_where_pybricks_core_has_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,8 +21,13 @@ def test_uuids() -> None:
 
 
 def test_commands() -> None:
-    names = "STOP_USER_PROGRAM START_USER_PROGRAM START_REPL WRITE_USER_PROGRAM_META WRITE_USER_RAM REBOOT_TO_UPDATE_MODE"
-    assert [command.name for command in PybricksCommand] == f"{names} WRITE_STDIN WRITE_APP_DATA".split()
+    names = (
+        "STOP_USER_PROGRAM START_USER_PROGRAM START_REPL WRITE_USER_PROGRAM_META "
+        "WRITE_USER_RAM REBOOT_TO_UPDATE_MODE"
+    )
+    assert [
+        command.name for command in PybricksCommand
+    ] == f"{names} WRITE_STDIN WRITE_APP_DATA".split()
     assert list(PybricksCommand) == list(range(8))
 
 
@@ -59,14 +64,21 @@ def test_other_events() -> None:
 
 @given(st.binary(max_size=30))
 def test_any_bytes_give_value_or_our_error(data: bytes) -> None:
-    for parse in (profile.parse_event, profile.parse_capabilities, profile.parse_version, profile.parse_hub_kind):
+    for parse in (
+        profile.parse_event,
+        profile.parse_capabilities,
+        profile.parse_version,
+        profile.parse_hub_kind,
+    ):
         with contextlib.suppress(HubProtocolError):
             parse(data)
 
 
 def test_capabilities_with_and_without_slots() -> None:
     data = struct.pack("<HIIB", 155, 3, 32768, 1)
-    assert profile.parse_capabilities(data) == profile.Capabilities(155, Feature.REPL | Feature.MPY_V6, 32768, 1)
+    assert profile.parse_capabilities(data) == profile.Capabilities(
+        155, Feature.REPL | Feature.MPY_V6, 32768, 1
+    )
     assert profile.parse_capabilities(data[:-1]).slots == 0
 
 
@@ -76,7 +88,13 @@ def test_versions() -> None:
 
 @pytest.mark.parametrize(
     ("product", "kind"),
-    [(0x40, HubKind.MOVE), (0x41, HubKind.CITY), (0x80, HubKind.TECHNIC), (0x81, HubKind.PRIME), (0x83, HubKind.ESSENTIAL)],
+    [
+        (0x40, HubKind.MOVE),
+        (0x41, HubKind.CITY),
+        (0x80, HubKind.TECHNIC),
+        (0x81, HubKind.PRIME),
+        (0x83, HubKind.ESSENTIAL),
+    ],
 )
 def test_hub_kinds(product: int, kind: HubKind) -> None:
     assert profile.parse_hub_kind(struct.pack("<BHHH", 1, 0x0397, product, 0)) is kind

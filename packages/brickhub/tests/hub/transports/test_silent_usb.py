@@ -42,7 +42,8 @@ def port(answer: Callable[[bytes], bytes]) -> Iterator[str]:
     [
         lambda _: b"",
         lambda _: (
-            b'>>> \r\nTraceback (most recent call last):\r\n  File "<stdin>", line 1\r\nSyntaxError: invalid syntax\r\n>>> '
+            b'>>> \r\nTraceback (most recent call last):\r\n  File "<stdin>", line 1\r\n'
+            b"SyntaxError: invalid syntax\r\n>>> "
         ),
         lambda _: bytes([0x07, 0x03, 0x12, 0x55, 0x02]),
     ],
@@ -51,6 +52,8 @@ def port(answer: Callable[[bytes], bytes]) -> Iterator[str]:
 def test_error_names_the_firmware(answer):
     with port(answer) as name:
         transport = UsbTransport(name, timeout_s=0.5, find_hubs=lambda: [UsbHub(name, name)])
-        with pytest.raises(HubTimeoutError, match=r"LEGO's own firmware, or Pybricks before 4\.1") as caught:
+        with pytest.raises(
+            HubTimeoutError, match=r"LEGO's own firmware, or Pybricks before 4\.1"
+        ) as caught:
             transport.open()
         assert "near" not in str(caught.value)

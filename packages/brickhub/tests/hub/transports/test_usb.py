@@ -86,7 +86,11 @@ def cable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cable]:
 def test_connect_download_exchange(cable: Cable) -> None:
     with cable.link(SPINNING) as link:
         identity = link._transport.identity
-        assert (identity.name, identity.kind, identity.profile_version) == ("Rover", HubKind.PRIME, (1, 6))
+        assert (identity.name, identity.kind, identity.profile_version) == (
+            "Rover",
+            HubKind.PRIME,
+            (1, 6),
+        )
         left, right = link.act([90, -45]).values[:2]
         assert 0 < left < 90 and 315 < right < 360
         time.sleep(0.3)
@@ -151,7 +155,11 @@ def test_program_error_has_line(cable: Cable) -> None:
     servos = cable.hub.machine.servos
     servos.pop("E").close()
     error = bounded(lambda: [link.act([100]) for _ in range(3)], HubProgramError)
-    assert "ENODEV" in str(error) and "at line" in str(error) and "motor_left.run_angle(400" in str(error)
+    assert (
+        "ENODEV" in str(error)
+        and "at line" in str(error)
+        and "motor_left.run_angle(400" in str(error)
+    )
     assert link.state is LinkState.FAULT
 
 
@@ -199,7 +207,9 @@ def test_hub_is_found_again_at_another_port(cable: Cable) -> None:
     assert (opened[0], opened[-1]) == (PORT, "/dev/played1")
 
 
-def test_port_that_takes_no_bytes_is_opened_again(cable: Cable, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_port_that_takes_no_bytes_is_opened_again(
+    cable: Cable, monkeypatch: pytest.MonkeyPatch
+) -> None:
     opened: list[SocketSerial] = []
 
     def open_serial(device: str) -> SocketSerial:
@@ -236,7 +246,14 @@ while time.monotonic() < end_s:
 
 
 def host_process(cable: Cable, duration_s: float) -> subprocess.Popen[str]:
-    command = [sys.executable, "-c", HOST, cable.hub.attach_terminal(), str(cable.record), str(duration_s)]
+    command = [
+        sys.executable,
+        "-c",
+        HOST,
+        cable.hub.attach_terminal(),
+        str(cable.record),
+        str(duration_s),
+    ]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
 
@@ -274,7 +291,11 @@ def test_close_in_any_state(cable: Cable) -> None:
     transport.close()
     transport.close()
     time.sleep(0.1)
-    assert not {thread.name for thread in set(threading.enumerate()) - before if thread.name.startswith("bricksrl")}
+    assert not {
+        thread.name
+        for thread in set(threading.enumerate()) - before
+        if thread.name.startswith("bricksrl")
+    }
 
 
 def damage(rng: random.Random, kind: str) -> Callable[[bytes], bytes]:
@@ -287,7 +308,9 @@ def damage(rng: random.Random, kind: str) -> Callable[[bytes], bytes]:
         if kind == "cut":
             return frame[:place]
         if kind == "flipped":
-            return frame[:place] + bytes((frame[place] ^ 1 << rng.randrange(8),)) + frame[place + 1 :]
+            return (
+                frame[:place] + bytes((frame[place] ^ 1 << rng.randrange(8),)) + frame[place + 1 :]
+            )
         return bytes(rng.choices(range(256), k=40)) + frame  # noise
 
     return change
@@ -307,7 +330,9 @@ def test_damaged_frames_raise_only_our_errors(cable: Cable, kind: str) -> None:
             for _ in range(6):
                 reading = link.act([rng.uniform(-200, 200)])
                 answered += 1
-                assert reading.values[1] == 0, "a motor that nobody moves has moved: a frame was decoded wrongly"
+                assert reading.values[1] == 0, (
+                    "a motor that nobody moves has moved: a frame was decoded wrongly"
+                )
         except HubError:
             assert link.state is LinkState.FAULT
         assert time.monotonic() - start_s < 4 * BOUND_S

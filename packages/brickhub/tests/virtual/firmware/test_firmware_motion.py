@@ -47,7 +47,12 @@ def wait_ms(machine: Machine, mover: Servo | DriveBaseControl) -> int:
 def test_limits_equal_firmware() -> None:
     _, servo = motor()
     limits = FIRMWARE["motor_limits"]
-    assert servo.settings.limits() == (limits["speed"], limits["acceleration"], limits["acceleration"], limits["torque_mNm"])
+    assert servo.settings.limits() == (
+        limits["speed"],
+        limits["acceleration"],
+        limits["acceleration"],
+        limits["torque_mNm"],
+    )
     _, base = drive_base()
     expected = FIRMWARE["drivebase_settings"]
     for settings, speed, acceleration in (
@@ -58,7 +63,9 @@ def test_limits_equal_firmware() -> None:
         assert settings.to_unit(settings.acceleration) == expected[acceleration]
 
 
-@pytest.mark.parametrize("move", FIRMWARE["run_angle_blocking"], ids=lambda m: f"{m['angle']}@{m['speed']}")
+@pytest.mark.parametrize(
+    "move", FIRMWARE["run_angle_blocking"], ids=lambda m: f"{m['angle']}@{m['speed']}"
+)
 def test_move_duration_equals_firmware(move: dict[str, int]) -> None:
     machine, servo = motor()
     servo.run_angle(move["speed"], move["angle"], OnCompletion.HOLD)
@@ -78,15 +85,19 @@ def test_consecutive_moves_take_firmware_ticks() -> None:
     assert ticks == [-(-move["time_ms"] // CONTROL_LOOP_MS) for move in moves]
 
 
-# (duration, how long after a control tick it begins, how long it takes), ms: from programs on firmware v4.1.0b2.
+# (duration, how long after a control tick it begins, how long it takes), ms: from programs on
+# firmware v4.1.0b2.
 TIMED = [
-    (95, 0, 105), (95, 1, 104), (95, 4, 101), (100, 0, 110), (100, 1, 109), (93, 1, 99), (93, 2, 103), (97, 2, 103), (97, 3, 107),
+    (95, 0, 105), (95, 1, 104), (95, 4, 101), (100, 0, 110), (100, 1, 109), (93, 1, 99),
+    (93, 2, 103), (97, 2, 103), (97, 3, 107),
     (99, 0, 105), (99, 1, 109), (101, 3, 107), (101, 4, 111),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("duration_ms", "after_tick_ms", "takes_ms"), TIMED)
-def test_timed_run_starts_after_seen_tick(duration_ms: int, after_tick_ms: int, takes_ms: int) -> None:
+def test_timed_run_starts_after_seen_tick(
+    duration_ms: int, after_tick_ms: int, takes_ms: int
+) -> None:
     machine, servo = motor()
     machine.advance(after_tick_ms)
     servo.run_time(300, duration_ms, OnCompletion.HOLD)
@@ -94,13 +105,16 @@ def test_timed_run_starts_after_seen_tick(duration_ms: int, after_tick_ms: int, 
 
 
 def test_drive_distance_is_exact() -> None:
-    """200 mm on wheels of 56 mm are 409 degrees on firmware v4.1.0b2 (``distance_control.trajectory()``), at 2046 mdeg/mm."""
+    """200 mm on wheels of 56 mm are 409 degrees on firmware v4.1.0b2
+    (``distance_control.trajectory()``), at 2046 mdeg/mm."""
     _, base = drive_base()
     base.straight(200, OnCompletion.HOLD)
     assert base.distance.trajectory.th3 == 200 * 2046
 
 
-@pytest.mark.parametrize("moves", FIRMWARE["run_angle_repeated"], ids=lambda m: f"{m['angle']}@{m['speed']}")
+@pytest.mark.parametrize(
+    "moves", FIRMWARE["run_angle_repeated"], ids=lambda m: f"{m['angle']}@{m['speed']}"
+)
 def test_overlapping_moves_equal_firmware(moves: dict[str, list[int]]) -> None:
     machine, servo = motor()
     *expected, at_rest = moves["angles_after_each_then_at_rest"]
@@ -114,7 +128,9 @@ def test_overlapping_moves_equal_firmware(moves: dict[str, list[int]]) -> None:
     assert servo.angle_deg() == pytest.approx(at_rest, abs=1)
 
 
-@pytest.mark.parametrize("trace", FIRMWARE["trace_20ms"], ids=lambda m: f"{m['angle']}@{m['speed']}")
+@pytest.mark.parametrize(
+    "trace", FIRMWARE["trace_20ms"], ids=lambda m: f"{m['angle']}@{m['speed']}"
+)
 def test_move_path_equals_firmware(trace: dict[str, list[int]]) -> None:
     machine, servo = motor()
     servo.run_angle(trace["speed"], trace["angle"], OnCompletion.HOLD)

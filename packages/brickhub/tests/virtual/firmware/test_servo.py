@@ -19,7 +19,9 @@ class Blocked(BenchBody):
         return min(super().angle_mdeg(port), 30_000)
 
 
-def servo(body: type[BenchBody] = BenchBody, direction: Direction = Direction.CLOCKWISE, gear: int = 1000) -> Servo:
+def servo(
+    body: type[BenchBody] = BenchBody, direction: Direction = Direction.CLOCKWISE, gear: int = 1000
+) -> Servo:
     machine = Machine(body(BENCH))
     servo = machine.servos["A"]
     servo.setup(direction, gear, reset_angle=True, profile_deg=0)
@@ -56,7 +58,10 @@ def test_run_reaches_speed_and_continues() -> None:
     assert motor.speed_deg_s() == pytest.approx(500, rel=0.03)
 
 
-@pytest.mark.parametrize("then", [OnCompletion.COAST, OnCompletion.BRAKE, OnCompletion.COAST_SMART, OnCompletion.BRAKE_SMART])
+@pytest.mark.parametrize(
+    "then",
+    [OnCompletion.COAST, OnCompletion.BRAKE, OnCompletion.COAST_SMART, OnCompletion.BRAKE_SMART],
+)
 def test_passive_stop_ends_control(then: OnCompletion) -> None:
     motor = servo()
     motor.run_angle(500, 100, then)

@@ -7,7 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brickhub.virtual.firmware import InfeasibleMoveError
-from brickhub.virtual.firmware.trajectory import FOREVER_MS, Trajectory, TrajectoryCommand, for_time, to_angle
+from brickhub.virtual.firmware.trajectory import (
+    FOREVER_MS,
+    Trajectory,
+    TrajectoryCommand,
+    for_time,
+    to_angle,
+)
 
 SPEEDS = st.integers(-1_000_000, 1_000_000)
 commands = st.builds(
@@ -35,7 +41,9 @@ def test_angle_command_ends_at_target(command: TrajectoryCommand, distance: int)
 
 
 @given(commands, distances)
-def test_reference_is_continuous_within_speed_limit(command: TrajectoryCommand, distance: int) -> None:
+def test_reference_is_continuous_within_speed_limit(
+    command: TrajectoryCommand, distance: int
+) -> None:
     trajectory = to_angle(command._replace(end=command.position + distance))
     fastest = max(abs(trajectory.w0), abs(trajectory.w1)) * 100
     before = trajectory.reference(command.time)
@@ -52,7 +60,9 @@ def test_timed_command_lasts_duration(command: TrajectoryCommand, duration: int)
     try:
         trajectory = for_time(command._replace(duration=duration))
     except InfeasibleMoveError:
-        assert command.acceleration != command.deceleration, "only rates that differ can leave no trajectory"
+        assert command.acceleration != command.deceleration, (
+            "only rates that differ can leave no trajectory"
+        )
         return
     assert trajectory.t3 == duration
     assert 0 <= trajectory.t1 <= trajectory.t2 <= trajectory.t3
@@ -60,21 +70,27 @@ def test_timed_command_lasts_duration(command: TrajectoryCommand, duration: int)
 
 def test_timed_command_without_trajectory_raises() -> None:
     """Deceleration at 1000, then 999 deg/s²: the ramps meet beyond the end."""
-    command = TrajectoryCommand(0, 0, 953_188, 946_637, 1_000_000, 1_000_000, 999_000, keep_running=False, duration=5331)
+    command = TrajectoryCommand(
+        0, 0, 953_188, 946_637, 1_000_000, 1_000_000, 999_000, keep_running=False, duration=5331
+    )
     with pytest.raises(InfeasibleMoveError):
         for_time(command)
     assert for_time(command._replace(deceleration=1_000_000)).t3 == 5331
 
 
 def test_long_stretched_trajectory_loses_digits() -> None:
-    command = TrajectoryCommand(0, 0, 0, 1_000_000, 1_000_000, 2_000_000, 2_000_000, keep_running=False, end=21_475_000)
+    command = TrajectoryCommand(
+        0, 0, 0, 1_000_000, 1_000_000, 2_000_000, 2_000_000, keep_running=False, end=21_475_000
+    )
     leader, follower = to_angle(command), to_angle(command)
     follower.stretch(leader)
     assert follower.w1 % 100 == 0 and leader.w1 == 10_000
 
 
 @given(commands, distances, distances)
-def test_stretched_trajectory_ends_with_leader(command: TrajectoryCommand, short: int, long: int) -> None:
+def test_stretched_trajectory_ends_with_leader(
+    command: TrajectoryCommand, short: int, long: int
+) -> None:
     command = command._replace(speed=0, keep_running=False)
     one = to_angle(command._replace(end=command.position + short))
     other = to_angle(command._replace(end=command.position + long))
@@ -86,12 +102,16 @@ def test_stretched_trajectory_ends_with_leader(command: TrajectoryCommand, short
 
 
 def test_zero_length_move_ends_immediately() -> None:
-    command = TrajectoryCommand(5, 7, 0, 100_000, 1_000_000, 2_000_000, 2_000_000, keep_running=False, end=7)
+    command = TrajectoryCommand(
+        5, 7, 0, 100_000, 1_000_000, 2_000_000, 2_000_000, keep_running=False, end=7
+    )
     assert to_angle(command).end == Trajectory(5, 7).end
 
 
 def test_too_long_move_raises() -> None:
-    command = TrajectoryCommand(0, 0, 0, 100_000, 1_000_000, 2_000_000, 2_000_000, keep_running=False, end=2**31)
+    command = TrajectoryCommand(
+        0, 0, 0, 100_000, 1_000_000, 2_000_000, 2_000_000, keep_running=False, end=2**31
+    )
     with pytest.raises(ValueError, match="too large"):
         to_angle(command)
     with pytest.raises(ValueError, match="too long"):

@@ -26,13 +26,30 @@ class Tile(Square):
 
 
 def test_super_finds_base_class_but_not_object() -> None:
-    assert output(_SHAPES + "print(Square(4).area())") == "'super' object has no attribute '__init__'\n5"
-    assert output("class E(Exception):\n def __init__(self, a):\n  super().__init__(a, 2)\nprint(repr(E(1)))") == "E(1, 2)"
-    assert output("class L(list):\n def append(self, x):\n  super().append(2 * x)\na = L()\na.append(3)\nprint(a)") == "[6]"
+    assert (
+        output(_SHAPES + "print(Square(4).area())")
+        == "'super' object has no attribute '__init__'\n5"
+    )
+    assert (
+        output(
+            "class E(Exception):\n def __init__(self, a):\n  super().__init__(a, 2)\n"
+            "print(repr(E(1)))"
+        )
+        == "E(1, 2)"
+    )
+    assert (
+        output(
+            "class L(list):\n def append(self, x):\n  super().append(2 * x)\na = L()\n"
+            "a.append(3)\nprint(a)"
+        )
+        == "[6]"
+    )
 
 
 def test_private_names_are_not_mangled() -> None:
-    assert output(_SHAPES + "tile = Tile(3)\nprint(tile.side(), tile.__side, '__side' in dir(tile))").endswith("3 3 True")
+    assert output(
+        _SHAPES + "tile = Tile(3)\nprint(tile.side(), tile.__side, '__side' in dir(tile))"
+    ).endswith("3 3 True")
     with pytest.raises(AttributeError, match="'Square' object has no attribute '__edge'"):
         output(_SHAPES + "class A(Square):\n def f(self):\n  return Square(1).__edge\nA(1).f()")
 
@@ -41,7 +58,11 @@ def test_default_initializer_is_no_attribute() -> None:
     with pytest.raises(AttributeError, match="type object 'Shape' has no attribute '__init__'"):
         output(_SHAPES + "Shape.__init__(Shape())")
     assert (
-        output("class A:\n def __init__(self):\n  print('A')\nclass B(A):\n def __init__(self):\n  A.__init__(self)\nB()") == "A"
+        output(
+            "class A:\n def __init__(self):\n  print('A')\nclass B(A):\n def __init__(self):\n"
+            "  A.__init__(self)\nB()"
+        )
+        == "A"
     )
 
 
@@ -73,7 +94,8 @@ del a
         (("from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\n"
          "motor = Motor(Port.A)\nmotor.angle = 0"),
          "'Motor' object has no attribute 'angle'"),
-        ("from pybricks.tools import StopWatch\nwatch = StopWatch()\nwatch.lap = 1", "'StopWatch' object has no attribute 'lap'"),
+        ("from pybricks.tools import StopWatch\nwatch = StopWatch()\nwatch.lap = 1",
+         "'StopWatch' object has no attribute 'lap'"),
         ("class A: pass\nA().__dict__", "'A' object has no attribute '__dict__'"),
     ],
 )  # fmt: skip
@@ -122,7 +144,10 @@ def test_builtins_take_no_keywords(call: str) -> None:
 
 def test_builtins_with_keywords() -> None:
     source = "x = [3, -4]\nx.sort(key=abs, reverse=True)\nd = dict(a=1)\nd.update(b=2)\n"
-    source += "print(x, d, sorted(x, key=abs), max(x, key=abs), max([], default=7), '{a}'.format(a=1), sep='|', end='!')"
+    source += (
+        "print(x, d, sorted(x, key=abs), max(x, key=abs), max([], default=7), "
+        "'{a}'.format(a=1), sep='|', end='!')"
+    )
     assert output(source) == "[-4, 3]|{'a': 1, 'b': 2}|[3, -4]|-4|7|1!"
 
 
@@ -178,7 +203,10 @@ run(fails())
 """
     with pytest.raises(AttributeError, match="'ValueError' object has no attribute '__class__'"):
         output(source)
-    assert output(source.replace("run(fails())", "")) == "2\n0\nall\nin\n1 5\nout None\nin\nin\nout None\nout None\n9"
+    assert (
+        output(source.replace("run(fails())", ""))
+        == "2\n0\nall\nin\n1 5\nout None\nin\nin\nout None\nout None\n9"
+    )
 
 
 @pytest.mark.parametrize(
@@ -188,7 +216,8 @@ run(fails())
          "(<zip>, <map>, <enumerate>, <reversed>, <iterator>, <object>)"),
         ("type(iter('')), type({}.items())", "(<class 'iterator'>, <class 'dict_view'>)"),
         ("True & False, True | 2, {1} | {1}", "(0, 3, {1})"),
-        ("int.from_bytes(b'\\x01\\x02'), int.from_bytes(b'\\x01' * 8, 'little'), int('1_000')", "(258, 16843009, 1000)"),
+        ("int.from_bytes(b'\\x01\\x02'), int.from_bytes(b'\\x01' * 8, 'little'), int('1_000')",
+         "(258, 16843009, 1000)"),
         ("b'%s|%d' % (b'ab', 5), '%d' % 3.9", "(b'ab|5', '3')"),
         ("dir(3)", "['from_bytes', 'to_bytes']"),
     ],
@@ -211,7 +240,9 @@ def test_values(source: str, expected: str) -> None:
 )
 def test_refusals(statement: str, message: str) -> None:
     source = (
-        "try:\n" + "".join(f"    {line}\n" for line in statement.splitlines()) + "except Exception as error:\n    print(error)"
+        "try:\n"
+        + "".join(f"    {line}\n" for line in statement.splitlines())
+        + "except Exception as error:\n    print(error)"
     )
     assert output(source) == message
 
@@ -230,22 +261,29 @@ try:
     Base(1) > Base(2)
 except TypeError as e:
     print(e)
-"""
+"""  # noqa: E501
     assert output(source) == "[1, 2, 3, 4] True True\nunsupported types for __gt__: 'Base', 'Base'"
 
 
 def test_exceptions_have_errno_and_value() -> None:
     """Firmware v4.1.0b2 prints this."""
-    source = "for error in (TypeError('a'), ValueError(), KeyError(7)):\n    print(error.errno, error.value)\n"
+    source = (
+        "for error in (TypeError('a'), ValueError(), KeyError(7)):\n"
+        "    print(error.errno, error.value)\n"
+    )
     assert output(source) == "a a\nNone None\n7 7"
-    assert output("class E(Exception):\n    pass\ne = E('text', 2)\nprint(e.errno, e.value, e.args)") == "text text ('text', 2)"
+    assert (
+        output("class E(Exception):\n    pass\ne = E('text', 2)\nprint(e.errno, e.value, e.args)")
+        == "text text ('text', 2)"
+    )
 
 
 def test_firmware_classes_take_no_attributes() -> None:
     """Firmware v4.1.0b2 prints this."""
     source = "from pybricks.parameters import Port, Stop\n"
     source += (
-        "for owner in (Port, Stop):\n    try:\n        owner.A = 4\n    except AttributeError as error:\n        print(error)\n"
+        "for owner in (Port, Stop):\n    try:\n        owner.A = 4\n"
+        "    except AttributeError as error:\n        print(error)\n"
     )
     assert output(source + "print(Port.A)") == "'type' object has no attribute 'A'\n" * 2 + "Port.A"
     assert output("class Shape:\n    pass\nShape.sides = 3\nprint(Shape.sides)") == "3"
@@ -253,8 +291,13 @@ def test_firmware_classes_take_no_attributes() -> None:
 
 def test_constant_folding_allows_large_intermediates() -> None:
     """Firmware v4.1.0b2 prints this."""
-    source = "print(2**30-1, (1 << 30) - 1, 2**10, 1024*1024*1023, -(2**30), 2**31 >> 2, 10**12 // 10**6, -7 // 2, -7 % 3)"
-    assert output(source) == "1073741823 1073741823 1024 1072693248 -1073741824 536870912 1000000 -4 2"
+    source = (
+        "print(2**30-1, (1 << 30) - 1, 2**10, 1024*1024*1023, -(2**30), 2**31 >> 2, 10**12 "
+        "// 10**6, -7 // 2, -7 % 3)"
+    )
+    assert (
+        output(source) == "1073741823 1073741823 1024 1072693248 -1073741824 536870912 1000000 -4 2"
+    )
 
 
 def test_nested_power_overflows() -> None:

@@ -15,7 +15,9 @@ from hypothesis import strategies as st
 
 from brickhub.virtual.micropython.containers import HashTable, HubDict, HubSet, hash_of
 
-_KNOWN = json.loads((Path(__file__).parents[1] / "data" / "micropython_containers.json").read_text())
+_KNOWN = json.loads(
+    (Path(__file__).parents[1] / "data" / "micropython_containers.json").read_text()
+)
 
 
 @pytest.mark.parametrize("known", _KNOWN["programs"])
@@ -30,22 +32,35 @@ def test_refusals(call: str, printed: str) -> None:
 
 def test_dict_of_subclass_object_raises() -> None:
     """A hub iterates over it and expects pairs."""
-    source = "class D(dict): pass\nd = D()\nd['key'] = 1\ntry:\n    dict(d)\nexcept ValueError as e:\n    print(e)"
+    source = (
+        "class D(dict): pass\nd = D()\nd['key'] = 1\ntry:\n    dict(d)\n"
+        "except ValueError as e:\n    print(e)"
+    )
     assert output(source) == "dict update sequence has wrong length"
 
 
 def test_hash_order_is_process_independent() -> None:
-    program = "from brickhub.virtual.micropython.containers import HubSet; print(list(HubSet(['one', 'two', 'three', 'four'])))"
+    program = (
+        "from brickhub.virtual.micropython.containers import HubSet; "
+        "print(list(HubSet(['one', 'two', 'three', 'four'])))"
+    )
     outputs = {
         subprocess.run(
-            [sys.executable, "-c", program], capture_output=True, check=True, env={**os.environ, "PYTHONHASHSEED": seed}
+            [sys.executable, "-c", program],
+            capture_output=True,
+            check=True,
+            env={**os.environ, "PYTHONHASHSEED": seed},
         ).stdout
         for seed in ("1", "2", "3")
     }
     assert len(outputs) == 1
 
 
-_KEYS = st.one_of(st.text(max_size=3), st.integers(-20, 20), st.sampled_from([0.5, 1.5, None, (), (1, 2), b"a", True]))
+_KEYS = st.one_of(
+    st.text(max_size=3),
+    st.integers(-20, 20),
+    st.sampled_from([0.5, 1.5, None, (), (1, 2), b"a", True]),
+)
 
 
 @given(st.lists(st.tuples(st.sampled_from(["set", "delete", "first", "copy"]), _KEYS)))

@@ -17,32 +17,53 @@ from brickhub.virtual.pybricks import modules
 
 
 @pytest.mark.parametrize(
-    "name", ["time", "utime", "os", "uos", "array", "collections", "re", "binascii", "asyncio", "machine", "numpy"]
+    "name",
+    [
+        "time",
+        "utime",
+        "os",
+        "uos",
+        "array",
+        "collections",
+        "re",
+        "binascii",
+        "asyncio",
+        "machine",
+        "numpy",
+    ],
 )
 def test_missing_modules(name: str) -> None:
     with pytest.raises(ImportError, match=f"no module named '{name}'"):
         output(f"import {name}")
 
 
-@pytest.mark.parametrize("name", ["struct", "sys", "select", "math", "random", "json", "io", "errno"])
+@pytest.mark.parametrize(
+    "name", ["struct", "sys", "select", "math", "random", "json", "io", "errno"]
+)
 def test_modules_have_u_names(name: str) -> None:
     assert output(f"import {name}\nimport u{name}\nprint({name} is u{name})") == "True"
 
 
 def test_math_is_single_precision() -> None:
-    source = "import umath\nprint(umath.pi, umath.sqrt(2), umath.sin(1), umath.floor(-1.5), umath.log(10), umath.modf(1.25))"
+    source = (
+        "import umath\nprint(umath.pi, umath.sqrt(2), umath.sin(1), umath.floor(-1.5), "
+        "umath.log(10), umath.modf(1.25))"
+    )
     assert output(source) == "3.1415928 1.4142135 0.84147096 -2 2.3025852 (0.25, 1.0)"
 
 
 def test_angle_conversion_factors_equal_hub() -> None:
     """From MicroPython 1.26.1; the factors are single-precision quotients."""
     source = (
-        "import umath\nprint(umath.degrees(1), umath.degrees(-2.5), umath.radians(77), umath.radians(-140), umath.degrees(3e38))"
+        "import umath\nprint(umath.degrees(1), umath.degrees(-2.5), umath.radians(77), "
+        "umath.radians(-140), umath.degrees(3e38))"
     )
     assert output(source) == "57.295776 -143.23944 1.3439036 -2.443461 inf"
 
 
-@pytest.mark.parametrize(("call", "error"), [("sqrt(-1)", "math domain error"), ("log(0)", "math domain error")])
+@pytest.mark.parametrize(
+    ("call", "error"), [("sqrt(-1)", "math domain error"), ("log(0)", "math domain error")]
+)
 def test_math_refuses(call: str, error: str) -> None:
     with pytest.raises(ValueError, match=error):
         output(f"import umath\numath.{call}")
@@ -77,9 +98,10 @@ try:
     ustruct.unpack('<I', b'\\xff\\xff\\xff\\xff')
 except OverflowError as e:
     print(e)
-"""
+"""  # noqa: E501
     assert output(source) == (
-        "b'p\\x11,' 7 (0.1,)\n(513,) (98,)\nbytearray(b'\\x00\\xfe\\xff\\x00')\nbuffer too small\nsmall int overflow"
+        "b'p\\x11,' 7 (0.1,)\n(513,) (98,)\nbytearray(b'\\x00\\xfe\\xff\\x00')\n"
+        "buffer too small\nsmall int overflow"
     )
 
 
@@ -100,8 +122,14 @@ def test_random_numbers_stay_in_range(low: int, span: int, seed: int) -> None:
 
 
 def test_json_round_trip() -> None:
-    source = "import ujson\ns = ujson.dumps({'a': [1, 0.5, None, True, 'x\"']})\nprint(s)\nprint(ujson.loads(s))"
-    assert output(source) == '{"a": [1, 0.5, null, true, "x\\""]}\n' + "{'a': [1, 0.5, None, True, 'x\"']}"
+    source = (
+        "import ujson\ns = ujson.dumps({'a': [1, 0.5, None, True, 'x\"']})\nprint(s)\n"
+        "print(ujson.loads(s))"
+    )
+    assert (
+        output(source)
+        == '{"a": [1, 0.5, null, true, "x\\""]}\n' + "{'a': [1, 0.5, None, True, 'x\"']}"
+    )
     with pytest.raises(ValueError, match="syntax error in JSON"):
         output("import ujson\nujson.loads('{')")
 
@@ -131,7 +159,10 @@ def test_json_round_trip() -> None:
 )
 def test_json_parser_is_lenient(text: str, printed: str) -> None:
     """Printed by MicroPython 1.26.1."""
-    source = f"from ujson import loads\ntry:\n    print(repr(loads({text!r})))\nexcept Exception as e:\n    print(repr(e))"
+    source = (
+        f"from ujson import loads\ntry:\n    print(repr(loads({text!r})))\n"
+        "except Exception as e:\n    print(repr(e))"
+    )
     assert output(source) == printed
 
 
@@ -166,7 +197,10 @@ print(stdin.buffer.read(3), watch.time(), keyboard.poll(0))
 stdout.buffer.write(b'raw\\n')
 stdout.write('cooked\\n')
 """
-    assert output(source, {100: b"\x03a", 150: b"b"}) == "[] [] 20\n1 True 1 100\nb'\\x03ab' 150 []\nraw\ncooked"
+    assert (
+        output(source, {100: b"\x03a", 150: b"b"})
+        == "[] [] 20\n1 True 1 100\nb'\\x03ab' 150 []\nraw\ncooked"
+    )
 
 
 def test_select_waits_for_input_in_simulated_time() -> None:
@@ -188,7 +222,10 @@ for wrong in (5, [5]):
 
 
 def test_module_of_the_builtins() -> None:
-    source = "import builtins\nprint(builtins, builtins.len([1]), builtins.print is print, hasattr(builtins, 'filter'))"
+    source = (
+        "import builtins\nprint(builtins, builtins.len([1]), builtins.print is print, "
+        "hasattr(builtins, 'filter'))"
+    )
     assert output(source) == "<module 'builtins'> 1 True False"
 
 
@@ -206,7 +243,10 @@ def test_interrupt_byte_stops_program() -> None:
 
 
 def test_stdin_as_text() -> None:
-    assert output("from usys import stdin\nprint(stdin.read(2), stdin.readline())", {5: b"okline\n"}) == "ok line\n"
+    assert (
+        output("from usys import stdin\nprint(stdin.read(2), stdin.readline())", {5: b"okline\n"})
+        == "ok line\n"
+    )
 
 
 def test_sys_has_no_exit() -> None:
@@ -216,7 +256,10 @@ def test_sys_has_no_exit() -> None:
 
 def test_print_exception_shows_the_line() -> None:
     source = "import usys\ntry:\n    1 / 0\nexcept Exception as e:\n    usys.print_exception(e)"
-    assert output(source).splitlines()[1:] == ['  File "main.py", line 3, in <module>', "ZeroDivisionError: divide by zero"]
+    assert output(source).splitlines()[1:] == [
+        '  File "main.py", line 3, in <module>',
+        "ZeroDivisionError: divide by zero",
+    ]
 
 
 def test_small_hub_has_less() -> None:
@@ -256,5 +299,11 @@ def test_small_hub_has_less() -> None:
 )
 def test_small_things_are_as_the_firmware_has_them(expression: str, answer: str) -> None:
     """As its code, built for a computer (v4.1.0b2), answers."""
-    source = f"import umath\nkind, other = type([]), [1]\nkind = type([])\ntry:\n    print({expression})\n"
-    assert output(source + "except Exception as e:\n    print(repr(e).split('(')[0], e)").rstrip() == answer.rstrip()
+    source = (
+        "import umath\nkind, other = type([]), [1]\nkind = type([])\ntry:\n"
+        f"    print({expression})\n"
+    )
+    assert (
+        output(source + "except Exception as e:\n    print(repr(e).split('(')[0], e)").rstrip()
+        == answer.rstrip()
+    )

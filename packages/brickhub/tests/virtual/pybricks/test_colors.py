@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 
 from brickhub.virtual.pybricks.parameters import nearest
 
-RED, YELLOW, GREEN, BLUE, WHITE, NONE = (0, 100, 100), (60, 100, 100), (120, 100, 100), (240, 100, 100), (0, 0, 100), (0, 0, 0)
+RED, YELLOW, GREEN, BLUE, WHITE, NONE = (
+    (0, 100, 100),
+    (60, 100, 100),
+    (120, 100, 100),
+    (240, 100, 100),
+    (0, 0, 100),
+    (0, 0, 0),
+)
 DEFAULT = [RED, YELLOW, GREEN, BLUE, WHITE, NONE]
 colors = st.tuples(st.integers(0, 359), st.integers(0, 100), st.integers(0, 100))
 
@@ -53,7 +60,11 @@ def test_no_detectable_colors_gives_none():
 def place(color):
     hue, saturation, value = color
     chroma = saturation * value
-    return chroma * math.cos(math.radians(hue)), chroma * math.sin(math.radians(hue)), (200 - saturation) * value
+    return (
+        chroma * math.cos(math.radians(hue)),
+        chroma * math.sin(math.radians(hue)),
+        (200 - saturation) * value,
+    )
 
 
 @given(colors, st.lists(colors, min_size=1, max_size=6).map(lambda found: [*found, (0, 50, 50)]))

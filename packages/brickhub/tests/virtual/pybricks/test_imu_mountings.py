@@ -1,7 +1,9 @@
-"""IMU in all 24 mountings of the hub, against the formulas of the firmware (``pbio/imu.c``, v4.0.1 and v4.1.0b2).
+"""IMU in all 24 mountings of the hub, against the formulas of the firmware (``pbio/imu.c``, v4.0.1
+and v4.1.0b2).
 
-The matrix of the mounting has as columns the directions of the hub's front, left and top in the robot. It maps vectors of the hub
-to the robot. The rotation of the hub maps its vectors to the world; at the start it is the shortest one that fits gravity.
+The matrix of the mounting has as columns the directions of the hub's front, left and top in the
+robot. It maps vectors of the hub to the robot. The rotation of the hub maps its vectors to the
+world; at the start it is the shortest one that fits gravity.
 """
 
 from __future__ import annotations
@@ -54,8 +56,14 @@ def product(a: Matrix, b: Matrix) -> Matrix:
 
 
 UNIT: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-AXES = {f"{sign}Axis.{name}": scaled(UNIT[i], value) for i, name in enumerate("XYZ") for sign, value in (("", 1.0), ("-", -1.0))}
-MOUNTINGS = [(top, front) for top, front in itertools.product(AXES, AXES) if dot(AXES[top], AXES[front]) == 0]
+AXES = {
+    f"{sign}Axis.{name}": scaled(UNIT[i], value)
+    for i, name in enumerate("XYZ")
+    for sign, value in (("", 1.0), ("-", -1.0))
+}
+MOUNTINGS = [
+    (top, front) for top, front in itertools.product(AXES, AXES) if dot(AXES[top], AXES[front]) == 0
+]
 SIDES = (("Side.FRONT", "Side.BACK"), ("Side.LEFT", "Side.RIGHT"), ("Side.TOP", "Side.BOTTOM"))
 TURN_DEG_S = (40.0, -25.0, 60.0)
 HEAD = """
@@ -69,7 +77,7 @@ def show(imu):
           [imu.rotation(axis) for axis in (Axis.X, Axis.Y, Axis.Z, -Axis.Y)],
           [imu.orientation()[i, j] for i in range(3) for j in range(3)], imu.heading(), imu.up(), imu.up(calibrated=False),
           [imu.acceleration(vector(1, -2, 3)), imu.angular_velocity(vector(0, 2, 1)), imu.rotation(vector(-3, 1, 1))], sep=";")
-"""
+"""  # noqa: E501
 
 
 def mounted(top: str, front: str) -> Matrix:
@@ -85,14 +93,18 @@ def turned(rotvec_rad: Vector) -> Matrix:
     def image(vector: Vector) -> Vector:
         once = cross(axis, vector)
         twice = cross(axis, once)
-        x, y, z = (v + math.sin(angle) * a + (1 - math.cos(angle)) * b for v, a, b in zip(vector, once, twice, strict=True))
+        x, y, z = (
+            v + math.sin(angle) * a + (1 - math.cos(angle)) * b
+            for v, a, b in zip(vector, once, twice, strict=True)
+        )
         return x, y, z
 
     return transposed((image(UNIT[0]), image(UNIT[1]), image(UNIT[2])))
 
 
 def at_start(up: Vector) -> Matrix:
-    """Rotation of the hub when it is switched on, from "up" in the hub: about a level axis, or about x if it is upside down."""
+    """Rotation of the hub when it is switched on, from "up" in the hub: about a level axis, or
+    about x if it is upside down."""
     level = cross(up, (0.0, 0.0, 1.0))
     if not any(level):
         level = (1.0, 0.0, 0.0)
@@ -119,7 +131,8 @@ def heading(rotation: Matrix, base: Matrix) -> float:
 
 
 class TumblingHub(BenchBody):
-    """Hub that turns for a second about an axis askew in it, and keeps the readings of that moment."""
+    """Hub that turns for a second about an axis askew in it, and keeps the readings of that
+    moment."""
 
     def __init__(self, turn_deg_s: Vector = TURN_DEG_S) -> None:
         super().__init__(Robot("hub", HubKind.PRIME))
@@ -152,43 +165,77 @@ def shown(folder: Path, source: str, body: Body | None = None) -> list[list[Any]
     program.write_text(HEAD + source, encoding="utf-8")
     assert run_file(program, body, stdout=out, stderr=err) == 0, err.getvalue()
     lines = out.getvalue().decode().splitlines()
-    return [[text if text.startswith("Side") else ast.literal_eval(text) for text in line.split(";")] for line in lines]
+    return [
+        [text if text.startswith("Side") else ast.literal_eval(text) for text in line.split(";")]
+        for line in lines
+    ]
 
 
 def check(
-    values: list[Any], base: Matrix, rotation: Matrix, force: Vector, spin: Vector, summed: Vector, within: float = 0.01
+    values: list[Any],
+    base: Matrix,
+    rotation: Matrix,
+    force: Vector,
+    spin: Vector,
+    summed: Vector,
+    within: float = 0.01,
 ) -> None:
-    """Compare what a program sees with what the firmware computes; ``force``, ``spin`` and ``summed`` are vectors of the hub."""
+    """Compare what a program sees with what the firmware computes; ``force``, ``spin`` and
+    ``summed`` are vectors of the hub."""
     tilts, forces, spins, rotations, orientation, _, up, raw_up, projected = values
-    assert tilts == pytest.approx([*tilt(apply(base, rotation[2])), *tilt(apply(base, force))], abs=0.01)
+    assert tilts == pytest.approx(
+        [*tilt(apply(base, rotation[2])), *tilt(apply(base, force))], abs=0.01
+    )
     assert forces == pytest.approx(list(apply(base, force)), abs=2.4)  # a step of the accelerometer
     assert spins == pytest.approx(list(apply(base, spin)), abs=within)
     x, y, z = apply(base, summed)
     assert rotations == pytest.approx([x, y, z, -y], abs=within)
     assert orientation == pytest.approx([x for row in rotation for x in row], abs=within / 50)
     assert (up, raw_up) == (side(rotation[2]), side(force))
-    askew = [along(apply(base, force), 1, -2, 3), along(apply(base, spin), 0, 2, 1), along(apply(base, summed), -3, 1, 1)]
+    askew = [
+        along(apply(base, force), 1, -2, 3),
+        along(apply(base, spin), 0, 2, 1),
+        along(apply(base, summed), -3, 1, 1),
+    ]
     assert projected[0] == pytest.approx(askew[0], abs=2.4)
     assert projected[1:] == pytest.approx(askew[1:], abs=within)
 
 
 def test_there_are_24_mountings() -> None:
     assert len(MOUNTINGS) == 24
-    assert all(dot(x, cross(y, z)) == 1 for x, y, z in (mounted(*mounting) for mounting in MOUNTINGS))
+    assert all(
+        dot(x, cross(y, z)) == 1 for x, y, z in (mounted(*mounting) for mounting in MOUNTINGS)
+    )
 
 
 def test_hub_that_has_turned_about_several_axes(tmp_path: Path) -> None:
     body = TumblingHub()
-    source = "PrimeHub()\nwait(1100)\n" + "".join(f"show(PrimeHub({top}, {front}).imu)\n" for top, front in MOUNTINGS)
+    source = "PrimeHub()\nwait(1100)\n" + "".join(
+        f"show(PrimeHub({top}, {front}).imu)\n" for top, front in MOUNTINGS
+    )
     for values, mounting in zip(shown(tmp_path, source, body), MOUNTINGS, strict=True):
-        check(values, mounted(*mounting), body.rotation, body.acceleration_mm_s2(), TURN_DEG_S, TURN_DEG_S)
+        check(
+            values,
+            mounted(*mounting),
+            body.rotation,
+            body.acceleration_mm_s2(),
+            TURN_DEG_S,
+            TURN_DEG_S,
+        )
 
 
-@pytest.mark.parametrize("mounting", [(top, front) for top, front in MOUNTINGS if mounted(top, front)[0][2] == 0], ids=str)
+@pytest.mark.parametrize(
+    "mounting",
+    [(top, front) for top, front in MOUNTINGS if mounted(top, front)[0][2] == 0],
+    ids=str,
+)
 def test_heading_of_level_hub(mounting: tuple[str, str], tmp_path: Path) -> None:
-    """Not if the robot's front is above or below in the hub: then the firmware has no heading, the stand-in that of the robot."""
+    """Not if the robot's front is above or below in the hub: then the firmware has no heading, the
+    stand-in that of the robot."""
     body, base = TumblingHub((0.0, 0.0, 70.0)), mounted(*mounting)
-    ((*_, measured, _, _, _),) = shown(tmp_path, f"imu = PrimeHub({', '.join(mounting)}).imu\nwait(1100)\nshow(imu)", body)
+    ((*_, measured, _, _, _),) = shown(
+        tmp_path, f"imu = PrimeHub({', '.join(mounting)}).imu\nwait(1100)\nshow(imu)", body
+    )
     way = heading(body.rotation, base) - heading(UNIT, base)
     assert measured == pytest.approx((way + 180) % 360 - 180, abs=0.1)
 
@@ -211,14 +258,28 @@ print(left.angle() - right.angle())
     up = base[2]  # the robot's vertical, in the hub
     start = at_start(up)
     rotation = product(turned((0.0, 0.0, -math.radians(turned_deg))), start)
-    check(values, base, rotation, scaled(up, 9810.0), scaled(up, -100.0), scaled(up, -turned_deg), within=0.5)
+    check(
+        values,
+        base,
+        rotation,
+        scaled(up, 9810.0),
+        scaled(up, -100.0),
+        scaled(up, -turned_deg),
+        within=0.5,
+    )
     assert values[5] == pytest.approx(turned_deg, abs=0.5)
     way = heading(rotation, base) - heading(start, base)
     assert values[5] == pytest.approx((way + 180) % 360 - 180, abs=0.5)
 
 
-@pytest.mark.parametrize(("top", "front"), [pair for pair in itertools.product(AXES, AXES) if pair not in MOUNTINGS], ids=str)
-def test_sides_that_are_not_at_right_angles_are_refused(top: str, front: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("top", "front"),
+    [pair for pair in itertools.product(AXES, AXES) if pair not in MOUNTINGS],
+    ids=str,
+)
+def test_sides_that_are_not_at_right_angles_are_refused(
+    top: str, front: str, tmp_path: Path
+) -> None:
     source = f"""
 hub = PrimeHub(Axis.Y, Axis.Z)
 try:
@@ -230,4 +291,6 @@ show(hub.imu)
     (refused,), values = shown(tmp_path, source)
     assert refused == ["Invalid argument"]
     assert values[2] == [0.0] * 3
-    assert values[1] == pytest.approx(list(scaled(transposed(mounted("Axis.Y", "Axis.Z"))[2], 9809.137)))
+    assert values[1] == pytest.approx(
+        list(scaled(transposed(mounted("Axis.Y", "Axis.Z"))[2], 9809.137))
+    )

@@ -1,4 +1,5 @@
-"""What each kind of hub has and lacks, from the configurations of the firmware (``bricks/*/mpconfigport.h``, v4.0.1)."""
+"""What each kind of hub has and lacks, from the configurations of the firmware
+(``bricks/*/mpconfigport.h``, v4.0.1)."""
 
 from __future__ import annotations
 
@@ -70,7 +71,7 @@ print(repr(base.angle()) == repr(base.state()[2]))
 print([hasattr(left, name) for name in ("control", "log", "model", "run")])
 print([hasattr(base, name) for name in ("heading_control", "distance_control", "move_by", "use_gyro", "arc")])
 print(hasattr(Button, "UP"), Button.LEFT_PLUS, [Axis.X, Axis.Y, -Axis.Z])
-"""
+"""  # noqa: E501
     assert output(HEAD + source, robot=MOVE).splitlines() == [
         "True",
         "[False, False, False, True]",
@@ -95,9 +96,13 @@ def test_accelerometer_of_a_move_hub_that_lies_flat(sides: str, shown: str) -> N
 
 def test_accelerometer_of_a_mounted_move_hub() -> None:
     source = (
-        "Motor(Port.A)\nimu = MoveHub(top_side=Axis.Y, front_side=-Axis.X).imu\nprint(imu.tilt(), imu.acceleration(), imu.up())\n"
+        "Motor(Port.A)\nimu = MoveHub(top_side=Axis.Y, front_side=-Axis.X).imu\n"
+        "print(imu.tilt(), imu.acceleration(), imu.up())\n"
     )
-    source += "print(hasattr(imu, 'heading'))\ntry:\n    MoveHub(Axis.X, Axis.X)\nexcept ValueError as e:\n    print(e)"
+    source += (
+        "print(hasattr(imu, 'heading'))\ntry:\n    MoveHub(Axis.X, Axis.X)\n"
+        "except ValueError as e:\n    print(e)"
+    )
     shown = "(0, 0) (0, 0, 10112) Side.LEFT\nFalse\nInvalid argument"
     assert output(HEAD + source, body=FittedBench(HubKind.MOVE)) == shown
 
@@ -108,14 +113,22 @@ class Leaning(BenchBody):
 
 
 def test_accelerometer_of_a_leaning_move_hub() -> None:
-    # Counts of 1/64 g, rounded down: 26, -17, -53; angles from the firmware's table of arc tangents.
+    # Counts of 1/64 g, rounded down: 26, -17, -53; angles from the firmware's table of arc
+    # tangents.
     source = "imu = MoveHub().imu\nprint(imu.tilt(), imu.acceleration(), imu.up())"
-    assert output(HEAD + source, body=Leaning(MOVE)) == "(-25, -163) (4108, -2686, -8374) Side.BOTTOM"
+    assert (
+        output(HEAD + source, body=Leaning(MOVE)) == "(-25, -163) (4108, -2686, -8374) Side.BOTTOM"
+    )
 
 
-@pytest.mark.parametrize(("kind", "found"), [(HubKind.PRIME, 5), (HubKind.TECHNIC, 4), (HubKind.MOVE, 1)])
+@pytest.mark.parametrize(
+    ("kind", "found"), [(HubKind.PRIME, 5), (HubKind.TECHNIC, 4), (HubKind.MOVE, 1)]
+)
 def test_builtins(kind: HubKind, found: int) -> None:
-    source = "n = 0\nfor get in (lambda: len, lambda: set, lambda: float, lambda: enumerate, lambda: memoryview):\n"
+    source = (
+        "n = 0\nfor get in (lambda: len, lambda: set, lambda: float, lambda: enumerate, "
+        "lambda: memoryview):\n"
+    )
     source += "    try:\n        n += bool(get())\n    except NameError:\n        pass\nprint(n)"
     assert output(source, robot=Robot("hub", kind)) == str(found)
 
@@ -139,4 +152,7 @@ for values in (dict(read=2), dict(write=b"no")):
     except ValueError as error:
         print(error)
 """
-    assert output(source, robot=Robot("hub", kind)) == f"b'ok' {size}\nInvalid argument\nInvalid argument"
+    assert (
+        output(source, robot=Robot("hub", kind))
+        == f"b'ok' {size}\nInvalid argument\nInvalid argument"
+    )

@@ -1,4 +1,5 @@
-"""Buttons, light and display as time passes. The times are those of the firmware (v4.1.0b2, built for a computer), measured."""
+"""Buttons, light and display as time passes. The times are those of the firmware (v4.1.0b2, built
+for a computer), measured."""
 
 from __future__ import annotations
 
@@ -42,7 +43,12 @@ class Watcher:
 def run(tmp_path: Path, source: str, *presses: str) -> tuple[str, Watcher]:
     program, out, err, watcher = tmp_path / "main.py", io.BytesIO(), io.StringIO(), Watcher()
     program.write_text(HEAD + source, encoding="utf-8")
-    run_file(program, stdout=out, stderr=err, operation=Operation(list(map(parse_press, presses)), watch=watcher))
+    run_file(
+        program,
+        stdout=out,
+        stderr=err,
+        operation=Operation(list(map(parse_press, presses)), watch=watcher),
+    )
     return (out.getvalue().decode() + err.getvalue()).strip(), watcher
 
 
@@ -66,10 +72,13 @@ while s.time() < 1000:
          "hub.system.set_stop_button(Button.CENTER)" + WAIT_TWICE,
          ["center@0.2s+0.4s"], "349"),
         ("print(hub_menu(1, 2, 3), s.time())", ["left@0.3s+0.1s", "center@1s+0.2s"], "3 1200"),
-        ("print(hub_menu('A', 'B'), s.time())", ["bluetooth@0.3s", "right@0.6s", "left@0.65s+0.03s", "center@1s"], "B 1200"),
+        ("print(hub_menu('A', 'B'), s.time())", ["bluetooth@0.3s", "right@0.6s", "left@0.65s+0.03s",
+         "center@1s"], "B 1200"),
     ],
 )  # fmt: skip
-def test_a_hub_looks_at_its_stop_button_every_50_ms(source: str, presses: list[str], printed: str, tmp_path: Path) -> None:
+def test_a_hub_looks_at_its_stop_button_every_50_ms(
+    source: str, presses: list[str], printed: str, tmp_path: Path
+) -> None:
     assert run(tmp_path, source, *presses)[0] == printed
 
 
@@ -83,7 +92,9 @@ def test_a_hub_looks_at_its_stop_button_every_50_ms(source: str, presses: list[s
         ("None", ["left@0.2s+3s"], "3000"),
     ],
 )
-def test_center_button_switches_off_after_two_seconds(setting: str, presses: list[str], printed: str, tmp_path: Path) -> None:
+def test_center_button_switches_off_after_two_seconds(
+    setting: str, presses: list[str], printed: str, tmp_path: Path
+) -> None:
     """``pbsys_program_stop_poll``; nothing in a program can prevent it."""
     source = f"""
 hub.system.set_stop_button({setting})
@@ -98,9 +109,25 @@ while s.time() < 3000:
 
 
 def test_a_light_blinks_and_changes_its_color_by_itself(tmp_path: Path) -> None:
-    _, seen = run(tmp_path, "hub.light.blink(Color.BLUE, [30, 40, 50])\nwait(300)\nhub.light.on(Color.GREEN)\nwait(100)")
-    assert seen.lights[:7] == [(0, 240), (31, None), (71, 240), (151, None), (191, 240), (271, None), (300, 120)]
-    _, seen = run(tmp_path, "hub.light.animate([Color.RED, Color.GREEN, Color.NONE], 75)\nwait(300)\nhub.light.off()\nwait(200)")
+    _, seen = run(
+        tmp_path,
+        "hub.light.blink(Color.BLUE, [30, 40, 50])\nwait(300)\nhub.light.on(Color.GREEN)\n"
+        "wait(100)",
+    )
+    assert seen.lights[:7] == [
+        (0, 240),
+        (31, None),
+        (71, 240),
+        (151, None),
+        (191, 240),
+        (271, None),
+        (300, 120),
+    ]
+    _, seen = run(
+        tmp_path,
+        "hub.light.animate([Color.RED, Color.GREEN, Color.NONE], 75)\nwait(300)\n"
+        "hub.light.off()\nwait(200)",
+    )
     assert seen.lights == [(0, 0), (76, 120), (151, None), (226, 0), (300, None)]
 
 

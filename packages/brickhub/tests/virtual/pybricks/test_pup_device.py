@@ -36,15 +36,22 @@ def told(device: str, source: str, folder: Path, *readings: str) -> str:
     path.write_text(HEAD + f"it = {device}(Port.B)\nraw = PUPDevice(Port.B)\n" + source)
     out, err = io.BytesIO(), io.StringIO()
     operation = Operation([], [parse_reading(reading) for reading in readings], {})
-    assert run_file(path, stdout=out, stderr=err, time_limit_s=60, operation=operation) == 0, err.getvalue()
+    assert run_file(path, stdout=out, stderr=err, time_limit_s=60, operation=operation) == 0, (
+        err.getvalue()
+    )
     return out.getvalue().decode().replace("\r\n", "\n").removesuffix("\n")
 
 
 def test_info_names_the_modes(tmp_path: Path) -> None:
-    printed = told("ForceSensor", "info = raw.info()\nprint(info['id'], len(info['modes']), info['modes'][4])", tmp_path)
+    printed = told(
+        "ForceSensor",
+        "info = raw.info()\nprint(info['id'], len(info['modes']), info['modes'][4])",
+        tmp_path,
+    )
     assert printed == "63 7 ('FRAW', 1, 1)"
     assert told("Motor", "print(raw.info()['modes'])", tmp_path) == (
-        "(('POWER', 1, 0), ('SPEED', 1, 0), ('POS', 1, 2), ('APOS', 1, 1), ('CALIB', 2, 1), ('STATS', 14, 1))"
+        "(('POWER', 1, 0), ('SPEED', 1, 0), ('POS', 1, 2), ('APOS', 1, 1), ('CALIB', 2, 1), "
+        "('STATS', 14, 1))"
     )
 
 
@@ -58,7 +65,8 @@ def test_passive_device_has_only_a_number(device: str, number: int, tmp_path: Pa
 def test_values_fit_the_data_types(number: int) -> None:
     names = [mode.name for mode in MODES[number].modes]
     assert len(set(names)) == len(names) <= 16
-    assert all(mode.count * mode.data_type.bits // 8 <= 32 for mode in MODES[number].modes)  # the longest message
+    # the longest message
+    assert all(mode.count * mode.data_type.bits // 8 <= 32 for mode in MODES[number].modes)
 
 
 @pytest.mark.parametrize(
@@ -87,28 +95,39 @@ def test_values_fit_the_data_types(number: int) -> None:
         ("InfraredSensor", "B=50%", 2, (12, 0, 0)),
     ],
 )
-def test_reads_what_the_sensor_senses(device: str, reading: str, mode: int, values: tuple[int, ...], tmp_path: Path) -> None:
+def test_reads_what_the_sensor_senses(
+    device: str, reading: str, mode: int, values: tuple[int, ...], tmp_path: Path
+) -> None:
     assert told(device, f"print(raw.read({mode}))", tmp_path, reading) == str(values)
 
 
 def test_firmware_computes_its_values_from_the_raw_ones(tmp_path: Path) -> None:
     """In the arithmetic of ``pb_type_pupdevices_*.c``, up to the rounding of the raw values."""
-    spike = "r, g, b, _ = raw.read(5)\nv = max(r, g, b) * 100 // 1024\nprint(abs(it.hsv().v - v * (150 - v // 2) // 100) <= 1)"
+    spike = (
+        "r, g, b, _ = raw.read(5)\nv = max(r, g, b) * 100 // 1024\n"
+        "print(abs(it.hsv().v - v * (150 - v // 2) // 100) <= 1)"
+    )
     assert told("ColorSensor", spike, tmp_path, "B=200,70,60") == "True"
     boost = "v = max(raw.read(6)) * 100 // 440\nprint(abs(it.hsv().v - v * (200 - v) // 100) <= 1)"
     assert told("ColorDistanceSensor", boost, tmp_path, "B=200,70,75") == "True"
-    force = "c = raw.read(6)\nprint(it.force(), 10 * (raw.read(4)[0] - c[2] - c[1]) / (c[6] - c[2]))"
+    force = (
+        "c = raw.read(6)\nprint(it.force(), 10 * (raw.read(4)[0] - c[2] - c[1]) / (c[6] - c[2]))"
+    )
     assert told("ForceSensor", force, tmp_path, "B=4N") == "4.0 3.9747632"
 
 
 @pytest.mark.parametrize(
     ("call", "answer"),
     [
-        ("raw.read, 10", "Invalid argument"), ("raw.read, -1", "Invalid argument"), ("raw.read, 257", "(0,)"),
+        ("raw.read, 10", "Invalid argument"), ("raw.read, -1", "Invalid argument"),
+        ("raw.read, 257", "(0,)"),
         ("raw.read, 1.0", "can't convert float to int"), ("raw.write, 10, (1,)", "Invalid mode"),
-        ("raw.write, 5, (1, 2, 3, 4)", "Mode not writable"), ("raw.write, 3, (1, 2)", "Expected 3 values"),
-        ("raw.write, 3, ()", "Expected 3 values"), ("raw.write, 3, 100", "object 'int' isn't a tuple or list"),
-        ("raw.write, 3, (1, 2, 128)", "Value out of range for int8"), ("raw.write, 3, (1, 2, 0.5)", "can't convert float to int"),
+        ("raw.write, 5, (1, 2, 3, 4)", "Mode not writable"),
+        ("raw.write, 3, (1, 2)", "Expected 3 values"),
+        ("raw.write, 3, ()", "Expected 3 values"), ("raw.write, 3, 100",
+         "object 'int' isn't a tuple or list"),
+        ("raw.write, 3, (1, 2, 128)", "Value out of range for int8"),
+        ("raw.write, 3, (1, 2, 0.5)", "can't convert float to int"),
         ("raw.write, 3, [100, 0, -128]", "None"),
     ],
 )  # fmt: skip
@@ -123,9 +142,12 @@ def timed(call, *args):
     call(*args)
     return watch.time()
 print(timed(raw.read, 5), timed(raw.read, 1), timed(raw.read, 1), timed(it.color), timed(raw.write, 3, (1, 2, 3)))
-"""
+"""  # noqa: E501
     assert told("ColorSensor", source, tmp_path) == "0 31 0 31 11"
-    assert told("ColorDistanceSensor", "print(tried(raw.write, 7, (5,)), watch.time())", tmp_path) == "None 252"
+    assert (
+        told("ColorDistanceSensor", "print(tried(raw.write, 7, (5,)), watch.time())", tmp_path)
+        == "None 252"
+    )
 
 
 def test_awaited_in_tasks(tmp_path: Path) -> None:
@@ -139,7 +161,8 @@ run_task(main())
 
 
 def test_motor_in_another_mode_is_lost_to_its_class(tmp_path: Path) -> None:
-    """``pbio_servo_update_all`` gives it up, and ``pbio_port_lump_assert_type_id`` finds none until its mode is back."""
+    """``pbio_servo_update_all`` gives it up, and ``pbio_port_lump_assert_type_id`` finds none until
+    its mode is back."""
     source = """
 it.run_angle(500, 450)
 print(raw.read(4), it.angle())

@@ -31,8 +31,19 @@ def hub(source: str) -> str:
 def test_only_own_hub_class(kind: HubKind) -> None:
     robot = Robot("it", kind)
     own = {kind.model.class_name, "ThisHub"} | ({"InventorHub"} if kind is HubKind.PRIME else set())
-    for name in ("PrimeHub", "InventorHub", "EssentialHub", "TechnicHub", "CityHub", "MoveHub", "ThisHub", "EV3Brick"):
-        source = f"from pybricks.hubs import {name}\nhub = {name}()\nprint(hub.battery.voltage() > 6000)"
+    for name in (
+        "PrimeHub",
+        "InventorHub",
+        "EssentialHub",
+        "TechnicHub",
+        "CityHub",
+        "MoveHub",
+        "ThisHub",
+        "EV3Brick",
+    ):
+        source = (
+            f"from pybricks.hubs import {name}\nhub = {name}()\nprint(hub.battery.voltage() > 6000)"
+        )
         if name in own:
             assert output(source, robot=robot) == "True"
         else:
@@ -42,7 +53,12 @@ def test_only_own_hub_class(kind: HubKind) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "missing"),
-    [(HubKind.CITY, "imu"), (HubKind.TECHNIC, "display"), (HubKind.ESSENTIAL, "speaker"), (HubKind.TECHNIC, "charger")],
+    [
+        (HubKind.CITY, "imu"),
+        (HubKind.TECHNIC, "display"),
+        (HubKind.ESSENTIAL, "speaker"),
+        (HubKind.TECHNIC, "charger"),
+    ],
 )
 def test_hub_has_own_parts_only(kind: HubKind, missing: str) -> None:
     with pytest.raises(AttributeError, match=missing):
@@ -62,7 +78,7 @@ print(imu.acceleration(Axis.Z), imu.angular_velocity(Axis.Z), imu.angular_veloci
 print(imu.acceleration(), imu.orientation()[0, 0])
 imu.reset_heading(90)
 print(imu.heading(), imu.settings()[0], imu.settings(heading_correction=359.5), imu.settings()[-1])
-"""
+"""  # noqa: E501
     assert hub(source) == (
         "(-0.0, 0.0) Side.TOP 0.0 True True\n9809.137 0.0 (3, 1) 0.0\n"
         "Matrix([\n    [   0.000],\n    [   0.000],\n    [ 999.999],\n]) 1.0\n90.0 2.0 None 359.5"
@@ -73,7 +89,7 @@ def test_sideways_hub_reports_in_robot_frame() -> None:
     source = """
 hub = PrimeHub(top_side=Axis.X, front_side=-Axis.Z)
 print(hub.imu.up(), round(hub.imu.acceleration(Axis.X)), hub.imu.acceleration(Axis.Z) == 0, round(hub.imu.tilt()[0]))
-"""
+"""  # noqa: E501
     assert hub(source) == "Side.TOP 9809 True -90"
 
 
@@ -84,7 +100,10 @@ print(hub.imu.up(), round(hub.imu.acceleration(Axis.X)), hub.imu.acceleration(Ax
         ("PrimeHub(5)", "TypeError Axis must be Matrix."),
         ("hub.imu.acceleration(Matrix([[1, 2]]))", "ValueError Axis must be 1x3 or 3x1 matrix."),
         ("hub.imu.reset_heading()", "TypeError 'angle' argument required"),
-        ("hub.imu.settings(angular_velocity_bias=(1, 2))", "ValueError Angular velocity bias must be a 3-element tuple."),
+        (
+            "hub.imu.settings(angular_velocity_bias=(1, 2))",
+            "ValueError Angular velocity bias must be a 3-element tuple.",
+        ),
         ("hub.light.on('red')", "TypeError can't convert str to Color"),
         ("hub.display.char('ab')", "ValueError Invalid argument"),
         ("hub.speaker.play_notes(['X4/4'])", "ValueError Missing note name A-G or R"),
@@ -112,10 +131,13 @@ try:
     BLERadio().broadcast(1)
 except RuntimeError as e:
     print(e)
-"""
+"""  # noqa: E501
     one = "None None None -128\n<class 'ValueError'>\n<class 'ValueError'>\n<class 'TypeError'>\n"
     moved = "Hub messaging has been moved. You should use:\n\n"
-    moved += "from pybricks.messaging import BLERadio\nradio = BLERadio(broadcast_channel, observe_channels)\n\n"
+    moved += (
+        "from pybricks.messaging import BLERadio\n"
+        "radio = BLERadio(broadcast_channel, observe_channels)\n\n"
+    )
     assert hub(source) == moved + one + one + "no broadcast channel selected"
 
 
@@ -166,7 +188,7 @@ print(hub.buttons.pressed(), Button.LEFT in hub.buttons.pressed(), hub.battery.c
 hub.system.storage(10, write=b'abc')
 print(hub.system.storage(9, read=5), hub.system.info()['name'])
 hub.system.set_stop_button(None)
-"""
+"""  # noqa: E501
     assert hub(source) == "set() False True 0\nb'\\x00abc\\x00' Pybricks Hub"
 
 
@@ -200,10 +222,12 @@ print(Color.RED == Color(360, 100, 100))
 print(str(Port.B), f'{Stop.COAST}', '%s' % Color.NONE, Port.A == Port.A, Port.A != Port.B, {Port.A: 1}[Port.A])
 h, s, v = Color.CYAN
 print(h, s, v, Color.CYAN.h, Color.CYAN[2], Color.RED * 0.5, Color.RED >> 60)
-"""
+"""  # noqa: E501
     assert hub(source) == (
-        "Port.A [Stop.HOLD, Direction.CLOCKWISE] Button.LEFT Side.TOP Color.RED Color(h=1, s=2, v=3)\nTrue\n"
-        "Port.B Stop.COAST Color.NONE True True 1\n180 100 100 180 100 Color(h=0, s=100, v=50) Color(h=60, s=100, v=100)"
+        "Port.A [Stop.HOLD, Direction.CLOCKWISE] Button.LEFT Side.TOP Color.RED Color(h=1, s=2, "
+        "v=3)\nTrue\n"
+        "Port.B Stop.COAST Color.NONE True True 1\n180 100 100 180 100 Color(h=0, s=100, v=50) "
+        "Color(h=60, s=100, v=100)"
     )
 
 
@@ -266,7 +290,7 @@ for call in (lambda: Remote('a' * 15), lambda: Remote(3), lambda: LWP3Device(1.5
         call()
     except (ValueError, TypeError, OSError) as e:
         print(e.args[0])
-"""
+"""  # noqa: E501
     assert hub(source).split("\n") == [
         "(110, 501) (110, 101)",
         "(110, 10001) None",
@@ -302,7 +326,7 @@ for call in (lambda: Color['NO'], lambda: Color.PURPLE, lambda: Color.PINK, lamb
         print(call())
     except Exception as e:
         print(repr(e))
-"""
+"""  # noqa: E501
     assert hub(source).splitlines() == [
         "Color.GREEN Color.PINK True True",
         "KeyError('NO',)",
@@ -318,22 +342,35 @@ for call in (lambda: Color['NO'], lambda: Color.PURPLE, lambda: Color.PINK, lamb
 
 def test_color_order_equals_hub() -> None:
     order = "BLACK GRAY WHITE NONE GREEN BLUE BROWN ORANGE YELLOW RED CYAN MAGENTA VIOLET"
-    assert hub("print(*Color)\nprint(str(Color)[:43])") == order + "\n{'BLACK': Color.BLACK, 'GRAY': Color.GRAY, "
+    assert (
+        hub("print(*Color)\nprint(str(Color)[:43])")
+        == order + "\n{'BLACK': Color.BLACK, 'GRAY': Color.GRAY, "
+    )
 
 
 def test_named_colors_print_names() -> None:
-    source = "print(Color.GREEN, Color(120, 100, 100), Color.GREEN * 1, Color.RED >> 120, 0.5 * Color.RED, Color.RED // 3)\n"
-    source += "print(Color.GREEN == Color(120), hash(Color.RED) == hash(Color(0)), hash(Color.RED) == hash(Color.RED))\n"
+    source = (
+        "print(Color.GREEN, Color(120, 100, 100), Color.GREEN * 1, Color.RED >> 120, 0.5 * "
+        "Color.RED, Color.RED // 3)\n"
+    )
+    source += (
+        "print(Color.GREEN == Color(120), hash(Color.RED) == hash(Color(0)), "
+        "hash(Color.RED) == hash(Color.RED))\n"
+    )
     source += "print({Color.RED: 1}[Color(0)], -1 * Color.RED)"
     green = "Color(h=120, s=100, v=100)"
     assert hub(source) == (
-        f"Color.GREEN {green} {green} {green} Color(h=0, s=100, v=50) Color(h=0, s=100, v=33)\nTrue False True\n"
+        f"Color.GREEN {green} {green} {green} Color(h=0, s=100, v=50) Color(h=0, s=100, v=33)\n"
+        "True False True\n"
         "1 Color(h=0, s=100, v=-100)"
     )
 
 
 def test_version_and_geometry() -> None:
-    source = "import pybricks\nprint(pybricks.version)\nfrom pybricks.geometry import Axis, Matrix, vector, cross\n"
+    source = (
+        "import pybricks\nprint(pybricks.version)\n"
+        "from pybricks.geometry import Axis, Matrix, vector, cross\n"
+    )
     source += "from pybricks import tools\nprint(vector(1, 2).shape)"
     with pytest.raises(ImportError, match="can't import name tools"):
         hub(source)
@@ -343,7 +380,9 @@ def test_version_and_geometry() -> None:
 
 def test_memory_is_reported_as_on_a_hub() -> None:
     assert (
-        hub("import micropython\nmicropython.mem_info()\nmicropython.qstr_info(True)").splitlines()[1].startswith("GC: total: ")
+        hub("import micropython\nmicropython.mem_info()\nmicropython.qstr_info(True)")
+        .splitlines()[1]
+        .startswith("GC: total: ")
     )
 
 
@@ -359,12 +398,19 @@ def pressing(source: str, *presses: str, robot: Robot = BENCH) -> str:
     return console.written.decode().replace("\r\n", "\n").removesuffix("\n")
 
 
-HEAD_OF_HUB = "from pybricks.hubs import *\nfrom pybricks.parameters import *\nfrom pybricks.tools import *\nhub = ThisHub()\n"
+HEAD_OF_HUB = (
+    "from pybricks.hubs import *\nfrom pybricks.parameters import *\n"
+    "from pybricks.tools import *\nhub = ThisHub()\n"
+)
 POLL = "while not hub.buttons.pressed():\n    wait(10)\nprint(hub.buttons.pressed())\n"
 
 
 def test_buttons_follow_script() -> None:
-    source = "watch = StopWatch()\n" + POLL + "print(watch.time())\nwait(150)\nprint(Button.LEFT in hub.buttons.pressed())\n"
+    source = (
+        "watch = StopWatch()\n"
+        + POLL
+        + "print(watch.time())\nwait(150)\nprint(Button.LEFT in hub.buttons.pressed())\n"
+    )
     source += "wait(100)\nprint(hub.buttons.pressed())"
     assert pressing(source, "left@2.5s") == "{Button.LEFT}\n2500\nTrue\nset()"
     assert pressing(POLL, "left@1", "bluetooth@0.995s+1s") == "{Button.LEFT, Button.BLUETOOTH}"
@@ -373,11 +419,17 @@ def test_buttons_follow_script() -> None:
 def test_center_button_stops_program_by_default() -> None:
     assert pressing("print('on')\nwait(5000)", "center@1.234s") == "on\nstopped at 1249"
     assert pressing("while True:\n    pass", "center@0.99s") == "stopped at 999"
-    assert pressing("try:\n    wait(5000)\nexcept SystemExit:\n    print('caught')", "center@1s") == "caught"
+    assert (
+        pressing("try:\n    wait(5000)\nexcept SystemExit:\n    print('caught')", "center@1s")
+        == "caught"
+    )
     assert pressing("hub.system.set_stop_button(None)\n" + POLL, "center@1s") == "{Button.CENTER}"
     two = "hub.system.set_stop_button((Button.LEFT, Button.RIGHT))\nwait(9000)"
     assert pressing(two, "left@1s+3s", "center@2s", "right@3s") == "stopped at 3049"
-    assert pressing("hub.system.set_stop_button(Button.BLUETOOTH)\n" + POLL, "center@1s") == "{Button.CENTER}"
+    assert (
+        pressing("hub.system.set_stop_button(Button.BLUETOOTH)\n" + POLL, "center@1s")
+        == "{Button.CENTER}"
+    )
 
 
 def test_hub_menu_selects_entry() -> None:
@@ -385,16 +437,24 @@ def test_hub_menu_selects_entry() -> None:
     assert pressing(menu, "right@1s", "right@2s", "center@3s", "center@4s") == "7\nstopped at 4049"
     assert pressing("print(hub_menu('A', 'B', 7))", "left@1s", "left@2s", "center@3s") == "B"
     assert pressing("print(hub_menu(1, 2))", "center@1s+2s") == "1"
-    assert pressing("try:\n    hub_menu('AB', 'C')\nexcept ValueError as e:\n    print(e)") == "Invalid argument"
+    assert (
+        pressing("try:\n    hub_menu('AB', 'C')\nexcept ValueError as e:\n    print(e)")
+        == "Invalid argument"
+    )
 
 
 def test_other_hubs_have_one_button() -> None:
     robot = Robot("train", HubKind.CITY)
     source = "hub.system.set_stop_button(None)\n" + POLL + "print(hub.button.pressed())"
     assert pressing(source, "center@1s", robot=robot) == "{Button.CENTER}\n{Button.CENTER}"
-    with pytest.raises(TwinError, match="no button 'left'; press one of center, or of a wireless device, such as remote"):
+    with pytest.raises(
+        TwinError,
+        match="no button 'left'; press one of center, or of a wireless device, such as remote",
+    ):
         pressing("", "left@1s", robot=robot)
-    with pytest.raises(TwinError, match=r"the xbox has no button 'xbox.z'; press one of xbox.a, xbox.b"):
+    with pytest.raises(
+        TwinError, match=r"the xbox has no button 'xbox.z'; press one of xbox.a, xbox.b"
+    ):
         pressing("", "xbox.z@1s", robot=robot)
 
 
@@ -438,7 +498,9 @@ except OSError as e:
     assert printed == "Handset {Button.LEFT_PLUS, Button.RIGHT} set()\n19"
 
 
-@pytest.mark.parametrize("text", ["left", "left@", "left@x", "@3s", "left@1.2.3", "left@-1", "left@1+0"])
+@pytest.mark.parametrize(
+    "text", ["left", "left@", "left@x", "@3s", "left@1.2.3", "left@-1", "left@1+0"]
+)
 def test_press_needs_button_and_time(text: str) -> None:
     with pytest.raises(TwinError, match="left@2.5s"):
         parse_press(text)
@@ -471,7 +533,12 @@ hub.display.icon([[100] * 5] + [[0] * 5] * 4)
 look()
 """
     execute(HEAD_OF_HUB + source, "main.py", modules(machine, eye := Eye(machine, {})), eye)
-    assert seen == [((0, 100, 100), "A", 0, 0), (None, "", 1250, 440), (None, "<", 100, 440), ((240, 100, 100), "", 500, 440)]
+    assert seen == [
+        ((0, 100, 100), "A", 0, 0),
+        (None, "", 1250, 440),
+        (None, "<", 100, 440),
+        ((240, 100, 100), "", 500, 440),
+    ]
     machine.stop_motors()
     assert (panel.light, panel.text, sum(panel.display), panel.sound_hz) == (None, "", 0, 0)
 
@@ -488,7 +555,10 @@ look()
         ("hub.speaker.play_notes(['C4/'])", "ValueError Missing fractional value 1, 2, 4, 8, etc."),
         ("hub.system.storage(0)", "TypeError Must set either read (int) or write (bytes)."),
         ("hub.system.storage()", "TypeError 'offset' argument required"),
-        ("hub.system.set_stop_button()", "TypeError function takes 1 positional arguments but 0 were given"),
+        (
+            "hub.system.set_stop_button()",
+            "TypeError function takes 1 positional arguments but 0 were given",
+        ),
         ("hub.system.set_stop_button(5)", "TypeError can't convert int to Button"),
         ("hub.system.name(5)", "TypeError function takes 0 positional arguments but 1 were given"),
         ("hub.battery.voltage(unit=1)", "TypeError function doesn't take keyword arguments"),
@@ -518,7 +588,9 @@ def test_display_is_turned(up: str, shown: str) -> None:
 
     class Eye(Console):
         def write(self, data: bytes) -> None:
-            pictures.extend([machine.panel.describe().split()[3].rstrip(";")] if data.strip() else [])
+            pictures.extend(
+                [machine.panel.describe().split()[3].rstrip(";")] if data.strip() else []
+            )
 
     source = f"""
 hub.display.pixel(2, 2)
@@ -545,14 +617,24 @@ def test_button_itself_is_no_stop_button() -> None:
 
 
 def test_hub_is_stationary_while_coasting() -> None:
-    source = "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nmotor = Motor(Port.A)\n"
-    source += "print(hub.imu.stationary())\nmotor.hold()\nwait(2000)\nprint(hub.imu.stationary())\nprint(hub.battery.type())"
+    source = (
+        "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\n"
+        "motor = Motor(Port.A)\n"
+    )
+    source += (
+        "print(hub.imu.stationary())\nmotor.hold()\nwait(2000)\n"
+        "print(hub.imu.stationary())\nprint(hub.battery.type())"
+    )
     assert hub(source) == "True\nFalse\nLi-ion"
 
 
 def test_hub_is_stationary_after_a_second_of_rest() -> None:
-    source = "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nmotor = Motor(Port.A)\n"
+    source = (
+        "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\n"
+        "motor = Motor(Port.A)\n"
+    )
     source += (
-        "motor.dc(50)\nwait(100)\nmotor.stop()\nfor pause in (0, 990, 20):\n    wait(pause)\n    print(hub.imu.stationary())"
+        "motor.dc(50)\nwait(100)\nmotor.stop()\nfor pause in (0, 990, 20):\n"
+        "    wait(pause)\n    print(hub.imu.stationary())"
     )
     assert hub(source) == "False\nFalse\nTrue"

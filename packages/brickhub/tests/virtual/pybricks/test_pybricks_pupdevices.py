@@ -26,16 +26,27 @@ def within(measured: float, true: float) -> bool:
 
 @pytest.mark.parametrize(
     ("speed", "angle", "time_ms", "end"),
-    [(600, -100, 484, -99), (400, 100, 490, 99), (400, 10, 180, 9), (250, 60, 405, 59), (1000, 360, 885, 359)],
+    [
+        (600, -100, 484, -99),
+        (400, 100, 490, 99),
+        (400, 10, 180, 9),
+        (250, 60, 405, 59),
+        (1000, 360, 885, 359),
+    ],
 )
 def test_run_angle_duration_equals_hub(speed: int, angle: int, time_ms: int, end: int) -> None:
-    measured = output(MOTOR + f"motor.run_angle({speed}, {angle})\nprint(watch.time(), motor.angle())").split()
+    measured = output(
+        MOTOR + f"motor.run_angle({speed}, {angle})\nprint(watch.time(), motor.angle())"
+    ).split()
     assert within(int(measured[0]), time_ms)
     assert abs(int(measured[1]) - end) <= 1
 
 
 def test_commands_replace_each_other() -> None:
-    source = MOTOR + "for i in range(8):\n    motor.run_angle(600, -100, wait=False)\n    wait(250)\n    print(motor.angle())\n"
+    source = MOTOR + (
+        "for i in range(8):\n    motor.run_angle(600, -100, wait=False)\n    wait(250)\n"
+        "    print(motor.angle())\n"
+    )
     angles = [int(line) for line in output(source).split()]
     true = [-60, -154, -236, -326, -412, -500, -587, -675]
     assert all(within(a, b) for a, b in zip(angles, true, strict=True))
@@ -67,11 +78,17 @@ motor.hold()
 print(motor.settings(), motor.settings(max_voltage=5000), motor.settings())
 """
     )
-    assert output(source) == "True True False\n0 0\nTrue True\nTrue\nTrue\nNone True\n(9000,) None (5000,)"
+    assert (
+        output(source)
+        == "True True False\n0 0\nTrue True\nTrue\nTrue\nNone True\n(9000,) None (5000,)"
+    )
 
 
 def test_run_until_stalled_returns_the_angle() -> None:
-    source = MOTOR + "motor.settings(max_voltage=300)\nx = motor.run_until_stalled(200, duty_limit=1)\nprint(x == motor.angle())"
+    source = MOTOR + (
+        "motor.settings(max_voltage=300)\nx = motor.run_until_stalled(200, duty_limit=1)\n"
+        "print(x == motor.angle())"
+    )
     assert output(source) == "True"
 
 
@@ -90,7 +107,8 @@ print(motor.control.target_tolerances(), motor.control.stall_tolerances())
 """
     )
     assert output(source) == (
-        "(1000, 2000, 199) (50, 11) (20, 200)\nNone (1000, (1500, 1000), 199)\n(500, 1000, 100) 10000 20\n(50, 5) (20, 300)"
+        "(1000, 2000, 199) (50, 11) (20, 200)\nNone (1000, (1500, 1000), 199)\n"
+        "(500, 1000, 100) 10000 20\n(50, 5) (20, 300)"
     )
 
 
@@ -107,7 +125,7 @@ motor.stop()
 wait(1000)
 _, speed, current, stalled = motor.model.state()
 print(abs(speed) < 30, abs(current) < 20, stalled)
-"""
+"""  # noqa: E501
     )
     assert output(source) == "True True True False True\nTrue True False"
 
@@ -118,7 +136,10 @@ class Blocked(BenchBody):
 
 
 def test_motor_model_of_blocked_motor_stalls() -> None:
-    source = MOTOR + "motor.dc(100)\nwait(150)\nprint(motor.model.state()[3], motor.stalled())\nwait(200)\nprint(motor.stalled())"
+    source = MOTOR + (
+        "motor.dc(100)\nwait(150)\nprint(motor.model.state()[3], motor.stalled())\nwait(200)\n"
+        "print(motor.stalled())"
+    )
     assert output(source, body=Blocked(BENCH)) == "True False\nTrue"
 
 
@@ -144,7 +165,10 @@ def test_model_settings_define_stall(change: str, time_ms: int, seen: str) -> No
 def test_model_gains_correct_angle(setting: int, value: int) -> None:
     ends = []
     for change in ("", f"s[{setting}] = {value}\nmotor.model.settings(tuple(s))\n"):
-        source = f"s = list(motor.model.settings())\n{change}motor.dc(100)\nwait(1000)\nprint(motor.model.state()[0])"
+        source = (
+            f"s = list(motor.model.settings())\n{change}motor.dc(100)\nwait(1000)\n"
+            "print(motor.model.state()[0])"
+        )
         ends.append(float(output(MOTOR + source, body=Blocked(BENCH))))
     usual, tuned = ends
     assert usual > 1
@@ -152,7 +176,10 @@ def test_model_gains_correct_angle(setting: int, value: int) -> None:
 
 
 def test_model_friction_fades_below_cutoff() -> None:
-    source = "s = list(motor.model.settings())\ns[7] = {}\nmotor.model.settings(s)\nmotor.dc(50)\nwait(1000)\n"
+    source = (
+        "s = list(motor.model.settings())\ns[7] = {}\nmotor.model.settings(s)\n"
+        "motor.dc(50)\nwait(1000)\n"
+    )
     source += "print(motor.model.state()[0] - motor.angle())"
     usual, without = (float(output(MOTOR + source.format(cutoff))) for cutoff in (500, 5_000_000))
     assert without > usual + 5, "without friction the model runs ahead of the motor"
@@ -203,7 +230,10 @@ for m in (a, b, c):
     print(abs(m.angle() - 90) <= 2)
 """
     )
-    assert output(source) == "Motor(Port.A, Direction.COUNTERCLOCKWISE) Motor(Port.B, Direction.CLOCKWISE)\nTrue\nTrue\nTrue"
+    assert output(source) == (
+        "Motor(Port.A, Direction.COUNTERCLOCKWISE) Motor(Port.B, Direction.CLOCKWISE)\nTrue\n"
+        "True\nTrue"
+    )
 
 
 @pytest.mark.parametrize(
@@ -212,7 +242,10 @@ for m in (a, b, c):
         ("motor.run()", "TypeError 'speed' argument required"),
         ("motor.run_angle(100)", "TypeError 'rotation_angle' argument required"),
         ("motor.run_angle(100, 10, 5)", "TypeError can't convert int to Stop"),
-        ("motor.run_angle(100, 10, Stop.HOLD, True, 1)", "TypeError extra positional arguments given"),
+        (
+            "motor.run_angle(100, 10, Stop.HOLD, True, 1)",
+            "TypeError extra positional arguments given",
+        ),
         ("motor.run_angle(100, 10, when=1)", "TypeError extra keyword arguments given"),
         ("motor.run('fast')", "TypeError can't convert str to int"),
         ("motor.run(None)", "TypeError can't convert NoneType to int"),
@@ -244,12 +277,20 @@ def test_move_without_trajectory_raises() -> None:
 
 
 def test_floats_are_truncated() -> None:
-    assert output(MOTOR + "motor.run_target(500.9, 90.7)\nprint(abs(motor.angle() - 90) <= 2)") == "True"
+    assert (
+        output(MOTOR + "motor.run_target(500.9, 90.7)\nprint(abs(motor.angle() - 90) <= 2)")
+        == "True"
+    )
 
 
-@pytest.mark.parametrize("device", ["Motor", "UltrasonicSensor", "ColorSensor", "ForceSensor", "TiltSensor", "DCMotor", "Light"])
+@pytest.mark.parametrize(
+    "device",
+    ["Motor", "UltrasonicSensor", "ColorSensor", "ForceSensor", "TiltSensor", "DCMotor", "Light"],
+)
 def test_empty_port_raises(device: str) -> None:
-    source = HEAD + f"try:\n    {device}(Port.B)\nexcept OSError as e:\n    print(e.errno, str(e)[:18])"
+    source = (
+        HEAD + f"try:\n    {device}(Port.B)\nexcept OSError as e:\n    print(e.errno, str(e)[:18])"
+    )
     assert output(source, robot=TWO_WHEELER) == "19 [Errno 19] ENODEV:"
 
 
@@ -285,12 +326,13 @@ motor.run(300)
 wait(500)
 print(number(Motor, Port.A), number(motor.angle), number(motor.run, 100), number(motor.hold), number(motor.stop), motor.done())
 print(number(Motor, Port.A), number(motor.close), number(Motor, Port.A), number(motor.angle))
-"""
+"""  # noqa: E501
     )
     assert output(source) == "16 19 19 19 0 True\n16 0 0 0"
 
 
-# What the firmware's code answers on a computer (v4.1.0b2, its own motor simulation: a motor without load).
+# What the firmware's code answers on a computer (v4.1.0b2, its own motor simulation: a motor
+# without load).
 @pytest.mark.parametrize(
     ("call", "angle", "time_ms"),
     [
@@ -310,14 +352,21 @@ def test_motor_stalls_at_end_stop() -> None:
     source += "wait(500)\nwatch.reset()\nmotor.run_until_stalled(-300, Stop.HOLD, 60)\n"
     source += "print(watch.time(), motor.angle(), motor.load())\n"
     source += "wait(300)\nprint(motor.angle(), motor.load())"
-    first, second, third = (line.split() for line in output(source, robot=robot, body=body).splitlines())
+    first, second, third = (
+        line.split() for line in output(source, robot=robot, body=body).splitlines()
+    )
     assert first[0] == "142" and abs(int(first[1]) - 1265) <= 5
-    assert abs(int(second[0]) - 1260) <= 5 and second[1] == "-142" and abs(int(second[2]) - 221) <= 2
+    assert (
+        abs(int(second[0]) - 1260) <= 5 and second[1] == "-142" and abs(int(second[2]) - 221) <= 2
+    )
     assert third[0] == "-142" and abs(int(third[1]) - 111) <= 1
 
 
 def test_stalled_motor_stays_stalled() -> None:
-    source = MOTOR + "try:\n    motor.run_until_stalled(100, then=Stop.NONE)\nexcept ValueError as e:\n    print(e, motor.done())"
+    source = MOTOR + (
+        "try:\n    motor.run_until_stalled(100, then=Stop.NONE)\nexcept ValueError as e:\n"
+        "    print(e, motor.done())"
+    )
     assert output(source) == "Invalid argument True"
 
 
@@ -376,7 +425,9 @@ run_task(main())
 
 
 def test_ultrasonic_sensor() -> None:
-    robot = Robot("look", HubKind.PRIME, motors=(Motor("m", "A"),), sensors=(UltrasonicSensor("eyes", "C"),))
+    robot = Robot(
+        "look", HubKind.PRIME, motors=(Motor("m", "A"),), sensors=(UltrasonicSensor("eyes", "C"),)
+    )
     source = (
         HEAD
         + """
@@ -416,7 +467,7 @@ try:
     motor.control.limits(speed=300, torque=0)
 except ValueError as e:
     print(e, motor.control.limits())
-"""
+"""  # noqa: E501
     )
     assert output(source).splitlines() == [
         "1000 3000",

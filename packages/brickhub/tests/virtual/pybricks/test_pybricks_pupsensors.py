@@ -21,13 +21,18 @@ watch = StopWatch()
 
 
 def one(kind: SensorKind) -> Robot:
-    return Robot("one", HubKind.PRIME, motors=(Motor("m", "A"),), sensors=(PoweredUpSensor("it", "B", kind),))
+    return Robot(
+        "one", HubKind.PRIME, motors=(Motor("m", "A"),), sensors=(PoweredUpSensor("it", "B", kind),)
+    )
 
 
 def told(kind: SensorKind, source: str, **sensed: object) -> str:
     """Output of a program with a sensor on port B; ``it`` is its first stimulus."""
     robot = one(kind)
-    readings = {("it" if name == "it" else f"it.{name}"): (lambda angles, v=value: v) for name, value in sensed.items()}
+    readings = {
+        ("it" if name == "it" else f"it.{name}"): (lambda angles, v=value: v)
+        for name, value in sensed.items()
+    }
     body = BenchBody(robot, readings)
     return output(HEAD + f"it = {kind.value}(Port.B)\n" + source, robot=robot, body=body)
 
@@ -41,13 +46,21 @@ def refusal(kind: SensorKind, call: str, **sensed: object) -> str:
 
 
 def test_color_sensor_reads_surface() -> None:
-    source = "print(it.hsv(), it.color(), it.reflection(), it.hsv() == Color(130, 80, 40), it.hsv().h)"
-    assert told(SensorKind.COLOR, source, it=(130, 80, 40)) == "Color(h=130, s=80, v=39) Color.GREEN 19 False 130"
+    source = (
+        "print(it.hsv(), it.color(), it.reflection(), it.hsv() == Color(130, 80, 40), it.hsv().h)"
+    )
+    assert (
+        told(SensorKind.COLOR, source, it=(130, 80, 40))
+        == "Color(h=130, s=80, v=39) Color.GREEN 19 False 130"
+    )
 
 
 def test_number_is_gray_brightness() -> None:
     source = "print(it.hsv(), it.color(), it.reflection(), it.color(surface=False), it.ambient())"
-    assert told(SensorKind.COLOR, source, it=62) == "Color(h=10, s=0, v=61) Color.WHITE 49 Color.NONE 0.0"
+    assert (
+        told(SensorKind.COLOR, source, it=62)
+        == "Color(h=10, s=0, v=61) Color.WHITE 49 Color.NONE 0.0"
+    )
 
 
 @pytest.mark.parametrize(
@@ -63,18 +76,26 @@ def test_number_is_gray_brightness() -> None:
         (SensorKind.COLOR_DISTANCE, 100, "Color(h=10, s=0, v=100) 110"),
     ],
 )
-def test_color_and_reflection_are_computed_from_raw_light(kind: SensorKind, surface: object, shown: str) -> None:
-    """As the firmware, built for a computer (v4.1.0b2), answers when its sensor sends the light of such a surface."""
+def test_color_and_reflection_are_computed_from_raw_light(
+    kind: SensorKind, surface: object, shown: str
+) -> None:
+    """As the firmware, built for a computer (v4.1.0b2), answers when its sensor sends the light of
+    such a surface."""
     assert told(kind, "print(it.hsv(), it.reflection())", it=surface) == shown
 
 
-@pytest.mark.parametrize(("hue", "shown"), [(0, 10), (30, 40), (45, 52), (60, 60), (180, 180), (240, 240), (355, 2)])
+@pytest.mark.parametrize(
+    ("hue", "shown"), [(0, 10), (30, 40), (45, 52), (60, 60), (180, 180), (240, 240), (355, 2)]
+)
 def test_low_hues_are_shifted_as_in_the_firmware(hue: int, shown: int) -> None:
     assert told(SensorKind.COLOR, "print(it.hsv().h)", it=(hue, 100, 100)) == str(shown)
 
 
 def test_ambient_light_is_a_hundredth_of_the_raw_value() -> None:
-    assert told(SensorKind.COLOR, "print(it.ambient(), it.hsv(False))", it=0, ambient=69) == "6.9 Color(h=0, s=0, v=69)"
+    assert (
+        told(SensorKind.COLOR, "print(it.ambient(), it.hsv(False))", it=0, ambient=69)
+        == "6.9 Color(h=0, s=0, v=69)"
+    )
 
 
 def test_color_sensor_ambient_mode() -> None:
@@ -109,7 +130,9 @@ print(Eye(Port.B).is_dark())
 
 
 def test_sensor_lights_take_one_or_three_values() -> None:
-    source = "it.lights.on(100)\nit.lights.on([0, 100, 50.5])\nit.lights.off()\nprint(it.reflection())"
+    source = (
+        "it.lights.on(100)\nit.lights.on([0, 100, 50.5])\nit.lights.off()\nprint(it.reflection())"
+    )
     assert told(SensorKind.COLOR, source, it=10) == "6"
 
 
@@ -166,13 +189,19 @@ async def main(*tasks):
 @pytest.mark.parametrize(
     ("kind", "tasks", "shown"),
     [
-        (SensorKind.COLOR, "tried(1, it.ambient), tried(2, it.reflection, after=10)", f"2 {BUSY}\n1 0.0"),
-        (SensorKind.COLOR, "tried(1, it.hsv), tried(2, it.ambient, after=10)", "1 Color(h=10, s=0, v=100)\n2 0.0"),
-        (SensorKind.COLOR, "tried(1, it.hsv), tried(2, it.reflection)", "1 Color(h=10, s=0, v=100)\n2 100"),
+        (SensorKind.COLOR, "tried(1, it.ambient), tried(2, it.reflection, after=10)",
+         f"2 {BUSY}\n1 0.0"),
+        (SensorKind.COLOR, "tried(1, it.hsv), tried(2, it.ambient, after=10)",
+         "1 Color(h=10, s=0, v=100)\n2 0.0"),
+        (SensorKind.COLOR, "tried(1, it.hsv), tried(2, it.reflection)",
+         "1 Color(h=10, s=0, v=100)\n2 100"),
         (SensorKind.COLOR, "tried(1, it.ambient), tried(2, it.ambient, after=20)", "1 0.0\n2 0.0"),
-        (SensorKind.COLOR, "tried(1, it.lights.on, 50), tried(2, it.hsv, after=5)", f"2 {BUSY}\n1 None"),
-        (SensorKind.COLOR, "tried(1, it.lights.on, 50), tried(2, it.lights.off, after=5)", "1 None\n2 None"),
-        (SensorKind.COLOR_DISTANCE, "tried(1, it.distance), tried(2, it.light.off, after=9)", f"2 {BUSY}\n1 100"),
+        (SensorKind.COLOR, "tried(1, it.lights.on, 50), tried(2, it.hsv, after=5)",
+         f"2 {BUSY}\n1 None"),
+        (SensorKind.COLOR, "tried(1, it.lights.on, 50), tried(2, it.lights.off, after=5)",
+         "1 None\n2 None"),
+        (SensorKind.COLOR_DISTANCE, "tried(1, it.distance), tried(2, it.light.off, after=9)",
+         f"2 {BUSY}\n1 100"),
     ],
 )  # fmt: skip
 def test_nobody_changes_the_mode_during_a_change(kind: SensorKind, tasks: str, shown: str) -> None:
@@ -192,7 +221,9 @@ except OSError as e:
 wait(40)
 print(it.distance())
 """
-    robot = Robot("look", HubKind.PRIME, motors=(Motor("m", "A"),), sensors=(UltrasonicSensor("eyes", "C"),))
+    robot = Robot(
+        "look", HubKind.PRIME, motors=(Motor("m", "A"),), sensors=(UltrasonicSensor("eyes", "C"),)
+    )
     assert output(HEAD + "it = UltrasonicSensor(Port.C)\n" + source, robot=robot) == f"{BUSY}\n2000"
 
 
@@ -200,8 +231,14 @@ def test_some_sensors_are_read_when_they_are_taken_into_use() -> None:
     times = "print(watch.time())\nit.{}\nprint(watch.time())\nit.{}\nprint(watch.time())"
     assert told(SensorKind.COLOR, times.format("hsv()", "lights.on(50)"), it=100) == "32\n32\n43"
     assert told(SensorKind.COLOR, times.format("ambient()", "hsv()"), it=100) == "32\n63\n94"
-    assert told(SensorKind.COLOR_DISTANCE, times.format("light.on(Color.RED)", "distance()"), it=100) == "0\n32\n63"
-    assert told(SensorKind.FORCE, "it.force()\nwait(10)\nit.force()\nprint(watch.time())", it=1) == "13"
+    assert (
+        told(SensorKind.COLOR_DISTANCE, times.format("light.on(Color.RED)", "distance()"), it=100)
+        == "0\n32\n63"
+    )
+    assert (
+        told(SensorKind.FORCE, "it.force()\nwait(10)\nit.force()\nprint(watch.time())", it=1)
+        == "13"
+    )
 
 
 # ---- the others
@@ -237,7 +274,10 @@ def test_refusals_of_color_distance_sensor(call: str, error: str) -> None:
 
 
 def test_pf_motor_takes_time() -> None:
-    source = "motor = PFMotor(it, 2, Color.BLUE)\nwatch.reset()\nmotor.dc(50)\nmotor.brake()\nmotor.stop()\nprint(watch.time())"
+    source = (
+        "motor = PFMotor(it, 2, Color.BLUE)\nwatch.reset()\nmotor.dc(50)\nmotor.brake()\n"
+        "motor.stop()\nprint(watch.time())"
+    )
     assert told(SensorKind.COLOR_DISTANCE, source, it=0) == "754"
 
 
@@ -254,38 +294,64 @@ def test_pf_motor_takes_time() -> None:
 def test_force_sensor(newtons: float, seen: str) -> None:
     source = "print(it.force(), it.distance(), it.pressed(), it.touched(), it.pressed(force=0.2))"
     assert told(SensorKind.FORCE, source, it=newtons) == seen
-    assert refusal(SensorKind.FORCE, "it.pressed('hard')", it=newtons) == "can't convert str to float"
+    assert (
+        refusal(SensorKind.FORCE, "it.pressed('hard')", it=newtons) == "can't convert str to float"
+    )
 
 
-@pytest.mark.parametrize(("distance_pct", "seen"), [(100, "0.2 100 0"), (10, "20.0 10 0"), (0, "100.0 2 0")])
+@pytest.mark.parametrize(
+    ("distance_pct", "seen"), [(100, "0.2 100 0"), (10, "20.0 10 0"), (0, "100.0 2 0")]
+)
 def test_infrared_sensor(distance_pct: float, seen: str) -> None:
     source = "print(it.reflection(), it.distance(), it.count())"
-    assert told(SensorKind.INFRARED, source, it=distance_pct, count=7) == seen, "it counts from when the program starts"
+    assert told(SensorKind.INFRARED, source, it=distance_pct, count=7) == seen, (
+        "it counts from when the program starts"
+    )
 
 
 def test_infrared_sensor_counts() -> None:
     robot = one(SensorKind.INFRARED)
     body = BenchBody(robot, {"it": lambda angles: 50, "it.count": lambda angles: angles["m"] // 90})
-    source = HEAD + "it = InfraredSensor(Port.B)\nMotor(Port.A).run_angle(500, 280)\nprint(it.count())"
+    source = (
+        HEAD + "it = InfraredSensor(Port.B)\nMotor(Port.A).run_angle(500, 280)\nprint(it.count())"
+    )
     assert output(source, robot=robot, body=body) == "3"
 
 
 def test_tilt_sensor() -> None:
     assert told(SensorKind.TILT, "print(it.tilt())", it=(12.6, -70)) == "(13, -45)"
-    assert told(SensorKind.TILT, "async def main():\n    print(await it.tilt())\nrun_task(main())", it=(1, 2)) == "(1, 2)"
+    assert (
+        told(
+            SensorKind.TILT,
+            "async def main():\n    print(await it.tilt())\nrun_task(main())",
+            it=(1, 2),
+        )
+        == "(1, 2)"
+    )
 
 
 def test_lights_need_no_readings() -> None:
     assert told(SensorKind.LIGHT, "it.on()\nit.on(50)\nit.off()\nprint(1)") == "1"
     assert refusal(SensorKind.LIGHT, "it.on('dim')") == "can't convert str to int"
-    assert told(SensorKind.COLOR_LIGHT_MATRIX, "it.on(Color.RED)\nit.on([Color.RED] * 9)\nit.off()\nprint(1)") == "1"
+    assert (
+        told(
+            SensorKind.COLOR_LIGHT_MATRIX,
+            "it.on(Color.RED)\nit.on([Color.RED] * 9)\nit.off()\nprint(1)",
+        )
+        == "1"
+    )
     assert refusal(SensorKind.COLOR_LIGHT_MATRIX, "it.on(5)") == "'int' object isn't iterable"
     assert refusal(SensorKind.COLOR_LIGHT_MATRIX, "it.on([5] * 9)") == "can't convert int to Color"
 
 
 def test_ultrasonic_sensor_waits_after_lights() -> None:
-    robot = Robot("look", HubKind.PRIME, motors=(Motor("m", "A"),), sensors=(UltrasonicSensor("eyes", "C"),))
-    source = HEAD + "eyes = UltrasonicSensor(Port.C)\neyes.distance()\neyes.lights.on(9)\neyes.distance()\nprint(watch.time())"
+    robot = Robot(
+        "look", HubKind.PRIME, motors=(Motor("m", "A"),), sensors=(UltrasonicSensor("eyes", "C"),)
+    )
+    source = HEAD + (
+        "eyes = UltrasonicSensor(Port.C)\neyes.distance()\neyes.lights.on(9)\neyes.distance()\n"
+        "print(watch.time())"
+    )
     assert output(source, robot=robot) == "63", "12 ms to write, 51 ms of stale values"
 
 
@@ -317,10 +383,15 @@ def channels(kind: SensorKind, method: str) -> tuple[SensorReading, ...]:
 
 @pytest.mark.parametrize(
     ("kind", "method", "sensed", "seen"),
-    [(SensorKind.COLOR, "hsv", (300, 70, 40), [300, 69, 39]), (SensorKind.TILT, "tilt", (20, -30), [20, -30])],
+    [
+        (SensorKind.COLOR, "hsv", (300, 70, 40), [300, 69, 39]),
+        (SensorKind.TILT, "tilt", (20, -30), [20, -30]),
+    ],
 )
 def test_parts_share_one_measurement(kind, method, sensed, seen) -> None:
-    interface = Interface((RunAngle("m", -90, 90, 500),), (MotorAngle("m"), *channels(kind, method)), Wait(300))
+    interface = Interface(
+        (RunAngle("m", -90, 90, 500),), (MotorAngle("m"), *channels(kind, method)), Wait(300)
+    )
     transport = VirtualHub(BenchBody(one(kind), {"it": lambda angles: sensed}))
     with HubLink(transport, one(kind), interface) as link:
         assert link.program.source.count(f"sensor_it.{method}()") == 1

@@ -26,10 +26,13 @@ base = DriveBase(left, right, wheel_diameter=56, axle_track=130)
 
 
 @pytest.mark.parametrize(
-    ("call", "time_ms", "value"), [("straight(100)", 805, 99), ("straight(-100)", 805, -98), ("straight(5)", 190, 5)]
+    ("call", "time_ms", "value"),
+    [("straight(100)", 805, 99), ("straight(-100)", 805, -98), ("straight(5)", 190, 5)],
 )
 def test_straight_duration_equals_hub(call: str, time_ms: int, value: int) -> None:
-    time, distance = map(int, output(HEAD + f"base.{call}\nprint(watch.time(), base.distance())").split())
+    time, distance = map(
+        int, output(HEAD + f"base.{call}\nprint(watch.time(), base.distance())").split()
+    )
     assert time == pytest.approx(time_ms, rel=0.05)
     assert distance == pytest.approx(value, abs=2)
 
@@ -74,7 +77,8 @@ print(base.distance_control.limits()[0] > 0, base.heading_control.pid()[0] > 0)
 """
     )
     assert output(source) == (
-        "(195, 733, 143, 646)\n(200, (600, 400), 100, 646)\nTrue True True False\n0 0\n10 20\nTrue True\nTrue\n0\nFalse\n"
+        "(195, 733, 143, 646)\n(200, (600, 400), 100, 646)\nTrue True True False\n0 0\n10 20\n"
+        "True True\nTrue\n0\nFalse\n"
         "True True"
     )
 
@@ -175,7 +179,10 @@ print(drive.speed())
         ("Car(steer, steer)", "ValueError drive_motors and steer_motor must be different"),
         ("Car(steer, [drive, drive])", "ValueError drive_motors must be unique"),
         ("Car(steer, [])", "ValueError drive_motors must be a list of 1 to 5 motors"),
-        ("Car(steer, drive)", "RuntimeError The steering mechanism has no end stop. Did you build a car yet?"),
+        (
+            "Car(steer, drive)",
+            "RuntimeError The steering mechanism has no end stop. Did you build a car yet?",
+        ),
     ],
 )
 def test_invalid_car(call: str, error: str) -> None:
@@ -184,7 +191,10 @@ def test_invalid_car(call: str, error: str) -> None:
 
 
 def test_single_motor_command_ends_drive() -> None:
-    source = "base.drive(100, 0)\nwait(200)\nleft.run(-200)\nwait(500)\nprint(left.speed() < -100, abs(right.speed()) < 20)"
+    source = (
+        "base.drive(100, 0)\nwait(200)\nleft.run(-200)\nwait(500)\n"
+        "print(left.speed() < -100, abs(right.speed()) < 20)"
+    )
     assert output(HEAD + source) == "True True"
 
 
@@ -236,7 +246,10 @@ def test_zero_move_stops_drive() -> None:
 
 def test_move_target_is_truncated() -> None:
     # 100 mm ahead and 99 mm to the right: -44.71 degrees and 140.7 mm.
-    assert output(HEAD + "base.move_by(100, -99)\nprint(round(base.angle()), base.distance())") in ("44 140", "44 139")
+    assert output(HEAD + "base.move_by(100, -99)\nprint(round(base.angle()), base.distance())") in (
+        "44 140",
+        "44 139",
+    )
 
 
 class Turning(BenchBody):
@@ -248,7 +261,9 @@ class Turning(BenchBody):
         return 0.9 * (self.angle_mdeg("A") - self.angle_mdeg("B")) / 2 * 56 / 130 / 1000 + 30.0
 
 
-GYRO = HEAD.replace("from pybricks.parameters", "from pybricks.hubs import PrimeHub\nfrom pybricks.parameters")
+GYRO = HEAD.replace(
+    "from pybricks.parameters", "from pybricks.hubs import PrimeHub\nfrom pybricks.parameters"
+)
 GYRO += "hub = PrimeHub()\ndef both():\n    return round(base.angle()), round(hub.imu.heading())\n"
 
 
@@ -304,20 +319,28 @@ reset()
 
 
 def test_new_hub_object_resets_heading() -> None:
-    assert turning("base.use_gyro(True)\nbase.turn(90)\nbase.stop()\nhub = PrimeHub()\nprint(both())") == "(0, 0)"
+    assert (
+        turning("base.use_gyro(True)\nbase.turn(90)\nbase.stop()\nhub = PrimeHub()\nprint(both())")
+        == "(0, 0)"
+    )
 
 
 def test_heading_correction_affects_drive_base() -> None:
     source = (
-        "base.use_gyro(True)\nhub.imu.settings(heading_correction=350)\nhub.imu.reset_heading(0)\nbase.turn(90)\nwait(1000)\n"
+        "base.use_gyro(True)\nhub.imu.settings(heading_correction=350)\n"
+        "hub.imu.reset_heading(0)\nbase.turn(90)\nwait(1000)\n"
     )
     source += "base.stop()\nbase.use_gyro(False)\nprint(both())"
-    # 90 degrees by a gyroscope that counts 350 to a turn are 87.5, which the wheels turn by 87.5 / 0.9.
+    # 90 degrees by a gyroscope that counts 350 to a turn are 87.5, which the wheels turn by 87.5 /
+    # 0.9.
     assert ast.literal_eval(turning(source)) == (pytest.approx(97, abs=1), pytest.approx(90, abs=1))
 
 
 def test_refused_drive_base_keeps_motors() -> None:
-    source = HEAD.replace("base =", "try:\n    DriveBase(left, right, 0, 130)\nexcept ValueError as e:\n    print(e)\nbase =")
+    source = HEAD.replace(
+        "base =",
+        "try:\n    DriveBase(left, right, 0, 130)\nexcept ValueError as e:\n    print(e)\nbase =",
+    )
     with pytest.raises(OSError, match="busy"):
         output(source)
 
@@ -342,7 +365,9 @@ print(base.distance(), base.done(), base.settings()[0])
     assert output(source) == "19\n19\n19\n19\n19\n0 True 195"
 
 
-@pytest.mark.parametrize("mount", ["", "top_side=-Axis.X, front_side=Axis.Z", "top_side=Axis.Y, front_side=-Axis.X"])
+@pytest.mark.parametrize(
+    "mount", ["", "top_side=-Axis.X, front_side=Axis.Z", "top_side=Axis.Y, front_side=-Axis.X"]
+)
 def test_fitted_bench_turns_with_its_wheels(mount: str) -> None:
     source = f"""
 from pybricks.hubs import PrimeHub
@@ -364,7 +389,7 @@ left.run(360)
 right.run(-360)
 wait(500)
 print(*(round(rate, -1) + 0 for rate in hub.imu.angular_velocity()), *(round(angle) for angle in hub.imu.tilt()))
-"""
+"""  # noqa: E501
     assert output(source, body=FittedBench(HubKind.PRIME)) == "90 90 -90\n90\n0.0 0.0 -180.0 0 0"
 
 

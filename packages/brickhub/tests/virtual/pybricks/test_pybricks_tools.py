@@ -144,9 +144,15 @@ print(order)
 
 def test_read_input_byte() -> None:
     source = (
-        "from pybricks.tools import *\nprint(read_input_byte())\nwait(5)\nprint(read_input_byte(), read_input_byte(chr=True))\n"
+        "from pybricks.tools import *\nprint(read_input_byte())\nwait(5)\n"
+        "print(read_input_byte(), read_input_byte(chr=True))\n"
     )
-    assert output(source + "print(read_input_byte(last=True, chr=True), read_input_byte())", {5: b"abcd"}) == "None\n97 b\nd None"
+    assert (
+        output(
+            source + "print(read_input_byte(last=True, chr=True), read_input_byte())", {5: b"abcd"}
+        )
+        == "None\n97 b\nd None"
+    )
 
 
 def test_matrix_arithmetic_and_text() -> None:

@@ -1,4 +1,5 @@
-"""Agents: algorithms by name or from a user's file, settings, presets. Importing this loads no torch."""
+"""Agents: algorithms by name or from a user's file, settings, presets. Importing this loads no
+torch."""
 
 from __future__ import annotations
 
@@ -17,17 +18,42 @@ if TYPE_CHECKING:
 
     from bricksrl.agents.learner import Learner
 
-AGENTS = ("sac", "droq", "redq", "td3", "crossq", "tqc", "ppo", "bc", "act", "diffusion", "iql", "cql", "td3bc", "gait", "random")
+AGENTS = (
+    "sac",
+    "droq",
+    "redq",
+    "td3",
+    "crossq",
+    "tqc",
+    "ppo",
+    "bc",
+    "act",
+    "diffusion",
+    "iql",
+    "cql",
+    "td3bc",
+    "gait",
+    "random",
+)
 """Algorithms by name; DroQ and REDQ are settings of SAC."""
 _MODULES = {"droq": "sac", "redq": "sac", "gait": "search.gait"}
 """Modules of algorithms, where they have other names."""
 PRESETS = ("default", "paper")
-"""Presets by name: "default" is tuned for few robot steps; "paper" has the values of the BricksRL paper, and those of an
-algorithm's authors (with the paper's networks) for what the paper does not state. Other settings keep their defaults."""
+"""Presets by name: "default" is tuned for few robot steps; "paper" has the values of the BricksRL
+paper, and those of an algorithm's authors (with the paper's networks) for what the paper does not
+state. Other settings keep their defaults."""
 
-_DROQ: dict[str, Any] = {"dropout": 0.01, "updates_per_step": 20.0, "actor_delay": 20, "actor_q": "mean"}
+_DROQ: dict[str, Any] = {
+    "dropout": 0.01,
+    "updates_per_step": 20.0,
+    "actor_delay": 20,
+    "actor_q": "mean",
+}
 _REDQ: dict[str, Any] = {**_DROQ, "critic_norm": "none", "dropout": 0.0, "num_qs": 10}
-_DEFAULT_BY_AGENT: dict[str, dict[str, Any]] = {"droq": {**_DROQ, "alpha_init": 0.2}, "redq": {**_REDQ, "alpha_init": 0.2}}
+_DEFAULT_BY_AGENT: dict[str, dict[str, Any]] = {
+    "droq": {**_DROQ, "alpha_init": 0.2},
+    "redq": {**_REDQ, "alpha_init": 0.2},
+}
 _VECTORS: dict[str, dict[str, Any]] = {"sac": {"batch_size": 128, "actor_delay": 2}}
 """Without a camera: what gives as much for fewer products (`python -m benchmarks ablation`)."""
 
@@ -69,7 +95,13 @@ _PAPER: dict[str, Any] = {
 }
 _PAPER_BY_AGENT: dict[str, dict[str, Any]] = {
     # as released with the paper: its actor is like its critics, and learns with them
-    "droq": {**_DROQ, "critic_norm": "layer", "actor_norm": "layer", "actor_dropout": 0.01, "actor_delay": 1},
+    "droq": {
+        **_DROQ,
+        "critic_norm": "layer",
+        "actor_norm": "layer",
+        "actor_dropout": 0.01,
+        "actor_delay": 1,
+    },
     "redq": _REDQ,
     "crossq": {"learning_rate": 1e-3, "momentum": 0.01},
     "iql": {"expectile": 0.5, "temperature": 1.0},
@@ -92,13 +124,21 @@ _PAPER_BY_AGENT: dict[str, dict[str, Any]] = {
         "weight_decay": 1e-4,
     },
     # Schulman et al. 2017, table of the continuous control tasks
-    "ppo": {"hidden": (64, 64), "steps": 2048, "batch_size": 64, "passes": 10, "gae_lambda": 0.95, "entropy_coeff": 0.0},
+    "ppo": {
+        "hidden": (64, 64),
+        "steps": 2048,
+        "batch_size": 64,
+        "passes": 10,
+        "gae_lambda": 0.95,
+        "entropy_coeff": 0.0,
+    },
 }
 
 
 @dataclass(frozen=True)
 class Algorithm:
-    """An algorithm: its settings, a frozen dataclass, and the function that builds its `Learner`."""
+    """An algorithm: its settings, a frozen dataclass, and the function that builds its
+    `Learner`."""
 
     name: str
     settings: type[Any]
@@ -106,25 +146,41 @@ class Algorithm:
 
 
 _FORMER = {"critic_layer_norm": "critic_norm", "actor_layer_norm": "actor_norm"}
-_FORMER_VALUES = {"true": "layer", "yes": "layer", "1": "layer", "false": "none", "no": "none", "0": "none"}
+_FORMER_VALUES = {
+    "true": "layer",
+    "yes": "layer",
+    "1": "layer",
+    "false": "none",
+    "no": "none",
+    "0": "none",
+}
 
 
 def with_present_names(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of settings by name, where what was a flag of layer normalisation before it had kinds is one of these."""
-    known = {_FORMER[name]: _FORMER_VALUES.get(str(value).lower(), value) for name, value in values.items() if name in _FORMER}
+    """Values of settings by name, where what was a flag of layer normalisation before it had kinds
+    is one of these."""
+    known = {
+        _FORMER[name]: _FORMER_VALUES.get(str(value).lower(), value)
+        for name, value in values.items()
+        if name in _FORMER
+    }
     return {name: value for name, value in values.items() if name not in _FORMER} | known
 
 
 def check_agent(agent: str) -> None:
-    """Raise UnknownNameError if there is no algorithm of that name; a user's file is looked at when it is loaded."""
+    """Raise UnknownNameError if there is no algorithm of that name; a user's file is looked at when
+    it is loaded."""
     if not is_reference(agent) and agent not in AGENTS:
-        remedy = f"{hint(agent, AGENTS)}; choose one of {', '.join(AGENTS)}, or give a file: my_agent.py"
+        remedy = (
+            f"{hint(agent, AGENTS)}; choose one of {', '.join(AGENTS)}, or give a file: my_agent.py"
+        )
         raise UnknownNameError(f"there is no agent '{agent}'{remedy}")
 
 
 def algorithm(agent: str) -> Algorithm:
-    """The algorithm with a name, or in a user's file: a function ``build(env, settings: Settings, device)``. Raises
-    UnknownNameError if there is none, DescriptionError if the user's code cannot be loaded or ``settings`` has no type."""
+    """The algorithm with a name, or in a user's file: a function ``build(env, settings: Settings,
+    device)``. Raises UnknownNameError if there is none, DescriptionError if the user's code cannot
+    be loaded or ``settings`` has no type."""
     from bricktwin.twin.make_body import check_mujoco
 
     check_mujoco()  # TorchRL imports it, whatever the agent
@@ -147,7 +203,8 @@ def algorithm(agent: str) -> Algorithm:
 
 
 def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -> Any:
-    """Settings of a preset for an algorithm; ``images``: for a camera. Raises UnknownNameError if there is no such name."""
+    """Settings of a preset for an algorithm; ``images``: for a camera. Raises UnknownNameError if
+    there is no such name."""
     if name not in PRESETS:
         raise UnknownNameError(f"there is no preset '{name}'; choose one of {', '.join(PRESETS)}")
     settings_type = algorithm(agent).settings
@@ -155,24 +212,33 @@ def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -
         if name != "default":
             raise UnknownNameError(f"{agent} has no preset '{name}'; it has its own defaults")
         missing = [
-            field.name for field in fields(settings_type) if field.init and field.default is field.default_factory is MISSING
+            field.name
+            for field in fields(settings_type)
+            if field.init and field.default is field.default_factory is MISSING
         ]
         if missing:
-            raise DescriptionError(f"the settings of {agent} have no default for {', '.join(missing)}; give it one")
+            raise DescriptionError(
+                f"the settings of {agent} have no default for {', '.join(missing)}; give it one"
+            )
         return settings_type()
     if name == "paper":
         values = {**_PAPER, **_PAPER_BY_AGENT.get(agent, {})}
     else:
-        values = {**(_IMAGES if images else _VECTORS.get(agent, {})), **_DEFAULT_BY_AGENT.get(agent, {})}
+        values = {
+            **(_IMAGES if images else _VECTORS.get(agent, {})),
+            **_DEFAULT_BY_AGENT.get(agent, {}),
+        }
     known = {field.name for field in fields(settings_type)}
     return settings_type(**{key: value for key, value in values.items() if key in known})
 
 
 def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "cpu") -> Learner:
-    """A new learner for an environment, on a device, with the ``settings`` or those of the preset "default". Initialized from
-    torch's global generator. From here on running statistics among the transforms of ``env`` leave angles, goals and entries
-    with a range in their units, see `bricksrl.envs.transforms.KeepUnits`. Raises UnknownNameError if there is no such algorithm,
-    DescriptionError if the settings are of another algorithm or do not suit the environment, or a user's code raised."""
+    """A new learner for an environment, on a device, with the ``settings`` or those of the preset
+    "default". Initialized from torch's global generator. From here on running statistics among the
+    transforms of ``env`` leave angles, goals and entries with a range in their units, see
+    `bricksrl.envs.transforms.KeepUnits`. Raises UnknownNameError if there is no such algorithm,
+    DescriptionError if the settings are of another algorithm or do not suit the environment, or a
+    user's code raised."""
     from bricksrl.agents.learner import Learner
     from bricksrl.agents.replay.augmentation import augmentations
     from bricksrl.agents.settings import OffPolicySettings
@@ -180,19 +246,32 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
 
     chosen = algorithm(agent)
     if with_unit_actions(env) is not env:
-        raise DescriptionError("the actions have another range than -1..1; give TransformedEnv(env, ActionScaling())")
+        raise DescriptionError(
+            "the actions have another range than -1..1; give TransformedEnv(env, ActionScaling())"
+        )
     prepare(env)
     images = bool(layout_of(env).images)
     settings = preset("default", agent, images=images) if settings is None else settings
     if is_reference(agent) and type(settings).__name__ == chosen.settings.__name__:
-        settings = chosen.settings(**vars(settings))  # the user's file was reloaded, and its class with it
+        # the user's file was reloaded, and its class with it
+        settings = chosen.settings(**vars(settings))
     if not isinstance(settings, chosen.settings):
         actual = type(settings).__name__
-        raise DescriptionError(f"{agent} has {chosen.settings.__name__}, not {actual}; see preset('default', '{agent}')")
-    with calling(agent, "cannot be built", is_of_user=is_reference(agent) or bool(vars(settings).get("network"))):
+        raise DescriptionError(
+            f"{agent} has {chosen.settings.__name__}, not {actual}; see preset('default', "
+            f"'{agent}')"
+        )
+    with calling(
+        agent,
+        "cannot be built",
+        is_of_user=is_reference(agent) or bool(vars(settings).get("network")),
+    ):
         learner = chosen.build(env, settings, device)
     if not isinstance(learner, Learner):
-        raise DescriptionError(f"{agent} builds a {type(learner).__name__}; let it return a bricksrl.agents.learner.Learner")
+        raise DescriptionError(
+            f"{agent} builds a {type(learner).__name__}; let it return a "
+            "bricksrl.agents.learner.Learner"
+        )
     if isinstance(settings, OffPolicySettings) and learner.memory is not None:
         for transform in augmentations(env, settings):
             learner.memory.append_transform(transform)

@@ -32,20 +32,24 @@ class ChunkSettings(Settings):
     executed: Annotated[int, Range(1, 1000)] = 1
     """Steps between predictions."""
     ensemble: Annotated[float | None, NotNegative] = 0.01
-    """Extra weight of older chunks when overlapping chunks are averaged; none uses the newest only."""
+    """Extra weight of older chunks when overlapping chunks are averaged; none uses the newest
+    only."""
     weight_decay: Annotated[float, NotNegative] = 1e-4
     """Decoupled weight decay."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.executed > self.chunk:
-            raise DescriptionError(f"executed is {self.executed}; a chunk has only {self.chunk} actions")
+            raise DescriptionError(
+                f"executed is {self.executed}; a chunk has only {self.chunk} actions"
+            )
 
 
 class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
-    """A policy with action chunks; needs a `reset` at the start of an episode and after an intervention. Overlapping chunks are
-    averaged with weights exp(-ensemble * i), i from the oldest (temporal ensemble of Zhao et al., 2023). ``network``: features
-    ``[*batch, f]`` of the ``encoder`` to a chunk ``[*batch, k, m]``."""
+    """A policy with action chunks; needs a `reset` at the start of an episode and after an
+    intervention. Overlapping chunks are averaged with weights exp(-ensemble * i), i from the oldest
+    (temporal ensemble of Zhao et al., 2023). ``network``: features ``[*batch, f]`` of the
+    ``encoder`` to a chunk ``[*batch, k, m]``."""
 
     def __init__(self, encoder: nn.Module, network: nn.Module, settings: ChunkSettings) -> None:
         super().__init__()
@@ -70,15 +74,21 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
             self._chunks.append((self._step, self.network(encode(self.encoder, tensordict))))
         if self._ensemble is None:
             del self._chunks[:-1]
-        self._chunks = [(start, chunk) for start, chunk in self._chunks if start + chunk.shape[-2] > self._step]
-        actions = torch.stack([chunk[..., self._step - start, :] for start, chunk in self._chunks], -1)
+        self._chunks = [
+            (start, chunk) for start, chunk in self._chunks if start + chunk.shape[-2] > self._step
+        ]
+        actions = torch.stack(
+            [chunk[..., self._step - start, :] for start, chunk in self._chunks], -1
+        )
         self._step += 1
         age = torch.arange(actions.shape[-1], dtype=actions.dtype, device=actions.device)
         weights = torch.softmax(-(self._ensemble or 0.0) * age, 0)
         return tensordict.set("action", (actions @ weights).clamp(-1.0, 1.0))
 
 
-def chunk_learner(policy: ChunkPolicy, loss: LossModule, settings: ChunkSettings, **options: Any) -> Learner:
+def chunk_learner(
+    policy: ChunkPolicy, loss: LossModule, settings: ChunkSettings, **options: Any
+) -> Learner:
     """The learner of a chunk policy: imitates a dataset, acts without dropout."""
     optimizer = adam(loss.parameters(), settings, settings.weight_decay)
     options |= {"updates_per_step": settings.updates_per_step, "chunk": settings.chunk}
@@ -111,7 +121,10 @@ class ACTSettings(ChunkSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.width % self.heads:
-            raise DescriptionError(f"heads is {self.heads}, which does not divide the width {self.width}; choose another")
+            raise DescriptionError(
+                f"heads is {self.heads}, which does not divide the width {self.width}; "
+                "choose another"
+            )
 
 
 class EncodedACTLoss(ACTLoss):  # type: ignore[misc]
@@ -123,7 +136,9 @@ class EncodedACTLoss(ACTLoss):  # type: ignore[misc]
         self.set_keys(action_chunk="action")
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
-        return super().forward(tensordict.select("action").set("observation", encode(self.encoder, tensordict)))
+        return super().forward(
+            tensordict.select("action").set("observation", encode(self.encoder, tensordict))
+        )
 
 
 class PredictedChunk(nn.Module):
@@ -152,6 +167,13 @@ def build(env: EnvBase, settings: ACTSettings, device: torch.device | str = "cpu
         dropout=settings.dropout,
         dim_feedforward=settings.feedforward,
     )
-    actor = TensorDictModule(model, in_keys=["observation", "action_chunk"], out_keys=["action_pred", "mu", "log_var"]).to(device)
+    actor = TensorDictModule(
+        model, in_keys=["observation", "action_chunk"], out_keys=["action_pred", "mu", "log_var"]
+    ).to(device)
     loss = EncodedACTLoss(actor, encoder, kl_weight=settings.kl_weight).to(device)
-    return chunk_learner(ChunkPolicy(encoder, PredictedChunk(model), settings).to(device), loss, settings, descend=("loss_act",))
+    return chunk_learner(
+        ChunkPolicy(encoder, PredictedChunk(model), settings).to(device),
+        loss,
+        settings,
+        descend=("loss_act",),
+    )

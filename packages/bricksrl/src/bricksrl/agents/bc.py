@@ -38,21 +38,32 @@ class ImitationLoss(BCLoss):  # type: ignore[misc]
 def build(env: EnvBase, settings: BCSettings, device: torch.device | str = "cpu") -> Learner:
     """Behaviour cloning for an environment. Initialized from torch's global generator."""
     encoder = make_encoder(env, settings)
-    body = make_body(settings, encoder.size, action_size(env), norm=settings.actor_norm, dropout=settings.dropout)
+    body = make_body(
+        settings, encoder.size, action_size(env), norm=settings.actor_norm, dropout=settings.dropout
+    )
     actor, _ = deterministic_policy(encoder, body, action_spec(env), noise=0.0)
     loss = ImitationLoss(actor.to(device), loss_function="l2").to(device)
     loss.set_keys(action="action")
     optimizer = adam(loss.parameters(), settings)
-    return Learner(actor, loss, optimizer, updates_per_step=settings.updates_per_step, imitates=True)
+    return Learner(
+        actor, loss, optimizer, updates_per_step=settings.updates_per_step, imitates=True
+    )
 
 
 def recorded_memory(
-    frames: TensorDictBase, batch_size: int, keys: Sequence[str], *, chunk: int = 0, device: torch.device | str = "cpu"
+    frames: TensorDictBase,
+    batch_size: int,
+    keys: Sequence[str],
+    *,
+    chunk: int = 0,
+    device: torch.device | str = "cpu",
 ) -> TransitionReplayBuffer:
-    """A buffer of recorded frames ``[time]``. With ``chunk``, actions are the next ``chunk`` ones ``[chunk, m]``; the last action
-    of an episode is repeated."""
+    """A buffer of recorded frames ``[time]``. With ``chunk``, actions are the next ``chunk`` ones
+    ``[chunk, m]``; the last action of an episode is repeated."""
     if chunk:
-        rows = ActionChunkTransform(chunk, chunk_key="chunk")(frames.select("action", ("next", "done"))[None])
+        rows = ActionChunkTransform(chunk, chunk_key="chunk")(
+            frames.select("action", ("next", "done"))[None]
+        )
         frames = frames.clone(recurse=False).set("action", rows["chunk"][0])
     memory = TransitionReplayBuffer(max(2, len(frames)), batch_size, keys, device=device)
     memory.extend(frames)

@@ -1,8 +1,9 @@
 """Compiled updates: forward and backward pass of a loss as one graph, for long runs.
 
-Adam and target updates stay outside. The first compilation takes about a minute, cached ones seconds; it needs a C++ compiler. On
-CUDA the graph is a CUDA graph. On the CPU noise comes from torch's generator, which is faster than the graph's own. Runs are
-reproducible, but differ from eager ones.
+Adam and target updates stay outside. The first compilation takes about a minute, cached ones
+seconds; it needs a C++ compiler. On CUDA the graph is a CUDA graph. On the CPU noise comes from
+torch's generator, which is faster than the graph's own. Runs are reproducible, but differ from
+eager ones.
 """
 
 import traceback
@@ -35,32 +36,54 @@ class _Parts(nn.Module):
 
 
 class CompiledGradients:
-    """Losses and gradients of a batch from a compiled graph; see `Learner.gradients`. ``backend``: of ``torch.compile``."""
+    """Losses and gradients of a batch from a compiled graph; see `Learner.gradients`. ``backend``:
+    of ``torch.compile``."""
 
-    def __init__(self, loss: ActorCriticLoss, device: torch.device, backend: str = "inductor") -> None:
+    def __init__(
+        self, loss: ActorCriticLoss, device: torch.device, backend: str = "inductor"
+    ) -> None:
         self._parts, self._device, self._keys = _Parts(loss), device, loss.in_keys
-        params = {name: value for name, value in self._parts.named_parameters() if value.requires_grad}
-        of_critics = {name: params[name] for name in params if name.startswith(("loss.critics.", "loss.encoder."))}
+        params = {
+            name: value for name, value in self._parts.named_parameters() if value.requires_grad
+        }
+        of_critics = {
+            name: params[name]
+            for name in params
+            if name.startswith(("loss.critics.", "loss.encoder."))
+        }
         self._params = {True: params, False: of_critics}
         torch.compiler.reset()  # graphs of earlier learners in this process count towards a limit
-        options: dict[str, Any] = {"triton.cudagraphs": True} if device.type == "cuda" else {"fallback_random": True}
-        options["guard_filter_fn"] = torch.compiler.skip_guard_on_all_nn_modules_unsafe  # nothing changes the modules
-        self._graph = torch.compile(self._gradients, fullgraph=True, dynamic=False, options=options, backend=backend)
+        options: dict[str, Any] = (
+            {"triton.cudagraphs": True} if device.type == "cuda" else {"fallback_random": True}
+        )
+        # nothing changes the modules
+        options["guard_filter_fn"] = torch.compiler.skip_guard_on_all_nn_modules_unsafe
+        self._graph = torch.compile(
+            self._gradients, fullgraph=True, dynamic=False, options=options, backend=backend
+        )
 
-    def _gradients(self, params: dict[str, Tensor], rows: Any, with_actor: bool) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
+    def _gradients(
+        self, params: dict[str, Tensor], rows: Any, with_actor: bool
+    ) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
         def total(params: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
             batch, losses = functional_call(self._parts, params, (rows,))
             if with_actor:
-                fixed = {name: value.detach() if name.startswith("loss.critics.") else value for name, value in params.items()}
+                fixed = {
+                    name: value.detach() if name.startswith("loss.critics.") else value
+                    for name, value in params.items()
+                }
                 losses = losses | functional_call(self._parts, fixed, (rows, batch))
-            summed = torch.stack([value for name, value in losses.items() if name.startswith("loss")]).sum()
+            summed = torch.stack(
+                [value for name, value in losses.items() if name.startswith("loss")]
+            ).sum()
             return summed, {name: value.detach() for name, value in losses.items()}
 
         result: tuple[dict[str, Tensor], dict[str, Tensor]] = grad(total, has_aux=True)(params)
         return result
 
     def __call__(self, batch: TensorDictBase, with_actor: bool) -> TensorDict:
-        """Losses of a batch; their gradients are written to the parameters. Raises RunError without a compiler."""
+        """Losses of a batch; their gradients are written to the parameters. Raises RunError without
+        a compiler."""
         rows = batch.select(*self._keys, "steps_to_next_obs", strict=False).to_dict()
         params: dict[str, Tensor] = {**self._params[with_actor]}
         try:
@@ -84,8 +107,11 @@ def compile_updates(learner: Learner) -> None:
     loss = learner.loss
     if not isinstance(loss, ActorCriticLoss) or isinstance(loss, CrossQLoss | CQLLoss):
         raise RunError("only SAC, DroQ, REDQ and TD3 can be compiled; omit --compile")
-    if any(isinstance(module, nn.BatchNorm1d) for module in loss.modules()):  # a graph of gradients changes no running statistics
-        raise RunError("batch normalisation cannot be compiled; choose layer or rms, or omit --compile")
+    # a graph of gradients changes no running statistics
+    if any(isinstance(module, nn.BatchNorm1d) for module in loss.modules()):
+        raise RunError(
+            "batch normalisation cannot be compiled; choose layer or rms, or omit --compile"
+        )
     if loss.anchor is not None:
         raise RunError("an anchored policy cannot be compiled; omit --compile")
     learner.gradients = CompiledGradients(loss, learner.device)

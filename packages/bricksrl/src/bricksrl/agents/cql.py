@@ -1,12 +1,15 @@
-"""Conservative Q-learning (Kumar et al., 2020): SAC with lower values for actions outside of the data.
+"""Conservative Q-learning (Kumar et al., 2020): SAC with lower values for actions outside of the
+data.
 
-Tests compare it with TorchRL's ``CQLLoss``, which differs from the paper, and from this loss, in three points: its soft maximum
-is over three sampled actions at a time, not over all (equal for one sampled action of each kind); it evaluates the next step's
-actions in the next state, not in the current one; its learned factor has no effect.
+Tests compare it with TorchRL's ``CQLLoss``, which differs from the paper, and from this loss, in
+three points: its soft maximum is over three sampled actions at a time, not over all (equal for one
+sampled action of each kind); it evaluates the next step's actions in the next state, not in the
+current one; its learned factor has no effect.
 
-Most time goes into the values of the sampled actions, 30 per state. They are computed in small groups that fit the cache, without
-gradient. The gradient of a soft maximum is the mean of gradients under its weights: a few actions drawn with these weights give
-an unbiased estimate at less than half of the cost.
+Most time goes into the values of the sampled actions, 30 per state. They are computed in small
+groups that fit the cache, without gradient. The gradient of a soft maximum is the mean of gradients
+under its weights: a few actions drawn with these weights give an unbiased estimate at less than
+half of the cost.
 """
 
 import math
@@ -40,7 +43,8 @@ class CQLSettings(SACSettings):
     min_q_weight: Annotated[float, NotNegative] = 1.0
     """Weight of the penalty on values of sampled actions; a threshold adds a learned factor."""
     lagrange_threshold: Annotated[float | None, Range(-1e6, 1e6)] = None
-    """Target gap between values of sampled actions and of the data, for a learned factor; none for a fixed weight."""
+    """Target gap between values of sampled actions and of the data, for a learned factor; none for
+    a fixed weight."""
     sampled_actions: Annotated[int, Range(1, 100)] = 10
     """Sampled actions of each kind: uniform, of the policy, of the policy at the next step."""
     drawn_actions: Annotated[int, Range(0, 300)] = 1
@@ -52,7 +56,9 @@ class CQLSettings(SACSettings):
 class CQLLoss(CountedUpdates, SACLoss):
     """Loss of conservative Q-learning."""
 
-    def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: CQLSettings) -> None:
+    def __init__(
+        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: CQLSettings
+    ) -> None:
         super().__init__(encoder, actor, critics, settings)
         is_learned = settings.lagrange_threshold is not None
         lagrange = ["loss_lagrange"] if is_learned else []
@@ -66,14 +72,19 @@ class CQLLoss(CountedUpdates, SACLoss):
         uniform = torch.rand(count, rows, size, device=batch.action.device) * 2.0 - 1.0
         density = uniform.new_full((count, rows), -math.log(2.0) * size)
         out = self.actor(torch.cat((batch.features, batch.next_features)))
-        base = None if batch.base is None or batch.next_base is None else torch.cat((batch.base, batch.next_base))
+        base = (
+            None
+            if batch.base is None or batch.next_base is None
+            else torch.cat((batch.base, batch.next_base))
+        )
         action, log_density = self.draw(out.expand(count, *out.shape), base)
         actions, densities = action.view(count, 2, rows, size), log_density.view(count, 2, rows)
         return torch.cat((uniform, *actions.unbind(1))), torch.cat((density, *densities.unbind(1)))
 
     @torch.no_grad()
     def scores(self, features: Tensor, actions: Tensor) -> Tensor:
-        """Values ``[k, samples, batch]`` of actions ``[samples, batch, m]`` in states ``[batch, f]``."""
+        """Values ``[k, samples, batch]`` of actions ``[samples, batch, m]`` in states ``[batch,
+        f]``."""
         at_once = max(1, ROWS_AT_ONCE // len(features))
         values = []
         for group in actions.split(at_once):
@@ -88,19 +99,33 @@ class CQLLoss(CountedUpdates, SACLoss):
         scores = self.scores(batch.features, actions) - densities
         shares = scores.softmax(1)
         values, sampled_values = [], []
-        drawn = draw_indices(shares, self.settings.drawn_actions) if self.settings.drawn_actions else None
+        drawn = (
+            draw_indices(shares, self.settings.drawn_actions)
+            if self.settings.drawn_actions
+            else None
+        )
         for i, critic in enumerate(self.critics):
-            chosen = actions if drawn is None else actions[drawn[i], torch.arange(len(target), device=target.device)]
+            chosen = (
+                actions
+                if drawn is None
+                else actions[drawn[i], torch.arange(len(target), device=target.device)]
+            )
             weights = shares[i] if drawn is None else 1.0 / len(chosen)
             states = batch.features.expand(1 + len(chosen), *batch.features.shape)
-            predicted = critic(torch.cat((states, torch.cat((batch.action[None], chosen))), -1)).squeeze(-1)
+            predicted = critic(
+                torch.cat((states, torch.cat((batch.action[None], chosen))), -1)
+            ).squeeze(-1)
             values.append(predicted[0])
             sampled_values.append((predicted[1:] * weights).sum(0).mean())
         value = torch.stack(values)
         gap = self.settings.min_q_weight * (scores.logsumexp(1).mean() - value.detach().mean())
         penalty = self.settings.min_q_weight * (torch.stack(sampled_values) - value.mean(-1)).sum()
         factor = self.log_factor.exp().clamp_max(MAX_FACTOR)
-        losses = {"loss_qvalue": self.errors(value, target), "loss_cql": factor.detach() * penalty, "gap": gap}
+        losses = {
+            "loss_qvalue": self.errors(value, target),
+            "loss_cql": factor.detach() * penalty,
+            "gap": gap,
+        }
         if self.settings.lagrange_threshold is not None:
             losses["loss_lagrange"] = factor * (self.settings.lagrange_threshold - gap)
         return losses
@@ -114,20 +139,30 @@ class CQLLoss(CountedUpdates, SACLoss):
         _, log_density = self.draw(out)
         action = batch.action if batch.base is None else batch.action - batch.base
         imitation = log_prob(out, self.settings.min_scale, action).mean()
-        return {"loss_actor": self.alpha * log_density.mean() - imitation, **self.alpha_loss(log_density, batch.action.shape[-1])}
+        return {
+            "loss_actor": self.alpha * log_density.mean() - imitation,
+            **self.alpha_loss(log_density, batch.action.shape[-1]),
+        }
 
 
 def draw_indices(weights: Tensor, count: int) -> Tensor:
-    """Indices ``[k, count, batch]`` drawn with weights ``[k, samples, batch]``, which sum to 1 over samples. Systematic
-    resampling: unbiased, with less variance than independent draws."""
+    """Indices ``[k, count, batch]`` drawn with weights ``[k, samples, batch]``, which sum to 1 over
+    samples. Systematic resampling: unbiased, with less variance than independent draws."""
     k, samples, batch = weights.shape
     cumulative = weights.cumsum(1).transpose(1, 2).contiguous()
-    points = (torch.arange(count, device=weights.device) + torch.rand(k, batch, 1, device=weights.device)) / count
-    return torch.searchsorted(cumulative, points * cumulative[..., -1:]).clamp_max(samples - 1).transpose(1, 2)
+    points = (
+        torch.arange(count, device=weights.device) + torch.rand(k, batch, 1, device=weights.device)
+    ) / count
+    return (
+        torch.searchsorted(cumulative, points * cumulative[..., -1:])
+        .clamp_max(samples - 1)
+        .transpose(1, 2)
+    )
 
 
 def log_prob(out: Tensor, min_scale: float, action: Tensor) -> Tensor:
-    """Log-probability ``[*batch]`` of actions ``[*batch, m]`` in -1..1, from the actor's outputs."""
+    """Log-probability ``[*batch]`` of actions ``[*batch, m]`` in -1..1, from the actor's
+    outputs."""
     loc, scale = location_and_scale(out, min_scale)
     inside = action.clamp(-NEAR_ONE, NEAR_ONE)
     z = (inside.atanh() - loc) / scale

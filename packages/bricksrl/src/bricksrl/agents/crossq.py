@@ -29,10 +29,13 @@ class CrossQSettings(EntropySettings):
 
 
 class CrossQLoss(SACLoss):
-    """Loss of CrossQ: state and next state pass the critics in one batch, normalised together. Networks use running statistics
-    except where a loss trains them. Tests compare it with TorchRL's ``CrossQLoss``."""
+    """Loss of CrossQ: state and next state pass the critics in one batch, normalised together.
+    Networks use running statistics except where a loss trains them. Tests compare it with TorchRL's
+    ``CrossQLoss``."""
 
-    def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: CrossQSettings) -> None:
+    def __init__(
+        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: CrossQSettings
+    ) -> None:
         super().__init__(encoder, actor, critics, settings)
         del self.target_critics
 
@@ -47,7 +50,9 @@ class CrossQLoss(SACLoss):
         self.critics.eval()
         rows = len(batch.reward)
         next_value = values[:, rows:].detach().amin(0) - self.alpha * next_log_prob
-        return {"loss_qvalue": self.errors(values[:, :rows], batch.reward + batch.discount * next_value)}
+        return {
+            "loss_qvalue": self.errors(values[:, :rows], batch.reward + batch.discount * next_value)
+        }
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Losses of actor and temperature; the critics use running statistics."""
@@ -62,7 +67,8 @@ def batch_normalised(network: nn.Module, momentum: float) -> nn.Sequential:
     layers: list[nn.Module] = []
     for layer in network.children():
         if isinstance(layer, nn.Linear):
-            layers.append(BatchNorm(layer.in_features, eps=1e-3, momentum=momentum))  # epsilon of CrossQ's authors
+            # epsilon of CrossQ's authors
+            layers.append(BatchNorm(layer.in_features, eps=1e-3, momentum=momentum))
         layers.append(layer)
     return nn.Sequential(*layers)
 

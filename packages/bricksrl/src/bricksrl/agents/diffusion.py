@@ -1,4 +1,5 @@
-"""Diffusion policy (Chi et al., 2023): imitation by denoising action chunks, with TorchRL's actor and loss."""
+"""Diffusion policy (Chi et al., 2023): imitation by denoising action chunks, with TorchRL's actor
+and loss."""
 
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -25,7 +26,8 @@ class DiffusionSettings(ChunkSettings):
     chunk: Annotated[int, Range(1, 1000)] = 4
     """Length of an action chunk."""
     ensemble: Annotated[float | None, NotNegative] = None
-    """Extra weight of older chunks when overlapping chunks are averaged; none uses the newest only."""
+    """Extra weight of older chunks when overlapping chunks are averaged; none uses the newest
+    only."""
     denoising_steps: Annotated[int, Range(1, 1000)] = 20
     """Denoising steps per chunk."""
 
@@ -39,7 +41,9 @@ class EncodedChunks(DiffusionBCLoss):  # type: ignore[misc]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
         chunk, features = tensordict["action"].flatten(-2), encode(self.encoder, tensordict)
-        return super().forward(TensorDict({"observation": features, "action": chunk}, tensordict.batch_size))
+        return super().forward(
+            TensorDict({"observation": features, "action": chunk}, tensordict.batch_size)
+        )
 
 
 def build(env: EnvBase, settings: DiffusionSettings, device: torch.device | str = "cpu") -> Learner:
@@ -54,5 +58,7 @@ def build(env: EnvBase, settings: DiffusionSettings, device: torch.device | str 
         beta_end=min(0.999, 2.0 / settings.denoising_steps),
     ).to(device)
     loss = EncodedChunks(actor, encoder).to(device)
-    denoised_chunk = nn.Sequential(OrderedDict(actor=actor, chunk=nn.Unflatten(-1, (settings.chunk, m))))
+    denoised_chunk = nn.Sequential(
+        OrderedDict(actor=actor, chunk=nn.Unflatten(-1, (settings.chunk, m)))
+    )
     return chunk_learner(ChunkPolicy(encoder, denoised_chunk, settings).to(device), loss, settings)

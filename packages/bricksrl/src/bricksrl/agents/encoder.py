@@ -8,32 +8,47 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
 from bricksrl.agents.settings import Settings
-from bricksrl.envs.features import ObservationEncoder as ObservationEncoder  # noqa: PLC0414  users find it here
+
+# users find it here
+from bricksrl.envs.features import ObservationEncoder as ObservationEncoder  # noqa: PLC0414
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.transforms import layout_of
 from bricksrl.envs.vision.image_networks import Convolutions, Keypoints, pixels
 
 
 class Encoder(nn.Module):
-    """All vectors and images that are observed (``in_keys``) to joint features ``[*batch, size]``: each image through its own
-    network, of which convolutions come with the paper's dense layers for the numbers."""
+    """All vectors and images that are observed (``in_keys``) to joint features ``[*batch, size]``:
+    each image through its own network, of which convolutions come with the paper's dense layers for
+    the numbers."""
 
     def __init__(self, layout: ObservationLayout, settings: Settings) -> None:
         super().__init__()
         self.in_keys, self.images = layout.keys, layout.images
         self._dims = [len(shape) for _, shape in layout.vectors]
-        self.numbers = ObservationEncoder(layout, settings.angles, settings.goals, normalize=settings.normalize)
+        self.numbers = ObservationEncoder(
+            layout, settings.angles, settings.goals, normalize=settings.normalize
+        )
         make = {"keypoints": Keypoints, "convolutions": Convolutions}[settings.encoder]
         networks = [make(image.side_px, image.channels) for image in self.images]
-        self.networks, size, self.dense = nn.ModuleList(networks), self.numbers.size, nn.Sequential()
+        self.networks, size, self.dense = (
+            nn.ModuleList(networks),
+            self.numbers.size,
+            nn.Sequential(),
+        )
         if self.images and size and settings.encoder == "convolutions":
-            self.dense, size = nn.Sequential(nn.Linear(size, 128), nn.ReLU(), nn.Linear(128, 32), nn.ReLU()), 32
+            self.dense, size = (
+                nn.Sequential(nn.Linear(size, 128), nn.ReLU(), nn.Linear(128, 32), nn.ReLU()),
+                32,
+            )
         self.size = size + sum(network.size for network in networks)
 
     def forward(self, *inputs: Tensor) -> Tensor:
         """Vectors and images ``[*batch, *shape]``, in the order of ``in_keys``, to features."""
         shown = zip(inputs[len(self._dims) :], self.images, self.networks, strict=True)
-        parts = [network(pixels(image, shape)).view(*image.shape[:-3], -1) for image, shape, network in shown]
+        parts = [
+            network(pixels(image, shape)).view(*image.shape[:-3], -1)
+            for image, shape, network in shown
+        ]
         if self._dims:
             parts.append(self.dense(self.numbers(self._joined(inputs))))
         return parts[0] if len(parts) == 1 else torch.cat(parts, -1)
@@ -41,11 +56,15 @@ class Encoder(nn.Module):
     def see(self, tensordict: Any) -> None:
         """Note the range of observations that are learned on."""
         if self._dims:
-            self.numbers.seen.see(self.numbers.in_units(self._joined([tensordict[key] for key in self.in_keys])))
+            self.numbers.seen.see(
+                self.numbers.in_units(self._joined([tensordict[key] for key in self.in_keys]))
+            )
 
     def _joined(self, inputs: Sequence[Tensor]) -> Tensor:
         """The numbers of all vectors."""
-        vectors = [value.flatten(-dims).float() for value, dims in zip(inputs, self._dims, strict=False)]
+        vectors = [
+            value.flatten(-dims).float() for value, dims in zip(inputs, self._dims, strict=False)
+        ]
         return vectors[0] if len(vectors) == 1 else torch.cat(vectors, -1)
 
 

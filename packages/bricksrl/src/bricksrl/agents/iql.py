@@ -1,4 +1,5 @@
-"""Implicit Q-learning (Kostrikov et al., 2021) with TorchRL's loss: only values of the data's actions are used."""
+"""Implicit Q-learning (Kostrikov et al., 2021) with TorchRL's loss: only values of the data's
+actions are used."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -26,7 +27,8 @@ class IQLSettings(TargetSettings):
     """Settings of IQL."""
 
     new_goals: Annotated[float, Share] = 0.0
-    """Share of relabelled goals; 0, as actions for one goal are no examples for a random other one."""
+    """Share of relabelled goals; 0, as actions for one goal are no examples for a random other
+    one."""
     expectile: Annotated[float, Range(0.0, 1.0, above=True, below=True)] = 0.8
     """Expectile of the action values that is a state's value; 0.5 is the mean."""
     temperature: Annotated[float, NotNegative] = 3.0
@@ -34,7 +36,8 @@ class IQLSettings(TargetSettings):
 
 
 class StateIndependentScale(nn.Module):
-    """Outputs ``[*batch, m]`` to a normal's mean in -1..1 and its state-independent standard deviation."""
+    """Outputs ``[*batch, m]`` to a normal's mean in -1..1 and its state-independent standard
+    deviation."""
 
     def __init__(self, size: int) -> None:
         super().__init__()
@@ -69,7 +72,8 @@ def build(env: EnvBase, settings: IQLSettings, device: torch.device | str = "cpu
         deactivate_vmap=True,
     ).to(device)
     loss.make_value_estimator(gamma=settings.gamma)
-    loss.value_estimator.set_keys(steps_to_next_obs=("next", "steps_to_next_obs"))  # it passes on only what is under "next"
+    # it passes on only what is under "next"
+    loss.value_estimator.set_keys(steps_to_next_obs=("next", "steps_to_next_obs"))
     bounded = TensorDictModule(nn.Hardtanh(), in_keys=["action"], out_keys=["action"])
     target = SoftUpdate(loss, tau=settings.tau)
     return off_policy_learner(env, settings, TensorDictSequential(actor, bounded), loss, target)

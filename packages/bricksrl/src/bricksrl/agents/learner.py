@@ -29,18 +29,25 @@ ACTOR_LOSSES = ("loss_actor", "loss_alpha")
 """Losses omitted in updates without the actor."""
 
 
-def adam(parameters: Iterable[Tensor], settings: Settings, weight_decay: float = 0.0) -> torch.optim.Optimizer:
+def adam(
+    parameters: Iterable[Tensor], settings: Settings, weight_decay: float = 0.0
+) -> torch.optim.Optimizer:
     """Adam with decoupled weight decay over all parameters with gradients."""
     learned = [parameter for parameter in parameters if parameter.requires_grad]
     betas = (settings.adam_beta, 0.999)
-    return torch.optim.AdamW(learned, lr=settings.learning_rate, betas=betas, weight_decay=weight_decay, fused=True)
+    return torch.optim.AdamW(
+        learned, lr=settings.learning_rate, betas=betas, weight_decay=weight_decay, fused=True
+    )
 
 
 def means(metrics: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
     """Mean of each metric over the updates that report it."""
     updates = list(metrics)
     names = dict.fromkeys(name for update in updates for name in update)
-    return {name: torch.stack([update[name] for update in updates if name in update]).mean() for name in names}
+    return {
+        name: torch.stack([update[name] for update in updates if name in update]).mean()
+        for name in names
+    }
 
 
 @dataclass
@@ -48,13 +55,15 @@ class Learner:
     """An algorithm that acts and learns.
 
     Attributes:
-        policy: reads the observation, writes "action" in -1..1; explores under ``ExplorationType.RANDOM``; may have ``reset``.
-            Kept as a copy that shares its tensors and acts without dropout.
+        policy: reads the observation, writes "action" in -1..1; explores under
+            ``ExplorationType.RANDOM``; may have ``reset``. Kept as a copy that shares its tensors
+            and acts without dropout.
         loss: any `LossModule`; ``None`` if nothing is learned.
         optimizer: of the loss's parameters.
         memory: any replay buffer; its sampler defines a batch.
         target: its ``step`` moves target networks after an update, as TorchRL's ``SoftUpdate``.
-        prepare: applied to collected frames ``[*copies, time]`` before they are stored, such as `GAE`.
+        prepare: applied to collected frames ``[*copies, time]`` before they are stored, such as
+            `GAE`.
         updates_per_step: updates per environment step; with ``on_policy`` passes over the frames.
         on_policy: frames are discarded after the passes.
         frames_per_batch: steps collected between updates; 1 for a robot.
@@ -63,15 +72,18 @@ class Learner:
         target_delay: every n-th update moves the targets.
         reset_every: updates after which networks, targets and optimiser start anew; 0 for never.
         descend: losses to minimise; ``None`` for all names that begin with "loss".
-        scale_rewards: the rewards of the initial random episodes define the unit of those that are learned (`reward_unit`).
+        scale_rewards: the rewards of the initial random episodes define the unit of those that are
+            learned (`reward_unit`).
         clip_norm: limit of the gradient's norm.
         imitates: learns from a dataset only.
         chunk: length of predicted action chunks; 0 for single actions.
         begin: called with the stored transitions before the first update.
         gradients: replaces autograd; see `bricksrl.agents.compiled`.
-        dataset: provides half of each batch, all of it while the memory is empty (RLPD, Ball et al., 2023).
+        dataset: provides half of each batch, all of it while the memory is empty (RLPD, Ball et
+            al., 2023).
         base: frozen policy that the learned one's actions are added to.
-        weights: newest weights of a policy trained elsewhere, for the next action; may be set from any thread.
+        weights: newest weights of a policy trained elsewhere, for the next action; may be set from
+            any thread.
     """
 
     policy: TensorDictModuleBase
@@ -104,7 +116,9 @@ class Learner:
 
     def __post_init__(self) -> None:
         # Without dropout and by running statistics, while the loss trains the original.
-        shared = {id(tensor): tensor for tensor in (*self.policy.parameters(), *self.policy.buffers())}
+        shared = {
+            id(tensor): tensor for tensor in (*self.policy.parameters(), *self.policy.buffers())
+        }
         self.policy = copy.deepcopy(self.policy, shared).eval()
 
     @property
@@ -119,7 +133,8 @@ class Learner:
         return [parameter for group in groups for parameter in group["params"]]
 
     def act_on(self, device: torch.device | str | None) -> None:
-        """Act on an environment's device (``None`` is the CPU), with a copy of the policy if the networks are on another."""
+        """Act on an environment's device (``None`` is the CPU), with a copy of the policy if the
+        networks are on another."""
         if torch.device(device or "cpu").type != self.device.type:
             self._copy = copy.deepcopy(self.policy).to(device or "cpu")
 
@@ -129,7 +144,8 @@ class Learner:
         return self.policy if self._copy is None else self._copy
 
     def reset_policy(self) -> None:
-        """Discard the acting policy's state, if any: the next observation does not follow from its last action."""
+        """Discard the acting policy's state, if any: the next observation does not follow from its
+        last action."""
         if hasattr(self.acting, "reset"):
             self.acting.reset()
 
@@ -160,7 +176,8 @@ class Learner:
             self.memory.extend(rows)
 
     def see(self, frames: TensorDictBase) -> None:
-        """Note the range of the observations in frames that are learned on: what is acted on is held within it."""
+        """Note the range of the observations in frames that are learned on: what is acted on is
+        held within it."""
         frozen = set() if self.base is None else set(self.base.modules())
         for module in self.policy.modules():
             if isinstance(module, Encoder) and module not in frozen:
@@ -168,7 +185,8 @@ class Learner:
                 module.see(frames["next"])
 
     def end_episodes(self, robot: int | None = None) -> None:
-        """End the current episode of a robot, or of all: the next frame does not follow from the last."""
+        """End the current episode of a robot, or of all: the next frame does not follow from the
+        last."""
         if isinstance(self.memory, TransitionReplayBuffer):
             self.memory.end_episodes(robot)
 
@@ -180,7 +198,9 @@ class Learner:
         """Make the updates due for ``steps`` environment steps. Returns mean metrics."""
         if self.on_policy and self.memory is not None:
             size = self.memory.batch_size or len(self.memory)
-            metrics = self.make_updates(int(self.updates_per_step * math.ceil(len(self.memory) / size)))
+            metrics = self.make_updates(
+                int(self.updates_per_step * math.ceil(len(self.memory) / size))
+            )
             self.memory.empty()
             return metrics
         if self.scale_rewards and not self.updates and self.memory is not None and len(self.memory):
@@ -211,7 +231,11 @@ class Learner:
         at_once = max(1, MAX_ROWS // size)
         for start in range(0, count, at_once):
             n = min(at_once, count - start)
-            shares = [(source, share) for source, share in zip(sources, (size - half, half), strict=False) if share]
+            shares = [
+                (source, share)
+                for source, share in zip(sources, (size - half, half), strict=False)
+                if share
+            ]
             parts = [source.sample(n * share, batches=n).view(n, share) for source, share in shares]
             yield from self.in_units(parts[0] if len(parts) == 1 else torch.cat(parts, 1)).unbind(0)
 
@@ -231,10 +255,15 @@ class Learner:
             losses = self.gradients(batch, with_actor)
         else:
             only_critics = not with_actor and hasattr(self.loss, "critic_losses")
-            losses = self.loss.critic_losses(batch) if only_critics else self.loss(batch.to(self.device))
-            names = self.descend or tuple(name for name in losses.keys() if name.startswith("loss"))  # noqa: SIM118  a TensorDict
+            losses = (
+                self.loss.critic_losses(batch) if only_critics else self.loss(batch.to(self.device))
+            )
+            # a TensorDict
+            names = self.descend or tuple(name for name in losses.keys() if name.startswith("loss"))  # noqa: SIM118
             skipped = () if with_actor else ACTOR_LOSSES
-            torch.stack([losses[name].sum() for name in names if name in losses and name not in skipped]).sum().backward()
+            torch.stack(
+                [losses[name].sum() for name in names if name in losses and name not in skipped]
+            ).sum().backward()
         if self.clip_norm is not None:
             torch.nn.utils.clip_grad_norm_(self.parameters(), self.clip_norm)
         self.optimizer.step()
@@ -243,17 +272,28 @@ class Learner:
             self.target.step()
         if self.reset_every and self.updates % self.reset_every == 0:
             self._restart()
-        return {name: value.detach() for name, value in losses.items() if isinstance(name, str) and value.numel() == 1}
+        return {
+            name: value.detach()
+            for name, value in losses.items()
+            if isinstance(name, str) and value.numel() == 1
+        }
 
     def _restart(self) -> None:
-        """Draw the weights of all layers anew that are learned; what is frozen, such as a base, an anchor or a part of a user's
-        network, and what was measured, such as ranges and the temperature, stays."""
+        """Draw the weights of all layers anew that are learned; what is frozen, such as a base, an
+        anchor or a part of a user's network, and what was measured, such as ranges and the
+        temperature, stays."""
         learned = {id(tensor) for tensor in self.parameters() if tensor.requires_grad}
         for module in self.loss.modules() if self.loss is not None else ():
             own = list(module.parameters(recurse=False))
-            if not hasattr(module, "reset_parameters") or not any(id(tensor) in learned for tensor in own):
+            if not hasattr(module, "reset_parameters") or not any(
+                id(tensor) in learned for tensor in own
+            ):
                 continue
-            frozen = [(tensor, tensor.detach().clone()) for tensor in module.parameters() if id(tensor) not in learned]
+            frozen = [
+                (tensor, tensor.detach().clone())
+                for tensor in module.parameters()
+                if id(tensor) not in learned
+            ]
             module.reset_parameters()
             with torch.no_grad():
                 for tensor, before in frozen:
@@ -265,23 +305,34 @@ class Learner:
 
     def policy_state(self) -> dict[str, Tensor]:
         """Copy of the policy's tensors on the CPU."""
-        return {name: tensor.detach().to("cpu", copy=True) for name, tensor in self.policy.state_dict().items()}
+        return {
+            name: tensor.detach().to("cpu", copy=True)
+            for name, tensor in self.policy.state_dict().items()
+        }
 
     def _sources(self) -> list[Any]:
-        return [source for source in (self.memory, self.dataset) if source is not None and len(source)]
+        return [
+            source for source in (self.memory, self.dataset) if source is not None and len(source)
+        ]
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that learning changes: nested tensors, numbers, strings, lists."""
-        state: dict[str, Any] = {name: getattr(self, name) for name in ("updates", "due", "reward_unit")}
+        state: dict[str, Any] = {
+            name: getattr(self, name) for name in ("updates", "due", "reward_unit")
+        }
         state["policy"] = dict(self.policy.state_dict())
         if self.loss is not None and self.optimizer is not None:
-            state |= {"loss": dict(self.loss.state_dict()), "optimizer": self.optimizer.state_dict()}
+            state |= {
+                "loss": dict(self.loss.state_dict()),
+                "optimizer": self.optimizer.state_dict(),
+            }
         if self.memory is not None and not self.on_policy and len(self.memory):
             state["memory"] = memory_state(self.memory)
         return state
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore `state_dict`, on any device. Raises CheckpointError if the state is of another algorithm, network or buffer."""
+        """Restore `state_dict`, on any device. Raises CheckpointError if the state is of another
+        algorithm, network or buffer."""
         try:
             self.policy.load_state_dict(state["policy"])
             self.updates, self.due = int(state["updates"]), float(state["due"])
@@ -293,9 +344,20 @@ class Learner:
                 self.memory.empty()
                 if "memory" in state:
                     load_memory_state(self.memory, state["memory"], self.device)
-        except (AssertionError, AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
+        except (
+            AssertionError,
+            AttributeError,
+            LookupError,
+            OverflowError,
+            RuntimeError,
+            TypeError,
+            ValueError,
+        ) as error:
             remedy = "resume with the settings it had"
-            raise CheckpointError(f"the checkpoint does not fit this agent ({message_of(error, typed=True)}); {remedy}") from None
+            raise CheckpointError(
+                f"the checkpoint does not fit this agent ({message_of(error, typed=True)}); "
+                f"{remedy}"
+            ) from None
 
 
 def load_loss(loss: LossModule, state: dict[str, Any]) -> None:
@@ -316,8 +378,11 @@ def memory_state(memory: ReplayBuffer) -> dict[str, Any]:
     return {"rows": rows, "writer": dict(memory.writer.state_dict()), **links}
 
 
-def load_memory_state(memory: ReplayBuffer, state: dict[str, Any], device: torch.device | str = "cpu") -> None:
-    """Restore `memory_state`. Raises ValueError, KeyError or RuntimeError if the state is of another buffer."""
+def load_memory_state(
+    memory: ReplayBuffer, state: dict[str, Any], device: torch.device | str = "cpu"
+) -> None:
+    """Restore `memory_state`. Raises ValueError, KeyError or RuntimeError if the state is of
+    another buffer."""
     rows, capacity = dict(state["rows"]), memory.storage.max_size
     size = len(next(iter(rows.values()), ()))
     if size > capacity or state["writer"].get("_cursor", 0) not in range(capacity):
@@ -333,7 +398,12 @@ def load_memory_state(memory: ReplayBuffer, state: dict[str, Any], device: torch
 
 
 def off_policy_learner(
-    env: EnvBase, settings: OffPolicySettings, policy: TensorDictModuleBase, loss: LossModule, target: Any = None, **options: Any
+    env: EnvBase,
+    settings: OffPolicySettings,
+    policy: TensorDictModuleBase,
+    loss: LossModule,
+    target: Any = None,
+    **options: Any,
 ) -> Learner:
     """A learner with the optimiser and replay buffer of the settings."""
     learned = list(loss.parameters())

@@ -19,19 +19,22 @@ from bricksrl.errors import DescriptionError, UnknownNameError, message_of
 
 
 class Dropout(nn.Dropout):
-    """``nn.Dropout`` that draws 16 bits a unit on the CPU, in a third of the time. Its rate is rounded to a multiple of 2^-16."""
+    """``nn.Dropout`` that draws 16 bits a unit on the CPU, in a third of the time. Its rate is
+    rounded to a multiple of 2^-16."""
 
     def forward(self, x: Tensor) -> Tensor:
         if not self.training or x.device.type != "cpu":
             return super().forward(x)
         dropped = min(round(self.p * 2**16), 2**16 - 1)
         pairs = torch.randint(-(2**63), 2**63 - 1, (-(-x.numel() // 4),)).view(torch.int32)
-        bits = torch.cat((pairs, pairs << 16))[: x.numel()].view(x.shape)  # of which the upper half decides
+        # of which the upper half decides
+        bits = torch.cat((pairs, pairs << 16))[: x.numel()].view(x.shape)
         return x * bits.to(x.dtype).ge_(dropped * 2**16 - 2**31).mul_(2**16 / (2**16 - dropped))
 
 
 class BatchNorm(nn.BatchNorm1d):
-    """Batch normalisation of the last dimension of ``[*batch, size]``; in evaluation mode by running statistics."""
+    """Batch normalisation of the last dimension of ``[*batch, size]``; in evaluation mode by
+    running statistics."""
 
     def forward(self, x: Tensor) -> Tensor:
         return super().forward(x.reshape(-1, x.shape[-1])).view(x.shape)
@@ -40,9 +43,16 @@ class BatchNorm(nn.BatchNorm1d):
 _NORMS: dict[str, type[nn.Module]] = {"layer": nn.LayerNorm, "rms": nn.RMSNorm, "batch": BatchNorm}
 
 
-def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, norm: Norm = "none", dropout: float = 0.0) -> nn.Sequential:
-    """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU. ``norm, dropout``: after each hidden
-    layer, before its ReLU, as in DroQ (Hiraoka et al., 2022)."""
+def mlp(
+    in_size: int,
+    out_size: int,
+    hidden: tuple[int, ...],
+    *,
+    norm: Norm = "none",
+    dropout: float = 0.0,
+) -> nn.Sequential:
+    """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU. ``norm,
+    dropout``: after each hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022)."""
     sizes, layers = (in_size, *hidden), list[nn.Module]()
     for size, units in itertools.pairwise(sizes):
         layers.append(nn.Linear(size, units))
@@ -53,13 +63,16 @@ def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, norm: Norm = "n
 
 
 def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) -> nn.Module:
-    """The network of the settings: an `mlp`, or the result of the user's factory, tried once before it learns. Raises
-    DescriptionError if that cannot be loaded, raises, or returns no network of these sizes."""
+    """The network of the settings: an `mlp`, or the result of the user's factory, tried once before
+    it learns. Raises DescriptionError if that cannot be loaded, raises, or returns no network of
+    these sizes."""
     reference = settings.network
     if kwargs.pop("layer_norm", False):  # as agents of users say
         kwargs["norm"] = "layer"
     if kwargs.get("norm") == "batch" and settings.batch_size < 2:
-        raise DescriptionError("a batch of 1 has no statistics; give a batch_size of 2 or more, or another norm")
+        raise DescriptionError(
+            "a batch of 1 has no statistics; give a batch_size of 2 or more, or another norm"
+        )
     if not reference:
         return mlp(in_size, out_size, settings.hidden, **kwargs)
     if not is_reference(reference):
@@ -68,7 +81,9 @@ def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) ->
     with calling(reference, "makes no network"):
         network = factory(in_size, out_size)
     if not isinstance(network, nn.Module):
-        raise DescriptionError(f"{reference} makes a {type(network).__name__}; let it return a torch.nn.Module")
+        raise DescriptionError(
+            f"{reference} makes a {type(network).__name__}; let it return a torch.nn.Module"
+        )
     for batch in ((2,), ()):
         size, wanted = [*batch, in_size], [*batch, out_size]
         try:
@@ -76,11 +91,17 @@ def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) ->
                 out = copy.deepcopy(network).eval()(torch.zeros(size))
         except Exception as error:
             fault = f"makes a network that fails on {size} ({message_of(error, typed=True)})"
-            remedy = "correct it" if batch else "a policy acts on one observation at a time; normalise with LayerNorm"
+            remedy = (
+                "correct it"
+                if batch
+                else "a policy acts on one observation at a time; normalise with LayerNorm"
+            )
             raise DescriptionError(f"{reference} {fault}; {remedy}") from error
         actual = list(out.shape) if isinstance(out, Tensor) else type(out).__name__
         if actual != wanted:
-            raise DescriptionError(f"{reference} makes a network from {size} to {actual}; let it give {wanted}")
+            raise DescriptionError(
+                f"{reference} makes a network from {size} to {actual}; let it give {wanted}"
+            )
     return network
 
 
@@ -96,8 +117,8 @@ class Actor(nn.Module):
 
 
 class Keyed(TensorDictModuleBase):  # type: ignore[misc]
-    """A module of tensors between keys: a ``TensorDictModule`` that does not import pandas to see whether a tensor is a table,
-    which takes as long as the first 30 updates."""
+    """A module of tensors between keys: a ``TensorDictModule`` that does not import pandas to see
+    whether a tensor is a table, which takes as long as the first 30 updates."""
 
     def __init__(self, module: nn.Module, in_keys: list[str], out_keys: list[str]) -> None:
         super().__init__()
@@ -105,7 +126,9 @@ class Keyed(TensorDictModuleBase):  # type: ignore[misc]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         out = self.module(*(tensordict[key] for key in self.in_keys))
-        for key, value in zip(self.out_keys, out if isinstance(out, tuple) else (out,), strict=True):
+        for key, value in zip(
+            self.out_keys, out if isinstance(out, tuple) else (out,), strict=True
+        ):
             tensordict[key] = value
         return tensordict
 
@@ -121,12 +144,22 @@ def action_spec(env: EnvBase) -> TensorSpec:
 
 
 def gaussian_policy(
-    encoder: nn.Module, body: nn.Module, spec: TensorSpec, *, min_scale: float = 0.1, log_prob: bool = False
+    encoder: nn.Module,
+    body: nn.Module,
+    spec: TensorSpec,
+    *,
+    min_scale: float = 0.1,
+    log_prob: bool = False,
 ) -> ProbabilisticActor:
-    """A tanh-squashed normal policy. ``body``: features to location and raw scale, twice the action's size; ``min_scale``: least
-    standard deviation before the tanh; ``log_prob``: write the action's log-probability too."""
+    """A tanh-squashed normal policy. ``body``: features to location and raw scale, twice the
+    action's size; ``min_scale``: least standard deviation before the tanh; ``log_prob``: write the
+    action's log-probability too."""
     return ProbabilisticActor(
-        Keyed(Actor(encoder, body, NormalParamExtractor(scale_lb=min_scale)), encoder_keys(encoder), ["loc", "scale"]),
+        Keyed(
+            Actor(encoder, body, NormalParamExtractor(scale_lb=min_scale)),
+            encoder_keys(encoder),
+            ["loc", "scale"],
+        ),
         in_keys=["loc", "scale"],
         distribution_class=TanhNormal,
         spec=Composite(action=spec),
@@ -139,5 +172,7 @@ def deterministic_policy(
 ) -> tuple[Keyed, TensorDictSequential]:
     """A deterministic actor ``tanh(body)``, and the policy that adds normal exploration noise."""
     actor = Keyed(Actor(encoder, body, nn.Tanh()), encoder_keys(encoder), ["action"])
-    exploration = AdditiveGaussianModule(spec, sigma_init=noise, sigma_end=noise, annealing_num_steps=1)
+    exploration = AdditiveGaussianModule(
+        spec, sigma_init=noise, sigma_end=noise, annealing_num_steps=1
+    )
     return actor, TensorDictSequential(actor, exploration)

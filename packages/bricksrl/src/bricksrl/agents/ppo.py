@@ -1,4 +1,5 @@
-"""Proximal policy optimisation (Schulman et al., 2017) with TorchRL's loss, for many simulated copies."""
+"""Proximal policy optimisation (Schulman et al., 2017) with TorchRL's loss, for many simulated
+copies."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -43,9 +44,15 @@ class PPOSettings(Settings):
 
 def build(env: EnvBase, settings: PPOSettings, device: torch.device | str = "cpu") -> Learner:
     """PPO for an environment. Initialized from torch's global generator."""
-    m, copies, encoder = action_size(env), max(1, env.batch_size.numel()), make_encoder(env, settings)
+    m, copies, encoder = (
+        action_size(env),
+        max(1, env.batch_size.numel()),
+        make_encoder(env, settings),
+    )
     body = make_body(settings, encoder.size, 2 * m)
-    policy = gaussian_policy(encoder, body, action_spec(env), min_scale=settings.min_scale, log_prob=True).to(device)
+    policy = gaussian_policy(
+        encoder, body, action_spec(env), min_scale=settings.min_scale, log_prob=True
+    ).to(device)
     critic = value_operator(encoder, make_body(settings, encoder.size, 1)).to(device)
     loss = ClipPPOLoss(
         policy,
@@ -55,10 +62,18 @@ def build(env: EnvBase, settings: PPOSettings, device: torch.device | str = "cpu
         normalize_advantage=True,
         loss_critic_type="l2",
     ).to(device)
-    advantage = GAE(gamma=settings.gamma, lmbda=settings.gae_lambda, value_network=critic, device=device)
+    advantage = GAE(
+        gamma=settings.gamma, lmbda=settings.gae_lambda, value_network=critic, device=device
+    )
 
     keys = loss.tensor_keys
-    used_keys = [*policy.in_keys, keys.action, keys.sample_log_prob, keys.advantage, keys.value_target]
+    used_keys = [
+        *policy.in_keys,
+        keys.action,
+        keys.sample_log_prob,
+        keys.advantage,
+        keys.value_target,
+    ]
 
     def estimate(frames: TensorDictBase) -> TensorDictBase:
         with torch.no_grad():

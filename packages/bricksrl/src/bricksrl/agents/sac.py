@@ -1,7 +1,8 @@
 """Soft actor-critic (Haarnoja et al., 2018) with learned temperature; includes DroQ and REDQ.
 
-DroQ: dropout and layer normalisation in the critics, 20 updates per step (Hiraoka et al., 2022). REDQ: ten critics, targets from
-two random ones (Chen et al., 2021). TD3, CrossQ and CQL share `ActorCriticLoss`.
+DroQ: dropout and layer normalisation in the critics, 20 updates per step (Hiraoka et al., 2022).
+REDQ: ten critics, targets from two random ones (Chen et al., 2021). TD3, CrossQ and CQL share
+`ActorCriticLoss`.
 """
 
 import copy
@@ -22,7 +23,14 @@ from torchrl.objectives.utils import hold_out_net
 from bricksrl.agents.encoder import encode, encoder_keys, make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
-from bricksrl.agents.settings import CriticSettings, Norm, OffPolicySettings, Positive, Range, ShareBelowOne
+from bricksrl.agents.settings import (
+    CriticSettings,
+    Norm,
+    OffPolicySettings,
+    Positive,
+    Range,
+    ShareBelowOne,
+)
 from bricksrl.errors import DescriptionError
 
 LEAST_SCALE = 0.01
@@ -63,11 +71,14 @@ class SACSettings(EntropySettings, CriticSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.num_min_qs > self.num_qs:
-            raise DescriptionError(f"num_min_qs is {self.num_min_qs}; there are only {self.num_qs} critics")
+            raise DescriptionError(
+                f"num_min_qs is {self.num_min_qs}; there are only {self.num_qs} critics"
+            )
 
 
 class Critics(nn.ModuleList):
-    """``k`` independent critics: features ``[batch, f]`` and actions ``[batch, m]`` to values ``[k, batch]``."""
+    """``k`` independent critics: features ``[batch, f]`` and actions ``[batch, m]`` to values ``[k,
+    batch]``."""
 
     def forward(self, features: Tensor, action: Tensor) -> Tensor:
         x = torch.cat((features, action), -1)
@@ -76,7 +87,8 @@ class Critics(nn.ModuleList):
 
 @dataclass(frozen=True)
 class Batch:
-    """Encoded transitions: ``features``, ``next_features`` ``[batch, f]``, ``action`` ``[batch, m]``, others ``[batch]``."""
+    """Encoded transitions: ``features``, ``next_features`` ``[batch, f]``, ``action`` ``[batch,
+    m]``, others ``[batch]``."""
 
     features: Tensor
     action: Tensor
@@ -90,13 +102,17 @@ class Batch:
 
 
 class ActorCriticLoss(LossModule):  # type: ignore[misc]
-    """Loss of an actor (features to the policy's outputs) and critics on the features ``[batch, f]`` of a shared encoder.
+    """Loss of an actor (features to the policy's outputs) and critics on the features ``[batch,
+    f]`` of a shared encoder.
 
-    It has TorchRL's keys (TorchRL's losses are the oracles in tests), a `qvalue_loss`, and an `actor_loss`, which not every
-    update computes. Features are encoded once; only the critics' loss trains the encoder.
+    It has TorchRL's keys (TorchRL's losses are the oracles in tests), a `qvalue_loss`, and an
+    `actor_loss`, which not every update computes. Features are encoded once; only the critics' loss
+    trains the encoder.
     """
 
-    def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: OffPolicySettings) -> None:
+    def __init__(
+        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: OffPolicySettings
+    ) -> None:
         super().__init__()
         self.encoder, self.actor, self.critics, self.gamma = encoder, actor, critics, settings.gamma
         self.anchor: nn.Module | None = None  # of a policy that was taught
@@ -104,7 +120,11 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         is_smooth = isinstance(settings, CriticSettings) and settings.critic_loss == "smooth-l1"
         self.errors = smooth_errors if is_smooth else squared_errors
         keys = encoder_keys(encoder)
-        self.in_keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
+        self.in_keys = [
+            *keys,
+            "action",
+            *(("next", key) for key in (*keys, "reward", "terminated")),
+        ]
 
     @abstractmethod
     def target_qvalue(self, batch: Batch) -> Tensor:
@@ -127,8 +147,14 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         steps = tensordict.get("steps_to_next_obs", None)
         gamma = self.gamma if steps is None else self.gamma ** steps.squeeze(-1)
         discount = gamma * (~after["terminated"].squeeze(-1)).to(features.dtype)
-        batch = Batch(features, tensordict["action"], after["reward"].squeeze(-1), next_features, discount)
-        return batch if self.base is None else replace(batch, base=self.base(tensordict), next_base=self.base(after))
+        batch = Batch(
+            features, tensordict["action"], after["reward"].squeeze(-1), next_features, discount
+        )
+        return (
+            batch
+            if self.base is None
+            else replace(batch, base=self.base(tensordict), next_base=self.base(after))
+        )
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
         """All losses of a batch, and detached metrics; scalars."""
@@ -161,15 +187,20 @@ def squared_errors(values: Tensor, target: Tensor) -> Tensor:
 
 def smooth_errors(values: Tensor, target: Tensor) -> Tensor:
     """Mean of half the squared error up to 1, linear beyond, summed over the critics."""
-    return functional.smooth_l1_loss(values, target.expand_as(values), reduction="none").mean(-1).sum()
+    return (
+        functional.smooth_l1_loss(values, target.expand_as(values), reduction="none").mean(-1).sum()
+    )
 
 
 class SACLoss(ActorCriticLoss):
     """Loss of soft actor-critic. Tests compare it with TorchRL's ``SACLoss``."""
 
-    out_keys = ["loss_qvalue", "loss_actor", "loss_alpha", "alpha", "entropy"]  # noqa: RUF012  as in TorchRL
+    # as in TorchRL
+    out_keys = ["loss_qvalue", "loss_actor", "loss_alpha", "alpha", "entropy"]  # noqa: RUF012
 
-    def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: Any) -> None:
+    def __init__(
+        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: Any
+    ) -> None:
         super().__init__(encoder, actor, critics, settings)
         self.settings, self.target_critics = settings, copy.deepcopy(critics).requires_grad_(False)
         self.log_alpha = nn.Parameter(torch.tensor(math.log(settings.alpha_init)))
@@ -183,13 +214,16 @@ class SACLoss(ActorCriticLoss):
     def target_qvalue(self, batch: Batch) -> Tensor:
         """Reward plus discounted soft value of the next state."""
         next_action, next_log_prob = self.draw(self.actor(batch.next_features), batch.next_base)
-        return batch.reward + batch.discount * (self.next_qvalue(batch, next_action) - self.alpha * next_log_prob)
+        return batch.reward + batch.discount * (
+            self.next_qvalue(batch, next_action) - self.alpha * next_log_prob
+        )
 
     def next_qvalue(self, batch: Batch, next_action: Tensor) -> Tensor:
         """Minimum ``[batch]`` of the target critics drawn for this update."""
         count, critics = self.settings.num_min_qs, self.target_critics
         drawn = torch.randperm(len(critics))[:count] if count < len(critics) else None
-        if drawn is not None and not torch.compiler.is_compiling():  # a graph cannot depend on the drawn indices
+        # a graph cannot depend on the drawn indices
+        if drawn is not None and not torch.compiler.is_compiling():
             critics, drawn = Critics(critics[i] for i in drawn.tolist()), None
         values: Tensor = critics(batch.next_features, next_action)
         return (values if drawn is None else values[drawn.to(values.device)]).amin(0)
@@ -199,27 +233,36 @@ class SACLoss(ActorCriticLoss):
         action, log_prob = self.draw(self.actor_outputs(batch.features), batch.base)
         values = self.critics(batch.features.detach(), action)
         value = values.amin(0) if self.settings.actor_q == "min" else values.mean(0)
-        return {"loss_actor": (self.alpha * log_prob - value).mean(), **self.alpha_loss(log_prob, action.shape[-1])}
+        return {
+            "loss_actor": (self.alpha * log_prob - value).mean(),
+            **self.alpha_loss(log_prob, action.shape[-1]),
+        }
 
     def alpha_loss(self, log_prob: Tensor, action_size: int) -> dict[str, Tensor]:
         """Loss of the temperature from log-probabilities ``[batch]``, temperature and entropy."""
         entropy, target = -log_prob.detach().mean(), self.settings.target_entropy * action_size
-        return {"loss_alpha": self.log_alpha * (entropy - target), "alpha": self.alpha, "entropy": entropy}
+        return {
+            "loss_alpha": self.log_alpha * (entropy - target),
+            "alpha": self.alpha,
+            "entropy": entropy,
+        }
 
     def draw(self, out: Tensor, base: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """Action ``[*batch, m]`` and log-probability ``[*batch]`` from the actor's outputs: a faster ``TanhNormal``. The
-        probability is of what is added to a base."""
+        """Action ``[*batch, m]`` and log-probability ``[*batch]`` from the actor's outputs: a
+        faster ``TanhNormal``. The probability is of what is added to a base."""
         loc, scale = location_and_scale(out, self.settings.min_scale)
         noise = torch.randn(*loc.shape, dtype=out.dtype, device=out.device)
         x = torch.addcmul(loc, scale, noise)
-        # log of the normal density, less log(1 - tanh(x)^2) = 2 (log 2 - x - softplus(-2 x)), which stays finite for large x
+        # log of the normal density, less log(1 - tanh(x)^2) = 2 (log 2 - x - softplus(-2 x)), which
+        # stays finite for large x
         parts = noise.square() * 0.25 + scale.log() * 0.5 - x - functional.softplus(-2.0 * x)
         constant = loc.shape[-1] * (2.0 * math.log(2.0) + 0.5 * math.log(2.0 * math.pi))
         return on_base(x.tanh(), base), -2.0 * parts.sum(-1) - constant
 
 
 def location_and_scale(out: Tensor, min_scale: float) -> tuple[Tensor, Tensor]:
-    """Location and scale ``[*batch, m]`` of the normal before the tanh, from outputs ``[*batch, 2 m]``."""
+    """Location and scale ``[*batch, m]`` of the normal before the tanh, from outputs ``[*batch, 2
+    m]``."""
     loc, raw_scale = out.chunk(2, -1)
     return loc, (functional.softplus(raw_scale + SCALE_SHIFT) + LEAST_SCALE).clamp_min(min_scale)
 
@@ -244,12 +287,22 @@ class PolyakUpdate:
             target.copy_(source)
 
 
-def build(env: EnvBase, settings: SACSettings, device: torch.device | str = "cpu", make_loss: type[SACLoss] = SACLoss) -> Learner:
-    """SAC, or an algorithm with another loss, for an environment. Initialized from torch's global generator."""
+def build(
+    env: EnvBase,
+    settings: SACSettings,
+    device: torch.device | str = "cpu",
+    make_loss: type[SACLoss] = SACLoss,
+) -> Learner:
+    """SAC, or an algorithm with another loss, for an environment. Initialized from torch's global
+    generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
-    actor = make_body(settings, encoder.size, 2 * m, norm=settings.actor_norm, dropout=settings.actor_dropout)
+    actor = make_body(
+        settings, encoder.size, 2 * m, norm=settings.actor_norm, dropout=settings.actor_dropout
+    )
     kwargs = {"norm": settings.critic_norm, "dropout": settings.dropout}
-    critics = Critics([make_body(settings, encoder.size + m, 1, **kwargs) for _ in range(settings.num_qs)])
+    critics = Critics(
+        [make_body(settings, encoder.size + m, 1, **kwargs) for _ in range(settings.num_qs)]
+    )
     policy = gaussian_policy(encoder, actor, action_spec(env), min_scale=settings.min_scale)
     loss = make_loss(encoder, actor, critics, settings).to(device)
     target = PolyakUpdate((loss.critics, loss.target_critics), tau=settings.tau)

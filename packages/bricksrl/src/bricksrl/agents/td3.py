@@ -13,7 +13,14 @@ from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
 from bricksrl.agents.sac import ActorCriticLoss, Batch, Critics, PolyakUpdate, on_base
-from bricksrl.agents.settings import CriticSettings, Norm, NotNegative, Positive, Range, TargetSettings
+from bricksrl.agents.settings import (
+    CriticSettings,
+    Norm,
+    NotNegative,
+    Positive,
+    Range,
+    TargetSettings,
+)
 
 
 @dataclass(frozen=True)
@@ -47,37 +54,51 @@ FARTHEST = 0.999
 
 
 class TD3Loss(ActorCriticLoss):
-    """Loss of TD3: clipped target noise, the actor maximises the first critic. Tests compare it with TorchRL's ``TD3Loss``.
-    ``actor``: features to actions before the tanh."""
+    """Loss of TD3: clipped target noise, the actor maximises the first critic. Tests compare it
+    with TorchRL's ``TD3Loss``. ``actor``: features to actions before the tanh."""
 
     out_keys = ["loss_qvalue", "loss_actor"]  # noqa: RUF012  as in TorchRL
 
-    def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: TD3Settings) -> None:
+    def __init__(
+        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: TD3Settings
+    ) -> None:
         super().__init__(encoder, actor, critics, settings)
         self.target_actor = copy.deepcopy(actor).requires_grad_(False)
         self.target_critics = copy.deepcopy(critics).requires_grad_(False)
-        self.target_noise, self.target_noise_clip = settings.target_noise, settings.target_noise_clip
+        self.target_noise, self.target_noise_clip = (
+            settings.target_noise,
+            settings.target_noise_clip,
+        )
 
     @torch.no_grad()
     def target_qvalue(self, batch: Batch) -> Tensor:
         """Reward plus discounted minimum value of the next state with a noisy action."""
         action = on_base(self.target_actor(batch.next_features).tanh(), batch.next_base)
-        noise = (self.target_noise * torch.randn_like(action)).clamp_(-self.target_noise_clip, self.target_noise_clip)
-        next_value: Tensor = self.target_critics(batch.next_features, (action + noise).clamp_(-1.0, 1.0)).amin(0)
+        noise = (self.target_noise * torch.randn_like(action)).clamp_(
+            -self.target_noise_clip, self.target_noise_clip
+        )
+        next_value: Tensor = self.target_critics(
+            batch.next_features, (action + noise).clamp_(-1.0, 1.0)
+        ).amin(0)
         return batch.reward + batch.discount * next_value
 
     @torch.no_grad()
     def start_at_mean_value(self, transitions: TensorDictBase) -> None:
-        """Set the critics' last biases to the mean value of transitions; 0 is far from most. This constant satisfies their
-        Bellman equation, ``mean(reward) / (1 - gamma * mean(not terminated))``: LSTD with a constant as its only feature. A
-        discount near 1 has a horizon that no data show: of `FARTHEST`'s, and of what was seen, the nearer one is taken."""
+        """Set the critics' last biases to the mean value of transitions; 0 is far from most. This
+        constant satisfies their Bellman equation, ``mean(reward) / (1 - gamma * mean(not
+        terminated))``: LSTD with a constant as its only feature. A discount near 1 has a horizon
+        that no data show: of `FARTHEST`'s, and of what was seen, the nearer one is taken."""
         after = transitions["next"]
         ending = 1.0 - self.gamma * (~after["terminated"]).float().mean()
         if self.gamma > FARTHEST:
             ending = ending.clamp_min(max(1.0 - FARTHEST, 1.0 / len(transitions)))
         value = after["reward"].mean() / ending
         for critic in (*self.critics, *self.target_critics):
-            for last in [layer for layer in critic.modules() if isinstance(layer, nn.Linear) and layer.bias is not None][-1:]:
+            for last in [
+                layer
+                for layer in critic.modules()
+                if isinstance(layer, nn.Linear) and layer.bias is not None
+            ][-1:]:
                 last.bias.fill_(value)
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
@@ -91,9 +112,23 @@ def build(env: EnvBase, settings: TD3Settings, device: torch.device | str = "cpu
     """TD3 for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
     body = make_body(settings, encoder.size, m, norm=settings.actor_norm)
-    critics = Critics([make_body(settings, encoder.size + m, 1, norm=settings.critic_norm) for _ in range(2)])
-    _, policy = deterministic_policy(encoder, body, action_spec(env), noise=settings.exploration_noise)
+    critics = Critics(
+        [make_body(settings, encoder.size + m, 1, norm=settings.critic_norm) for _ in range(2)]
+    )
+    _, policy = deterministic_policy(
+        encoder, body, action_spec(env), noise=settings.exploration_noise
+    )
     loss = TD3Loss(encoder, body, critics, settings).to(device)
-    target = PolyakUpdate((loss.critics, loss.target_critics), (loss.actor, loss.target_actor), tau=settings.tau)
+    target = PolyakUpdate(
+        (loss.critics, loss.target_critics), (loss.actor, loss.target_actor), tau=settings.tau
+    )
     begin = loss.start_at_mean_value if settings.start_value else None
-    return off_policy_learner(env, settings, policy.to(device), loss, target, target_delay=settings.actor_delay, begin=begin)
+    return off_policy_learner(
+        env,
+        settings,
+        policy.to(device),
+        loss,
+        target,
+        target_delay=settings.actor_delay,
+        begin=begin,
+    )

@@ -20,15 +20,20 @@ class TD3BCSettings(DeterministicSettings):
     """Settings of TD3+BC."""
 
     value_weight: Annotated[float, Positive] = 2.5
-    """Weight of the value, scaled to mean magnitude 1, relative to the squared distance from the data's action."""
+    """Weight of the value, scaled to mean magnitude 1, relative to the squared distance from the
+    data's action."""
 
 
 def build(env: EnvBase, settings: TD3BCSettings, device: torch.device | str = "cpu") -> Learner:
     """TD3+BC for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
     body = make_body(settings, encoder.size, m, norm=settings.actor_norm)
-    actor, policy = deterministic_policy(encoder, body, action_spec(env), noise=settings.exploration_noise)
-    critic = critic_operator(encoder, make_body(settings, encoder.size + m, 1, norm=settings.critic_norm))
+    actor, policy = deterministic_policy(
+        encoder, body, action_spec(env), noise=settings.exploration_noise
+    )
+    critic = critic_operator(
+        encoder, make_body(settings, encoder.size + m, 1, norm=settings.critic_norm)
+    )
     loss = TD3BCLoss(
         actor.to(device),
         critic.to(device),
@@ -41,4 +46,6 @@ def build(env: EnvBase, settings: TD3BCSettings, device: torch.device | str = "c
     ).to(device)
     loss.make_value_estimator(gamma=settings.gamma)
     target = SoftUpdate(loss, tau=settings.tau)
-    return off_policy_learner(env, settings, policy.to(device), loss, target, target_delay=settings.actor_delay)
+    return off_policy_learner(
+        env, settings, policy.to(device), loss, target, target_delay=settings.actor_delay
+    )

@@ -1,9 +1,11 @@
-"""Teachers: a frozen base that a policy adds to, or demonstrations that it imitates first; and the anchor that holds it there.
+"""Teachers: a frozen base that a policy adds to, or demonstrations that it imitates first; and the
+anchor that holds it there.
 
-New critics mislead the actor, and Adam's first steps are large: without a constraint what was taught is lost within an episode.
-An anchor therefore pulls the actor back to the policy that it began with, less over time: the constraint of offline agents
-(Fujimoto and Gu, 2021), relaxed on the robot (Beeson and Montana, 2022). Scaling by the value's gradient makes it independent of
-the reward scale.
+New critics mislead the actor, and Adam's first steps are large: without a constraint what was
+taught is lost within an episode. An anchor therefore pulls the actor back to the policy that it
+began with, less over time: the constraint of offline agents (Fujimoto and Gu, 2021), relaxed on the
+robot (Beeson and Montana, 2022). Scaling by the value's gradient makes it independent of the reward
+scale.
 """
 
 import copy
@@ -27,7 +29,8 @@ from bricksrl.errors import RunError
 STEPS = 2000
 """Robot steps until the actor is free."""
 REACH, REACH_ON_BASE = 2.0, 0.4
-"""Distance from the first policy at that time, before the tanh; and of what is added to a base, where it is all that acts."""
+"""Distance from the first policy at that time, before the tanh; and of what is added to a base,
+where it is all that acts."""
 MARGIN = 1.2
 """First standard deviation, relative to the minimum, at which it has no gradient."""
 ALPHA = 0.01
@@ -59,18 +62,24 @@ class Scripted(TensorDictModuleBase):  # type: ignore[misc]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         rows = tensordict.select(*self.in_keys).reshape(-1).cpu()
-        acted = [self.controller({key: row[key].numpy().copy() for key in self.in_keys}) for row in rows]
+        acted = [
+            self.controller({key: row[key].numpy().copy() for key in self.in_keys}) for row in rows
+        ]
         action = torch.as_tensor(np.stack(acted), dtype=torch.float32, device=tensordict.device)
         return tensordict.set("action", action.view(*tensordict.batch_size, -1))
 
 
 class Residual(TensorDictModuleBase):  # type: ignore[misc]
-    """A policy that adds the actions of a ``learned`` one to those of its base (Johannink et al., 2019), within -1..1."""
+    """A policy that adds the actions of a ``learned`` one to those of its base (Johannink et al.,
+    2019), within -1..1."""
 
     def __init__(self, base: Base, learned: TensorDictModuleBase) -> None:
         super().__init__()
         self.base, self.learned = base, learned
-        self.in_keys, self.out_keys = list(dict.fromkeys((*base.in_keys, *learned.in_keys))), ["action"]
+        self.in_keys, self.out_keys = (
+            list(dict.fromkeys((*base.in_keys, *learned.in_keys))),
+            ["action"],
+        )
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         base = self.base(tensordict)
@@ -78,7 +87,8 @@ class Residual(TensorDictModuleBase):  # type: ignore[misc]
 
 
 def add_base(learner: Learner, base: Base) -> None:
-    """Let a new learner's actions be added to those of a base: nothing at first. Raises RunError as `hold` does."""
+    """Let a new learner's actions be added to those of a base: nothing at first. Raises RunError as
+    `hold` does."""
     loss = _teachable(learner)
     loss.base = learner.base = base.to(learner.device)
     learner.policy = Residual(base, learner.policy)
@@ -89,8 +99,8 @@ def add_base(learner: Learner, base: Base) -> None:
 
 
 def imitate(learner: Learner, frames: TensorDictBase, actions: Tensor) -> None:
-    """Teach a new learner's actor the ``actions`` ``[time, m]`` for what ``frames`` ``[time]`` observe, by least squares, and
-    hold it there. Raises RunError as `hold` does."""
+    """Teach a new learner's actor the ``actions`` ``[time, m]`` for what ``frames`` ``[time]``
+    observe, by least squares, and hold it there. Raises RunError as `hold` does."""
     loss = _teachable(learner)
     frames, actions = frames.to(learner.device), actions.to(learner.device)
     optimizer = torch.optim.Adam([*loss.encoder.parameters(), *loss.actor.parameters()], fused=True)
@@ -110,13 +120,16 @@ def imitate(learner: Learner, frames: TensorDictBase, actions: Tensor) -> None:
 
 @torch.no_grad()
 def hold(learner: Learner) -> None:
-    """Let a policy that was taught explore little, and anchor it. Raises RunError if the agent has no such policy."""
+    """Let a policy that was taught explore little, and anchor it. Raises RunError if the agent has
+    no such policy."""
     loss = _teachable(learner)
     if isinstance(loss, SACLoss):
         *_, weight, bias = _layers(loss.actor)
         size = len(bias) // 2
         weight[size:] = 0.0
-        bias[size:] = math.log(math.expm1(MARGIN * loss.settings.min_scale - LEAST_SCALE)) - SCALE_SHIFT
+        bias[size:] = (
+            math.log(math.expm1(MARGIN * loss.settings.min_scale - LEAST_SCALE)) - SCALE_SHIFT
+        )
         loss.log_alpha.clamp_(max=math.log(ALPHA))
     if hasattr(loss, "target_actor"):
         loss.target_actor.load_state_dict(loss.actor.state_dict())
@@ -124,19 +137,22 @@ def hold(learner: Learner) -> None:
 
 
 def anchor(learner: Learner) -> None:
-    """Hold the actor near its current policy for the updates of `STEPS` robot steps. Raises RunError if updates are compiled."""
+    """Hold the actor near its current policy for the updates of `STEPS` robot steps. Raises
+    RunError if updates are compiled."""
     loss = _teachable(learner)
     if learner.gradients is not None:
         raise RunError("a policy that is taught cannot be compiled; omit --compile")
     outputs = len(_layers(loss.actor)[-1])
     updates = max(1, round(STEPS * learner.updates_per_step / learner.actor_delay))
     size = outputs // 2 if isinstance(loss, SACLoss) else outputs
-    loss.anchor = PolicyAnchor(loss.actor, size, updates, REACH if loss.base is None else REACH_ON_BASE)
+    loss.anchor = PolicyAnchor(
+        loss.actor, size, updates, REACH if loss.base is None else REACH_ON_BASE
+    )
 
 
 def restore(learner: Learner, state: dict[str, Any]) -> None:
-    """Restore `Learner.state_dict` of a learner that may be anchored. Raises CheckpointError as `Learner.load_state_dict` does,
-    RunError if an anchored one is compiled."""
+    """Restore `Learner.state_dict` of a learner that may be anchored. Raises CheckpointError as
+    `Learner.load_state_dict` does, RunError if an anchored one is compiled."""
     loss = state.get("loss")
     if isinstance(loss, dict) and any(str(name).startswith("anchor.") for name in loss):
         anchor(learner)
@@ -158,16 +174,20 @@ class CountedUpdates:
 
 
 class PolicyAnchor(CountedUpdates, nn.Module):
-    """A decreasing pull of an actor's mean towards the current policy of ``actor``, until it is free after ``updates`` updates,
-    ``reach`` away. ``actor``: features to outputs; the first ``action_size`` are the mean before the tanh."""
+    """A decreasing pull of an actor's mean towards the current policy of ``actor``, until it is
+    free after ``updates`` updates, ``reach`` away. ``actor``: features to outputs; the first
+    ``action_size`` are the mean before the tanh."""
 
-    def __init__(self, actor: nn.Module, action_size: int, updates: int, reach: float = REACH) -> None:
+    def __init__(
+        self, actor: nn.Module, action_size: int, updates: int, reach: float = REACH
+    ) -> None:
         super().__init__()
         self.policy = copy.deepcopy(actor).requires_grad_(False)
         self._size, self._updates, self._reach = action_size, updates, reach
 
     def forward(self, features: Tensor, out: Tensor) -> Tensor:
-        """The actor's outputs, whose gradient gets the pull. In equilibrium the distance is the one allowed by now."""
+        """The actor's outputs, whose gradient gets the pull. In equilibrium the distance is the one
+        allowed by now."""
         if not out.requires_grad or self.updates_made >= self._updates:
             return out
         self.updates_made += 1
@@ -185,10 +205,14 @@ class PolicyAnchor(CountedUpdates, nn.Module):
 
 def _teachable(learner: Learner) -> ActorCriticLoss:
     if not isinstance(learner.loss, ActorCriticLoss):
-        raise RunError("only sac, droq, redq, td3, crossq and cql can be taught; choose one of them")
+        raise RunError(
+            "only sac, droq, redq, td3, crossq and cql can be taught; choose one of them"
+        )
     return learner.loss
 
 
 def _layers(network: nn.Module) -> list[Tensor]:
     """Parameters of the layers in order, weights before biases, outputs first."""
-    return [parameter for module in network.modules() for parameter in module.parameters(recurse=False)]
+    return [
+        parameter for module in network.modules() for parameter in module.parameters(recurse=False)
+    ]

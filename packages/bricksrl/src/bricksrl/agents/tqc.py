@@ -30,13 +30,20 @@ class TQCSettings(EntropySettings, TargetSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.dropped >= self.quantiles:
-            raise DescriptionError(f"dropped is {self.dropped}; leave at least one of the {self.quantiles} quantiles")
+            raise DescriptionError(
+                f"dropped is {self.dropped}; leave at least one of the {self.quantiles} quantiles"
+            )
 
 
 def build(env: EnvBase, settings: TQCSettings, device: torch.device | str = "cpu") -> Learner:
     """TQC for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
-    policy = gaussian_policy(encoder, make_body(settings, encoder.size, 2 * m), action_spec(env), min_scale=settings.min_scale)
+    policy = gaussian_policy(
+        encoder,
+        make_body(settings, encoder.size, 2 * m),
+        action_spec(env),
+        min_scale=settings.min_scale,
+    )
     body = make_body(settings, encoder.size + m, settings.quantiles, norm=settings.critic_norm)
     loss = TQCLoss(
         policy.to(device),

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code: 0, 1 for a hub program that failed, 2 for an error, 130 for Ctrl-C."""
+    """Run one command and return its exit code: 0, 1 for a hub program that failed, 2 for an error,
+    130 for Ctrl-C."""
     os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # hide TorchRL's notes about its buffers
     return start("bricksrl.cli.app", arguments)

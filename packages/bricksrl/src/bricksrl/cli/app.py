@@ -24,7 +24,7 @@ Examples:
   bricksrl evaluate runs/<folder>
   bricksrl train --help
   bricksrl --version
-""",
+""",  # noqa: E501
     {
         "list": "bricksrl.cli.envs:List",
         "train": "bricksrl.cli.train:Train",
@@ -50,7 +50,10 @@ Examples:
     {
         "hub": (
             "Hubs: find, check, calibrate and stop one; print its program; run your own programs.",
-            {name: _OF_HUBS[name] for name in ("scan", "check", "latency", "calibrate", "stop", "program")}
+            {
+                name: _OF_HUBS[name]
+                for name in ("scan", "check", "latency", "calibrate", "stop", "program")
+            }
             | {"run": "bricksrl.cli.hub_run:Run"},
         ),
         "data": (
@@ -68,13 +71,22 @@ Examples:
                 "pull": "bricksrl.cli.data:Pull",
             },
         ),
-        "camera": ("The camera of a task: calibrate its colors.", {"calibrate": "bricksrl.cli.camera_command:CalibrateCamera"}),
+        "camera": (
+            "The camera of a task: calibrate its colors.",
+            {"calibrate": "bricksrl.cli.camera_command:CalibrateCamera"},
+        ),
         "plan": (
-            "Building plans: check an LDraw file, list its parts, draw its booklet, show it in the browser.",
+            (
+                "Building plans: check an LDraw file, list its parts, draw its booklet, show it in "
+                "the browser."
+            ),
             {**_OF_TWINS["plan"][1], "show": "bricksrl.cli.page:ShowPlan"},
         ),
         "new": (
-            "Templates: write a commented Python file as a start for your own task, robot or algorithm.",
+            (
+                "Templates: write a commented Python file as a start for your own task, robot or "
+                "algorithm."
+            ),
             {
                 "task": "bricksrl.cli.new:NewTask",
                 "robot": "bricksrl.cli.new:NewRobot",

@@ -1,4 +1,5 @@
-"""``bricksrl data``: inspect, check, repair, merge, split, plot, import, export and share datasets."""
+"""``bricksrl data``: inspect, check, repair, merge, split, plot, import, export and share
+datasets."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,13 @@ from brickhub.files import folder_with, only_writer, quoted
 from bricksrl.cli.terminal import load_learning
 from bricksrl.data.dataset import Dataset, dataset_folder, existing_dataset
 from bricksrl.data.edit import merge, salvage, split
-from bricksrl.data.formats import export_minari, export_numpy, export_parquet, import_lerobot, import_paper
+from bricksrl.data.formats import (
+    export_minari,
+    export_numpy,
+    export_parquet,
+    import_lerobot,
+    import_paper,
+)
 from bricksrl.data.integrity import check, recover
 from bricksrl.data.lerobot import is_lerobot
 from bricksrl.data.schema import FILES
@@ -45,7 +52,10 @@ class Info:
                 print_line(summary.to_json())
                 continue
             images = f", images of {summary.camera}" if summary.camera else ""
-            named = (("observation", f"{', '.join(summary.observation)}{images}"), ("action", ", ".join(summary.action)))
+            named = (
+                ("observation", f"{', '.join(summary.observation)}{images}"),
+                ("action", ", ".join(summary.action)),
+            )
             print_line(f"{path}:")
             for label, value in (*summary.rows(), *named):
                 print_line(f"  {label:17} {value}")
@@ -53,7 +63,8 @@ class Info:
 
 @dataclass(frozen=True)
 class CheckData:
-    """Check every file, digest and step of a dataset, without changing anything. Exit code 1 when something is wrong.
+    """Check every file, digest and step of a dataset, without changing anything. Exit code 1 when
+    something is wrong.
 
     Examples:
       bricksrl data check datasets/walker_expert
@@ -70,10 +81,11 @@ class CheckData:
 
 @dataclass(frozen=True)
 class Repair:
-    """Repair a dataset after its recording was killed, or save the intact episodes of a damaged one.
+    """Repair a dataset after its recording was killed, or save the intact episodes of a damaged
+    one.
 
-    Without --out the index is rebuilt from the intact files; exit code 1 if something is still wrong. With --out the dataset is
-    not changed, and its intact episodes are written to a new one.
+    Without --out the index is rebuilt from the intact files; exit code 1 if something is still
+    wrong. With --out the dataset is not changed, and its intact episodes are written to a new one.
 
     Examples:
       bricksrl data repair datasets/walker_expert
@@ -93,23 +105,31 @@ class Repair:
             print_line(f"{counted(len(dataset.rows), 'episode')}: {self.out}")
             return 0
         if not (root / FILES["description"]).exists():
-            raise DataError(f"there is no dataset of ours in {root}; choose {folder_with(root, FILES['description'])}")
+            raise DataError(
+                f"there is no dataset of ours in {root}; choose "
+                f"{folder_with(root, FILES['description'])}"
+            )
         with only_writer(root, DataError):
             dataset, adopted, removed = recover(root, rebuild=True)
         print_line(
-            f"{counted(len(dataset.rows), 'episode')}; {adopted} new in the index, {counted(removed, 'unfinished file')} removed"
+            f"{counted(len(dataset.rows), 'episode')}; {adopted} new in the index, "
+            f"{counted(removed, 'unfinished file')} removed"
         )
         faults = check(root)
         for fault in faults:
             print_line(fault.detail)
         if faults:
-            print_line(f"save the intact episodes to a new dataset with `bricksrl data repair {quoted(self.dataset)} --out DIR`")
+            print_line(
+                "save the intact episodes to a new dataset with `bricksrl data repair "
+                f"{quoted(self.dataset)} --out DIR`"
+            )
         return 1 if faults else 0
 
 
 @dataclass(frozen=True)
 class Merge:
-    """Merge datasets of the same robot, rate and shape into a new one with few files; a single one is compacted.
+    """Merge datasets of the same robot, rate and shape into a new one with few files; a single one
+    is compacted.
 
     Examples:
       bricksrl data merge datasets/monday datasets/tuesday --out datasets/both
@@ -168,8 +188,8 @@ class PlotData:
 
 @dataclass(frozen=True)
 class Import:
-    """Import a dataset that LeRobot recorded, or datasets of the BricksRL paper: folders of memory-mapped tensors, of one task or
-    of all.
+    """Import a dataset that LeRobot recorded, or datasets of the BricksRL paper: folders of
+    memory-mapped tensors, of one task or of all.
 
     Examples:
       bricksrl data import lerobot/my_walker --out datasets/walker
@@ -182,7 +202,8 @@ class Import:
     out: Annotated[Path, option(metavar="DIR")]
     """Folder to write to."""
     env: Annotated[str | None, option(metavar="ENV")] = None
-    """Environment of the datasets; by default inferred from the robot that LeRobot names, or from the names of the folders."""
+    """Environment of the datasets; by default inferred from the robot that LeRobot names, or from
+    the names of the folders."""
 
     def execute(self) -> None:
         if is_lerobot(self.source):
@@ -198,10 +219,9 @@ class Import:
 class ExportData:
     """Export a dataset to the format of another tool.
 
-    Examples:
-      bricksrl data export datasets/walker --format numpy --out walker.npz
-      bricksrl data export datasets/walker --format parquet --out walker.parquet
-      bricksrl data export datasets/walker --format minari --out ~/.minari/datasets/bricksrl/walker-v0
+    Examples: bricksrl data export datasets/walker --format numpy --out walker.npz bricksrl data
+      export datasets/walker --format parquet --out walker.parquet bricksrl data export
+      datasets/walker --format minari --out ~/.minari/datasets/bricksrl/walker-v0
     """
 
     dataset: DatasetArgument
@@ -213,13 +233,16 @@ class ExportData:
     def execute(self) -> None:
         existing_dataset(self.dataset)
         load_learning()
-        {"numpy": export_numpy, "parquet": export_parquet, "minari": export_minari}[self.format](self.dataset, self.out)
+        {"numpy": export_numpy, "parquet": export_parquet, "minari": export_minari}[self.format](
+            self.dataset, self.out
+        )
         print_line(f"{self.format}  {self.out}")
 
 
 @dataclass(frozen=True)
 class Push:
-    """Upload a dataset, the policy of a run, or the log of a measured robot to the Hugging Face hub, with a card.
+    """Upload a dataset, the policy of a run, or the log of a measured robot to the Hugging Face
+    hub, with a card.
 
     Log in first: `hf auth login`, or set HF_TOKEN.
 
@@ -251,7 +274,8 @@ class Push:
 
 @dataclass(frozen=True)
 class Pull:
-    """Download a dataset, or a policy, from the Hugging Face hub. It is checked before it is moved to its folder.
+    """Download a dataset, or a policy, from the Hugging Face hub. It is checked before it is moved
+    to its folder.
 
     Examples:
       bricksrl data pull me/walker-expert --out datasets/walker_expert

@@ -30,7 +30,9 @@ def check_physics() -> Answer:
     check_mujoco()
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>")
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
+    )
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 10)
     if not data.qpos[2] < 0.0:
@@ -46,11 +48,17 @@ def check_opengl() -> Answer:
             command, env=variables, capture_output=True, text=True, timeout=_DRAW_S, check=False
         )
     except subprocess.TimeoutExpired:
-        return Outcome.WARNING, f"nothing was drawn within {_DRAW_S:g} s; all but pictures and videos works"
+        return (
+            Outcome.WARNING,
+            f"nothing was drawn within {_DRAW_S:g} s; all but pictures and videos works",
+        )
     if process.returncode == 0:
         return Outcome.OK, f"draws ({os.environ.get('MUJOCO_GL', 'the library that was found')})"
     last = (process.stderr.strip().splitlines() or [f"exit code {process.returncode}"])[-1]
-    return Outcome.WARNING, f"no pictures and videos: {last.rpartition('Error: ')[2]}; all the rest works without"
+    return (
+        Outcome.WARNING,
+        f"no pictures and videos: {last.rpartition('Error: ')[2]}; all the rest works without",
+    )
 
 
 def check_opencv() -> Answer:
@@ -58,7 +66,10 @@ def check_opencv() -> Answer:
     try:
         import cv2
     except ImportError as error:
-        return Outcome.WARNING, f"none ({error}); `pip install bricksrl[vision]` where a task has a real camera"
+        return (
+            Outcome.WARNING,
+            f"none ({error}); `pip install bricksrl[vision]` where a task has a real camera",
+        )
     return Outcome.OK, f"OpenCV {cv2.__version__}"
 
 
@@ -68,7 +79,10 @@ def check_disk() -> Answer:
     free_gb = shutil.disk_usage(folder).free / 1e9
     space = f"{free_gb:.1f} GB free in {folder}"
     if not os.access(folder, os.W_OK):
-        return Outcome.WARNING, f"{folder} cannot be written to; go to another folder, or give --run a path elsewhere"
+        return (
+            Outcome.WARNING,
+            f"{folder} cannot be written to; go to another folder, or give --run a path elsewhere",
+        )
     if free_gb < _NO_SPACE_GB:
         return Outcome.ERROR, f"{space}; make room, a run takes some hundred megabytes"
     if free_gb < _LOW_SPACE_GB:
@@ -79,7 +93,9 @@ def check_disk() -> Answer:
 CHECKS: dict[str, Callable[[], Answer]] = {
     "python": doctor.check_python,
     "packages": partial(
-        doctor.check_packages, ("bricksrl", "bricktwin", "brickhub"), ("bricksrl", "torch", "torchrl", "mujoco", "bleak")
+        doctor.check_packages,
+        ("bricksrl", "bricktwin", "brickhub"),
+        ("bricksrl", "torch", "torchrl", "mujoco", "bleak"),
     ),
     "compiler": doctor.check_compiler,
     "physics": check_physics,
@@ -93,7 +109,8 @@ CHECKS: dict[str, Callable[[], Answer]] = {
 
 @dataclass(frozen=True)
 class Doctor(doctor.Doctor):
-    """Check this computer: Python, packages, compiler, physics, OpenGL, OpenCV, Bluetooth, USB, disk.
+    """Check this computer: Python, packages, compiler, physics, OpenGL, OpenCV, Bluetooth, USB,
+    disk.
 
     One line per check, with advice; exit code 1 if a required part is missing.
 

@@ -35,7 +35,10 @@ class List:
 
     def execute(self) -> None:
         names: dict[str, Any] = {
-            "environments": [_environment(envs.get_task(env_id), summary) for env_id, summary in envs.list_envs().items()],
+            "environments": [
+                _environment(envs.get_task(env_id), summary)
+                for env_id, summary in envs.list_envs().items()
+            ],
             "arenas": list(ARENAS),
             "agents": list(agents.AGENTS),
             "presets": list(agents.PRESETS),
@@ -65,10 +68,16 @@ _WIDE = 60
 def _print_table(names: dict[str, Any]) -> None:
     console = Console()
     is_wide = console.width >= _WIDE
-    columns = [Column("environment", no_wrap=True), *(("robot", "steps") if is_wide else ()), "what to learn"]
+    columns = [
+        Column("environment", no_wrap=True),
+        *(("robot", "steps") if is_wide else ()),
+        "what to learn",
+    ]
     table = Table(*columns, box=None, pad_edge=False)
     for env in names["environments"]:
-        table.add_row(env["id"], *((env["robot"], str(env["max_steps"])) if is_wide else ()), env["summary"])
+        table.add_row(
+            env["id"], *((env["robot"], str(env["max_steps"])) if is_wide else ()), env["summary"]
+        )
     console.print(table)
     console.print()
     for kind in ("arenas", "agents", "presets", "robots"):
@@ -77,7 +86,8 @@ def _print_table(names: dict[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class ShowSettings:
-    """Show the settings of an agent: name, value and meaning; `bricksrl train --set NAME=VALUE` changes one.
+    """Show the settings of an agent: name, value and meaning; `bricksrl train --set NAME=VALUE`
+    changes one.
 
     Examples:
       bricksrl settings sac
@@ -87,13 +97,15 @@ class ShowSettings:
     """
 
     agent: Annotated[Positional[str], option(metavar="AGENT")]
-    """Agent; `bricksrl list` shows them. One of your own: my_agent.py, my_agent.py:NAME or module:NAME."""
+    """Agent; `bricksrl list` shows them. One of your own: my_agent.py, my_agent.py:NAME or
+    module:NAME."""
     preset: Annotated[str, option(metavar="NAME")] = "default"
     """Preset whose values are shown: default or paper."""
     env: Annotated[str | None, option(metavar="ENV")] = None
     """Environment: a task may have values of its own, and one with a camera has others."""
     json: Flag = False
-    """Print one JSON object of names and values, for `bricksrl train --settings`, instead of a table."""
+    """Print one JSON object of names and values, for `bricksrl train --settings`, instead of a
+    table."""
 
     def execute(self) -> None:
         if self.env is not None:
@@ -127,8 +139,9 @@ def field_docs(cls: type[Any]) -> dict[str, str]:
 class Check:
     """Check an environment or an agent, built-in or your own.
 
-    Checks of an environment: description, functions, hub program, specs, reset, determinism, twin. Checks of an agent, in a small
-    simulation: settings, build, acting, memory, learning, saving, copies. One line per check; exit code 1 if any failed.
+    Checks of an environment: description, functions, hub program, specs, reset, determinism, twin.
+    Checks of an agent, in a small simulation: settings, build, acting, memory, learning, saving,
+    copies. One line per check; exit code 1 if any failed.
 
     Examples:
       bricksrl check RunAway-v0
@@ -138,7 +151,8 @@ class Check:
     """
 
     what: Annotated[Positional[str], option(metavar="ENV|AGENT")]
-    """Environment or agent; `bricksrl list` shows them. Your own: my_task.py, my_task.py:TASK, module:TASK, my_agent.py."""
+    """Environment or agent; `bricksrl list` shows them. Your own: my_task.py, my_task.py:TASK,
+    module:TASK, my_agent.py."""
 
     def execute(self) -> int:
         if is_reference(self.what):
@@ -149,4 +163,6 @@ class Check:
         from bricksrl.envs.env_checker import check_env
         from bricksrl.evaluation.agent_checker import check_agent, is_agent
 
-        return print_findings(check_agent(self.what) if is_agent(self.what) else check_env(self.what), (8, 13))
+        return print_findings(
+            check_agent(self.what) if is_agent(self.what) else check_env(self.what), (8, 13)
+        )

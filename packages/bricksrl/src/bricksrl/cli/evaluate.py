@@ -49,19 +49,24 @@ class Evaluate:
     run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder that `bricksrl train` wrote."""
     env: Annotated[str | None, option(metavar="ENV")] = None
-    """Environment; by default that of the training. It gets the options of the training that it has."""
+    """Environment; by default that of the training. It gets the options of the training that it
+    has."""
     episodes: Annotated[int, option(metavar="N")] = 5
     """Episodes to evaluate."""
     seed: Seed = 1000
-    """Seed of the evaluation: with the run's seed it gives the episodes, which never are those of a training."""
+    """Seed of the evaluation: with the run's seed it gives the episodes, which never are those of a
+    training."""
     hub: Annotated[str | None, option(metavar="HUB")] = None
-    """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT; by default as in training."""
+    """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT; by default as
+    in training."""
     realtime: Flag = False
     """Run the virtual robot in real time."""
     randomize: Flag = False
-    """Draw new physics of the virtual robot for each episode; by default off, even if the training randomized."""
+    """Draw new physics of the virtual robot for each episode; by default off, even if the training
+    randomized."""
     physics: Annotated[Path | None, option(metavar="FILE")] = None
-    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default as in training."""
+    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default as
+    in training."""
     link: Annotated[str | None, option(metavar="LINK")] = None
     """Bluetooth link of the virtual robot: mac, linux or bad-room; by default as in training."""
     fault: Faults = ()
@@ -72,7 +77,9 @@ class Evaluate:
     json: JsonFlag = False
 
     def execute(self) -> None:
-        given = {name: getattr(self, name) for name in ("hub", "link") if getattr(self, name) is not None}
+        given = {
+            name: getattr(self, name) for name in ("hub", "link") if getattr(self, name) is not None
+        }
         options: dict[str, Any] = {"realtime": self.realtime, "randomize": self.randomize, **given}
         options |= {"fault": self.fault} if self.fault else {}
         options |= {} if self.physics is None else {"physics": read_physics(self.physics)}
@@ -98,7 +105,10 @@ class Evaluate:
             emergency_stop.attach(env)
 
         try:
-            with EmergencyStop(threading.Event(), print_note) as emergency_stop, ExitStack() as films:
+            with (
+                EmergencyStop(threading.Event(), print_note) as emergency_stop,
+                ExitStack() as films,
+            ):
                 result = evaluate(
                     self.run,
                     self.env,
@@ -125,18 +135,23 @@ def describe(result: EvaluationResult) -> Iterator[str]:
     from bricksrl.evaluation.report import rows
 
     trained = counted(result.trained_episodes, "episode")
-    yield f"{result.env}, {counted(result.episodes, 'episode')} of {result.agent} after {trained} of training:"
+    yield (
+        f"{result.env}, {counted(result.episodes, 'episode')} of {result.agent} after {trained} "
+        "of training:"
+    )
     for label, text in rows(result):
         yield f"{label:7}  {text}"
 
 
 @dataclass(frozen=True)
 class Compare:
-    """Compare runs: agents, seeds and environments in one table, with the probability that one agent beats the other.
+    """Compare runs: agents, seeds and environments in one table, with the probability that one
+    agent beats the other.
 
-    Runs that differ only in their seed form a group; the folder of `bricksrl train --seeds` stands for all its runs. Groups of
-    five or more seeds have 95 % intervals. Runs are scored by their evaluations if all have one of the last checkpoint in the
-    environment and physics of the training; else by their last episodes.
+    Runs that differ only in their seed form a group; the folder of `bricksrl train --seeds` stands
+    for all its runs. Groups of five or more seeds have 95 % intervals. Runs are scored by their
+    evaluations if all have one of the last checkpoint in the environment and physics of the
+    training; else by their last episodes.
 
     Examples:
       bricksrl compare runs/sac runs/td3
@@ -148,7 +163,8 @@ class Compare:
     runs: Annotated[Positional[tuple[Path, ...]], option(metavar="RUN")] = ()
     """Folders of runs."""
     class_folder: Annotated[Path | None, option(name="class", metavar="FOLDER")] = None
-    """List all runs below this folder instead, such as those of a class, and say which may be compared."""
+    """List all runs below this folder instead, such as those of a class, and say which may be
+    compared."""
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """Picture of the learning curves: .png, .svg or .pdf."""
     json: JsonFlag = False
@@ -157,7 +173,8 @@ class Compare:
         if self.class_folder is not None:
             if self.runs or self.out is not None:
                 raise DescriptionError(
-                    "--class lists the runs below its folder, without a picture; omit RUN and --out, or --class"
+                    "--class lists the runs below its folder, without a picture; omit RUN and "
+                    "--out, or --class"
                 )
             table = class_table(self.class_folder)
             if self.json:
@@ -180,7 +197,8 @@ class Compare:
 
 @dataclass(frozen=True)
 class Plot:
-    """Plot the learning curves of runs, with reference lines: random actions, a scripted controller, the BricksRL paper.
+    """Plot the learning curves of runs, with reference lines: random actions, a scripted
+    controller, the BricksRL paper.
 
     Examples:
       bricksrl plot runs/spin --out spin.png
@@ -213,18 +231,48 @@ def print_class(table: ClassTable) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    columns = ("name", "task", "agent", "seed", "episodes", "return", "95 % interval", "differs in", "folder")
+    columns = (
+        "name",
+        "task",
+        "agent",
+        "seed",
+        "episodes",
+        "return",
+        "95 % interval",
+        "differs in",
+        "folder",
+    )
     shown = Table(*columns, box=None, pad_edge=False)
     for row in table.rows:
         score = number(row.score) + ("" if row.is_evaluated else "*")
-        interval = "" if row.interval is None else f"{number(row.interval[0])} to {number(row.interval[1])}"
-        texts = (row.name, without_folder(row.env), row.agent, f"{row.seed}", f"{row.episodes}", score, interval)
+        interval = (
+            ""
+            if row.interval is None
+            else f"{number(row.interval[0])} to {number(row.interval[1])}"
+        )
+        texts = (
+            row.name,
+            without_folder(row.env),
+            row.agent,
+            f"{row.seed}",
+            f"{row.episodes}",
+            score,
+            interval,
+        )
         shown.add_row(*map(escape, (*texts, "; ".join(row.differs), row.folder)))
     console = _console()
     console.print(shown)
-    notes = ["return: mean of the evaluation, its interval over these episodes; it says nothing on other seeds"]
+    notes = [
+        (
+            "return: mean of the evaluation, its interval over these episodes; it says nothing on "
+            "other seeds"
+        )
+    ]
     if not all(row.is_evaluated for row in table.rows):
-        notes.append(f"* not evaluated: mean of the last {WINDOW} episodes of training, in which the agent still tries things")
+        notes.append(
+            f"* not evaluated: mean of the last {WINDOW} episodes of training, in which the agent "
+            "still tries things"
+        )
     for line in ("", *notes, "", *table.sentences):
         console.print(line, highlight=False, markup=False)
 
@@ -233,37 +281,72 @@ def print_comparison(comparison: Comparison) -> None:
     """Print the table of a comparison, and the probabilities of improvement."""
     from rich.table import Table
 
-    table = Table("environment", "agent", "seeds", "episodes", "robot steps", "score", "95 % interval", box=None, pad_edge=False)
+    table = Table(
+        "environment",
+        "agent",
+        "seeds",
+        "episodes",
+        "robot steps",
+        "score",
+        "95 % interval",
+        box=None,
+        pad_edge=False,
+    )
     for group in comparison.groups:
         episodes = max(map(len, group.curves))
-        cells = (str(len(group.seeds)), str(episodes), f"{group.steps:,}", number(group.score), _interval(group))
+        cells = (
+            str(len(group.seeds)),
+            str(episodes),
+            f"{group.steps:,}",
+            number(group.score),
+            _interval(group),
+        )
         table.add_row(without_folder(group.env), group.agent, *cells)
     console = _console()
     console.print(table)
-    console.print(f"\nscore: return, interquartile mean over the seeds; of each run its {comparison.scored_by}", highlight=False)
+    console.print(
+        "\nscore: return, interquartile mean over the seeds; of each run its "
+        f"{comparison.scored_by}",
+        highlight=False,
+    )
     for pair in comparison.improvements:
         ends = pair.interval
         bounds = f" (95 % interval: {percent(ends.low)} to {percent(ends.high)})"
-        line = f"{without_folder(pair.env)}: {pair.agent} beats {pair.other} with probability {percent(pair.probability)}{bounds}"
+        line = (
+            f"{without_folder(pair.env)}: {pair.agent} beats {pair.other} with probability "
+            f"{percent(pair.probability)}{bounds}"
+        )
         console.print(line, highlight=False)
-    if not comparison.improvements and len(comparison.groups) > len({group.env for group in comparison.groups}):
-        console.print("whether one beats the other is chance with so few: train 5 seeds of each (`--seeds 5`)", highlight=False)
+    if not comparison.improvements and len(comparison.groups) > len(
+        {group.env for group in comparison.groups}
+    ):
+        console.print(
+            "whether one beats the other is chance with so few: train 5 seeds of each "
+            "(`--seeds 5`)",
+            highlight=False,
+        )
 
 
 def _interval(group: Group) -> str:
     interval = group.interval
-    return "needs 5 seeds" if interval is None else f"{number(interval.low)} to {number(interval.high)}"
+    return (
+        "needs 5 seeds"
+        if interval is None
+        else f"{number(interval.low)} to {number(interval.high)}"
+    )
 
 
 @dataclass(frozen=True)
 class Export:
     """Export a trained policy to a file that can be used without BricksRL.
 
-    With --format hub the file is a Pybricks program with which the robot acts by itself, without a computer: a gait as it is,
-    or a small network that is distilled from the policy. It is tried on the virtual hub, and its return compared.
+    With --format hub the file is a Pybricks program with which the robot acts by itself, without a
+    computer: a gait as it is, or a small network that is distilled from the policy. It is tried on
+    the virtual hub, and its return compared.
 
-    Other files are models. One is read back and compared with the policy. It maps observations [batch, n] in the units of the
-    environment, and images [batch, side, side, 3] where the policy uses them, to actions [batch, m] in -1..1.
+    Other files are models. One is read back and compared with the policy. It maps observations
+    [batch, n] in the units of the environment, and images [batch, side, side, 3] where the policy
+    uses them, to actions [batch, m] in -1..1.
 
     Examples:
       bricksrl export runs/spin --out spin.pt2
@@ -275,8 +358,11 @@ class Export:
     """Folder of a run, or of a shared policy."""
     out: Annotated[Path, option(metavar="FILE")]
     """File to write, which must not exist."""
-    format: Annotated[Literal["torch-export", "onnx", "hub"], option(metavar="NAME")] = "torch-export"
-    """torch-export, for torch.export.load; onnx, which needs the packages onnx and onnxscript; or hub, a Pybricks program."""
+    format: Annotated[Literal["torch-export", "onnx", "hub"], option(metavar="NAME")] = (
+        "torch-export"
+    )
+    """torch-export, for torch.export.load; onnx, which needs the packages onnx and onnxscript; or
+    hub, a Pybricks program."""
     best: Flag = False
     """Use the checkpoint of the best evaluation during training instead of the last one."""
 
@@ -288,22 +374,36 @@ class Export:
 
             with telling("playing and comparing"):
                 made = export_program(self.run, self.out, which=which)
-            print_line(f"written  {self.out}  (a {made.kind}: {made.program_bytes} bytes, and {made.heap_bytes} of objects)")
-            print_line(f"computes for {made.computing_ms} ms a step at most, if a product takes what we infer")
-            print_line(f"return   {made.hub_return:.2f} on the virtual hub, {made.policy_return:.2f} of the policy")
+            print_line(
+                f"written  {self.out}  (a {made.kind}: {made.program_bytes} bytes, and "
+                f"{made.heap_bytes} of objects)"
+            )
+            print_line(
+                f"computes for {made.computing_ms} ms a step at most, if a product takes what "
+                "we infer"
+            )
+            print_line(
+                f"return   {made.hub_return:.2f} on the virtual hub, {made.policy_return:.2f} of "
+                "the policy"
+            )
             return
         from bricksrl.policies.export import export_model
 
         difference = export_model(self.run, self.out, self.format, which=which)
-        print_line(f"written  {self.out}  (its actions differ by {difference:.2g} at most from the policy's)")
+        print_line(
+            f"written  {self.out}  (its actions differ by {difference:.2g} at most from the "
+            "policy's)"
+        )
 
 
 @dataclass(frozen=True)
 class Trust:
-    """Allow a run, a policy or settings made by somebody else to execute the Python code that they name.
+    """Allow a run, a policy or settings made by somebody else to execute the Python code that they
+    name.
 
-    Some runs name Python files or modules with a task, an algorithm, a transform or networks. Runs trained on this computer are
-    trusted; one from elsewhere is refused until you allow it. Read its code first: it runs with all your permissions.
+    Some runs name Python files or modules with a task, an algorithm, a transform or networks. Runs
+    trained on this computer are trusted; one from elsewhere is refused until you allow it. Read its
+    code first: it runs with all your permissions.
 
     Examples:
       bricksrl trust runs/from-a-friend
@@ -314,4 +414,8 @@ class Trust:
 
     def execute(self) -> None:
         files = trust(self.run)
-        print_line(f"{self.run} may run {', '.join(files)}" if files else f"{self.run} names no code; it needs no trust")
+        print_line(
+            f"{self.run} may run {', '.join(files)}"
+            if files
+            else f"{self.run} names no code; it needs no trust"
+        )

@@ -21,19 +21,22 @@ if TYPE_CHECKING:
     from bricksrl.page.program import ProgramPage
 
 _OPENING_S = 15.0
-"""Time for a browser to open, after which the page of a program that has ended closes if nobody looks at it."""
+"""Time for a browser to open, after which the page of a program that has ended closes if nobody
+looks at it."""
 
 
 @dataclass(frozen=True)
 class Run(run.Run):
-    """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit code 1 if it raises.
+    """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit
+    code 1 if it raises.
 
-    Files that it imports from its folder are included. The program can read standard input. Ctrl-C stops it and its motors. A
-    program that imports LEGO's package `legoeducation` runs on this computer, and drives virtual devices of LEGO's kits.
+    Files that it imports from its folder are included. The program can read standard input. Ctrl-C
+    stops it and its motors. A program that imports LEGO's package `legoeducation` runs on this
+    computer, and drives virtual devices of LEGO's kits.
 
-    Without --robot, the virtual hub adapts to the program: its kind is the one that the program imports, and each port has the
-    device that the program expects there. With --video, --scene or --page, the robot is the two-wheeler
-    by default.
+    Without --robot, the virtual hub adapts to the program: its kind is the one that the program
+    imports, and each port has the device that the program expects there. With --video, --scene or
+    --page, the robot is the two-wheeler by default.
 
     Examples:
       bricksrl hub run main.py
@@ -47,14 +50,16 @@ class Run(run.Run):
     """
 
     robot: Annotated[str | None, option(metavar="ROBOT")] = None
-    """Virtual robot: two-wheeler, walker, robo-arm, cart or bench; RunAway-v0, with its scene, or another environment; a building
-    plan, my_robot.ldr; my_robot.py."""
+    """Virtual robot: two-wheeler, walker, robo-arm, cart or bench; RunAway-v0, with its scene, or
+    another environment; a building plan, my_robot.ldr; my_robot.py."""
     page: PageFlag = False
     live_page: LivePageGroup = PageOptions()
 
     def body(self, stack: ExitStack) -> Body | None:
         shown(self.live_page, self.page)
-        drawn = replace(self, robot=run.ROBOT_OF_FILMS) if self.page and self.robot is None else self
+        drawn = (
+            replace(self, robot=run.ROBOT_OF_FILMS) if self.page and self.robot is None else self
+        )
         return super(Run, drawn).body(stack)
 
     @functools.cached_property
@@ -69,7 +74,9 @@ class Run(run.Run):
         if not self.page:
             return super().streams(stack)
         if self.video is not None or self.realtime:
-            raise DescriptionError("the page has a pace of its own; leave out --page, or --video and --realtime")
+            raise DescriptionError(
+                "the page has a pace of its own; leave out --page, or --video and --realtime"
+            )
         page = stack.enter_context(self._page)
 
         def stay(error: object, *_: object) -> None:
@@ -78,7 +85,9 @@ class Run(run.Run):
 
         stack.push(stay)
         announce(page.url)
-        return cast(BinaryIO, Told(sys.stdout.buffer, page.tell)), cast(TextIO, Told(sys.stderr, page.tell))
+        return cast(BinaryIO, Told(sys.stdout.buffer, page.tell)), cast(
+            TextIO, Told(sys.stderr, page.tell)
+        )
 
     def attend(self, stack: ExitStack) -> Callable[[Machine], None] | None:
         return self._page.attend if self.page else None

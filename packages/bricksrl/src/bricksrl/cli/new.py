@@ -15,23 +15,30 @@ from bricksrl.errors import DescriptionError
 
 
 def write_template(kind: str, path: Path | str) -> None:
-    """Write the template of a task, a robot or an agent to a new Python file, with the file's name filled in. Raises
-    DescriptionError if the name is not that of a Python module, or the file exists."""
+    """Write the template of a task, a robot or an agent to a new Python file, with the file's name
+    filled in. Raises DescriptionError if the name is not that of a Python module, or the file
+    exists."""
     path = Path(path)
     if path.suffix != ".py" or not path.stem.isidentifier():
         raise DescriptionError(
-            f"'{path.name}' is not a name of a Python file; give letters, digits and underscores, as in my_{kind}.py"
+            f"'{path.name}' is not a name of a Python file; give letters, digits and underscores, "
+            f"as in my_{kind}.py"
         )
     refuse_existing(path, DescriptionError)
-    text = resources.files("bricksrl.cli.templates").joinpath(f"{kind}.py").read_text(encoding="utf-8")
+    text = (
+        resources.files("bricksrl.cli.templates").joinpath(f"{kind}.py").read_text(encoding="utf-8")
+    )
     words = re.findall(r"[a-zA-Z0-9]+", path.stem)
-    text = text.replace("my_file.py", path.name).replace("MyTask-v0", f"{''.join(word.title() for word in words) or 'My'}-v0")
+    text = text.replace("my_file.py", path.name).replace(
+        "MyTask-v0", f"{''.join(word.title() for word in words) or 'My'}-v0"
+    )
     write_durably(path, text.encode())
 
 
 @dataclass(frozen=True)
 class _New:
-    """Command that writes the template of a ``kind``; ``train`` is the command to train with a file."""
+    """Command that writes the template of a ``kind``; ``train`` is the command to train with a
+    file."""
 
     kind: ClassVar[str]
     train: ClassVar[str] = "bricksrl train {} --episodes 30"

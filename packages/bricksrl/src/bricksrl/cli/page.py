@@ -1,4 +1,5 @@
-"""Live page on the command line: its flags, its address, and the commands ``play``, ``drive`` and ``plan show``."""
+"""Live page on the command line: its flags, its address, and the commands ``play``, ``drive`` and
+``plan show``."""
 
 from __future__ import annotations
 
@@ -44,7 +45,13 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 
-PageFlag = Annotated[bool, option(help="Show it live in the browser: the robot in 3D, curves, buttons, and sliders to drive it.")]
+PageFlag = Annotated[
+    bool,
+    option(
+        help="Show it live in the browser: the robot in 3D, curves, buttons, and sliders to "
+        "drive it."
+    ),
+]
 """``--page``."""
 RobotGroup = Annotated[EnvOptions, OmitArgPrefixes]
 """Options of a command's robot, as a separate group in the help."""
@@ -55,14 +62,16 @@ LivePageGroup = Annotated[PageOptions, OmitArgPrefixes]
 
 
 def shown(address: PageOptions, page: bool) -> PageOptions | None:
-    """The address if the page is to be shown, else ``None``. Raises DescriptionError if it is given without ``--page``."""
+    """The address if the page is to be shown, else ``None``. Raises DescriptionError if it is given
+    without ``--page``."""
     if not page:
         refuse_ignored(address, (), "without --page")
     return address if page else None
 
 
 def announce(url: str) -> None:
-    """Print the address of a page, for a phone in the network as a QR code too, and open it if there is a screen."""
+    """Print the address of a page, for a phone in the network as a QR code too, and open it if
+    there is a screen."""
     print_note(f"live page: {url}")
     if urllib.parse.urlsplit(url).hostname not in LOOPBACK and sys.stderr is not None:
         with suppress(ImportError):
@@ -77,13 +86,16 @@ def has_screen() -> bool:
     """Whether the user can see a browser that is opened here."""
     if sys.stderr is None or not sys.stderr.isatty() or os.environ.get("SSH_CONNECTION"):
         return False
-    return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    return sys.platform in ("win32", "darwin") or bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )
 
 
 @dataclass(frozen=True)
 class ShowStart:
-    """Show the start page in the browser: environments to play, train and drive, runs to watch and compare, building plans, and
-    the hub check, all without typing. Runs are kept in the folder runs. Ctrl-C ends it, and what it has started.
+    """Show the start page in the browser: environments to play, train and drive, runs to watch and
+    compare, building plans, and the hub check, all without typing. Runs are kept in the folder
+    runs. Ctrl-C ends it, and what it has started.
 
     Examples:
       bricksrl page
@@ -103,9 +115,11 @@ class ShowStart:
 
 @dataclass(frozen=True)
 class Demo:
-    """Show a trained robot in the browser, at once and without training: a Walker, or the robot of another environment.
+    """Show a trained robot in the browser, at once and without training: a Walker, or the robot of
+    another environment.
 
-    The page can switch to random actions and to a hand-written controller, and lets you drive. Ctrl-C ends it.
+    The page can switch to random actions and to a hand-written controller, and lets you drive.
+    Ctrl-C ends it.
 
     Examples:
       bricksrl demo
@@ -116,7 +130,8 @@ class Demo:
     env: Annotated[Positional[str], option(metavar="ENV")] = "Walker-v1"
     """Environment; `bricksrl list` shows them."""
     policy: Annotated[str | None, option(metavar="NAME")] = None
-    """Policy to begin with: random, scripted (a hand-written controller) or best, the trained one that comes with BricksRL."""
+    """Policy to begin with: random, scripted (a hand-written controller) or best, the trained one
+    that comes with BricksRL."""
     episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to show; by default until Ctrl-C."""
     seed: Seed = 1000
@@ -128,19 +143,29 @@ class Demo:
 
         env = make_robot(self.env, seed=self.seed)
         if env is None:
-            raise DescriptionError(f"{self.env} has no robot to show; `bricksrl demo` shows a Walker")
+            raise DescriptionError(
+                f"{self.env} has no robot to show; `bricksrl demo` shows a Walker"
+            )
         policies = _array_policies(self.env, env.task, self.policy, self.seed)
         with closing(env):
-            _on_page(self.live_page, env, self.env, play_robot, policies, subtitle="comes with BricksRL", episodes=self.episodes)
+            _on_page(
+                self.live_page,
+                env,
+                self.env,
+                play_robot,
+                policies,
+                subtitle="comes with BricksRL",
+                episodes=self.episodes,
+            )
 
 
 @dataclass(frozen=True)
 class Play:
     """Play episodes with a trained agent; with --page in the browser, at the speed of a real robot.
 
-    Without a page, a virtual robot is as fast as this computer unless --realtime is given. The page can switch between policies:
-    of a run random, first (untrained), best and last; of an environment random, scripted, and best, which comes with BricksRL.
-    Ctrl-C ends it.
+    Without a page, a virtual robot is as fast as this computer unless --realtime is given. The page
+    can switch between policies: of a run random, first (untrained), best and last; of an
+    environment random, scripted, and best, which comes with BricksRL. Ctrl-C ends it.
 
     Examples:
       bricksrl play runs/spin --page
@@ -152,7 +177,8 @@ class Play:
     target: Annotated[Positional[str], option(metavar="RUN|ENV")]
     """Folder of a run or of a shared policy; or an environment."""
     policy: Annotated[str | None, option(metavar="NAME")] = None
-    """Policy to begin with: random, first, best or last; of an environment random, scripted or best; by default the last."""
+    """Policy to begin with: random, first, best or last; of an environment random, scripted or
+    best; by default the last."""
     episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to play; by default until Ctrl-C."""
     seed: Seed = 1000
@@ -171,7 +197,11 @@ class Play:
         if not is_run:
             get_task(self.target)  # raises if there is none, before anything is loaded
         is_virtual = parse_hub(self.robot.hub).is_virtual
-        robot = make_robot(self.target, self.robot, seed=self.seed) if is_virtual and address is not None and not is_run else None
+        robot = (
+            make_robot(self.target, self.robot, seed=self.seed)
+            if is_virtual and address is not None and not is_run
+            else None
+        )
         if robot is not None and address is not None:
             from bricksrl.page.robot_play import play_robot
 
@@ -186,16 +216,28 @@ class Play:
                 from bricksrl.page.play import play_on_page
 
                 subtitle = self.target if is_run else ""
-                _on_page(address, env, env_id, play_on_page, players, subtitle=subtitle, episodes=self.episodes)
+                _on_page(
+                    address,
+                    env,
+                    env_id,
+                    play_on_page,
+                    players,
+                    subtitle=subtitle,
+                    episodes=self.episodes,
+                )
             else:
                 _in_terminal(env, list(players.values())[-1](), self.episodes, self.seed)
 
 
-def _array_policies(env_id: str, task: Task, policy: str | None, seed: int) -> dict[str, Callable[[], ArrayPolicy]]:
+def _array_policies(
+    env_id: str, task: Task, policy: str | None, seed: int
+) -> dict[str, Callable[[], ArrayPolicy]]:
     return _beginning_with(policy, array_policies(env_id, task, seed), env_id)
 
 
-def _players(run: Path | None, env: EnvBase, env_id: str, policy: str | None, seed: int) -> dict[str, Callable[[], Player]]:
+def _players(
+    run: Path | None, env: EnvBase, env_id: str, policy: str | None, seed: int
+) -> dict[str, Callable[[], Player]]:
     """Players of a run, or of an environment of ours."""
     from bricksrl.policies.policy import array_player, named_policies
 
@@ -206,17 +248,20 @@ def _players(run: Path | None, env: EnvBase, env_id: str, policy: str | None, se
 
 
 def _beginning_with(policy: str | None, policies: Mapping[str, _T], target: str) -> dict[str, _T]:
-    """The policies, with the named one last, with which a page begins. Raises DescriptionError if there is none of that name."""
+    """The policies, with the named one last, with which a page begins. Raises DescriptionError if
+    there is none of that name."""
     name = policy or list(policies)[-1]
     if name not in policies:
         raise DescriptionError(f"{target} has no policy '{policy}'; choose {', '.join(policies)}")
-    return {other: made for other, made in policies.items() if other != name} | {name: policies[name]}
+    return {other: made for other, made in policies.items() if other != name} | {
+        name: policies[name]
+    }
 
 
 @dataclass(frozen=True)
 class DriveRobot:
-    """Drive a robot, by default a virtual one, with the sliders and the joystick of a page in the browser, or with
-    levers or sticks in your hands. Ctrl-C ends it.
+    """Drive a robot, by default a virtual one, with the sliders and the joystick of a page in the
+    browser, or with levers or sticks in your hands. Ctrl-C ends it.
 
     Examples:
       bricksrl drive Spinning-v0
@@ -227,10 +272,13 @@ class DriveRobot:
     """
 
     env: Annotated[Positional[str], option(metavar="ENV")]
-    """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
+    """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or
+    module:TASK."""
     seed: Seed = 0
     """Seed of the episodes."""
-    device: Annotated[Literal["gamepad", "controller"] | None, option(metavar="DEVICE", name="with")] = None
+    device: Annotated[
+        Literal["gamepad", "controller"] | None, option(metavar="DEVICE", name="with")
+    ] = None
     """Drive with a gamepad, or with the Controller of LEGO's kits, instead of the page."""
     robot: RobotGroup = EnvOptions()
     live_page: LivePageGroup = PageOptions()
@@ -238,10 +286,22 @@ class DriveRobot:
     def execute(self) -> None:
         from bricksrl.page.robot_play import play_robot
 
-        robot = None if self.device else make_robot(self.env, self.robot, seed=self.seed, place=placing())
+        robot = (
+            None
+            if self.device
+            else make_robot(self.env, self.robot, seed=self.seed, place=placing())
+        )
         if robot is not None:
             with closing(robot):
-                _on_page(self.live_page, robot, self.env, play_robot, {}, subtitle="driven by hand", in_charge=True)
+                _on_page(
+                    self.live_page,
+                    robot,
+                    self.env,
+                    play_robot,
+                    {},
+                    subtitle="driven by hand",
+                    in_charge=True,
+                )
             return
         from bricksrl.page.play import play_on_page, resting_player
 
@@ -251,11 +311,21 @@ class DriveRobot:
             driving(self.device, env_id, env.task, in_charge=True) as driver,
         ):
             players = {"by hand": lambda: resting_player(env, driver)}
-            _on_page(self.live_page, env, env_id, play_on_page, players, subtitle="driven by hand", in_charge=driver is None)
+            _on_page(
+                self.live_page,
+                env,
+                env_id,
+                play_on_page,
+                players,
+                subtitle="driven by hand",
+                in_charge=driver is None,
+            )
 
 
 @contextmanager
-def _environment(flags: Play | DriveRobot, target: str, run: Path | None) -> Iterator[tuple[EnvBase, str]]:
+def _environment(
+    flags: Play | DriveRobot, target: str, run: Path | None
+) -> Iterator[tuple[EnvBase, str]]:
     """The named environment, or that of a run, open inside this context, and its id."""
     env_id, options = target, flags.robot
     if run is not None:
@@ -280,12 +350,25 @@ def _on_page(
     """Show an environment, or a robot without TorchRL, played by `play_on_page` or `play_robot`."""
     from bricksrl.page.live import LivePage
 
-    page = LivePage(env_id, subtitle, task=env.task, in_charge=in_charge, policies=tuple(policies), speed="1x", options=address)
-    play_until_stopped(env, page, lambda stop: play(env, page, policies, episodes=episodes, stop=stop))
+    page = LivePage(
+        env_id,
+        subtitle,
+        task=env.task,
+        in_charge=in_charge,
+        policies=tuple(policies),
+        speed="1x",
+        options=address,
+    )
+    play_until_stopped(
+        env, page, lambda stop: play(env, page, policies, episodes=episodes, stop=stop)
+    )
 
 
-def play_until_stopped(env: Any, page: LivePage, play: Callable[[threading.Event], list[float]]) -> None:
-    """Serve a page while an environment is played on it; Ctrl-C, or the event that ``play`` is given, ends it."""
+def play_until_stopped(
+    env: Any, page: LivePage, play: Callable[[threading.Event], list[float]]
+) -> None:
+    """Serve a page while an environment is played on it; Ctrl-C, or the event that ``play`` is
+    given, ends it."""
     try:
         with page, EmergencyStop(stop := threading.Event(), print_note) as emergency_stop:
             announce(page.url)
@@ -303,9 +386,13 @@ def _in_terminal(env: EnvBase, player: Player, episodes: int | None, seed: int) 
     try:
         with EmergencyStop(threading.Event(), print_note) as emergency_stop:
             emergency_stop.attach(env)
-            scores = play_episodes(env, player.act, episodes or sys.maxsize, seed, reset_policy=player.reset)
+            scores = play_episodes(
+                env, player.act, episodes or sys.maxsize, seed, reset_policy=player.reset
+            )
             for number, score in enumerate(scores, 1):
-                print_line(f"episode {number}  return {score.return_:.4g}  {counted(score.length, 'step')}")
+                print_line(
+                    f"episode {number}  return {score.return_:.4g}  {counted(score.length, 'step')}"
+                )
     except (KeyboardInterrupt, StoppedError):
         raise Interrupted from None
 
@@ -319,7 +406,8 @@ def run_on_page(
     on_stop: Callable[[], None] = lambda: None,
     can_drive: bool = True,
 ) -> Iterator[LivePage | None]:
-    """The live page of a run or a recording, served inside this context; ``None`` without an address."""
+    """The live page of a run or a recording, served inside this context; ``None`` without an
+    address."""
     if address is None:
         yield None
         return
@@ -333,7 +421,8 @@ def run_on_page(
 
 @dataclass(frozen=True)
 class ShowPlan:
-    """Show a building plan in the browser in 3D, step by step, with sliders for its joints. Ctrl-C ends it.
+    """Show a building plan in the browser in 3D, step by step, with sliders for its joints. Ctrl-C
+    ends it.
 
     Examples:
       bricksrl plan show walker

@@ -32,7 +32,8 @@ _SPARKLINE_EPISODES = 30
 
 
 class RunProgress(Callback):
-    """Progress of a run: on a terminal a bar with a sparkline of the last returns, elsewhere a line per episode.
+    """Progress of a run: on a terminal a bar with a sparkline of the last returns, elsewhere a line
+    per episode.
 
     Attributes:
         run_dir: folder of the run; ``None`` before it started.
@@ -52,7 +53,9 @@ class RunProgress(Callback):
         self._trouble = ""
         self._returns: list[float] = []
         self._is_live = sys.stdout.isatty()
-        text = TextColumn("return {task.fields[value]}  {task.fields[spark]}  {task.fields[rate]}", markup=False)
+        text = TextColumn(
+            "return {task.fields[value]}  {task.fields[spark]}  {task.fields[rate]}", markup=False
+        )
         self._bar = Bars(TextColumn("episode"), MofNCompleteColumn(), BarColumn(20), text)
         self._task = self._bar.add_task("", total=None, value="-", spark="", rate="")
 
@@ -64,7 +67,10 @@ class RunProgress(Callback):
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
         self.run_dir, self.episodes_done = run_dir, episodes_done
         self._asynchronous = bool(config.asynchronous)
-        print_line(f"{without_folder(config.agent)} on {without_folder(config.env)}, seed {config.seed}: {run_dir}")
+        print_line(
+            f"{without_folder(config.agent)} on {without_folder(config.env)}, seed {config.seed}: "
+            f"{run_dir}"
+        )
         self._bar.update(self._task, total=config.episodes, completed=episodes_done)
         self._show()
 
@@ -77,16 +83,26 @@ class RunProgress(Callback):
             learning = f"  {episode.updates_per_step:.3g} updates/step"
         if self._is_live:
             spark = sparkline(self._returns[-_SPARKLINE_EPISODES:])
-            shown: dict[str, Any] = {"value": f"{episode.return_:.4g}", "spark": spark, "rate": f"{rate}{learning}"}
+            shown: dict[str, Any] = {
+                "value": f"{episode.return_:.4g}",
+                "spark": spark,
+                "rate": f"{rate}{learning}",
+            }
             self._bar.update(self._task, completed=episode.episode, **shown)
             return
         robot = f"{episode.robot}  " if episode.robot else ""
         start = "  (random start)" if episode.phase is Phase.PREFILL else ""
-        line = f"episode {episode.episode}/{progress.episodes_total}  return {episode.return_:.4g}  "
+        line = (
+            f"episode {episode.episode}/{progress.episodes_total}  return {episode.return_:.4g}  "
+        )
         print_line(f"{line}{robot}{rate}{start}{learning}")
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
-        event = f"the link broke in episode {episode} after {counted(length, 'step')}" if length else "the robot is out of reach"
+        event = (
+            f"the link broke in episode {episode} after {counted(length, 'step')}"
+            if length
+            else "the robot is out of reach"
+        )
         line = f"{event} ({error}); trying to reach it again, Ctrl-C ends it"
         if line != self._trouble:  # each try may fail for the same reason
             print_line(line)
@@ -101,7 +117,10 @@ class RunProgress(Callback):
             print_note(f"{robot} is given up: {reason}")
 
     def on_catching_up(self, updates: int) -> None:
-        print_line(f"the robot is done; {counted(updates, 'update')} left to learn, Ctrl-C leaves out the rest")
+        print_line(
+            f"the robot is done; {counted(updates, 'update')} left to learn, Ctrl-C leaves out "
+            "the rest"
+        )
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
@@ -125,7 +144,8 @@ class RunProgress(Callback):
         if self.run_dir is None or not self.episodes_done:
             return "no episode was finished, so nothing was saved"
         return (
-            f"saved {counted(self.episodes_done, 'episode')} in {self.run_dir}; `bricksrl resume {quoted(self.run_dir)}` goes on"
+            f"saved {counted(self.episodes_done, 'episode')} in {self.run_dir}; `bricksrl "
+            f"resume {quoted(self.run_dir)}` goes on"
         )
 
     def close(self) -> None:
@@ -150,28 +170,45 @@ def sparkline(values: list[float]) -> str:
     low, high = min(values), max(values)
     if low == high:
         return _BARS[len(_BARS) // 2] * len(values)
-    return "".join(_BARS[round((value - low) / (high - low) * (len(_BARS) - 1))] for value in values)
+    return "".join(
+        _BARS[round((value - low) / (high - low) * (len(_BARS) - 1))] for value in values
+    )
 
 
 class SeedsProgress(Bars):
     """Progress of all seeds: a live row of each on a terminal, a line per event elsewhere."""
 
     def __init__(self, seeds: range, episodes: int, *, live: bool | None = None) -> None:
-        state = TextColumn("{task.fields[value]}  {task.fields[state]}  {task.fields[node]}", markup=False)
+        state = TextColumn(
+            "{task.fields[value]}  {task.fields[state]}  {task.fields[node]}", markup=False
+        )
         is_live = sys.stdout.isatty() if live is None else live
-        super().__init__(TextColumn("seed {task.description}  episode"), MofNCompleteColumn(), state, disable=not is_live)
-        self._ids = {seed: self.add_task(str(seed), total=episodes, value="", state="waiting", node="") for seed in seeds}
+        super().__init__(
+            TextColumn("seed {task.description}  episode"),
+            MofNCompleteColumn(),
+            state,
+            disable=not is_live,
+        )
+        self._ids = {
+            seed: self.add_task(str(seed), total=episodes, value="", state="waiting", node="")
+            for seed in seeds
+        }
         self._episodes = episodes
 
     def tell(self, seed: int, message: dict[str, Any]) -> None:
-        """Update the row of a seed from a message of its run; may be called from several threads."""
+        """Update the row of a seed from a message of its run; may be called from several
+        threads."""
         changes, line = dict[str, Any](), ""
         if "started" in message:
             changes = {"state": "training", "node": message.get("node", "")}
             if self.tasks[self._ids[seed]].fields["state"] != "waiting":
                 line = f"its worker was lost; resumed after episode {message['started']}"
         elif "episode" in message:
-            changes = {"state": "training", "completed": message["episode"], "value": f"return {message['return']:.4g}"}
+            changes = {
+                "state": "training",
+                "completed": message["episode"],
+                "value": f"return {message['return']:.4g}",
+            }
             line = f"episode {message['episode']}/{self._episodes}  {changes['value']}"
         elif "evaluated" in message:
             changes = {"state": "evaluated", "value": f"return {message['evaluated']:.4g}"}

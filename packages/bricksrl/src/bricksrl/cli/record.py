@@ -17,14 +17,31 @@ from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import Count
 from brickhub.files import quoted
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
-from bricksrl.cli.terminal import DEVICES, Device, EmergencyStop, driving, load_learning, placing, quiet, with_human
+from bricksrl.cli.terminal import (
+    DEVICES,
+    Device,
+    EmergencyStop,
+    driving,
+    load_learning,
+    placing,
+    quiet,
+    with_human,
+)
 from bricksrl.data.dataset import EpisodeRow
 from bricksrl.data.integrity import check
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
 from bricksrl.envs import get_task, make
 from bricksrl.envs.options import EnvOptions
-from bricksrl.errors import BricksError, DataError, DescriptionError, RunError, StoppedError, counted, hint
+from bricksrl.errors import (
+    BricksError,
+    DataError,
+    DescriptionError,
+    RunError,
+    StoppedError,
+    counted,
+    hint,
+)
 from bricksrl.page.server import PageOptions
 from bricksrl.policies import config_of
 
@@ -44,10 +61,11 @@ _PATIENCE_S = 300.0
 class Record:
     """Record episodes of a policy or a human as a dataset in LeRobot's format.
 
-    Each episode is on the disk when its line is printed. Where the link to the robot breaks, the recording goes on when the
-    robot is back; that episode is kept as broken off, and does not count. Ctrl-C ends the recording and keeps the whole episodes;
-    keys and signals stop and pause the robot as in training. An existing dataset is extended, if it has the same robot,
-    environment and shape.
+    Each episode is on the disk when its line is printed. Where the link to the robot breaks, the
+    recording goes on when the robot is back; that episode is kept as broken off, and does not
+    count. Ctrl-C ends the recording and keeps the whole episodes; keys and signals stop and pause
+    the robot as in training. An existing dataset is extended, if it has the same robot, environment
+    and shape.
 
     Examples:
       bricksrl record RunAway-v0 --policy random --episodes 100 --out datasets/run_away_random
@@ -57,11 +75,13 @@ class Record:
     """
 
     env: Annotated[Positional[str], option(metavar="ENV")]
-    """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
+    """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or
+    module:TASK."""
     out: Annotated[Path, option(metavar="DIR")]
     """Folder of the dataset: a new one, or one to extend."""
     policy: Annotated[str, option(metavar="POLICY")] = "random"
-    """Policy: random, keyboard, gamepad, controller, or the folder of a run or of a shared policy."""
+    """Policy: random, keyboard, gamepad, controller, or the folder of a run or of a shared
+    policy."""
     take_over: Annotated[Device | None, option(metavar="DEVICE")] = None
     """Let a human intervene with this device; these steps are marked in the data."""
     episodes: Annotated[Count, option(metavar="N")] = 10
@@ -88,9 +108,14 @@ class Record:
         def report(episode: EpisodeRow) -> None:
             nonlocal count
             count += 1
-            by_hand = f"  {counted(episode.interventions, 'step')} by hand" if episode.interventions else ""
+            by_hand = (
+                f"  {counted(episode.interventions, 'step')} by hand"
+                if episode.interventions
+                else ""
+            )
             print_line(
-                f"episode {count}/{self.episodes}  return {episode.return_:.4g}  {counted(episode.length, 'step')}{by_hand}"
+                f"episode {count}/{self.episodes}  return {episode.return_:.4g}  "
+                f"{counted(episode.length, 'step')}{by_hand}"
             )
 
         device = self.policy if self.policy in DEVICES else self.take_over
@@ -98,7 +123,9 @@ class Record:
         options = options if device is None else with_human(options, self.env)
         try:
             with (
-                EmergencyStop(threading.Event(), print_note, keys=False if device == "keyboard" else None) as emergency_stop,
+                EmergencyStop(
+                    threading.Event(), print_note, keys=False if device == "keyboard" else None
+                ) as emergency_stop,
                 driving(device, self.env, task, in_charge=self.policy in DEVICES) as human,
                 closing(self._environment(options, human, emergency_stop)) as env,
                 filmed_env(env, self.video, f"{self.env}: {self.policy}"),
@@ -119,11 +146,18 @@ class Record:
         """Refuse names of no policy, and options that the policy ignores."""
         known = ("random", *DEVICES)
         if self.policy not in known and not Path(self.policy).exists():
-            raise RunError(f"there is no run in {self.policy}{hint(self.policy, known)}; name a folder, or {', '.join(known)}")
+            raise RunError(
+                f"there is no run in {self.policy}{hint(self.policy, known)}; name a folder, or "
+                f"{', '.join(known)}"
+            )
         if self.policy in DEVICES and self.take_over is not None:
-            raise DescriptionError("a human drives from the start; omit --take-over, or name another --policy")
+            raise DescriptionError(
+                "a human drives from the start; omit --take-over, or name another --policy"
+            )
         if self.explore and self.policy in known:
-            raise DescriptionError(f"--explore has no effect with the policy '{self.policy}'; omit it, or name a run")
+            raise DescriptionError(
+                f"--explore has no effect with the policy '{self.policy}'; omit it, or name a run"
+            )
 
     def _check_dataset(self, recorder: Recorder) -> None:
         """Say that a dataset is extended. Raises DataError if it is damaged."""
@@ -131,16 +165,34 @@ class Record:
             return
         if faults := check(self.out):
             remedy = f"`bricksrl data repair {quoted(self.out)} --out NEW` saves what is whole"
-            raise DataError(f"{self.out} is damaged ({faults[0].detail.partition(';')[0]}); {remedy}")
-        print_note(f"{self.out} has {counted(len(recorder.rows), 'episode')} already, which are kept; this adds to them")
+            raise DataError(
+                f"{self.out} is damaged ({faults[0].detail.partition(';')[0]}); {remedy}"
+            )
+        print_note(
+            f"{self.out} has {counted(len(recorder.rows), 'episode')} already, which are kept; "
+            "this adds to them"
+        )
 
-    def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> EnvBase:
-        if self.policy != "random" and self.policy not in DEVICES:  # a run, whose policy acts behind its transforms
+    def _environment(
+        self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop
+    ) -> EnvBase:
+        # a run, whose policy acts behind its transforms
+        if self.policy != "random" and self.policy not in DEVICES:
             options = options.changed(**config_of(Path(self.policy)).transforms)
-        return make(self.env, options, seed=self.seed, place=placing(partial(quiet, human), emergency_stop.quiet))
+        return make(
+            self.env,
+            options,
+            seed=self.seed,
+            place=placing(partial(quiet, human), emergency_stop.quiet),
+        )
 
     def _collect(
-        self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[EpisodeRow], None], page: LivePage | None
+        self,
+        env: EnvBase,
+        recorder: Recorder,
+        human: Driver | None,
+        report: Callable[[EpisodeRow], None],
+        page: LivePage | None,
     ) -> None:
         from bricksrl.data.collect import collect
         from bricksrl.envs.env_interface import interface_of
@@ -152,7 +204,10 @@ class Record:
                 page.begin()
 
         def on_lost(steps: int, error: BricksError) -> None:
-            print_note(f"{error}; {counted(steps, 'step')} of this episode are kept as broken off, and another one is recorded")
+            print_note(
+                f"{error}; {counted(steps, 'step')} of this episode are kept as broken off, and "
+                "another one is recorded"
+            )
 
         if (reconnect := interface_of(env).reconnect) is not None:
             reconnect.patience_s = _PATIENCE_S
@@ -162,7 +217,16 @@ class Record:
             hooks = {"driver": human or page.driver, "on_frame": page.show_step_and_hold}
         player = self._player(env)
         hooks |= {"reset_policy": player.reset, "on_episode": on_episode, "on_lost": on_lost}
-        collect(env, player.act, recorder, self.episodes, name=self.policy, seed=self.seed, hub=self.robot.hub, **hooks)
+        collect(
+            env,
+            player.act,
+            recorder,
+            self.episodes,
+            name=self.policy,
+            seed=self.seed,
+            hub=self.robot.hub,
+            **hooks,
+        )
 
     def _player(self, env: EnvBase) -> Player:
         from bricksrl.page.play import resting_player

@@ -41,10 +41,11 @@ _MAX_LINES = 20
 class TrainTeam:
     """Train robots that share one world, let them play, and film them.
 
-    They learn in a kinematic simulation of their arena or, with --copies 0 or without such a simulation, in the arena itself:
-    virtual hubs in one physics world, where they also play afterwards. The folder gets team.bin and, with OpenGL, a film.
-    Ctrl-C ends the training after the current round and keeps the team; another one ends at once.
-    Algorithms: mappo has a critic of the whole group, ippo a critic of each robot, sac learns from each robot independently.
+    They learn in a kinematic simulation of their arena or, with --copies 0 or without such a
+    simulation, in the arena itself: virtual hubs in one physics world, where they also play
+    afterwards. The folder gets team.bin and, with OpenGL, a film. Ctrl-C ends the training after
+    the current round and keeps the team; another one ends at once. Algorithms: mappo has a critic
+    of the whole group, ippo a critic of each robot, sac learns from each robot independently.
 
     Examples:
       bricksrl team Tag-v0
@@ -57,11 +58,14 @@ class TrainTeam:
     env: Annotated[Positional[str | None], option(metavar="ARENA")] = None
     """Arena; `bricksrl list` shows them."""
     agent: Annotated[Literal["mappo", "ippo", "sac"] | None, option(metavar="NAME")] = None
-    """Algorithm; by default ippo in the simulation, and sac, which needs fewer steps, in the arena itself."""
+    """Algorithm; by default ippo in the simulation, and sac, which needs fewer steps, in the arena
+    itself."""
     learn: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="GROUP")] = ()
-    """Group of robots that learns; the others follow their scripts. May be repeated. By default the arena's first group."""
+    """Group of robots that learns; the others follow their scripts. May be repeated. By default the
+    arena's first group."""
     frames: Annotated[int | None, option(metavar="N")] = None
-    """Steps of all copies together; by default 300,000 in the simulation, 10,000 in the arena itself."""
+    """Steps of all copies together; by default 300,000 in the simulation, 10,000 in the arena
+    itself."""
     copies: Annotated[int | None, option(metavar="N")] = None
     """Copies of the simulation; 0 for the arena itself. By default 256 if there is a simulation."""
     seed: Seed = 0
@@ -73,7 +77,11 @@ class TrainTeam:
     play: Annotated[Path | None, option(metavar="DIR")] = None
     """Play with the team of this folder instead of training one."""
     page: Annotated[
-        bool, option(help="Play in the browser instead of training: each visitor, as on a phone, may drive a robot.")
+        bool,
+        option(
+            help="Play in the browser instead of training: each visitor, as on a phone, may "
+            "drive a robot."
+        ),
     ] = False
     live_page: LivePageGroup = PageOptions()
 
@@ -82,7 +90,9 @@ class TrainTeam:
             raise RunError("a team that only plays has an arena; omit ARENA or --play")
         address = shown(self.live_page, self.page)
         if self.page:
-            refuse_ignored(self, ("--env", "--page", "--play", "--page-host", "--page-port"), "with --page")
+            refuse_ignored(
+                self, ("--env", "--page", "--play", "--page-host", "--page-port"), "with --page"
+            )
         elif self.play is not None:
             refuse_ignored(self, ("--play", "--seed", "--episodes"), "with --play")
         load_learning()
@@ -90,7 +100,9 @@ class TrainTeam:
 
         if self.play is not None:
             if not (self.play / TEAM_FILE).exists():
-                remedy = f"name {folder_with(self.play, TEAM_FILE)}, which `bricksrl team ARENA` writes"
+                remedy = (
+                    f"name {folder_with(self.play, TEAM_FILE)}, which `bricksrl team ARENA` writes"
+                )
                 raise RunError(f"there is no team in {self.play}; {remedy}")
             team = load_team(self.play / TEAM_FILE)
             if address is None:
@@ -99,7 +111,9 @@ class TrainTeam:
                 _show(team.config.env, team.policy, str(self.play), address)
             return
         if self.env is None:
-            raise RunError(f"name an arena to train in ({', '.join(ARENAS)}), or a folder to --play")
+            raise RunError(
+                f"name an arena to train in ({', '.join(ARENAS)}), or a folder to --play"
+            )
         if address is not None:
             policy, by = _latest_policy(self.env)
             _show(self.env, policy, by, address)
@@ -126,8 +140,13 @@ class TrainTeam:
             nonlocal lines
             if progress.episodes and progress.frames * _MAX_LINES >= (lines + 1) * config.frames:
                 lines = progress.frames * _MAX_LINES // config.frames
-                returns = "  ".join(f"{group} {value:.4g}" for group, value in progress.returns.items())
-                line = f"step {progress.frames}/{config.frames}  {counted(progress.episodes, 'episode')}  return {returns}"
+                returns = "  ".join(
+                    f"{group} {value:.4g}" for group, value in progress.returns.items()
+                )
+                line = (
+                    f"step {progress.frames}/{config.frames}  "
+                    f"{counted(progress.episodes, 'episode')}  return {returns}"
+                )
                 print_line(f"{line}  success {percent(progress.success)}")
 
         stop = threading.Event()
@@ -146,9 +165,15 @@ class TrainTeam:
         task = get_arena_task(env)
         for group in self.learn:
             if group not in task.groups:
-                raise UnknownNameError(f"{env} has no group '{group}'; choose {', '.join(task.groups)}")
+                raise UnknownNameError(
+                    f"{env} has no group '{group}'; choose {', '.join(task.groups)}"
+                )
         learning = self.learn or tuple(task.groups)[:1]
-        scripts = {group: task.opponents.get(group, "random") for group in task.groups if group not in learning}
+        scripts = {
+            group: task.opponents.get(group, "random")
+            for group in task.groups
+            if group not in learning
+        }
         copies = self.copies if self.copies is not None else 0 if task.arena.loads else 256
         default_frames = _SIMULATED_FRAMES if copies else _ARENA_FRAMES
         frames = default_frames if self.frames is None else self.frames
@@ -165,7 +190,10 @@ class TrainTeam:
         succeeded = sum(episode.success for episode in episodes)
         mean_steps = sum(episode.length for episode in episodes) / len(episodes)
         count = counted(len(episodes), "episode")
-        print_line(f"success         {succeeded} of {count} in the arena, {mean_steps:.1f} steps on average")
+        print_line(
+            f"success         {succeeded} of {count} in the arena, {mean_steps:.1f} steps "
+            "on average"
+        )
         if folder is not None:
             print_line(f"team            {folder / TEAM_FILE}")
             try:
@@ -177,12 +205,15 @@ class TrainTeam:
 
 
 def _latest_policy(env: str) -> tuple[TensorDictModuleBase, str]:
-    """Policy of the latest team of an arena in the folder ``runs``, and what it is: by its scripts where none is trained."""
+    """Policy of the latest team of an arena in the folder ``runs``, and what it is: by its scripts
+    where none is trained."""
     from bricksrl.training.teams.groups import team_policy
     from bricksrl.training.teams.team import load_team
 
     task = get_arena_task(env)
-    teams = sorted(Path("runs").glob(f"{file_name(env)}-*/{TEAM_FILE}"), key=lambda path: path.stat().st_mtime)
+    teams = sorted(
+        Path("runs").glob(f"{file_name(env)}-*/{TEAM_FILE}"), key=lambda path: path.stat().st_mtime
+    )
     if teams:
         return load_team(teams[-1]).policy, str(teams[-1].parent)
     default = next(iter(task.scripts), "random")
@@ -202,4 +233,8 @@ def _show(env_id: str, policy: TensorDictModuleBase, by: str, address: PageOptio
 def _kept(folder: Path) -> str:
     """Text on what is saved of a training that ends now."""
     saved = (folder / TEAM_FILE).exists()
-    return f"the team is in {folder}; `bricksrl team --play {quoted(folder)}` plays with it" if saved else "nothing was saved"
+    return (
+        f"the team is in {folder}; `bricksrl team --play {quoted(folder)}` plays with it"
+        if saved
+        else "nothing was saved"
+    )

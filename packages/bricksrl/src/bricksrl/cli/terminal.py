@@ -1,4 +1,5 @@
-"""Terminal of a command that learns: slow imports, the robot that is placed or driven by hand, keys and signals that stop it."""
+"""Terminal of a command that learns: slow imports, the robot that is placed or driven by hand, keys
+and signals that stop it."""
 
 from __future__ import annotations
 
@@ -40,8 +41,8 @@ _SLOW_IMPORTS = ("torch", "torchrl.data", "torchrl.envs")
 
 
 def placing(*quiet: Callable[[], AbstractContextManager[None]]) -> Placement:
-    """Placement that asks the user to put a real robot at the start, and waits for Enter, inside these contexts. It raises
-    RunError if standard input has ended."""
+    """Placement that asks the user to put a real robot at the start, and waits for Enter, inside
+    these contexts. It raises RunError if standard input has ended."""
 
     def place(_rng: np.random.Generator) -> None:
         with contextlib.ExitStack() as stack:
@@ -51,14 +52,17 @@ def placing(*quiet: Callable[[], AbstractContextManager[None]]) -> Placement:
             sys.stderr.flush()
             if not (sys.stdin and sys.stdin.readline()):
                 sys.stderr.write("\n")
-                raise RunError("nobody can be asked to place the robot: standard input is not a terminal; start this in one")
+                raise RunError(
+                    "nobody can be asked to place the robot: standard input is not a terminal; "
+                    "start this in one"
+                )
 
     return place
 
 
 def load_learning() -> None:
-    """Import torch and TorchRL. They may ignore an exception of a Ctrl-C, and take long, so that it ends the process at once:
-    there is nothing to save yet, and no robot."""
+    """Import torch and TorchRL. They may ignore an exception of a Ctrl-C, and take long, so that it
+    ends the process at once: there is nothing to save yet, and no robot."""
 
     def end(_signum: int, _frame: FrameType | None) -> None:
         with contextlib.suppress(OSError):  # the terminal may be closed
@@ -105,15 +109,18 @@ _JOIN_TIMEOUT_S = 10.0
 
 
 def stop_signals() -> list[signal.Signals]:
-    """Signals that stop the robot, and end the run: SIGUSR1 and those that end a command. Windows has Ctrl-Break only."""
+    """Signals that stop the robot, and end the run: SIGUSR1 and those that end a command. Windows
+    has Ctrl-Break only."""
     own = [signal.SIGUSR1] if hasattr(signal, "SIGUSR1") else []
     return [*own, *end_signals()]
 
 
 class EmergencyStop:
-    """Emergency stop: while entered, keys stop or pause the robot, and signals stop it. Signals need the main thread.
+    """Emergency stop: while entered, keys stop or pause the robot, and signals stop it. Signals
+    need the main thread.
 
-    Requests are executed in a separate thread, since a signal may arrive while the main thread holds any lock.
+    Requests are executed in a separate thread, since a signal may arrive while the main thread
+    holds any lock.
 
     Args:
         stop: set when the robot is stopped, so that the run ends.
@@ -123,19 +130,27 @@ class EmergencyStop:
     """
 
     def __init__(
-        self, stop: threading.Event, notify: Callable[[str], None], *, keys: bool | None = None, source: Input | None = None
+        self,
+        stop: threading.Event,
+        notify: Callable[[str], None],
+        *,
+        keys: bool | None = None,
+        source: Input | None = None,
     ) -> None:
         self._stop, self._notify = stop, notify
         self._env = BricksEnv()
         self._requests: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self._worker = threading.Thread(target=self._work, name="bricksrl-emergency-stop", daemon=True)
+        self._worker = threading.Thread(
+            target=self._work, name="bricksrl-emergency-stop", daemon=True
+        )
         self._keys = can_listen() if keys is None else keys
         self._source = source
         self._handlers = contextlib.ExitStack()
         self._listener = contextlib.ExitStack()
 
     def attach(self, env: EnvBase) -> None:
-        """Set the environment to stop and pause. For a simulation, which cannot pause, stop is the same as Ctrl-C."""
+        """Set the environment to stop and pause. For a simulation, which cannot pause, stop is the
+        same as Ctrl-C."""
         self._env = interface_of(env)
         if self._stop.is_set():
             self._requests.put("stop")
@@ -144,7 +159,11 @@ class EmergencyStop:
         self._worker.start()
         if threading.current_thread() is threading.main_thread():
             for number in stop_signals():
-                self._handlers.callback(signal.signal, number, signal.signal(number, lambda *_: self._requests.put("stop")))
+                self._handlers.callback(
+                    signal.signal,
+                    number,
+                    signal.signal(number, lambda *_: self._requests.put("stop")),
+                )
         if self._keys:
             self._listener.enter_context(keys_heard(self._on_key, self._source))
             self._notify(LEGEND)
@@ -178,7 +197,9 @@ class EmergencyStop:
                 self._stop_robot() if request == "stop" else self._pause_robot()
             except BricksError as error:  # the hub could not be reached; its watchdog stops it
                 print_error(str(error))
-            except OSError:  # nobody reads what we say, as the terminal is closed; later requests are executed all the same
+            except OSError:
+                # nobody reads what we say, as the terminal is closed; later requests are executed
+                # all the same
                 pass
 
     def _stop_robot(self) -> None:
@@ -206,15 +227,21 @@ DEVICES = get_args(Device)
 
 
 def with_human(options: EnvOptions, env: str) -> EnvOptions:
-    """Options of an environment in which a human drives: a virtual robot moves in real time. A real one does anyway, and for a
-    simulation `driving` keeps the pace."""
-    return replace(options, realtime=True) if options.hub == "virtual" and not is_simulation(env) else options
+    """Options of an environment in which a human drives: a virtual robot moves in real time. A real
+    one does anyway, and for a simulation `driving` keeps the pace."""
+    return (
+        replace(options, realtime=True)
+        if options.hub == "virtual" and not is_simulation(env)
+        else options
+    )
 
 
 @contextmanager
-def driving(device: str | None, env: str, task: Task, *, in_charge: bool) -> Iterator[Driver | None]:
-    """The driver of a keyboard, a gamepad or a Controller of LEGO's kits, after printing the keys' meanings; ``None`` for no
-    device. Raises DataError if the device is not available."""
+def driving(
+    device: str | None, env: str, task: Task, *, in_charge: bool
+) -> Iterator[Driver | None]:
+    """The driver of a keyboard, a gamepad or a Controller of LEGO's kits, after printing the keys'
+    meanings; ``None`` for no device. Raises DataError if the device is not available."""
     if device is None:
         yield None
         return
@@ -227,5 +254,6 @@ def driving(device: str | None, env: str, task: Task, *, in_charge: bool) -> Ite
 
 
 def quiet(driver: object) -> AbstractContextManager[None]:
-    """Context in which the driver ignores keys, so that they can answer a question on the terminal."""
+    """Context in which the driver ignores keys, so that they can answer a question on the
+    terminal."""
     return driver.quiet() if isinstance(driver, KeyboardDriver) else nullcontext()

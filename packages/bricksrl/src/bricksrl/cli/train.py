@@ -23,7 +23,16 @@ from bricksrl.agents import check_agent
 from bricksrl.cli.evaluate import describe
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, has_screen, run_on_page, shown
 from bricksrl.cli.progress import RunProgress, train_seeds
-from bricksrl.cli.terminal import Device, EmergencyStop, driving, load_learning, placing, quiet, telling, with_human
+from bricksrl.cli.terminal import (
+    Device,
+    EmergencyStop,
+    driving,
+    load_learning,
+    placing,
+    quiet,
+    telling,
+    with_human,
+)
 from bricksrl.data.dataset import existing_dataset
 from bricksrl.envs.options import EnvOptions, TransformOptions
 from bricksrl.envs.registry import get_task, is_simulation, training_episodes
@@ -43,7 +52,10 @@ if TYPE_CHECKING:
 _EVALUATED_EPISODES = 5
 
 
-FilmFlag = Annotated[bool, option(help="Film a virtual robot before and after the training, unless --no-film is given.")]
+FilmFlag = Annotated[
+    bool,
+    option(help="Film a virtual robot before and after the training, unless --no-film is given."),
+]
 """``--no-film``."""
 
 
@@ -51,9 +63,10 @@ FilmFlag = Annotated[bool, option(help="Film a virtual robot before and after th
 class Train:
     """Train an agent on a robot, by default a virtual one.
 
-    The run folder gets the configuration, the metrics, a checkpoint, the learning curve, an evaluation and, with OpenGL, a video.
-    Ctrl-C ends the training early and keeps what was learned. In a terminal, space, q or Esc stops the robot at once, and p
-    pauses it; the signals SIGUSR1 and SIGTERM (Windows: Ctrl-Break) stop it too.
+    The run folder gets the configuration, the metrics, a checkpoint, the learning curve, an
+    evaluation and, with OpenGL, a video. Ctrl-C ends the training early and keeps what was learned.
+    In a terminal, space, q or Esc stops the robot at once, and p pauses it; the signals SIGUSR1 and
+    SIGTERM (Windows: Ctrl-Break) stop it too.
 
     Examples:
       bricksrl train RunAway-v0
@@ -75,9 +88,11 @@ class Train:
     """
 
     env: Annotated[Positional[str | None], option(metavar="ENV")] = None
-    """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
+    """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or
+    module:TASK."""
     agent: Annotated[str | None, option(metavar="NAME")] = None
-    """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Default: sac, or the agent of --from."""
+    """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Default:
+    sac, or the agent of --from."""
     episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to train for; the default depends on the environment."""
     seed: Seed = 0
@@ -85,10 +100,13 @@ class Train:
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
     page: PageFlag = False
-    changes: Annotated[UseAppendAction[tuple[str, ...]], option(name="set", metavar="NAME=VALUE")] = ()
+    changes: Annotated[
+        UseAppendAction[tuple[str, ...]], option(name="set", metavar="NAME=VALUE")
+    ] = ()
     """A single setting, such as learning_rate=3e-4 or hidden=128,128. May be repeated."""
     preset: Annotated[str | None, option(metavar="NAME")] = None
-    """Settings of the agent: default, or paper for those of the BricksRL paper. Default: default, or the settings of --from."""
+    """Settings of the agent: default, or paper for those of the BricksRL paper. Default: default,
+    or the settings of --from."""
     settings: Annotated[Path | None, option(metavar="FILE")] = None
     """Settings that replace those of the preset: a JSON file such as `bricksrl tune` writes."""
     resume: Annotated[Path | None, option(metavar="RUN")] = None
@@ -96,13 +114,17 @@ class Train:
     seeds: Annotated[int | None, option(metavar="N")] = None
     """Train N seeds, starting with --seed, in parallel, and summarise them."""
     on: Annotated[str | None, option(metavar="WHERE")] = None
-    """Where to train the --seeds: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
+    """Where to train the --seeds: ray, or ray:ADDRESS for a cluster (pip install
+    'bricksrl[distributed]')."""
     take_over: Annotated[Device | None, option(metavar="DEVICE")] = None
-    """Let a human intervene with this device; the agent learns from these steps too, and the data marks them."""
+    """Let a human intervene with this device; the agent learns from these steps too, and the data
+    marks them."""
     asynchronous: Flag = False
-    """Learn in parallel with the robot, which never waits; the default on a real robot and with --realtime."""
+    """Learn in parallel with the robot, which never waits; the default on a real robot and with
+    --realtime."""
     synchronous: Flag = False
-    """Learn while the robot waits, even on a real robot; runs of a virtual robot are then reproducible."""
+    """Learn while the robot waits, even on a real robot; runs of a virtual robot are then
+    reproducible."""
     film: FilmFlag = True
     learning: Annotated[RunOptions, OmitArgPrefixes] = RunOptions()
     robot: RobotGroup = EnvOptions()
@@ -111,19 +133,31 @@ class Train:
     def execute(self) -> None:
         if self.resume is not None:
             if self.env is not None:
-                raise DescriptionError("a run that is resumed has an environment; omit ENV or --resume")
-            refuse_ignored(self, ("--resume", "--episodes", "--page", "--no-film", "--page-host", "--page-port"), "with --resume")
+                raise DescriptionError(
+                    "a run that is resumed has an environment; omit ENV or --resume"
+                )
+            refuse_ignored(
+                self,
+                ("--resume", "--episodes", "--page", "--no-film", "--page-host", "--page-port"),
+                "with --resume",
+            )
             Resume(self.resume, self.episodes, self.page, self.film, self.live_page).execute()
             return
         if self.env is None:
-            raise DescriptionError("name an environment to train in, or a run to --resume; `bricksrl list` shows environments")
+            raise DescriptionError(
+                "name an environment to train in, or a run to --resume; `bricksrl list` shows "
+                "environments"
+            )
         address = shown(self.live_page, self.page)
         if self.seeds is not None and (self.page or self.take_over is not None):
             raise DescriptionError(
-                "several seeds have no page and nobody who takes over; omit --seeds, or --page and --take-over"
+                "several seeds have no page and nobody who takes over; omit --seeds, or --page "
+                "and --take-over"
             )
         if self.learning.eval_episodes != RunOptions.eval_episodes and not self.learning.eval_every:
-            raise DescriptionError("--eval-episodes has no effect without --eval-every; omit it, or give both")
+            raise DescriptionError(
+                "--eval-episodes has no effect without --eval-every; omit it, or give both"
+            )
         self._check(self.env)
         check_there(self.agent or "")
         load_learning()
@@ -138,9 +172,14 @@ class Train:
         if self.take_over is None:
             run_training(partial(train, config), config, address, film=self.film)
             return
-        keys = False if self.take_over == "keyboard" else None  # all keys of a keyboard are for driving
-        with driving(self.take_over, self.env, get_task(self.env, **config.options), in_charge=False) as driver:
-            run_training(partial(train, config), config, address, driver=driver, keys=keys, film=self.film)
+        # all keys of a keyboard are for driving
+        keys = False if self.take_over == "keyboard" else None
+        with driving(
+            self.take_over, self.env, get_task(self.env, **config.options), in_charge=False
+        ) as driver:
+            run_training(
+                partial(train, config), config, address, driver=driver, keys=keys, film=self.film
+            )
 
     def _check(self, env: str) -> None:
         """Refuse what is wrong before torch is loaded, which takes seconds."""
@@ -156,18 +195,26 @@ class Train:
         """Configuration of the run from the flags."""
         if self.asynchronous and self.synchronous:
             raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")
-        source = None if self.learning.start is None else RunFolder(self.learning.start).read_config()
+        source = (
+            None if self.learning.start is None else RunFolder(self.learning.start).read_config()
+        )
         agent = self.agent if self.agent is not None else "sac" if source is None else source.agent
         if source is not None and self.preset is None and source.agent == agent:
             settings = source.settings
         else:
             settings = settings_for(env, "default" if self.preset is None else self.preset, agent)
-        base = self.learning.base if source is None or self.learning.base is not None else source.base
+        base = (
+            self.learning.base if source is None or self.learning.base is not None else source.base
+        )
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
         known = {**vars(self.learning), "base": base}
         for name in ("start", "base", "demonstrations"):  # the run can then go on in any folder
-            known[name] = known[name] if known[name] in (None, SCRIPTED) else str(Path(known[name]).absolute())
+            known[name] = (
+                known[name]
+                if known[name] in (None, SCRIPTED)
+                else str(Path(known[name]).absolute())
+            )
         return TrainConfig(
             **vars(self.robot if self.take_over is None else with_human(self.robot, env)),
             **known,
@@ -193,7 +240,8 @@ class Resume:
     run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder that `bricksrl train` wrote."""
     episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
-    """Total number of episodes, including those already trained; by default as when the run was started."""
+    """Total number of episodes, including those already trained; by default as when the run was
+    started."""
     page: PageFlag = False
     film: FilmFlag = True
     live_page: LivePageGroup = PageOptions()
@@ -203,15 +251,18 @@ class Resume:
         load_learning()
         from bricksrl.training.run import resume
 
-        run_training(partial(resume, self.run, episodes=self.episodes), config, address, film=self.film)
+        run_training(
+            partial(resume, self.run, episodes=self.episodes), config, address, film=self.film
+        )
 
 
 @dataclass(frozen=True)
 class TrainOffline:
     """Train an agent from a dataset alone, without the robot.
 
-    The agent is tested in a few episodes, spread over the updates. The run folder is that of `bricksrl train`. To continue the
-    training on the robot, use `bricksrl train ENV --from RUN`; `bricksrl train ENV --demonstrations RUN` teaches SAC its policy.
+    The agent is tested in a few episodes, spread over the updates. The run folder is that of
+    `bricksrl train`. To continue the training on the robot, use `bricksrl train ENV --from RUN`;
+    `bricksrl train ENV --demonstrations RUN` teaches SAC its policy.
 
     Examples:
       bricksrl train-offline Walker-v0 --data datasets/walker
@@ -263,7 +314,8 @@ class TrainOffline:
 
 
 def run_folder(named: Path | None, env: str, agent: str, seed: int) -> Path:
-    """The folder that the user has named for a run; by default one with the run's and the time's name."""
+    """The folder that the user has named for a run; by default one with the run's and the time's
+    name."""
     time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
     return named or Path("runs") / f"{file_name(env)}-{file_name(agent)}-{seed}-{time}"
 
@@ -278,10 +330,12 @@ def run_training(
     can_drive: bool = True,
     film: bool = True,
 ) -> None:
-    """Run, evaluate and report a training with its displays, in the terminal and on an optional page.
+    """Run, evaluate and report a training with its displays, in the terminal and on an optional
+    page.
 
     Args:
-        run: `train` or `resume`, called with a callback and with ``place``, ``stop`` and ``driver``.
+        run: `train` or `resume`, called with a callback and with ``place``, ``stop`` and
+            ``driver``.
         driver: a human who may take over; by default one at the page.
         keys: as in :class:`EmergencyStop`.
         can_drive: whether a human at the page may drive.
@@ -291,7 +345,9 @@ def run_training(
     can_drive = can_drive and driver is None and config.num_envs == len(config.hubs) == 1
     try:
         with (
-            run_on_page(address, config.env, config.options, on_stop=stop.set, can_drive=can_drive) as page,
+            run_on_page(
+                address, config.env, config.options, on_stop=stop.set, can_drive=can_drive
+            ) as page,
             EmergencyStop(stop, progress.note, keys=keys) as emergency_stop,
         ):
             progress.on_ready = emergency_stop.attach
@@ -300,30 +356,40 @@ def run_training(
             if page is not None:
                 from bricksrl.page.play import PageCallback
 
-                callback, driver = CallbackList(progress, PageCallback(page, stop)), driver or page.driver
+                callback, driver = (
+                    CallbackList(progress, PageCallback(page, stop)),
+                    driver or page.driver,
+                )
             result = run(callback, place=place, stop=stop, driver=driver)
             progress.close()
             if not result.interrupted:
                 with only_writer(result.run_dir, RunError):
                     _report(result, emergency_stop, page, film=film)
                 return
-    except (KeyboardInterrupt, StoppedError):  # before or after the training, or a second time during it
+    except (KeyboardInterrupt, StoppedError):
+        # before or after the training, or a second time during it
         pass
     finally:
         progress.close()
     raise Interrupted(progress.saved())
 
 
-def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | None, *, film: bool) -> None:
+def _report(
+    result: RunResult, emergency_stop: EmergencyStop, page: LivePage | None, *, film: bool
+) -> None:
     """Evaluate, film, and print the paths of the results."""
     from bricksrl.evaluation.evaluator import evaluate
     from bricksrl.evaluation.report import write_report
 
     last = result.episodes[-1]
-    print_line(f"trained {counted(last.episode, 'episode')}, {counted(last.steps, 'step')}, in {last.seconds:.0f} s")
+    print_line(
+        f"trained {counted(last.episode, 'episode')}, {counted(last.steps, 'step')}, in "
+        f"{last.seconds:.0f} s"
+    )
     if result.caught_up:
         print_line(
-            f"learning made {result.updates_per_step:.3g} updates a step while the robot was at work, {result.caught_up} after it"
+            f"learning made {result.updates_per_step:.3g} updates a step while the robot was at "
+            f"work, {result.caught_up} after it"
         )
 
     def on_env(env: EnvBase) -> None:
@@ -335,15 +401,22 @@ def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | N
     remove_unfinished(result.run_dir)  # such as a film that was killed
     with telling("evaluating"):
         place = placing(emergency_stop.quiet)
-        evaluation = evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=place)
+        evaluation = evaluate(
+            result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=place
+        )
     for line in describe(evaluation):
         print_line(line)
     evaluation.save()
     if page is not None:
-        page.finish(f"Done. `bricksrl play {quoted(result.run_dir)} --page` shows what it has learned.")
-    trained_env = RunFolder(result.run_dir).read_config().env  # the evaluation names the task, which may be of a file
+        page.finish(
+            f"Done. `bricksrl play {quoted(result.run_dir)} --page` shows what it has learned."
+        )
+    # the evaluation names the task, which may be of a file
+    trained_env = RunFolder(result.run_dir).read_config().env
     is_filmed = film and not is_simulation(trained_env)
-    with telling("filming before and after, and writing the report" if is_filmed else "writing the report"):
+    with telling(
+        "filming before and after, and writing the report" if is_filmed else "writing the report"
+    ):
         summary, video = write_report(result.run_dir, result.episodes, evaluation, film=film)
     print_line(f"learning curve  {RunFolder(result.run_dir).curve_path}")
     print_line(f"video           {video}")

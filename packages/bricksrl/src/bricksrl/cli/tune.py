@@ -1,4 +1,5 @@
-"""Many trainings: ``bricksrl tune``, and ``bricksrl study``, the door to the benchmarks of the repository."""
+"""Many trainings: ``bricksrl tune``, and ``bricksrl study``, the door to the benchmarks of the
+repository."""
 
 import sys
 from dataclasses import dataclass
@@ -24,8 +25,9 @@ from bricksrl.training.run_folder import file_name
 class Tune(Tuning):
     """Tune the hyperparameters of an agent for a fixed number of robot steps.
 
-    Optuna proposes settings; each is trained with some seeds and evaluated in simulation. The folder gets the study and best.json
-    for `bricksrl train --settings`. The same command continues the study, also from several terminals at once.
+    Optuna proposes settings; each is trained with some seeds and evaluated in simulation. The
+    folder gets the study and best.json for `bricksrl train --settings`. The same command continues
+    the study, also from several terminals at once.
 
     Examples:
       bricksrl tune WalkerSim-v0 --agent sac --trials 50
@@ -39,7 +41,8 @@ class Tune(Tuning):
     folder: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder of the study; by default tuning/<env>-<agent>."""
     on: Annotated[str | None, option(metavar="WHERE")] = None
-    """Train the seeds of a trial in parallel: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
+    """Train the seeds of a trial in parallel: ray, or ray:ADDRESS for a cluster (pip install
+    'bricksrl[distributed]')."""
 
     def execute(self) -> None:
         tuning = Tuning(self.env, self.agent, self.steps, self.seeds, self.episodes)
@@ -58,17 +61,26 @@ class Tune(Tuning):
             kept = f"the study is in {folder}; the same command goes on with it"
             raise Interrupted(kept if (folder / STUDY).exists() else "nothing was saved") from None
         print_line(f"best of {best.trials} finished trials: return {best.value:.4g}")
-        command = ["bricksrl", "train", self.env, "--agent", self.agent, "--settings", str(folder / BEST)]
+        command = [
+            "bricksrl",
+            "train",
+            self.env,
+            "--agent",
+            self.agent,
+            "--settings",
+            str(folder / BEST),
+        ]
         print_line(f"train with it   {' '.join(map(quoted, command))}")
 
 
 @dataclass(frozen=True)
 class StudyCommand:
-    """Train and evaluate a table of agents and environments with several seeds; write its numbers and a page.
+    """Train and evaluate a table of agents and environments with several seeds; write its numbers
+    and a page.
 
-    Studies are in the repository: run this in a clone. Without a name, list them with all other benchmarks and their durations.
-    The same command resumes an interrupted study without repeating finished runs. Where the repository has the result of another
-    benchmark, that is shown.
+    Studies are in the repository: run this in a clone. Without a name, list them with all other
+    benchmarks and their durations. The same command resumes an interrupted study without repeating
+    finished runs. Where the repository has the result of another benchmark, that is shown.
 
     Examples:
       bricksrl study
@@ -89,18 +101,22 @@ class StudyCommand:
     on: Annotated[str | None, option(metavar="WHERE")] = None
     """Where to run: ray, or ray:ADDRESS for a cluster whose computers share the folder."""
     only: Annotated[tuple[str, ...], option(metavar="PATTERN")] = ()
-    """Run only the cells whose names match, e.g. "*RunAway-v0" "td3-*"; the page shows all cells that were run."""
+    """Run only the cells whose names match, e.g. "*RunAway-v0" "td3-*"; the page shows all cells
+    that were run."""
     folder: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder of the study; by default studies/<name>, or studies/<name>-quick."""
     benchmarks: Annotated[Path | None, option(metavar="DIR")] = None
-    """Folder of the repository's benchmarks; by default found above this package or the working folder."""
+    """Folder of the repository's benchmarks; by default found above this package or the working
+    folder."""
 
     def execute(self) -> int:
         words = []
         if self.name is None:
             refuse_ignored(self, ("--benchmarks",), "without a study's name")
         else:
-            folder = self.folder or Path("studies") / (f"{self.name}-quick" if self.quick else self.name)
+            folder = self.folder or Path("studies") / (
+                f"{self.name}-quick" if self.quick else self.name
+            )
             words = [self.name, *(["--quick"] if self.quick else []), "--folder", str(folder)]
             for name, value in (("--seeds", self.seeds), ("--jobs", self.jobs), ("--on", self.on)):
                 words += [] if value is None else [name, str(value)]

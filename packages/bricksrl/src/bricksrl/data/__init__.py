@@ -1,4 +1,5 @@
-"""Datasets of robot episodes: recording, reading, checking, sharing. Importing this loads neither torch nor Arrow."""
+"""Datasets of robot episodes: recording, reading, checking, sharing. Importing this loads neither
+torch nor Arrow."""
 
 from __future__ import annotations
 
@@ -15,7 +16,13 @@ if TYPE_CHECKING:
 
 __all__ = ["About", "Description", "Episodes", "Recorder", "Step", "describe", "load"]
 
-_MODULES = {"About": "dataset", "Episodes": "reader", "Recorder": "recorder", "Step": "steps", "load": "reader"}
+_MODULES = {
+    "About": "dataset",
+    "Episodes": "reader",
+    "Recorder": "recorder",
+    "Step": "steps",
+    "load": "reader",
+}
 
 
 def __getattr__(name: str) -> Any:

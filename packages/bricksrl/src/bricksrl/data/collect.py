@@ -1,4 +1,5 @@
-"""Data collection: recording of episodes of a policy, a human, or both; transitions as recorded steps, and their provenance."""
+"""Data collection: recording of episodes of a policy, a human, or both; transitions as recorded
+steps, and their provenance."""
 
 import dataclasses
 from collections.abc import Callable
@@ -25,7 +26,8 @@ _VERSIONS = {name: metadata.version(name) for name in (*HOUSES, "torch", "torchr
 
 
 def random_policy(env: EnvBase, seed: int) -> Policy:
-    """Policy of uniform random actions, with a generator of its own. Raises DescriptionError if the seed is invalid."""
+    """Policy of uniform random actions, with a generator of its own. Raises DescriptionError if the
+    seed is invalid."""
     check_seed(seed)
     generator = torch.Generator().manual_seed(seed)
     size = int(env.action_spec.shape[-1])
@@ -47,23 +49,27 @@ def collect(
     on_frame: Callable[[TensorDictBase], None] = lambda _: None,
     on_lost: Callable[[int, BricksError], None] = lambda _steps, _error: None,
 ) -> list[EpisodeRow]:
-    """Record episodes, and return their rows. An episode interrupted by a pause, an error or Ctrl-C is recorded up to that step.
+    """Record episodes, and return their rows. An episode interrupted by a pause, an error or Ctrl-C
+    is recorded up to that step.
 
-    So is one in which the link to the robot broke; it is played again, with another seed, after the robot has been reached as
-    ``env.reconnect`` says, and does not count.
+    So is one in which the link to the robot broke; it is played again, with another seed, after the
+    robot has been reached as ``env.reconnect`` says, and does not count.
 
     Args:
         name: name of the policy, to be stored.
-        seed: seed of the episodes; each depends only on it, its number in the dataset and the actions.
+        seed: seed of the episodes; each depends only on it, its number in the dataset and the
+            actions.
         hub: how the robot is reached, to be stored.
         driver: asked first at each step.
         reset_policy: as in `play`.
         on_episode: called with the row of each episode.
         on_frame: called with each step, as returned by TorchRL's ``EnvBase.step``.
-        on_lost: called with the number of steps of an episode in which the link broke, and the error.
+        on_lost: called with the number of steps of an episode in which the link broke, and the
+            error.
 
     Raises:
-        HubError: the robot cannot be reached, or the link broke in each of ``TRIES`` episodes one after the other.
+        HubError: the robot cannot be reached, or the link broke in each of ``TRIES`` episodes one
+            after the other.
         DataError: the episode cannot be recorded.
         DescriptionError: the seed is invalid.
     """
@@ -78,7 +84,11 @@ def collect(
         episode_seed = int(np.random.SeedSequence([seed, number, *again]).generate_state(1)[0] >> 1)
         env.set_seed(episode_seed)
         state = env.reset()
-        provenance, steps, episode = about(env, name, seed=episode_seed, hub=hub), list[Step](), Rollout()
+        provenance, steps, episode = (
+            about(env, name, seed=episode_seed, hub=hub),
+            list[Step](),
+            Rollout(),
+        )
         try:
             for frame in play(env, policy, state, driver=driver, reset_policy=reset_policy):
                 own = episode.add(frame, env)
@@ -92,7 +102,10 @@ def collect(
         except BaseException:
             recorder.write(steps, dataclasses.replace(provenance, whole=False))
             raise
-        recorder.write(steps, dataclasses.replace(provenance, success=success, whole=not (is_cut or episode.is_lost)))
+        recorder.write(
+            steps,
+            dataclasses.replace(provenance, success=success, whole=not (is_cut or episode.is_lost)),
+        )
         if episode.is_lost:
             lost += 1
             on_lost(len(steps), ours.link_error)
@@ -106,12 +119,18 @@ def collect(
 
 
 def step_of(transition: TensorDictBase, env: EnvBase) -> Step:
-    """Step from a transition of TorchRL's ``EnvBase.step``, copied, since the environment may reuse its tensors. ``env``:
-    environment of the transition; its ``timing``, if any, is recorded."""
+    """Step from a transition of TorchRL's ``EnvBase.step``, copied, since the environment may reuse
+    its tensors. ``env``: environment of the transition; its ``timing``, if any, is recorded."""
     after, ours = transition["next"], interface_of(env)
     timing, has_image = ours.timing, ours.task is not None and "image" in after
-    times: dict[str, Any] = {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
-    images = {"image": _numbers(transition["image"]), "next_image": _numbers(after["image"])} if has_image else {}
+    times: dict[str, Any] = (
+        {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
+    )
+    images = (
+        {"image": _numbers(transition["image"]), "next_image": _numbers(after["image"])}
+        if has_image
+        else {}
+    )
     return Step(
         observation=_numbers(transition["observation"]),
         action=_numbers(transition["action"]),
@@ -149,5 +168,7 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
         hub=hub if on_hub else "",
         program_hash=task.hub_program.hash if task is not None and has_program else None,
         versions=_VERSIONS,
-        physics={} if twin is None or physics is None else dataclasses.asdict(physics.with_link(twin.link)),
+        physics={}
+        if twin is None or physics is None
+        else dataclasses.asdict(physics.with_link(twin.link)),
     )

@@ -1,4 +1,5 @@
-"""Columns of steps as bytes: Parquet files, lossless videos of images (H.264 in RGB), and LeRobot's statistics."""
+"""Columns of steps as bytes: Parquet files, lossless videos of images (H.264 in RGB), and LeRobot's
+statistics."""
 
 import hashlib
 import io
@@ -17,24 +18,46 @@ from brickhub.files import reading
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
 
-RESTORE = "restore it from a copy, or save the intact episodes with `bricksrl data repair DIR --out NEW`"
+RESTORE = (
+    "restore it from a copy, or save the intact episodes with `bricksrl data repair DIR --out NEW`"
+)
 """What to do about a damaged file of episodes."""
 
 Columns = Mapping[str, NDArray[Any]]
 """Arrays ``[steps]`` and ``[steps, n]`` by the names of the columns."""
 
 Statistics = tuple[NDArray[np.float64], int]
-"""Minimum, maximum, mean and deviation of a column, ``[4, n]``, or ``[4, 3, 1, 1]`` of images, and the number of values."""
+"""Minimum, maximum, mean and deviation of a column, ``[4, n]``, or ``[4, 3, 1, 1]`` of images, and
+the number of values."""
 STATISTICS = ("min", "max", "mean", "std")
 _QUIET = ("-hide_banner", "-loglevel", "error")
-_LOSSLESS = ("-c:v", "libx264rgb", "-crf", "0", "-preset", "veryfast", "-g", "2", "-movflags", "+faststart")
-_ONE_MP4_FILE = ("-protocol_whitelist", "file", "-f", "mp4")  # a disguised playlist could name other files and servers
+_LOSSLESS = (
+    "-c:v",
+    "libx264rgb",
+    "-crf",
+    "0",
+    "-preset",
+    "veryfast",
+    "-g",
+    "2",
+    "-movflags",
+    "+faststart",
+)
+# a disguised playlist could name other files and servers
+_ONE_MP4_FILE = ("-protocol_whitelist", "file", "-f", "mp4")
 
 
 def arrow_types(description: Description) -> dict[str, tuple[int, pa.DataType]]:
     """Length and type of each column that is stored in Parquet."""
-    stored = {name: feature for name, feature in description.features.items() if feature["dtype"] != "video"}
-    return {name: (feature["shape"][0], pa.from_numpy_dtype(feature["dtype"])) for name, feature in stored.items()}
+    stored = {
+        name: feature
+        for name, feature in description.features.items()
+        if feature["dtype"] != "video"
+    }
+    return {
+        name: (feature["shape"][0], pa.from_numpy_dtype(feature["dtype"]))
+        for name, feature in stored.items()
+    }
 
 
 def to_parquet(table: pa.Table) -> bytes:
@@ -51,7 +74,8 @@ def read_bytes(path: Path, remedy: str = "restore it from a copy") -> bytes:
 
 
 def read_verified(path: Path, digest: str | None) -> bytes:
-    """Content of a file, of this SHA-256 ``digest`` unless ``None``. Raises DataError if it cannot be read or differs."""
+    """Content of a file, of this SHA-256 ``digest`` unless ``None``. Raises DataError if it cannot
+    be read or differs."""
     data = read_bytes(path, "restore it, or run `bricksrl data repair`")
     if digest is not None and hashlib.sha256(data).hexdigest() != digest:
         raise DataError(f"{path} is damaged: its content is not what was written; {RESTORE}")
@@ -59,16 +83,27 @@ def read_verified(path: Path, digest: str | None) -> bytes:
 
 
 def read_parquet(path: Path, *, digest: str | None = None) -> pa.Table:
-    """Read a table that `to_parquet` wrote, of this SHA-256 ``digest`` if given. Nothing in the file is executed. Raises
-    DataError if the file is missing or damaged."""
+    """Read a table that `to_parquet` wrote, of this SHA-256 ``digest`` if given. Nothing in the
+    file is executed. Raises DataError if the file is missing or damaged."""
     data = read_verified(path, digest)
     try:
         file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
         if file.metadata.num_rows > len(data):
-            raise DataError(f"{path} claims more rows than it can hold; it is damaged or not ours; {RESTORE}")
-        table = file.read(use_threads=False)  # a thread of Arrow that lets go of `data` while Python exits aborts the program
+            raise DataError(
+                f"{path} claims more rows than it can hold; it is damaged or not ours; {RESTORE}"
+            )
+        # a thread of Arrow that lets go of `data` while Python exits aborts the program
+        table = file.read(use_threads=False)
         table.validate(full=True)
-    except (pa.ArrowException, OSError, ValueError, TypeError, OverflowError, MemoryError, RecursionError):
+    except (
+        pa.ArrowException,
+        OSError,
+        ValueError,
+        TypeError,
+        OverflowError,
+        MemoryError,
+        RecursionError,
+    ):
         raise DataError(f"{path} is not a valid Parquet file; {RESTORE}") from None
     return table
 
@@ -82,24 +117,37 @@ def to_table(columns: Columns, description: Description) -> pa.Table:
     return pa.table(arrays)
 
 
-def from_table(table: pa.Table, description: Description, names: Iterable[str], where: Path) -> dict[str, NDArray[Any]]:
-    """Inverse of `to_table` for some of the columns; vectors of length 1 are returned as ``[steps]``. Raises DataError if a
-    column has another type than in the description."""
+def from_table(
+    table: pa.Table, description: Description, names: Iterable[str], where: Path
+) -> dict[str, NDArray[Any]]:
+    """Inverse of `to_table` for some of the columns; vectors of length 1 are returned as
+    ``[steps]``. Raises DataError if a column has another type than in the description."""
     types, arrays = arrow_types(description), {}
     for name in names:
         n, type_ = types[name]
         try:
             column = table[name].combine_chunks()
         except KeyError:
-            raise DataError(f"{where} has not one column {name}; it is not a file of this dataset") from None
+            raise DataError(
+                f"{where} has not one column {name}; it is not a file of this dataset"
+            ) from None
         expected = type_ if n == 1 else pa.list_(type_, n)
-        is_list = n > 1 and (pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type))
-        fits = column.type == expected or (is_list and column.type.value_type == type_)  # other programs write other lists
+        is_list = n > 1 and (
+            pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type)
+        )
+        # other programs write other lists
+        fits = column.type == expected or (is_list and column.type.value_type == type_)
         if not fits or column.null_count:
-            raise DataError(f"{where}: column {name} is {column.type}, not {expected}; it is not a file of this dataset")
+            raise DataError(
+                f"{where}: column {name} is {column.type}, not {expected}; it is not a file of "
+                "this dataset"
+            )
         flat = column if n == 1 else column.flatten()
         if len(flat) != n * len(column) or flat.null_count:
-            raise DataError(f"{where}: column {name} has rows of another length than {n}; it is not a file of this dataset")
+            raise DataError(
+                f"{where}: column {name} has rows of another length than {n}; it is not a file of "
+                "this dataset"
+            )
         values = flat.to_numpy(zero_copy_only=False)
         arrays[name] = values if n == 1 else values.reshape(-1, n)
     return arrays
@@ -119,10 +167,14 @@ def image_statistics(images: NDArray[np.uint8]) -> Statistics:
 
 
 def join_statistics(parts: Sequence[dict[str, Statistics]]) -> dict[str, dict[str, list[Any]]]:
-    """Statistics of all episodes together, by column and name as in LeRobot, from those of each episode."""
+    """Statistics of all episodes together, by column and name as in LeRobot, from those of each
+    episode."""
     joined = {}
     for name in parts[0] if parts else ():
-        values, counts = np.array([part[name][0] for part in parts]), np.array([part[name][1] for part in parts])
+        values, counts = (
+            np.array([part[name][0] for part in parts]),
+            np.array([part[name][1] for part in parts]),
+        )
         low, high, means, stds = values.swapaxes(0, 1)
         share = (counts / counts.sum()).reshape(-1, *[1] * (means.ndim - 1))
         mean = (share * means).sum(0)
@@ -134,22 +186,36 @@ def join_statistics(parts: Sequence[dict[str, Statistics]]) -> dict[str, dict[st
 
 
 def encode(images: NDArray[np.uint8], rate_hz: float) -> bytes:
-    """Encode images ``[steps, height, width, 3]`` losslessly as an mp4 file, the inverse of `decode`. Raises DataError if ffmpeg
-    is not installed, or it failed."""
+    """Encode images ``[steps, height, width, 3]`` losslessly as an mp4 file, the inverse of
+    `decode`. Raises DataError if ffmpeg is not installed, or it failed."""
     _, height, width, _ = images.shape
-    raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate_hz), "-i", "pipe:0")
+    raw = (
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "rgb24",
+        "-s",
+        f"{width}x{height}",
+        "-r",
+        str(rate_hz),
+        "-i",
+        "pipe:0",
+    )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "video.mp4"
         command = [_ffmpeg(), *_QUIET, *raw, *_LOSSLESS, str(path)]
         process = subprocess.run(command, input=images.tobytes(), capture_output=True, check=False)  # noqa: S603
         if process.returncode:
-            raise DataError(f"ffmpeg could not write a video: {process.stderr.decode(errors='replace').strip()}; install another")
+            raise DataError(
+                "ffmpeg could not write a video: "
+                f"{process.stderr.decode(errors='replace').strip()}; install another"
+            )
         return path.read_bytes()
 
 
 def decode(path: Path, count: int, side: int) -> NDArray[np.uint8]:
-    """Decode the first ``count`` images of a file, ``[count, side, side, 3]``. Raises DataError if the file is no such video, or
-    too short."""
+    """Decode the first ``count`` images of a file, ``[count, side, side, 3]``. Raises DataError if
+    the file is no such video, or too short."""
     size_bytes = count * side * side * 3
     raw = ("-frames:v", str(count), "-f", "rawvideo", "-pix_fmt", "rgb24", "pipe:1")
     command = [_ffmpeg(), *_QUIET, "-nostdin", *_ONE_MP4_FILE, "-i", f"file:{path}", *raw]
@@ -167,4 +233,6 @@ def _ffmpeg() -> str:
     try:
         return str(imageio_ffmpeg.get_ffmpeg_exe())
     except RuntimeError:
-        raise DataError("there is no ffmpeg for videos; reinstall imageio-ffmpeg: pip install imageio-ffmpeg") from None
+        raise DataError(
+            "there is no ffmpeg for videos; reinstall imageio-ffmpeg: pip install imageio-ffmpeg"
+        ) from None

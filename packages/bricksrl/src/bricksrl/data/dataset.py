@@ -67,7 +67,11 @@ class About:
 
 _TEXT, _INT, _FLOAT, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
 _TYPES = {"str": _TEXT, "int | None": _INT, "bool": _BOOL, "bool | None": _BOOL}
-_ABOUT = {attribute.name: _TYPES[str(attribute.type)] for attribute in fields(About) if attribute.type in _TYPES}
+_ABOUT = {
+    attribute.name: _TYPES[str(attribute.type)]
+    for attribute in fields(About)
+    if attribute.type in _TYPES
+}
 _ABOUT_JSON = [attribute.name for attribute in fields(About) if attribute.name not in _ABOUT]
 """Attributes of `About`: columns of their own, and dictionaries as texts."""
 
@@ -113,8 +117,13 @@ _COLUMNS = {
 
 
 def _columns(key: str | None) -> dict[str, tuple[str, pa.DataType]]:
-    """Columns, with their types, of plain attributes of `EpisodeRow`; ``key``: name of the images' feature, if any."""
-    present = {name: column for name, column in _COLUMNS.items() if key is not None or "{key}" not in column[0]}
+    """Columns, with their types, of plain attributes of `EpisodeRow`; ``key``: name of the images'
+    feature, if any."""
+    present = {
+        name: column
+        for name, column in _COLUMNS.items()
+        if key is not None or "{key}" not in column[0]
+    }
     return {name: (column.format(key=key), type_) for name, (column, type_) in present.items()}
 
 
@@ -123,7 +132,8 @@ class Episode:
     """Complete episode: its provenance, and columns ``[length, ...]``.
 
     Attributes:
-        images: before each step and after the last one, ``[length + 1, side, side, 3]``, with a camera.
+        images: before each step and after the last one, ``[length + 1, side, side, 3]``, with a
+            camera.
         image_statistics: statistics of the images before the steps.
     """
 
@@ -154,13 +164,17 @@ class Dataset:
 
     @property
     def data_files(self) -> int:
-        """Number of files with steps, and so the number of the next one; a merged dataset has fewer files with rows."""
+        """Number of files with steps, and so the number of the next one; a merged dataset has fewer
+        files with rows."""
         return 1 + max((row.data_file for row in self.rows), default=-1)
 
     def path(self, kind: str, number: int = 0) -> Path:
-        """Path of a file of a kind in ``FILES``, or of that ``number`` with steps, images or rows."""
+        """Path of a file of a kind in ``FILES``, or of that ``number`` with steps, images or
+        rows."""
         chunk, file = divmod(number, CHUNK_SIZE)
-        return self.root / FILES[kind].format(video_key=self.description.image_key, chunk_index=chunk, file_index=file)
+        return self.root / FILES[kind].format(
+            video_key=self.description.image_key, chunk_index=chunk, file_index=file
+        )
 
     def unfinished_files(self) -> list[Path]:
         """Files of an episode without a row, because its writer was killed."""
@@ -174,19 +188,27 @@ class Dataset:
         root, start = self.root, 0
         for number, row in enumerate(self.rows):
             if row.episode != number or row.start != start:
-                raise DataError(f"the rows in {root / 'meta/episodes'} are not in order at episode {number}; restore them")
+                raise DataError(
+                    f"the rows in {root / 'meta/episodes'} are not in order at episode {number}; "
+                    "restore them"
+                )
             start += row.length
         if len(self.rows) != episodes:
-            out = " --out NEW" if len(self.rows) < episodes else ""  # more are of a writer that was killed
+            # more are of a writer that was killed
+            out = " --out NEW" if len(self.rows) < episodes else ""
             raise DataError(
-                f"{self.path('info')} counts {counted(episodes, 'episode')} and meta/episodes holds {len(self.rows)}; "
+                f"{self.path('info')} counts {counted(episodes, 'episode')} and meta/episodes "
+                f"holds {len(self.rows)}; "
                 f"restore it from a copy, or run `bricksrl data repair {quoted(root)}{out}`"
             )
 
     def has_task(self) -> bool:
         """True if ``meta/tasks.parquet`` holds the task of the episodes only."""
         try:
-            return bool(read_parquet(self.path("tasks")).to_pylist() == [{"task_index": 0, "task": self.description.env}])
+            return bool(
+                read_parquet(self.path("tasks")).to_pylist()
+                == [{"task_index": 0, "task": self.description.env}]
+            )
         except DataError:
             return False
 
@@ -196,30 +218,53 @@ class Dataset:
         self.write_task()
 
     def write_task(self) -> None:
-        """Write ``meta/tasks.parquet``: the only instruction is the id of the environment; for LeRobot it is pandas' index."""
+        """Write ``meta/tasks.parquet``: the only instruction is the id of the environment; for
+        LeRobot it is pandas' index."""
         column = {"field_name": None, "metadata": None}
         pandas = {
             "index_columns": ["task"],
-            "column_indexes": [{"name": None, "pandas_type": "unicode", "numpy_type": "object", **column}],
+            "column_indexes": [
+                {"name": None, "pandas_type": "unicode", "numpy_type": "object", **column}
+            ],
             "columns": [
-                {"name": "task_index", "pandas_type": "int64", "numpy_type": "int64", **column, "field_name": "task_index"},
-                {"name": "task", "pandas_type": "unicode", "numpy_type": "object", **column, "field_name": "task"},
+                {
+                    "name": "task_index",
+                    "pandas_type": "int64",
+                    "numpy_type": "int64",
+                    **column,
+                    "field_name": "task_index",
+                },
+                {
+                    "name": "task",
+                    "pandas_type": "unicode",
+                    "numpy_type": "object",
+                    **column,
+                    "field_name": "task",
+                },
             ],
             "creator": {"library": "pyarrow", "version": pa.__version__},
             "pandas_version": "2.0.0",
         }
-        table = pa.table({"task_index": pa.array([0], _INT), "task": pa.array([self.description.env], _TEXT)})
-        write_durably(self.path("tasks"), to_parquet(table.replace_schema_metadata({"pandas": json.dumps(pandas)})))
+        table = pa.table(
+            {"task_index": pa.array([0], _INT), "task": pa.array([self.description.env], _TEXT)}
+        )
+        write_durably(
+            self.path("tasks"),
+            to_parquet(table.replace_schema_metadata({"pandas": json.dumps(pandas)})),
+        )
 
     def write_episodes(self, episodes: Sequence[Episode]) -> Dataset:
-        """Write the next data file and, with a camera, the next video file, with these episodes; returns the dataset with their
-        rows, which `write_rows` writes."""
+        """Write the next data file and, with a camera, the next video file, with these episodes;
+        returns the dataset with their rows, which `write_rows` writes."""
         description, key, at = self.description, self.description.image_key, self.data_files
         rows, tables, images = [], [], []
         start = self.steps
         for number, episode in enumerate(episodes, len(self.rows)):
             length = len(episode.columns["index"])
-            own = {"episode_index": np.full(length, number), "index": np.arange(start, start + length)}
+            own = {
+                "episode_index": np.full(length, number),
+                "index": np.arange(start, start + length),
+            }
             columns = {name: (episode.columns | own)[name] for name in arrow_types(description)}
             tables.append(to_table(columns, description))
             row = EpisodeRow(
@@ -234,7 +279,11 @@ class Dataset:
                 statistics={name: column_statistics(values) for name, values in columns.items()},
                 about=episode.about,
             )
-            if key is not None and episode.images is not None and episode.image_statistics is not None:
+            if (
+                key is not None
+                and episode.images is not None
+                and episode.image_statistics is not None
+            ):
                 images.append(episode.images[:-1])
                 row.statistics[key] = episode.image_statistics
                 row = replace(row, final_image=episode.images[-1].tobytes())
@@ -250,9 +299,13 @@ class Dataset:
         return replace(self, rows=(*self.rows, *rows))
 
     def write_rows(self, first: int) -> Dataset:
-        """Write the rows from episode ``first`` on into the next file of rows; returns the dataset with it."""
+        """Write the rows from episode ``first`` on into the next file of rows; returns the dataset
+        with it."""
         rows, at, key = self.rows[first:], self.row_files, self.description.image_key
-        cells = {column: ([getattr(row, name) for row in rows], type_) for name, (column, type_) in _columns(key).items()}
+        cells = {
+            column: ([getattr(row, name) for row in rows], type_)
+            for name, (column, type_) in _columns(key).items()
+        }
         files = {"data": [row.data_file for row in rows], "meta/episodes": [at] * len(rows)}
         files |= {} if key is None else {f"videos/{key}": files["data"]}
         for place, numbers in files.items():
@@ -264,21 +317,43 @@ class Dataset:
             starts = {row.data_file: row.start for row in reversed(self.rows)}  # of each file
             for name, length in (("from", 0), ("to", 1)):
                 ends = [row.start - starts[row.data_file] + length * row.length for row in rows]
-                cells[f"videos/{key}/{name}_timestamp"] = [end / self.description.rate_hz for end in ends], _FLOAT
-        cells |= {name: ([getattr(row.about, name) for row in rows], type_) for name, type_ in _ABOUT.items()}
-        cells |= {name: ([json.dumps(getattr(row.about, name)) for row in rows], _TEXT) for name in _ABOUT_JSON}
+                cells[f"videos/{key}/{name}_timestamp"] = (
+                    [end / self.description.rate_hz for end in ends],
+                    _FLOAT,
+                )
+        cells |= {
+            name: ([getattr(row.about, name) for row in rows], type_)
+            for name, type_ in _ABOUT.items()
+        }
+        cells |= {
+            name: ([json.dumps(getattr(row.about, name)) for row in rows], _TEXT)
+            for name in _ABOUT_JSON
+        }
         for name, feature in self.description.features.items():
-            type_ = pa.list_(pa.list_(pa.list_(_FLOAT))) if feature["dtype"] == "video" else pa.list_(_FLOAT)
+            type_ = (
+                pa.list_(pa.list_(pa.list_(_FLOAT)))
+                if feature["dtype"] == "video"
+                else pa.list_(_FLOAT)
+            )
             for number, stat in enumerate(STATISTICS):
-                cells[f"stats/{name}/{stat}"] = [row.statistics[name][0][number].tolist() for row in rows], type_
-            cells[f"stats/{name}/count"] = [[row.statistics[name][1]] for row in rows], pa.list_(_INT)
+                cells[f"stats/{name}/{stat}"] = (
+                    [row.statistics[name][0][number].tolist() for row in rows],
+                    type_,
+                )
+            cells[f"stats/{name}/count"] = (
+                [[row.statistics[name][1]] for row in rows],
+                pa.list_(_INT),
+            )
         table = pa.table({name: pa.array(values, type_) for name, (values, type_) in cells.items()})
         write_durably(self.path("episodes", at), to_parquet(table))
         return replace(self, row_files=at + 1)
 
     def write_index(self) -> None:
-        """Write the joint statistics and the number of episodes; the latter comes last, and commits the newest episode."""
-        write_durably(self.path("stats"), to_json(join_statistics([row.statistics for row in self.rows])))
+        """Write the joint statistics and the number of episodes; the latter comes last, and commits
+        the newest episode."""
+        write_durably(
+            self.path("stats"), to_json(join_statistics([row.statistics for row in self.rows]))
+        )
         write_durably(self.path("info"), to_json(self.description.info(len(self.rows), self.steps)))
 
 
@@ -288,7 +363,8 @@ def is_dataset(root: Path) -> bool:
 
 
 def refuse_target(out: Path) -> None:
-    """Raise DataError if there is a file or folder at ``out``, or it is in the folder of a dataset, whose files it would join."""
+    """Raise DataError if there is a file or folder at ``out``, or it is in the folder of a dataset,
+    whose files it would join."""
     refuse_existing(out, DataError)
     refuse_within_dataset(out)
 
@@ -297,7 +373,10 @@ def refuse_within_dataset(path: Path) -> None:
     """Raise DataError if ``path`` is in the folder of a dataset, also by a link."""
     for folder in Path(os.path.realpath(path)).parents:
         if is_dataset(folder):
-            raise DataError(f"{path} is in the folder of the dataset {folder}, which holds nothing else; name another place")
+            raise DataError(
+                f"{path} is in the folder of the dataset {folder}, which holds nothing else; name "
+                "another place"
+            )
 
 
 def dataset_folder(path: Path | str) -> Path:
@@ -307,43 +386,57 @@ def dataset_folder(path: Path | str) -> Path:
 
 
 def existing_dataset(path: Path | str) -> Path:
-    """Folder of the dataset, as `dataset_folder`, without reading it. Raises DataError if there is none."""
+    """Folder of the dataset, as `dataset_folder`, without reading it. Raises DataError if there is
+    none."""
     root, info = dataset_folder(path), FILES["info"]
     if not (root / info).exists():
-        raise DataError(f"there is no dataset in {root}; choose {folder_with(root, info, f'data/{info}')}")
+        raise DataError(
+            f"there is no dataset in {root}; choose {folder_with(root, info, f'data/{info}')}"
+        )
     return root
 
 
 def read_dataset(path: Path | str) -> Dataset:
-    """Read the dataset in a folder, or in the folder of a run, without its steps. Raises DataError if there is no dataset, it is
-    damaged, or it was not made by BricksRL."""
+    """Read the dataset in a folder, or in the folder of a run, without its steps. Raises DataError
+    if there is no dataset, it is damaged, or it was not made by BricksRL."""
     root = existing_dataset(path)
     description = read_description(root)
     episodes = read_episode_count(root, description)
     dataset = read_all_rows(root, description)
-    dataset = replace(dataset, rows=dataset.rows[:episodes])  # later rows are from an unfinished commit of a killed writer
+    # later rows are from an unfinished commit of a killed writer
+    dataset = replace(dataset, rows=dataset.rows[:episodes])
     dataset.check_order(episodes)
     return dataset
 
 
 def read_description(root: Path) -> Description:
-    """Read the description in ``meta/bricksrl.json``. Raises DataError if it is damaged or missing."""
+    """Read the description in ``meta/bricksrl.json``. Raises DataError if it is damaged or
+    missing."""
     path = root / FILES["description"]
     if not path.exists():
-        way = f"`bricksrl data import {quoted(root)} --out NEW` makes it ours, if LeRobot recorded it"
-        raise DataError(f"the dataset in {root} was not made by BricksRL: it has no meta/bricksrl.json; {way}")
+        way = (
+            f"`bricksrl data import {quoted(root)} --out NEW` makes it ours, if LeRobot recorded it"
+        )
+        raise DataError(
+            f"the dataset in {root} was not made by BricksRL: it has no meta/bricksrl.json; {way}"
+        )
     return Description.from_json(read_bytes(path), str(path))
 
 
 def read_episode_count(root: Path, description: Description) -> int:
-    """Read the number of committed episodes. Raises DataError if the file is damaged, or of another dataset."""
+    """Read the number of committed episodes. Raises DataError if the file is damaged, or of another
+    dataset."""
     path, repair = root / FILES["info"], f"run `bricksrl data repair {quoted(root)}`"
     with reading("the index", path, DataError, f"restore it, or {repair}"):
         data = dict(json.loads(path.read_bytes()))
     if data.get("codebase_version") != CODEBASE_VERSION:
-        raise DataError(f"{path} is of no dataset in LeRobot's format {CODEBASE_VERSION}; choose another")
+        raise DataError(
+            f"{path} is of no dataset in LeRobot's format {CODEBASE_VERSION}; choose another"
+        )
     if data.get("features") != description.features or data.get("data_path") != FILES["data"]:
-        raise DataError(f"{path} and bricksrl.json disagree about the columns; restore both from one copy")
+        raise DataError(
+            f"{path} and bricksrl.json disagree about the columns; restore both from one copy"
+        )
     episodes = data.get("total_episodes")
     if type(episodes) is not int or episodes < 0:
         raise DataError(f"{path} does not count its episodes; {repair}")
@@ -365,7 +458,8 @@ def to_json(value: Any) -> bytes:
 
 
 def read_rows(path: Path, description: Description) -> list[EpisodeRow]:
-    """Read the rows in a file. Raises DataError if the file is missing, damaged or not of such a dataset."""
+    """Read the rows in a file. Raises DataError if the file is missing, damaged or not of such a
+    dataset."""
     records = read_parquet(path).to_pylist()
     try:
         return [_row(record, description) for record in records]
@@ -377,7 +471,8 @@ def _row(record: dict[str, Any], description: Description) -> EpisodeRow:
     key = description.image_key
     values = {name: record[column] for name, (column, _) in _columns(key).items()}
     values["data_file"] = _file(record, "data")
-    about = {name: record[name] for name in _ABOUT if name in record}  # older datasets name no robot
+    # older datasets name no robot
+    about = {name: record[name] for name in _ABOUT if name in record}
     about |= {name: json.loads(record[name]) for name in _ABOUT_JSON}
     check_fields(About, about)
     check_fields(EpisodeRow, values)

@@ -1,6 +1,8 @@
-"""Editing of datasets: merge, split, and salvage of a damaged one, each into a new dataset. Sources are never changed.
+"""Editing of datasets: merge, split, and salvage of a damaged one, each into a new dataset. Sources
+are never changed.
 
-The datasets written here have few large files, as LeRobot prefers, where a recording has one file per episode.
+The datasets written here have few large files, as LeRobot prefers, where a recording has one file
+per episode.
 """
 
 import itertools
@@ -13,7 +15,15 @@ import numpy as np
 
 from brickhub.files import atomic_folder
 from brickhub.seed import check_seed
-from bricksrl.data.dataset import Dataset, Episode, EpisodeRow, read_dataset, read_description, read_rows, refuse_target
+from bricksrl.data.dataset import (
+    Dataset,
+    Episode,
+    EpisodeRow,
+    read_dataset,
+    read_description,
+    read_rows,
+    refuse_target,
+)
 from bricksrl.data.reader import EpisodeReader
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError, counted
@@ -23,21 +33,28 @@ STEPS_PER_FILE = 20_000
 
 
 def merge(sources: Sequence[Path], out: Path) -> Dataset:
-    """Merge the episodes of all ``sources``, in order, into a new dataset; a single source is copied compactly. Raises DataError
-    if a source is damaged, their descriptions differ, or ``out`` exists."""
+    """Merge the episodes of all ``sources``, in order, into a new dataset; a single source is
+    copied compactly. Raises DataError if a source is damaged, their descriptions differ, or ``out``
+    exists."""
     refuse_target(out)
     datasets = [read_dataset(source) for source in sources]
     for source, dataset in zip(sources[1:], datasets[1:], strict=True):
         differences = datasets[0].description.differences(dataset.description)
         if differences:
-            raise DataError(f"{source} cannot join {sources[0]}: {'; '.join(differences)}; join data of one kind")
+            raise DataError(
+                f"{source} cannot join {sources[0]}: {'; '.join(differences)}; join data of "
+                "one kind"
+            )
     episodes = (map(EpisodeReader(dataset).read, dataset.rows) for dataset in datasets)
     return write_dataset(out, datasets[0].description, itertools.chain.from_iterable(episodes))
 
 
-def split(source: Path, first: Path, second: Path, share: float, seed: int) -> tuple[Dataset, Dataset]:
-    """Write a random share of the episodes to ``first`` and the others to ``second``, both in order. Raises DataError if the
-    source is damaged, a target exists, or a target would be empty, DescriptionError if the seed is invalid."""
+def split(
+    source: Path, first: Path, second: Path, share: float, seed: int
+) -> tuple[Dataset, Dataset]:
+    """Write a random share of the episodes to ``first`` and the others to ``second``, both in
+    order. Raises DataError if the source is damaged, a target exists, or a target would be empty,
+    DescriptionError if the seed is invalid."""
     if not 0.0 <= share <= 1.0:
         raise DataError(f"share is {share:g}; give a number between 0 and 1")
     check_seed(seed)
@@ -45,10 +62,14 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
     count = round(share * len(dataset.rows))
     if not 0 < count < len(dataset.rows):
         raise DataError(
-            f"a share of {share:g} of {counted(len(dataset.rows), 'episode')} leaves one of the two empty; choose another"
+            f"a share of {share:g} of {counted(len(dataset.rows), 'episode')} leaves one of the "
+            "two empty; choose another"
         )
     chosen = set(np.random.default_rng(seed).permutation(len(dataset.rows))[:count].tolist())
-    drawn, others = ([row for row in dataset.rows if (row.episode in chosen) is is_drawn] for is_drawn in (True, False))
+    drawn, others = (
+        [row for row in dataset.rows if (row.episode in chosen) is is_drawn]
+        for is_drawn in (True, False)
+    )
     for target in (first, second):
         refuse_target(target)
     if first.resolve() == second.resolve():
@@ -63,13 +84,16 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
 
 
 def salvage(source: Path, out: Path) -> tuple[Dataset, list[str]]:
-    """Write the intact episodes of a damaged dataset to a new one; returns it and messages on what was lost. Raises
-    DataError if the description is damaged, no episode is intact, or ``out`` exists."""
+    """Write the intact episodes of a damaged dataset to a new one; returns it and messages on what
+    was lost. Raises DataError if the description is damaged, no episode is intact, or ``out``
+    exists."""
     refuse_target(out)
     description = read_description(source)
     lost: list[str] = []
     rows: list[EpisodeRow] = []
-    for path in sorted((source / "meta/episodes").glob("chunk-[0-9]*/file-[0-9][0-9][0-9].parquet")):
+    for path in sorted(
+        (source / "meta/episodes").glob("chunk-[0-9]*/file-[0-9][0-9][0-9].parquet")
+    ):
         try:
             rows += read_rows(path, description)
         except DataError as error:

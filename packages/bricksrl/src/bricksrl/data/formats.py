@@ -1,14 +1,15 @@
-"""Datasets in the formats of others: export to NumPy, one plain Parquet file, and Minari; import of what LeRobot recorded, and of
-the paper's datasets.
+"""Datasets in the formats of others: export to NumPy, one plain Parquet file, and Minari; import of
+what LeRobot recorded, and of the paper's datasets.
 
-The paper's datasets are folders of memory-mapped tensors, as the released code saved its replay buffers. A folder holds
-``meta.json`` with shapes and types, one ``.memmap`` file of plain numbers for each tensor, and the same below ``next``. Only
-these are read; nothing is unpickled.
+The paper's datasets are folders of memory-mapped tensors, as the released code saved its replay
+buffers. A folder holds ``meta.json`` with shapes and types, one ``.memmap`` file of plain numbers
+for each tensor, and the same below ``next``. Only these are read; nothing is unpickled.
 
-The released code differs from the paper in orders and ranges, which is undone here: angles from -180 to 179 become 0 to 360; the
-Walker's actions are ordered left front, left back, right front, right back; the RoboArm's angles and goals grab, high, low,
-rotation. Some versions of its Walker report an acceleration instead of the distance: the channel is then renamed. Time limits
-were stored like any other end; here they become truncations.
+The released code differs from the paper in orders and ranges, which is undone here: angles from
+-180 to 179 become 0 to 360; the Walker's actions are ordered left front, left back, right front,
+right back; the RoboArm's angles and goals grab, high, low, rotation. Some versions of its Walker
+report an acceleration instead of the distance: the channel is then renamed. Time limits were stored
+like any other end; here they become truncations.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ from bricksrl.errors import DataError, installed
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
 
-_TYPES = {f"torch.{name}": np.dtype(name) for name in ("float32", "float64", "int64", "bool", "uint8")}
+_TYPES = {
+    f"torch.{name}": np.dtype(name) for name in ("float32", "float64", "int64", "bool", "uint8")
+}
 _MAX_META_BYTES = 1_000_000
 Arrays = dict[str, NDArray[Any]]
 
@@ -58,12 +61,14 @@ _ORDERS = {
 
 
 def export_numpy(path: Path, out: Path) -> None:
-    """Write an ``.npz`` file of arrays over all steps, as in `Episodes`, and ``description``, a JSON text. Raises DataError if
-    the dataset cannot be read, or ``out`` exists."""
+    """Write an ``.npz`` file of arrays over all steps, as in `Episodes`, and ``description``, a
+    JSON text. Raises DataError if the dataset cannot be read, or ``out`` exists."""
     refuse_target(out)
     episodes = load(path)
     tensors = {name: getattr(episodes, name) for name in (*COLUMNS, "image", "next_image")}
-    arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in tensors.items() if tensor is not None}
+    arrays: dict[str, Any] = {
+        name: tensor.numpy() for name, tensor in tensors.items() if tensor is not None
+    }
     arrays["description"] = np.array(episodes.description.to_json().decode())
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **arrays)
@@ -71,19 +76,25 @@ def export_numpy(path: Path, out: Path) -> None:
 
 
 def export_parquet(path: Path, out: Path) -> None:
-    """Write a Parquet file with a row per step and a column per number, named after its channel; without images. Raises DataError
-    as in `export_numpy`."""
+    """Write a Parquet file with a row per step and a column per number, named after its channel;
+    without images. Raises DataError as in `export_numpy`."""
     refuse_target(out)
     episodes = load(path, images=False)
     columns: dict[str, Any] = {}
     names = [channel.name for channel in episodes.description.observation]
     for prefix, values in (("", episodes.observation), ("next_", episodes.next_observation)):
         columns |= {f"{prefix}{name}": values[:, i].numpy() for i, name in enumerate(names)}
-    columns |= {f"action_{c.name}": episodes.action[:, i].numpy() for i, c in enumerate(episodes.description.action)}
+    columns |= {
+        f"action_{c.name}": episodes.action[:, i].numpy()
+        for i, c in enumerate(episodes.description.action)
+    }
     flat = ("reward", "terminated", "truncated", "episode", "intervention", "age_s", "hub_time_s")
     vectors = 2 * len(names) + len(episodes.description.action)
     if len(columns) < vectors or not columns.keys().isdisjoint(flat):
-        raise DataError(f"{path} has two columns of one name ({', '.join(names)}, {', '.join(flat)}); export it as numpy")
+        raise DataError(
+            f"{path} has two columns of one name ({', '.join(names)}, {', '.join(flat)}); export "
+            "it as numpy"
+        )
     columns |= {name: getattr(episodes, name).numpy() for name in flat}
     units = {c.name: c.unit for c in episodes.description.observation}
     about = {"env": episodes.description.env, "units": json.dumps(units)}
@@ -91,13 +102,15 @@ def export_parquet(path: Path, out: Path) -> None:
 
 
 def export_minari(path: Path, out: Path) -> None:
-    """Write a Minari dataset into the folder ``out``, named as Minari requires: ``namespace/name-v0`` below any folder.
+    """Write a Minari dataset into the folder ``out``, named as Minari requires:
+    ``namespace/name-v0`` below any folder.
 
-    `minari.load_dataset` finds it if ``MINARI_DATASETS_PATH`` is that folder. `recover_environment` makes the environment with a
-    virtual robot, if it is one that comes with BricksRL.
+    `minari.load_dataset` finds it if ``MINARI_DATASETS_PATH`` is that folder. `recover_environment`
+    makes the environment with a virtual robot, if it is one that comes with BricksRL.
 
     Raises:
-        DataError: as in `export_numpy`; also if Minari is not installed, or ``out`` does not end like ``bricksrl/walker-v0``.
+        DataError: as in `export_numpy`; also if Minari is not installed, or ``out`` does not end
+            like ``bricksrl/walker-v0``.
     """
     with installed("Minari", DataError, "'bricksrl[data]'"):
         import minari
@@ -120,7 +133,9 @@ def export_minari(path: Path, out: Path) -> None:
                 jpeg_encoding=False,
             )
         except ValueError as error:
-            raise DataError(f"Minari refuses the name {name} ({error}); end the path like bricksrl/walker-v0") from None
+            raise DataError(
+                f"Minari refuses the name {name} ({error}); end the path like bricksrl/walker-v0"
+            ) from None
         for written in (folder / "new" / name).iterdir():
             written.rename(folder / written.name)
         namespace = (folder / "new" / name).parent / NAMESPACE_METADATA_FILENAME
@@ -131,7 +146,9 @@ def export_minari(path: Path, out: Path) -> None:
 
 def _minari_episode(episodes: Episodes, episode: int) -> dict[str, Any]:
     at = (episodes.episode == episode).numpy()
-    states = np.concatenate((episodes.observation[at].numpy(), episodes.next_observation[at][-1:].numpy()))
+    states = np.concatenate(
+        (episodes.observation[at].numpy(), episodes.next_observation[at][-1:].numpy())
+    )
     observations: Any = states
     if episodes.image is not None and episodes.next_image is not None:
         images = np.concatenate((episodes.image[at].numpy(), episodes.next_image[at][-1:].numpy()))
@@ -149,7 +166,8 @@ def _minari_episode(episodes: Episodes, episode: int) -> dict[str, Any]:
 
 
 def _minari_environment(episodes: Episodes) -> dict[str, Any]:
-    """Spaces of the environment, and Gymnasium's specification of it with its options; ``None`` if it is not registered."""
+    """Spaces of the environment, and Gymnasium's specification of it with its options; ``None`` if
+    it is not registered."""
     import gymnasium
 
     env_id, options = episodes.description.env, episodes.description.options
@@ -183,25 +201,38 @@ def _datasets_in(folder: Path) -> Iterator[None]:
 
 
 def import_lerobot(source: Path, out: Path, *, env: str | None = None) -> Dataset:
-    """Write such a dataset as one of ours. Raises DataError as `read_lerobot`, and if ``out`` exists."""
+    """Write such a dataset as one of ours. Raises DataError as `read_lerobot`, and if ``out``
+    exists."""
     description, episodes = read_lerobot(source, env)
     return write_dataset(out, description, episodes)
 
 
 def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[tuple[Path, Dataset]]:
-    """Import one of the paper's datasets into ``out``, or all below a folder, each into a subfolder of ``out``; returns each with
-    its source. Raises DataError if there is no dataset, one is damaged, or ``out`` exists.
+    """Import one of the paper's datasets into ``out``, or all below a folder, each into a subfolder
+    of ``out``; returns each with its source. Raises DataError if there is no dataset, one is
+    damaged, or ``out`` exists.
 
     Args:
         env: environment of the datasets; by default inferred from the names of the folders.
     """
-    folders = [path.parent for path in sorted(source.rglob("meta.json")) if (path.parent / "next").is_dir()]
+    folders = [
+        path.parent for path in sorted(source.rglob("meta.json")) if (path.parent / "next").is_dir()
+    ]
     if not folders:
-        raise DataError(f"there is no dataset of memory-mapped tensors in {source}; choose a folder with a meta.json and a next")
+        raise DataError(
+            f"there is no dataset of memory-mapped tensors in {source}; choose a folder with a "
+            "meta.json and a next"
+        )
     imported = []
     for folder in folders:
         task = env or _task_of(folder)
-        policy = "expert" if "expert" in folder.name else "random" if "random" in folder.name else folder.name
+        policy = (
+            "expert"
+            if "expert" in folder.name
+            else "random"
+            if "random" in folder.name
+            else folder.name
+        )
         target = out if folder == source else out / f"{task}-{policy}"
         imported.append((folder, _import_one(folder, target, task, policy)))
     return imported
@@ -212,7 +243,10 @@ def _task_of(folder: Path) -> str:
         for env in _ORDERS:
             if env.removesuffix("-v0").lower() in part.lower():
                 return env
-    raise DataError(f"the names of {folder} do not tell which task it is of; say it: --env {' or '.join(_ORDERS)}")
+    raise DataError(
+        f"the names of {folder} do not tell which task it is of; say it: --env "
+        f"{' or '.join(_ORDERS)}"
+    )
 
 
 def _import_one(folder: Path, out: Path, env: str, policy: str) -> Dataset:
@@ -228,38 +262,61 @@ def _import_one(folder: Path, out: Path, env: str, policy: str) -> Dataset:
     reward, done = (_rows(after, name, folder / "next").reshape(-1) for name in ("reward", "done"))
     rows = {len(observation), len(next_observation), len(action), len(reward), len(done)}
     if len(rows) != 1 or action.shape[1] != len(action_order):
-        raise DataError(f"{folder} holds tensors of shapes that are not those of {env}; name its task with --env")
+        raise DataError(
+            f"{folder} holds tensors of shapes that are not those of {env}; name its task "
+            "with --env"
+        )
     done = done.astype(bool)
     # Where the next row does not continue this one, an episode ended too.
-    jumps = np.append(~np.isclose(observation[1:], next_observation[:-1], equal_nan=True).all(axis=1), True)
+    jumps = np.append(
+        ~np.isclose(observation[1:], next_observation[:-1], equal_nan=True).all(axis=1), True
+    )
     ends = np.flatnonzero(done | jumps)
     lengths = np.diff(ends, prepend=-1)
     terminated, truncated = np.zeros_like(done), np.zeros_like(done)
     terminated[ends] = done[ends] & (lengths < task.max_steps)
     truncated[ends] = ~terminated[ends]
-    columns = (observation, action[:, action_order], reward.tolist(), next_observation, terminated.tolist(), truncated.tolist())
+    columns = (
+        observation,
+        action[:, action_order],
+        reward.tolist(),
+        next_observation,
+        terminated.tolist(),
+        truncated.tolist(),
+    )
     steps = [Step(*row) for row in zip(*columns, strict=True)]
     description = describe_task(task)
     last, values = description.observation[-1], observation[:, -1]
-    if last.name == "distance" and ((values < 0).any() or (values > 2000).any()):  # the released code reports another quantity
+    # the released code reports another quantity
+    if last.name == "distance" and ((values < 0).any() or (values > 2000).any()):
         acceleration = Entry("acceleration_x", unit="mm/s^2")
-        description = replace(description, observation=(*description.observation[:-1], acceleration))
+        description = replace(
+            description, observation=(*description.observation[:-1], acceleration)
+        )
     episodes = (
-        new_episode(steps[end + 1 - length : end + 1], About(policy=policy, whole=bool(done[end])), description)
+        new_episode(
+            steps[end + 1 - length : end + 1],
+            About(policy=policy, whole=bool(done[end])),
+            description,
+        )
         for end, length in zip(ends, lengths, strict=True)
     )
     return write_dataset(out, description, episodes)
 
 
 def _rows(arrays: Arrays, name: str, folder: Path) -> NDArray[Any]:
-    """A tensor as ``[N, n]``. Raises DataError if there is none, or it has no rows or numbers that are none."""
+    """A tensor as ``[N, n]``. Raises DataError if there is none, or it has no rows or numbers that
+    are none."""
     if name not in arrays:
         raise DataError(f"{folder} has no tensor {name}; it is not a dataset of the paper")
     array = arrays[name]
     with np.errstate(all="ignore"):
         is_finite = np.isfinite(array.astype(np.float32)).all()
     if not is_finite:
-        raise DataError(f"{folder} has numbers in its tensor {name} that are none, or too large; restore it from a copy")
+        raise DataError(
+            f"{folder} has numbers in its tensor {name} that are none, or too large; restore it "
+            "from a copy"
+        )
     if array.size == 0 or array.ndim == 0:
         raise DataError(f"{folder} has no steps in its tensor {name}; restore it from a copy")
     return array.reshape(len(array), -1)
@@ -271,9 +328,15 @@ def _observations(arrays: Arrays, task: Task, folder: Path) -> NDArray[np.float3
     parts = [_rows(arrays, name, folder) for name in names]
     order, width = _ORDERS[task.id][0], sum(part.shape[1] for part in parts)
     if width != len(order):
-        raise DataError(f"{folder} observes {width} numbers and {task.id} has {len(order)}; name its task with --env")
+        raise DataError(
+            f"{folder} observes {width} numbers and {task.id} has {len(order)}; name its task "
+            "with --env"
+        )
     if len({len(part) for part in parts}) != 1:
-        raise DataError(f"{folder} has observations and goals of different numbers of steps; restore it from a copy")
+        raise DataError(
+            f"{folder} has observations and goals of different numbers of steps; restore it "
+            "from a copy"
+        )
     ordered: NDArray[np.float32] = np.concatenate(parts, axis=1).astype(np.float32)[:, order]
     wraps = [entry.wraps for entry in task.entries]
     ordered[:, wraps] %= 360.0
@@ -281,24 +344,43 @@ def _observations(arrays: Arrays, task: Task, folder: Path) -> NDArray[np.float3
 
 
 def read_tensors(folder: Path) -> Arrays:
-    """Read the tensors of one folder, by name, as plain numbers. Raises DataError if ``meta.json`` or a file is missing, damaged
-    or of the wrong size."""
+    """Read the tensors of one folder, by name, as plain numbers. Raises DataError if ``meta.json``
+    or a file is missing, damaged or of the wrong size."""
     meta = folder / "meta.json"
     if meta.exists() and meta.stat().st_size > _MAX_META_BYTES:
         raise DataError(f"{meta} is too large for what it should hold; it is not of the paper")
-    with reading("the description", meta, DataError, "choose a folder with memory-mapped tensors, or restore it from a copy"):
+    with reading(
+        "the description",
+        meta,
+        DataError,
+        "choose a folder with memory-mapped tensors, or restore it from a copy",
+    ):
         tensors = dict(json.loads(meta.read_bytes()))
-    described = {name: entry for name, entry in tensors.items() if isinstance(entry, dict) and {"dtype", "shape"} <= entry.keys()}
+    described = {
+        name: entry
+        for name, entry in tensors.items()
+        if isinstance(entry, dict) and {"dtype", "shape"} <= entry.keys()
+    }
     return {name: _read_tensor(folder, name, entry) for name, entry in described.items()}
 
 
 def _read_tensor(folder: Path, name: str, entry: dict[str, Any]) -> NDArray[Any]:
     dtype, shape = _TYPES.get(str(entry["dtype"])), entry["shape"]
-    is_shape = isinstance(shape, list) and len(shape) <= 8 and all(type(side) is int and side >= 0 for side in shape)
+    is_shape = (
+        isinstance(shape, list)
+        and len(shape) <= 8
+        and all(type(side) is int and side >= 0 for side in shape)
+    )
     if dtype is None or not is_shape or not name.isidentifier():
-        raise DataError(f"{folder / 'meta.json'} describes a tensor '{name}' that is not of the paper; restore it from a copy")
+        raise DataError(
+            f"{folder / 'meta.json'} describes a tensor '{name}' that is not of the paper; "
+            "restore it from a copy"
+        )
     path = folder / f"{name}.memmap"
     data = read_bytes(path)
     if len(data) != math.prod(shape) * dtype.itemsize:
-        raise DataError(f"{path} has {len(data)} bytes, which is not what its meta.json says; restore it from a copy")
+        raise DataError(
+            f"{path} has {len(data)} bytes, which is not what its meta.json says; restore it "
+            "from a copy"
+        )
     return np.frombuffer(data, dtype).reshape(shape).copy()

@@ -1,4 +1,5 @@
-"""Integrity of a dataset: check of every file, digest and step, and repair after its writer was killed."""
+"""Integrity of a dataset: check of every file, digest and step, and repair after its writer was
+killed."""
 
 import json
 from collections.abc import Iterator
@@ -10,7 +11,14 @@ import numpy as np
 from brickhub.files import LOCK, TEMPORARY_PREFIX, quoted, remove_unfinished
 from brickhub.finding import Finding, Outcome
 from bricksrl.data.columns import join_statistics
-from bricksrl.data.dataset import Dataset, dataset_folder, read_all_rows, read_dataset, read_description, read_episode_count
+from bricksrl.data.dataset import (
+    Dataset,
+    dataset_folder,
+    read_all_rows,
+    read_dataset,
+    read_description,
+    read_episode_count,
+)
 from bricksrl.data.lerobot import is_lerobot, read_lerobot
 from bricksrl.data.reader import EpisodeReader
 from bricksrl.data.schema import FILES, NEXT, OBSERVATION
@@ -18,8 +26,9 @@ from bricksrl.errors import DataError
 
 
 def check(root: Path, task: str | None = None) -> list[Finding]:
-    """Faults of a dataset; empty if it is intact. Nothing is changed, and no foreign file is opened. Of one that LeRobot recorded
-    the first fault is told. Raises DataError if there is no dataset."""
+    """Faults of a dataset; empty if it is intact. Nothing is changed, and no foreign file is
+    opened. Of one that LeRobot recorded the first fault is told. Raises DataError if there is no
+    dataset."""
     if is_lerobot(root := dataset_folder(root)):
         try:
             read_lerobot(root, task)
@@ -44,20 +53,29 @@ def _steps(dataset: Dataset) -> Iterator[str]:
         done = columns["next.terminated"] | columns["next.truncated"]
         if done[:-1].any() or not done[-1] or not np.array_equal(done, columns["next.done"]):
             yield f"episode {row.episode}: its end is marked elsewhere than at its last step"
-        if not np.isclose(columns["next.reward"].sum(dtype=np.float64), row.return_, rtol=1e-5, atol=1e-5):
+        if not np.isclose(
+            columns["next.reward"].sum(dtype=np.float64), row.return_, rtol=1e-5, atol=1e-5
+        ):
             yield f"episode {row.episode}: its return is not the sum of its rewards"
-        if not all(np.isfinite(columns[name]).all() for name in (OBSERVATION, NEXT, "action", "next.reward")):
+        if not all(
+            np.isfinite(columns[name]).all()
+            for name in (OBSERVATION, NEXT, "action", "next.reward")
+        ):
             yield f"episode {row.episode}: a number is none"
 
 
 def _joint(dataset: Dataset) -> Iterator[str]:
-    """Faults of the files on all episodes (info, statistics, tasks), compared with the rows of the episodes."""
+    """Faults of the files on all episodes (info, statistics, tasks), compared with the rows of the
+    episodes."""
     info, stats, tasks = (dataset.path(kind) for kind in ("info", "stats", "tasks"))
     remedy = f"run `bricksrl data repair {quoted(dataset.root)}`"
     expected = dataset.description.info(len(dataset.rows), dataset.steps)
     stored = json.loads(info.read_bytes())  # readable: `read_dataset` has parsed it
     for key in sorted(key for key in expected if key not in stored or stored[key] != expected[key]):
-        yield f"{info} says '{key}' is {stored.get(key)!r:.60}, and it is {expected[key]!r:.60}; {remedy}"
+        yield (
+            f"{info} says '{key}' is {stored.get(key)!r:.60}, and it is {expected[key]!r:.60}; "
+            f"{remedy}"
+        )
     if stats.exists() and dataset.rows:
         try:
             statistics = json.loads(stats.read_bytes())
@@ -72,22 +90,38 @@ def _joint(dataset: Dataset) -> Iterator[str]:
 def _same(value: Any, expected: Any) -> bool:
     """True if two JSON values are equal up to the last digits of numbers."""
     if isinstance(expected, dict):
-        return isinstance(value, dict) and value.keys() == expected.keys() and all(_same(value[k], expected[k]) for k in expected)
+        return (
+            isinstance(value, dict)
+            and value.keys() == expected.keys()
+            and all(_same(value[k], expected[k]) for k in expected)
+        )
     if isinstance(expected, list):
-        return isinstance(value, list) and len(value) == len(expected) and all(map(_same, value, expected))
+        return (
+            isinstance(value, list)
+            and len(value) == len(expected)
+            and all(map(_same, value, expected))
+        )
     if isinstance(expected, float | int) and not isinstance(expected, bool):
-        return isinstance(value, float | int) and bool(np.isclose(value, expected, rtol=1e-6, atol=1e-9, equal_nan=True))
+        return isinstance(value, float | int) and bool(
+            np.isclose(value, expected, rtol=1e-6, atol=1e-9, equal_nan=True)
+        )
     return bool(value == expected)
 
 
 def _files(dataset: Dataset) -> Iterator[str]:
     """Missing, unfinished and foreign files."""
     root, repair = dataset.root, f"run `bricksrl data repair {quoted(dataset.root)}`"
-    known = {root / LOCK, root / "README.md", *(dataset.path(kind) for kind in ("info", "stats", "tasks", "description"))}
+    known = {
+        root / LOCK,
+        root / "README.md",
+        *(dataset.path(kind) for kind in ("info", "stats", "tasks", "description")),
+    }
     known |= {dataset.path("episodes", number) for number in range(dataset.row_files)}
     for row in dataset.rows:
         known |= {dataset.path("data", row.data_file), dataset.path("video", row.data_file)}
-    for missing in (path for path in (dataset.path("stats"), dataset.path("tasks")) if not path.exists()):
+    for missing in (
+        path for path in (dataset.path("stats"), dataset.path("tasks")) if not path.exists()
+    ):
         yield f"{missing} is missing; {repair}"
     recorded = read_all_rows(root, dataset.description)
     uncounted, unfinished = len(recorded.rows) - len(dataset.rows), recorded.unfinished_files()
@@ -95,7 +129,11 @@ def _files(dataset: Dataset) -> Iterator[str]:
         yield f"{uncounted} recorded episodes are not in the index; {repair}"
     for path in sorted(root.rglob("*")):
         relative = path.relative_to(root)
-        if path.is_dir() or path in known or any(part.startswith(".") and part != path.name for part in relative.parts):
+        if (
+            path.is_dir()
+            or path in known
+            or any(part.startswith(".") and part != path.name for part in relative.parts)
+        ):
             continue
         if path.name.startswith(TEMPORARY_PREFIX) or path in unfinished:
             yield f"{relative} was left by a recording that was killed; {repair}"
@@ -104,16 +142,19 @@ def _files(dataset: Dataset) -> Iterator[str]:
 
 
 def recover(root: Path, *, rebuild: bool = False) -> tuple[Dataset, int, int]:
-    """Update the index of a dataset whose writer was killed from the files on the disk. The caller must hold the write lock.
-    Raises DataError if the dataset has damage that a killed writer cannot cause.
+    """Update the index of a dataset whose writer was killed from the files on the disk. The caller
+    must hold the write lock. Raises DataError if the dataset has damage that a killed writer cannot
+    cause.
 
-    A row is written after all other files of its episode, so a row that the index does not count is a complete episode.
+    A row is written after all other files of its episode, so a row that the index does not count is
+    a complete episode.
 
     Args:
         rebuild: rebuild a damaged index too.
 
     Returns:
-        The dataset, the number of intact episodes that were added to its index, and that of unfinished files that were removed.
+        The dataset, the number of intact episodes that were added to its index, and that of
+        unfinished files that were removed.
     """
     description = read_description(root)
     committed = 0

@@ -1,9 +1,11 @@
-"""Datasets that LeRobot recorded (format v3.0), with the robot plugin of BricksRL or one with the same names of features.
+"""Datasets that LeRobot recorded (format v3.0), with the robot plugin of BricksRL or one with the
+same names of features.
 
-LeRobot records what was observed before each action, and the action in the units of its command. What the learner needs besides
-follows from the task: the next observation is that of the next frame, rewards and ends are those of the task's own functions, and
-actions are mapped to -1..1. The action of an episode's last frame has no outcome and is left out. Where the task ends, a new
-episode begins, as LeRobot records on.
+LeRobot records what was observed before each action, and the action in the units of its command.
+What the learner needs besides follows from the task: the next observation is that of the next
+frame, rewards and ends are those of the task's own functions, and actions are mapped to -1..1. The
+action of an episode's last frame has no outcome and is left out. Where the task ends, a new episode
+begins, as LeRobot records on.
 """
 
 from __future__ import annotations
@@ -20,7 +22,14 @@ from numpy.typing import NDArray
 from brickhub.files import quoted, reading
 from bricksrl.data.columns import read_parquet
 from bricksrl.data.dataset import About, Episode
-from bricksrl.data.schema import ACTION, CODEBASE_VERSION, FILES, OBSERVATION, Description, describe_task
+from bricksrl.data.schema import (
+    ACTION,
+    CODEBASE_VERSION,
+    FILES,
+    OBSERVATION,
+    Description,
+    describe_task,
+)
 from bricksrl.data.steps import Step, new_episode
 from bricksrl.errors import DataError, counted
 
@@ -29,7 +38,11 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-_ENVS = {"bricksrl_walker": "Walker-v0", "bricksrl_two_wheeler": "RunAway-v0", "bricksrl_robo_arm": "RoboArm-v0"}
+_ENVS = {
+    "bricksrl_walker": "Walker-v0",
+    "bricksrl_two_wheeler": "RunAway-v0",
+    "bricksrl_robo_arm": "RoboArm-v0",
+}
 """Environments of the robots of the plugin, by the type that LeRobot stores."""
 _INDICES = ("episode_index", "frame_index", "index")
 
@@ -53,7 +66,11 @@ def read_lerobot(root: Path, task: Task | str | None = None) -> tuple[Descriptio
     states = _features(root, info, OBSERVATION, [entry.name for entry in task.entries])
     actions = _features(root, info, ACTION, [command.name for command in task.interface.commands])
     _check_judged(root, task)
-    if pictures := [name for name, feature in info["features"].items() if feature.get("dtype") in ("video", "image")]:
+    if pictures := [
+        name
+        for name, feature in info["features"].items()
+        if feature.get("dtype") in ("video", "image")
+    ]:
         _log.warning("%s has images (%s), which are not read", root, ", ".join(pictures))
     columns = _read_columns(root, info)
     observation = columns[OBSERVATION][:, states]
@@ -68,7 +85,10 @@ def read_lerobot(root: Path, task: Task | str | None = None) -> tuple[Descriptio
         at = np.flatnonzero(columns["episode_index"] == number)
         episodes += _episodes(task, description, observation[at], action[at])
     if not episodes:
-        raise DataError(f"no episode in {root} has two frames, and so no action has an outcome; record longer ones")
+        raise DataError(
+            f"no episode in {root} has two frames, and so no action has an outcome; record "
+            "longer ones"
+        )
     return description, episodes
 
 
@@ -79,10 +99,15 @@ def _read_info(root: Path) -> dict[str, Any]:
         if info.get("codebase_version") != CODEBASE_VERSION:
             version = info.get("codebase_version")
             remedy = "convert it with LeRobot's own script"
-            raise DataError(f"{root} is in LeRobot's format {version}, not {CODEBASE_VERSION}; {remedy}")
+            raise DataError(
+                f"{root} is in LeRobot's format {version}, not {CODEBASE_VERSION}; {remedy}"
+            )
         for name in ("total_episodes", "total_frames"):
             if type(info[name]) is not int or info[name] < 1:
-                raise DataError(f"{path} says that {name} is {info[name]!r}; record at least one episode, or restore the file")
+                raise DataError(
+                    f"{path} says that {name} is {info[name]!r}; record at least one episode, or "
+                    "restore the file"
+                )
         if isinstance(info["fps"], bool) or not float(info["fps"]) > 0:
             raise DataError(f"{path} says that fps is {info['fps']!r}; restore it from a copy")
         if not all(isinstance(feature, dict) for feature in dict(info["features"]).values()):
@@ -98,7 +123,9 @@ def _task_of(root: Path, info: dict[str, Any], task: Task | str | None) -> Task:
         task = _ENVS.get(robot)
         if task is None:
             way = f"say it: `bricksrl data import {quoted(root)} --env ENV --out NEW`"
-            raise DataError(f"{root} is of a robot '{robot}', which does not tell the environment; {way}")
+            raise DataError(
+                f"{root} is of a robot '{robot}', which does not tell the environment; {way}"
+            )
     return get_task(task) if isinstance(task, str) else task
 
 
@@ -112,7 +139,10 @@ def _check_judged(root: Path, task: Task) -> None:
     elif task.base_env is not None:
         reason = "its rewards are those of an environment of one's own"
     if reason:
-        raise DataError(f"{root} cannot be used for {task.id}: {reason}; record with `bricksrl record {task.id}`")
+        raise DataError(
+            f"{root} cannot be used for {task.id}: {reason}; record with `bricksrl record "
+            f"{task.id}`"
+        )
 
 
 def _features(root: Path, info: dict[str, Any], feature: str, wanted: list[str]) -> list[int]:
@@ -122,15 +152,27 @@ def _features(root: Path, info: dict[str, Any], feature: str, wanted: list[str])
         raise DataError(f"{root} has no feature {feature}; record it with a robot that has one")
     names = described.get("names")
     if isinstance(names, dict):  # such as {"motors": [...]}
-        names = [name for group in names.values() for name in (group if isinstance(group, list) else [group])]
+        names = [
+            name
+            for group in names.values()
+            for name in (group if isinstance(group, list) else [group])
+        ]
     if not isinstance(names, list) or described.get("shape") != [len(names)]:
-        raise DataError(f"{root} does not name the numbers of {feature}; only a vector with names can be read")
+        raise DataError(
+            f"{root} does not name the numbers of {feature}; only a vector with names can be read"
+        )
     if missing := [name for name in wanted if name not in names]:
         has = ", ".join(map(str, names))
-        raise DataError(f"{feature} in {root} has no {', '.join(missing)}, only [{has}]; choose the environment of these data")
+        raise DataError(
+            f"{feature} in {root} has no {', '.join(missing)}, only [{has}]; choose the "
+            "environment of these data"
+        )
     if unused := [str(name) for name in names if name not in wanted]:
         if feature == ACTION:
-            raise DataError(f"{feature} in {root} has {', '.join(unused)} too; choose the environment of these data")
+            raise DataError(
+                f"{feature} in {root} has {', '.join(unused)} too; choose the environment of "
+                "these data"
+            )
         _log.warning("%s has %s, which is not observed; it is left out", root, ", ".join(unused))
     return [names.index(name) for name in wanted]
 
@@ -139,26 +181,40 @@ def _read_columns(root: Path, info: dict[str, Any]) -> dict[str, NDArray[Any]]:
     """Columns of all frames, checked: complete, in order, and finite."""
     paths = sorted(root.glob("data/chunk-*/file-*.parquet"))
     if not paths:
-        raise DataError(f"{root} has no files data/chunk-000/file-000.parquet; restore them from a copy")
+        raise DataError(
+            f"{root} has no files data/chunk-000/file-000.parquet; restore them from a copy"
+        )
     parts = [_read_file(path, info) for path in paths]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     frames = len(columns["index"])
     if frames != info["total_frames"]:
         told = counted(info["total_frames"], "frame")
-        raise DataError(f"{root} has {counted(frames, 'frame')}, and its info.json counts {told}; restore what is missing")
+        raise DataError(
+            f"{root} has {counted(frames, 'frame')}, and its info.json counts {told}; restore "
+            "what is missing"
+        )
     if not np.array_equal(columns["index"], np.arange(frames)):
         at = int(np.flatnonzero(columns["index"] != np.arange(frames))[0])
-        raise DataError(f"{root} has a gap: frame {at} has the index {columns['index'][at]}; restore what is missing")
+        raise DataError(
+            f"{root} has a gap: frame {at} has the index {columns['index'][at]}; restore what "
+            "is missing"
+        )
     number = columns["episode_index"]
     found = np.unique(number)
     if (np.diff(number) < 0).any() or not np.array_equal(found, np.arange(info["total_episodes"])):
         told = counted(info["total_episodes"], "episode")
-        raise DataError(f"{root} does not have the {told} of its info.json, one after the other; restore what is missing")
+        raise DataError(
+            f"{root} does not have the {told} of its info.json, one after the other; restore what "
+            "is missing"
+        )
     first = np.flatnonzero(np.diff(number, prepend=-1))
     wanted = np.arange(frames) - np.repeat(first, np.diff(first, append=frames))
     if not np.array_equal(columns["frame_index"], wanted):
         at = int(np.flatnonzero(columns["frame_index"] != wanted)[0])
-        raise DataError(f"{root} has a gap in episode {number[at]}: its frame {wanted[at]} is missing; restore it")
+        raise DataError(
+            f"{root} has a gap in episode {number[at]}: its frame {wanted[at]} is missing; "
+            "restore it"
+        )
     for name in (OBSERVATION, ACTION):
         if not np.isfinite(columns[name]).all():
             at = int(np.flatnonzero(~np.isfinite(columns[name]).all(axis=1))[0])
@@ -174,21 +230,44 @@ def _read_file(path: Path, info: dict[str, Any]) -> dict[str, NDArray[Any]]:
             raise DataError(f"{path} has not one column {name}; restore it from a copy")
         column = table[name].combine_chunks()
         length = info["features"][name]["shape"][0] if name in (OBSERVATION, ACTION) else 1
-        is_list = pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type) or pa.types.is_large_list(column.type)
+        is_list = (
+            pa.types.is_list(column.type)
+            or pa.types.is_fixed_size_list(column.type)
+            or pa.types.is_large_list(column.type)
+        )
         flat = column.flatten() if is_list else column
-        is_number = pa.types.is_floating(flat.type) if length > 1 or is_list else not pa.types.is_nested(flat.type)
-        if column.null_count or flat.null_count or not is_number or len(flat) != length * len(column):
-            raise DataError(f"{path}: the column {name} does not hold {counted(length, 'number')} in each frame; restore it")
+        is_number = (
+            pa.types.is_floating(flat.type)
+            if length > 1 or is_list
+            else not pa.types.is_nested(flat.type)
+        )
+        if (
+            column.null_count
+            or flat.null_count
+            or not is_number
+            or len(flat) != length * len(column)
+        ):
+            raise DataError(
+                f"{path}: the column {name} does not hold {counted(length, 'number')} in each "
+                "frame; restore it"
+            )
         try:
-            values = flat.to_numpy(zero_copy_only=False).astype(np.int64 if name in _INDICES else np.float32)
+            values = flat.to_numpy(zero_copy_only=False).astype(
+                np.int64 if name in _INDICES else np.float32
+            )
         except (TypeError, ValueError):
-            raise DataError(f"{path}: the column {name} holds no numbers; restore it from a copy") from None
+            raise DataError(
+                f"{path}: the column {name} holds no numbers; restore it from a copy"
+            ) from None
         columns[name] = values if name in _INDICES else values.reshape(-1, length)
     return columns
 
 
-def _episodes(task: Task, description: Description, states: NDArray[Any], actions: NDArray[Any]) -> list[Episode]:
-    """Episodes of the task in the frames of one of LeRobot's: a new one begins where the task ends."""
+def _episodes(
+    task: Task, description: Description, states: NDArray[Any], actions: NDArray[Any]
+) -> list[Episode]:
+    """Episodes of the task in the frames of one of LeRobot's: a new one begins where the task
+    ends."""
     import torch
 
     from bricksrl.envs.task import success_of
@@ -205,7 +284,16 @@ def _episodes(task: Task, description: Description, states: NDArray[Any], action
     for number, (reward, is_over) in enumerate(zip(rewards, terminated, strict=True)):
         is_last = is_over or number == len(rewards) - 1
         truncated = is_last and not is_over
-        steps.append(Step(states[number], chosen[number].numpy(), reward, states[number + 1], is_over, truncated))
+        steps.append(
+            Step(
+                states[number],
+                chosen[number].numpy(),
+                reward,
+                states[number + 1],
+                is_over,
+                truncated,
+            )
+        )
         if is_last:
             about = About(policy="lerobot", success=success_of(task, after[first : number + 1]))
             episodes.append(new_episode(steps, about, description))

@@ -34,16 +34,17 @@ class Episodes:
     """``N`` transitions of consecutive episodes.
 
     Attributes:
-        description: names, units and ranges of the numbers.
-        observation, next_observation: float32 ``[N, n]``.
+        description: names, units and ranges of the numbers. observation, next_observation: float32
+        ``[N, n]``.
         action: float32 ``[N, m]``, in -1..1.
-        reward: float32 ``[N]``.
-        terminated, truncated: bool ``[N]``; bootstrap values through a truncation only.
+        reward: float32 ``[N]``. terminated, truncated: bool ``[N]``; bootstrap values through a
+        truncation only.
         episode: int64 ``[N]``, from 0.
         intervention: bool ``[N]``; whether a human chose the action.
         age_s: float32 ``[N]``; age of the observation when the action was sent.
         hub_time_s: float64 ``[N]``; the hub's clock at ``next_observation``, NaN without a hub.
-        image, next_image: uint8 ``[N, side, side, 3]``; ``None`` without a camera, or if not requested.
+        image, next_image: uint8 ``[N, side, side, 3]``; ``None`` without a camera, or if not
+        requested.
         rows: row of each episode.
     """
 
@@ -66,8 +67,11 @@ class Episodes:
         return len(self.reward)
 
     def observing(self, names: Sequence[str]) -> Episodes:
-        """The same transitions with these entries of the observation only, in this order; each must be there."""
-        places = [[entry.name for entry in self.description.observation].index(name) for name in names]
+        """The same transitions with these entries of the observation only, in this order; each must
+        be there."""
+        places = [
+            [entry.name for entry in self.description.observation].index(name) for name in names
+        ]
         entries = tuple(self.description.observation[place] for place in places)
         return dataclasses.replace(
             self,
@@ -77,7 +81,8 @@ class Episodes:
         )
 
     def to_tensordict(self) -> TensorDict:
-        """Transitions ``[N]`` in TorchRL's format: outcomes under ``next``, flags and rewards ``[N, 1]``."""
+        """Transitions ``[N]`` in TorchRL's format: outcomes under ``next``, flags and rewards ``[N,
+        1]``."""
         from tensordict import TensorDict
 
         n = [len(self)]
@@ -88,23 +93,29 @@ class Episodes:
             "truncated": self.truncated[:, None],
             "done": (self.terminated | self.truncated)[:, None],
         }
-        step = {name: getattr(self, name) for name in ("observation", "action", "episode", "intervention")}
+        step = {
+            name: getattr(self, name)
+            for name in ("observation", "action", "episode", "intervention")
+        }
         if self.image is not None and self.next_image is not None:
             step["image"], after["image"] = self.image, self.next_image
         return TensorDict({**step, "next": TensorDict(after, n)}, n)
 
 
 def load(path: Path | str, *, images: bool = True, task: Task | str | None = None) -> Episodes:
-    """Load the dataset in a folder, or in the folder of a run; also one that LeRobot recorded. Nothing in it is executed, nothing
-    is written. Raises DataError if there is no dataset, it is damaged, or it does not have what is needed.
+    """Load the dataset in a folder, or in the folder of a run; also one that LeRobot recorded.
+    Nothing in it is executed, nothing is written. Raises DataError if there is no dataset, it is
+    damaged, or it does not have what is needed.
 
     Args:
         images: read the images too, if there are any.
-        task: whose rewards and ends what LeRobot recorded gets; by default that of the robot which it names.
+        task: whose rewards and ends what LeRobot recorded gets; by default that of the robot which
+            it names.
     """
     import torch
 
-    from bricksrl.data.lerobot import is_lerobot, read_lerobot  # which writes datasets, by what is here
+    # which writes datasets, by what is here
+    from bricksrl.data.lerobot import is_lerobot, read_lerobot
 
     if is_lerobot(root := dataset_folder(path)):
         dataset, episodes = _as_dataset(root, *read_lerobot(root, task))
@@ -119,18 +130,27 @@ def load(path: Path | str, *, images: bool = True, task: Task | str | None = Non
         shown = [episode.images for episode in episodes if episode.images is not None]
         arrays["image"] = np.concatenate([images[:-1] for images in shown])
         arrays["next_image"] = np.concatenate([images[1:] for images in shown])
-    tensors = {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()}
+    tensors = {
+        name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()
+    }
     return Episodes(description=dataset.description, rows=dataset.rows, **tensors)
 
 
-def _as_dataset(root: Path, description: Description, episodes: list[Episode]) -> tuple[Dataset, list[Episode]]:
-    """A dataset with rows of these episodes, which no file of ours holds, and the episodes with their numbers."""
+def _as_dataset(
+    root: Path, description: Description, episodes: list[Episode]
+) -> tuple[Dataset, list[Episode]]:
+    """A dataset with rows of these episodes, which no file of ours holds, and the episodes with
+    their numbers."""
     rows = []
     numbered = []
     start = 0
     for number, episode in enumerate(episodes):
-        # Single numbers are read from files as [steps], not [steps, 1]; `_joined` restores vectors of length 1.
-        columns = {name: values.reshape(-1) if values[0].size == 1 else values for name, values in episode.columns.items()}
+        # Single numbers are read from files as [steps], not [steps, 1]; `_joined` restores vectors
+        # of length 1.
+        columns = {
+            name: values.reshape(-1) if values[0].size == 1 else values
+            for name, values in episode.columns.items()
+        }
         length = len(columns["index"])
         row = EpisodeRow(
             episode=number,
@@ -145,14 +165,18 @@ def _as_dataset(root: Path, description: Description, episodes: list[Episode]) -
             about=episode.about,
         )
         rows.append(row)
-        numbered.append(dataclasses.replace(episode, columns={**columns, "episode_index": np.full(length, number)}))
+        numbered.append(
+            dataclasses.replace(
+                episode, columns={**columns, "episode_index": np.full(length, number)}
+            )
+        )
         start += length
     return Dataset(root, description, tuple(rows)), numbered
 
 
 def read_columns(dataset: Dataset, names: Iterable[str]) -> dict[str, NDArray[Any]]:
-    """Read columns of all steps: ``[N]``, vectors ``[N, n]`` even for ``n`` = 1. Raises DataError if a file is missing
-    or damaged."""
+    """Read columns of all steps: ``[N]``, vectors ``[N, n]`` even for ``n`` = 1. Raises DataError
+    if a file is missing or damaged."""
     reader = EpisodeReader(dataset, names, images=False)
     return _joined(dataset, [reader.read(row) for row in dataset.rows])
 
@@ -161,13 +185,20 @@ def _joined(dataset: Dataset, episodes: list[Episode]) -> dict[str, NDArray[Any]
     """Columns of all episodes together, as of `read_columns`."""
     if not episodes:
         raise DataError(f"the dataset in {dataset.root} has no episodes yet; record some")
-    joined = {name: np.concatenate([episode.columns[name] for episode in episodes]) for name in episodes[0].columns}
+    joined = {
+        name: np.concatenate([episode.columns[name] for episode in episodes])
+        for name in episodes[0].columns
+    }
     vectors = (OBSERVATION, ACTION, NEXT)
-    return {name: array.reshape(len(array), -1) if name in vectors else array for name, array in joined.items()}
+    return {
+        name: array.reshape(len(array), -1) if name in vectors else array
+        for name, array in joined.items()
+    }
 
 
 class EpisodeReader:
-    """Reader of single episodes of a dataset. It keeps the files that it has read last, which may hold the next episode too.
+    """Reader of single episodes of a dataset. It keeps the files that it has read last, which may
+    hold the next episode too.
 
     Args:
         names: columns to read; by default all.
@@ -177,26 +208,35 @@ class EpisodeReader:
         image_key: name of the images' feature; ``None`` if none are read.
     """
 
-    def __init__(self, dataset: Dataset, names: Iterable[str] | None = None, *, images: bool = True) -> None:
+    def __init__(
+        self, dataset: Dataset, names: Iterable[str] | None = None, *, images: bool = True
+    ) -> None:
         self.image_key = dataset.description.image_key if images else None
         self._dataset = dataset
         self._names = list(arrow_types(dataset.description) if names is None else names)
         self._by_file: dict[int, list[EpisodeRow]] = defaultdict(list)
         for row in dataset.rows:
             self._by_file[row.data_file].append(row)
-        self._table, self._video = lru_cache(maxsize=1)(self._read_table), lru_cache(maxsize=1)(self._read_video)
+        self._table, self._video = (
+            lru_cache(maxsize=1)(self._read_table),
+            lru_cache(maxsize=1)(self._read_video),
+        )
 
     def read(self, row: EpisodeRow) -> Episode:
         """Read an episode. Raises DataError if a file of it is missing or damaged."""
         dataset, start = self._dataset, row.start - self._by_file[row.data_file][0].start
         table = self._table(row.data_file).slice(start, row.length)
-        columns = from_table(table, dataset.description, self._names, dataset.path("data", row.data_file))
+        columns = from_table(
+            table, dataset.description, self._names, dataset.path("data", row.data_file)
+        )
         if self.image_key is None:
             return Episode(row.about, columns)
         images = self._video(row.data_file)[start : start + row.length]
         final = np.frombuffer(row.final_image or b"", np.uint8)
         if final.size != images[0].size:
-            raise DataError(f"episode {row.episode} in {dataset.root} has no final image; restore meta/episodes")
+            raise DataError(
+                f"episode {row.episode} in {dataset.root} has no final image; restore meta/episodes"
+            )
         images = np.concatenate((images, final.reshape(1, *images.shape[1:])))
         return Episode(row.about, columns, images, row.statistics[self.image_key])
 
@@ -207,11 +247,16 @@ class EpisodeReader:
         table = read_parquet(path, digest=rows[0].data_sha256)
         table = table.slice(0, sum(lengths))  # episodes of an unfinished commit may follow
         stored = from_table(table, dataset.description, ("index", "episode_index"), path)
-        if sum(lengths) != len(table) or not (  # checked first, since a damaged row may claim any size
+        # checked first, since a damaged row may claim any size
+        if sum(lengths) != len(table) or not (
             np.array_equal(stored["index"], rows[0].start + np.arange(len(table)))
-            and np.array_equal(stored["episode_index"], np.repeat([row.episode for row in rows], lengths))
+            and np.array_equal(
+                stored["episode_index"], np.repeat([row.episode for row in rows], lengths)
+            )
         ):
-            raise DataError(f"{path} holds other steps than meta/episodes says; restore both from one copy")
+            raise DataError(
+                f"{path} holds other steps than meta/episodes says; restore both from one copy"
+            )
         return table
 
     def _read_video(self, file: int) -> NDArray[np.uint8]:

@@ -14,11 +14,12 @@ from bricksrl.errors import DataError
 
 
 class Recorder(contextlib.AbstractContextManager["Recorder"]):
-    """Recorder of episodes into a new or an existing dataset. Raises DataError if the folder holds something else or data of
-    another robot, rate or shape, or is being recorded into.
+    """Recorder of episodes into a new or an existing dataset. Raises DataError if the folder holds
+    something else or data of another robot, rate or shape, or is being recorded into.
 
-    `write` writes an episode: its steps and images, then its row, then the index. If the program is killed in between, only that
-    episode is lost. Use it as a context manager: leaving releases the folder.
+    `write` writes an episode: its steps and images, then its row, then the index. If the program is
+    killed in between, only that episode is lost. Use it as a context manager: leaving releases the
+    folder.
 
     Args:
         root: folder of the dataset, created with the first episode.
@@ -39,7 +40,8 @@ class Recorder(contextlib.AbstractContextManager["Recorder"]):
             raise DataError(f"{root} holds something else than a dataset; choose a new folder")
 
     def _open(self) -> None:
-        """Lock the folder, and continue the dataset in it, which another program may have begun meanwhile, or begin one."""
+        """Lock the folder, and continue the dataset in it, which another program may have begun
+        meanwhile, or begin one."""
         with contextlib.ExitStack() as lock:
             lock.enter_context(only_writer(self.root, DataError))
             if is_dataset(self.root):
@@ -47,7 +49,9 @@ class Recorder(contextlib.AbstractContextManager["Recorder"]):
                 differences = self._dataset.description.differences(self.description)
                 if differences:
                     remedy = "move it away, or choose another folder"
-                    raise DataError(f"{self.root} holds other data: {'; '.join(differences)}; {remedy}")
+                    raise DataError(
+                        f"{self.root} holds other data: {'; '.join(differences)}; {remedy}"
+                    )
             else:
                 self._dataset.write_description()
             self._lock = lock.pop_all()
@@ -58,20 +62,33 @@ class Recorder(contextlib.AbstractContextManager["Recorder"]):
         return self._dataset.rows
 
     def write(self, steps: Sequence[Step], about: About) -> None:
-        """Write an episode; when this returns it is on the disk. An episode without steps is not written; the last step of one
-        that has no end counts as truncated. Raises DataError after `close`: another program may record into the folder by now."""
+        """Write an episode; when this returns it is on the disk. An episode without steps is not
+        written; the last step of one that has no end counts as truncated. Raises DataError after
+        `close`: another program may record into the folder by now."""
         if self._is_closed:
-            raise DataError(f"the recorder of {self.root} is closed; make another one, which goes on with that dataset")
+            raise DataError(
+                f"the recorder of {self.root} is closed; make another one, which goes on with "
+                "that dataset"
+            )
         if not steps:
             return
         if not (steps[-1].terminated or steps[-1].truncated):
-            steps, about = [*steps[:-1], replace(steps[-1], truncated=True)], replace(about, whole=False)
+            steps, about = (
+                [*steps[:-1], replace(steps[-1], truncated=True)],
+                replace(about, whole=False),
+            )
         camera = self.description.camera
-        if camera is not None and (steps[-1].next_image is None or any(step.image is None for step in steps)):
-            raise DataError(f"{self.root} is to hold images of {camera}, and a step has none; add them to each")
+        if camera is not None and (
+            steps[-1].next_image is None or any(step.image is None for step in steps)
+        ):
+            raise DataError(
+                f"{self.root} is to hold images of {camera}, and a step has none; add them to each"
+            )
         if self._lock is None:
             self._open()
-        self._dataset = self._dataset.write_episodes([new_episode(steps, about, self.description)]).write_rows(len(self.rows))
+        self._dataset = self._dataset.write_episodes(
+            [new_episode(steps, about, self.description)]
+        ).write_rows(len(self.rows))
         self._dataset.write_index()
 
     def close(self) -> None:

@@ -1,5 +1,6 @@
-"""Schema of a dataset, equal for all its episodes: names, order, units and rate of its numbers, and the columns and files that
-hold them. These are LeRobot's, version 3.0. A column of vectors of length 1 holds plain numbers, as in LeRobot.
+"""Schema of a dataset, equal for all its episodes: names, order, units and rate of its numbers, and
+the columns and files that hold them. These are LeRobot's, version 3.0. A column of vectors of
+length 1 holds plain numbers, as in LeRobot.
 """
 
 from __future__ import annotations
@@ -35,9 +36,11 @@ FILES = {
     "stats": "meta/stats.json",  # minimum, maximum, mean and deviation of every column
     "tasks": "meta/tasks.parquet",  # the task instruction, in words
     "description": "meta/bricksrl.json",  # robot, units, ranges; LeRobot does not read it
-    "episodes": "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",  # a row for each episode
+    # a row for each episode
+    "episodes": "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
     "data": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",  # a row for each step
-    "video": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",  # an image for each step
+    # an image for each step
+    "video": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
 }
 """Files by kind; there are several of the last three."""
 
@@ -78,7 +81,8 @@ class Description:
     Attributes:
         env: id of the environment.
         rate_hz: nominal steps per second of the task; 1 if its steps have no fixed time.
-        observation, action: entries of the vectors; actions are in -1..1, their entries give the mapped ranges.
+        observation, action: entries of the vectors; actions are in -1..1, their entries give the
+        mapped ranges.
         robot: the robot's whole description as plain values; empty without a robot.
         options: options of the environment.
         camera: name of the camera; ``None`` without one.
@@ -105,8 +109,15 @@ class Description:
         vectors = {OBSERVATION: self.observation, ACTION: self.action, NEXT: self.observation}
         columns: dict[str, dict[str, Any]] = {}
         for column, entries in vectors.items():
-            columns[column] = {"dtype": "float32", "shape": [len(entries)], "names": [entry.name for entry in entries]}
-        columns |= {column: {"dtype": dtype, "shape": [1], "names": None} for column, dtype in _NUMBERS.items()}
+            columns[column] = {
+                "dtype": "float32",
+                "shape": [len(entries)],
+                "names": [entry.name for entry in entries],
+            }
+        columns |= {
+            column: {"dtype": dtype, "shape": [1], "names": None}
+            for column, dtype in _NUMBERS.items()
+        }
         if self.image_key is not None:
             side = self.image_px
             columns[self.image_key] = {
@@ -151,8 +162,16 @@ class Description:
 
     def to_json(self) -> bytes:
         """Content of ``meta/bricksrl.json``."""
-        vectors = {key: [_entry_to_json(entry) for entry in getattr(self, key)] for key in ("observation", "action")}
-        return (json.dumps({"bricksrl_dataset": VERSION, **dataclasses.asdict(self), **vectors}, indent=1) + "\n").encode()
+        vectors = {
+            key: [_entry_to_json(entry) for entry in getattr(self, key)]
+            for key in ("observation", "action")
+        }
+        return (
+            json.dumps(
+                {"bricksrl_dataset": VERSION, **dataclasses.asdict(self), **vectors}, indent=1
+            )
+            + "\n"
+        ).encode()
 
     @classmethod
     def from_json(cls, data: bytes, where: str) -> Description:
@@ -160,20 +179,25 @@ class Description:
         with reading("the description", where, DataError, "restore it from a copy"):
             values = dict(json.loads(data))
             if values.pop("bricksrl_dataset", None) != VERSION:
-                raise DataError(f"{where} describes no dataset of this version of BricksRL; choose another")
+                raise DataError(
+                    f"{where} describes no dataset of this version of BricksRL; choose another"
+                )
             for key in ("observation", "action"):
                 values[key] = tuple(_entry_from_json(entry) for entry in values[key])
             check_fields(cls, values)
             description = cls(**values)
             camera, image_px = description.camera, description.image_px
-            has_sound_camera = image_px == 0 if camera is None else camera.isidentifier() and image_px > 0
+            has_sound_camera = (
+                image_px == 0 if camera is None else camera.isidentifier() and image_px > 0
+            )
             has_entries = description.observation and description.action
             if not (has_entries and has_sound_camera and 0 < description.rate_hz < math.inf):
                 raise ValueError("not a description")
         return description
 
     def differences(self, other: Description) -> list[str]:
-        """Differences to ``other``, a phrase for each attribute; empty if data of both may be joined."""
+        """Differences to ``other``, a phrase for each attribute; empty if data of both may be
+        joined."""
         phrases = []
         for name in ("env", "rate_hz", "camera", "image_px", "options"):
             own, others = getattr(self, name), getattr(other, name)
@@ -190,11 +214,15 @@ class Description:
         if self.robot != other.robot:
             own, others = self.robot.get("name", "none"), other.robot.get("name", "none")
             same = "the same name with another description"
-            phrases.append(f"robot {others} instead of {own}" if own != others else f"robot {own}: {same}")
+            phrases.append(
+                f"robot {others} instead of {own}" if own != others else f"robot {own}: {same}"
+            )
         return phrases
 
 
-def describe(env: EnvBase, options: dict[str, Any] | None = None, *, name: str | None = None) -> Description:
+def describe(
+    env: EnvBase, options: dict[str, Any] | None = None, *, name: str | None = None
+) -> Description:
     """Description of an environment, ours or any other with one observation and one action vector.
 
     Args:
@@ -219,13 +247,23 @@ def describe_task(task: Task, options: dict[str, Any] | None = None) -> Descript
     """Description of data recorded in a task."""
     camera = task.camera
     if unrecorded := sorted(set(task.images) - {"image"}):
-        _log.warning("a dataset holds the images of one camera, the task's; those of %s are not recorded", ", ".join(unrecorded))
+        _log.warning(
+            "a dataset holds the images of one camera, the task's; those of %s are not recorded",
+            ", ".join(unrecorded),
+        )
     return Description(
         env=task.id,
         rate_hz=task.rate_hz,
-        observation=tuple(Entry(e.name, e.low, e.high, e.unit, wraps=e.wraps) for e in task.entries),
+        observation=tuple(
+            Entry(e.name, e.low, e.high, e.unit, wraps=e.wraps) for e in task.entries
+        ),
         action=tuple(command.entry for command in task.interface.commands),
-        robot={name: value for name, value in _plain(task.robot).items() if name not in ("model", "plan")},  # of its simulation
+        # of its simulation
+        robot={
+            name: value
+            for name, value in _plain(task.robot).items()
+            if name not in ("model", "plan")
+        },
         options=_plain(options or {}),
         camera=None if camera is None else camera.name,
         image_px=0 if camera is None else camera.image_px,
@@ -238,7 +276,10 @@ def _entry_to_json(entry: Entry) -> dict[str, Any]:
 
 
 def _entry_from_json(values: dict[str, Any]) -> Entry:
-    low, high = (default if values.get(end) is None else values[end] for end, default in (("low", -math.inf), ("high", math.inf)))
+    low, high = (
+        default if values.get(end) is None else values[end]
+        for end, default in (("low", -math.inf), ("high", math.inf))
+    )
     entry = Entry(**{**values, "low": low, "high": high})
     check_fields(Entry, vars(entry))
     return entry

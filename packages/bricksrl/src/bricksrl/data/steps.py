@@ -40,11 +40,14 @@ class Step:
 
 
 def new_episode(steps: Sequence[Step], about: About, description: Description) -> Episode:
-    """Episode of these steps, as the first one of a dataset; `write_episodes` gives it another number."""
+    """Episode of these steps, as the first one of a dataset; `write_episodes` gives it another
+    number."""
     dtypes = {name: feature["dtype"] for name, feature in description.features.items()}
     columns = {}
     for name, column in STEP_COLUMNS.items():
-        columns[column] = np.stack([np.asarray(getattr(step, name), dtypes[column]).reshape(-1) for step in steps])
+        columns[column] = np.stack(
+            [np.asarray(getattr(step, name), dtypes[column]).reshape(-1) for step in steps]
+        )
     frames, zeros = np.arange(len(steps), dtype=np.int64), np.zeros(len(steps), np.int64)
     columns["next.done"] = columns["next.terminated"] | columns["next.truncated"]
     columns["timestamp"] = (frames / description.rate_hz).astype(np.float32)

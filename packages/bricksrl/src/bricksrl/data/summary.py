@@ -29,12 +29,11 @@ class Summary:
     """Summary of a dataset.
 
     Attributes:
-        return_mean, return_std: mean and deviation of the episodes' returns; the paper calls the first one mean reward.
-        success_rate: rate of success by the task; ``None`` if it defines none.
-        broken_off: number of interrupted episodes.
-        interventions: number of steps with a human's action.
-        age_mean_s: mean age of an observation when the action was sent.
-        policies: number of episodes by policy.
+        return_mean, return_std: mean and deviation of the episodes' returns; the paper calls the
+        first one mean reward. success_rate: rate of success by the task; ``None`` if it defines
+        none. broken_off: number of interrupted episodes. interventions: number of steps with a
+        human's action. age_mean_s: mean age of an observation when the action was sent. policies:
+        number of episodes by policy.
     """
 
     env: str
@@ -58,7 +57,11 @@ class Summary:
 
     def rows(self) -> Iterator[tuple[str, object]]:
         """Labels and values of its numbers, for readers."""
-        yield from (("environment", self.env), ("robot", self.robot or "no robot"), ("steps a second", f"{self.rate_hz:g}"))
+        yield from (
+            ("environment", self.env),
+            ("robot", self.robot or "no robot"),
+            ("steps a second", f"{self.rate_hz:g}"),
+        )
         yield "episodes", f"{self.episodes}, broken off {self.broken_off}"
         yield "transitions", self.transitions
         yield "steps an episode", f"{self.length_mean:.1f}"
@@ -104,15 +107,24 @@ def summarise(path: Path | str) -> Summary:
 
 
 def plot(path: Path | str, out: Path | str) -> None:
-    """Plot the returns, and every channel and action over the steps of an episode, into an image file. Raises DataError if there
-    is no dataset, or it is damaged."""
+    """Plot the returns, and every channel and action over the steps of an episode, into an image
+    file. Raises DataError if there is no dataset, or it is damaged."""
     out = check_picture(out)
     refuse_within_dataset(out)
     dataset = read_dataset(path)
-    description, columns = dataset.description, read_columns(dataset, [OBSERVATION, ACTION, "next.reward", "frame_index"])
-    names = [f"{channel.name} [{channel.unit}]" if channel.unit else channel.name for channel in description.observation]
+    description, columns = (
+        dataset.description,
+        read_columns(dataset, [OBSERVATION, ACTION, "next.reward", "frame_index"]),
+    )
+    names = [
+        f"{channel.name} [{channel.unit}]" if channel.unit else channel.name
+        for channel in description.observation
+    ]
     panels = list(zip(names, columns[OBSERVATION].T, strict=True))
-    panels += [(f"action: {channel.name}", values) for channel, values in zip(description.action, columns[ACTION].T, strict=True)]
+    panels += [
+        (f"action: {channel.name}", values)
+        for channel, values in zip(description.action, columns[ACTION].T, strict=True)
+    ]
     panels.append(("reward", columns["next.reward"]))
     rows = -(-(len(panels) + 2) // _COLUMNS)
     figure = new_figure(4.0 * _COLUMNS, 2.6 * rows)
@@ -125,7 +137,10 @@ def plot(path: Path | str, out: Path | str) -> None:
         panel.spines[["top", "right"]].set_visible(False)
     for unused in axes[2 + len(panels) :]:
         unused.set_visible(False)
-    title = f"{description.env} · {counted(len(dataset.rows), 'episode')} · {counted(dataset.steps, 'step')}"
+    title = (
+        f"{description.env} · {counted(len(dataset.rows), 'episode')} · "
+        f"{counted(dataset.steps, 'step')}"
+    )
     figure.suptitle(title, x=0.01, ha="left", color=INK, fontsize=13, fontweight="bold")
     save(figure, out, 100)
 
@@ -135,7 +150,12 @@ def _plot_returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None
 
     left.hist(returns, bins=min(30, max(5, len(returns) // 3)), color=LIGHT)
     left.axvline(float(returns.mean()), color=STRONG, linewidth=2)
-    left.set_title(f"returns: mean {returns.mean():.4g}, deviation {returns.std():.3g}", fontsize=10, color=INK, loc="left")
+    left.set_title(
+        f"returns: mean {returns.mean():.4g}, deviation {returns.std():.3g}",
+        fontsize=10,
+        color=INK,
+        loc="left",
+    )
     left.set_ylabel("episodes", fontsize=8, color=MUTED)
     right.plot(np.arange(len(returns)), returns, ".", color=STRONG, markersize=4)
     right.set_title("return of each episode", fontsize=10, color=INK, loc="left")
@@ -154,7 +174,14 @@ def _plot_density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[An
     low, high = float(values.min()), float(values.max())
     if low == high:
         low, high = low - 0.5, high + 0.5
-    axes.hist2d(step, values, bins=(min(steps, 100), 40), range=((0, steps), (low, high)), cmap=colours, cmin=1)
+    axes.hist2d(
+        step,
+        values,
+        bins=(min(steps, 100), 40),
+        range=((0, steps), (low, high)),
+        cmap=colours,
+        cmin=1,
+    )
     axes.set_title(title, fontsize=10, color=INK, loc="left")
     axes.set_xlabel("step", fontsize=8, color=MUTED)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))

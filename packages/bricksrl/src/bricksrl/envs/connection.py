@@ -25,7 +25,8 @@ _T = TypeVar("_T")
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 15.0
 
 Placement = Callable[[np.random.Generator], None]
-"""Places the robot at the start of an episode: a virtual robot is moved by a method, a real one by a person."""
+"""Places the robot at the start of an episode: a virtual robot is moved by a method, a real one by
+a person."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,8 @@ class Connection:
 
     Attributes:
         link: link to the robot; the environment opens and closes it.
-        place: places the robot at the start of an episode; called at every reset, while the link is open.
+        place: places the robot at the start of an episode; called at every reset, while the link is
+            open.
         twin: the virtual hub, or devices of LEGO's kits, for rendering; ``None`` for a real robot.
         camera: source of images, for a task with a camera.
         sensors: readers of the task's sensors on the computer.
@@ -51,12 +53,14 @@ class Connection:
 
 @dataclass
 class Reconnect:
-    """Reconnection after the link broke: at once, then with exponential backoff. An error that lasts until a person acts, such as
-    Bluetooth that is switched off, is raised at once if the robot has never answered.
+    """Reconnection after the link broke: at once, then with exponential backoff. An error that
+    lasts until a person acts, such as Bluetooth that is switched off, is raised at once if the
+    robot has never answered.
 
     Attributes:
-        patience_s: time to retry before the error is raised; 0 raises it at once. What a person takes, for a pause or to place
-            the robot, does not count, nor does the time in which the robot answers.
+        patience_s: time to retry before the error is raised; 0 raises it at once. What a person
+            takes, for a pause or to place the robot, does not count, nor does the time in which the
+            robot answers.
         wait: sleeps for a number of seconds; may raise.
         on_error: called with each error of a step or a reset.
     """
@@ -72,9 +76,11 @@ class Reconnect:
     """Time of the present try that a person took."""
     _tries: int = 0
 
-    def until_answered(self, begin: Callable[[], _T], is_final: Callable[[BricksError], bool] = lambda _: False) -> _T:
-        """What ``begin`` returns, which is tried again after each HubError or CameraError. Raises the error if it is final, if it
-        is useless to try again, or if ``patience_s`` is used up."""
+    def until_answered(
+        self, begin: Callable[[], _T], is_final: Callable[[BricksError], bool] = lambda _: False
+    ) -> _T:
+        """What ``begin`` returns, which is tried again after each HubError or CameraError. Raises
+        the error if it is final, if it is useless to try again, or if ``patience_s`` is used up."""
         while True:
             if self._error is not None and self._tries:
                 pause_s = min(_FIRST_PAUSE_S * 2.0 ** (self._tries - 1), _LONGEST_PAUSE_S)
@@ -114,7 +120,8 @@ class Reconnect:
         self._error, self._tries, self._spent_s = None, 0, 0.0
 
     def failed(self, error: HubError | CameraError) -> None:
-        """Record that the link or the camera broke in a step or a reset. Raises the error if trying again is useless."""
+        """Record that the link or the camera broke in a step or a reset. Raises the error if trying
+        again is useless."""
         if not self._has_answered and _needs_a_person(error):
             self._tries = 0
             raise error

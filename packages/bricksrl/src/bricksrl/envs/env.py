@@ -40,22 +40,26 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
     ``link_lost``    ``[1]``  bool     the link broke in this step
     ===============  =======  =======  =====================================================
 
-    A reset places the robot and reads its sensors; it moves no motor. The first reset opens the link. A link or a camera that
-    breaks in a step raises nothing: the link is closed, so that the motors stop, and the step ends the episode as truncated and
-    ``link_lost``, with the previous observation and images; it must not be learned from. The next reset reopens the link, with
+    A reset places the robot and reads its sensors; it moves no motor. The first reset opens the
+    link. A link or a camera that breaks in a step raises nothing: the link is closed, so that the
+    motors stop, and the step ends the episode as truncated and ``link_lost``, with the previous
+    observation and images; it must not be learned from. The next reset reopens the link, with
     retries as ``reconnect`` says.
 
-    ``stop``, ``pause`` and ``resume`` may be called from any thread. A pause truncates the episode after the current step, so
-    that no step spans it; the next reset waits for the end of the pause.
+    ``stop``, ``pause`` and ``resume`` may be called from any thread. A pause truncates the episode
+    after the current step, so that no step spans it; the next reset waits for the end of the pause.
 
     Args:
         task: the task to run.
-        connect: returns the connection, given a seed for a virtual robot. Called when the robot is first needed, and for a
-            virtual robot again after each new seed, so that it starts from the same state.
+        connect: returns the connection, given a seed for a virtual robot. Called when the robot is
+            first needed, and for a virtual robot again after each new seed, so that it starts from
+            the same state.
         seed: seed of all random numbers; ``None`` for a fresh one.
     """
 
-    def __init__(self, task: Task, connect: Callable[[int], Connection], *, seed: int | None = None) -> None:
+    def __init__(
+        self, task: Task, connect: Callable[[int], Connection], *, seed: int | None = None
+    ) -> None:
         super().__init__(task, connect, seed=seed, batch_size=())
         self._entries = len(task.entries)
         set_vector_specs(self, task)
@@ -64,7 +68,8 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             self.observation_spec[key] = Bounded(0, 255, (side_px, side_px, 3), dtype=torch.uint8)
         self.is_closed = False
         self.outside: dict[str, float] = {}
-        """Entries that a client of the user's own answered outside of their ranges, each with the first such value."""
+        """Entries that a client of the user's own answered outside of their ranges, each with the
+        first such value."""
 
     def close(self, *, raise_if_closed: bool = True, **_: Any) -> None:
         """Stop the robot and close the link. May be called twice; a reset opens the link again."""
@@ -85,8 +90,8 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         return self._out(episode)
 
     def _within(self, observation: torch.Tensor) -> torch.Tensor:
-        """An observation in the ranges of its entries; the first value of each that a client answers outside is said. Answers of
-        our own program are in their ranges."""
+        """An observation in the ranges of its entries; the first value of each that a client
+        answers outside is said. Answers of our own program are in their ranges."""
         if self.task.client is None:
             return observation
         values = observation.tolist()
@@ -112,27 +117,38 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             self.link_error = error
             self.reconnect.failed(error)
             no, yes = torch.zeros(1, dtype=torch.bool), torch.ones(1, dtype=torch.bool)
-            ends = {"terminated": no, "truncated": yes, "done": yes.clone(), "link_lost": yes.clone()}
+            ends = {
+                "terminated": no,
+                "truncated": yes,
+                "done": yes.clone(),
+                "link_lost": yes.clone(),
+            }
             return self._out(episode, reward=torch.zeros(1), **ends)
         self.reconnect.recovered()
         return out
 
     def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
-        action = tensordict["action"].detach().cpu().clamp(-1.0, 1.0)  # a copy: the agent's tensor is not changed
+        # a copy: the agent's tensor is not changed
+        action = tensordict["action"].detach().cpu().clamp(-1.0, 1.0)
         task, episode = self.task, self._episode
         if action.shape != (len(self._spans),):
-            raise BricksError(f"{task.id} got an action of shape {list(action.shape)}; give [{len(self._spans)}]")
+            raise BricksError(
+                f"{task.id} got an action of shape {list(action.shape)}; give [{len(self._spans)}]"
+            )
         if episode is None:
             raise BricksError(f"{task.id} has no episode to step; reset the environment first")
         self._wait_while_blocked(episode)
         observation, reward, terminated = self._outcome(episode, action)
         if not all(map(math.isfinite, reward.flatten().tolist())):
             raise DescriptionError(
-                f"the reward of {task.id} is {reward.tolist()} in step {episode.step_count + 1}, where the observation is "
+                f"the reward of {task.id} is {reward.tolist()} in step {episode.step_count + 1}, "
+                "where the observation is "
                 f"{observation.tolist()}; correct the task's reward"
             )
         if terminated.dtype is not torch.bool:
-            raise DescriptionError(f"terminated of {task.id} is {terminated.tolist()}, not true or false; compare")
+            raise DescriptionError(
+                f"terminated of {task.id} is {terminated.tolist()}, not true or false; compare"
+            )
         observation = self._within(observation)
         episode.observation = observation
         episode.images = self.image()
@@ -141,58 +157,87 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         if self._is_paused:
             episode.is_cut = True
             self._guarded(self._connected().link.rest)
-        truncated = torch.full_like(terminated, episode.is_cut or episode.step_count >= task.max_steps)
+        truncated = torch.full_like(
+            terminated, episode.is_cut or episode.step_count >= task.max_steps
+        )
         if task.has_hidden_entries:
             episode.task_observations.append(_with_truth(episode, observation, self._entries))
-        return self._out(episode, reward=reward, terminated=terminated, truncated=truncated, done=terminated | truncated)
+        return self._out(
+            episode,
+            reward=reward,
+            terminated=terminated,
+            truncated=truncated,
+            done=terminated | truncated,
+        )
 
-    def _outcome(self, episode: EpisodeState, action: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Hook: carry out the action; the observation after it, the reward and whether the episode is over."""
+    def _outcome(
+        self, episode: EpisodeState, action: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Hook: carry out the action; the observation after it, the reward and whether the episode
+        is over."""
         task = self.task
         observation = torch.from_numpy(self.move(action.tolist()))
         reward = _single(task, "reward", task.reward(episode.observation, action, observation))
         return observation, reward, _single(task, "terminated", task.terminated(observation))
 
     def _out(self, episode: EpisodeState, **outcome: torch.Tensor) -> TensorDictBase:
-        """Output of a reset or, with its outcome, of a step; copied, as a caller's change must not alter ``episode``."""
-        out = {"observation": episode.observation[: self._entries].clone(), "link_lost": torch.zeros(1, dtype=torch.bool)}
+        """Output of a reset or, with its outcome, of a step; copied, as a caller's change must not
+        alter ``episode``."""
+        out = {
+            "observation": episode.observation[: self._entries].clone(),
+            "link_lost": torch.zeros(1, dtype=torch.bool),
+        }
         out |= {name: torch.tensor(image) for name, image in episode.images.items()}
         return TensorDict({**out, **outcome}, batch_size=(), device=self.device)
 
     def _step_proc_data(self, next_tensordict_out: TensorDictBase) -> TensorDictBase:
-        """Skip TorchRL's completion of ``_step``'s output, unless a task's functions return shapes that it has to correct."""
-        if next_tensordict_out.get("reward").shape == next_tensordict_out.get("terminated").shape == (1,):
+        """Skip TorchRL's completion of ``_step``'s output, unless a task's functions return shapes
+        that it has to correct."""
+        if (
+            next_tensordict_out.get("reward").shape
+            == next_tensordict_out.get("terminated").shape
+            == (1,)
+        ):
             return next_tensordict_out
         return super()._step_proc_data(next_tensordict_out)
 
     def _wait_while_blocked(self, episode: EpisodeState) -> None:
-        """Read without moving until the task is no longer blocked; reading feeds the hub's watchdog. Raises HubError if still
-        blocked after two minutes."""
+        """Read without moving until the task is no longer blocked; reading feeds the hub's
+        watchdog. Raises HubError if still blocked after two minutes."""
         if self.task.blocked is never or not self.task.blocked(episode.observation):
             return
         link = self._connected().link
-        _log.warning("%s: something is in the robot's way; it waits until that is gone", self.task.id)
+        _log.warning(
+            "%s: something is in the robot's way; it waits until that is gone", self.task.id
+        )
         waited_s = 0.0
         while bool(self.task.blocked(episode.observation)):
             if waited_s > BLOCKED_TIMEOUT_S:
                 self._close_link()
-                raise HubError(f"{self.task.id}: something is in the robot's way for {BLOCKED_TIMEOUT_S:g} s; clear it and go on")
+                raise HubError(
+                    f"{self.task.id}: something is in the robot's way for {BLOCKED_TIMEOUT_S:g} "
+                    "s; clear it and go on"
+                )
             reading = self._guarded(link.read)
             waited_s += reading.round_trip_s
             episode.observation = torch.from_numpy(self._measure(reading, episode))
 
     def task_observations(self, observations: torch.Tensor) -> torch.Tensor:
-        """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole current episode. Raises
-        BricksError if the number of observations is not that of the current episode's steps.
+        """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole
+        current episode. Raises BricksError if the number of observations is not that of the current
+        episode's steps.
 
-        These are the observations; where the task's camera has a goal, with the camera's two distances appended; where the task
-        has a target, with the true pose of a virtual robot.
+        These are the observations; where the task's camera has a goal, with the camera's two
+        distances appended; where the task has a target, with the true pose of a virtual robot.
         """
         if not self.task.has_hidden_entries:
             return observations
         stored = self._episode.task_observations if self._episode is not None else []
         if len(stored) != len(observations):
-            raise BricksError(f"{self.task.id} judges an episode before the next reset, and not {len(observations)} other steps")
+            raise BricksError(
+                f"{self.task.id} judges an episode before the next reset, and not "
+                f"{len(observations)} other steps"
+            )
         return torch.stack(stored)
 
 
@@ -203,7 +248,8 @@ def outside_text(entry: Entry, value: float) -> str:
 
 
 def _with_truth(episode: EpisodeState, observation: torch.Tensor, end: int) -> torch.Tensor:
-    """The observation with the target's entries, which end at index ``end``, replaced by their true values."""
+    """The observation with the target's entries, which end at index ``end``, replaced by their true
+    values."""
     if episode.tracker is None:
         return observation
     truth = torch.tensor(episode.tracker.truth(), dtype=observation.dtype)
@@ -211,10 +257,13 @@ def _with_truth(episode: EpisodeState, observation: torch.Tensor, end: int) -> t
 
 
 def _single(task: Task, name: str, value: Any) -> torch.Tensor:
-    """What a function of a task returns for one observation. Raises DescriptionError unless it is a tensor with one number."""
+    """What a function of a task returns for one observation. Raises DescriptionError unless it is a
+    tensor with one number."""
     if not isinstance(value, torch.Tensor) or value.numel() != 1:
         given = f"of shape {list(value.shape)}" if isinstance(value, torch.Tensor) else repr(value)
-        raise DescriptionError(f"{name} of {task.id} is {given}; compute a tensor of shape [1] from the observation")
+        raise DescriptionError(
+            f"{name} of {task.id} is {given}; compute a tensor of shape [1] from the observation"
+        )
     return value
 
 

@@ -38,8 +38,8 @@ class Skip(Exception):
 
 
 def check_env(env_id: str) -> Iterator[Finding]:
-    """Check a task and, on the virtual hub or in its simulation, the environment made of it. Raises UnknownNameError or
-    DescriptionError if there is no such task.
+    """Check a task and, on the virtual hub or in its simulation, the environment made of it. Raises
+    UnknownNameError or DescriptionError if there is no such task.
 
     Args:
         env_id: as :func:`bricksrl.make` takes it.
@@ -67,7 +67,8 @@ def _all_checks(env_id: str, task: Task) -> Iterator[Finding]:
 
 @contextmanager
 def _said_once() -> Iterator[None]:
-    """Context in which the log says each thing once, as a check makes the environment many times."""
+    """Context in which the log says each thing once, as a check makes the environment many
+    times."""
     said: set[str] = set()
 
     def is_new(record: logging.LogRecord) -> bool:
@@ -87,7 +88,8 @@ def _said_once() -> Iterator[None]:
 
 
 def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
-    """Run checks by name: each returns its result as text, or raises `Broken`, `Doubtful` or `Skip`."""
+    """Run checks by name: each returns its result as text, or raises `Broken`, `Doubtful` or
+    `Skip`."""
     first_checks: dict[str, str] = {}
     for name, check in checks.items():
         try:
@@ -97,7 +99,9 @@ def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
         except Doubtful as doubt:
             yield Finding(name, Outcome.WARNING, str(doubt))
         except Exception as error:  # noqa: BLE001 - any error of the user's functions is a finding
-            error_type = "" if isinstance(error, (Broken, BricksError)) else f"{type(error).__name__}: "
+            error_type = (
+                "" if isinstance(error, (Broken, BricksError)) else f"{type(error).__name__}: "
+            )
             line = "" if isinstance(error, (Broken, BricksError)) else line_of_user(error)
             text = " ".join(f"{error_type}{error}{line}".split())
             first = first_checks.setdefault(text, name)
@@ -105,7 +109,8 @@ def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
 
 
 def table(doc: str, heading: str) -> list[list[str]]:
-    """Rows of the table below a heading of a description, without its header; empty if there is none."""
+    """Rows of the table below a heading of a description, without its header; empty if there is
+    none."""
     section = doc.partition(f"## {heading}\n")[2].partition("\n## ")[0]
     rows = [line for line in section.splitlines() if line.startswith("|")]
     return [[cell.strip() for cell in row.strip("|").split("|")] for row in rows[2:]]
@@ -114,21 +119,31 @@ def table(doc: str, heading: str) -> list[list[str]]:
 def _description(task: Task) -> str:
     if not task.summary:
         raise Broken("the description is empty; say in one line what is to be learned")
-    headings = [heading for heading in ("Action", "Observation", "End of an episode") if table(task.doc, heading)]
+    headings = [
+        heading
+        for heading in ("Action", "Observation", "End of an episode")
+        if table(task.doc, heading)
+    ]
     if not headings:
         raise Skip("it has no tables of action, observation and end")
     actions = [
         (str(number), command.name, -1.0, 1.0, command.low, command.high, command.unit)
         for number, command in enumerate(task.interface.commands)
     ]
-    entries = [(str(number), entry.name, entry.low, entry.high, entry.unit) for number, entry in enumerate(task.entries)]
+    entries = [
+        (str(number), entry.name, entry.low, entry.high, entry.unit)
+        for number, entry in enumerate(task.entries)
+    ]
     for heading, expected in (("Action", actions), ("Observation", entries)):
         rows = [
             tuple(_number(cell) if 2 <= i < len(row) - 1 else cell for i, cell in enumerate(row))
             for row in table(task.doc, heading)
         ]
         if heading in headings and rows != expected:
-            wrong = next((row for row, right in zip(rows, expected, strict=False) if row != right), f"{len(rows)} rows")
+            wrong = next(
+                (row for row, right in zip(rows, expected, strict=False) if row != right),
+                f"{len(rows)} rows",
+            )
             raise Broken(f"the table of the {heading.lower()} does not fit the task at {wrong}")
     ends = [row[1] for row in table(task.doc, "End of an episode") if row[0] == "truncated"]
     if "End of an episode" in headings and ends != [f"after {task.max_steps} steps"]:
@@ -159,8 +174,13 @@ def _specs(env_id: str) -> str:
                 check_env_specs(env, seed=_SEED)
             except AssertionError as error:
                 first_line = next(iter(str(error).splitlines()), "")
-                raise Broken(f"what it returns does not fit its specs: {first_line[:_MOST_SHOWN]}") from None
-        return f"observation {list(env.observation_spec['observation'].shape)}, action {list(env.action_spec.shape)}"
+                raise Broken(
+                    f"what it returns does not fit its specs: {first_line[:_MOST_SHOWN]}"
+                ) from None
+        return (
+            f"observation {list(env.observation_spec['observation'].shape)}, action "
+            f"{list(env.action_spec.shape)}"
+        )
 
 
 def _reset(env_id: str) -> str:
@@ -168,16 +188,29 @@ def _reset(env_id: str) -> str:
         observations = [env.reset()["observation"] for _ in range(2)]
     for observation in observations:
         if not bool(torch.isfinite(observation).all()):
-            raise Broken(f"the observation holds {observation.tolist()}; all entries have to be numbers")
-    return f"twice, the observation starts with {[round(value, 1) for value in observations[0].tolist()[:4]]}"
+            raise Broken(
+                f"the observation holds {observation.tolist()}; all entries have to be numbers"
+            )
+    return (
+        "twice, the observation starts with "
+        f"{[round(value, 1) for value in observations[0].tolist()[:4]]}"
+    )
 
 
 def _sensors(env_id: str, task: Task) -> str:
     with closing(make(env_id, seed=_SEED)) as env:
         state = env.reset()
-    values = dict(zip((entry.name for entry in task.entries), state["observation"].tolist(), strict=True))
-    readings = [f"{entry.name} {values[entry.name]:.4g}" for sensor in task.sensors for entry in sensor.observed_entries]
-    return ", ".join([*readings, *(f"an image {sensor.name}" for sensor in task.sensors if sensor.image_px)])
+    values = dict(
+        zip((entry.name for entry in task.entries), state["observation"].tolist(), strict=True)
+    )
+    readings = [
+        f"{entry.name} {values[entry.name]:.4g}"
+        for sensor in task.sensors
+        for entry in sensor.observed_entries
+    ]
+    return ", ".join(
+        [*readings, *(f"an image {sensor.name}" for sensor in task.sensors if sensor.image_px)]
+    )
 
 
 def _determinism(env_id: str, task: Task) -> str:
@@ -190,7 +223,10 @@ def _determinism(env_id: str, task: Task) -> str:
             rollouts.append(env.rollout(_STEPS))
     first, second = rollouts
     if first.shape != second.shape or not bool((first == second).all()):
-        raise Broken("the same seed and actions gave another episode; draw random numbers in sampled entries only")
+        raise Broken(
+            "the same seed and actions gave another episode; draw random numbers in sampled "
+            "entries only"
+        )
     return f"the same seed and actions repeat {first.shape[0]} steps bit for bit"
 
 
@@ -208,12 +244,19 @@ def _twin(env_id: str) -> str:
             changed |= stepped["next", "observation"] != before
         elapsed_s = twin.now_s() - started_s
     if not bool(changed.any()):
-        raise Broken("nothing that it observes changed in five steps; let the observation show what the commands do")
-    return f"five steps in {elapsed_s:.2f} simulated seconds, {int(changed.sum())} of {len(changed)} entries changed"
+        raise Broken(
+            "nothing that it observes changed in five steps; let the observation show what the "
+            "commands do"
+        )
+    return (
+        f"five steps in {elapsed_s:.2f} simulated seconds, {int(changed.sum())} of "
+        f"{len(changed)} entries changed"
+    )
 
 
 def _values(env_id: str, task: Task) -> str:
-    """What random actions change in some episodes: entries, rewards, and the robot by each action."""
+    """What random actions change in some episodes: entries, rewards, and the robot by each
+    action."""
     observed, rewards = [], []
     with closing(make(env_id, seed=_SEED)) as env, torch.random.fork_rng(devices=[]):
         torch.manual_seed(_SEED)  # of the actions
@@ -227,7 +270,9 @@ def _values(env_id: str, task: Task) -> str:
         text = ", ".join(outside_text(entries[name], value) for name, value in outside.items())
         raise Broken(f"{text}; correct the client, or the range")
     values, reward = torch.cat(observed), torch.cat(rewards)
-    wrong = [name for index, name in enumerate(entries) if not bool(values[:, index].isfinite().all())]
+    wrong = [
+        name for index, name in enumerate(entries) if not bool(values[:, index].isfinite().all())
+    ]
     if wrong:
         raise Broken(f"{', '.join(wrong)} is not always a number (NaN); correct what computes it")
     doubts = []
@@ -236,20 +281,33 @@ def _values(env_id: str, task: Task) -> str:
         if bool((values[:, index] == values[0, index]).all()):
             constant.append(f"{name} ({values[0, index]:g})")
     if constant:
-        doubts.append(f"{', '.join(constant)} never changed; look at the sensor and the scene, or leave it out")
+        doubts.append(
+            f"{', '.join(constant)} never changed; look at the sensor and the scene, or "
+            "leave it out"
+        )
     if bool((reward == reward[0]).all()):
         doubts.append(f"the reward was always {float(reward[0]):g}; nothing can be learned from it")
     if idle := _idle_actions(env_id, task):
-        doubts.append(f"action {', '.join(idle)} changed nothing; look at its port, its range and its units")
+        doubts.append(
+            f"action {', '.join(idle)} changed nothing; look at its port, its range and its units"
+        )
     if doubts:
         raise Doubtful("; ".join(doubts))
-    return f"in {len(values) // 2} random steps all entries and the reward changed, and each action changed something"
+    return (
+        f"in {len(values) // 2} random steps all entries and the reward changed, and each "
+        "action changed something"
+    )
 
 
 def _idle_actions(env_id: str, task: Task) -> list[str]:
-    """Names of the commands whose smallest and largest action lead to the same observations and rewards."""
+    """Names of the commands whose smallest and largest action lead to the same observations and
+    rewards."""
     count = len(task.interface.commands)
-    return [command.name for index, command in enumerate(task.interface.commands) if _is_idle(env_id, index, count)]
+    return [
+        command.name
+        for index, command in enumerate(task.interface.commands)
+        if _is_idle(env_id, index, count)
+    ]
 
 
 def _is_idle(env_id: str, index: int, count: int) -> bool:
@@ -258,7 +316,8 @@ def _is_idle(env_id: str, index: int, count: int) -> bool:
 
 
 def _outcome(env_id: str, index: int, count: int, value: float) -> TensorDictBase:
-    """Observations and rewards of two steps in which one command has a value, and the others are 0."""
+    """Observations and rewards of two steps in which one command has a value, and the others are
+    0."""
     action = torch.zeros(count)
     action[index] = value
 
@@ -270,11 +329,15 @@ def _outcome(env_id: str, index: int, count: int, value: float) -> TensorDictBas
 
 
 def _functions(task: Task) -> str:
-    """Check that reward, ends, success and metrics return the documented shapes and types on a batch."""
+    """Check that reward, ends, success and metrics return the documented shapes and types on a
+    batch."""
     if task.base_env is not None:
         raise Skip("its resets and steps are its own")
     generator, steps = torch.Generator().manual_seed(_SEED), _STEPS
-    low, high = (torch.tensor([getattr(entry, end) for entry in task.task_entries]) for end in ("low", "high"))
+    low, high = (
+        torch.tensor([getattr(entry, end) for entry in task.task_entries])
+        for end in ("low", "high")
+    )
     before, after = low + (high - low) * torch.rand((2, steps, len(low)), generator=generator)
     action = 2 * torch.rand((steps, len(task.interface.commands)), generator=generator) - 1
     shapes = {
@@ -282,16 +345,27 @@ def _functions(task: Task) -> str:
         "terminated": (task.terminated(after), (steps, 1)),
         "blocked": (task.blocked(after), (steps, 1)),
         "success": (task.success(torch.stack((after, after))), (2,)),
-        **{name: (value, (2,)) for name, value in task.metrics(torch.stack((after, after))).items()},
+        **{
+            name: (value, (2,)) for name, value in task.metrics(torch.stack((after, after))).items()
+        },
     }
     for name, (value, shape) in shapes.items():
         if not isinstance(value, torch.Tensor):
-            raise Broken(f"{name} is no tensor but {type(value).__name__}; compute it from the observations")
+            raise Broken(
+                f"{name} is no tensor but {type(value).__name__}; compute it from the observations"
+            )
         if tuple(value.shape) != shape:
-            raise Broken(f"{name} has the shape {list(value.shape)} for observations of {steps} steps; give {list(shape)}")
+            raise Broken(
+                f"{name} has the shape {list(value.shape)} for observations of {steps} steps; "
+                f"give {list(shape)}"
+            )
     if not bool(torch.isfinite(shapes["reward"][0]).all()):
         raise Broken("the reward is not always a number")
-    flags = [name for name in ("terminated", "blocked", "success") if shapes[name][0].dtype is not torch.bool]
+    flags = [
+        name
+        for name in ("terminated", "blocked", "success")
+        if shapes[name][0].dtype is not torch.bool
+    ]
     if flags:
         raise Broken(f"{', '.join(flags)} is not bool; compare")
     return f"{', '.join(shapes)} have the right shapes"

@@ -1,4 +1,5 @@
-"""Interface of environments: what the run loop, recording, page, evaluation and plugins need of one, with its defaults."""
+"""Interface of environments: what the run loop, recording, page, evaluation and plugins need of
+one, with its defaults."""
 
 from __future__ import annotations
 
@@ -18,16 +19,19 @@ if TYPE_CHECKING:
 
 
 class BricksEnv:
-    """An environment of ours, by default a simulation: it moves no robot, cannot be paused and judges what the agent observes.
+    """An environment of ours, by default a simulation: it moves no robot, cannot be paused and
+    judges what the agent observes.
 
     It is pickled and copied as the call that makes it: a fresh one with the same options and seed.
 
     Attributes:
         task: the task; ``None`` for an environment that is not ours.
-        robots: number of robots, real or virtual, that `stop`, `pause` and `resume` reach; 0 for a simulation.
+        robots: number of robots, real or virtual, that `stop`, `pause` and `resume` reach; 0 for a
+            simulation.
         reconnect: reconnection after the link broke; ``None`` without a link.
         link_error: error of the last step that ended with ``link_lost``.
-        in_reach: of a virtual robot, may be set before the first reset: while it returns False, the link is broken.
+        in_reach: of a virtual robot, may be set before the first reset: while it returns False, the
+            link is broken.
         remake: makes it, given a seed; ``None`` if there cannot be two of it, as of a robot.
     """
 
@@ -43,19 +47,22 @@ class BricksEnv:
         if self.remake is None:
             env_id = type(self).__name__ if self.task is None else self.task.id
             raise BricksError(
-                f"{env_id} cannot be pickled with its link to a robot; pass a function that makes it, such as "
+                f"{env_id} cannot be pickled with its link to a robot; pass a function that makes "
+                "it, such as "
                 f"functools.partial(bricksrl.make, '{env_id}', hub='ble')"
             )
         return functools.partial(self.remake, seed=self._seed), ()
 
     @property
     def twin(self) -> VirtualRobot | None:
-        """The virtual hub of a single robot; ``None`` for a real robot or none. A new seed makes a new one."""
+        """The virtual hub of a single robot; ``None`` for a real robot or none. A new seed makes a
+        new one."""
         return None
 
     @property
     def episode(self) -> EpisodeState | None:
-        """State of the present episode of a single robot; ``None`` without one, and while the robot is placed."""
+        """State of the present episode of a single robot; ``None`` without one, and while the robot
+        is placed."""
         return None
 
     @property
@@ -70,17 +77,19 @@ class BricksEnv:
 
     @property
     def timing(self) -> EpisodeState | None:
-        """Times of the last step, ``age_s`` and ``hub_time_s``; ``None`` without a robot. Raises BricksError if no step was made
-        yet."""
+        """Times of the last step, ``age_s`` and ``hub_time_s``; ``None`` without a robot. Raises
+        BricksError if no step was made yet."""
         return None
 
     def stop(self) -> None:
-        """Stop motors and program at once, even during a step; step and reset raise StoppedError until `resume`. Raises HubError
-        if the hub could not be reached; its watchdog then stops the motors."""
+        """Stop motors and program at once, even during a step; step and reset raise StoppedError
+        until `resume`. Raises HubError if the hub could not be reached; its watchdog then stops the
+        motors."""
 
     @property
     def has_stopped(self) -> bool:
-        """Whether the motors are known to be stopped after `stop`: by the hub's word, not by that of whoever asked for it."""
+        """Whether the motors are known to be stopped after `stop`: by the hub's word, not by that
+        of whoever asked for it."""
         return True
 
     def pause(self) -> None:
@@ -90,8 +99,8 @@ class BricksEnv:
         """End `pause` or `stop`: the robot may move again after the next reset."""
 
     def watch(self, _watcher: Callable[[Connection], None]) -> Callable[[], None]:
-        """Call ``watcher`` with the present connection to a single robot and with each later one: a new seed makes a new virtual
-        robot.
+        """Call ``watcher`` with the present connection to a single robot and with each later one: a
+        new seed makes a new virtual robot.
 
         Returns:
             A function that removes the watcher.
@@ -99,17 +108,19 @@ class BricksEnv:
         return lambda: None
 
     def task_observations(self, observations: Tensor) -> Tensor:
-        """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole current episode: by default
-        these."""
+        """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole
+        current episode: by default these."""
         return observations
 
     def walk_metrics(self) -> dict[str, float]:
-        """Metrics of a virtual robot's true motion: distance, speed, straightness; errors of its dead reckoning."""
+        """Metrics of a virtual robot's true motion: distance, speed, straightness; errors of its
+        dead reckoning."""
         return {}
 
 
 def interface_of(env: Any) -> BricksEnv:
-    """The interface of any environment: of the one under the transforms if that is ours, else the defaults."""
+    """The interface of any environment: of the one under the transforms if that is ours, else the
+    defaults."""
     if isinstance(env, BricksEnv):  # without TorchRL
         return env
     from torchrl.envs import TransformedEnv

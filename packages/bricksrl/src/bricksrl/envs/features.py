@@ -1,7 +1,8 @@
-"""Features: what observations in physical units, and rewards, become before networks learn from them, ours or others.
+"""Features: what observations in physical units, and rewards, become before networks learn from
+them, ours or others.
 
-An agent that acts holds what it observes within the range that it has learned on, so that an input that never varied where it
-learned decides nothing where it acts."""
+An agent that acts holds what it observes within the range that it has learned on, so that an input
+that never varied where it learned decides nothing where it acts."""
 
 import logging
 import math
@@ -17,22 +18,24 @@ from bricksrl.envs.specs import ObservationLayout
 _log = logging.getLogger(__name__)
 LARGEST = torch.finfo(torch.float32).max
 PAST_SHARE = 0.3
-"""Size of what older frames add: at 1 a stack of three learns the simulated Walker more slowly (`python -m benchmarks
-transforms`)."""
+"""Size of what older frames add: at 1 a stack of three learns the simulated Walker more slowly
+(`python -m benchmarks transforms`)."""
 ENOUGH = 20
 """Minimum number of transitions that tell how great rewards are."""
 
 
 def reward_unit(rewards: Tensor) -> float:
-    """The power of ten nearest to the root mean square of rewards ``[n]`` other than 0, at most 1; 1 for fewer than `ENOUGH`."""
+    """The power of ten nearest to the root mean square of rewards ``[n]`` other than 0, at most 1;
+    1 for fewer than `ENOUGH`."""
     paid = rewards[rewards != 0.0]
     size = float(paid.square().mean().sqrt()) if len(paid) and len(rewards) >= ENOUGH else 1.0
     return min(1.0, 10.0 ** round(math.log10(size)))
 
 
 class SeenInputs(nn.Module):
-    """Least, greatest, mean and deviation of each input ``[n]`` that was learned on, in the module's state; where it lacks them,
-    nothing was seen. Angles (``wraps``) are held only if they never varied, ``free`` inputs never."""
+    """Least, greatest, mean and deviation of each input ``[n]`` that was learned on, in the
+    module's state; where it lacks them, nothing was seen. Angles (``wraps``) are held only if they
+    never varied, ``free`` inputs never."""
 
     least: Tensor
     greatest: Tensor
@@ -44,10 +47,14 @@ class SeenInputs(nn.Module):
         self.names, self.warned = names, set[str]()
         self.register_buffer("least", torch.full((n,), LARGEST))
         self.register_buffer("greatest", torch.full((n,), -LARGEST))
-        self.register_buffer("moments", torch.zeros(3, n, dtype=torch.float64))  # count, mean, sum of squared deviations
+        # count, mean, sum of squared deviations
+        self.register_buffer("moments", torch.zeros(3, n, dtype=torch.float64))
         is_free = torch.zeros(n, dtype=torch.bool)
         is_free[list(free)] = True
-        self.wraps, self.free = nn.Buffer(torch.tensor(wraps), persistent=False), nn.Buffer(is_free, persistent=False)
+        self.wraps, self.free = (
+            nn.Buffer(torch.tensor(wraps), persistent=False),
+            nn.Buffer(is_free, persistent=False),
+        )
 
     @torch.no_grad()
     def see(self, inputs: Tensor) -> None:
@@ -58,12 +65,15 @@ class SeenInputs(nn.Module):
         count, mean, squares = self.moments
         added, values = len(rows), rows.double()
         difference, total = values.mean(0) - mean, count + added
-        squares += (values - values.mean(0)).square().sum(0) + difference.square() * count * added / total
+        squares += (values - values.mean(0)).square().sum(
+            0
+        ) + difference.square() * count * added / total
         mean += difference * added / total
         count += added
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """Inputs ``[*batch, n]``, of an agent that acts at its best within what it has learned on."""
+        """Inputs ``[*batch, n]``, of an agent that acts at its best within what it has learned
+        on."""
         if self.training or exploration_type() is not ExplorationType.DETERMINISTIC:
             return inputs
         least, greatest = self.bounds()
@@ -73,8 +83,14 @@ class SeenInputs(nn.Module):
 
     def bounds(self) -> tuple[Tensor, Tensor]:
         """Least and greatest value ``[n]`` within which each input is held."""
-        is_held = (self.least <= self.greatest) & ~self.free & (~self.wraps | (self.least == self.greatest))
-        return torch.where(is_held, self.least, -LARGEST), torch.where(is_held, self.greatest, LARGEST)
+        is_held = (
+            (self.least <= self.greatest)
+            & ~self.free
+            & (~self.wraps | (self.least == self.greatest))
+        )
+        return torch.where(is_held, self.least, -LARGEST), torch.where(
+            is_held, self.greatest, LARGEST
+        )
 
     def _say(self, inputs: Tensor, least: Tensor, greatest: Tensor) -> None:
         """Say once of each input that it is farther outside of what was seen than that is wide."""
@@ -84,9 +100,18 @@ class SeenInputs(nn.Module):
             name = self.names[index] if self.names else f"input {index}"
             if name not in self.warned:
                 self.warned.add(name)
-                low, high, value = float(least[index]), float(greatest[index]), float(rows[row, index])
+                low, high, value = (
+                    float(least[index]),
+                    float(greatest[index]),
+                    float(rows[row, index]),
+                )
                 learned = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-                _log.warning("%s reads %g, but the agent learned with %s: it acts as if it read that", name, value, learned)
+                _log.warning(
+                    "%s reads %g, but the agent learned with %s: it acts as if it read that",
+                    name,
+                    value,
+                    learned,
+                )
 
     def normalised(self, inputs: Tensor) -> Tensor:
         """Inputs less their mean, divided by their deviation; 0 where they never varied."""
@@ -106,15 +131,22 @@ class SeenInputs(nn.Module):
 class ObservationEncoder(nn.Module):
     """Observations ``[*batch, n]`` in physical units to features ``[*batch, size]`` of order one.
 
-    Bounded entries are scaled to -1..1, unbounded ones unchanged. With ``angles="sincos"`` wrapping angles become sine and
-    cosine; ``angles="phases"`` adds sine and cosine of the differences between angles, goals excluded (the phases of a gait).
-    With ``goals="difference"`` each goal adds its difference to the current value, for wrapping angles the shorter way. What a
-    transform has scaled comes back to its unit first. ``normalize``: linear entries by the mean and deviation of what was seen.
-    Of stacked frames the newest is as if it were alone; older ones are differences to it, at `PAST_SHARE` of their size.
+    Bounded entries are scaled to -1..1, unbounded ones unchanged. With ``angles="sincos"`` wrapping
+    angles become sine and cosine; ``angles="phases"`` adds sine and cosine of the differences
+    between angles, goals excluded (the phases of a gait). With ``goals="difference"`` each goal
+    adds its difference to the current value, for wrapping angles the shorter way. What a transform
+    has scaled comes back to its unit first. ``normalize``: linear entries by the mean and deviation
+    of what was seen. Of stacked frames the newest is as if it were alone; older ones are
+    differences to it, at `PAST_SHARE` of their size.
     """
 
     def __init__(
-        self, layout: ObservationLayout, angles: str = "phases", goals: str = "difference", *, normalize: bool = False
+        self,
+        layout: ObservationLayout,
+        angles: str = "phases",
+        goals: str = "difference",
+        *,
+        normalize: bool = False,
     ) -> None:
         super().__init__()
         self.normalize, self.is_scaled = normalize, bool(layout.scale)
@@ -130,23 +162,36 @@ class ObservationEncoder(nn.Module):
         past = layout.past
         pairs = [pair for pair in layout.goals if pair[0] not in past and goals == "difference"]
         goal_index = {goal for goal, _ in layout.goals}
-        own = [i for i in angle_index if i not in goal_index and i not in past and angles == "phases"]
+        own = [
+            i for i in angle_index if i not in goal_index and i not in past and angles == "phases"
+        ]
         first, second = torch.combinations(torch.tensor(own, dtype=torch.int64)).T
         less_newest = torch.eye(len(wraps))
         less_newest[list(past), list(past.values())] = -1.0
         one_rad = less_newest * (math.pi / 180.0)
-        angle_matrix = torch.cat((one_rad[angle_index], one_rad[first] - one_rad[second])).T.contiguous()  # one column per angle
-        self.angle_matrix, self.linear = _constant(angle_matrix), _constant(linear_index, torch.int64)
+        # one column per angle
+        angle_matrix = torch.cat(
+            (one_rad[angle_index], one_rad[first] - one_rad[second])
+        ).T.contiguous()
+        self.angle_matrix, self.linear = (
+            _constant(angle_matrix),
+            _constant(linear_index, torch.int64),
+        )
         self.scale, self.offset = _constant(scale[self.linear]), _constant(offset[self.linear])
         self.has_past = bool(past)
         self.past_matrix = _constant(less_newest[linear_index][:, linear_index].T.contiguous())
         is_old = [[i in past for i in index] for index in (linear_index, angle_index)]
-        old = torch.tensor([*is_old[0], *([*is_old[1], *(False for _ in first)] * 2), *(False for _ in pairs)], dtype=torch.bool)
+        old = torch.tensor(
+            [*is_old[0], *([*is_old[1], *(False for _ in first)] * 2), *(False for _ in pairs)],
+            dtype=torch.bool,
+        )
         self.share = _constant(torch.where(old, PAST_SHARE, 1.0))
         self.goal = _constant([goal for goal, _ in pairs], torch.int64)
         self.reached = _constant([reached for _, reached in pairs], torch.int64)
         self.period = _constant([360.0 if layout.wraps[goal] else math.inf for goal, _ in pairs])
-        self.goal_scale = _constant([1 / 180.0 if layout.wraps[goal] else float(scale[goal]) for goal, _ in pairs])
+        self.goal_scale = _constant(
+            [1 / 180.0 if layout.wraps[goal] else float(scale[goal]) for goal, _ in pairs]
+        )
         self.size = len(linear_index) + 2 * angle_matrix.shape[1] + len(pairs)
 
     def forward(self, observation: Tensor) -> Tensor:
@@ -160,8 +205,12 @@ class ObservationEncoder(nn.Module):
             angle_rad = observation @ self.angle_matrix
             parts += [angle_rad.sin(), angle_rad.cos()]
         if len(self.goal):
-            difference = observation.index_select(-1, self.goal) - observation.index_select(-1, self.reached)
-            parts.append((difference - (difference / self.period).round() * 360.0) * self.goal_scale)
+            difference = observation.index_select(-1, self.goal) - observation.index_select(
+                -1, self.reached
+            )
+            parts.append(
+                (difference - (difference / self.period).round() * 360.0) * self.goal_scale
+            )
         features = torch.cat(parts, -1)
         return features * self.share if self.has_past else features
 

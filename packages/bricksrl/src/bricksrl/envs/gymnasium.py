@@ -1,14 +1,16 @@
 """Gymnasium interface: ``gymnasium.make("bricksrl/RunAway-v0")`` after ``import bricksrl``.
 
-Gymnasium calls each id that has a later version out of date. Here a later version is another task: ``Walker-v0`` is the paper's.
-``gymnasium.make(gymnasium.spec("bricksrl/Walker-v0"))`` does not warn.
+Gymnasium calls each id that has a later version out of date. Here a later version is another task:
+``Walker-v0`` is the paper's. ``gymnasium.make(gymnasium.spec("bricksrl/Walker-v0"))`` does not
+warn.
 
 The number of steps of an episode is Gymnasium's: that of the id without options, or
 ``gymnasium.make(..., max_episode_steps=N)``, shorter or longer; -1 is for no limit. With an option
 that makes episodes longer, give the number too:
 ``gymnasium.make("bricksrl/Walker-v0", step_ms=100, max_episode_steps=250)``.
 
-Wrappers show goals as Gymnasium's environments of robots have them, for hindsight experience replay of other libraries.
+Wrappers show goals as Gymnasium's environments of robots have them, for hindsight experience replay
+of other libraries.
 """
 
 from __future__ import annotations
@@ -37,7 +39,12 @@ from bricksrl.envs.rollout import link_lost
 from bricksrl.envs.specs import clamped
 from bricksrl.envs.task import check_measures, metrics_of, success_of
 from bricksrl.envs.transforms import layout_of
-from bricksrl.errors import BricksError, DescriptionError, RenderingUnavailableError, UnknownOptionError
+from bricksrl.errors import (
+    BricksError,
+    DescriptionError,
+    RenderingUnavailableError,
+    UnknownOptionError,
+)
 
 if TYPE_CHECKING:
     from bricksrl.envs.env import HubEnv
@@ -57,18 +64,19 @@ _ENDLESS = 2**31 - 1
 class GymnasiumEnv(gymnasium.Env[Observation, Array]):
     """A BricksRL environment with Gymnasium's interface.
 
-    Observation and action are float32 arrays with the bounds of the task's tables; where a range is only nominal, the bounds
-    are those that a hub can report. With cameras, the observation is a dict of this array, "observation", and the uint8
-    images, such as "image". ``info`` holds the task's metrics and the success of the episode so far, as ``success`` and, for
-    Stable-Baselines3, as ``is_success``; the last of an episode is the episode's. A task with a `BaseEnv` of its own knows
-    neither. Of an episode whose link breaks, metrics are those before, and it is no success.
+    Observation and action are float32 arrays with the bounds of the task's tables; where a range is
+    only nominal, the bounds are those that a hub can report. With cameras, the observation is a
+    dict of this array, "observation", and the uint8 images, such as "image". ``info`` holds the
+    task's metrics and the success of the episode so far, as ``success`` and, for Stable-Baselines3,
+    as ``is_success``; the last of an episode is the episode's. A task with a `BaseEnv` of its own
+    knows neither. Of an episode whose link breaks, metrics are those before, and it is no success.
 
     Args:
         env_id: id of the environment, such as ``"RunAway-v0"``.
         render_mode: ``None``, or ``"rgb_array"`` to draw a virtual robot.
-        max_episode_steps: steps after which an episode is truncated; by default the task's. From ``gymnasium.make``, its
-            wrapper truncates, and this environment does not.
-        options, named: as in :func:`bricksrl.make`.
+        max_episode_steps: steps after which an episode is truncated; by default the task's. From
+            ``gymnasium.make``, its wrapper truncates, and this environment does not. options,
+            named: as in :func:`bricksrl.make`.
 
     Attributes:
         max_episode_steps: steps of an episode; ``None`` where Gymnasium's wrapper counts them.
@@ -86,10 +94,14 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
     ) -> None:
         if is_simulation(env_id):
             if render_mode is not None:
-                raise UnknownOptionError(f"{env_id} simulates no body that could be drawn; omit render_mode")
+                raise UnknownOptionError(
+                    f"{env_id} simulates no body that could be drawn; omit render_mode"
+                )
             if named.get("batch_size") or named.get("device", "cpu") != "cpu":
                 remedy = "omit batch_size and device, or use bricksrl.make"
-                raise UnknownOptionError(f"Gymnasium's {env_id} is one environment on the CPU; {remedy}")
+                raise UnknownOptionError(
+                    f"Gymnasium's {env_id} is one environment on the CPU; {remedy}"
+                )
             self.metadata = {"render_modes": []}
         self.env: HubEnv | SimulatedEnv = _made(env_id, options, **named)
         self.max_episode_steps = _limit(max_episode_steps, self.env.task)
@@ -111,8 +123,9 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
     @property
     def spec(self) -> EnvSpec | None:
-        """How ``gymnasium.make`` made this environment, which then leaves the time limit to it; ``None`` if it did not. Setting
-        it raises UnknownOptionError if it has a time limit of ours, which Gymnasium does not know."""
+        """How ``gymnasium.make`` made this environment, which then leaves the time limit to it;
+        ``None`` if it did not. Setting it raises UnknownOptionError if it has a time limit of ours,
+        which Gymnasium does not know."""
         return self._spec
 
     @spec.setter
@@ -120,11 +133,17 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         if spec is not None:
             _refuse_max_steps(spec.kwargs)
             registered = gymnasium.registry.get(spec.id)
-            self._hint = "" if registered is None else _longer(self.max_episode_steps, registered.max_episode_steps)
+            self._hint = (
+                ""
+                if registered is None
+                else _longer(self.max_episode_steps, registered.max_episode_steps)
+            )
             self.max_episode_steps = None
         self._spec = spec
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode. A seed makes this and all later episodes reproducible."""
         self._warn_of_short_episodes()
         super().reset(seed=seed)
@@ -135,10 +154,12 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         return self._observation(self.env.reset()), {}
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Take one step; returns observation, reward, terminated, truncated and info. Raises BricksError after the end of an
-        episode."""
+        """Take one step; returns observation, reward, terminated, truncated and info. Raises
+        BricksError after the end of an episode."""
         if self._ended:
-            raise BricksError(f"{self.env.task.id} got a step after the end of an episode; reset it first")
+            raise BricksError(
+                f"{self.env.task.id} got a step after the end of an episode; reset it first"
+            )
         sent = TensorDict({"action": torch.tensor(action, dtype=torch.float32)}, batch_size=())
         result = self.env.step(sent)["next"]
         if link_lost(sent.set("next", result)):
@@ -147,16 +168,26 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
             return self._observation(result), 0.0, False, True, info
         self._observations.append(result["observation"].clone())
         terminated = bool(result["terminated"])
-        is_over = self.max_episode_steps is not None and len(self._observations) >= self.max_episode_steps
+        is_over = (
+            self.max_episode_steps is not None and len(self._observations) >= self.max_episode_steps
+        )
         truncated = is_over or bool(result["truncated"])
         self._ended = terminated or truncated
         episode = self.env.task_observations(torch.stack(self._observations))
-        self._info = metrics_of(self.env.task, episode) | self._successes(success_of(self.env.task, episode))
-        return self._observation(result), float(result["reward"]), terminated, truncated, dict(self._info)
+        self._info = metrics_of(self.env.task, episode) | self._successes(
+            success_of(self.env.task, episode)
+        )
+        return (
+            self._observation(result),
+            float(result["reward"]),
+            terminated,
+            truncated,
+            dict(self._info),
+        )
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Image of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode. Raises
-        RenderingUnavailableError if the robot is real, or OpenGL is missing."""
+        """Image of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode.
+        Raises RenderingUnavailableError if the robot is real, or OpenGL is missing."""
         if self.render_mode is None:
             return None
         if self._renderer is None:
@@ -166,7 +197,9 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
             body = None if self.env.twin is None else sound_body(self.env.twin.body)
             if not isinstance(body, MujocoBody):
-                raise RenderingUnavailableError(f"the robot of {self.env.task.id} has no picture; use hub='virtual'")
+                raise RenderingUnavailableError(
+                    f"the robot of {self.env.task.id} has no picture; use hub='virtual'"
+                )
             self._renderer = Renderer(body)
         return self._renderer.render()
 
@@ -177,14 +210,21 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickled without an episode, as ``env`` is."""
-        return {**self.__dict__, "_observations": [], "_info": {}, "_ended": False, "_renderer": None}
+        return {
+            **self.__dict__,
+            "_observations": [],
+            "_info": {},
+            "_ended": False,
+            "_renderer": None,
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._remove_inner_limit()
 
     def _remove_inner_limit(self) -> None:
-        """Let the environment inside go on for ever, as this one, or Gymnasium, counts the steps."""
+        """Let the environment inside go on for ever, as this one, or Gymnasium, counts the
+        steps."""
         self.env.task = replace(self.env.task, max_steps=_ENDLESS)
 
     def _successes(self, is_success: bool) -> dict[str, Any]:
@@ -195,8 +235,14 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
     def _warn_of_short_episodes(self) -> None:
         """Say once that Gymnasium ended an episode earlier than the options say."""
-        registered = gymnasium.registry.get(self._spec.id) if self._hint and self._spec is not None else None
-        if registered is not None and not self._ended and len(self._observations) == registered.max_episode_steps:
+        registered = (
+            gymnasium.registry.get(self._spec.id) if self._hint and self._spec is not None else None
+        )
+        if (
+            registered is not None
+            and not self._ended
+            and len(self._observations) == registered.max_episode_steps
+        ):
             _log.warning("%s: %s", self.env.task.id, self._hint)
             self._hint = ""
 
@@ -219,12 +265,13 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     ended. A seed is that of all copies. Arguments are those of `GymnasiumEnv` and:
 
     Args:
-        autoreset_mode: one of Gymnasium's: ``NEXT_STEP`` as above; ``SAME_STEP`` resets a copy in the step that ends its episode,
-            whose observation and info are then ``final_obs`` and ``final_info``; ``DISABLED`` leaves it to
-            ``reset(options={"reset_mask": ended})``.
+        autoreset_mode: one of Gymnasium's: ``NEXT_STEP`` as above; ``SAME_STEP`` resets a copy in
+            the step that ends its episode, whose observation and info are then ``final_obs`` and
+            ``final_info``; ``DISABLED`` leaves it to ``reset(options={"reset_mask": ended})``.
     """
 
-    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
+    # - as Gymnasium declares it
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
 
     def __init__(
         self,
@@ -237,12 +284,16 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         **named: Any,
     ) -> None:
         if render_mode is not None:
-            raise UnknownOptionError(f"{env_id} simulates no body that could be drawn; omit render_mode")
+            raise UnknownOptionError(
+                f"{env_id} simulates no body that could be drawn; omit render_mode"
+            )
         try:
             self.autoreset_mode = AutoresetMode(autoreset_mode)
         except ValueError:
             known = ", ".join(mode.value for mode in AutoresetMode)
-            raise UnknownOptionError(f"there is no autoreset_mode {autoreset_mode!r}; choose one of {known}") from None
+            raise UnknownOptionError(
+                f"there is no autoreset_mode {autoreset_mode!r}; choose one of {known}"
+            ) from None
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.env: SimulatedEnv = _made(env_id, options, batch_size=num_envs, **named)
         task = self.env.task
@@ -251,7 +302,9 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         if max_episode_steps is not None:  # by make_vec, from the registry or from the user
             _refuse_max_steps(named)
             registered = gymnasium.registry.get(f"bricksrl/{env_id}")
-            is_default = registered is not None and registered.max_episode_steps == max_episode_steps
+            is_default = (
+                registered is not None and registered.max_episode_steps == max_episode_steps
+            )
             if is_default and (remedy := _longer(task.max_steps, max_episode_steps)):
                 _log.warning("%s: %s", task.id, remedy)
         self.env.task = replace(task, max_steps=_ENDLESS)
@@ -261,15 +314,20 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._episodes = torch.zeros(num_envs, task.max_steps, len(task.entries))
         self._copies = torch.arange(num_envs)
-        self._steps, self._ended = torch.zeros_like(self._copies), torch.zeros(num_envs, dtype=torch.bool)
+        self._steps, self._ended = (
+            torch.zeros_like(self._copies),
+            torch.zeros(num_envs, dtype=torch.bool),
+        )
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Start an episode of all copies, or of those in ``options["reset_mask"]``, bool ``[copies]``. A seed makes these and all
-        later episodes reproducible."""
+        """Start an episode of all copies, or of those in ``options["reset_mask"]``, bool
+        ``[copies]``. A seed makes these and all later episodes reproducible."""
         if isinstance(seed, list):
-            raise UnknownOptionError(f"{self.env.task.id} has one seed for all copies; give a whole number")
+            raise UnknownOptionError(
+                f"{self.env.task.id} has one seed for all copies; give a whole number"
+            )
         super().reset(seed=seed)
         if seed is not None:
             self.env.set_seed(seed)
@@ -280,20 +338,37 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
                 wanted = f"a reset_mask of {self.num_envs} bools, one of them True at least"
                 raise UnknownOptionError(f"{self.env.task.id} needs {wanted}")
             return self._restart(torch.from_numpy(copies)), {}
-        self._steps, self._ended = torch.zeros_like(self._copies), torch.zeros(self.num_envs, dtype=torch.bool)
+        self._steps, self._ended = (
+            torch.zeros_like(self._copies),
+            torch.zeros(self.num_envs, dtype=torch.bool),
+        )
         return self.env.reset()["observation"].cpu().numpy().copy(), {}
 
-    def step(self, actions: Array) -> tuple[Array, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Take one step in all copies; returns observations, rewards, terminated, truncated and info."""
+    def step(
+        self, actions: Array
+    ) -> tuple[Array, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Take one step in all copies; returns observations, rewards, terminated, truncated and
+        info."""
         starts = self._ended
         if self.autoreset_mode is AutoresetMode.DISABLED and starts.any():
-            raise BricksError(f"{self.env.task.id} got a step after the end of an episode; reset with its reset_mask first")
-        batch = clamped(torch.as_tensor(actions, dtype=torch.float32), self.env.action_spec.shape, self.env.task.id)
+            raise BricksError(
+                f"{self.env.task.id} got a step after the end of an episode; reset with its "
+                "reset_mask first"
+            )
+        batch = clamped(
+            torch.as_tensor(actions, dtype=torch.float32),
+            self.env.action_spec.shape,
+            self.env.task.id,
+        )
         sent = TensorDict({"action": batch}, self.env.batch_size, device=self.env.device)
         result = self.env.step(sent)["next"]
         names = ("reward", "terminated", "truncated")
-        reward, terminated, truncated = (result[name].squeeze(-1).cpu().masked_fill(starts, 0) for name in names)
-        observation = self._restart(starts) if starts.any() else result["observation"].cpu().numpy().copy()
+        reward, terminated, truncated = (
+            result[name].squeeze(-1).cpu().masked_fill(starts, 0) for name in names
+        )
+        observation = (
+            self._restart(starts) if starts.any() else result["observation"].cpu().numpy().copy()
+        )
         self._store(torch.from_numpy(observation))
         self._steps += ~starts  # the first step overwrites the start
         if self._max_steps is not None:
@@ -302,15 +377,22 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         info = self._info()
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             ended = self._ended.numpy()
-            final = np.full(self.num_envs, None, dtype=object)  # as in Gymnasium: None for the others
+            # as in Gymnasium: None for the others
+            final = np.full(self.num_envs, None, dtype=object)
             for copy in ended.nonzero()[0]:
                 final[copy] = observation[copy]
-            info = {"final_obs": final, "_final_obs": ended, "final_info": info, "_final_info": ended}
+            info = {
+                "final_obs": final,
+                "_final_obs": ended,
+                "final_info": info,
+                "_final_info": ended,
+            }
             observation = self._restart(self._ended)
         return observation, reward.numpy(), terminated.numpy(), truncated.numpy(), info
 
     def _store(self, observations: torch.Tensor) -> None:
-        """Keep the observations ``[copies, n]`` of this step; twice the room, if an episode became longer than all before."""
+        """Keep the observations ``[copies, n]`` of this step; twice the room, if an episode became
+        longer than all before."""
         if self._steps.max() >= self._episodes.shape[1]:
             self._episodes = torch.cat((self._episodes, torch.zeros_like(self._episodes)), dim=1)
         self._episodes[self._copies, self._steps] = observations
@@ -324,7 +406,8 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         return observation
 
     def _info(self) -> dict[str, Any]:
-        """Metrics and success of the episodes that just ended, each with a mask of their copies, as in Gymnasium."""
+        """Metrics and success of the episodes that just ended, each with a mask of their copies, as
+        in Gymnasium."""
         info: dict[str, Any] = {}
         for steps in self._steps[self._ended].unique().tolist():
             copies = (self._ended & (self._steps == steps)).nonzero().squeeze(-1)
@@ -334,7 +417,9 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             success = self.env.task.success(episodes)
             outcome = {**metrics, "success": success, "is_success": success}
             for name, value in outcome.items():
-                info.setdefault(name, torch.zeros(self.num_envs, dtype=value.dtype).numpy())[copies] = value
+                info.setdefault(name, torch.zeros(self.num_envs, dtype=value.dtype).numpy())[
+                    copies
+                ] = value
         return info | {f"_{name}": self._ended.numpy() for name in info}
 
     def close_extras(self, **_kwargs: Any) -> None:
@@ -343,7 +428,8 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
 
 
 def _limit(max_episode_steps: int | None, task: Task) -> int | None:
-    """Steps of an episode: the task's unless others are given; ``None`` for no limit, which Gymnasium calls -1."""
+    """Steps of an episode: the task's unless others are given; ``None`` for no limit, which
+    Gymnasium calls -1."""
     check_value("max_episode_steps", max_episode_steps, int | None)
     if max_episode_steps is None:
         return task.max_steps
@@ -357,16 +443,19 @@ def _refuse_max_steps(named: dict[str, Any]) -> None:
     if "max_steps" in named:
         number = named["max_steps"]
         raise UnknownOptionError(
-            f"Gymnasium counts the steps of an episode itself; give max_episode_steps={number} in place of max_steps"
+            f"Gymnasium counts the steps of an episode itself; give max_episode_steps={number} in "
+            "place of max_steps"
         )
 
 
 def _longer(steps: int | None, registered: int | None) -> str:
-    """What to do where an option makes episodes longer than Gymnasium lets them be; empty where it does not."""
+    """What to do where an option makes episodes longer than Gymnasium lets them be; empty where it
+    does not."""
     if steps is None or registered is None or steps <= registered:
         return ""
     return (
-        f"with these options an episode has {steps} steps, and Gymnasium ends it after {registered}; "
+        f"with these options an episode has {steps} steps, and Gymnasium ends it after "
+        f"{registered}; "
         f"give max_episode_steps={steps}"
     )
 
@@ -374,7 +463,9 @@ def _longer(steps: int | None, registered: int | None) -> str:
 def _made(env_id: str, options: EnvOptions | None, **named: Any) -> Any:
     env = make(env_id, options, **named)
     if interface_of(env) is not env:
-        raise UnknownOptionError("Gymnasium has wrappers of its own; omit frame_stack, frame_skip and transform")
+        raise UnknownOptionError(
+            "Gymnasium has wrappers of its own; omit frame_stack, frame_skip and transform"
+        )
     return env
 
 
@@ -385,7 +476,8 @@ def _box(task: Task) -> Box:
 
 
 class _Goals:
-    """Goals in the observation vector of an environment of ours, which ``_find_goals`` looks for, and rewards of other goals."""
+    """Goals in the observation vector of an environment of ours, which ``_find_goals`` looks for,
+    and rewards of other goals."""
 
     unwrapped: Any
     _size: int
@@ -394,23 +486,34 @@ class _Goals:
 
     def _find_goals(self, env: Any, vector: gymnasium.Space[Any]) -> None:
         ours = env.unwrapped
-        pairs = layout_of(ours.env).goals if isinstance(ours, GymnasiumEnv | GymnasiumVectorEnv) else ()
+        pairs = (
+            layout_of(ours.env).goals if isinstance(ours, GymnasiumEnv | GymnasiumVectorEnv) else ()
+        )
         if not isinstance(vector, Box) or not pairs:
-            raise DescriptionError(f"{env} has no goals in a vector of ours; take one that has, such as bricksrl/RoboArm-v0")
+            raise DescriptionError(
+                f"{env} has no goals in a vector of ours; take one that has, such as "
+                "bricksrl/RoboArm-v0"
+            )
         self._size = vector.shape[-1]
         goals, reached = ([pair[k] for pair in pairs] for k in (0, 1))
         others = [index for index in range(self._size) if index not in goals]
         self._parts = {"observation": others, "achieved_goal": reached, "desired_goal": goals}
 
     def _split_space(self, vector: Any) -> gymnasium.Space[Any]:
-        return Dict({name: Box(vector.low[..., part], vector.high[..., part]) for name, part in self._parts.items()})
+        return Dict(
+            {
+                name: Box(vector.low[..., part], vector.high[..., part])
+                for name, part in self._parts.items()
+            }
+        )
 
     def observation(self, observation: Array) -> dict[str, Array]:
         """Parts of an observation vector."""
         return {name: observation[..., part] for name, part in self._parts.items()}
 
     def compute_reward(self, achieved_goal: Array, desired_goal: Array, info: Any) -> Any:
-        """Reward of a step that reached ``achieved_goal [*batch, g]``: a number, or an array ``[*batch]``."""
+        """Reward of a step that reached ``achieved_goal [*batch, g]``: a number, or an array
+        ``[*batch]``."""
         state = self._state(achieved_goal, desired_goal)
         action = torch.zeros(*state.shape[:-1], len(self._task.interface.commands))
         return _plain(self._task.reward(state, action, state))
@@ -429,22 +532,32 @@ class _Goals:
         return task
 
     def _state(self, achieved_goal: Array, desired_goal: Array) -> torch.Tensor:
-        achieved, desired = (torch.as_tensor(np.asarray(goal, np.float32)) for goal in (achieved_goal, desired_goal))
+        achieved, desired = (
+            torch.as_tensor(np.asarray(goal, np.float32)) for goal in (achieved_goal, desired_goal)
+        )
         state = torch.zeros(*achieved.shape[:-1], self._size)
-        state[..., self._parts["achieved_goal"]], state[..., self._parts["desired_goal"]] = achieved, desired
+        state[..., self._parts["achieved_goal"]], state[..., self._parts["desired_goal"]] = (
+            achieved,
+            desired,
+        )
         return state
 
 
-class GoalObservation(_Goals, gymnasium.ObservationWrapper[dict[str, Array], Array, Any], RecordConstructorArgs):
-    """An environment whose observation vector has entries ``X_goal`` and ``X_angle``, split as in Gymnasium-Robotics.
+class GoalObservation(
+    _Goals, gymnasium.ObservationWrapper[dict[str, Array], Array, Any], RecordConstructorArgs
+):
+    """An environment whose observation vector has entries ``X_goal`` and ``X_angle``, split as in
+    Gymnasium-Robotics.
 
-    The observation is a dict: "observation", all entries that are no goals; "desired_goal", the goals ``[g]``; "achieved_goal",
-    the entries ``[g]`` that are to reach them. `compute_reward` says what a step would have paid with another goal.
+    The observation is a dict: "observation", all entries that are no goals; "desired_goal", the
+    goals ``[g]``; "achieved_goal", the entries ``[g]`` that are to reach them. `compute_reward`
+    says what a step would have paid with another goal.
 
     ``GoalObservation(gymnasium.make("bricksrl/RoboArmSim-v0", sparse=True))``
 
     Args:
-        env: one of ours, from ``gymnasium.make``, whose reward and end depend on goals and reached entries alone.
+        env: one of ours, from ``gymnasium.make``, whose reward and end depend on goals and reached
+            entries alone.
 
     Raises:
         DescriptionError: the environment has no goals, or is not ours.
@@ -458,7 +571,8 @@ class GoalObservation(_Goals, gymnasium.ObservationWrapper[dict[str, Array], Arr
 
 
 class FeatureObservation(gymnasium.ObservationWrapper[Array, Array, Any], RecordConstructorArgs):
-    """The features of our agents in place of raw numbers: angles as sine and cosine, goals as differences, all of order one.
+    """The features of our agents in place of raw numbers: angles as sine and cosine, goals as
+    differences, all of order one.
 
     Other libraries learn little from angles that wrap and from ranges of thousands.
     ``FeatureObservation(gymnasium.make("bricksrl/Walker-v2"))``
@@ -475,7 +589,9 @@ class FeatureObservation(gymnasium.ObservationWrapper[Array, Array, Any], Record
         gymnasium.ObservationWrapper.__init__(self, env)
         ours = env.unwrapped
         if not isinstance(ours, GymnasiumEnv) or not isinstance(env.observation_space, Box):
-            raise DescriptionError(f"{env} has no vector of ours; take one that has, such as bricksrl/Walker-v1")
+            raise DescriptionError(
+                f"{env} has no vector of ours; take one that has, such as bricksrl/Walker-v1"
+            )
         self._encoder = ObservationEncoder(layout_of(ours.env)).eval()
         self.observation_space = Box(-np.inf, np.inf, (self._encoder.size,))
 
@@ -492,7 +608,8 @@ class VectorGoalObservation(_Goals, VectorWrapper):
     ``VectorGoalObservation(gymnasium.make_vec("bricksrl/RoboArmSim-v0", 64, sparse=True))``
 
     Args:
-        envs: one of ours, from ``gymnasium.make_vec``, in any autoreset mode; final observations are split too.
+        envs: one of ours, from ``gymnasium.make_vec``, in any autoreset mode; final observations
+            are split too.
 
     Raises:
         DescriptionError: the environment has no goals, or is not ours.
@@ -504,7 +621,9 @@ class VectorGoalObservation(_Goals, VectorWrapper):
         self.single_observation_space = self._split_space(envs.single_observation_space)
         self.observation_space = self._split_space(envs.observation_space)
 
-    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[dict[str, Array], dict[str, Any]]:
+    def reset(
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Array], dict[str, Any]]:
         """Start an episode of all copies, or of those in ``options["reset_mask"]``."""
         observations, info = self.env.reset(seed=seed, options=options)
         return self.observation(observations), info

@@ -1,7 +1,7 @@
 """Odometry: distance travelled, and the position of a target relative to a driving robot.
 
-The distance comes from a virtual robot's true pose or is estimated from the ultrasonic sensor. The position is dead reckoning:
-computed from the rotations of the wheels since the start.
+The distance comes from a virtual robot's true pose or is estimated from the ultrasonic sensor. The
+position is dead reckoning: computed from the rotations of the wheels since the start.
 """
 
 from __future__ import annotations
@@ -37,33 +37,48 @@ class FloorPose:
     heading_deg: float = 0.0
 
     def seen_from(self, robot: FloorPose) -> tuple[float, float, float]:
-        """This pose in the robot's frame: mm ahead, mm to the left, and the heading difference in -180..180 deg."""
-        x_mm, y_mm, heading = self.x_mm - robot.x_mm, self.y_mm - robot.y_mm, math.radians(robot.heading_deg)
+        """This pose in the robot's frame: mm ahead, mm to the left, and the heading difference in
+        -180..180 deg."""
+        x_mm, y_mm, heading = (
+            self.x_mm - robot.x_mm,
+            self.y_mm - robot.y_mm,
+            math.radians(robot.heading_deg),
+        )
         ahead_mm = x_mm * math.cos(heading) - y_mm * math.sin(heading)
         left_mm = x_mm * math.sin(heading) + y_mm * math.cos(heading)
         return ahead_mm, left_mm, (self.heading_deg - robot.heading_deg + 180.0) % 360.0 - 180.0
 
     def driven(self, way_mm: float, turn_deg: float) -> FloorPose:
-        """The pose after driving an arc of length ``way_mm`` that turns the robot by ``turn_deg`` clockwise."""
+        """The pose after driving an arc of length ``way_mm`` that turns the robot by ``turn_deg``
+        clockwise."""
         heading = math.radians(self.heading_deg + turn_deg / 2)
-        chord_mm = way_mm * math.sin(math.radians(turn_deg) / 2) / (math.radians(turn_deg) / 2) if turn_deg else way_mm
-        x_mm, y_mm = self.x_mm + chord_mm * math.cos(heading), self.y_mm - chord_mm * math.sin(heading)
+        chord_mm = (
+            way_mm * math.sin(math.radians(turn_deg) / 2) / (math.radians(turn_deg) / 2)
+            if turn_deg
+            else way_mm
+        )
+        x_mm, y_mm = (
+            self.x_mm + chord_mm * math.cos(heading),
+            self.y_mm - chord_mm * math.sin(heading),
+        )
         return FloorPose(x_mm, y_mm, self.heading_deg + turn_deg)
 
 
 @dataclass(frozen=True)
 class Target:
-    """A pose in a task's scene that a driving robot is to reach. Its pose relative to the robot is part of the observation.
+    """A pose in a task's scene that a driving robot is to reach. Its pose relative to the robot is
+    part of the observation.
 
-    The start pose lies in the ranges of the scene and is known to the host: it is read from a virtual robot, and a real one is
-    placed there. From then on the pose is integrated from the wheel angles. These are channels of the task, wrapped into 0..360
-    degrees, but not part of the observation: they carry nothing useful, and an agent would need many episodes to learn that.
+    The start pose lies in the ranges of the scene and is known to the host: it is read from a
+    virtual robot, and a real one is placed there. From then on the pose is integrated from the
+    wheel angles. These are channels of the task, wrapped into 0..360 degrees, but not part of the
+    observation: they carry nothing useful, and an agent would need many episodes to learn that.
 
     Attributes:
-        place: target pose of the middle of the robot's axle in the scene.
-        range_mm, range_deg: nominal range of the distances ahead and to the left, and of the turn. Features are scaled by them,
-            so choose the distance at which precision matters.
-        step_mm, step_deg: nominal range of the distance and the turn of one step.
+        place: target pose of the middle of the robot's axle in the scene. range_mm, range_deg:
+        nominal range of the distances ahead and to the left, and of the turn. Features are scaled
+        by them, so choose the distance at which precision matters. step_mm, step_deg: nominal range
+        of the distance and the turn of one step.
     """
 
     place: FloorPose = FloorPose()
@@ -85,12 +100,13 @@ class Target:
 
 
 def wheels(robot: Robot, interface: Interface) -> tuple[int, int]:
-    """Indices of the left and the right wheel's angle among the channels. Raises DescriptionError if the robot has no drive base,
-    or the angles are not observed."""
+    """Indices of the left and the right wheel's angle among the channels. Raises DescriptionError
+    if the robot has no drive base, or the angles are not observed."""
     base, indices = robot.drive_base, interface.angle_indices
     if base is None or not {base.left, base.right} <= set(indices):
         raise DescriptionError(
-            f"robot '{robot.name}' cannot tell where its target is; give it a drive base and observe the MotorAngle of each wheel"
+            f"robot '{robot.name}' cannot tell where its target is; give it a drive base and "
+            "observe the MotorAngle of each wheel"
         )
     return indices[base.left], indices[base.right]
 
@@ -117,27 +133,40 @@ class TargetTracker:
         values: Sequence[float],
     ) -> None:
         assert robot.drive_base is not None  # noqa: S101 - the task checked it
-        self._target, self._base, self._true_pose, self.pose = target, robot.drive_base, true_pose, pose
+        self._target, self._base, self._true_pose, self.pose = (
+            target,
+            robot.drive_base,
+            true_pose,
+            pose,
+        )
         self._wheels = wheels(robot, interface)
         self._angles_deg = self._angles(values)
         self._last_step = (0.0, 0.0)
 
     def entries(self) -> tuple[float, ...]:
-        """The target as `FloorPose.seen_from`, then the distance (mm) and the turn (deg) of the last step."""
+        """The target as `FloorPose.seen_from`, then the distance (mm) and the turn (deg) of the
+        last step."""
         return (*self._target.place.seen_from(self.pose), *self._last_step)
 
     def follow(self, values: Sequence[float]) -> None:
         """Update the pose from the channels ``values [n]`` after a step."""
         angles_deg = self._angles(values)
         # A wheel turns by less than half a turn in a step.
-        turns_deg = ((after - before + 180.0) % 360.0 - 180.0 for after, before in zip(angles_deg, self._angles_deg, strict=True))
+        turns_deg = (
+            (after - before + 180.0) % 360.0 - 180.0
+            for after, before in zip(angles_deg, self._angles_deg, strict=True)
+        )
         left_mm, right_mm = (turn_deg / self._base.turn_deg(1.0) for turn_deg in turns_deg)
         self._angles_deg = angles_deg
-        self._last_step = (left_mm + right_mm) / 2, math.degrees((left_mm - right_mm) / self._base.axle_track_mm)
+        self._last_step = (
+            (left_mm + right_mm) / 2,
+            math.degrees((left_mm - right_mm) / self._base.axle_track_mm),
+        )
         self.pose = self.pose.driven(*self._last_step)
 
     def truth(self) -> tuple[float, ...]:
-        """The `entries` from the true pose of a virtual robot; for a real robot they are estimates."""
+        """The `entries` from the true pose of a virtual robot; for a real robot they are
+        estimates."""
         pose = self.pose if self._true_pose is None else floor_pose(self._true_pose())
         return (*self._target.place.seen_from(pose), *self._last_step)
 
@@ -146,7 +175,10 @@ class TargetTracker:
         if self._true_pose is None:
             return {}
         ahead_mm, left_mm, turn_deg = floor_pose(self._true_pose()).seen_from(self.pose)
-        return {"reckoning_error_mm": math.hypot(ahead_mm, left_mm), "reckoning_error_deg": abs(turn_deg)}
+        return {
+            "reckoning_error_mm": math.hypot(ahead_mm, left_mm),
+            "reckoning_error_deg": abs(turn_deg),
+        }
 
     def _angles(self, values: Sequence[float]) -> tuple[float, ...]:
         return tuple(values[index] for index in self._wheels)
@@ -157,19 +189,26 @@ def floor_pose(pose: Pose) -> FloorPose:
     return FloorPose(pose.x_m * 1000, pose.y_m * 1000, pose.heading_deg)
 
 
-def start_pose(scene: Scene, task_id: str, true_pose: Callable[[], Pose] | None, rng: np.random.Generator) -> FloorPose:
-    """Start pose of an episode: a virtual robot's present one; for a real robot a drawn one, where the log asks to put it."""
+def start_pose(
+    scene: Scene, task_id: str, true_pose: Callable[[], Pose] | None, rng: np.random.Generator
+) -> FloorPose:
+    """Start pose of an episode: a virtual robot's present one; for a real robot a drawn one, where
+    the log asks to put it."""
     if true_pose is not None:
         return floor_pose(true_pose())
     ranges = (*scene.start_mm, scene.heading_deg)
     start = FloorPose(*(float(rng.uniform(low, high)) for low, high in ranges))
-    place = f"x = {start.x_mm:.0f} mm, y = {start.y_mm:.0f} mm, turned by {start.heading_deg:.0f} degrees clockwise"
+    place = (
+        f"x = {start.x_mm:.0f} mm, y = {start.y_mm:.0f} mm, turned by {start.heading_deg:.0f} "
+        "degrees clockwise"
+    )
     _log.warning("%s: put the robot at %s", task_id, place)
     return start
 
 
 class TrueOdometer:
-    """Odometer of a virtual robot over one episode that starts at ``time_s``, along its heading at the start."""
+    """Odometer of a virtual robot over one episode that starts at ``time_s``, along its heading at
+    the start."""
 
     def __init__(self, pose: Callable[[], Pose], time_s: float) -> None:
         self._pose = pose
@@ -182,13 +221,16 @@ class TrueOdometer:
         pose, heading = self._pose(), math.radians(self._start.heading_deg)
         self._path_m += math.hypot(pose.x_m - self._last.x_m, pose.y_m - self._last.y_m)
         # Headings are clockwise, y points left.
-        forward_m = (pose.x_m - self._start.x_m) * math.cos(heading) - (pose.y_m - self._start.y_m) * math.sin(heading)
+        forward_m = (pose.x_m - self._start.x_m) * math.cos(heading) - (
+            pose.y_m - self._start.y_m
+        ) * math.sin(heading)
         step_mm = (forward_m - self._forward_m) * 1000
         self._forward_m, self._last, self._now_s = forward_m, pose, time_s
         return step_mm
 
     def metrics(self) -> dict[str, float]:
-        """Metrics of the episode's motion; straightness is the distance forward over the path length, at most 1."""
+        """Metrics of the episode's motion; straightness is the distance forward over the path
+        length, at most 1."""
         time_s = self._now_s - self._start_s
         return {
             "forward_m": self._forward_m,
@@ -199,7 +241,8 @@ class TrueOdometer:
 
 
 class SonarOdometer:
-    """Odometer of a real robot that walks towards a wall, over one episode, from its ultrasonic distance.
+    """Odometer of a real robot that walks towards a wall, over one episode, from its ultrasonic
+    distance.
 
     It measures nothing while the wall is out of range, and takes a turn for a distance.
     """
@@ -209,7 +252,8 @@ class SonarOdometer:
         self._last_mm = Distance.FARTHEST_MM
 
     def forward_mm(self, _time_s: float, values: Sequence[float]) -> float:
-        """Decrease of the distance to the wall since the last call, in mm; 0 where it was out of range."""
+        """Decrease of the distance to the wall since the last call, in mm; 0 where it was out of
+        range."""
         now_mm = Distance.FARTHEST_MM if self._column is None else values[self._column]
         in_range = max(now_mm, self._last_mm) < Distance.FARTHEST_MM
         step_mm = self._last_mm - now_mm if in_range else 0.0

@@ -1,7 +1,7 @@
 """Options of an environment: connection to the robot, physics, and variant of the task.
 
-They are declared here for Python, the command line, Gymnasium and the configuration of a run alike: a field is an option, its
-docstring the help.
+They are declared here for Python, the command line, Gymnasium and the configuration of a run alike:
+a field is an option, its docstring the help.
 """
 
 import json
@@ -22,8 +22,8 @@ from bricktwin.twin.physics import Physics, read_physics
 
 
 def parse_option(text: str) -> tuple[str, Any]:
-    """Parse ``NAME=VALUE`` into the name and the value: JSON, or else a string. Raises DescriptionError if the text has no name
-    or no ``=``."""
+    """Parse ``NAME=VALUE`` into the name and the value: JSON, or else a string. Raises
+    DescriptionError if the text has no name or no ``=``."""
     name, equals, value = text.partition("=")
     if not (name.isidentifier() and equals):
         raise DescriptionError(f"'{text}' is not an option; give NAME=VALUE, such as sparse=true")
@@ -42,7 +42,8 @@ class TransformOptions:
     frame_skip: Annotated[int, Range(1, 1000), option(metavar="N")] = 1
     """Repeat each action for N steps of the robot; their rewards are summed."""
     transform: Annotated[str | None, option(metavar="FILE")] = None
-    """Your own transform: FILE.py[:NAME], a transform, its class, or a function from an environment to a TransformedEnv."""
+    """Your own transform: FILE.py[:NAME], a transform, its class, or a function from an environment
+    to a TransformedEnv."""
 
 
 TRANSFORMS: dict[str, Any] = vars(TransformOptions())
@@ -54,24 +55,33 @@ class EnvOptions(TransformOptions):
     """Connection to the robot, physics of a virtual one, and options of the task."""
 
     hub: Annotated[str, option(metavar="HUB"), NotCode()] = "virtual"
-    """How to reach the robot: virtual, ble or usb; ble:NAME, ble:ADDRESS or usb:PORT if there are several."""
+    """How to reach the robot: virtual, ble or usb; ble:NAME, ble:ADDRESS or usb:PORT if there are
+    several."""
     streaming: Flag = False
-    """Let the hub stream observations at 100 Hz, whose age the readings hold, and apply the latest command; steps do not wait."""
+    """Let the hub stream observations at 100 Hz, whose age the readings hold, and apply the latest
+    command; steps do not wait."""
     app_data: Flag = False
-    """Send commands over AppData, where a new command replaces an unread one, instead of standard input."""
+    """Send commands over AppData, where a new command replaces an unread one, instead of standard
+    input."""
     realtime: Flag = False
     """Run a virtual robot in real time; always on while a human drives."""
     randomize: Flag = False
-    """Domain randomization: draw the physics of the virtual robot (battery, friction, masses, noise, link) for each episode."""
+    """Domain randomization: draw the physics of the virtual robot (battery, friction, masses,
+    noise, link) for each episode."""
     physics: Annotated[Physics | Path | None, parsed(Path, metavar="FILE"), option()] = None
-    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default charged, on a smooth floor."""
+    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default
+    charged, on a smooth floor."""
     link: Annotated[str | None, option(metavar="LINK"), NotCode()] = None
-    """Bluetooth link of the virtual robot: mac, linux or bad-room, in place of that of the physics, which is linux by default."""
+    """Bluetooth link of the virtual robot: mac, linux or bad-room, in place of that of the physics,
+    which is linux by default."""
     fault: Faults = ()
-    options: Annotated[dict[str, Any], parsed(parse_option, metavar="NAME=VALUE", collect=dict), option(name="option")] = field(
-        default_factory=dict
-    )
-    """Option of the environment's task, such as sparse=true, threshold_deg=20 or calibration=red.json. May be repeated."""
+    options: Annotated[
+        dict[str, Any],
+        parsed(parse_option, metavar="NAME=VALUE", collect=dict),
+        option(name="option"),
+    ] = field(default_factory=dict)
+    """Option of the environment's task, such as sparse=true, threshold_deg=20 or
+    calibration=red.json. May be repeated."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -82,33 +92,44 @@ class EnvOptions(TransformOptions):
             object.__setattr__(self, "physics", Path(file))
         faults: object = self.fault
         if isinstance(faults, str | list):  # of one fault, or out of JSON
-            object.__setattr__(self, "fault", (faults,) if isinstance(faults, str) else tuple(faults))
+            object.__setattr__(
+                self, "fault", (faults,) if isinstance(faults, str) else tuple(faults)
+            )
         check_fields(type(self), vars(self))
         for text in self.fault:
             parse_fault(text)  # raises for an unknown kind
         if self.link is not None:
             profile(self.link)  # raises for an unknown name
         if self.transform is not None:
-            object.__setattr__(self, "transform", with_absolute_file(self.transform))  # it can be used in any folder
+            # it can be used in any folder
+            object.__setattr__(self, "transform", with_absolute_file(self.transform))
         if self.randomize and self.physics is not None:
-            raise DescriptionError("the physics is given and is to be random too; choose one of the two")
+            raise DescriptionError(
+                "the physics is given and is to be random too; choose one of the two"
+            )
 
     def changed(self, **named: Any) -> Self:
         """A copy with fields changed by name; any other name is an option of the task."""
         names = {option.name for option in fields(EnvOptions)}
         values = {name: value for name, value in named.items() if name in names}
-        options = {**self.options, **{name: value for name, value in named.items() if name not in names}}
+        options = {
+            **self.options,
+            **{name: value for name, value in named.items() if name not in names},
+        }
         return replace(self, **{"options": options, **values})
 
     def refuse(self, names: Iterable[str], reason: str) -> None:
-        """Raise DescriptionError with the reason if one of these options is given, as it would have no effect."""
+        """Raise DescriptionError with the reason if one of these options is given, as it would have
+        no effect."""
         if any(getattr(self, name) != getattr(EnvOptions(), name) for name in names):
             raise DescriptionError(reason)
 
     @property
     def env_options(self) -> "EnvOptions":
         """These options alone, for a subclass with further fields."""
-        return EnvOptions(**{option.name: getattr(self, option.name) for option in fields(EnvOptions)})
+        return EnvOptions(
+            **{option.name: getattr(self, option.name) for option in fields(EnvOptions)}
+        )
 
     @property
     def is_transformed(self) -> bool:

@@ -1,7 +1,9 @@
-"""Reference returns of our environments: random actions, a scripted controller, and the paper's SAC.
+"""Reference returns of our environments: random actions, a scripted controller, and the paper's
+SAC.
 
-The first two are from `benchmarks/results/baselines.json`, over 20 to 50 episodes on virtual robots. The paper's are the means
-of its SAC on real robots (BricksRL, arXiv:2406.17490), as in `benchmarks/results/robots.json`.
+The first two are from `benchmarks/results/baselines.json`, over 20 to 50 episodes on virtual
+robots. The paper's are the means of its SAC on real robots (BricksRL, arXiv:2406.17490), as in
+`benchmarks/results/robots.json`.
 """
 
 from brickhub.tables import read_table
@@ -15,5 +17,6 @@ REFERENCES = {
 
 
 def reference_lines(env: str, options: dict[str, object] | None = None) -> dict[str, float]:
-    """Reference returns of an environment by label; empty where its task has options, or is not one of ours."""
+    """Reference returns of an environment by label; empty where its task has options, or is not one
+    of ours."""
     return {} if options else REFERENCES.get(env, {})

@@ -1,4 +1,5 @@
-"""Registry of environments. Importing it imports neither torch nor MuJoCo; making an environment does."""
+"""Registry of environments. Importing it imports neither torch nor MuJoCo; making an environment
+does."""
 
 from __future__ import annotations
 
@@ -36,7 +37,14 @@ from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import walker_forward
 from bricksrl.envs.tasks.walker_streamed import WALKER_STREAMED
 from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
-from bricksrl.errors import DescriptionError, RunError, UnknownNameError, UnknownOptionError, counted, hint
+from bricksrl.errors import (
+    DescriptionError,
+    RunError,
+    UnknownNameError,
+    UnknownOptionError,
+    counted,
+    hint,
+)
 from bricktwin.robots import CART
 from bricktwin.twin.make_body import check_mujoco, make_body
 from bricktwin.twin.physics import RandomPhysics
@@ -60,7 +68,8 @@ class _Spec:
 
     Attributes:
         build: makes the task from its options.
-        kinematics: parameters of its kinematic simulation; ``None`` where a robot, real or virtual, runs the task.
+        kinematics: parameters of its kinematic simulation; ``None`` where a robot, real or virtual,
+            runs the task.
         episodes: default length of a training run: the paper's budget, where it has one.
         note: difference from other environments of the same task.
     """
@@ -72,12 +81,16 @@ class _Spec:
 
 
 def _on_robot(task: Task) -> Callable[..., Task]:
-    """Builder of a task that another driving robot can do too: the option ``robot`` names its own or the cart of LEGO's kits."""
+    """Builder of a task that another driving robot can do too: the option ``robot`` names its own
+    or the cart of LEGO's kits."""
 
     def build(robot: Annotated[str, NotCode()] = task.robot.name) -> Task:
         known = {each.name: each for each in (task.robot, CART)}
         if robot not in known:
-            raise DescriptionError(f"{task.id} is not for robot '{robot}'{hint(robot, known)}; choose {' or '.join(known)}")
+            raise DescriptionError(
+                f"{task.id} is not for robot '{robot}'{hint(robot, known)}; choose "
+                f"{' or '.join(known)}"
+            )
         return task if robot == task.robot.name else replace(task, robot=known[robot])
 
     return build
@@ -92,7 +105,12 @@ _BUILT_IN = {
     "Walker-v0": _Spec(functools.partial(walker, "Walker-v0"), episodes=75),
     "Walker-v1": _Spec(walker_forward, episodes=75),
     "Walker-v2": _Spec(lambda: WALKER_STREAMED, episodes=12),
-    "WalkerSim-v0": _Spec(functools.partial(walker, "WalkerSim-v0"), Kinematics(noise=0.1), episodes=75, note=_SIMULATED),
+    "WalkerSim-v0": _Spec(
+        functools.partial(walker, "WalkerSim-v0"),
+        Kinematics(noise=0.1),
+        episodes=75,
+        note=_SIMULATED,
+    ),
     "WalkerSim-v1": _Spec(
         functools.partial(walker, "WalkerSim-v1"),
         Kinematics(noise=0.02, motion="firmware"),
@@ -101,7 +119,12 @@ _BUILT_IN = {
     ),
     "RoboArm-v0": _Spec(functools.partial(robo_arm, "RoboArm-v0"), episodes=250),
     "RoboArm_mixed-v0": _Spec(functools.partial(robo_arm_mixed, "RoboArm_mixed-v0"), episodes=250),
-    "RoboArmSim-v0": _Spec(functools.partial(robo_arm, "RoboArmSim-v0"), Kinematics(noise=0.05), episodes=250, note=_SIMULATED),
+    "RoboArmSim-v0": _Spec(
+        functools.partial(robo_arm, "RoboArmSim-v0"),
+        Kinematics(noise=0.05),
+        episodes=250,
+        note=_SIMULATED,
+    ),
 }
 BUILT_IN = tuple(_BUILT_IN)
 """Ids of the environments that come with BricksRL."""
@@ -109,7 +132,8 @@ _specs = dict(_BUILT_IN)
 
 
 class _Labels:
-    """Texts that can only be the id of an environment: it is looked up here, or names one that is given, and is never loaded."""
+    """Texts that can only be the id of an environment: it is looked up here, or names one that is
+    given, and is never loaded."""
 
     def __contains__(self, text: object) -> bool:
         return isinstance(text, str) and re.fullmatch(r"[\w-]+", text) is not None
@@ -131,24 +155,27 @@ def make(
 ) -> EnvBase:
     """Make an environment: ``make("RoboArm-v0", hub="ble", sparse=True)``.
 
-    Pickling it, unless it is a real robot's, makes a fresh one with the same options and seed; without a seed, with another one.
+    Pickling it, unless it is a real robot's, makes a fresh one with the same options and seed;
+    without a seed, with another one.
 
     Args:
-        env_id: one of :func:`list_envs`, or the location of a user's task: ``"my_task.py:TASK"``, ``"module:TASK"``.
+        env_id: one of :func:`list_envs`, or the location of a user's task: ``"my_task.py:TASK"``,
+            ``"module:TASK"``.
         options: connection, physics and task options.
-        seed: seed of all random numbers; the same seed and actions give the same episodes, bit for bit.
-        batch_size, device: for a kinematic simulation: number of copies (``8``, or ``[8]`` as in TorchRL), 0 for one without a
-            batch dimension; and the device of its tensors.
+        seed: seed of all random numbers; the same seed and actions give the same episodes, bit for
+        bit. batch_size, device: for a kinematic simulation: number of copies (``8``, or ``[8]`` as
+        in TorchRL), 0 for one without a batch dimension; and the device of its tensors.
         kinematics: for a kinematic simulation: parameters in place of the environment's.
-        place: places a real robot at the start of an episode and returns when it is there; by default the log asks for it.
-        named: single fields of :class:`EnvOptions` by name, such as ``hub`` and ``realtime``, and options of the task, such as
-            ``sparse`` and ``threshold_deg`` of the RoboArm.
+        place: places a real robot at the start of an episode and returns when it is there; by
+            default the log asks for it.
+        named: single fields of :class:`EnvOptions` by name, such as ``hub`` and ``realtime``, and
+            options of the task, such as ``sparse`` and ``threshold_deg`` of the RoboArm.
 
     Raises:
         UnknownNameError: there is no such environment or no such kind of hub.
         RunError: there is no such device.
-        DescriptionError: the environment has no such option, its steps have no fixed time and cannot be streamed, or the seed
-            is invalid.
+        DescriptionError: the environment has no such option, its steps have no fixed time and
+            cannot be streamed, or the seed is invalid.
     """
     check_seed(seed)
     check_value("options", options, EnvOptions | None)
@@ -158,12 +185,23 @@ def make(
     task = _build(env_id, spec, options.options)
     check_mujoco()  # TorchRL imports it, whatever the environment
     if spec.kinematics is not None:
-        names = [field.name for field in fields(EnvOptions) if field.name not in ("options", *TRANSFORMS)]
-        options.refuse(names, f"{env_id} is simulated without a robot; omit hub, realtime, physics and the like")
+        names = [
+            field.name for field in fields(EnvOptions) if field.name not in ("options", *TRANSFORMS)
+        ]
+        options.refuse(
+            names,
+            f"{env_id} is simulated without a robot; omit hub, realtime, physics and the like",
+        )
         from bricksrl.envs.simulation import SimulatedEnv
 
-        simulation = SimulatedEnv(task, kinematics or spec.kinematics, batch_size=batch_size, device=device, seed=seed)
-        again: dict[str, Any] = {"batch_size": batch_size, "device": device, "kinematics": kinematics}
+        simulation = SimulatedEnv(
+            task, kinematics or spec.kinematics, batch_size=batch_size, device=device, seed=seed
+        )
+        again: dict[str, Any] = {
+            "batch_size": batch_size,
+            "device": device,
+            "kinematics": kinematics,
+        }
         simulation.remake = functools.partial(make, env_id, options.as_it_is(), **again)
         return _transformed(simulation, options)
     if batch_size or device != "cpu" or kinematics is not None:
@@ -205,12 +243,15 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
         faulty = with_faults(body, options.fault)
         twin = virtual_robot(faulty, realtime=options.realtime, link=link, seed=twin_seed)
         if isinstance(twin, VirtualHub):
-            twin.machine.panel.near |= {channel.wireless for channel in task.interface.channels if channel.wireless}
+            twin.machine.panel.near |= {
+                channel.wireless for channel in task.interface.channels if channel.wireless
+            }
         camera = None if task.camera is None else TwinCamera(body, task.camera)
         pose = getattr(body, "pose", None)
         world = World(pose, body, task.scene, np.random.default_rng(twin_seed), twin.now_s)
         readers = tuple(reader_of(sensor, world) for sensor in task.sensors)
-        # A robot with faults is somebody's own, to which the calibration that was saved for the virtual hub belongs.
+        # A robot with faults is somebody's own, to which the calibration that was saved for the
+        # virtual hub belongs.
         calibrate = calibration_of(twin) if options.fault and isinstance(twin, VirtualHub) else None
         robot_link = _link(task, options, twin, calibrate, warns=warns)
         warns = False
@@ -220,10 +261,14 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
 
 
 def make_robot(
-    env_id: str, options: EnvOptions | None = None, *, seed: int | None = None, place: Placement | None = None
+    env_id: str,
+    options: EnvOptions | None = None,
+    *,
+    seed: int | None = None,
+    place: Placement | None = None,
 ) -> RobotEnv | None:
-    """The robot of an environment without TorchRL, which takes seconds to load; ``None`` where there is no robot, or transforms
-    need that. Raises the errors of `make`."""
+    """The robot of an environment without TorchRL, which takes seconds to load; ``None`` where
+    there is no robot, or transforms need that. Raises the errors of `make`."""
     from bricksrl.envs.robot_env import RobotEnv
 
     check_seed(seed)
@@ -235,13 +280,20 @@ def make_robot(
     return RobotEnv(*_connected(task, options, place), seed=seed)
 
 
-def _connected(task: Task, options: EnvOptions, place: Placement | None) -> tuple[Task, Callable[[int], Connection]]:
-    """The task, with this computer's colours for a real robot, and connections to its robot, by a virtual one's seed."""
+def _connected(
+    task: Task, options: EnvOptions, place: Placement | None
+) -> tuple[Task, Callable[[int], Connection]]:
+    """The task, with this computer's colours for a real robot, and connections to its robot, by a
+    virtual one's seed."""
     address = parse_hub(options.hub)
     if address.is_virtual:
         return task, _virtual(task, options)
     unreal = ("realtime", "randomize", "physics", "link", "fault")
-    options.refuse(unreal, "a real robot has its own time, physics, link and faults; omit realtime, physics, link and fault")
+    options.refuse(
+        unreal,
+        "a real robot has its own time, physics, link and faults; omit realtime, physics, link "
+        "and fault",
+    )
     return _real(task, options, address, place)
 
 
@@ -255,7 +307,11 @@ def _real(
         _log.warning("%s: put the robot where an episode starts", task.id)
 
     camera = None if task.camera is None else VideoCamera(task.camera)
-    if task.camera is not None and task.camera.goal is not None and "calibration" not in options.options:
+    if (
+        task.camera is not None
+        and task.camera.goal is not None
+        and "calibration" not in options.options
+    ):
         red = saved_red(task.camera.device)
         goal = task.camera.goal if red is None else replace(task.camera.goal, red=red)
         task = replace(task, camera=replace(task.camera, goal=goal))
@@ -270,21 +326,32 @@ def _real(
 
 
 def _link(
-    task: Task, options: EnvOptions, transport: Any, calibrate: Calibration | None = None, *, warns: bool = True
+    task: Task,
+    options: EnvOptions,
+    transport: Any,
+    calibrate: Calibration | None = None,
+    *,
+    warns: bool = True,
 ) -> RobotLink:
-    """Link over a transport to a hub, or over a radio to devices of LEGO's kits, as the robot has them. ``warns`` is whether it
-    says what it lacks."""
+    """Link over a transport to a hub, or over a radio to devices of LEGO's kits, as the robot has
+    them. ``warns`` is whether it says what it lacks."""
     from brickhub.hub.link.kit_link import KitLink
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.hub.link.own_client import ClientLink
     from brickhub.hub.link.streaming import StreamingLink
 
     if not task.robot.hub.model.runs_programs:
-        options.refuse(("streaming", "app_data"), "devices of LEGO's kits always stream; omit streaming and app_data")
+        options.refuse(
+            ("streaming", "app_data"),
+            "devices of LEGO's kits always stream; omit streaming and app_data",
+        )
         return KitLink(transport, task.robot, task.interface)
     if task.client is not None:
         if options.streaming or task.streams or options.app_data:
-            raise DescriptionError(f"{task.program} is a client of your own, which neither streams nor reads AppData; omit both")
+            raise DescriptionError(
+                f"{task.program} is a client of your own, which neither streams nor reads "
+                "AppData; omit both"
+            )
         return ClientLink(transport, task.robot, task.interface, task.client, warns=warns)
     link_type = StreamingLink if options.streaming or task.streams else HubLink
     pipe = Pipe.APP_DATA if options.app_data else Pipe.STDIN
@@ -304,9 +371,10 @@ def make_env(
     device: str = "cpu",
     place: Placement | None = None,
 ) -> EnvBase:
-    """Environment of one robot, or with batch ``[copies]``: a batched simulation, or one process per virtual robot, which tracks
-    return and length of episodes. ``place`` places a real robot at the start position. Raises UnknownNameError if there is no
-    such environment or hub, RunError if it does not support copies, or their processes cannot be started."""
+    """Environment of one robot, or with batch ``[copies]``: a batched simulation, or one process
+    per virtual robot, which tracks return and length of episodes. ``place`` places a real robot at
+    the start position. Raises UnknownNameError if there is no such environment or hub, RunError if
+    it does not support copies, or their processes cannot be started."""
     options, plain = options.env_options, options.env_options.as_it_is()
     if copies == 1:
         return make(env_id, options, seed=seed, place=place)
@@ -319,63 +387,93 @@ def make_env(
             env = make(env_id, plain, batch_size=copies, seed=seed, device=device)
         else:
             if copies > (most := COPIES_PER_CORE * (os.cpu_count() or 1)):
-                reason = f"each is a process, and this computer has {counted(os.cpu_count() or 1, 'core')}"
-                raise RunError(f"{copies} copies of {env_id} are too many: {reason}; give num_envs {most} or fewer")
-            env = Processes(copies, functools.partial(make, env_id, plain, seed=seed), mp_start_method="spawn")
+                reason = (
+                    "each is a process, and this computer has "
+                    f"{counted(os.cpu_count() or 1, 'core')}"
+                )
+                raise RunError(
+                    f"{copies} copies of {env_id} are too many: {reason}; give num_envs {most} "
+                    "or fewer"
+                )
+            env = Processes(
+                copies, functools.partial(make, env_id, plain, seed=seed), mp_start_method="spawn"
+            )
             env.start()
-            env.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
+            # attributes do not cross process boundaries
+            env.task = get_task(env_id, **options.options)
     except DescriptionError as error:
         raise RunError(f"cannot make {copies} copies of {env_id}: {error}") from None
     except EOFError:  # a process ended at once, as it imports the script that starts it
-        raise RunError(f"the {copies} processes cannot start; put your script under `if __name__ == '__main__':`") from None
+        raise RunError(
+            f"the {copies} processes cannot start; put your script under `if __name__ == "
+            "'__main__':`"
+        ) from None
     return _transformed(TransformedEnv(env, Compose(RewardSum(), StepCounter())), options)
 
 
 def is_simulation(env_id: str) -> bool:
-    """Whether an environment is a batched kinematic simulation. Raises UnknownNameError if there is no such environment."""
+    """Whether an environment is a batched kinematic simulation. Raises UnknownNameError if there is
+    no such environment."""
     return _spec(env_id).kinematics is not None
 
 
 def simulation_text(env_id: str) -> str:
-    """How a kinematic simulation differs from the robot of its task, for its page; empty for a robot. Raises UnknownNameError if
-    there is no such environment."""
+    """How a kinematic simulation differs from the robot of its task, for its page; empty for a
+    robot. Raises UnknownNameError if there is no such environment."""
     spec = _spec(env_id)
     if spec.kinematics is None:
         return ""
     task, kinematics = get_task(env_id), spec.kinematics
     commanded = set(task.interface.angle_indices.values())
-    silent = [channel.name for index, channel in enumerate(task.interface.channels) if index not in commanded]
-    motion = "at once" if kinematics.motion == "instant" else "as far as the firmware turns it in the time of a step"
-    noise = f"normal noise with a standard deviation of {kinematics.noise:g} is added to each {kinematics.noise_on}, in -1..1"
+    silent = [
+        channel.name
+        for index, channel in enumerate(task.interface.channels)
+        if index not in commanded
+    ]
+    motion = (
+        "at once"
+        if kinematics.motion == "instant"
+        else "as far as the firmware turns it in the time of a step"
+    )
+    noise = (
+        f"normal noise with a standard deviation of {kinematics.noise:g} is added to each "
+        f"{kinematics.noise_on}, in -1..1"
+    )
     zeros = f" {', '.join(silent)} are always 0." if silent else ""
     start = "An episode starts at angles that are drawn from their ranges, and so are goals."
     return f"There is no hub: each motor turns by its command, {motion}; {noise}.{zeros} {start}"
 
 
 def training_episodes(env_id: str) -> int:
-    """Default number of training episodes of an environment. Raises UnknownNameError if there is no environment of that name."""
+    """Default number of training episodes of an environment. Raises UnknownNameError if there is no
+    environment of that name."""
     return _spec(env_id).episodes
 
 
 def list_envs() -> dict[str, str]:
     """Summary of each environment, in one line, by id."""
-    return {env_id: _build(env_id, spec, {}).summary + spec.note for env_id, spec in sorted(_specs.items())}
+    return {
+        env_id: _build(env_id, spec, {}).summary + spec.note
+        for env_id, spec in sorted(_specs.items())
+    }
 
 
 def get_task(env_id: str, **options: Any) -> Task:
-    """The task of an environment. Raises UnknownNameError if there is no environment of that name, UnknownOptionError if it has
-    no such option."""
+    """The task of an environment. Raises UnknownNameError if there is no environment of that name,
+    UnknownOptionError if it has no such option."""
     return _build(env_id, _spec(env_id), options)
 
 
 def options_of(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of the options that an environment has. Raises UnknownNameError if there is no environment of that name."""
+    """Those of the options that an environment has. Raises UnknownNameError if there is no
+    environment of that name."""
     unknown = _unknown(_spec(env_id), options)
     return {name: value for name, value in options.items() if name not in unknown}
 
 
 def option_types(env_id: str) -> dict[str, Any]:
-    """Annotations of the options of an environment that comes with BricksRL, by name; empty for any other."""
+    """Annotations of the options of an environment that comes with BricksRL, by name; empty for any
+    other."""
     if env_id not in _BUILT_IN:
         return {}
     builder = _BUILT_IN[env_id].build
@@ -397,7 +495,9 @@ def _build(env_id: str, spec: _Spec, options: dict[str, Any]) -> Task:
         return spec.build(**checked)
     except TypeError as error:
         given = ", ".join(options) or "no options"
-        raise DescriptionError(f"{env_id} cannot be made with {given} ({error}); see its description") from error
+        raise DescriptionError(
+            f"{env_id} cannot be made with {given} ({error}); see its description"
+        ) from error
 
 
 _OF_SIMULATIONS = ("batch_size", "device", "kinematics")
@@ -407,7 +507,11 @@ _OF_SIMULATIONS = ("batch_size", "device", "kinematics")
 def _unknown_option(env_id: str, spec: _Spec, option: str) -> str:
     """What is said about an option that an environment does not have: what it has instead."""
     of_task = list(inspect.signature(spec.build).parameters)
-    of_all = [name for name in inspect.signature(make).parameters if name not in ("env_id", "options", "named")]
+    of_all = [
+        name
+        for name in inspect.signature(make).parameters
+        if name not in ("env_id", "options", "named")
+    ]
     if spec.kinematics is None:
         of_all = [name for name in of_all if name not in _OF_SIMULATIONS]
         of_all += [field.name for field in fields(EnvOptions) if field.name != "options"]
@@ -416,7 +520,10 @@ def _unknown_option(env_id: str, spec: _Spec, option: str) -> str:
     own = f"its task has {', '.join(of_task)}" if of_task else "its task has none"
     all_have = f"all environments like it have {', '.join(of_all)}"
     python_message = f"unexpected keyword argument '{option}'"
-    return f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, {all_have} ({python_message})"
+    return (
+        f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, "
+        f"{all_have} ({python_message})"
+    )
 
 
 def _spec(env_id: str) -> _Spec:
@@ -427,10 +534,16 @@ def _spec(env_id: str) -> _Spec:
         return _specs[env_id]
     except KeyError:
         if env_id in ARENAS:
-            message = f"{env_id} has several robots; train it with `bricksrl team {env_id}`, make it with bricksrl.make_arena"
+            message = (
+                f"{env_id} has several robots; train it with `bricksrl team {env_id}`, make "
+                "it with bricksrl.make_arena"
+            )
             raise UnknownNameError(message) from None
         known = sorted(_specs)
-        message = f"there is no environment '{env_id}'{hint(env_id, known)}; choose one of {', '.join(known)}"
+        message = (
+            f"there is no environment '{env_id}'{hint(env_id, known)}; choose one of "
+            f"{', '.join(known)}"
+        )
         raise UnknownNameError(message) from None
 
 
@@ -438,16 +551,20 @@ def _user_builder(reference: str) -> Callable[..., Task]:
     """Builder of a task in the user's code, as a function of its options.
 
     Args:
-        reference: a Python file or an importable module, a colon, and the name of a :class:`Task` in it or of a function that
-            returns one; the name may be omitted for a file with a single task.
+        reference: a Python file or an importable module, a colon, and the name of a :class:`Task`
+            in it or of a function that returns one; the name may be omitted for a file with a
+            single task.
 
     Raises:
         UnknownNameError: there is no such file, module or name.
-        DescriptionError: the named object is no task or has the id of a different built-in one, or the code raised.
+        DescriptionError: the named object is no task or has the id of a different built-in one, or
+            the code raised.
     """
     found = load_object(reference, Task, missing="`bricksrl new task FILE` writes a file with one")
     if not isinstance(found, Task) and not callable(found):
-        raise DescriptionError(f"{reference} is a {type(found).__name__} and no task; name a bricksrl.envs.Task")
+        raise DescriptionError(
+            f"{reference} is a {type(found).__name__} and no task; name a bricksrl.envs.Task"
+        )
     builder = (lambda: found) if isinstance(found, Task) else found
 
     @functools.wraps(builder)
@@ -456,31 +573,42 @@ def _user_builder(reference: str) -> Callable[..., Task]:
             task = builder(**options)
             task = task_of(task) if isinstance(task, BaseEnv) else task
         if not isinstance(task, Task):
-            raise DescriptionError(f"{reference} returns a {type(task).__name__} and no task; let it return a bricksrl.envs.Task")
+            raise DescriptionError(
+                f"{reference} returns a {type(task).__name__} and no task; let it return a "
+                "bricksrl.envs.Task"
+            )
         built_in = _BUILT_IN[task.id].build() if task.id in _BUILT_IN else task
-        if any(getattr(built_in, part) != getattr(task, part) for part in ("doc", "robot", "interface", "max_steps", "scene")):
-            raise DescriptionError(f"{task.id} comes with BricksRL; give your task another name or version")
+        if any(
+            getattr(built_in, part) != getattr(task, part)
+            for part in ("doc", "robot", "interface", "max_steps", "scene")
+        ):
+            raise DescriptionError(
+                f"{task.id} comes with BricksRL; give your task another name or version"
+            )
         return task
 
     return build
 
 
 def register(task: Task) -> None:
-    """Register a task by its id for :func:`make` and, as ``bricksrl/<id>``, for Gymnasium. Raises DescriptionError if the id is
-    one of the environments that come with BricksRL.
+    """Register a task by its id for :func:`make` and, as ``bricksrl/<id>``, for Gymnasium. Raises
+    DescriptionError if the id is one of the environments that come with BricksRL.
 
     Registering the same id again replaces the earlier task.
     """
     check_value("task", task, Task)
     if task.id in _BUILT_IN:
-        raise DescriptionError(f"{task.id} comes with BricksRL; give your task another name or version")
+        raise DescriptionError(
+            f"{task.id} comes with BricksRL; give your task another name or version"
+        )
     _specs[task.id] = _Spec(lambda: task)
     if "gymnasium" in sys.modules:
         register_with_gymnasium((task.id,))
 
 
 def register_with_gymnasium(env_ids: Iterable[str] | None = None) -> None:
-    """Register environments, by default all, with Gymnasium as ``bricksrl/<id>``; called when Gymnasium is imported."""
+    """Register environments, by default all, with Gymnasium as ``bricksrl/<id>``; called when
+    Gymnasium is imported."""
     import gymnasium
 
     for env_id in _specs if env_ids is None else env_ids:
@@ -489,7 +617,9 @@ def register_with_gymnasium(env_ids: Iterable[str] | None = None) -> None:
         gymnasium.register(
             id=gym_id,
             entry_point="bricksrl.envs.gymnasium:GymnasiumEnv",
-            vector_entry_point="bricksrl.envs.gymnasium:GymnasiumVectorEnv" if _specs[env_id].kinematics else None,
+            vector_entry_point="bricksrl.envs.gymnasium:GymnasiumVectorEnv"
+            if _specs[env_id].kinematics
+            else None,
             max_episode_steps=get_task(env_id).max_steps,
             kwargs={"env_id": env_id},
         )

@@ -1,4 +1,5 @@
-"""An environment's robot, without TorchRL: connection, emergency stop and pause, sensors and commands as arrays."""
+"""An environment's robot, without TorchRL: connection, emergency stop and pause, sensors and
+commands as arrays."""
 
 from __future__ import annotations
 
@@ -30,20 +31,25 @@ _T = TypeVar("_T")
 
 @dataclass(slots=True)
 class EpisodeState:
-    """State that changes every step; not in the environment, where each attribute assignment costs ten microseconds.
+    """State that changes every step; not in the environment, where each attribute assignment costs
+    ten microseconds.
 
     Attributes:
         drawn: sampled entries, constant for the episode.
         commands: the last ones, where they are observed.
         odometer: measures the distance travelled.
-        zeros: of the observed channels, what is subtracted from each: what one that accumulates was at the start.
+        zeros: of the observed channels, what is subtracted from each: what one that accumulates was
+            at the start.
         tracker: position of the target; ``None`` for a task without a target.
         watch: the camera's view; ``None`` for a task without a camera.
-        observation: the last one, as the task's functions get it; ``images``: those that belong to it, by name.
+        observation: the last one, as the task's functions get it; ``images``: those that belong to
+            it, by name.
         rewards: of each step, for whoever shows them.
-        task_observations: what success and metrics get after each step; only with a camera or a target.
+        task_observations: what success and metrics get after each step; only with a camera or a
+            target.
         is_cut: whether a pause truncated the episode.
-        measured_s: the link's clock when the last observation was measured; ``hub_time_s`` is the hub's.
+        measured_s: the link's clock when the last observation was measured; ``hub_time_s`` is the
+            hub's.
         age_s: age of the observation that the last action was chosen for, when the action was sent.
     """
 
@@ -64,8 +70,8 @@ class EpisodeState:
     age_s: float = 0.0
 
     def observe(self, channels: Sequence[float], forward_mm: Sequence[float]) -> Floats:
-        """The observation ``[n]`` as the task's functions get it: channels, sampled entries, distance forward, last commands, the
-        target's entries and the camera's distances."""
+        """The observation ``[n]`` as the task's functions get it: channels, sampled entries,
+        distance forward, last commands, the target's entries and the camera's distances."""
         target = () if self.tracker is None else self.tracker.entries()
         distances_px = () if self.watch is None else self.watch.numbers()
         values = (*channels, *self.drawn, *forward_mm, *self.commands, *target, *distances_px)
@@ -73,12 +79,14 @@ class EpisodeState:
 
 
 class RobotEnv(BricksEnv):
-    """A task on a robot, whose observations and actions are arrays. `HubEnv` makes a TorchRL environment of it.
+    """A task on a robot, whose observations and actions are arrays. `HubEnv` makes a TorchRL
+    environment of it.
 
     Args:
         task: the task to run.
-        connect: returns the connection, given a seed for a virtual robot. Called when the robot is first needed, and for a
-            virtual robot again after each new seed, so that it starts from the same state.
+        connect: returns the connection, given a seed for a virtual robot. Called when the robot is
+            first needed, and for a virtual robot again after each new seed, so that it starts from
+            the same state.
         seed: seed of all random numbers; ``None`` for a fresh one.
     """
 
@@ -87,7 +95,14 @@ class RobotEnv(BricksEnv):
     batch_size: Sequence[int] = ()
     reconnect: Reconnect
 
-    def __init__(self, task: Task, connect: Callable[[int], Connection], *, seed: int | None = None, **of_base: Any) -> None:
+    def __init__(
+        self,
+        task: Task,
+        connect: Callable[[int], Connection],
+        *,
+        seed: int | None = None,
+        **of_base: Any,
+    ) -> None:
         super().__init__(**of_base)
         self.task = task
         self._connect = connect
@@ -95,7 +110,9 @@ class RobotEnv(BricksEnv):
         self._watchers: list[Callable[[Connection], None]] = []
         self._episode: EpisodeState | None = None
         self._timed: EpisodeState | None = None  # also when the link has broken
-        self._spans = [((c.high + c.low) / 2, (c.high - c.low) / 2) for c in task.interface.commands]
+        self._spans = [
+            ((c.high + c.low) / 2, (c.high - c.low) / 2) for c in task.interface.commands
+        ]
         self._observed = task.observed_channels
         self._images: dict[str, NDArray[np.uint8]] = {}  # the last ones of sensors
         self.reconnect = Reconnect()
@@ -170,19 +187,30 @@ class RobotEnv(BricksEnv):
             self._connection = None
 
     def begin(self) -> EpisodeState:
-        """Begin an episode: place the robot and read its sensors. Raises HubError if it cannot be reached."""
+        """Begin an episode: place the robot and read its sensors. Raises HubError if it cannot be
+        reached."""
         reading = self._guarded(self._start)
         link, true_pose, task = self._connected().link, self._connected().true_pose, self.task
         measured_s = link.now_s() - reading.age_s
         drawn, tracker = [entry.draw(self._host_rng) for entry in task.sampled_entries], None
         if task.target is not None:
             start = start_pose(task.scene, task.id, true_pose, self._host_rng)
-            tracker = TargetTracker(task.target, task.robot, task.interface, true_pose, start, reading.values)
-        odometer = SonarOdometer(task.interface) if true_pose is None else TrueOdometer(true_pose, link.now_s())
+            tracker = TargetTracker(
+                task.target, task.robot, task.interface, true_pose, start, reading.values
+            )
+        odometer = (
+            SonarOdometer(task.interface)
+            if true_pose is None
+            else TrueOdometer(true_pose, link.now_s())
+        )
         odometer.forward_mm(link.now_s(), reading.values)
-        channels = ((task.interface.channels[index], reading.values[index]) for index in self._observed)
+        channels = (
+            (task.interface.channels[index], reading.values[index]) for index in self._observed
+        )
         zeros = [value if channel.accumulates else 0.0 for channel, value in channels]
-        episode = EpisodeState(drawn, [0.0] * len(task.command_entries), measured_s, odometer, zeros, tracker)
+        episode = EpisodeState(
+            drawn, [0.0] * len(task.command_entries), measured_s, odometer, zeros, tracker
+        )
         if task.camera is not None:
             episode.watch = Watch(task.camera, self._host_rng, self._guarded(self._camera.frame))
         self._episode = self._timed = episode
@@ -192,11 +220,13 @@ class RobotEnv(BricksEnv):
 
     def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> Floats:
         """Hook: the first observation of an episode."""
-        return episode.observe(self._channels(reading, episode), [0.0] * len(self.task.measured_entries))
+        return episode.observe(
+            self._channels(reading, episode), [0.0] * len(self.task.measured_entries)
+        )
 
     def move(self, shares: Sequence[float]) -> Floats:
-        """The observation ``[n]`` after a step with the action ``[m]``, in -1..1. Raises BricksError without an episode, HubError
-        if the link broke."""
+        """The observation ``[n]`` after a step with the action ``[m]``, in -1..1. Raises
+        BricksError without an episode, HubError if the link broke."""
         episode, link = self._episode, self._connected().link
         if episode is None:
             raise BricksError(f"{self.task.id} has no episode to step; reset the environment first")
@@ -205,38 +235,53 @@ class RobotEnv(BricksEnv):
 
     def _commanded(self, episode: EpisodeState, shares: Sequence[float]) -> list[float]:
         """The commands of an action, in their units; notes when they are given."""
-        commands = [middle + half * share for (middle, half), share in zip(self._spans, shares, strict=True)]
+        commands = [
+            middle + half * share for (middle, half), share in zip(self._spans, shares, strict=True)
+        ]
         episode.age_s = self._connected().link.now_s() - episode.measured_s
         if self.task.observes_commands:
             episode.commands = commands
         return commands
 
     def image(self) -> dict[str, NDArray[np.uint8]]:
-        """The last images ``[side, side, 3]``: the camera's as ``image``, and those of sensors by their names."""
+        """The last images ``[side, side, 3]``: the camera's as ``image``, and those of sensors by
+        their names."""
         watch = None if self._episode is None else self._episode.watch
         return {**self._images, **({} if watch is None else {"image": watch.image})}
 
     def _measure(self, reading: Reading, episode: EpisodeState) -> Floats:
-        """The observation for the task's functions after a step; reads odometer and camera only where the task uses them."""
+        """The observation for the task's functions after a step; reads odometer and camera only
+        where the task uses them."""
         episode.measured_s = self._connected().link.now_s() - reading.age_s
         episode.hub_time_s = reading.hub_time_ms / 1000
         forward_mm: list[float] = []
         if self.task.walks or self.task.measured_entries:
-            forward_mm = [episode.odometer.forward_mm(self._connected().link.now_s(), reading.values)]
+            forward_mm = [
+                episode.odometer.forward_mm(self._connected().link.now_s(), reading.values)
+            ]
         if episode.tracker is not None:
             episode.tracker.follow(reading.values)
         if episode.watch is not None:
             episode.watch.see(self._guarded(self._camera.frame))
-        return episode.observe(self._channels(reading, episode), forward_mm[: len(self.task.measured_entries)])
+        return episode.observe(
+            self._channels(reading, episode), forward_mm[: len(self.task.measured_entries)]
+        )
 
     def _channels(self, reading: Reading, episode: EpisodeState) -> list[float]:
-        """The channels that are in the observation, and the readings of sensors on the computer; notes their images."""
-        values = [reading.values[index] - zero for index, zero in zip(self._observed, episode.zeros, strict=True)]
+        """The channels that are in the observation, and the readings of sensors on the computer;
+        notes their images."""
+        values = [
+            reading.values[index] - zero
+            for index, zero in zip(self._observed, episode.zeros, strict=True)
+        ]
         for reader in self._connected().sensors:
             sensor, (sensed, age_s) = reader.sensor, self._guarded(reader.latest)
             if sensor.image_px:
                 self._images[sensor.name] = np.array(sensed, dtype=np.uint8)
-            values += [*(() if sensor.image_px else sensed), *((age_s,) if sensor.observes_age else ())]
+            values += [
+                *(() if sensor.image_px else sensed),
+                *((age_s,) if sensor.observes_age else ()),
+            ]
         return values
 
     @property
@@ -249,13 +294,20 @@ class RobotEnv(BricksEnv):
         if self._episode is None:
             return {}
         walked = self._episode.odometer.metrics() if self.task.walks else {}
-        return walked if self._episode.tracker is None else {**walked, **self._episode.tracker.metrics()}
+        return (
+            walked
+            if self._episode.tracker is None
+            else {**walked, **self._episode.tracker.metrics()}
+        )
 
     @property
     def _camera(self) -> Camera:
         camera = self._connected().camera
         if camera is None:
-            raise CameraError(f"{self.task.id} needs a camera, and the connection to the robot has none; give it one")
+            raise CameraError(
+                f"{self.task.id} needs a camera, and the connection to the robot has none; "
+                "give it one"
+            )
         return camera
 
     def _connected(self) -> Connection:
@@ -264,13 +316,15 @@ class RobotEnv(BricksEnv):
             for watcher in self._watchers:
                 watcher(self._connection)
             if self._connection.twin is not None:
-                twin, own = self._connection.twin, self._connection.twin.in_reach  # which breaks by a fault of the robot
+                # which breaks by a fault of the robot
+                twin, own = self._connection.twin, self._connection.twin.in_reach
                 twin.in_reach = lambda: own() and self.in_reach()
             self._check_stop()  # a stop requested before this had no link to act on
         return self._connection
 
     def _start(self) -> Reading:
-        """Place the robot and read its sensors, after the end of a pause, in which reading feeds the hub program's watchdog."""
+        """Place the robot and read its sensors, after the end of a pause, in which reading feeds
+        the hub program's watchdog."""
         connection = self._connected()
         with self.reconnect.by_hand():
             while not self._waited(PAUSE_PERIOD_S):
@@ -287,15 +341,20 @@ class RobotEnv(BricksEnv):
     def _waited(self, timeout_s: float) -> bool:
         """Wait for the end of a pause, or a stop; True if there is no pause or there is a stop."""
         with self._changed:
-            return self._changed.wait_for(lambda: self._is_stopped or not self._is_paused, timeout_s)
+            return self._changed.wait_for(
+                lambda: self._is_stopped or not self._is_paused, timeout_s
+            )
 
     def _check_stop(self) -> None:
         """Raise StoppedError if a stop is requested."""
         if self._is_stopped:
-            raise StoppedError("the robot was stopped by hand; call resume() when it may move again")
+            raise StoppedError(
+                "the robot was stopped by hand; call resume() when it may move again"
+            )
 
     def _guarded(self, exchange: Callable[[], _T]) -> _T:
-        """Run an exchange with hub or camera; on failure close the link: the motors stop, and the next reset reopens it."""
+        """Run an exchange with hub or camera; on failure close the link: the motors stop, and the
+        next reset reopens it."""
         try:
             return exchange()
         except (HubError, CameraError, StoppedError):

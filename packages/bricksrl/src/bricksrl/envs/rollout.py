@@ -26,7 +26,8 @@ class Driver(Protocol):
     """A human, or a program in place of one, that may override the policy's action."""
 
     def __call__(self, observation: Tensor) -> Tensor | None:
-        """Action ``[m]`` in -1..1 for an observation ``[n]``, or ``None`` to leave this step to the policy."""
+        """Action ``[m]`` in -1..1 for an observation ``[n]``, or ``None`` to leave this step to the
+        policy."""
 
 
 def play(
@@ -38,15 +39,18 @@ def play(
     reset_policy: Callable[[], None] = lambda: None,
     goes_on: Callable[[], bool] = lambda: False,
 ) -> Iterator[TensorDictBase]:
-    """Play one episode and yield its frames, as ``EnvBase.step`` returns them: observation and action, and "next" the outcome.
-    Raises HubError if the robot cannot be reached at the start of the episode.
+    """Play one episode and yield its frames, as ``EnvBase.step`` returns them: observation and
+    action, and "next" the outcome. Raises HubError if the robot cannot be reached at the start of
+    the episode.
 
     Args:
         start: the output of a reset; without it the environment is reset.
-        driver: asked first at each step; "intervention" then tells whether the action was the driver's.
-        reset_policy: called when the next observation does not follow from the policy's last action: at the start of the
-            episode, and when the driver chose an action.
-        goes_on: asked at the end of the episode: whether the robot goes on without a reset, as while a human drives.
+        driver: asked first at each step; "intervention" then tells whether the action was the
+            driver's.
+        reset_policy: called when the next observation does not follow from the policy's last
+            action: at the start of the episode, and when the driver chose an action.
+        goes_on: asked at the end of the episode: whether the robot goes on without a reset, as
+            while a human drives.
     """
     state = env.reset() if start is None else start
     reset_policy()
@@ -93,7 +97,8 @@ def with_outcome(frames: TensorDictBase, lost: Tensor | None) -> TensorDictBase:
 
 
 def cut_at_lost_links(frames: TensorDictBase) -> TensorDictBase:
-    """Frames ``[*copies, time]`` where those before a lost link end their episodes: estimates must not look across."""
+    """Frames ``[*copies, time]`` where those before a lost link end their episodes: estimates must
+    not look across."""
     lost = lost_links(frames)
     if lost is not None and bool(lost.any()):
         frames = frames.clone()
@@ -118,23 +123,29 @@ class Rollout:
     is_lost: bool = False
 
     def add(self, frame: TensorDictBase, env: EnvBase) -> list[TensorDictBase]:
-        """Add the steps of the environment itself behind a frame of its transforms, and return those with an outcome: all but a
-        last one in which the link broke."""
+        """Add the steps of the environment itself behind a frame of its transforms, and return
+        those with an outcome: all but a last one in which the link broke."""
         own = own_frames(env, frame)
         whole = list[TensorDictBase]()
         for step in own:
             if link_lost(step):
                 self.is_lost = True
-                frame["next", "link_lost"] = torch.ones(1, dtype=torch.bool)  # also where a transform leaves it out
+                # also where a transform leaves it out
+                frame["next", "link_lost"] = torch.ones(1, dtype=torch.bool)
                 break
             whole.append(step)
             self.rewards.append(float(step["next", "reward"]))
             self.action_sizes.append(float(step["action"].abs().mean()))
             self.observations.append(step["next"].get("observation", None))
         if bool(own[-1]["next", "done"]) and not bool(frame["next", "done"]):
-            raise DescriptionError("a transform hides the end of the episode; let it pass 'done' on")
+            raise DescriptionError(
+                "a transform hides the end of the episode; let it pass 'done' on"
+            )
         if any(bool(step["next", "done"]) for step in own[:-1]):
-            raise DescriptionError("a transform goes on after the end of the episode; let it stop there, as --frame-skip does")
+            raise DescriptionError(
+                "a transform goes on after the end of the episode; let it stop there, as "
+                "--frame-skip does"
+            )
         return whole
 
     @property
@@ -148,14 +159,18 @@ class Rollout:
         return float(torch.tensor(self.rewards).sum())
 
     def judged(self, env: EnvBase) -> tuple[bool | None, dict[str, float]]:
-        """Success and metrics by the task, for the last episode of ``env``; none after a lost link, without a task or a step."""
+        """Success and metrics by the task, for the last episode of ``env``; none after a lost link,
+        without a task or a step."""
         ours = interface_of(env)
         if ours.task is None or self.is_lost or not self.rewards:
             return None, {}
         seen = ours.task_observations(torch.stack(self.observations))
         metrics, walked = metrics_of(ours.task, seen), ours.walk_metrics()
         if twice := sorted(metrics.keys() & walked.keys()):
-            reason = f"metrics of {ours.task.id} have the name '{twice[0]}', which is measured of each virtual robot that moves"
+            reason = (
+                f"metrics of {ours.task.id} have the name '{twice[0]}', which is measured of "
+                "each virtual robot that moves"
+            )
             raise DescriptionError(f"{reason}; give it another one")
         return success_of(ours.task, seen), {**metrics, **walked}
 
@@ -180,23 +195,30 @@ def play_episodes(
     kind: EpisodeKind = "evaluation",
     reset_policy: Callable[[], None] = lambda: None,
 ) -> Iterator[EpisodeScore]:
-    """Play whole episodes of a kind; episode ``k`` depends only on kind, ``seed``, ``k`` and the policy, and on the number of
-    copies if the environment has some, which run in parallel. An episode in which the link to the robot broke is played again.
-    Raises HubError if it does so in ``TRIES`` of its tries."""
+    """Play whole episodes of a kind; episode ``k`` depends only on kind, ``seed``, ``k`` and the
+    policy, and on the number of copies if the environment has some, which run in parallel. An
+    episode in which the link to the robot broke is played again. Raises HubError if it does so in
+    ``TRIES`` of its tries."""
     if env.batch_size:
-        yield from _play_copies(env, policy, episodes, lambda number: episode_seed(kind, seed, number), reset_policy)
+        yield from _play_copies(
+            env, policy, episodes, lambda number: episode_seed(kind, seed, number), reset_policy
+        )
         return
     for number in range(1, episodes + 1):
         episode, lost = None, 0
-        while episode is None or episode.is_lost or interface_of(env).is_cut:  # what a pause truncated does not count either
+        # what a pause truncated does not count either
+        while episode is None or episode.is_lost or interface_of(env).is_cut:
             episode = Rollout()
-            seed_episode(env, episode_seed(kind, seed, number, lost))  # a virtual link would break again
+            # a virtual link would break again
+            seed_episode(env, episode_seed(kind, seed, number, lost))
             for frame in play(env, policy, reset_policy=reset_policy):
                 episode.add(frame, env)
             lost += episode.is_lost
             if lost == TRIES:
                 raise interface_of(env).link_error
-        yield EpisodeScore(episode.return_, len(episode.rewards), episode.action_size, *episode.judged(env))
+        yield EpisodeScore(
+            episode.return_, len(episode.rewards), episode.action_size, *episode.judged(env)
+        )
 
 
 def longest_of(env: EnvBase) -> int:
@@ -206,12 +228,17 @@ def longest_of(env: EnvBase) -> int:
 
 
 def _play_copies(
-    env: EnvBase, policy: Policy, episodes: int, seed_of: Callable[[int], int], reset_policy: Callable[[], None]
+    env: EnvBase,
+    policy: Policy,
+    episodes: int,
+    seed_of: Callable[[int], int],
+    reset_policy: Callable[[], None],
 ) -> Iterator[EpisodeScore]:
-    """The first episode of each copy, repeated until ``episodes`` are played, by return and length of the environment itself
-    where it counts them; one that a lost link cut does not count. A task that judges more than the agent sees, such as the true
-    pose of a robot in another process, or what it sees through transforms, gives no success and no metrics. Raises HubError if
-    the links of all copies break again and again."""
+    """The first episode of each copy, repeated until ``episodes`` are played, by return and length
+    of the environment itself where it counts them; one that a lost link cut does not count. A task
+    that judges more than the agent sees, such as the true pose of a robot in another process, or
+    what it sees through transforms, gives no success and no metrics. Raises HubError if the links
+    of all copies break again and again."""
     copies, task = env.batch_size.numel(), interface_of(env).task
     judge = None if task is None or task.has_hidden_entries or not changes_nothing(env) else task
     started = played = in_vain = 0
@@ -223,16 +250,25 @@ def _play_copies(
         frames, sizes = rollout["next"], rollout["action"].abs().mean(-1)
         done = frames["done"].squeeze(-1)
         lengths = torch.where(done.any(-1), done.int().argmax(-1) + 1, done.shape[-1])
-        whole = [copy for copy in range(copies) if not link_lost(rollout[copy, int(lengths[copy]) - 1])]
+        whole = [
+            copy for copy in range(copies) if not link_lost(rollout[copy, int(lengths[copy]) - 1])
+        ]
         in_vain = 0 if whole else in_vain + 1
         if in_vain == TRIES:
-            raise HubError(f"the links to all {copies} copies broke in {TRIES} rounds; look at what their robots say")
+            raise HubError(
+                f"the links to all {copies} copies broke in {TRIES} rounds; look at what their "
+                "robots say"
+            )
         for copy in whole[: episodes - played]:
             episode = frames[copy, : int(lengths[copy])]
             success = None if judge is None else success_of(judge, episode["observation"])
             numbers = {} if judge is None else metrics_of(judge, episode["observation"])
             size = float(sizes[copy, : len(episode)].mean())
-            return_ = float(episode["episode_reward"][-1] if "episode_reward" in episode else episode["reward"].sum())
+            return_ = float(
+                episode["episode_reward"][-1]
+                if "episode_reward" in episode
+                else episode["reward"].sum()
+            )
             length = int(episode["step_count"][-1]) if "step_count" in episode else len(episode)
             played += 1
             yield EpisodeScore(return_, length, size, success, numbers)

@@ -1,15 +1,17 @@
 """Kinematic simulation: batched copies of a task without a robot, on any device.
 
-Each commanded motor turns by its command, at once (``angle += command``) or as far as the firmware's trajectory gets in the
-task's step time. Endless motors wrap into 0..360 degrees, joints stop at their range, as on the hub. Other channels read 0.
+Each commanded motor turns by its command, at once (``angle += command``) or as far as the
+firmware's trajectory gets in the task's step time. Endless motors wrap into 0..360 degrees, joints
+stop at their range, as on the hub. Other channels read 0.
 
-The firmware's ``run_angle`` starts at the position and speed of the previous command's reference and follows a trapezoidal speed
-profile (accelerate, cruise, decelerate) to the target, which is relative to that position. `turned_angle` is this trajectory in
-closed form (as in Pybricks' ``pbio/trajectory.c``), without the firmware's integer rounding and the motor's lag behind its
+The firmware's ``run_angle`` starts at the position and speed of the previous command's reference
+and follows a trapezoidal speed profile (accelerate, cruise, decelerate) to the target, which is
+relative to that position. `turned_angle` is this trajectory in closed form (as in Pybricks'
+``pbio/trajectory.c``), without the firmware's integer rounding and the motor's lag behind its
 reference: together less than two degrees, which a test checks against the firmware's values.
 
-The state is stored as ``[n, copies]``, so that all arithmetic runs along contiguous memory, which is twice as fast. Outputs are
-transposed views.
+The state is stored as ``[n, copies]``, so that all arithmetic runs along contiguous memory, which
+is twice as fast. Outputs are transposed views.
 """
 
 from collections.abc import Sequence
@@ -31,14 +33,16 @@ ACCELERATION_DEG_S2 = 2000.0
 
 
 class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
-    """``batch_size`` independent copies of a task; keys and specs are those of :class:`~bricksrl.envs.env.HubEnv`, without
-    ``link_lost`` and ``image``. Raises DescriptionError if the task has commands, motors or entries that kinematics do not
-    know, or the batch size is invalid; RunError if there is no such device.
+    """``batch_size`` independent copies of a task; keys and specs are those of
+    :class:`~bricksrl.envs.env.HubEnv`, without ``link_lost`` and ``image``. Raises DescriptionError
+    if the task has commands, motors or entries that kinematics do not know, or the batch size is
+    invalid; RunError if there is no such device.
 
     Args:
         task: a task whose commands all turn motors, and whose motor channels are all commanded.
         kinematics: motion and noise.
-        batch_size: number of copies, as an integer or as in TorchRL (``[8]``); 0 or ``[]`` for one without a batch dimension.
+        batch_size: number of copies, as an integer or as in TorchRL (``[8]``); 0 or ``[]`` for one
+            without a batch dimension.
         device: device of the tensors, as for `resolve_device`.
         seed: seed of starts, goals and noise.
     """
@@ -73,11 +77,16 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         commands, channels = task.interface.commands, task.interface.channels
         if task.measured_entries or task.observes_commands or task.has_hidden_entries:
             unknown = "distances, last commands, targets and cameras"
-            raise DescriptionError(f"{task.id} cannot be simulated; kinematics know nothing of {unknown}")
+            raise DescriptionError(
+                f"{task.id} cannot be simulated; kinematics know nothing of {unknown}"
+            )
         angle_index = task.interface.angle_indices
         turns = [command for command in commands if isinstance(command, RunAngle)]
         if len(turns) < len(commands) or {turn.motor for turn in turns} != set(angle_index):
-            raise DescriptionError(f"{task.id} cannot be simulated; every motor needs a RunAngle command and an angle channel")
+            raise DescriptionError(
+                f"{task.id} cannot be simulated; every motor needs a RunAngle command and an "
+                "angle channel"
+            )
         indices = [angle_index[turn.motor] for turn in turns]
         angles = [channels[index] for index in indices]
 
@@ -89,26 +98,42 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._noise = self._kinematics.noise * self._half
         self._limit = tensor([turn.speed_deg_s for turn in turns])
         step_ms, is_instant = task.interface.settle.fixed_ms, self._kinematics.motion == "instant"
-        if not is_instant and (step_ms is None or not all(angle.wraps for angle in angles)):  # end stops are not modelled
+        # end stops are not modelled
+        if not is_instant and (step_ms is None or not all(angle.wraps for angle in angles)):
             raise DescriptionError(
-                f"{task.id} cannot be simulated with the firmware's motion; it needs a Wait, and motors without ends"
+                f"{task.id} cannot be simulated with the firmware's motion; it needs a Wait, and "
+                "motors without ends"
             )
-        self._time_s = None if is_instant or step_ms is None else step_ms / 1000  # until the next command
+        # until the next command
+        self._time_s = None if is_instant or step_ms is None else step_ms / 1000
         self._low, self._high = tensor([a.low for a in angles]), tensor([a.high for a in angles])
-        # Wrap and stop in one formula: whole turns are subtracted for endless motors, then all angles are clamped.
+        # Wrap and stop in one formula: whole turns are subtracted for endless motors, then all
+        # angles are clamped.
         wraps = tensor([float(angle.wraps) for angle in angles])
         self._turns_per_deg, self._deg_per_turn = wraps / 360.0, wraps * 360.0
         # A slice where the commanded motors are contiguous: indexing then copies nothing.
         contiguous = indices == list(range(indices[0], indices[0] + len(indices)))
-        self._angles = slice(indices[0], indices[0] + len(indices)) if contiguous else torch.tensor(indices, device=self.device)
+        self._angles = (
+            slice(indices[0], indices[0] + len(indices))
+            if contiguous
+            else torch.tensor(indices, device=self.device)
+        )
         entries = task.entries
         drawn = {*indices, *range(len(channels), len(entries))}
-        # Entries that a reset draws uniformly; the others read 0. Integers are rounded down, so their range ends at high + 1.
-        self._whole = torch.tensor([False] * len(channels) + [e.whole for e in task.sampled_entries], device=self.device)[:, None]
-        ends = [e.high + whole for e, whole in zip(entries, self._whole[:, 0].tolist(), strict=True)]
+        # Entries that a reset draws uniformly; the others read 0. Integers are rounded down, so
+        # their range ends at high + 1.
+        self._whole = torch.tensor(
+            [False] * len(channels) + [e.whole for e in task.sampled_entries], device=self.device
+        )[:, None]
+        ends = [
+            e.high + whole for e, whole in zip(entries, self._whole[:, 0].tolist(), strict=True)
+        ]
         self._start_low = tensor([e.low if i in drawn else 0.0 for i, e in enumerate(entries)])
         self._start_span = tensor(
-            [end - e.low if i in drawn else 0.0 for i, (e, end) in enumerate(zip(entries, ends, strict=True))]
+            [
+                end - e.low if i in drawn else 0.0
+                for i, (e, end) in enumerate(zip(entries, ends, strict=True))
+            ]
         )
 
     def _set_seed(self, seed: int | None) -> None:
@@ -116,7 +141,8 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         reseed(self._rng, seed)
 
     def maybe_reset(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Reset the copies that are done, and only those: resetting all would dominate the time of a step."""
+        """Reset the copies that are done, and only those: resetting all would dominate the time of
+        a step."""
         done = tensordict.get("done").view(-1).nonzero().squeeze(1)
         if len(done):
             self._start(done)
@@ -130,12 +156,19 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         mask = tensordict.get("_reset", None) if tensordict is not None else None
         all_copies = torch.arange(self._copies, device=self.device)
         self._start(all_copies if mask is None else mask.view(-1).nonzero().squeeze(1))
-        return TensorDict({"observation": self._out(self._state.t())}, self.batch_size, device=self.device)
+        return TensorDict(
+            {"observation": self._out(self._state.t())}, self.batch_size, device=self.device
+        )
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         if self.is_closed:
             raise BricksError(f"{self.task.id} has no episode to step; reset the environment first")
-        action = clamped(tensordict["action"], self._action_shape, self.task.id).view(self._copies, -1).t().contiguous()
+        action = (
+            clamped(tensordict["action"], self._action_shape, self.task.id)
+            .view(self._copies, -1)
+            .t()
+            .contiguous()
+        )
         before, (self._state, self._speed) = self._state, self._move(self._state, action)
         self._steps = self._steps + 1
         observation = self._state.t()
@@ -148,10 +181,15 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             "truncated": truncated,
             "done": terminated | truncated,
         }
-        return TensorDict({key: self._out(value) for key, value in out.items()}, self.batch_size, device=self.device)
+        return TensorDict(
+            {key: self._out(value) for key, value in out.items()},
+            self.batch_size,
+            device=self.device,
+        )
 
     def _move(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-        """Next state ``[n, copies]`` and speeds ``[m, copies]``; ``state`` and ``action [m, copies]`` are not changed."""
+        """Next state ``[n, copies]`` and speeds ``[m, copies]``; ``state`` and ``action [m,
+        copies]`` are not changed."""
         noise = torch.randn(action.shape, generator=self._rng, device=self.device).mul_(self._noise)
         turn = torch.addcmul(self._middle, action, self._half)
         on_action = self._kinematics.noise_on == "action"
@@ -173,7 +211,9 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
 
     def _start(self, copies: Tensor) -> None:
         """Draw new start states for ``copies``; tensors returned earlier are not changed."""
-        share = torch.rand((self._state.shape[0], len(copies)), generator=self._rng, device=self.device)
+        share = torch.rand(
+            (self._state.shape[0], len(copies)), generator=self._rng, device=self.device
+        )
         drawn = torch.addcmul(self._start_low, share, self._start_span)
         drawn = torch.where(self._whole, drawn.floor(), drawn)
         self._state = self._state.index_copy(1, copies, drawn)
@@ -181,7 +221,8 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._speed = self._speed.index_fill(1, copies, 0.0)
 
     def _out(self, batch: Tensor) -> Tensor:
-        return batch if self.batch_size else batch[0].clone()  # a caller's in-place change must not alter the state
+        # a caller's in-place change must not alter the state
+        return batch if self.batch_size else batch[0].clone()
 
 
 def reseed(generator: torch.Generator, seed: int | None) -> None:
@@ -195,7 +236,13 @@ def reseed(generator: torch.Generator, seed: int | None) -> None:
 def resolve_device(name: str | torch.device) -> torch.device:
     """A device by name; "auto" is the best one here. Raises RunError if there is no such device."""
     if name == "auto":
-        name = "cuda" if torch.cuda.is_available() else "mps" if torch.backends.mps.is_available() else "cpu"
+        name = (
+            "cuda"
+            if torch.cuda.is_available()
+            else "mps"
+            if torch.backends.mps.is_available()
+            else "cpu"
+        )
     try:
         return torch.empty(0, device=torch.device(name)).device
     except (RuntimeError, AssertionError, NotImplementedError, TypeError):
@@ -205,14 +252,22 @@ def resolve_device(name: str | torch.device) -> torch.device:
 
 
 def batch_shape(batch_size: int | Sequence[int]) -> torch.Size:
-    """Shape of a number of copies, as an integer or as in TorchRL. Raises DescriptionError if it is no number of copies."""
-    sizes = list(batch_size) if isinstance(batch_size, Sequence) else [batch_size] if batch_size else []
+    """Shape of a number of copies, as an integer or as in TorchRL. Raises DescriptionError if it is
+    no number of copies."""
+    sizes = (
+        list(batch_size) if isinstance(batch_size, Sequence) else [batch_size] if batch_size else []
+    )
     if len(sizes) > 1 or not all(hasattr(size, "__index__") and size > 0 for size in sizes):
-        raise DescriptionError(f"batch_size is {batch_size!r}; give a number of copies, or 0 for one without a batch dimension")
+        raise DescriptionError(
+            f"batch_size is {batch_size!r}; give a number of copies, or 0 for one without a batch "
+            "dimension"
+        )
     return torch.Size([int(size) for size in sizes])
 
 
-def turned_angle(turn_deg: Tensor, speed_deg_s: Tensor, limit_deg_s: Tensor, time_s: float) -> tuple[Tensor, Tensor]:
+def turned_angle(
+    turn_deg: Tensor, speed_deg_s: Tensor, limit_deg_s: Tensor, time_s: float
+) -> tuple[Tensor, Tensor]:
     """Angle turned after ``time_s`` (deg) and the speed then (deg/s).
 
     Args:
@@ -223,15 +278,18 @@ def turned_angle(turn_deg: Tensor, speed_deg_s: Tensor, limit_deg_s: Tensor, tim
     a = ACCELERATION_DEG_S2
     sign = turn_deg.sign()
     distance = turn_deg.abs()
-    # A start speed too high to stop in time is clipped to the highest from which stopping is possible.
+    # A start speed too high to stop in time is clipped to the highest from which stopping is
+    # possible.
     start = torch.minimum(sign * speed_deg_s, (2.0 * a * distance).sqrt())
     back = torch.where(start < 0, start.square() / (2.0 * a), 0.0)
     top = torch.minimum((2.0 * a * (distance + back)).sqrt(), limit_deg_s)
     first = torch.where(start < top, a, -a)
-    origin = -start.square() / (2.0 * first)  # position where the first ramp, extrapolated, has speed zero
+    # position where the first ramp, extrapolated, has speed zero
+    origin = -start.square() / (2.0 * first)
     ramped = origin + top.square() / (2.0 * first)
     braking = distance - top.square() / (2.0 * a)
-    is_triangular = braking < ramped  # too short to reach the limit: triangular profile, without a cruise
+    # too short to reach the limit: triangular profile, without a cruise
+    is_triangular = braking < ramped
     ramped = torch.where(is_triangular, (origin + distance) / 2.0, ramped)
     braking = torch.where(is_triangular, ramped, braking)
     top = torch.where(is_triangular, (2.0 * first * (ramped - origin)).clamp_min(0.0).sqrt(), top)

@@ -1,4 +1,5 @@
-"""Specs: entries with nominal bounds, the layout of all that is observed, and an environment that consists of its specs only."""
+"""Specs: entries with nominal bounds, the layout of all that is observed, and an environment that
+consists of its specs only."""
 
 import traceback
 from collections import defaultdict
@@ -20,18 +21,23 @@ from bricksrl.errors import BricksError, DescriptionError, message_of
 
 
 def clamped(action: Tensor, shape: Sequence[int], env_id: str) -> Tensor:
-    """A batch of actions, clamped to -1..1. Raises BricksError for another shape than ``shape``, and for an action that is not a
-    number; a GPU is not waited for to look."""
+    """A batch of actions, clamped to -1..1. Raises BricksError for another shape than ``shape``,
+    and for an action that is not a number; a GPU is not waited for to look."""
     if action.shape != tuple(shape):
-        raise BricksError(f"{env_id} got an action of shape {list(action.shape)}; give {list(shape)}")
+        raise BricksError(
+            f"{env_id} got an action of shape {list(action.shape)}; give {list(shape)}"
+        )
     action = action.detach().clamp(-1.0, 1.0)
     if action.device.type == "cpu" and isnan(action.sum()):
-        raise BricksError(f"{env_id} got an action that is not a number (NaN); look for what computed it")
+        raise BricksError(
+            f"{env_id} got an action that is not a number (NaN); look for what computed it"
+        )
     return action
 
 
 class _KeepClass(type(Bounded)):  # type: ignore[misc]
-    """Metaclass that undoes ``Bounded``'s: that one changes the class of each instance to one of its own two."""
+    """Metaclass that undoes ``Bounded``'s: that one changes the class of each instance to one of
+    its own two."""
 
     def __call__(cls, *args: Any, **kwargs: Any) -> Any:
         spec = super().__call__(*args, **kwargs)
@@ -49,10 +55,11 @@ def _keeping(name: str) -> Callable[..., Any]:
 
 
 class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[misc]
-    """``Bounded`` spec of entries, some of which may lie outside of the box: their bounds are nominal.
+    """``Bounded`` spec of entries, some of which may lie outside of the box: their bounds are
+    nominal.
 
-    These have ``low`` and ``high`` and are sampled between them, but any finite number is in the spec and none is projected. All
-    operations on specs preserve this.
+    These have ``low`` and ``high`` and are sampled between them, but any finite number is in the
+    spec and none is projected. All operations on specs preserve this.
 
     Attributes:
         entries: what the numbers of its last dimension are; empty if that is not known.
@@ -61,9 +68,14 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
     entries: tuple[Entry, ...] = ()
 
     @classmethod
-    def of(cls, entries: Sequence[Entry], batch: Sequence[int] = (), device: torch.device | None = None) -> "NominalBounded":
+    def of(
+        cls, entries: Sequence[Entry], batch: Sequence[int] = (), device: torch.device | None = None
+    ) -> "NominalBounded":
         """Spec of a vector of ``entries``, with leading dimensions ``batch``."""
-        low, high = (torch.tensor([getattr(e, end) for e in entries], device=device) for end in ("low", "high"))
+        low, high = (
+            torch.tensor([getattr(e, end) for e in entries], device=device)
+            for end in ("low", "high")
+        )
         shape = (*batch, len(entries))
         spec: NominalBounded = cls(low.expand(shape), high.expand(shape))
         spec.entries = tuple(entries)
@@ -71,8 +83,9 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
 
     @property
     def nominal(self) -> Tensor:
-        """Bool of the spec's shape; ``True`` where the bounds are nominal: all where no entries are known. A transform such as
-        ``CatFrames`` repeats the entries, one such as ``UnsqueezeTransform`` adds dimensions of one entry."""
+        """Bool of the spec's shape; ``True`` where the bounds are nominal: all where no entries are
+        known. A transform such as ``CatFrames`` repeats the entries, one such as
+        ``UnsqueezeTransform`` adds dimensions of one entry."""
         marks = [entry.bounds != (entry.low, entry.high) for entry in self.entries]
         sizes = [size for size in self.shape if size != 1] or [1]
         if not marks or sizes[-1] % len(marks):
@@ -80,7 +93,11 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         return torch.tensor(marks * (sizes[-1] // len(marks))).expand(sizes).reshape(self.shape)
 
     def is_in(self, val: Tensor) -> bool:
-        if val.dtype != self.dtype or val.shape[-self.ndim :] != self.shape or not bool(val.isfinite().all()):
+        if (
+            val.dtype != self.dtype
+            or val.shape[-self.ndim :] != self.shape
+            or not bool(val.isfinite().all())
+        ):
             return False
         return bool((self._project(val) == val).all())
 
@@ -95,49 +112,76 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         same.entries = self.entries
         return same
 
-    operations = ("clone", "to", "expand", "squeeze", "unsqueeze", "_reshape", "_unflatten", "__getitem__")
-    clone, to, expand, squeeze, unsqueeze, _reshape, _unflatten, __getitem__ = map(_keeping, operations)
+    operations = (
+        "clone",
+        "to",
+        "expand",
+        "squeeze",
+        "unsqueeze",
+        "_reshape",
+        "_unflatten",
+        "__getitem__",
+    )
+    clone, to, expand, squeeze, unsqueeze, _reshape, _unflatten, __getitem__ = map(
+        _keeping, operations
+    )
 
     def unbind(self, dim: int = 0) -> "tuple[NominalBounded, ...]":
         return tuple(map(self.of_same, super().unbind(dim)))
 
     def __eq__(self, other: object) -> bool:
-        return bool(super().__eq__(other)) and isinstance(other, NominalBounded) and self.entries == other.entries
+        return (
+            bool(super().__eq__(other))
+            and isinstance(other, NominalBounded)
+            and self.entries == other.entries
+        )
 
     def __hash__(self) -> int:
         return hash((self.shape, self.dtype))
 
 
 def end_specs(batch: Sequence[int] = (), device: torch.device | None = None) -> Composite:
-    """Specs of the ends of an episode: ``done``, ``terminated`` and ``truncated``, ``[*batch, 1]``."""
+    """Specs of the ends of an episode: ``done``, ``terminated`` and ``truncated``, ``[*batch,
+    1]``."""
     names = ("done", "terminated", "truncated")
-    return Composite({name: Binary(1, (*batch, 1), device, torch.bool) for name in names}, shape=batch, device=device)
+    return Composite(
+        {name: Binary(1, (*batch, 1), device, torch.bool) for name in names},
+        shape=batch,
+        device=device,
+    )
 
 
 def set_vector_specs(env: EnvBase, task: Task) -> None:
     """Set the specs of an environment of one robot, or of copies of it, without an image."""
     batch, device = env.batch_size, env.device
-    env.observation_spec = Composite(observation=NominalBounded.of(task.entries, batch, device), shape=batch, device=device)
+    env.observation_spec = Composite(
+        observation=NominalBounded.of(task.entries, batch, device), shape=batch, device=device
+    )
     env.action_spec = Bounded(-1.0, 1.0, (*batch, len(task.interface.commands)), device=device)
     env.reward_spec = Unbounded((*batch, 1), device=device)
     env.done_spec = end_specs(batch, device)
 
 
 def spec_entries(spec: Any, prefix: str | tuple[str, ...]) -> tuple[Entry, ...]:
-    """Entries of a spec; where it has none, numbered ones with its bounds, infinite where it has none. ``prefix``: its key."""
+    """Entries of a spec; where it has none, numbered ones with its bounds, infinite where it has
+    none. ``prefix``: its key."""
     entries: tuple[Entry, ...] = getattr(spec, "entries", ())
     space, n = getattr(spec, "space", None), spec.shape.numel()
     if len(entries) == n:
         return entries
     ends = [getattr(space, end, None) for end in ("low", "high")]
-    low, high = ([without] * n if end is None else end.flatten().tolist() for end, without in zip(ends, (-inf, inf), strict=True))
+    low, high = (
+        [without] * n if end is None else end.flatten().tolist()
+        for end, without in zip(ends, (-inf, inf), strict=True)
+    )
     name = prefix if isinstance(prefix, str) else ".".join(prefix)
     return tuple(Entry(f"{name}_{i}", low[i], high[i]) for i in range(n))
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number of an observation: ``scale * entry + offset``. ``frame``: which of several observations it is of."""
+    """A number of an observation: ``scale * entry + offset``. ``frame``: which of several
+    observations it is of."""
 
     entry: Entry
     scale: float = 1.0
@@ -147,7 +191,8 @@ class Number:
 
 @dataclass(frozen=True)
 class ImageShape:
-    """An image: its size, whether the channels are its last dimension, and the values of black and white."""
+    """An image: its size, whether the channels are its last dimension, and the values of black and
+    white."""
 
     key: str
     side_px: int
@@ -158,31 +203,57 @@ class ImageShape:
 
     @classmethod
     def of(cls, key: str, spec: Any) -> "ImageShape":
-        """The image of a spec ``[side, side, channels]`` or ``[channels, side, side]``. Raises DescriptionError for another."""
+        """The image of a spec ``[side, side, channels]`` or ``[channels, side, side]``. Raises
+        DescriptionError for another."""
         shape = tuple(spec.shape)
         is_last = shape[-1] < shape[0]
         channels, side = (shape[-1], shape[0]) if is_last else (shape[0], shape[-1])
         if sorted(shape) != sorted((channels, side, side)):
-            raise DescriptionError(f"an agent reads no '{key}' of shape {list(shape)}; crop it to a square, or leave it out")
+            raise DescriptionError(
+                f"an agent reads no '{key}' of shape {list(shape)}; crop it to a square, or "
+                "leave it out"
+            )
         ends = [getattr(spec.space, end, None) for end in ("low", "high")]
-        low, high = (without if end is None else float(end.max()) for end, without in zip(ends, (0.0, 1.0), strict=True))
-        return cls(key, side, channels, is_last, *((low, high) if inf > high > low > -inf else (0.0, 1.0)))
+        low, high = (
+            without if end is None else float(end.max())
+            for end, without in zip(ends, (0.0, 1.0), strict=True)
+        )
+        return cls(
+            key, side, channels, is_last, *((low, high) if inf > high > low > -inf else (0.0, 1.0))
+        )
 
 
-EPISODE_KEYS = ("link_lost", "episode_reward", "step_count", "is_init", "traj_count", "time_step", "time_policy", "time_reset")
-"""What is noted of the course of an episode, by us and by TorchRL's transforms; no agent reads it, nor what begins with "_"."""
+EPISODE_KEYS = (
+    "link_lost",
+    "episode_reward",
+    "step_count",
+    "is_init",
+    "traj_count",
+    "time_step",
+    "time_policy",
+    "time_reset",
+)
+"""What is noted of the course of an episode, by us and by TorchRL's transforms; no agent reads it,
+nor what begins with "_"."""
 
 
 def transform_failure(error: Exception) -> DescriptionError:
     """The error of a transform that raised, by the name of its class."""
     within = (frame.f_locals.get("self") for frame, _ in traceback.walk_tb(error.__traceback__))
-    names = [type(one).__name__ for one in within if isinstance(one, Transform) and not isinstance(one, Compose)]
+    names = [
+        type(one).__name__
+        for one in within
+        if isinstance(one, Transform) and not isinstance(one, Compose)
+    ]
     what = f"{message_of(error, typed=True)}{line_of_user(error)}"
-    return DescriptionError(f"{(names or ['the transform'])[-1]} fails ({what}); correct it, or omit it")
+    return DescriptionError(
+        f"{(names or ['the transform'])[-1]} fails ({what}); correct it, or omit it"
+    )
 
 
 def specs_of(env: EnvBase, kind: str) -> Composite:
-    """Specs, without batch, of a kind: observation, action, reward. Raises DescriptionError if a transform fails on them."""
+    """Specs, without batch, of a kind: observation, action, reward. Raises DescriptionError if a
+    transform fails on them."""
     try:
         return getattr(env, f"full_{kind}_spec_unbatched")
     except Exception as error:
@@ -190,38 +261,47 @@ def specs_of(env: EnvBase, kind: str) -> Composite:
 
 
 def given_specs(env: EnvBase) -> dict[Any, Any]:
-    """Specs, without batch, of all numbers that an environment gives to its transforms, whether an agent can read them or not."""
+    """Specs, without batch, of all numbers that an environment gives to its transforms, whether an
+    agent can read them or not."""
     specs = specs_of(env, "observation").items(True, True)
     return {key: spec for key, spec in specs if spec.dtype is not None and key not in EPISODE_KEYS}
 
 
 def observed_specs(env: EnvBase) -> dict[str, Any]:
-    """Specs, without batch, of all that an agent observes. Raises DescriptionError for one that no agent can read."""
+    """Specs, without batch, of all that an agent observes. Raises DescriptionError for one that no
+    agent can read."""
     specs = {}
     for key, spec in specs_of(env, "observation").items():
-        is_empty = isinstance(spec, Composite) and not list(spec.keys(True, True))  # its parts have other names now
+        # its parts have other names now
+        is_empty = isinstance(spec, Composite) and not list(spec.keys(True, True))
         if key in EPISODE_KEYS or key.startswith("_") or is_empty:
             continue
         if isinstance(spec, Composite) or spec.dtype is None or not 0 < len(spec.shape) <= 3:
-            kind = type(spec).__name__ if isinstance(spec, Composite) or spec.dtype is None else f"shape {list(spec.shape)}"
-            raise DescriptionError(f"an agent reads no '{key}' ({kind}); rename its parts, or leave it out (ExcludeTransform)")
+            kind = (
+                type(spec).__name__
+                if isinstance(spec, Composite) or spec.dtype is None
+                else f"shape {list(spec.shape)}"
+            )
+            raise DescriptionError(
+                f"an agent reads no '{key}' ({kind}); rename its parts, or leave it out "
+                "(ExcludeTransform)"
+            )
         specs[str(key)] = spec
     return specs
 
 
 @dataclass(frozen=True)
 class ObservationLayout:
-    """The meaning of all that is observed, number by number, as features and hindsight need it, and the images.
+    """The meaning of all that is observed, number by number, as features and hindsight need it, and
+    the images.
 
     Attributes:
-        low, high: bounds of the entries; infinite where there are none.
-        wraps: angles in degrees that run around from 360 to 0.
-        goals: pairs of indices: of a goal, and of the entry that is to reach it.
-        images: the images.
-        vectors: key and shape of each vector; their numbers follow one another.
-        scale, offset: a number is ``scale * entry + offset``; empty where all are the entries themselves.
-        names: of the entries.
-        frames: of several observations the one that each number is of, 0 for the newest; empty if there is one.
+        low, high: bounds of the entries; infinite where there are none. wraps: angles in degrees
+        that run around from 360 to 0. goals: pairs of indices: of a goal, and of the entry that is
+        to reach it. images: the images. vectors: key and shape of each vector; their numbers follow
+        one another. scale, offset: a number is ``scale * entry + offset``; empty where all are the
+        entries themselves. names: of the entries. frames: of several observations the one that each
+        number is of, 0 for the newest; empty if there is one.
     """
 
     low: tuple[float, ...]
@@ -245,7 +325,11 @@ class ObservationLayout:
         """Index of each entry in the newest observation that stands there in its own units."""
         scaled = list(zip(self.scale, self.offset, strict=True)) or [(1.0, 0.0)] * len(self.names)
         numbers = enumerate(zip(self.names, self.frames, scaled, strict=True))
-        return {name: index for index, (name, frame, factors) in numbers if frame == 0 and factors == (1.0, 0.0)}
+        return {
+            name: index
+            for index, (name, frame, factors) in numbers
+            if frame == 0 and factors == (1.0, 0.0)
+        }
 
     @property
     def past(self) -> dict[int, int]:
@@ -253,19 +337,32 @@ class ObservationLayout:
         numbers, newest = list(zip(self.frames, self.names, strict=False)), dict[str, int]()
         for _, name, index in sorted((*number, index) for index, number in enumerate(numbers)):
             newest.setdefault(name, index)
-        return {old: newest[name] for old, (frame, name) in enumerate(numbers) if frame > self.frames[newest[name]]}
+        return {
+            old: newest[name]
+            for old, (frame, name) in enumerate(numbers)
+            if frame > self.frames[newest[name]]
+        }
 
     @classmethod
     def of_numbers(
-        cls, vectors: Mapping[str, Sequence[Number]], shapes: Sequence[tuple[int, ...]], images: tuple[ImageShape, ...]
+        cls,
+        vectors: Mapping[str, Sequence[Number]],
+        shapes: Sequence[tuple[int, ...]],
+        images: tuple[ImageShape, ...],
     ) -> "ObservationLayout":
         """The layout of vectors with known numbers, and of images."""
         numbers = [number for numbers in vectors.values() for number in numbers]
         goals = _goal_pairs(numbers)
         paired = {index for pair in goals for index in pair}
         # the scale of a number without range, angle or goal is a transform's matter
-        plain = [i not in paired and not n.entry.wraps and not inf > n.entry.high - n.entry.low for i, n in enumerate(numbers)]
-        maps = [(1.0, 0.0) if is_plain else (n.scale, n.offset) for is_plain, n in zip(plain, numbers, strict=True)]
+        plain = [
+            i not in paired and not n.entry.wraps and not inf > n.entry.high - n.entry.low
+            for i, n in enumerate(numbers)
+        ]
+        maps = [
+            (1.0, 0.0) if is_plain else (n.scale, n.offset)
+            for is_plain, n in zip(plain, numbers, strict=True)
+        ]
         is_scaled = any(pair != (1.0, 0.0) for pair in maps)
         entries = [number.entry for number in numbers]
         return cls(
@@ -275,22 +372,31 @@ class ObservationLayout:
             goals,
             images,
             tuple(zip(vectors, shapes, strict=True)),
-            *((tuple(scale for scale, _ in maps), tuple(offset for _, offset in maps)) if is_scaled else ((), ())),
+            *(
+                (tuple(scale for scale, _ in maps), tuple(offset for _, offset in maps))
+                if is_scaled
+                else ((), ())
+            ),
             names=tuple(e.name for e in entries),
             frames=tuple(n.frame for n in numbers),
         )
 
 
 def _goal_pairs(numbers: Sequence[Number]) -> tuple[tuple[int, int], ...]:
-    """Each entry ``X_goal`` with the entry ``X_angle`` of the same kind and frame, where there is one."""
+    """Each entry ``X_goal`` with the entry ``X_angle`` of the same kind and frame, where there is
+    one."""
     places = defaultdict[tuple[str, int], list[int]](list)
     for index, number in enumerate(numbers):
         places[number.entry.name, number.frame].append(index)
     pairs: list[tuple[int, int]] = []
     for (name, frame), goals in places.items():
         if name.endswith("_goal"):
-            pairs += zip(goals, places.get((f"{name.removesuffix('_goal')}_angle", frame), ()), strict=False)
-    return tuple(sorted(pair for pair in pairs if len({numbers[index].entry.wraps for index in pair}) == 1))
+            pairs += zip(
+                goals, places.get((f"{name.removesuffix('_goal')}_angle", frame), ()), strict=False
+            )
+    return tuple(
+        sorted(pair for pair in pairs if len({numbers[index].entry.wraps for index in pair}) == 1)
+    )
 
 
 SPECS = ("observation_spec", "action_spec", "reward_spec", "done_spec")
@@ -298,10 +404,15 @@ SPECS = ("observation_spec", "action_spec", "reward_spec", "done_spec")
 
 
 class SpecsEnv(BricksEnv, EnvBase):  # type: ignore[misc]
-    """Specs, task and layout of a remote environment: enough to build an agent for it; it cannot be reset or stepped."""
+    """Specs, task and layout of a remote environment: enough to build an agent for it; it cannot be
+    reset or stepped."""
 
     def __init__(
-        self, specs: Mapping[str, Any], task: Task | None, layout: ObservationLayout | None = None, batch: Sequence[int] = ()
+        self,
+        specs: Mapping[str, Any],
+        task: Task | None,
+        layout: ObservationLayout | None = None,
+        batch: Sequence[int] = (),
     ) -> None:
         super().__init__(batch_size=torch.Size(batch))
         for name, spec in specs.items():

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 def find(name: str) -> Target:
-    """An environment, of an arena the robot that it names (``Tag-v0:runner``) or the first, or a robot as in `bricktwin`; of a
-    user's file its only task, or else its only robot. Raises UnknownNameError if there is none, DescriptionError if a user's file
-    is wrong."""
+    """An environment, of an arena the robot that it names (``Tag-v0:runner``) or the first, or a
+    robot as in `bricktwin`; of a user's file its only task, or else its only robot. Raises
+    UnknownNameError if there is none, DescriptionError if a user's file is wrong."""
     arena, _, contestant = name.partition(":")
     if arena in ARENAS:
         return _in_arena(get_arena_task(arena), contestant)
@@ -36,7 +36,13 @@ def find(name: str) -> Target:
         if is_reference(name):
             raise
         raise UnknownNameError(f"{error}; or a robot: {', '.join(robots.ROBOTS)}") from None
-    return Target(task.id, task.robot, task.interface, partial(make_body, task.robot, scene=task.scene), task.scene)
+    return Target(
+        task.id,
+        task.robot,
+        task.interface,
+        partial(make_body, task.robot, scene=task.scene),
+        task.scene,
+    )
 
 
 def _in_arena(task: ArenaTask, name: str) -> Target:
@@ -44,15 +50,28 @@ def _in_arena(task: ArenaTask, name: str) -> Target:
     index = task.robots.index(name) if name in task.robots else 0
     others = [f"{task.id}:{other}" for other in task.robots if other != task.robots[index]]
     if name and name not in task.robots:
-        raise UnknownNameError(f"{task.id} has no robot '{name}'{hint(name, task.robots)}; it has {', '.join(task.robots)}")
+        raise UnknownNameError(
+            f"{task.id} has no robot '{name}'{hint(name, task.robots)}; it has "
+            f"{', '.join(task.robots)}"
+        )
     robot = task.arena.robots[index].robot
-    note = f"{task.id} has several robots: this is {task.robots[index]}; there are also {', '.join(others)}"
+    note = (
+        f"{task.id} has several robots: this is {task.robots[index]}; there are also "
+        f"{', '.join(others)}"
+    )
     make = partial(make_body, robot)
-    return Target(f"{task.id}:{task.robots[index]}", robot, task.interfaces[index], make, note="" if name else note)
+    return Target(
+        f"{task.id}:{task.robots[index]}",
+        robot,
+        task.interfaces[index],
+        make,
+        note="" if name else note,
+    )
 
 
 def _names_task(reference: str) -> bool:
-    """Whether a reference to the user's code names a task, or a function that returns one, or a file with a single task."""
+    """Whether a reference to the user's code names a task, or a function that returns one, or a
+    file with a single task."""
     try:
         value = load_object(reference, Task)
     except UnknownNameError:

@@ -1,7 +1,8 @@
 """Task: a robot, its commands and channels, and pure functions of tensors.
 
-A task is independent of TorchRL and of the hub, and importing one imports neither torch nor MuJoCo. All functions are batched:
-observations have the shape ``[*batch, n]``, actions ``[*batch, m]`` (in -1..1), rewards and ends ``[*batch, 1]``.
+A task is independent of TorchRL and of the hub, and importing one imports neither torch nor MuJoCo.
+All functions are batched: observations have the shape ``[*batch, n]``, actions ``[*batch, m]`` (in
+-1..1), rewards and ends ``[*batch, 1]``.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ else:
 
 @dataclass(frozen=True)
 class SampledEntry(Entry):
-    """Entry of the observation that is drawn at every reset and constant for the episode. ``whole``: draw an integer ``low, low
-    + 1, ..., high`` instead of a real number."""
+    """Entry of the observation that is drawn at every reset and constant for the episode.
+    ``whole``: draw an integer ``low, low + 1, ..., high`` instead of a real number."""
 
     whole: bool = False
 
@@ -49,43 +50,50 @@ class SampledEntry(Entry):
 
 
 def never(observation: Tensor) -> Tensor:
-    """``False`` of shape ``[*batch, 1]``: ``terminated`` of a task that ends by its time limit only."""
+    """``False`` of shape ``[*batch, 1]``: ``terminated`` of a task that ends by its time limit
+    only."""
     return observation.new_zeros((*observation.shape[:-1], 1)).bool()
 
 
 @dataclass(frozen=True)
 class Task:
-    """A reinforcement learning task on a robot. Raises DescriptionError if the parts are inconsistent.
+    """A reinforcement learning task on a robot. Raises DescriptionError if the parts are
+    inconsistent.
 
-    The observation consists of the channels in order, the readings of sensors, the sampled entries, the measured entries, the
-    last commands and the target's entries. With a target, the wheel angles are left out. Where a camera has a goal, the task's
-    functions get two further entries that the agent does not: see ``task_entries``.
+    The observation consists of the channels in order, the readings of sensors, the sampled entries,
+    the measured entries, the last commands and the target's entries. With a target, the wheel
+    angles are left out. Where a camera has a goal, the task's functions get two further entries
+    that the agent does not: see ``task_entries``.
 
     Attributes:
         id: name and version, such as ``"RunAway-v0"``.
         doc: the description; its first line is the summary.
         max_steps: steps after which an episode is truncated.
-        reward: maps ``(previous observation, action, observation)`` to the reward ``[*batch, 1]``. The action is the agent's,
-            in -1..1, before it is mapped to commands.
-        success: maps the observations ``[*batch, steps, n]`` after each step of a whole episode to bool ``[*batch]``.
+        reward: maps ``(previous observation, action, observation)`` to the reward ``[*batch, 1]``.
+            The action is the agent's, in -1..1, before it is mapped to commands.
+        success: maps the observations ``[*batch, steps, n]`` after each step of a whole episode to
+            bool ``[*batch]``.
         metrics: maps the same observations to named numbers ``[*batch]``; units in the names.
         terminated: maps an observation to bool ``[*batch, 1]``.
-        blocked: maps an observation to bool ``[*batch, 1]``: an obstacle is in the robot's way; the robot then waits, motors
-            held, until it is gone. A kinematic simulation never waits.
-        scene: surroundings of a virtual robot.
-        sampled_entries, measured_entries: entries after the channels. The measured ones are computed by the host after every
-            step (the distance forward in it), and 0 after a reset.
-        observes_commands: whether the last commands are observed (0 after a reset): for a robot that comes to a new speed so late
-            that much of a step is still the command before.
-        target: a pose that a driving robot is to reach; success and metrics get the true pose of a virtual robot.
+        blocked: maps an observation to bool ``[*batch, 1]``: an obstacle is in the robot's way; the
+            robot then waits, motors held, until it is gone. A kinematic simulation never waits.
+        scene: surroundings of a virtual robot. sampled_entries, measured_entries: entries after the
+        channels. The measured ones are computed by the host after every step (the distance forward
+        in it), and 0 after a reset.
+        observes_commands: whether the last commands are observed (0 after a reset): for a robot
+            that comes to a new speed so late that much of a step is still the command before.
+        target: a pose that a driving robot is to reach; success and metrics get the true pose of a
+            virtual robot.
         walks: whether a virtual robot reports distance, speed and straightness.
         camera: a camera on the robot, which adds an image to the observation.
         sensors: sensors on the computer; their entries follow the channels.
-        streams: whether the hub always streams its observations, for steps shorter than an exchange over the link.
-        symmetric: whether a run in the mirror, left for right, is a run of the task too; the robot has to be ``mirrored``.
-        settings: values that suit the task better than an agent's defaults, by the names of its settings; each agent takes those
-            that it has.
-        program, commands, answer: a client program of your own, and the ``struct`` formats of what it gets and answers at a step;
+        streams: whether the hub always streams its observations, for steps shorter than an exchange
+            over the link.
+        symmetric: whether a run in the mirror, left for right, is a run of the task too; the robot
+            has to be ``mirrored``.
+        settings: values that suit the task better than an agent's defaults, by the names of its
+            settings; each agent takes those that it has. program, commands, answer: a client
+            program of your own, and the ``struct`` formats of what it gets and answers at a step;
             see :class:`~brickhub.hub.link.own_client.OwnClient`.
         base_env: resets, steps and rewards of your own, in place of the task's functions.
     """
@@ -119,7 +127,8 @@ class Task:
     def __post_init__(self) -> None:
         check_fields(Task, vars(self))
         if self.client is not None:
-            object.__setattr__(self, "program", self.client.program)  # which can be used in any folder
+            # which can be used in any folder
+            object.__setattr__(self, "program", self.client.program)
             self.client.check(self.interface)
         check_arguments(f"reward of {self.id}", self.reward, ("previous", "action", "observation"))
         for name in ("success", "metrics"):
@@ -127,20 +136,44 @@ class Task:
         for name in ("terminated", "blocked"):
             check_arguments(f"{name} of {self.id}", getattr(self, name), ("observation",))
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
-            raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'MyTask-v0'")
+            raise DescriptionError(
+                f"'{self.id}' is not an id for a task; take a name and a version, such as "
+                "'MyTask-v0'"
+            )
         if self.max_steps < 1:
-            raise DescriptionError(f"task {self.id}: an episode of {self.max_steps} steps is empty; give max_steps of 1 or more")
+            raise DescriptionError(
+                f"task {self.id}: an episode of {self.max_steps} steps is empty; give max_steps "
+                "of 1 or more"
+            )
         if self.target is not None:
             wheels(self.robot, self.interface)  # raises where dead reckoning is impossible
         if not self.interface.commands or not self.entries:
-            raise DescriptionError(f"task {self.id}: nothing to command or nothing to observe; name commands and channels")
-        names = [entry.name for entry in self.entries] + [sensor.name for sensor in self.sensors if sensor.image_px]
+            raise DescriptionError(
+                f"task {self.id}: nothing to command or nothing to observe; name commands and "
+                "channels"
+            )
+        names = [entry.name for entry in self.entries] + [
+            sensor.name for sensor in self.sensors if sensor.image_px
+        ]
         if len(set(names)) < len(names):
-            raise DescriptionError(f"task {self.id}: the observation {', '.join(names)} names an entry twice; rename one")
-        if taken := [sensor.name for sensor in self.sensors if sensor.image_px and sensor.name in RESERVED_KEYS]:
-            raise DescriptionError(f"task {self.id}: '{taken[0]}' is what each step has anyway; give the sensor another name")
+            raise DescriptionError(
+                f"task {self.id}: the observation {', '.join(names)} names an entry twice; "
+                "rename one"
+            )
+        if taken := [
+            sensor.name
+            for sensor in self.sensors
+            if sensor.image_px and sensor.name in RESERVED_KEYS
+        ]:
+            raise DescriptionError(
+                f"task {self.id}: '{taken[0]}' is what each step has anyway; give the sensor "
+                "another name"
+            )
         if backwards := [entry.name for entry in self.entries if not entry.low <= entry.high]:
-            raise DescriptionError(f"task {self.id}: the range of {', '.join(backwards)} ends below its start; exchange the two")
+            raise DescriptionError(
+                f"task {self.id}: the range of {', '.join(backwards)} ends below its start; "
+                "exchange the two"
+            )
         if self.symmetric:
             mirrors(self)  # raises where something has no mirror image
 
@@ -169,7 +202,9 @@ class Task:
     def observed_channels(self) -> tuple[int, ...]:
         """Indices of the channels that are in the observation."""
         wheel_angles = () if self.target is None else wheels(self.robot, self.interface)
-        return tuple(index for index in range(len(self.interface.channels)) if index not in wheel_angles)
+        return tuple(
+            index for index in range(len(self.interface.channels)) if index not in wheel_angles
+        )
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -177,7 +212,14 @@ class Task:
         channels = (self.interface.channels[index].entry for index in self.observed_channels)
         target = () if self.target is None else self.target.entries
         sensed = (entry for sensor in self.sensors for entry in sensor.observed_entries)
-        return (*channels, *sensed, *self.sampled_entries, *self.measured_entries, *self.command_entries, *target)
+        return (
+            *channels,
+            *sensed,
+            *self.sampled_entries,
+            *self.measured_entries,
+            *self.command_entries,
+            *target,
+        )
 
     @property
     def images(self) -> dict[str, int]:
@@ -191,7 +233,12 @@ class Task:
         if not self.observes_commands:
             return ()
         commands = self.interface.commands
-        return tuple(Entry(f"last_{c.name}", c.low, c.high, c.unit, limits=(min(c.low, 0.0), max(c.high, 0.0))) for c in commands)
+        return tuple(
+            Entry(
+                f"last_{c.name}", c.low, c.high, c.unit, limits=(min(c.low, 0.0), max(c.high, 0.0))
+            )
+            for c in commands
+        )
 
     @property
     def has_hidden_entries(self) -> bool:
@@ -199,20 +246,30 @@ class Task:
         return self.camera is not None or self.target is not None
 
     def goal(self, observation: Sequence[float]) -> Goal | None:
-        """Pose that the robot is to reach by an observation ``[n]``, to be drawn: of motors, each with an entry such as
-        ``low_goal``, or the target's; ``None`` if there is none."""
+        """Pose that the robot is to reach by an observation ``[n]``, to be drawn: of motors, each
+        with an entry such as ``low_goal``, or the target's; ``None`` if there is none."""
         values = dict(zip((entry.name for entry in self.entries), observation, strict=False))
-        goals = {motor.name: values[name] for motor in self.robot.motors if (name := f"{motor.name}_goal") in values}
+        goals = {
+            motor.name: values[name]
+            for motor in self.robot.motors
+            if (name := f"{motor.name}_goal") in values
+        }
         place = None if self.target is None else self.target.place
         if not goals and place is None:
             return None
-        return Goal(goals) if place is None else Goal(goals, (place.x_mm, place.y_mm), place.heading_deg)
+        return (
+            Goal(goals)
+            if place is None
+            else Goal(goals, (place.x_mm, place.y_mm), place.heading_deg)
+        )
 
     @property
     def task_entries(self) -> tuple[Entry, ...]:
-        """Entries that reward, ends, success and metrics get: the observation and, where a camera has a goal, two distances.
+        """Entries that reward, ends, success and metrics get: the observation and, where a camera
+        has a goal, two distances.
 
-        These are the mean distance of the red objects from it (the last seen in the episode; 0 before) and that of the nearest.
+        These are the mean distance of the red objects from it (the last seen in the episode; 0
+        before) and that of the nearest.
         """
         if self.camera is None or self.camera.goal is None:
             return self.entries
@@ -223,12 +280,30 @@ class Task:
 
 MEASURED = ("episode", "phase", "steps", "length", "return", "success")
 MEASURED_TOO = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
-"""What is known about an episode whatever its task: the first and the last columns of ``metrics.csv``, also for trackers."""
-_IN_INFO = ("is_success", "final_obs", "final_info", "final_observation", "terminal_observation", "TimeLimit.truncated")
+"""What is known about an episode whatever its task: the first and the last columns of
+``metrics.csv``, also for trackers."""
+_IN_INFO = (
+    "is_success",
+    "final_obs",
+    "final_info",
+    "final_observation",
+    "terminal_observation",
+    "TimeLimit.truncated",
+)
 RESERVED_MEASURES = frozenset((*MEASURED, *MEASURED_TOO, *_IN_INFO))
-"""Names that no metric of a task and no measure of an agent's updates may have: those of columns and trackers, and those of
-Gymnasium's ``info``, where a name with an underscore before it says which copies have it."""
-_OF_STEPS = ("observation", "image", "action", "reward", "done", "terminated", "truncated", "link_lost")
+"""Names that no metric of a task and no measure of an agent's updates may have: those of columns
+and trackers, and those of Gymnasium's ``info``, where a name with an underscore before it says
+which copies have it."""
+_OF_STEPS = (
+    "observation",
+    "image",
+    "action",
+    "reward",
+    "done",
+    "terminated",
+    "truncated",
+    "link_lost",
+)
 _OF_OTHERS = ("next", "intervention", "episode_reward", "step_count", "is_init", "mask")
 RESERVED_KEYS = frozenset((*_OF_STEPS, *_OF_OTHERS))
 """Keys of a step that no image of a sensor may have."""
@@ -236,14 +311,17 @@ RESERVED_KEYS = frozenset((*_OF_STEPS, *_OF_OTHERS))
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Kinematic model: each commanded motor turns by its command plus noise. Raises DescriptionError if the noise is negative, or
-    ``noise_on`` or ``motion`` is unknown.
+    """Kinematic model: each commanded motor turns by its command plus noise. Raises
+    DescriptionError if the noise is negative, or ``noise_on`` or ``motion`` is unknown.
 
     Attributes:
-        noise: standard deviation of the normal noise on each normalised action, before it is mapped to degrees.
-        noise_on: ``"action"``, or ``"state"`` for the same noise, in the same degrees, on the angle after the move.
-        motion: ``"instant"``: a motor reaches its target before the next command. ``"firmware"``: it follows the firmware's
-            trajectory for the task's step time and carries its speed over into the next command.
+        noise: standard deviation of the normal noise on each normalised action, before it is mapped
+            to degrees.
+        noise_on: ``"action"``, or ``"state"`` for the same noise, in the same degrees, on the angle
+            after the move.
+        motion: ``"instant"``: a motor reaches its target before the next command. ``"firmware"``:
+            it follows the firmware's trajectory for the task's step time and carries its speed over
+            into the next command.
     """
 
     noise: Annotated[float, Range()]
@@ -255,12 +333,14 @@ class Kinematics:
 
 
 def success_of(task: Task, observations: Tensor) -> bool:
-    """Success of one episode, by its observations ``[steps, n]``. Raises DescriptionError if the task's function gives none."""
+    """Success of one episode, by its observations ``[steps, n]``. Raises DescriptionError if the
+    task's function gives none."""
     return bool(_number(task, "success", task.success(observations)))
 
 
 def metrics_of(task: Task, observations: Tensor) -> dict[str, float]:
-    """Metrics of one episode, by its observations ``[steps, n]``. Raises DescriptionError if the task's function gives none."""
+    """Metrics of one episode, by its observations ``[steps, n]``. Raises DescriptionError if the
+    task's function gives none."""
     values = task.metrics(observations)
     check_value(f"what metrics of {task.id} returns", values, dict)
     check_measures(values, f"metrics of {task.id}")
@@ -268,13 +348,19 @@ def metrics_of(task: Task, observations: Tensor) -> dict[str, float]:
 
 
 def check_measures(names: Iterable[object], where: str) -> None:
-    """Raise DescriptionError if a name of a measure is that of something else that is kept beside it, or no name."""
+    """Raise DescriptionError if a name of a measure is that of something else that is kept beside
+    it, or no name."""
     for name in names:
         if not isinstance(name, str) or not name.isprintable() or not name.strip(" _"):
-            raise DescriptionError(f"{where} are named {name!r}; take a name in words, with the unit")
+            raise DescriptionError(
+                f"{where} are named {name!r}; take a name in words, with the unit"
+            )
         if name in RESERVED_MEASURES or name.startswith("_"):
             remedy = f"give it another one, such as task_{name.strip('_')}"
-            raise DescriptionError(f"{where} have the name '{name}', which each episode has for something else; {remedy}")
+            raise DescriptionError(
+                f"{where} have the name '{name}', which each episode has for something else; "
+                f"{remedy}"
+            )
 
 
 def _number(task: Task, name: str, value: Any) -> float:
@@ -282,13 +368,15 @@ def _number(task: Task, name: str, value: Any) -> float:
         return float(value)
     except (RuntimeError, TypeError, ValueError):
         given = f"of shape {list(value.shape)}" if hasattr(value, "shape") else repr(value)
-        raise DescriptionError(f"{name} of {task.id} is {given}; give one number for an episode") from None
+        raise DescriptionError(
+            f"{name} of {task.id} is {given}; give one number for an episode"
+        ) from None
 
 
 @dataclass(frozen=True)
 class Mirror:
-    """Mirror image of vectors, left for right: of each entry the one whose place it takes, its factor, and whether it wraps from
-    360 to 0."""
+    """Mirror image of vectors, left for right: of each entry the one whose place it takes, its
+    factor, and whether it wraps from 360 to 0."""
 
     places: tuple[int, ...]
     signs: tuple[int, ...]
@@ -297,20 +385,28 @@ class Mirror:
     def __call__(self, vector: Tensor) -> Tensor:
         """Mirror image of vectors ``[*batch, n]``."""
         moved = vector[..., list(self.places)] * vector.new_tensor(self.signs)
-        turned = [index for index, (sign, wraps) in enumerate(zip(self.signs, self.wraps, strict=True)) if wraps and sign < 0]
+        turned = [
+            index
+            for index, (sign, wraps) in enumerate(zip(self.signs, self.wraps, strict=True))
+            if wraps and sign < 0
+        ]
         if turned:
             moved[..., turned] = moved[..., turned].remainder(360.0)
         return moved
 
 
 def mirrors(task: Task) -> tuple[Mirror, Mirror]:
-    """Mirrors of the task's observation and action. Raises DescriptionError if its robot is not declared symmetric, or a number
-    has no mirror image."""
+    """Mirrors of the task's observation and action. Raises DescriptionError if its robot is not
+    declared symmetric, or a number has no mirror image."""
     robot, interface = task.robot, task.interface
     if not robot.mirrored:
-        raise DescriptionError(f"{task.id} is symmetric and its robot {robot.name} is not; give the robot mirrored=")
+        raise DescriptionError(
+            f"{task.id} is symmetric and its robot {robot.name} is not; give the robot mirrored="
+        )
     if task.sampled_entries or task.target is not None or task.camera is not None:
-        raise DescriptionError(f"{task.id} is symmetric and has a goal, whose mirror image is unknown; omit symmetric")
+        raise DescriptionError(
+            f"{task.id} is symmetric and has a goal, whose mirror image is unknown; omit symmetric"
+        )
     channels = [interface.channels[index] for index in task.observed_channels]
     actions = [command.in_mirror(robot) for command in interface.commands]
     observed = [channel.in_mirror(robot) for channel in channels]
@@ -318,17 +414,33 @@ def mirrors(task: Task) -> tuple[Mirror, Mirror]:
     observed += [(f"last_{name}", sign) for name, sign in actions] if task.observes_commands else []
     for command, (_, sign) in zip(interface.commands, actions, strict=True):
         if sign == 0 or (sign < 0 and command.low != -command.high):
-            raise command.error(f" has no mirror image in {task.id}: give it a range about 0, or omit symmetric")
-    names, commands = [entry.name for entry in task.entries], [command.name for command in interface.commands]
+            raise command.error(
+                f" has no mirror image in {task.id}: give it a range about 0, or omit symmetric"
+            )
+    names, commands = (
+        [entry.name for entry in task.entries],
+        [command.name for command in interface.commands],
+    )
     wraps = [entry.wraps for entry in task.entries]
-    return _mirror(task, names, observed, wraps), _mirror(task, commands, actions, [False] * len(commands))
+    return _mirror(task, names, observed, wraps), _mirror(
+        task, commands, actions, [False] * len(commands)
+    )
 
 
-def _mirror(task: Task, names: Sequence[str], images: Sequence[tuple[str, int]], wraps: Sequence[bool]) -> Mirror:
+def _mirror(
+    task: Task, names: Sequence[str], images: Sequence[tuple[str, int]], wraps: Sequence[bool]
+) -> Mirror:
     missing = {name for name, _ in images} - set(names)
     if missing:
-        raise DescriptionError(f"{task.id} is symmetric and lacks {', '.join(sorted(missing))}; add them, or omit symmetric")
-    return Mirror(tuple(names.index(name) for name, _ in images), tuple(sign for _, sign in images), tuple(wraps))
+        raise DescriptionError(
+            f"{task.id} is symmetric and lacks {', '.join(sorted(missing))}; add them, or omit "
+            "symmetric"
+        )
+    return Mirror(
+        tuple(names.index(name) for name, _ in images),
+        tuple(sign for _, sign in images),
+        tuple(wraps),
+    )
 
 
 def task_of(env: BaseEnv) -> Task:
@@ -347,7 +459,9 @@ def task_of(env: BaseEnv) -> Task:
                 UntilDone(),
             ),
             max_steps=env.max_episode_steps,
-            reward=lambda previous, action, observation: observation.new_zeros((*observation.shape[:-1], 1)),
+            reward=lambda previous, action, observation: observation.new_zeros(
+                (*observation.shape[:-1], 1)
+            ),
             success=lambda observations: observations.new_zeros(observations.shape[:-2]).bool(),
             metrics=lambda observations: {},
             scene=env.scene,
@@ -357,4 +471,6 @@ def task_of(env: BaseEnv) -> Task:
             base_env=env,
         )
     except (AttributeError, KeyError) as error:
-        raise DescriptionError(f"{type(env).__name__}: {error}; set robot, program and specs, and call __init__") from None
+        raise DescriptionError(
+            f"{type(env).__name__}: {error}; set robot, program and specs, and call __init__"
+        ) from None

@@ -1,8 +1,10 @@
-"""Transforms between an environment and its agent: what they do to each number, what they hide, what they keep.
+"""Transforms between an environment and its agent: what they do to each number, what they hide,
+what they keep.
 
-Which number of an observation is which entry of the environment is found by trying: the transforms are copied onto a playback of
-random observations, and a number that in every try is the same linear function of the same entry is that entry. Nothing is
-concluded from the name of a class, except that running statistics (`RUNNING`) change while an agent learns.
+Which number of an observation is which entry of the environment is found by trying: the transforms
+are copied onto a playback of random observations, and a number that in every try is the same linear
+function of the same entry is that entry. Nothing is concluded from the name of a class, except that
+running statistics (`RUNNING`) change while an agent learns.
 """
 
 import copy
@@ -17,7 +19,16 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torch.nn.parameter import Parameter, UninitializedBuffer, is_lazy
 from torchrl import set_auto_unwrap_transformed_env
-from torchrl.envs import ActionScaling, CatFrames, Compose, EnvBase, FrameSkipTransform, Transform, TransformedEnv, VecNorm
+from torchrl.envs import (
+    ActionScaling,
+    CatFrames,
+    Compose,
+    EnvBase,
+    FrameSkipTransform,
+    Transform,
+    TransformedEnv,
+    VecNorm,
+)
 from torchrl.envs.transforms import VecNormV2
 
 from brickhub.entry import Entry
@@ -39,12 +50,13 @@ from bricksrl.envs.specs import (
 from bricksrl.errors import DataError, DescriptionError
 
 _TRIES, _STEPS = 8, (2, 24)
-"""Random episodes, and their steps; the longer ones if a number is the same in all short ones, as it is of an earlier step."""
+"""Random episodes, and their steps; the longer ones if a number is the same in all short ones, as
+it is of an earlier step."""
 RUNNING = (VecNorm, VecNormV2)
 """Transforms by running statistics, which can be undone (``denorm``) and frozen."""
 _TOLERANCE, _ROUNDING = 1e-4, 0.1
-"""Largest deviations, in standard deviations: from a linear function, that of single precision; from an entry itself, that of
-whole numbers and half precision."""
+"""Largest deviations, in standard deviations: from a linear function, that of single precision;
+from an entry itself, that of whole numbers and half precision."""
 
 
 def base_of(env: EnvBase) -> EnvBase:
@@ -65,19 +77,24 @@ def transforms_of(env: EnvBase) -> list[Transform]:
 
 
 def layout_of(env: EnvBase) -> ObservationLayout:
-    """The layout of an environment's observation, from its specs and through its transforms. Raises DescriptionError for an entry
-    that no agent can read."""
+    """The layout of an environment's observation, from its specs and through its transforms. Raises
+    DescriptionError for an entry that no agent can read."""
     if isinstance(env, SpecsEnv) and env.layout is not None:
         return env.layout
     specs, vectors = observed_specs(env), numbers_of(env)
     if not specs:
-        raise DescriptionError("there is nothing that an agent observes; leave a vector or an image")
+        raise DescriptionError(
+            "there is nothing that an agent observes; leave a vector or an image"
+        )
     images = tuple(ImageShape.of(key, spec) for key, spec in specs.items() if key not in vectors)
-    return ObservationLayout.of_numbers(vectors, [tuple(specs[key].shape) for key in vectors], images)
+    return ObservationLayout.of_numbers(
+        vectors, [tuple(specs[key].shape) for key in vectors], images
+    )
 
 
 class Tap(Transform):  # type: ignore[misc]
-    """Innermost transform, which changes nothing: it notes what the environment itself observes and pays in each of its steps."""
+    """Innermost transform, which changes nothing: it notes what the environment itself observes and
+    pays in each of its steps."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -87,7 +104,9 @@ class Tap(Transform):  # type: ignore[misc]
         self.noted["action"] = tensordict.get("action", None)
         return tensordict
 
-    def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+    def _reset(
+        self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
         self.noted |= {"frames": [], "state": tensordict_reset.clone()}
         return tensordict_reset
 
@@ -109,7 +128,8 @@ def own_state(env: EnvBase, state: TensorDictBase) -> TensorDictBase:
 
 
 def own_frames(env: EnvBase, frame: TensorDictBase) -> list[TensorDictBase]:
-    """The environment's own steps behind the last step of its transforms: with its observations, actions and rewards."""
+    """The environment's own steps behind the last step of its transforms: with its observations,
+    actions and rewards."""
     first = next(iter(transforms_of(env)), None)
     if not isinstance(first, Tap):
         return [frame]
@@ -121,8 +141,9 @@ def own_frames(env: EnvBase, frame: TensorDictBase) -> list[TensorDictBase]:
 
 
 class FrameSkip(FrameSkipTransform):  # type: ignore[misc]
-    """TorchRL's frame skip, which repeats an action, that stops where the episode ends: of copies, each at its own end. Each of
-    the steps follows from the one before, also for what transforms before it count."""
+    """TorchRL's frame skip, which repeats an action, that stops where the episode ends: of copies,
+    each at its own end. Each of the steps follows from the one before, also for what transforms
+    before it count."""
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         parent, state, outcome = self.parent, tensordict, next_tensordict
@@ -133,7 +154,8 @@ class FrameSkip(FrameSkipTransform):  # type: ignore[misc]
                 break
             state = parent.step_mdp(state.clone(False).set("next", outcome))
             if state.batch_dims:
-                state["_step"] = ~done.squeeze(-1)  # robots in processes: those that have ended wait
+                # robots in processes: those that have ended wait
+                state["_step"] = ~done.squeeze(-1)
             after = parent._step(state)
             reward = reward + after["reward"].masked_fill(done, 0.0)
             outcome = after if not state.batch_dims else after.where(~done.squeeze(-1), outcome)
@@ -141,8 +163,9 @@ class FrameSkip(FrameSkipTransform):  # type: ignore[misc]
 
 
 class KeepUnits(Transform):  # type: ignore[misc]
-    """After running statistics: entries with a range, angles and goals in their units again, as the statistics change and what
-    was remembered would not mean the same any more. The rest stays normalised."""
+    """After running statistics: entries with a range, angles and goals in their units again, as the
+    statistics change and what was remembered would not mean the same any more. The rest stays
+    normalised."""
 
     def __init__(self, statistics: VecNorm | VecNormV2) -> None:
         super().__init__()
@@ -150,7 +173,9 @@ class KeepUnits(Transform):  # type: ignore[misc]
         before = statistics.parent
         specs, numbers = observed_specs(before), numbers_of(before)
         self.kept = {
-            (key, out): torch.tensor([_has_unit(number.entry) for number in numbers[key]]).view(specs[key].shape)
+            (key, out): torch.tensor([_has_unit(number.entry) for number in numbers[key]]).view(
+                specs[key].shape
+            )
             for key, out in zip(statistics.in_keys, statistics.out_keys, strict=True)
             if key in numbers
         }
@@ -158,16 +183,22 @@ class KeepUnits(Transform):  # type: ignore[misc]
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         chain = self.__dict__["_container"]().transforms
         statistics = copy.copy(chain[list(chain).index(self) - 1])  # in a copy of the chain its own
-        statistics.in_keys, statistics.out_keys = ([pair[end] for pair in self.kept] for end in (0, 1))  # not of a reward
+        # not of a reward
+        statistics.in_keys, statistics.out_keys = (
+            [pair[end] for pair in self.kept] for end in (0, 1)
+        )
         before = statistics.denorm(next_tensordict)
         for (key, out), kept in self.kept.items():
             if out in next_tensordict:
                 value = next_tensordict[out]
-                other = torch.randn_like(value) if self.is_tried else value  # no fixed function of an entry
+                # no fixed function of an entry
+                other = torch.randn_like(value) if self.is_tried else value
                 next_tensordict[out] = torch.where(kept.to(value.device), before[key], other)
         return next_tensordict
 
-    def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+    def _reset(
+        self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
         return self._call(tensordict_reset)
 
 
@@ -176,30 +207,48 @@ def _has_unit(entry: Entry) -> bool:
 
 
 def prepare(env: EnvBase) -> None:
-    """Prepare the transforms of an environment for an agent: its own steps are noted, running statistics keep units. To do it
-    again changes nothing."""
+    """Prepare the transforms of an environment for an agent: its own steps are noted, running
+    statistics keep units. To do it again changes nothing."""
     while isinstance(env, TransformedEnv):
         inner, chain = env.base_env, _chain(env)
-        for place, (transform, after) in reversed(list(enumerate(zip(chain, [*chain[1:], None], strict=True)))):
-            if isinstance(transform, RUNNING) and not transform.frozen and not isinstance(after, KeepUnits):
+        for place, (transform, after) in reversed(
+            list(enumerate(zip(chain, [*chain[1:], None], strict=True)))
+        ):
+            if (
+                isinstance(transform, RUNNING)
+                and not transform.frozen
+                and not isinstance(after, KeepUnits)
+            ):
                 _insert(env, place + 1, KeepUnits(transform))
-        if not (isinstance(inner, TransformedEnv) or inner.batch_size or isinstance(next(iter(chain), None), Tap)):
+        if not (
+            isinstance(inner, TransformedEnv)
+            or inner.batch_size
+            or isinstance(next(iter(chain), None), Tap)
+        ):
             _insert(env, 0, Tap())
         env = inner
 
 
 def with_unit_actions(env: EnvBase) -> EnvBase:
-    """An environment whose actions are in -1..1, by TorchRL's ``ActionScaling`` where they have another range. Raises
-    DescriptionError for actions that no agent gives, and without a reward."""
+    """An environment whose actions are in -1..1, by TorchRL's ``ActionScaling`` where they have
+    another range. Raises DescriptionError for actions that no agent gives, and without a reward."""
     action, reward = (specs_of(env, kind).get(kind, None) for kind in ("action", "reward"))
     if action is None or reward is None:
-        raise DescriptionError("the environment has no 'action' or no 'reward'; let its transforms keep these names")
+        raise DescriptionError(
+            "the environment has no 'action' or no 'reward'; let its transforms keep these names"
+        )
     if len(action.shape) != 1 or action.dtype != torch.float32:
         kind = f"{type(action).__name__} {list(action.shape)}, {action.dtype}"
-        raise DescriptionError(f"an agent gives no such action ({kind}); let it take float32 [n] with a range")
+        raise DescriptionError(
+            f"an agent gives no such action ({kind}); let it take float32 [n] with a range"
+        )
     if bool((action.space.low == -1.0).all() and (action.space.high == 1.0).all()):
         return env
-    return env.append_transform(ActionScaling()) if isinstance(env, TransformedEnv) else TransformedEnv(env, ActionScaling())
+    return (
+        env.append_transform(ActionScaling())
+        if isinstance(env, TransformedEnv)
+        else TransformedEnv(env, ActionScaling())
+    )
 
 
 def _chain(env: TransformedEnv) -> list[Transform]:
@@ -208,7 +257,8 @@ def _chain(env: TransformedEnv) -> list[Transform]:
 
 
 def _insert(env: TransformedEnv, place: int, transform: Transform) -> None:
-    """TorchRL's insertion, which copies a transform that is alone, so that its owner's is none of the environment any more."""
+    """TorchRL's insertion, which copies a transform that is alone, so that its owner's is none of
+    the environment any more."""
     if not isinstance(env.transform, Compose):
         alone = env.transform
         alone.reset_parent()
@@ -217,9 +267,12 @@ def _insert(env: TransformedEnv, place: int, transform: Transform) -> None:
 
 
 class Playback(SpecsEnv):
-    """Plays outcomes of an environment: the first one at the reset, the next ones at each step. ``outcome``: the n-th."""
+    """Plays outcomes of an environment: the first one at the reset, the next ones at each step.
+    ``outcome``: the n-th."""
 
-    def __init__(self, env: EnvBase, outcome: Callable[[int], TensorDictBase], batch: Sequence[int] = ()) -> None:
+    def __init__(
+        self, env: EnvBase, outcome: Callable[[int], TensorDictBase], batch: Sequence[int] = ()
+    ) -> None:
         specs = {name: getattr(env, name) for name in SPECS}
         specs = {name: spec.expand(*batch, *spec.shape).clone() for name, spec in specs.items()}
         super().__init__(specs, interface_of(env).task, batch=(*batch, *env.batch_size))
@@ -245,8 +298,11 @@ def over(env: EnvBase, base: EnvBase, *, is_tried: bool = False) -> EnvBase:
             memo[id(level.transform)] = None
         level.transform.empty_cache()
         level = level.base_env
-    for buffer in (buffer for transform in chain for buffer in transform.buffers() if is_lazy(buffer)):
-        empty = UninitializedBuffer(False, buffer.device, buffer.dtype)  # type: ignore[arg-type]  # its stub is wrong
+    for buffer in (
+        buffer for transform in chain for buffer in transform.buffers() if is_lazy(buffer)
+    ):
+        # its stub is wrong
+        empty = UninitializedBuffer(False, buffer.device, buffer.dtype)  # type: ignore[arg-type]
         memo[id(buffer)] = empty  # it cannot be copied
     copied = copy.deepcopy(chain, memo)
     for transform in copied:
@@ -257,27 +313,33 @@ def over(env: EnvBase, base: EnvBase, *, is_tried: bool = False) -> EnvBase:
 
 
 def numbers_of(env: EnvBase) -> dict[str, list[Number]]:
-    """The numbers of each vector of an environment, through its transforms. Raises DescriptionError for an observation that no
-    agent reads."""
+    """The numbers of each vector of an environment, through its transforms. Raises DescriptionError
+    for an observation that no agent reads."""
     vectors = _vectors(observed_specs(env))
     if not isinstance(env, TransformedEnv) or not vectors:
         return {key: [Number(entry) for entry in entries] for key, entries in vectors.items()}
     chain, known = transforms_of(env), env.__dict__.get("_known", ([None], {}))
     if known[0] != chain:  # to try them takes time
         given, seen, entries = _tried(env, list(vectors))
-        known = env.__dict__["_known"] = chain, {key: _numbers(given, values, entries, key) for key, values in seen.items()}
+        known = env.__dict__["_known"] = (
+            chain,
+            {key: _numbers(given, values, entries, key) for key, values in seen.items()},
+        )
     numbers: dict[str, list[Number]] = known[1]
     return numbers
 
 
 def keeps_vectors(env: EnvBase) -> bool:
-    """Whether an agent observes the vectors of the environment as they are, and nothing made of them, and its actions are the
-    environment's."""
+    """Whether an agent observes the vectors of the environment as they are, and nothing made of
+    them, and its actions are the environment's."""
     base = base_of(env)
     if base is env:
         return True
     own, seen = layout_of(base), layout_of(env)
-    is_same = numbers_of(env) == numbers_of(base) and (seen.vectors, seen.keys) == (own.vectors, own.keys)
+    is_same = numbers_of(env) == numbers_of(base) and (seen.vectors, seen.keys) == (
+        own.vectors,
+        own.keys,
+    )
     return is_same and keeps_actions(env)
 
 
@@ -287,7 +349,8 @@ def keeps_actions(env: EnvBase) -> bool:
 
 
 def changes_nothing(env: EnvBase) -> bool:
-    """Whether an agent gets observations and rewards as the environment gives them, which gets its actions."""
+    """Whether an agent gets observations and rewards as the environment gives them, which gets its
+    actions."""
     if base_of(env) is env or not keeps_vectors(env):
         return base_of(env) is env
     paid, steps, _ = one_step(env)
@@ -295,13 +358,18 @@ def changes_nothing(env: EnvBase) -> bool:
 
 
 def one_step(env: EnvBase) -> tuple[Tensor, int, bool]:
-    """What a step behind the transforms pays where each of the environment's own pays 1, the number of these, and whether their
-    action is the agent's."""
+    """What a step behind the transforms pays where each of the environment's own pays 1, the number
+    of these, and whether their action is the agent's."""
     base = base_of(env)
-    playback = Playback(base, lambda _: still(base).set("reward", torch.ones_like(base.reward_spec.zero())))
+    playback = Playback(
+        base, lambda _: still(base).set("reward", torch.ones_like(base.reward_spec.zero()))
+    )
     view = over(env, playback)
     start = view.reset().update(view.full_action_spec.zero())
-    start["action"] += torch.linspace(-0.9, 0.7, start["action"].shape[-1], device=start["action"].device)  # no two are equal
+    # no two are equal
+    start["action"] += torch.linspace(
+        -0.9, 0.7, start["action"].shape[-1], device=start["action"].device
+    )
     paid: Tensor = view.step(start.clone())["next", "reward"]
     acted, action = playback.acted[0], start["action"]
     is_same = acted.shape == action.shape and torch.allclose(acted, action, atol=_TOLERANCE)
@@ -317,7 +385,9 @@ def runs_on(env: EnvBase) -> bool:
     """Whether what transforms keep depends on the episodes before, such as running statistics."""
     base = base_of(env)
     ends = {key: _ends(spec) for key, spec in given_specs(base).items()}
-    playback = Playback(base, partial(_random_outcome, base, ends, torch.Generator().manual_seed(0)))
+    playback = Playback(
+        base, partial(_random_outcome, base, ends, torch.Generator().manual_seed(0))
+    )
     view, kept = over(env, playback), list[dict[str, Any]]()
     with torch.random.fork_rng(devices=[]), torch.no_grad():
         for _ in range(2):
@@ -345,8 +415,9 @@ def _vectors(specs: dict[Any, Any]) -> dict[Any, tuple[Entry, ...]]:
 
 
 def _tried(env: EnvBase, wanted: list[str]) -> tuple[Tensor, dict[str, Tensor], list[Entry]]:
-    """Random observations ``[tries, frames, entries]`` of the environment, what its transforms make of the last ones,
-    ``[tries, numbers]`` for each key, and the entries. Raises DescriptionError if a transform fails."""
+    """Random observations ``[tries, frames, entries]`` of the environment, what its transforms make
+    of the last ones, ``[tries, numbers]`` for each key, and the entries. Raises DescriptionError if
+    a transform fails."""
     base = base_of(env)
     specs = given_specs(base)
     vectors, ends = _vectors(specs), {key: _ends(spec) for key, spec in specs.items()}
@@ -365,11 +436,18 @@ def _tried(env: EnvBase, wanted: list[str]) -> tuple[Tensor, dict[str, Tensor], 
                         state = view.step(view.rand_action(state))["next"]
                 except Exception as error:
                     raise transform_failure(error) from error
-            rows = [[torch.zeros(0), *(_flat(row[key], base) for key in vectors)] for row in playback.played]  # or images alone
+            # or images alone
+            rows = [
+                [torch.zeros(0), *(_flat(row[key], base) for key in vectors)]
+                for row in playback.played
+            ]
             given.append(torch.stack([torch.cat(row) for row in rows]))
             for key in wanted:
                 if (shape := state[key].shape) != env.full_observation_spec[key].shape:
-                    raise DescriptionError(f"the transforms make a '{key}' {list(shape)}; correct transform_observation_spec")
+                    raise DescriptionError(
+                        f"the transforms make a '{key}' {list(shape)}; correct "
+                        "transform_observation_spec"
+                    )
                 seen[key].append(_flat(state[key], env))
         if all(bool((torch.stack(values) != values[0]).any(0).all()) for values in seen.values()):
             break
@@ -384,7 +462,9 @@ def _ends(spec: Any) -> tuple[Tensor, Tensor]:
     return torch.where(is_bounded, low, -1.0), torch.where(is_bounded, high, 1.0)
 
 
-def _random_outcome(env: EnvBase, ends: dict[str, tuple[Tensor, Tensor]], generator: torch.Generator, _: int) -> TensorDictBase:
+def _random_outcome(
+    env: EnvBase, ends: dict[str, tuple[Tensor, Tensor]], generator: torch.Generator, _: int
+) -> TensorDictBase:
     """A random observation, the same for all copies, that ends nothing."""
     outcome, copies = still(env), env.batch_size
     for key, (low, high) in ends.items():
@@ -401,7 +481,8 @@ def _flat(value: Tensor, env: EnvBase) -> Tensor:
 
 
 def _numbers(given: Tensor, seen: Tensor, entries: Sequence[Entry], key: str) -> list[Number]:
-    """Each number ``[tries, numbers]`` as a linear function of an entry in one of the frames, or as a new entry."""
+    """Each number ``[tries, numbers]`` as a linear function of an entry in one of the frames, or as
+    a new entry."""
     _, frames, n = given.shape
     x = given.flatten(1) - given.flatten(1).mean(0)
     y = seen - seen.mean(0)
@@ -409,7 +490,9 @@ def _numbers(given: Tensor, seen: Tensor, entries: Sequence[Entry], key: str) ->
     slope = covariance / variance.clamp_min(1e-12)
     rest = (y[:, None] - x[:, :, None] * slope).square().sum(0).sqrt()
     size = y.square().sum(0).sqrt()
-    is_same = (seen[:, None] - given.flatten(1)[:, :, None]).square().sum(0).sqrt() <= _ROUNDING * size
+    is_same = (seen[:, None] - given.flatten(1)[:, :, None]).square().sum(
+        0
+    ).sqrt() <= _ROUNDING * size
     found = ((rest <= _TOLERANCE * size) & (slope.abs() > 1e-9) | is_same) & (size > 1e-9)
     numbers = []
     for j in range(seen.shape[1]):
@@ -420,7 +503,9 @@ def _numbers(given: Tensor, seen: Tensor, entries: Sequence[Entry], key: str) ->
         scale, offset = 1.0, 0.0
         if not is_same[index, j]:
             scale = _exact(float(slope[index, j]))
-            offset = _exact(float(seen[:, j].mean() - scale * given.flatten(1)[:, index].mean()), float(size[j]))
+            offset = _exact(
+                float(seen[:, j].mean() - scale * given.flatten(1)[:, index].mean()), float(size[j])
+            )
         numbers.append(Number(entries[index % n], scale, offset, frames - 1 - index // n))
     return numbers
 
@@ -432,23 +517,31 @@ def _exact(value: float, size: float = 0.0) -> float:
 
 
 def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
-    """What an environment's transforms make of its own frames ``[time]`` of whole episodes, which end with "done"; the statistics
-    that they gather they keep. Raises DataError if the actions are not those that would pass the transforms."""
+    """What an environment's transforms make of its own frames ``[time]`` of whole episodes, which
+    end with "done"; the statistics that they gather they keep. Raises DataError if the actions are
+    not those that would pass the transforms."""
     if base_of(env) is env:
         return frames
     base, start = base_of(env), 0
     if base.batch_size:  # copies: the frames are of one
-        base = SpecsEnv({name: getattr(base, f"{name}_unbatched").clone() for name in SPECS}, interface_of(base).task)
+        base = SpecsEnv(
+            {name: getattr(base, f"{name}_unbatched").clone() for name in SPECS},
+            interface_of(base).task,
+        )
     given = frames.select(*base.full_observation_spec.keys(), "action", "next", strict=False)
     playback = Playback(base, lambda _: still(base))
     view = over(env, playback)
-    none, full = (view.transform.inv(TensorDict(action=torch.full_like(given["action"][0], x)))["action"] for x in (0.0, 1.0))
+    none, full = (
+        view.transform.inv(TensorDict(action=torch.full_like(given["action"][0], x)))["action"]
+        for x in (0.0, 1.0)
+    )
     made = []
     for end in (frames["next", "done"].view(-1).nonzero().flatten() + 1).tolist():
         episode = given[start:end]
         first = episode[0].exclude("action", "next").update(base.full_done_spec.zero())
         after = [still(base).update(first), *(still(base).update(row["next"]) for row in episode)]
-        playback.outcome = [*after, *after[-1:] * _STEPS[-1]].__getitem__  # a repeated action may outlast its episode
+        # a repeated action may outlast its episode
+        playback.outcome = [*after, *after[-1:] * _STEPS[-1]].__getitem__
         playback.played = after[:1]
         state = view.reset()
         while len(playback.played) <= len(episode):
@@ -456,7 +549,10 @@ def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
             out = view.step(state.set("action", (episode[place]["action"] - none) / (full - none)))
             taken = episode[place : len(playback.played) - 1]["action"]
             if not torch.allclose(torch.stack(playback.acted)[: len(taken)], taken, atol=1e-4):
-                raise DataError("the data has other actions than these transforms would give; record with them, or omit them")
+                raise DataError(
+                    "the data has other actions than these transforms would give; record with "
+                    "them, or omit them"
+                )
             made.append(out)
             state = view.step_mdp(out)
             playback.acted.clear()
@@ -466,7 +562,8 @@ def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
 
 
 def transform_state(env: EnvBase) -> dict[str, Any]:
-    """What transforms keep from episode to episode, such as statistics, as plain tensors; networks do not change."""
+    """What transforms keep from episode to episode, such as statistics, as plain tensors; networks
+    do not change."""
     kept: dict[str, Any] = {}
     for place, transform in enumerate(transforms_of(env)):
         for name, value in transform.state_dict(keep_vars=True).items():
@@ -480,7 +577,11 @@ def load_transform_state(env: EnvBase, state: dict[str, Any], *, frozen: bool = 
     env.__dict__.pop("_known", None)
     for place, transform in enumerate(transforms_of(env)):
         own = transform.state_dict(keep_vars=True)
-        part = {name.partition(".")[2]: value for name, value in state.items() if name.startswith(f"{place}.")}
+        part = {
+            name.partition(".")[2]: value
+            for name, value in state.items()
+            if name.startswith(f"{place}.")
+        }
         part = {name: value for name, value in part.items() if not is_lazy(own.get(name))}
         transform.load_state_dict(copy.deepcopy(part), strict=False)
         if frozen and isinstance(transform, RUNNING):
@@ -500,23 +601,35 @@ def unaffected(env: EnvBase) -> Iterator[None]:
 
 @set_auto_unwrap_transformed_env(False)  # type: ignore[untyped-decorator]
 def transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
-    """An environment with the transforms of its options, prepared for an agent. Raises DescriptionError if a user's transform is
-    none, or raises."""
+    """An environment with the transforms of its options, prepared for an agent. Raises
+    DescriptionError if a user's transform is none, or raises."""
     if options.transform is not None:
         with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(0)  # what it draws, such as a frozen network, is the same wherever it is made
+            # what it draws, such as a frozen network, is the same wherever it is made
+            torch.manual_seed(0)
             found = load_object(options.transform, "transform")
             with calling(options.transform, "cannot be applied"):
-                found = found() if isinstance(found, type) and issubclass(found, Transform) else found
+                found = (
+                    found() if isinstance(found, type) and issubclass(found, Transform) else found
+                )
                 env = TransformedEnv(env, found) if isinstance(found, Transform) else found(env)
         if not isinstance(env, EnvBase):
-            raise DescriptionError(f"{options.transform} gives a {type(env).__name__}; let it return a TransformedEnv")
+            raise DescriptionError(
+                f"{options.transform} gives a {type(env).__name__}; let it return a TransformedEnv"
+            )
     if options.frame_skip > 1:
         env = TransformedEnv(env, FrameSkip(options.frame_skip))
     if options.frame_stack > 1:
         specs = observed_specs(env)
-        stacks = {dim: [key for key, spec in specs.items() if _stack_dim(key, spec) == dim] for dim in (-1, -3)}
-        stacked = [CatFrames(options.frame_stack, dim, in_keys=keys) for dim, keys in stacks.items() if keys]
+        stacks = {
+            dim: [key for key, spec in specs.items() if _stack_dim(key, spec) == dim]
+            for dim in (-1, -3)
+        }
+        stacked = [
+            CatFrames(options.frame_stack, dim, in_keys=keys)
+            for dim, keys in stacks.items()
+            if keys
+        ]
         env = TransformedEnv(env, Compose(*stacked))
     env = with_unit_actions(env)
     prepare(env)

@@ -31,18 +31,22 @@ _CHECKS = ("settings", "build", "acting", "memory", "learning", "saving", "copie
 
 
 def is_agent(name: str) -> bool:
-    """Whether this names an algorithm rather than an environment: a built-in one, or a ``build`` function in the user's code."""
+    """Whether this names an algorithm rather than an environment: a built-in one, or a ``build``
+    function in the user's code."""
     if not is_reference(name):
         return name in AGENTS
     try:
         build = load_object(name, "build")
     except BricksError:
         return False
-    return callable(build) and (name.endswith(".py") or "settings" in inspect.signature(build).parameters)
+    return callable(build) and (
+        name.endswith(".py") or "settings" in inspect.signature(build).parameters
+    )
 
 
 def check_agent(agent: str) -> Iterator[Finding]:
-    """Check an algorithm. Raises UnknownNameError or DescriptionError if there is no such algorithm."""
+    """Check an algorithm. Raises UnknownNameError or DescriptionError if there is no such
+    algorithm."""
     checked = _Checked(algorithm(agent))
     with reproducible(_SEED):
         yield from run_checks({name: getattr(checked, name) for name in _CHECKS})
@@ -50,7 +54,8 @@ def check_agent(agent: str) -> Iterator[Finding]:
 
 @dataclass
 class _Checked:
-    """Checks of one algorithm, and the learner that the ``build`` check makes of it for the later ones."""
+    """Checks of one algorithm, and the learner that the ``build`` check makes of it for the later
+    ones."""
 
     algorithm: Algorithm
     learner: Learner | None = None
@@ -60,24 +65,45 @@ class _Checked:
         if not settings_type.__dataclass_params__.frozen:
             raise Broken(f"{settings_type.__name__} can be changed; write @dataclass(frozen=True)")
         fields, none = dataclasses.fields(settings_type), dataclasses.MISSING
-        missing = [field.name for field in fields if field.default is none and field.default_factory is none]
+        missing = [
+            field.name
+            for field in fields
+            if field.default is none and field.default_factory is none
+        ]
         if missing:
             raise Broken(f"{', '.join(missing)} has no default; give it one")
         settings = preset("default", self.algorithm.name)
         values = dataclasses.asdict(settings)
-        if dataclasses.asdict(settings_from(self.algorithm.name, json.loads(json.dumps(values)))) != values:
-            raise Broken("settings that are written down and read again are others; use numbers, texts and tuples")
-        texts = [f"{name}={','.join(map(str, value)) if isinstance(value, tuple) else value}" for name, value in values.items()]
+        if (
+            dataclasses.asdict(settings_from(self.algorithm.name, json.loads(json.dumps(values))))
+            != values
+        ):
+            raise Broken(
+                "settings that are written down and read again are others; use numbers, texts "
+                "and tuples"
+            )
+        texts = [
+            f"{name}={','.join(map(str, value)) if isinstance(value, tuple) else value}"
+            for name, value in values.items()
+        ]
         if with_changes(settings, texts) != settings:
-            raise Broken("settings that are given as --set NAME=VALUE are others; use numbers, texts and tuples")
+            raise Broken(
+                "settings that are given as --set NAME=VALUE are others; use numbers, texts "
+                "and tuples"
+            )
         return f"{counted(len(values), 'setting')}, which can be written down and read"
 
     def build(self) -> str:
         self.learner = make_learner(self.algorithm.name, make(ENV, seed=_SEED))
         learned = sum(parameter.numel() for parameter in self.learner.parameters())
         if self.learner.loss is not None and not learned:
-            raise Broken("there is a loss and nothing that an optimiser moves; give the learner an optimizer")
-        return f"{type(self.learner.loss).__name__ if self.learner.loss else 'no loss'}, {learned} numbers to learn"
+            raise Broken(
+                "there is a loss and nothing that an optimiser moves; give the learner an optimizer"
+            )
+        return (
+            f"{type(self.learner.loss).__name__ if self.learner.loss else 'no loss'}, "
+            f"{learned} numbers to learn"
+        )
 
     def acting(self) -> str:
         learner, env = self._learner(), make(ENV, seed=_SEED)
@@ -85,7 +111,10 @@ class _Checked:
             learner.reset_policy()
             action = act(env.reset().select(*learner.policy.in_keys))["action"]
             if action.shape != env.action_spec.shape:
-                raise Broken(f"an action has the shape {list(action.shape)}; give {list(env.action_spec.shape)}")
+                raise Broken(
+                    f"an action has the shape {list(action.shape)}; give "
+                    f"{list(env.action_spec.shape)}"
+                )
             if not bool((action.abs() <= 1.0 + 1e-6).all()):
                 raise Broken(f"an action is {action.tolist()}; give numbers in -1..1")
         return f"actions of {counted(action.numel(), 'number')} in -1..1, exploring and not"
@@ -95,7 +124,9 @@ class _Checked:
         if learner.imitates:
             size = getattr(preset("default", self.algorithm.name), "batch_size", 256)
             frames = _frames(learner, make(ENV, seed=_SEED))
-            learner.dataset = recorded_memory(frames, size, ("observation",), chunk=learner.chunk, device=learner.device)
+            learner.dataset = recorded_memory(
+                frames, size, ("observation",), chunk=learner.chunk, device=learner.device
+            )
             return f"{counted(len(learner.dataset), 'transition')} of a dataset"
         if learner.memory is None:
             raise Skip("it remembers nothing")
@@ -110,16 +141,28 @@ class _Checked:
             raise Skip("it learns nothing")
         learner.make_updates(0)  # what it does before the first update is not learning
         before = [parameter.detach().clone() for parameter in learner.parameters()]
-        losses = learner.learn(_STEPS if learner.on_policy else min(1000, max(2, round(4 / max(learner.updates_per_step, 1e-9)))))
+        losses = learner.learn(
+            _STEPS
+            if learner.on_policy
+            else min(1000, max(2, round(4 / max(learner.updates_per_step, 1e-9))))
+        )
         if not losses:
             raise Broken("nothing was learned; fill the memory, and give updates_per_step")
         wrong = [name for name, value in losses.items() if not bool(torch.isfinite(value))]
         if wrong:
-            raise Broken(f"{', '.join(wrong)} is not a number after {counted(learner.updates, 'update')}")
-        if all(torch.equal(old, new) for old, new in zip(before, learner.parameters(), strict=True)):
-            raise Broken(f"{counted(learner.updates, 'update')} changed nothing; let the optimizer have the loss's parameters")
+            raise Broken(
+                f"{', '.join(wrong)} is not a number after {counted(learner.updates, 'update')}"
+            )
+        if all(
+            torch.equal(old, new) for old, new in zip(before, learner.parameters(), strict=True)
+        ):
+            raise Broken(
+                f"{counted(learner.updates, 'update')} changed nothing; let the optimizer have "
+                "the loss's parameters"
+            )
         return (
-            f"{counted(learner.updates, 'update')}: {', '.join(f'{name} {float(value):.3g}' for name, value in losses.items())}"
+            f"{counted(learner.updates, 'update')}: "
+            f"{', '.join(f'{name} {float(value):.3g}' for name, value in losses.items())}"
         )
 
     def saving(self) -> str:
@@ -136,7 +179,10 @@ class _Checked:
             torch.manual_seed(_SEED)
             actions.append(actor.exploit(state)["action"])
         if not torch.equal(*actions):
-            raise Broken("a learner that is saved and restored acts otherwise; register what the policy depends on")
+            raise Broken(
+                "a learner that is saved and restored acts otherwise; register what the policy "
+                "depends on"
+            )
         return f"{len(file.getvalue())} bytes, and the same actions from them"
 
     def copies(self) -> str:

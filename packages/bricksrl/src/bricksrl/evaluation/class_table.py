@@ -1,4 +1,5 @@
-"""Table of a class: the runs of many computers in one folder, and what may be compared of them, in words."""
+"""Table of a class: the runs of many computers in one folder, and what may be compared of them, in
+words."""
 
 import json
 from collections import Counter
@@ -17,7 +18,18 @@ from bricksrl.training.callbacks import WINDOW
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.run_folder import RunFolder
 
-_UNCOMPARED = ("seed", "device", "log", "record", "name", "patience_s", "env", "agent", "episodes", "settings")
+_UNCOMPARED = (
+    "seed",
+    "device",
+    "log",
+    "record",
+    "name",
+    "patience_s",
+    "env",
+    "agent",
+    "episodes",
+    "settings",
+)
 """Values of a config that change no result, or are compared by themselves."""
 _MAX_SHOWN = 3
 
@@ -48,14 +60,17 @@ class ClassRow:
 
 @dataclass(frozen=True)
 class ClassTable:
-    """Rows by task, the best first, and sentences on what may be compared, and what was not read."""
+    """Rows by task, the best first, and sentences on what may be compared, and what was not
+    read."""
 
     rows: tuple[ClassRow, ...]
     sentences: tuple[str, ...]
 
     def to_json(self) -> str:
         """One JSON object."""
-        return json.dumps({"runs": [vars(row) for row in self.rows], "sentences": self.sentences}, indent=2)
+        return json.dumps(
+            {"runs": [vars(row) for row in self.rows], "sentences": self.sentences}, indent=2
+        )
 
 
 @dataclass(frozen=True)
@@ -68,7 +83,8 @@ class _Run:
 
 
 def class_table(folder: Path | str) -> ClassTable:
-    """The table of all runs below a folder, at any depth. Raises RunError if there is none that can be read."""
+    """The table of all runs below a folder, at any depth. Raises RunError if there is none that can
+    be read."""
     folder = Path(folder)
     runs, unread = list[_Run](), list[str]()
     for path in sorted(config.parent for config in folder.rglob("config.json")):
@@ -82,12 +98,20 @@ def class_table(folder: Path | str) -> ClassTable:
         raise RunError(f"there is no run in {folder} that can be compared; {why}")
     rows, sentences = list[ClassRow](), list[str]()
     for env in dict.fromkeys(run.row.env for run in runs):
-        members = sorted((run for run in runs if run.row.env == env), key=lambda run: run.row.score, reverse=True)
+        members = sorted(
+            (run for run in runs if run.row.env == env), key=lambda run: run.row.score, reverse=True
+        )
         usual = _usual(members)
-        rows += [ClassRow(**{**vars(run.row), "differs": _differences(run.values, usual)}) for run in members]
+        rows += [
+            ClassRow(**{**vars(run.row), "differs": _differences(run.values, usual)})
+            for run in members
+        ]
         sentences += [f"{without_folder(env)}: {text}" for text in _sentences(members, usual)]
     if len({row.env for row in rows}) > 1:
-        sentences.append("Returns of different tasks are not comparable: each task counts its rewards in its own way.")
+        sentences.append(
+            "Returns of different tasks are not comparable: each task counts its rewards in its "
+            "own way."
+        )
     return ClassTable(tuple(rows), (*sentences, *unread))
 
 
@@ -162,17 +186,29 @@ def _sentences(runs: Sequence[_Run], usual: dict[str, Any]) -> Iterator[str]:
         different = list(_different(members))
         for same in _same(members):
             names = ", ".join(f"{run.row.name} ({run.row.folder})" for run in same)
-            what = "the same run" if len({run.curve for run in same}) == 1 else "runs of the same seed"
-            yield f"{names} are {what}, seed {same[0].row.seed} with the same settings: they count once."
+            what = (
+                "the same run" if len({run.curve for run in same}) == 1 else "runs of the same seed"
+            )
+            yield (
+                f"{names} are {what}, seed {same[0].row.seed} with the same settings: they "
+                "count once."
+            )
         if len(members) < 2:
             continue
-        which = "the same settings and length" if members[0].values == usual else "other settings, equal among themselves"
+        which = (
+            "the same settings and length"
+            if members[0].values == usual
+            else "other settings, equal among themselves"
+        )
         yield f"{counted(len(members), 'run')} of {which}: {_score(different)}."
     if len(by_key) > 1:
         lengths = sorted({run.row.episodes for run in runs})
         text = "runs that differ in settings are compared as groups of five seeds, not one by one"
         if len(lengths) > 1:
-            text += f"; runs of {lengths[0]} to {lengths[-1]} episodes by their curves, up to the shorter one's end"
+            text += (
+                f"; runs of {lengths[0]} to {lengths[-1]} episodes by their curves, up to the "
+                "shorter one's end"
+            )
         yield f"{text}."
 
 
@@ -198,12 +234,19 @@ def _same(members: Sequence[_Run]) -> Iterator[list[_Run]]:
 def _score(different: Sequence[_Run]) -> str:
     scores = [run.row.score for run in different]
     if len({run.row.is_evaluated for run in different}) > 1:
-        return "some were evaluated and some were not; `bricksrl evaluate RUN` makes them comparable"
+        return (
+            "some were evaluated and some were not; `bricksrl evaluate RUN` makes them comparable"
+        )
     if len(scores) == 1:
-        return "together they tell what one run tells; train with `--seed 1`, `--seed 2`, ... for more"
+        return (
+            "together they tell what one run tells; train with `--seed 1`, `--seed 2`, ... for more"
+        )
     middle = number(float(interquartile_mean(np.array(scores))))
     interval = seeds_interval(scores)
     if interval is None:
-        return f"{len(scores)} different seeds, interquartile mean {middle}; an interval needs {FEWEST_SEEDS} seeds"
+        return (
+            f"{len(scores)} different seeds, interquartile mean {middle}; an interval needs "
+            f"{FEWEST_SEEDS} seeds"
+        )
     bounds = f"95 % interval {number(interval.low)} to {number(interval.high)}"
     return f"{len(scores)} different seeds, interquartile mean {middle} ({bounds})"

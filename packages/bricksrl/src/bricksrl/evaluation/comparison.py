@@ -38,10 +38,11 @@ class Group:
     """Runs of one agent in one environment that differ only in their seeds.
 
     Attributes:
-        agent: name of the agent, with the settings in which its groups differ.
-        seeds, scores, curves: seed, score, and moving mean of the episode returns of each run.
+        agent: name of the agent, with the settings in which its groups differ. seeds, scores,
+        curves: seed, score, and moving mean of the episode returns of each run.
         steps: robot steps of the longest run.
-        is_evaluated: whether the scores are evaluations, without exploration, rather than ends of the curves.
+        is_evaluated: whether the scores are evaluations, without exploration, rather than ends of
+            the curves.
         score: interquartile mean of the scores.
         interval: its 95 % bootstrap interval; ``None`` for fewer than five runs.
     """
@@ -66,7 +67,8 @@ class Group:
 
 @dataclass(frozen=True)
 class Improvement:
-    """Probability that a run of ``agent`` scores higher than one of ``other``, with its 95 % interval; of five runs or more."""
+    """Probability that a run of ``agent`` scores higher than one of ``other``, with its 95 %
+    interval; of five runs or more."""
 
     env: str
     agent: str
@@ -77,7 +79,8 @@ class Improvement:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All groups, their pairwise probabilities of improvement, and the source of the scores: evaluations or last episodes."""
+    """All groups, their pairwise probabilities of improvement, and the source of the scores:
+    evaluations or last episodes."""
 
     groups: tuple[Group, ...]
     improvements: tuple[Improvement, ...]
@@ -85,16 +88,25 @@ class Comparison:
 
     def to_json(self) -> str:
         """One JSON object."""
-        groups = [{**dataclasses.asdict(group), "score": group.score, "interval": ends(group.interval)} for group in self.groups]
-        improvements = [{**vars(item), "interval": ends(item.interval)} for item in self.improvements]
-        return json.dumps({"scored_by": self.scored_by, "groups": groups, "improvements": improvements}, indent=2)
+        groups = [
+            {**dataclasses.asdict(group), "score": group.score, "interval": ends(group.interval)}
+            for group in self.groups
+        ]
+        improvements = [
+            {**vars(item), "interval": ends(item.interval)} for item in self.improvements
+        ]
+        return json.dumps(
+            {"scored_by": self.scored_by, "groups": groups, "improvements": improvements}, indent=2
+        )
 
 
 def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
-    """Compare runs, or look at one; a folder of several seeds stands for all its runs. Raises RunError if a folder holds no run
-    or one without episodes, a run is named twice, or two runs of a group share a seed.
+    """Compare runs, or look at one; a folder of several seeds stands for all its runs. Raises
+    RunError if a folder holds no run or one without episodes, a run is named twice, or two runs of
+    a group share a seed.
 
-    Runs are scored by their evaluations if all have one, else by the mean of their last training episodes.
+    Runs are scored by their evaluations if all have one, else by the mean of their last training
+    episodes.
     """
     paths = [paths] if isinstance(paths, str | Path) else paths
     runs = [_Run.read(path) for path in _run_folders(paths)]
@@ -105,19 +117,38 @@ def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
         by_config.setdefault((run.config.env, shared), []).append(run)
     groups = []
     for (env, _), members in sorted(by_config.items(), key=lambda item: item[0]):
-        scores = tuple(run.evaluation if evaluated and run.evaluation is not None else run.curve[-1] for run in members)
+        scores = tuple(
+            run.evaluation if evaluated and run.evaluation is not None else run.curve[-1]
+            for run in members
+        )
         seeds = tuple(run.config.seed for run in members)
         _check_seeds(members)
-        label = _label(members[0], [group[0] for (group_env, _), group in by_config.items() if group_env == env])
+        label = _label(
+            members[0],
+            [group[0] for (group_env, _), group in by_config.items() if group_env == env],
+        )
         curves, steps = tuple(run.curve for run in members), max(run.steps for run in members)
-        groups.append(Group(env, label, seeds, scores, curves, steps, reference_lines(env, members[0].config.options), evaluated))
+        groups.append(
+            Group(
+                env,
+                label,
+                seeds,
+                scores,
+                curves,
+                steps,
+                reference_lines(env, members[0].config.options),
+                evaluated,
+            )
+        )
     improvements = []
     for pair in itertools.combinations(groups, 2):
         if pair[0].env == pair[1].env:
             first, second = sorted(pair, key=lambda group: group.score, reverse=True)
             found, interval = probability_of_improvement(first.scores, second.scores)
             if interval is not None:
-                improvements.append(Improvement(first.env, first.agent, second.agent, found, interval))
+                improvements.append(
+                    Improvement(first.env, first.agent, second.agent, found, interval)
+                )
     scored_by = "evaluation" if evaluated else f"mean of the last {WINDOW} episodes of training"
     return Comparison(tuple(groups), tuple(improvements), scored_by)
 
@@ -128,8 +159,13 @@ def _check_seeds(runs: "Sequence[_Run]") -> None:
     for run in runs:
         other = by_seed.setdefault(run.config.seed, run)
         if other is not run:
-            about = f"{other.path} and {run.path} have the same seed, {run.config.seed}, and the same settings"
-            raise RunError(f"{about}; omit one, as they would count twice, or list a class with --class FOLDER")
+            about = (
+                f"{other.path} and {run.path} have the same seed, {run.config.seed}, and the "
+                "same settings"
+            )
+            raise RunError(
+                f"{about}; omit one, as they would count twice, or list a class with --class FOLDER"
+            )
 
 
 @dataclass(frozen=True)
@@ -156,7 +192,9 @@ class _Run:
         """Values of the config and of its settings that are equal for all runs of a group."""
         data = self.config.to_dict()
         settings = data.pop("settings")
-        return {name: value for name, value in {**data, **settings}.items() if name not in _NOT_COMPARED}
+        return {
+            name: value for name, value in {**data, **settings}.items() if name not in _NOT_COMPARED
+        }
 
 
 def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:
@@ -174,21 +212,25 @@ def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:
 
 
 def _label(run: _Run, runs: Sequence[_Run]) -> str:
-    """Name of the agent, and the settings in which it differs from others of that name in the environment."""
+    """Name of the agent, and the settings in which it differs from others of that name in the
+    environment."""
     agent = without_folder(run.config.agent)
     same = [other for other in runs if without_folder(other.config.agent) == agent]
     if len(same) == 1:
         return agent
     own = run.compared
-    differing = [name for name in own if any(other.compared.get(name) != own[name] for other in same)]
+    differing = [
+        name for name in own if any(other.compared.get(name) != own[name] for other in same)
+    ]
     return ", ".join([agent, *(f"{name}={own[name]}" for name in differing)])
 
 
 def draw(path: Path | str, groups: Sequence[Group]) -> None:
-    """Plot the learning curves into an image file, with one panel per environment. Raises DescriptionError if the file name is
-    not that of an image.
+    """Plot the learning curves into an image file, with one panel per environment. Raises
+    DescriptionError if the file name is not that of an image.
 
-    A group of five or more runs is shown by its interquartile mean and 95 % interval, a smaller one by its runs and their mean.
+    A group of five or more runs is shown by its interquartile mean and 95 % interval, a smaller one
+    by its runs and their mean.
     """
     path = check_picture(path)
     envs = list(dict.fromkeys(group.env for group in groups))
@@ -201,8 +243,12 @@ def draw(path: Path | str, groups: Sequence[Group]) -> None:
     drawn: set[str] = set()
     for axes, env in zip(panels, envs, strict=False):
         for group in (group for group in groups if group.env == env):
-            counts = sorted({len(other.seeds) for other in groups if other.agent == group.agent})  # over all panels
-            label = f"{group.agent} ({' or '.join(map(str, counts))} seed{'' if counts == [1] else 's'})"
+            # over all panels
+            counts = sorted({len(other.seeds) for other in groups if other.agent == group.agent})
+            label = (
+                f"{group.agent} ({' or '.join(map(str, counts))} "
+                f"seed{'' if counts == [1] else 's'})"
+            )
             _draw_group(axes, group, colours[group.agent], None if group.agent in drawn else label)
             drawn.add(group.agent)
         is_evaluated = any(group.is_evaluated for group in groups if group.env == env)
@@ -221,10 +267,25 @@ def _draw_group(axes: Any, group: Group, colour: str, label: str | None) -> None
     means = [float(interquartile_mean(np.array(values))) for values in points]
     if len(group.curves) >= FEWEST_SEEDS:
         bounds = [stratified_bootstrap_interval([values], resamples=500) for values in points]
-        axes.fill_between(episodes, [b.low for b in bounds], [b.high for b in bounds], color=colour, alpha=0.2, linewidth=0)
+        axes.fill_between(
+            episodes,
+            [b.low for b in bounds],
+            [b.high for b in bounds],
+            color=colour,
+            alpha=0.2,
+            linewidth=0,
+        )
     elif len(group.curves) > 1:
         for curve in group.curves:
             axes.plot(range(1, len(curve) + 1), curve, color=colour, linewidth=0.8, alpha=0.5)
     axes.plot(episodes, means, color=colour, linewidth=2.2, label=label, zorder=3)
     if group.is_evaluated:
-        axes.plot(len(points), group.score, "D", color=colour, markersize=8, markeredgecolor="white", zorder=4)
+        axes.plot(
+            len(points),
+            group.score,
+            "D",
+            color=colour,
+            markersize=8,
+            markeredgecolor="white",
+            zorder=4,
+        )

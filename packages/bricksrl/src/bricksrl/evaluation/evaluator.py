@@ -25,7 +25,13 @@ from bricksrl.envs.registry import is_simulation, make_env, options_of
 from bricksrl.envs.rollout import EpisodeScore, play_episodes
 from bricksrl.envs.transforms import with_unit_actions
 from bricksrl.errors import RunError
-from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
+from bricksrl.evaluation.statistics import (
+    Interval,
+    interquartile_mean,
+    mean,
+    seeds_interval,
+    wilson_interval,
+)
 from bricksrl.training.restore import Which, load_learner, reproducible
 from bricksrl.training.run_folder import Origin, RunFolder
 
@@ -44,17 +50,16 @@ class EvaluationResult:
     """Result of the deterministic evaluation of one agent.
 
     Attributes:
-        run_dir, env, agent, hub, seed: run, environment, agent, connection, and seed of the evaluation.
-        trained_episodes: episodes that the agent was trained for.
-        as_trained: whether environment, options and physics are those of the training, of an environment of the caller its id;
-            `bricksrl compare` counts no other.
-        return_mean, return_std: mean and population standard deviation of the returns; the latter is 0 for one episode.
-        return_iqm: interquartile mean of the returns.
-        return_interval: 95 % bootstrap interval of their mean; ``None`` for fewer than five episodes.
-        action_size: mean absolute value of the actions, in 0..1.
-        success_rate, success_interval: rate of success and its 95 % Wilson interval; ``None`` where the environment defines no
-            success.
-        metrics: mean of each metric of the task, units in the names.
+        run_dir, env, agent, hub, seed: run, environment, agent, connection, and seed of the
+        evaluation. trained_episodes: episodes that the agent was trained for. as_trained: whether
+        environment, options and physics are those of the training, of an environment of the caller
+        its id; `bricksrl compare` counts no other. return_mean, return_std: mean and population
+        standard deviation of the returns; the latter is 0 for one episode. return_iqm:
+        interquartile mean of the returns. return_interval: 95 % bootstrap interval of their mean;
+        ``None`` for fewer than five episodes. action_size: mean absolute value of the actions, in
+        0..1. success_rate, success_interval: rate of success and its 95 % Wilson interval; ``None``
+        where the environment defines no success. metrics: mean of each metric of the task, units in
+        the names.
     """
 
     run_dir: str
@@ -93,7 +98,10 @@ class EvaluationResult:
             action_size=sum(score.action_size for score in scores) / len(scores),
             success_rate=sum(outcomes) / len(outcomes) if outcomes else None,
             success_interval=wilson_interval(sum(outcomes), len(outcomes)) if outcomes else None,
-            metrics={name: sum(score.metrics[name] for score in scores) / len(scores) for name in scores[0].metrics},
+            metrics={
+                name: sum(score.metrics[name] for score in scores) / len(scores)
+                for name in scores[0].metrics
+            },
         )
 
     def to_json(self) -> str:
@@ -101,13 +109,16 @@ class EvaluationResult:
         return json.dumps(dataclasses.asdict(self))
 
     def save(self) -> None:
-        """Write the result to the run's ``evaluation.json``, replacing an earlier one. Raises RunError if the file cannot be
-        written."""
+        """Write the result to the run's ``evaluation.json``, replacing an earlier one. Raises
+        RunError if the file cannot be written."""
         path = RunFolder(self.run_dir).evaluation_path
         try:
             write_durably(path, (self.to_json() + "\n").encode())
         except OSError as error:
-            raise RunError(f"the evaluation is not saved: cannot write {path} ({error.strerror}); make room or copy it") from None
+            raise RunError(
+                f"the evaluation is not saved: cannot write {path} ({error.strerror}); make room "
+                "or copy it"
+            ) from None
 
 
 def evaluate(
@@ -132,16 +143,19 @@ def evaluate(
         kind: of the episodes; "selection" where the result chooses among agents.
         which: checkpoint: the last one, or that of the best evaluation during training.
         save: write the result to the run's ``evaluation.json``, replacing an earlier one.
-        on_env: called with the environment before the robot moves, for instance to keep it for stop and pause.
+        on_env: called with the environment before the robot moves, for instance to keep it for stop
+            and pause.
         place: places a real robot at the start of an episode and returns when it is there.
-        named: for an environment made here: fields of :class:`~bricksrl.envs.EnvOptions` that differ from the training, such as
-            ``hub``, and options of the task. By default it is neither randomized nor in real time, whatever the training was,
-            and has those options of the training that ``env`` has; a warning in the log names the others.
+        named: for an environment made here: fields of :class:`~bricksrl.envs.EnvOptions` that
+            differ from the training, such as ``hub``, and options of the task. By default it is
+            neither randomized nor in real time, whatever the training was, and has those options of
+            the training that ``env`` has; a warning in the log names the others.
 
     Raises:
         RunError: there is no run in the folder.
         DescriptionError: the number of episodes or the seed is invalid.
-        CheckpointError: the checkpoint is damaged, or ``env`` has other observations or actions than the training.
+        CheckpointError: the checkpoint is damaged, or ``env`` has other observations or actions
+            than the training.
         DivergedError: the weights of the agent are not finite.
     """
     check_value("episodes", episodes, Count)
@@ -152,20 +166,35 @@ def evaluate(
     own: EnvBase | None = None
     if env is None or isinstance(env, str):
         env_id = with_absolute_file(env or origin.env)
-        nominal, options = evaluation_options(origin, origin.env), evaluation_options(origin, env_id, **named)
-        if left_out := [name for name in nominal.options if name not in options.options and "options" not in named]:
-            _log.warning("%s has no %s, which the training had; it is evaluated without", env_id, ", ".join(left_out))
+        nominal, options = (
+            evaluation_options(origin, origin.env),
+            evaluation_options(origin, env_id, **named),
+        )
+        if left_out := [
+            name
+            for name in nominal.options
+            if name not in options.options and "options" not in named
+        ]:
+            _log.warning(
+                "%s has no %s, which the training had; it is evaluated without",
+                env_id,
+                ", ".join(left_out),
+            )
         names = ("options", "physics", "randomize", "link", "fault")
-        as_trained = env_id == origin.env and all(getattr(options, name) == getattr(nominal, name) for name in names)
+        as_trained = env_id == origin.env and all(
+            getattr(options, name) == getattr(nominal, name) for name in names
+        )
         hub = options.hub
         side_by_side = is_simulation(env_id) and hub == "virtual" and not options.realtime
         in_chunks = hasattr(algorithm(origin.agent).settings, "chunk")
-        in_turn = in_chunks or options.is_transformed or is_reference(origin.agent)  # which may read specs with a batch
+        # which may read specs with a batch
+        in_turn = in_chunks or options.is_transformed or is_reference(origin.agent)
         copies = min(episodes, MAX_COPIES) if side_by_side and not in_turn else 1
         env = own = make_env(env_id, options, copies, seed=origin.seed, place=place)
     else:
         env, task = with_unit_actions(env), interface_of(env).task
-        as_trained = task is None or is_reference(env_id) or task.id == env_id  # the task of a file has an id of its own
+        # the task of a file has an id of its own
+        as_trained = task is None or is_reference(env_id) or task.id == env_id
     try:
         if on_env is not None:
             on_env(env)
@@ -174,13 +203,22 @@ def evaluate(
             actor = trained.learner
             actor.act_on(env.device)  # type: ignore[union-attr]  # an id has become an environment
             scores = []
-            for score in play_episodes(env, actor.exploit, episodes, drawn, kind=kind, reset_policy=actor.reset_policy):
+            for score in play_episodes(
+                env, actor.exploit, episodes, drawn, kind=kind, reset_policy=actor.reset_policy
+            ):
                 scores.append(score)
                 if on_episode is not None:
                     on_episode(len(scores), score.return_)
         task = interface_of(env).task
-        about = {"run_dir": str(run_dir), "env": env_id if task is None else task.id, "agent": origin.agent, "hub": hub}
-        result = EvaluationResult.of(scores, **about, seed=seed, trained_episodes=trained.episodes, as_trained=as_trained)
+        about = {
+            "run_dir": str(run_dir),
+            "env": env_id if task is None else task.id,
+            "agent": origin.agent,
+            "hub": hub,
+        }
+        result = EvaluationResult.of(
+            scores, **about, seed=seed, trained_episodes=trained.episodes, as_trained=as_trained
+        )
     finally:
         if own is not None:
             own.close(raise_if_closed=False)
@@ -190,8 +228,8 @@ def evaluate(
 
 
 def evaluation_options(origin: Origin, env: str, **named: Any) -> EnvOptions:
-    """Options of the environment of an evaluation: those of the training that it has, without physics, link and faults of another
-    environment or hub, neither randomized nor in real time."""
+    """Options of the environment of an evaluation: those of the training that it has, without
+    physics, link and faults of another environment or hub, neither randomized nor in real time."""
     same_env, before = env == origin.env, origin.options
     keeps_link = same_env and named.get("hub", before.hub) == "virtual"
     link, physics = (before.link, before.physics) if keeps_link else (None, None)
@@ -199,4 +237,6 @@ def evaluation_options(origin: Origin, env: str, **named: Any) -> EnvOptions:
     options = before.options if same_env else options_of(env, before.options)
     fault = before.fault if keeps_link else ()
     twin: dict[str, Any] = {"physics": physics, "link": link, "fault": fault}
-    return replace(before, realtime=False, randomize=False, options=options, **twin).changed(**named)
+    return replace(before, realtime=False, randomize=False, options=options, **twin).changed(
+        **named
+    )

@@ -1,4 +1,5 @@
-"""Films of virtual robots, with a room, captions and goals; of a run's policies; of an arena's robots."""
+"""Films of virtual robots, with a room, captions and goals; of a run's policies; of an arena's
+robots."""
 
 import subprocess
 import time
@@ -30,7 +31,8 @@ from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
 from bricktwin.twin.render.video import Filmed, Room, captioned, check_film
 
 SIZE, BUDGET_S = (1280, 720), 15.0
-"""Width and height in px, and the approximate time for drawing an episode; a small one reduces the frame rate."""
+"""Width and height in px, and the approximate time for drawing an episode; a small one reduces the
+frame rate."""
 _FPS, _LAST_S = 25, 0.8
 """Images a second, and how long the last one of an episode is shown."""
 _HOLDS = (1, 2, 3, 4)
@@ -51,27 +53,37 @@ class Film:
 def check_filmable(env: EnvBase) -> None:
     """Raise TwinError unless an environment has a virtual robot with a body that can be seen."""
     if interface_of(env).robots != 1:
-        raise TwinError(f"{env.task.id} has no virtual robot to film; choose an environment with a hub")
+        raise TwinError(
+            f"{env.task.id} has no virtual robot to film; choose an environment with a hub"
+        )
     if lies_on_bench(env.task.robot, env.task.scene):
         raise TwinError(
-            f"{env.task.id} has nothing to film, as its robot lies on a bench; describe a drive base, a plan or a model of it"
+            f"{env.task.id} has nothing to film, as its robot lies on a bench; describe a drive "
+            "base, a plan or a model of it"
         )
 
 
 @contextmanager
 def filmed_env(
-    env: EnvBase, path: Path | None, title: str, *, size: tuple[int, int] = SIZE, budget_s: float = BUDGET_S
+    env: EnvBase,
+    path: Path | None,
+    title: str,
+    *,
+    size: tuple[int, int] = SIZE,
+    budget_s: float = BUDGET_S,
 ) -> Iterator[None]:
-    """Film the virtual robot of an environment inside this context, however it ends; without a path do nothing. Images are drawn
-    and written while it moves, from the start of each episode to its end. Raises TwinError if there is no virtual robot to film,
-    or the file is no mp4, RenderingUnavailableError if no OpenGL library works here."""
+    """Film the virtual robot of an environment inside this context, however it ends; without a path
+    do nothing. Images are drawn and written while it moves, from the start of each episode to its
+    end. Raises TwinError if there is no virtual robot to film, or the file is no mp4,
+    RenderingUnavailableError if no OpenGL library works here."""
     if path is None:
         yield
         return
     check_film(path)
     check_filmable(env)
     ours, task, number = interface_of(env), env.task, 0
-    last: list[Callable[[], Image]] = []  # draws how the episode ended, when its last step is counted
+    # draws how the episode ended, when its last step is counted
+    last: list[Callable[[], Image]] = []
     expected_s = task.max_steps / task.rate_hz
     speed = _SPEED if expected_s > _NORMAL_SPEED_S else 1.0
     video, renderers = VideoWriter(path, _FPS), ExitStack()
@@ -91,7 +103,8 @@ def filmed_env(
         if connection.twin is None or not isinstance(body, MujocoBody):
             raise TwinError(f"{task.id} has no virtual robot to film; leave out --video")
         room = Room(body, task.goal([0.0] * len(task.entries)))  # until one is drawn
-        # At 25 images/s, an image covers 40 ms at speed 1; if it takes too long to draw, each is held for longer.
+        # At 25 images/s, an image covers 40 ms at speed 1; if it takes too long to draw, each is
+        # held for longer.
         limit_s = budget_s * speed / (expected_s * _FPS)
         renderer, cost_s = _renderer(body, room, size, limit_s)
         renderers.callback(renderer.close)
@@ -102,8 +115,15 @@ def filmed_env(
             parts = [f"episode {number}"]
             if episode is not None:
                 room.aim_for(task.goal(episode.observation.tolist()))
-                total, reward = sum(episode.rewards), episode.rewards[-1] if episode.rewards else 0.0
-                parts += [f"step {len(episode.rewards)}", f"reward {reward:.2f}", f"return {total:.1f}"]
+                total, reward = (
+                    sum(episode.rewards),
+                    episode.rewards[-1] if episode.rewards else 0.0,
+                )
+                parts += [
+                    f"step {len(episode.rewards)}",
+                    f"reward {reward:.2f}",
+                    f"return {total:.1f}",
+                ]
             if task.walks:
                 walked = {} if episode is None else episode.odometer.metrics()
                 parts.append(f"distance {walked.get('forward_m', 0.0):.2f} m")
@@ -120,7 +140,11 @@ def filmed_env(
 
         renderers.callback(setattr, machine, "body", machine.body)
         machine.body = Filmed(
-            machine.body, lambda: render(ours.episode), round(1000 / _FPS * speed * hold), machine.time_ms, show
+            machine.body,
+            lambda: render(ours.episode),
+            round(1000 / _FPS * speed * hold),
+            machine.time_ms,
+            show,
         )
 
     with closing(video), ExitStack() as watch:
@@ -129,11 +153,16 @@ def filmed_env(
         yield
 
 
-def _renderer(body: MujocoBody, room: Room, size: tuple[int, int], limit_s: float) -> tuple[Renderer, float]:
-    """A renderer, with shadows if it draws an image with them in ``limit_s``, and its time per image."""
+def _renderer(
+    body: MujocoBody, room: Room, size: tuple[int, int], limit_s: float
+) -> tuple[Renderer, float]:
+    """A renderer, with shadows if it draws an image with them in ``limit_s``, and its time per
+    image."""
 
     def make(*, shadows: bool) -> tuple[Renderer, float]:
-        renderer = Renderer(body, *size, room.camera, shadows=shadows, smooth=shadows, decorate=room.decorate)
+        renderer = Renderer(
+            body, *size, room.camera, shadows=shadows, smooth=shadows, decorate=room.decorate
+        )
         renderer.render()
         start_s = time.perf_counter()
         renderer.render()
@@ -143,18 +172,31 @@ def _renderer(body: MujocoBody, room: Room, size: tuple[int, int], limit_s: floa
     if 2 * cost_s > limit_s:
         return plain, cost_s
     shaded, shaded_s = make(shadows=True)
-    chosen, other = ((shaded, shaded_s), plain) if shaded_s <= limit_s else ((plain, cost_s), shaded)
+    chosen, other = (
+        ((shaded, shaded_s), plain) if shaded_s <= limit_s else ((plain, cost_s), shaded)
+    )
     other.close()
     return chosen
 
 
 def film_run(
-    run_dir: Path, which: str, path: Path, title: str, *, size: tuple[int, int] = SIZE, budget_s: float = BUDGET_S
+    run_dir: Path,
+    which: str,
+    path: Path,
+    title: str,
+    *,
+    size: tuple[int, int] = SIZE,
+    budget_s: float = BUDGET_S,
 ) -> Film:
-    """Film an episode of a policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. Raises RunError or
-    CheckpointError if there is no such run or policy, RenderingUnavailableError or TwinError as `filmed_env`."""
+    """Film an episode of a policy of a run: ``first`` (untrained), ``best``, ``last``, or
+    ``random`` actions. Raises RunError or CheckpointError if there is no such run or policy,
+    RenderingUnavailableError or TwinError as `filmed_env`."""
     origin = RunFolder(run_dir).origin()
-    with closing(make_env(origin.env, evaluation_options(origin, origin.env, hub="virtual"), seed=origin.seed)) as env:
+    with closing(
+        make_env(
+            origin.env, evaluation_options(origin, origin.env, hub="virtual"), seed=origin.seed
+        )
+    ) as env:
         check_filmable(env)
         seed = evaluation_seed(origin.seed, EVALUATION_SEED)  # the first episode of its evaluation
         policy = named_policies(run_dir, env, seed)[which]()
@@ -164,24 +206,50 @@ def film_run(
 
 
 def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:
-    """Join two films side by side, each ``height`` px high, for the duration of the longer one. Raises TwinError if they cannot
-    be joined."""
+    """Join two films side by side, each ``height`` px high, for the duration of the longer one.
+    Raises TwinError if they cannot be joined."""
     import imageio_ffmpeg
 
     fit = f"scale=-2:{height},setsar=1"
-    graph = f"[0:v]{fit}[a];[1:v]{fit}[b];[a][b]hstack=inputs=2"  # the last image of the shorter one stays
-    inputs = [word for film in (left, right) for word in ("-i", f"file:{film}")]  # a colon in a name ends no protocol
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", *inputs, "-filter_complex", graph]
-    command += ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "26", "-movflags", "+faststart", f"file:{path}"]
-    process = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  our own arguments
+    # the last image of the shorter one stays
+    graph = f"[0:v]{fit}[a];[1:v]{fit}[b];[a][b]hstack=inputs=2"
+    # a colon in a name ends no protocol
+    inputs = [word for film in (left, right) for word in ("-i", f"file:{film}")]
+    command = [
+        imageio_ffmpeg.get_ffmpeg_exe(),
+        "-y",
+        "-v",
+        "error",
+        *inputs,
+        "-filter_complex",
+        graph,
+    ]
+    command += [
+        "-c:v",
+        "libx264",
+        "-pix_fmt",
+        "yuv420p",
+        "-crf",
+        "26",
+        "-movflags",
+        "+faststart",
+        f"file:{path}",
+    ]
+    # our own arguments
+    process = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     if process.returncode:
-        raise TwinError(f"{left} and {right} cannot be joined ({' '.join(process.stderr.split())[:120]}); make them again")
+        raise TwinError(
+            f"{left} and {right} cannot be joined ({' '.join(process.stderr.split())[:120]}); "
+            "make them again"
+        )
     return path
 
 
-def film_arena(env: EnvBase, policy: TensorDictModuleBase, path: Path, episodes: int, seed: int) -> None:
-    """Film episodes of an arena into an mp4 file, without exploration. Raises RenderingUnavailableError if no OpenGL library
-    works here."""
+def film_arena(
+    env: EnvBase, policy: TensorDictModuleBase, path: Path, episodes: int, seed: int
+) -> None:
+    """Film episodes of an arena into an mp4 file, without exploration. Raises
+    RenderingUnavailableError if no OpenGL library works here."""
     with VideoWriter(path, 1000 / _ARENA_FRAME_MS) as video:
         for episode in range(episodes):
             env.set_seed(episode_seed("evaluation", seed, 1 + episode))

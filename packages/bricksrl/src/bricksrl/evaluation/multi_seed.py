@@ -1,12 +1,13 @@
 """Training with several seeds in parallel, and the summary of their results.
 
-A run is a function of its configuration, `train_and_evaluate`, called in a single-threaded process of this computer, with as many
-at a time as there are cores, or as a task of a Ray cluster. `benchmarks/seeds.py` compares this with one program that trains all
-seeds as stacked networks.
+A run is a function of its configuration, `train_and_evaluate`, called in a single-threaded process
+of this computer, with as many at a time as there are cores, or as a task of a Ray cluster.
+`benchmarks/seeds.py` compares this with one program that trains all seeds as stacked networks.
 
-On a Ray cluster (the extra ``distributed``), a run writes its folder on the worker's computer and after each episode sends the
-changed files to an actor on this computer, which mirrors the folder. Where a worker is lost, Ray restarts the run elsewhere: it
-gets its folder back from the actor and resumes.
+On a Ray cluster (the extra ``distributed``), a run writes its folder on the worker's computer and
+after each episode sends the changed files to an actor on this computer, which mirrors the folder.
+Where a worker is lost, Ray restarts the run elsewhere: it gets its folder back from the actor and
+resumes.
 """
 
 import contextlib
@@ -37,7 +38,11 @@ MAX_SEEDS = 1000
 RETRIES = 3
 """Workers that a function on the cluster may lose, each of which is replaced."""
 _STORE_BYTES = 100_000_000
-_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
+_ENVIRONMENT = {
+    "OMP_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+}
 _END_TIMEOUT_S, _STOP_TIMEOUT_S, _POLL_S = 60.0, 10.0, 0.5
 
 OnLine = Callable[[int, dict[str, Any]], None]
@@ -58,19 +63,25 @@ def train_seeds(
     on: str | None = None,
     on_line: OnLine = lambda seed, message: None,
 ) -> Group:
-    """Train ``count`` seeds, starting with ``config.seed``, each in its folder within ``config.run_dir``, and compare them.
+    """Train ``count`` seeds, starting with ``config.seed``, each in its folder within
+    ``config.run_dir``, and compare them.
 
     Args:
         jobs: concurrent processes; by default the number of cores.
-        on: "ray", or "ray:ADDRESS" for a cluster; by default local processes. The results are the same.
+        on: "ray", or "ray:ADDRESS" for a cluster; by default local processes. The results are the
+            same.
 
     Raises:
-        RunError: the folder exists, the robot is real, or a seed failed; the other seeds are still trained.
+        RunError: the folder exists, the robot is real, or a seed failed; the other seeds are still
+            trained.
         DescriptionError: the last seed is invalid.
     """
     check_count(count)
     if config.hub != "virtual":
-        raise RunError("there is one robot and several seeds want it at once; train them one after the other with --seed")
+        raise RunError(
+            "there is one robot and several seeds want it at once; train them one after the "
+            "other with --seed"
+        )
     check_seed(config.seed + count - 1)
     folder = config.run_dir
     address = None if on is None else parse_on(on)
@@ -87,7 +98,9 @@ def train_seeds(
         with contextlib.suppress(OSError):
             folder.rmdir()  # fails if anything was written
         raise
-    errors = [(seed, error) for seed, error in zip(folders, results, strict=True) if error is not None]
+    errors = [
+        (seed, error) for seed, error in zip(folders, results, strict=True) if error is not None
+    ]
     if errors:
         with contextlib.suppress(OSError):
             folder.rmdir()
@@ -112,8 +125,8 @@ class Reporter(Callback):
 def train_and_evaluate(
     config: dict[str, Any], run_dir: Path, reporter: Reporter, stop: threading.Event | None = None
 ) -> str | None:
-    """Train into a folder, or resume the run in it, evaluate, and report; returns the error, if any, also one of the user's code.
-    Raises KeyboardInterrupt if ``stop`` is set meanwhile."""
+    """Train into a folder, or resume the run in it, evaluate, and report; returns the error, if
+    any, also one of the user's code. Raises KeyboardInterrupt if ``stop`` is set meanwhile."""
     from bricksrl.evaluation.evaluator import evaluate
     from bricksrl.training.run import resume, train
 
@@ -135,7 +148,9 @@ def train_and_evaluate(
     return None
 
 
-def _train_in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_line: OnLine) -> list[str | None]:
+def _train_in_processes(
+    configs: Sequence[TrainConfig], jobs: int | None, on_line: OnLine
+) -> list[str | None]:
     """Train all in local processes, so many at a time; returns the error of each, or ``None``."""
     waiting, running = deque(range(len(configs))), dict[int, ChildProcess]()
     messages: SimpleQueue[tuple[int, Message | None]] = SimpleQueue()
@@ -143,7 +158,10 @@ def _train_in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_lin
 
     def start(number: int) -> None:
         process = ChildProcess(
-            __name__, lambda message: messages.put((number, message)), OMP_NUM_THREADS="1", MKL_NUM_THREADS="1"
+            __name__,
+            lambda message: messages.put((number, message)),
+            OMP_NUM_THREADS="1",
+            MKL_NUM_THREADS="1",
         )
         running[number] = process
         with contextlib.suppress(OSError):  # its end is reported
@@ -159,7 +177,9 @@ def _train_in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_lin
                 on_line(configs[number].seed, message[1])
                 continue
             code = running.pop(number).end(_END_TIMEOUT_S)
-            errors[number] = errors[number] or (None if code == 0 else f"its process ended with exit code {code}")
+            errors[number] = errors[number] or (
+                None if code == 0 else f"its process ended with exit code {code}"
+            )
     except BaseException:  # all end after their present steps, and what they saved is kept
         for process in running.values():
             with contextlib.suppress(OSError):
@@ -171,9 +191,9 @@ def _train_in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_lin
 
 
 def main() -> None:
-    """Entry point of a seed's process, ``python -m bricksrl.evaluation.multi_seed``: train and evaluate as ordered; sends a
-    message for each episode, one for the evaluation, and one for an error. Ends after the present step if the parent asks for it
-    or is gone."""
+    """Entry point of a seed's process, ``python -m bricksrl.evaluation.multi_seed``: train and
+    evaluate as ordered; sends a message for each episode, one for the evaluation, and one for an
+    error. Ends after the present step if the parent asks for it or is gone."""
     orders: SimpleQueue[Message] = SimpleQueue()
     stop = threading.Event()
 
@@ -200,18 +220,21 @@ def main() -> None:
 
 
 def parse_on(text: str) -> str | None:
-    """Parse ``ray`` or ``ray:ADDRESS`` into the address of the cluster; ``None`` for a local one. Raises RunError if the text is
-    neither."""
+    """Parse ``ray`` or ``ray:ADDRESS`` into the address of the cluster; ``None`` for a local one.
+    Raises RunError if the text is neither."""
     runner, colon, address = text.partition(":")
     if runner != "ray" or (colon and not address):
-        raise RunError(f"there is no '{text}' to run on; choose ray, or ray:ADDRESS for a cluster that is there")
+        raise RunError(
+            f"there is no '{text}' to run on; choose ray, or ray:ADDRESS for a cluster that "
+            "is there"
+        )
     return address or None
 
 
 @contextlib.contextmanager
 def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
-    """The ``ray`` module, connected to a cluster, or to a local one for the duration of this context. Raises RunError if Ray is
-    not installed, or the cluster does not answer.
+    """The ``ray`` module, connected to a cluster, or to a local one for the duration of this
+    context. Raises RunError if Ray is not installed, or the cluster does not answer.
 
     Args:
         cpus: concurrent runs of a local cluster; by default the number of cores.
@@ -221,9 +244,17 @@ def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
         import ray
     if ray.is_initialized():
         raise RunError("Ray is at work in this process already; shut it down first")
-    options: dict[str, Any] = {"log_to_driver": False, "runtime_env": {"env_vars": _ENVIRONMENT}, "logging_level": "ERROR"}
+    options: dict[str, Any] = {
+        "log_to_driver": False,
+        "runtime_env": {"env_vars": _ENVIRONMENT},
+        "logging_level": "ERROR",
+    }
     if address is None:
-        options |= {"num_cpus": cpus or os.cpu_count() or 1, "num_gpus": 0, "include_dashboard": False}
+        options |= {
+            "num_cpus": cpus or os.cpu_count() or 1,
+            "num_gpus": 0,
+            "include_dashboard": False,
+        }
         options |= {"object_store_memory": _STORE_BYTES, "_node_ip_address": "127.0.0.1"}
     else:
         options["address"] = address
@@ -231,15 +262,20 @@ def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
         ray.init(**options)
     except (ConnectionError, OSError, RuntimeError, ValueError) as error:
         cluster = "a cluster here" if address is None else f"the cluster at {address}"
-        raise RunError(f"{cluster} does not start or answer ({message_of(error)}); see `ray status`") from None
+        raise RunError(
+            f"{cluster} does not start or answer ({message_of(error)}); see `ray status`"
+        ) from None
     try:
         yield ray
     finally:
         ray.shutdown()
 
 
-def map_on_cluster(ray: Any, function: Callable[..., Any], orders: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
-    """Map a function over argument tuples in parallel, and yield the results in order; a lost worker is replaced."""
+def map_on_cluster(
+    ray: Any, function: Callable[..., Any], orders: Sequence[tuple[Any, ...]]
+) -> Iterator[Any]:
+    """Map a function over argument tuples in parallel, and yield the results in order; a lost
+    worker is replaced."""
     remote = ray.remote(function).options(num_cpus=1, max_retries=RETRIES)
     yield from map(ray.get, [remote.remote(*order) for order in orders])
 
@@ -262,7 +298,11 @@ class Keeper:
     def files(self, number: int) -> dict[str, bytes]:
         """All files of a run, by path in its folder."""
         folder = self._folders[number]
-        return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+        return {
+            str(path.relative_to(folder)): path.read_bytes()
+            for path in sorted(folder.rglob("*"))
+            if path.is_file()
+        }
 
     def messages(self) -> list[tuple[int, dict[str, Any]]]:
         """Messages since the last call, each with the index of its run."""
@@ -271,11 +311,12 @@ class Keeper:
 
 
 def changed_files(folder: Path, known: dict[str, tuple[int, int]]) -> dict[str, bytes]:
-    """Contents of the files whose time or size is not ``known``, which is updated, by path in the folder. The checkpoint comes
-    last, as it depends on the others."""
+    """Contents of the files whose time or size is not ``known``, which is updated, by path in the
+    folder. The checkpoint comes last, as it depends on the others."""
     changed = {}
     for path in sorted(folder.rglob("*"), key=lambda path: (path.name == "checkpoint.bin", path)):
-        if path.name.startswith(TEMPORARY_PREFIX) or not path.is_file():  # such a file may vanish at any moment
+        # such a file may vanish at any moment
+        if path.name.startswith(TEMPORARY_PREFIX) or not path.is_file():
             continue
         stat = path.stat()
         name, version = str(path.relative_to(folder)), (stat.st_mtime_ns, stat.st_size)
@@ -285,7 +326,8 @@ def changed_files(folder: Path, known: dict[str, tuple[int, int]]) -> dict[str, 
 
 
 def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | None:
-    """Start one run on a worker, or resume it from the keeper's files, and evaluate it; returns the error, if any."""
+    """Start one run on a worker, or resume it from the keeper's files, and evaluate it; returns the
+    error, if any."""
     import ray
     import torch
 
@@ -308,17 +350,26 @@ def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | N
         return train_and_evaluate(config, folder, StartReporter(send))
 
 
-def train_on_cluster(address: str | None, configs: Sequence[TrainConfig], cpus: int | None, on_line: OnLine) -> list[str | None]:
-    """Train all on a cluster, each into its folder on this computer; returns the error of each, or ``None``. Raises RunError if
-    the cluster cannot be reached. ``cpus``: as in `connected`."""
+def train_on_cluster(
+    address: str | None, configs: Sequence[TrainConfig], cpus: int | None, on_line: OnLine
+) -> list[str | None]:
+    """Train all on a cluster, each into its folder on this computer; returns the error of each, or
+    ``None``. Raises RunError if the cluster cannot be reached. ``cpus``: as in `connected`."""
     with connected(address, cpus) as ray:
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-        on_this_node = NodeAffinitySchedulingStrategy(node_id=ray.get_runtime_context().get_node_id(), soft=False)
+        on_this_node = NodeAffinitySchedulingStrategy(
+            node_id=ray.get_runtime_context().get_node_id(), soft=False
+        )
         folders = [str(Path(config.run_dir or "").absolute()) for config in configs]
-        keeper = ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=on_this_node).remote(folders)
+        keeper = (
+            ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=on_this_node).remote(folders)
+        )
         remote = ray.remote(train_on_worker).options(num_cpus=1, max_retries=RETRIES)
-        waiting = {remote.remote(number, config.to_dict(), keeper): number for number, config in enumerate(configs)}
+        waiting = {
+            remote.remote(number, config.to_dict(), keeper): number
+            for number, config in enumerate(configs)
+        }
         errors: list[str | None] = [None] * len(configs)
         while waiting:
             done, _ = ray.wait(list(waiting), timeout=_POLL_S)
@@ -328,10 +379,13 @@ def train_on_cluster(address: str | None, configs: Sequence[TrainConfig], cpus: 
                 number = waiting.pop(job)
                 try:
                     errors[number] = ray.get(job)
-                except ray.exceptions.RayTaskError as error:  # of the run, such as of a full disk; the last line says which
+                except ray.exceptions.RayTaskError as error:
+                    # of the run, such as of a full disk; the last line says which
                     errors[number] = str(error).strip().splitlines()[-1]
                 except ray.exceptions.RayError as error:
-                    errors[number] = f"its worker was lost {RETRIES + 1} times ({type(error).__name__})"
+                    errors[number] = (
+                        f"its worker was lost {RETRIES + 1} times ({type(error).__name__})"
+                    )
         return errors
 
 

@@ -23,9 +23,13 @@ FILM_BUDGET_S = 10.0
 """Approximate drawing time of each film of a run."""
 MOST_EMBEDDED_BYTES = 12_000_000
 """Size above which a film is linked rather than embedded."""
-_CURVE = "Each dot is an episode of training, in which the agent also tries what it does not know yet; the line is their mean."
+_CURVE = (
+    "Each dot is an episode of training, in which the agent also tries what it does not "
+    "know yet; the line is their mean."
+)
 _REFERENCES = (
-    " The dashed lines are what random actions get, a controller that was written by somebody who knows the robot "
+    " The dashed lines are what random actions get, a controller that was written by somebody "
+    "who knows the robot "
     "(<code>benchmarks/baselines.py</code>), and, where the paper has the environment, its SAC."
 )
 
@@ -39,16 +43,25 @@ class Films(NamedTuple):
 
 
 def film_before_and_after(run_dir: Path, env: str) -> Films:
-    """Film an episode of a run's agent before training and one after, and join them side by side. Raises
-    RenderingUnavailableError if no OpenGL library works here, TwinError if the environment has no virtual robot."""
+    """Film an episode of a run's agent before training and one after, and join them side by side.
+    Raises RenderingUnavailableError if no OpenGL library works here, TwinError if the environment
+    has no virtual robot."""
     before, after = (
-        film_run(run_dir, which, run_dir / f"{name}.mp4", f"{env} {name} learning", budget_s=FILM_BUDGET_S)
+        film_run(
+            run_dir,
+            which,
+            run_dir / f"{name}.mp4",
+            f"{env} {name} learning",
+            budget_s=FILM_BUDGET_S,
+        )
         for which, name in (("first", "before"), ("last", "after"))
     )
     return Films(before, after, side_by_side(before.path, after.path, run_dir / "before_after.mp4"))
 
 
-def write_report(run_dir: Path, episodes: Sequence[Episode], result: EvaluationResult, *, film: bool = True) -> tuple[Path, str]:
+def write_report(
+    run_dir: Path, episodes: Sequence[Episode], result: EvaluationResult, *, film: bool = True
+) -> tuple[Path, str]:
     """Film a run, unless ``film`` is False, and write ``report.html`` into its folder.
 
     Args:
@@ -83,14 +96,20 @@ def write_report(run_dir: Path, episodes: Sequence[Episode], result: EvaluationR
     ]
     path = run_dir / "report.html"
     text = report_page(f"{result.env}: report", "\n".join(body))
-    write_durably(path, text.encode(errors="surrogateescape"))  # names of folders that this computer's locale cannot read
+    # names of folders that this computer's locale cannot read
+    write_durably(path, text.encode(errors="surrogateescape"))
     return path, str(films.both) if films is not None else f"none: {reason}"
 
 
 def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | None) -> str:
-    last, learned, played = episodes[-1], counted(episodes[-1].episode, "episode"), counted(result.episodes, "episode")
+    last, learned, played = (
+        episodes[-1],
+        counted(episodes[-1].episode, "episode"),
+        counted(result.episodes, "episode"),
+    )
     text = (
-        f"The agent <b>{html.escape(result.agent)}</b> learned for {learned} ({counted(last.steps, 'step')} of the robot) in "
+        f"The agent <b>{html.escape(result.agent)}</b> learned for {learned} "
+        f"({counted(last.steps, 'step')} of the robot) in "
         f"{last.seconds:.0f} s. Then it did its best in {played}: a mean return of "
         f"<b>{plain_number(result.return_mean)}</b>"
     )
@@ -138,12 +157,26 @@ def _film(films: Films | None, no_films: str) -> Iterable[str]:
     small = films.both.stat().st_size <= MOST_EMBEDDED_BYTES
     source = _data_url(films.both, "video/mp4") if small else html.escape(films.both.name)
     yield f'<video src="{source}" controls autoplay loop muted playsinline></video>'
-    links = ", ".join(f'<a href="{path.name}">{path.name}</a>' for path in (films.before.path, films.after.path, films.both))
+    links = ", ".join(
+        f'<a href="{path.name}">{path.name}</a>'
+        for path in (films.before.path, films.after.path, films.both)
+    )
     before, after = plain_number(films.before.return_), plain_number(films.after.return_)
-    yield f"<p>Left before learning (return {before}), right after it (return {after}). The files: {links}.</p>"
+    yield (
+        f"<p>Left before learning (return {before}), right after it (return {after}). The "
+        f"files: {links}.</p>"
+    )
 
 
-_UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg", "_pct": "%", "_px": "px"}
+_UNITS = {
+    "_m_s": "m/s",
+    "_deg_s": "deg/s",
+    "_mm": "mm",
+    "_m": "m",
+    "_deg": "deg",
+    "_pct": "%",
+    "_px": "px",
+}
 """Units of metrics by ending of the name, longest endings first."""
 
 
@@ -151,28 +184,48 @@ def rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
     """Labels and texts of an evaluation, with its 95 % intervals."""
     interval = result.return_interval
     mean = (
-        f" (95 % interval of the mean: {plain_number(interval.low)} to {plain_number(interval.high)})"
+        (
+            f" (95 % interval of the mean: {plain_number(interval.low)} to "
+            f"{plain_number(interval.high)})"
+        )
         if interval is not None
         else ""
     )
     yield "return", f"{plain_number(result.return_mean)} ± {plain_number(result.return_std)}{mean}"
     if result.success_rate is not None:
         rate = result.success_interval
-        bounds = f" (95 % interval of the rate: {percent(rate.low)} to {percent(rate.high)})" if rate is not None else ""
-        yield "success", f"{round(result.success_rate * result.episodes)} of {counted(result.episodes, 'episode')}{bounds}"
+        bounds = (
+            f" (95 % interval of the rate: {percent(rate.low)} to {percent(rate.high)})"
+            if rate is not None
+            else ""
+        )
+        yield (
+            "success",
+            (
+                f"{round(result.success_rate * result.episodes)} of "
+                f"{counted(result.episodes, 'episode')}{bounds}"
+            ),
+        )
     for name, value in result.metrics.items():
         yield labelled(name, value)
 
 
 def labelled(name: str, value: float) -> tuple[str, str]:
-    """Label and value of a metric, with its unit: "forward speed" and "0.05246 m/s" for ``forward_speed_m_s``."""
-    ending, unit = next(((ending, unit) for ending, unit in _UNITS.items() if name.endswith(ending)), ("", ""))
+    """Label and value of a metric, with its unit: "forward speed" and "0.05246 m/s" for
+    ``forward_speed_m_s``."""
+    ending, unit = next(
+        ((ending, unit) for ending, unit in _UNITS.items() if name.endswith(ending)), ("", "")
+    )
     return name.removesuffix(ending).replace("_", " "), f"{plain_number(value)} {unit}".rstrip()
 
 
 def _table(rows: Iterable[tuple[str, str]]) -> str:
     """Table of labels and values, which are HTML."""
-    return "<table>" + "".join(f"<tr><th>{label}</th><td>{value}</td></tr>" for label, value in rows) + "</table>"
+    return (
+        "<table>"
+        + "".join(f"<tr><th>{label}</th><td>{value}</td></tr>" for label, value in rows)
+        + "</table>"
+    )
 
 
 def _commands(run_dir: Path, origin: Origin, trained_episodes: int) -> str:
@@ -180,12 +233,20 @@ def _commands(run_dir: Path, origin: Origin, trained_episodes: int) -> str:
     longer = f"bricksrl resume {run} --episodes {2 * trained_episodes} --page"
     commands = {
         "watch it, and compare it with how it began": f"bricksrl play {run} --page",
-        "let it learn for longer": f"bricksrl train {env} --demonstrations {run}" if origin.is_offline else longer,
+        "let it learn for longer": f"bricksrl train {env} --demonstrations {run}"
+        if origin.is_offline
+        else longer,
         "count more episodes": f"bricksrl evaluate {run} --episodes 20",
-        "on a LEGO robot": "" if is_simulation(origin.env) else f"bricksrl evaluate {run} --hub ble",
+        "on a LEGO robot": ""
+        if is_simulation(origin.env)
+        else f"bricksrl evaluate {run} --hub ble",
         "use the policy in a program of your own": f"bricksrl export {run} --out policy.pt2",
     }
-    return _table((label, f"<code>{html.escape(text, quote=False)}</code>") for label, text in commands.items() if text)
+    return _table(
+        (label, f"<code>{html.escape(text, quote=False)}</code>")
+        for label, text in commands.items()
+        if text
+    )
 
 
 def _data_url(path: Path, mime_type: str) -> str:

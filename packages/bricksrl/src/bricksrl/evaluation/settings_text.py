@@ -1,4 +1,5 @@
-"""Parsing of an agent's settings, from the command line or a JSON file. Importing this loads no torch."""
+"""Parsing of an agent's settings, from the command line or a JSON file. Importing this loads no
+torch."""
 
 import ast
 import dataclasses
@@ -20,22 +21,27 @@ _WORDS = {"true": True, "yes": True, "false": False, "no": False, "none": None}
 
 
 def with_changes(settings: S, changes: Iterable[str]) -> S:
-    """A copy of the settings, a frozen dataclass, with changes such as ``"learning_rate=3e-4"`` or ``"hidden=128,128"``. Raises
-    DescriptionError if there is no such setting, or its value is invalid."""
+    """A copy of the settings, a frozen dataclass, with changes such as ``"learning_rate=3e-4"`` or
+    ``"hidden=128,128"``. Raises DescriptionError if there is no such setting, or its value is
+    invalid."""
     texts = dict[str, Any]()
     for change in changes:
         name, equals, value = change.partition("=")
         if not equals:
-            raise DescriptionError(f"'{change}' changes nothing; write NAME=VALUE, such as learning_rate=3e-4")
+            raise DescriptionError(
+                f"'{change}' changes nothing; write NAME=VALUE, such as learning_rate=3e-4"
+            )
         texts[name.strip().replace("-", "_")] = value.strip()
     return _changed(settings, texts)
 
 
 def read_settings(path: Path, settings: S) -> S:
-    """A copy of the settings with the values of a JSON file, such as `bricksrl tune` writes; others are unchanged. Raises
-    DescriptionError if the file cannot be read, or names an unknown setting or an invalid value, RunError if it names code, and
-    was made elsewhere or changed."""
-    with reading("the settings", path, DescriptionError, 'write settings as JSON, {"learning_rate": 3e-4}'):
+    """A copy of the settings with the values of a JSON file, such as `bricksrl tune` writes; others
+    are unchanged. Raises DescriptionError if the file cannot be read, or names an unknown setting
+    or an invalid value, RunError if it names code, and was made elsewhere or changed."""
+    with reading(
+        "the settings", path, DescriptionError, 'write settings as JSON, {"learning_rate": 3e-4}'
+    ):
         text = path.read_bytes()
         data = json.loads(text)
         table = dict(data.get("settings", data))
@@ -53,7 +59,9 @@ def _changed(settings: S, values: Mapping[str, Any]) -> S:
     names = [field.name for field in fields]
     for name in values:
         if name not in names:
-            raise DescriptionError(f"there is no setting '{name}'{hint(name, names)}; choose one of {', '.join(names)}")
+            raise DescriptionError(
+                f"there is no setting '{name}'{hint(name, names)}; choose one of {', '.join(names)}"
+            )
     read = {name: _read(value, hints[name]) for name, value in values.items()}
     check_fields(type(settings), read)
     changed: S = dataclasses.replace(settings, **read)  # type: ignore[type-var]

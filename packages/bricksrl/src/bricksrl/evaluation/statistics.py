@@ -42,17 +42,23 @@ def interquartile_mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def stratified_bootstrap_interval(
-    strata: Sequence[Sequence[float]], statistic: Statistic = interquartile_mean, *, resamples: int = 2000, seed: int = 0
+    strata: Sequence[Sequence[float]],
+    statistic: Statistic = interquartile_mean,
+    *,
+    resamples: int = 2000,
+    seed: int = 0,
 ) -> Interval:
-    """95 % percentile bootstrap interval of a statistic of all scores, resampled within each stratum. Raises DescriptionError if
-    there is no stratum, or an empty one.
+    """95 % percentile bootstrap interval of a statistic of all scores, resampled within each
+    stratum. Raises DescriptionError if there is no stratum, or an empty one.
 
     Args:
         strata: scores by group, for instance the episodes of each run, or the runs of each task.
         seed: the same seed gives the same interval.
     """
     if not strata or any(len(stratum) == 0 for stratum in strata):
-        raise DescriptionError("a bootstrap needs at least one score in each stratum; leave out the empty ones")
+        raise DescriptionError(
+            "a bootstrap needs at least one score in each stratum; leave out the empty ones"
+        )
     rng = np.random.default_rng(seed)
     parts = []
     for stratum in strata:
@@ -67,22 +73,33 @@ FEWEST_SEEDS = 5
 """Fewest runs for a meaningful interval."""
 
 
-def seeds_interval(scores: Sequence[float], statistic: Statistic = interquartile_mean) -> Interval | None:
-    """95 % bootstrap interval of a statistic of one score per seed or episode; ``None`` for fewer than `FEWEST_SEEDS`."""
-    return None if len(scores) < FEWEST_SEEDS else stratified_bootstrap_interval([scores], statistic)
+def seeds_interval(
+    scores: Sequence[float], statistic: Statistic = interquartile_mean
+) -> Interval | None:
+    """95 % bootstrap interval of a statistic of one score per seed or episode; ``None`` for fewer
+    than `FEWEST_SEEDS`."""
+    return (
+        None if len(scores) < FEWEST_SEEDS else stratified_bootstrap_interval([scores], statistic)
+    )
 
 
-def probability_of_improvement(scores: Sequence[float], others: Sequence[float]) -> tuple[float, Interval | None]:
-    """Probability that a run of the first kind scores higher than one of the second; equal scores count half. Raises
-    DescriptionError if one of the two is empty.
+def probability_of_improvement(
+    scores: Sequence[float], others: Sequence[float]
+) -> tuple[float, Interval | None]:
+    """Probability that a run of the first kind scores higher than one of the second; equal scores
+    count half. Raises DescriptionError if one of the two is empty.
 
-    It is the mean over all pairs (Agarwal et al. 2021, "Deep Reinforcement Learning at the Edge of the Statistical Precipice").
+    It is the mean over all pairs (Agarwal et al. 2021, "Deep Reinforcement Learning at the Edge of
+    the Statistical Precipice").
 
     Returns:
-        The probability, and its 95 % bootstrap interval, or ``None`` where one of the two has fewer than five runs.
+        The probability, and its 95 % bootstrap interval, or ``None`` where one of the two has fewer
+        than five runs.
     """
     if not scores or not others:
-        raise DescriptionError("a comparison needs at least one score of each; leave out what has none")
+        raise DescriptionError(
+            "a comparison needs at least one score of each; leave out what has none"
+        )
     first, second = np.asarray(scores, dtype=np.float64), np.asarray(others, dtype=np.float64)
 
     def share(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -99,11 +116,15 @@ def probability_of_improvement(scores: Sequence[float], others: Sequence[float])
 
 
 def wilson_interval(successes: int, trials: int, *, confidence: float = 0.95) -> Interval:
-    """Wilson score interval of a success rate, valid for few trials and for rates of 0 and 1. Raises DescriptionError if there
-    are no trials, or the successes are not between 0 and ``trials``."""
+    """Wilson score interval of a success rate, valid for few trials and for rates of 0 and 1.
+    Raises DescriptionError if there are no trials, or the successes are not between 0 and
+    ``trials``."""
     from scipy.stats import binomtest
 
     if trials < 1 or not 0 <= successes <= trials:
-        raise DescriptionError(f"{successes} successes in {trials} trials is not a rate; give 0 to {max(trials, 1)} of 1 or more")
+        raise DescriptionError(
+            f"{successes} successes in {trials} trials is not a rate; give 0 to {max(trials, 1)} "
+            "of 1 or more"
+        )
     found = binomtest(successes, trials).proportion_ci(confidence, method="wilson")
     return Interval(float(found.low), float(found.high))

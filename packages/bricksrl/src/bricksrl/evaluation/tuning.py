@@ -1,6 +1,8 @@
-"""Hyperparameter tuning with Optuna: each proposed set is trained with a few seeds for a number of steps, and evaluated.
+"""Hyperparameter tuning with Optuna: each proposed set is trained with a few seeds for a number of
+steps, and evaluated.
 
-The study is an SQLite file in a folder, so that it can be resumed, and several commands may work on it at a time.
+The study is an SQLite file in a folder, so that it can be resumed, and several commands may work on
+it at a time.
 """
 
 from __future__ import annotations
@@ -81,7 +83,8 @@ class Tuning:
     steps: Annotated[Count, option(metavar="N")] = 2000
     """Robot steps of each training, which ends with the episode that reaches them."""
     seeds: Annotated[Count, option(metavar="N")] = 2
-    """Trainings per trial, the mean of whose evaluations is its value; bad trials are pruned early."""
+    """Trainings per trial, the mean of whose evaluations is its value; bad trials are pruned
+    early."""
     episodes: Annotated[Count, option(metavar="N")] = 10
     """Episodes of each evaluation."""
 
@@ -91,7 +94,8 @@ class Tuning:
 
 @dataclass(frozen=True)
 class Best:
-    """Best settings so far, the mean return of their evaluations, and the number of finished trials."""
+    """Best settings so far, the mean return of their evaluations, and the number of finished
+    trials."""
 
     settings: Any
     value: float
@@ -99,7 +103,8 @@ class Best:
 
 
 OnTrial = Callable[[int, float | None, float | None], None]
-"""Called with a trial's number, its value (``None`` if it was pruned), and the best value so far."""
+"""Called with a trial's number, its value (``None`` if it was pruned), and the best value so
+far."""
 
 
 def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
@@ -118,8 +123,11 @@ def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
 
 
 def _space(start: Any, *, goals: bool) -> _Space:
-    """Search space of settings: the table above, and other floats of a user's algorithm, within their `Range`."""
-    names = [name for name in _SPACE if name in vars(start) and (goals or name not in _ONLY_WITH_GOALS)]
+    """Search space of settings: the table above, and other floats of a user's algorithm, within
+    their `Range`."""
+    names = [
+        name for name in _SPACE if name in vars(start) and (goals or name not in _ONLY_WITH_GOALS)
+    ]
     space = {name: _SPACE[name] for name in names}
     if type(start).__module__.startswith("bricksrl."):
         return space
@@ -135,16 +143,23 @@ def _space(start: Any, *, goals: bool) -> _Space:
 
 
 def tune(
-    tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on: str | None = None, on_trial: OnTrial = lambda *_: None
+    tuning: Tuning,
+    folder: Path,
+    trials: int,
+    *,
+    seed: int = 0,
+    on: str | None = None,
+    on_trial: OnTrial = lambda *_: None,
 ) -> Best:
     """Run ``trials`` more trials, and write the best settings so far to ``best.json``.
 
     Args:
-        on: "ray", or "ray:ADDRESS" for a cluster, to train the seeds of a trial in parallel; the results are the same.
+        on: "ray", or "ray:ADDRESS" for a cluster, to train the seeds of a trial in parallel; the
+            results are the same.
 
     Raises:
-        RunError: Optuna is not installed, there is no such cluster, the folder holds a study of another definition, or no trial
-            was finished.
+        RunError: Optuna is not installed, there is no such cluster, the folder holds a study of
+            another definition, or no trial was finished.
         DescriptionError: the seed is invalid.
         UnknownNameError: there is no such environment or agent.
     """
@@ -159,9 +174,13 @@ def tune(
     with closing(make(tuning.env)) as env:
         learner = make_learner(tuning.agent, env)
     if learner.imitates or learner.loss is None:
-        raise RunError(f"{tuning.agent} does not learn from a robot, and tuning gives it nothing else; choose another agent")
+        raise RunError(
+            f"{tuning.agent} does not learn from a robot, and tuning gives it nothing else; "
+            "choose another agent"
+        )
     name, storage = f"{tuning.env} {tuning.agent}", f"sqlite:///{(folder / STUDY).absolute()}"
-    with _storage(folder / STUDY), serialized(folder):  # several commands may begin with the same study at once
+    # several commands may begin with the same study at once
+    with _storage(folder / STUDY), serialized(folder):
         for other in set(optuna.get_all_study_names(storage)) - {name}:
             raise RunError(f"{folder} holds a study of {other}; choose another folder")
         study = optuna.create_study(
@@ -174,19 +193,30 @@ def tune(
         about = dataclasses.asdict(tuning)
         known = study.user_attrs.get("tuning", about)
         if known != about:
-            values = ", ".join(f"{name} {known.get(name)}" for name, value in about.items() if known.get(name) != value)
+            values = ", ".join(
+                f"{name} {known.get(name)}"
+                for name, value in about.items()
+                if known.get(name) != value
+            )
             raise RunError(f"{folder} holds a study of {values}; give the same, or another folder")
         study.set_user_attr("tuning", about)
-        study.sampler = optuna.samplers.TPESampler(seed=(seed + len(study.trials)) % (LARGEST_SEED + 1))
+        study.sampler = optuna.samplers.TPESampler(
+            seed=(seed + len(study.trials)) % (LARGEST_SEED + 1)
+        )
         if not study.trials:
-            study.enqueue_trial(_as_proposed(start, goals=goals))  # the default settings are the first trial
+            # the default settings are the first trial
+            study.enqueue_trial(_as_proposed(start, goals=goals))
 
     def objective(trial: optuna.Trial) -> float:
         settings = propose(trial, start, goals=goals)
         orders = [(tuning, settings, seed) for seed in range(tuning.seeds)]
         values: list[float] = []
         # one by one here, so that those of a hopeless trial are left out
-        found = starmap(_train_and_evaluate, orders) if ray is None else list(map_on_cluster(ray, _train_and_evaluate, orders))
+        found = (
+            starmap(_train_and_evaluate, orders)
+            if ray is None
+            else list(map_on_cluster(ray, _train_and_evaluate, orders))
+        )
         for index, value in enumerate(found):
             if math.isnan(value):
                 raise optuna.TrialPruned
@@ -212,7 +242,8 @@ def tune(
 
 @contextmanager
 def _storage(path: Path) -> Iterator[None]:
-    """Raise RunError where Optuna cannot use its file inside this context, as when it is damaged or the disk is full."""
+    """Raise RunError where Optuna cannot use its file inside this context, as when it is damaged or
+    the disk is full."""
     from optuna.exceptions import StorageInternalError
     from sqlalchemy.exc import SQLAlchemyError
 
@@ -221,7 +252,9 @@ def _storage(path: Path) -> Iterator[None]:
     except (SQLAlchemyError, StorageInternalError) as error:
         reason = message_of(getattr(error, "orig", None) or error)
         remedy = "make room on the disk" if "full" in reason else "restore that file"
-        raise RunError(f"cannot use the study {path} ({reason}); {remedy}, or choose another folder") from None
+        raise RunError(
+            f"cannot use the study {path} ({reason}); {remedy}, or choose another folder"
+        ) from None
 
 
 def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
@@ -239,13 +272,23 @@ def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
         config = TrainConfig(
-            tuning.env, tuning.agent, episodes=tuning.steps, seed=seed, settings=settings, run_dir=run_dir, asynchronous=False
+            tuning.env,
+            tuning.agent,
+            episodes=tuning.steps,
+            seed=seed,
+            settings=settings,
+            run_dir=run_dir,
+            asynchronous=False,
         )
         try:
             result = train(config, StopAtSteps(), stop=stop)
-            if result.interrupted and not (result.episodes and result.episodes[-1].steps >= tuning.steps):
+            if result.interrupted and not (
+                result.episodes and result.episodes[-1].steps >= tuning.steps
+            ):
                 raise KeyboardInterrupt
-            return evaluate(run_dir, episodes=tuning.episodes, kind="selection", save=False).return_mean
+            return evaluate(
+                run_dir, episodes=tuning.episodes, kind="selection", save=False
+            ).return_mean
         except DivergedError:
             return math.nan
 
@@ -256,12 +299,18 @@ def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:
     for name, limits in _space(settings, goals=goals).items():
         value: Any = getattr(settings, name)
         value = ",".join(map(str, value)) if isinstance(value, tuple) else value
-        if value in limits if isinstance(limits, list) else value is not None and limits[0] <= value <= limits[1]:
+        if (
+            value in limits
+            if isinstance(limits, list)
+            else value is not None and limits[0] <= value <= limits[1]
+        ):
             parameters[name] = value
     return parameters
 
 
-def _write_best(study: optuna.Study, tuning: Tuning, start: Any, folder: Path, *, goals: bool) -> Best | None:
+def _write_best(
+    study: optuna.Study, tuning: Tuning, start: Any, folder: Path, *, goals: bool
+) -> Best | None:
     """Write the best settings so far; ``None`` while no trial is finished."""
     import optuna
 

@@ -26,16 +26,22 @@ _OPEN_HALF_M = 0.7
 
 
 class ArenaPage(LivePage):
-    """Page of several robots in one world, served while entered. ``drivers``: the humans who drive them, by the robots' names.
+    """Page of several robots in one world, served while entered. ``drivers``: the humans who drive
+    them, by the robots' names.
 
     A press names the robot that it is for: ``drive:runner``.
     """
 
-    def __init__(self, task: ArenaTask, subtitle: str = "", options: PageOptions | None = None) -> None:
+    def __init__(
+        self, task: ArenaTask, subtitle: str = "", options: PageOptions | None = None
+    ) -> None:
         robots = zip(task.robots, task.interfaces, strict=True)
         self._arena, self.drivers = (
             task,
-            {name: PageDriver([command.entry for command in interface.commands]) for name, interface in robots},
+            {
+                name: PageDriver([command.entry for command in interface.commands])
+                for name, interface in robots
+            },
         )
         super().__init__(task.id, subtitle, speed="1x", options=options)
         self.board.update_status(goal=task.doc.strip().partition("\n")[0])
@@ -45,8 +51,13 @@ class ArenaPage(LivePage):
         super().attach(env)
         self._is_paced_here = False  # the first robot's hub keeps the pace of all
         half_m = max(self._arena.arena.half_size_m or (_OPEN_HALF_M,))
-        mirror = Mirror(ArenaWorld(self._arena.arena).bodies[0], View((0.0, 0.0, 0.0), 2.0 * half_m + 0.8, -90.0, 48.0))
-        self.view.show_machine(env.hub(self._arena.robots[0]).machine, body=env.world.bodies[0], mirror=mirror)
+        mirror = Mirror(
+            ArenaWorld(self._arena.arena).bodies[0],
+            View((0.0, 0.0, 0.0), 2.0 * half_m + 0.8, -90.0, 48.0),
+        )
+        self.view.show_machine(
+            env.hub(self._arena.robots[0]).machine, body=env.world.bodies[0], mirror=mirror
+        )
         self.board.update_status(no_scene="")
 
     def steered(self, state: TensorDictBase) -> TensorDictBase:
@@ -68,7 +79,12 @@ class ArenaPage(LivePage):
             if (driver := self._driver_of(visitor)) is not None:
                 driver.release()
             return True
-        if action == "answer" and isinstance(value, list) and len(value) == 2 and value[0] in self.drivers:
+        if (
+            action == "answer"
+            and isinstance(value, list)
+            and len(value) == 2
+            and value[0] in self.drivers
+        ):
             if (asker := self.seats.answer(value[0], visitor, agrees=value[1] is True)) is not None:
                 self._let_drive(value[0], asker)
             return True
@@ -103,7 +119,10 @@ class ArenaPage(LivePage):
         self.drivers[robot].in_charge = False
 
     def _driver_of(self, visitor: Visitor) -> PageDriver | None:
-        return next((driver for name, driver in self.drivers.items() if self.seats.holder(name) is visitor), None)
+        return next(
+            (driver for name, driver in self.drivers.items() if self.seats.holder(name) is visitor),
+            None,
+        )
 
     def _tick(self) -> None:
         freed, again = self.seats.refresh()
@@ -116,12 +135,20 @@ class ArenaPage(LivePage):
     def _publish(self) -> None:
         super()._publish()
         colors = {robot.name: robot.color for robot in self._arena.arena.robots}
-        seats = {name: {**driver.described(), "color": colors[name]} for name, driver in self.drivers.items()}
+        seats = {
+            name: {**driver.described(), "color": colors[name]}
+            for name, driver in self.drivers.items()
+        }
         self.board.update_status(seats=seats)
 
 
 def play_arena(
-    env: ArenaEnv, page: ArenaPage, policy: TensorDictModuleBase, *, episodes: int | None = None, stop: threading.Event
+    env: ArenaEnv,
+    page: ArenaPage,
+    policy: TensorDictModuleBase,
+    *,
+    episodes: int | None = None,
+    stop: threading.Event,
 ) -> list[float]:
     """Play as `play_endlessly`; returns the mean returns of the first group's robots."""
     group = next(iter(env.task.groups))

@@ -1,7 +1,8 @@
-"""Board: the latest state of everything on the page, written by the program and read by each browser's connection.
+"""Board: the latest state of everything on the page, written by the program and read by each
+browser's connection.
 
-A write is an assignment or an append, so that it does not delay the thread that steps the robot; readers do the encoding. Every
-thread may write and read.
+A write is an assignment or an append, so that it does not delay the thread that steps the robot;
+readers do the encoding. Every thread may write and read.
 """
 
 import json
@@ -21,7 +22,8 @@ from bricksrl.page.scene import Floats, Scene
 MAX_STEPS, MAX_EPISODES = 400, 4000
 """Maximum numbers of values that are kept, for browsers that connect later."""
 Poses = Floats | Callable[[], Floats]
-"""Poses ``[bodies, 7]``, or a function that computes them on demand, in the thread that serves the page."""
+"""Poses ``[bodies, 7]``, or a function that computes them on demand, in the thread that serves the
+page."""
 POSES, IMAGE = 1, 2
 """Kind of a binary message, its first byte."""
 
@@ -102,7 +104,8 @@ class BoardReader:
         self._series: dict[str, tuple[int, int]] = {}
 
     def changes(self, *, numbers: bool) -> list[bytes | dict[str, Any]]:
-        """Messages with the changes since the last call, in order; ``numbers`` includes image, status and series."""
+        """Messages with the changes since the last call, in order; ``numbers`` includes image,
+        status and series."""
         board, messages = self._board, list[bytes | dict[str, Any]]()
         version, _ = board.scene
         if version != self._scene and version:
@@ -112,19 +115,27 @@ class BoardReader:
         if poses is not None and version != self._poses:
             self._poses = version
             array = poses() if callable(poses) else poses
-            messages.append(struct.pack("<4B", POSES, 0, 0, 0) + np.ascontiguousarray(array, "<f4").tobytes())
+            messages.append(
+                struct.pack("<4B", POSES, 0, 0, 0) + np.ascontiguousarray(array, "<f4").tobytes()
+            )
         if not numbers:
             return messages
         version, image = board.image
         if image is not None and version != self._image:
             self._image = version
             height, width, _ = image.shape
-            messages.append(struct.pack("<BxHHxx", IMAGE, height, width) + np.ascontiguousarray(image).tobytes())
+            messages.append(
+                struct.pack("<BxHHxx", IMAGE, height, width) + np.ascontiguousarray(image).tobytes()
+            )
         version, status = board.status
         if version != self._status:
             self._status = version
             messages.append({"status": status})
-        series = {name: changes for name, series in board.series.items() if (changes := self._rows(name, series))}
+        series = {
+            name: changes
+            for name, series in board.series.items()
+            if (changes := self._rows(name, series))
+        }
         return [*messages, {"series": series}] if series else messages
 
     def _rows(self, name: str, series: Series) -> dict[str, Any] | None:
@@ -135,12 +146,18 @@ class BoardReader:
             return None
         first, rows = series.since(max(count, 0))
         self._series[name] = (id(series), first + len(rows))
-        changes: dict[str, Any] = {"first": first, "rows": [[round(float(value), 4) for value in row] for row in rows]}
-        return changes if count >= 0 else {**changes, "names": series.names, "kept": series.max_rows}
+        changes: dict[str, Any] = {
+            "first": first,
+            "rows": [[round(float(value), 4) for value in row] for row in rows],
+        }
+        return (
+            changes if count >= 0 else {**changes, "names": series.names, "kept": series.max_rows}
+        )
 
 
 def to_json(message: dict[str, Any]) -> str:
-    """A message as JSON, with ``null`` for numbers that JSON lacks, such as a reward that is NaN."""
+    """A message as JSON, with ``null`` for numbers that JSON lacks, such as a reward that is
+    NaN."""
 
     def finite(value: Any) -> Any:
         if isinstance(value, dict):

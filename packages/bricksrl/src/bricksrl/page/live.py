@@ -1,7 +1,8 @@
 """Live page of an environment: shows the robot, and passes the user's presses to it.
 
-Two threads meet here. The one that steps the robot calls `attach`, `show_step`, `hold`, `begin` and `end`; presses arrive in
-threads of the server and only set flags for the first one, except an emergency stop, which goes to the hub at once.
+Two threads meet here. The one that steps the robot calls `attach`, `show_step`, `hold`, `begin` and
+`end`; presses arrive in threads of the server and only set flags for the first one, except an
+emergency stop, which goes to the hub at once.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ if TYPE_CHECKING:
     from bricksrl.envs.task import Task
 
 PUSH_TIMEOUT_S = 1.5
-"""Time without a message of the page, which repeats the pushes, after which the robot rests, as the tab may be closed."""
+"""Time without a message of the page, which repeats the pushes, after which the robot rests, as the
+tab may be closed."""
 _POLL_S = 0.05
 _SEAT = "robot"
 """Name under which the only robot of a page is held."""
@@ -42,11 +44,13 @@ _STEP_S = 0.1
 
 
 _TURNS = {"turn": 1.0, "rotation": -1.0}
-"""Beginnings of names of commands that turn a robot or an arm, and their sign for a turn to the right, clockwise from above."""
+"""Beginnings of names of commands that turn a robot or an arm, and their sign for a turn to the
+right, clockwise from above."""
 
 
 class PageDriver:
-    """Human at the page, as a driver of the rollout, called at each step in the thread that steps the robot.
+    """Human at the page, as a driver of the rollout, called at each step in the thread that steps
+    the robot.
 
     Args:
         commands: commands of the robot.
@@ -66,7 +70,10 @@ class PageDriver:
             return False
         if not all(map(is_finite, values)):
             return False
-        self._pushes, self._pushed_s = [min(max(float(value), -1.0), 1.0) for value in values], time.monotonic()
+        self._pushes, self._pushed_s = (
+            [min(max(float(value), -1.0), 1.0) for value in values],
+            time.monotonic(),
+        )
         return True
 
     def release(self) -> None:
@@ -94,14 +101,21 @@ class PageDriver:
         """Command values of the pushes, in the units of the commands."""
         values = self.shares()
         return [
-            (c.high + c.low) / 2 + (c.high - c.low) / 2 * value if math.isfinite(c.high - c.low) else value
+            (c.high + c.low) / 2 + (c.high - c.low) / 2 * value
+            if math.isfinite(c.high - c.low)
+            else value
             for c, value in zip(self.commands, values, strict=True)
         ]
 
     def described(self) -> dict[str, Any]:
         """What the page shows of it."""
         names = [{"name": command.name, "unit": command.unit} for command in self.commands]
-        shown = {"commands": names, "stick": stick_map(self.commands), "pushes": self.pushes, "actions": self.actions()}
+        shown = {
+            "commands": names,
+            "stick": stick_map(self.commands),
+            "pushes": self.pushes,
+            "actions": self.actions(),
+        }
         least = [min(command.low, command.high, key=abs) for command in self.commands]
         moving = [
             f"{command.name} is at least {abs(value):g} {command.unit}"
@@ -114,19 +128,28 @@ class PageDriver:
 def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
     """Weights of the joystick's axes (right, forward) for each command: rows of two numbers.
 
-    Commands of a left and a right side are driven like a tank; otherwise a turn, or the first one, follows the joystick sideways
-    and the next one forward, and a single one forward.
+    Commands of a left and a right side are driven like a tank; otherwise a turn, or the first one,
+    follows the joystick sideways and the next one forward, and a single one forward.
     """
-    sides = [1.0 if "left" in command.name else -1.0 if "right" in command.name else 0.0 for command in commands]
+    sides = [
+        1.0 if "left" in command.name else -1.0 if "right" in command.name else 0.0
+        for command in commands
+    ]
     if all(sides):  # a leg or wheel with a range below zero moves forward with decreasing values
         ways = [-1.0 if command.high <= 0.0 else 1.0 for command in commands]
         return [[side * way, way] for side, way in zip(sides, ways, strict=True)]
     if len(commands) == 1:
         return [[0.0, 1.0]]
-    turns = [next((sign for name, sign in _TURNS.items() if command.name.startswith(name)), 0.0) for command in commands]
+    turns = [
+        next((sign for name, sign in _TURNS.items() if command.name.startswith(name)), 0.0)
+        for command in commands
+    ]
     sideways = next((index for index, sign in enumerate(turns) if sign), 0)
     forward = int(sideways == 0)
-    return [[(turns[index] or 1.0) * (index == sideways), float(index == forward)] for index in range(len(commands))]
+    return [
+        [(turns[index] or 1.0) * (index == sideways), float(index == forward)]
+        for index in range(len(commands))
+    ]
 
 
 class LivePage(PageServer):
@@ -177,10 +200,14 @@ class LivePage(PageServer):
         self.seats = Seats()
         self.view = RobotView(self.board, self._halted, lambda: self._speed_factor)
         self._task = task
-        self._returns = self.board.new_series("return", ("return of each episode",), max_rows=MAX_EPISODES)
+        self._returns = self.board.new_series(
+            "return", ("return of each episode",), max_rows=MAX_EPISODES
+        )
         self._rewards = self.board.new_series("reward", ("reward of each step",))
         entries = task.entries if task is not None else ()
-        channels = [f"{entry.name} ({entry.unit})" if entry.unit else entry.name for entry in entries]
+        channels = [
+            f"{entry.name} ({entry.unit})" if entry.unit else entry.name for entry in entries
+        ]
         self._channels = self.board.new_series("channels", channels)
         self._facts: dict[str, Any] = {}
         self._sum, self._steps, self._count, self._due_s, self._last_step_s = 0.0, 0, 0, 0.0, 0.0
@@ -197,12 +224,14 @@ class LivePage(PageServer):
         self._unwatch()
         super().close()
 
-    # ---------------------------------------------------------------- presses, in threads of the server
+    # ------------------------------------------------------------ presses, in threads of the server
 
     def stop(self) -> None:
-        """Emergency stop of the run and the robot, from any thread. Raises BricksError if the robot cannot be reached."""
+        """Emergency stop of the run and the robot, from any thread. Raises BricksError if the robot
+        cannot be reached."""
         self._halted.set()
-        self.is_reset_requested = False  # an earlier one; only one after the stop lets the robot start again
+        # an earlier one; only one after the stop lets the robot start again
+        self.is_reset_requested = False
         self._end_run()
         try:
             self._env.stop()
@@ -243,7 +272,8 @@ class LivePage(PageServer):
         self._publish()
 
     def _handle_seat(self, name: str, value: Any, visitor: Visitor) -> bool:
-        """Handle what is about who drives; True if the press is done with, or not allowed, as somebody else drives."""
+        """Handle what is about who drives; True if the press is done with, or not allowed, as
+        somebody else drives."""
         match name:
             case "arrived":
                 if self.is_driven and not self._can_give_back and self.seats.holder(_SEAT) is None:
@@ -309,7 +339,7 @@ class LivePage(PageServer):
         elif not paused and self._env.is_paused:
             self._env.resume()
 
-    # ---------------------------------------------------------------- in the thread that steps the robot
+    # ----------------------------------------------------------- in the thread that steps the robot
 
     @property
     def is_stopped(self) -> bool:
@@ -327,14 +357,20 @@ class LivePage(PageServer):
         self._env, self._unwatch = interface_of(env), lambda: None
         self._is_paced_here = not env.batch_size and self._env.robots != 1
         if env.batch_size:  # robots of other processes, or none
-            self.board.update_status(no_scene=f"{env.batch_size.numel()} copies learn at once; their returns are below.")
+            self.board.update_status(
+                no_scene=f"{env.batch_size.numel()} copies learn at once; their returns are below."
+            )
         elif self._env.robots == 1:
             self.board.update_status(no_scene="")
             self._unwatch = self._env.watch(self._show_connection)
         elif self._env.robots:
-            self.board.update_status(no_scene="Several robots learn at once; their returns are below.")
+            self.board.update_status(
+                no_scene="Several robots learn at once; their returns are below."
+            )
         else:
-            self.board.update_status(no_scene="This is a simulation without a robot; its numbers are below.")
+            self.board.update_status(
+                no_scene="This is a simulation without a robot; its numbers are below."
+            )
         self._publish()
 
     def _show_connection(self, connection: Connection) -> None:
@@ -357,11 +393,17 @@ class LivePage(PageServer):
     def show_step(self, frame: TensorDictBase) -> None:
         """Show a step, as returned by TorchRL's ``EnvBase.step``."""
         after = frame["next"]
-        reward, image = float(after["reward"]), {"image": after["image"].numpy()} if "image" in after else {}
+        reward, image = (
+            float(after["reward"]),
+            {"image": after["image"].numpy()} if "image" in after else {},
+        )
         self.show_outcome(after["observation"].tolist(), reward, self._sum + reward, **image)
 
-    def show_outcome(self, values: list[float], reward: float | None, total: float, image: Any = None) -> None:
-        """Show the observation ``[n]`` after a step, its reward, if it is known, the return so far, and the camera's image."""
+    def show_outcome(
+        self, values: list[float], reward: float | None, total: float, image: Any = None
+    ) -> None:
+        """Show the observation ``[n]`` after a step, its reward, if it is known, the return so far,
+        and the camera's image."""
         self._sum, self._steps, self._count = total, self._steps + 1, self._count + 1
         if reward is not None:
             self._rewards.add((reward,))
@@ -369,9 +411,19 @@ class LivePage(PageServer):
         if self._steps == 1:
             self._aim_for(values)
         now_s = time.monotonic()
-        if self._task is not None and self.view.connection is not None and self.view.connection.twin is None:
-            sensed = {entry.name: value for entry, value in zip(self._task.entries, values, strict=False)}
-            angles = {name.removesuffix("_angle"): value for name, value in sensed.items() if name.endswith("_angle")}
+        if (
+            self._task is not None
+            and self.view.connection is not None
+            and self.view.connection.twin is None
+        ):
+            sensed = {
+                entry.name: value for entry, value in zip(self._task.entries, values, strict=False)
+            }
+            angles = {
+                name.removesuffix("_angle"): value
+                for name, value in sensed.items()
+                if name.endswith("_angle")
+            }
             tilt = (sensed.get("pitch", 0.0), sensed.get("roll", 0.0))
             self.view.show_sensed(self._task.robot, self._task.scene, angles, tilt)
         if now_s < self._due_s:
@@ -381,7 +433,9 @@ class LivePage(PageServer):
             self.board.show_image(image.astype(np.uint8, copy=True))
         last_s, last_count = self._last_rate
         self._last_rate = (now_s, self._count)
-        self._facts |= {"step": self._steps} | ({} if reward is None else {"return": total, "reward": reward})
+        self._facts |= {"step": self._steps} | (
+            {} if reward is None else {"return": total, "reward": reward}
+        )
         self._facts["steps/s"] = (self._count - last_count) / max(now_s - last_s, 1e-3)
         metrics = self._env.walk_metrics()
         if "forward_m" in metrics:
@@ -390,7 +444,8 @@ class LivePage(PageServer):
         self._publish()
 
     def show_step_and_hold(self, frame: TensorDictBase) -> None:
-        """Call `show_step`, `hold` and `cut`. Raises StoppedError after an emergency stop, also of a simulation."""
+        """Call `show_step`, `hold` and `cut`. Raises StoppedError after an emergency stop, also of
+        a simulation."""
         self.show_step(frame)
         self.hold()
         if self.is_stopped:
@@ -408,8 +463,14 @@ class LivePage(PageServer):
         self._publish()
 
     def hold(self, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Wait before the next step while paused; a simulation without a robot is paced here too."""
-        while self._paused and not self._is_real and not self.is_reset_requested and not self._halted.is_set():
+        """Wait before the next step while paused; a simulation without a robot is paced here
+        too."""
+        while (
+            self._paused
+            and not self._is_real
+            and not self.is_reset_requested
+            and not self._halted.is_set()
+        ):
             if self._requested_steps:
                 self._requested_steps -= 1
                 break
@@ -422,8 +483,8 @@ class LivePage(PageServer):
             self._halted.wait(max(0.0, self._last_step_s - time.monotonic()))
 
     def cut(self) -> None:
-        """If a reset is requested, end the episode by a pause: it truncates the next step, so that no transition spans the
-        reset."""
+        """If a reset is requested, end the episode by a pause: it truncates the next step, so that
+        no transition spans the reset."""
         if self.is_reset_requested and not self._is_cutting and self._env.robots:
             self._env.pause()
             self._is_cutting = True
@@ -458,7 +519,8 @@ class LivePage(PageServer):
 
     @property
     def _speed_factor(self) -> float:
-        """Speed of simulated time: 1 while a human drives, 0 (not paced here) for a robot in real time."""
+        """Speed of simulated time: 1 while a human drives, 0 (not paced here) for a robot in real
+        time."""
         if self._is_real:
             return 0.0
         return 1.0 if self.is_driven else SPEEDS[self._speed]
@@ -467,15 +529,21 @@ class LivePage(PageServer):
         driver = self.driver
         self.board.update_status(**self.seats.described())
         controls = ["stop", "pause", "reset"] + ([] if self._is_real else ["step", "speed", "pull"])
-        controls += (["drive"] if driver is not None else []) + (["policy"] if len(self._policies) > 1 else [])
+        controls += (["drive"] if driver is not None else []) + (
+            ["policy"] if len(self._policies) > 1 else []
+        )
         if not self._is_ended:
             paused = self._paused or self._env.is_paused
             state = "stopped" if self._halted.is_set() else "paused" if paused else "running"
             self.board.update_status(state=state)
         speed = "1x" if self._speed_factor == 1.0 else self._speed
-        self.board.update_status(controls=controls, speed=speed, policy=self.policy, facts=dict(self._facts))
+        self.board.update_status(
+            controls=controls, speed=speed, policy=self.policy, facts=dict(self._facts)
+        )
         if driver is not None:
-            self.board.update_status(drive={**driver.described(), "can_give_back": self._can_give_back})
+            self.board.update_status(
+                drive={**driver.described(), "can_give_back": self._can_give_back}
+            )
 
     def finish(self, message: str = "") -> None:
         """Show that the run is over; the message is good news."""

@@ -38,7 +38,9 @@ class PlanView(PageServer):
     def __init__(self, plan: Plan, options: PageOptions | None = None) -> None:
         super().__init__(Board(), self.press, lambda: None, options)
         if not plan.parts:
-            raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
+            raise PlanError(
+                f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it"
+            )
         self._plan, self._lock = plan, threading.Lock()
         self._steps = list(plan.different_steps)
         self._robot: PlannedRobot | None = None
@@ -54,7 +56,11 @@ class PlanView(PageServer):
         self._step, self._angles = len(self._steps), dict[str, float]()
         self.board.show_scene(_scene(plan), self._poses())
         self.board.update_status(
-            title=plan.title, subtitle="building plan", state="", controls=["step", "reset"], message=message
+            title=plan.title,
+            subtitle="building plan",
+            state="",
+            controls=["step", "reset"],
+            message=message,
         )
         self._publish()
 
@@ -66,11 +72,15 @@ class PlanView(PageServer):
                     self._step = self._step % len(self._steps) + 1
                 case "reset", _:
                     self._angles, self._step = {}, len(self._steps)
-                    self._linkage = None if self._robot is None else Linkage(self._robot.articulation)
+                    self._linkage = (
+                        None if self._robot is None else Linkage(self._robot.articulation)
+                    )
                 case "slider", ["Step", number] if is_finite(number):
                     self._step = min(max(round(number), 1), len(self._steps))
                 case "slider", [str(label), number] if is_finite(number) and label in self._sliders:
-                    self._angles[self._sliders[label]] = math.radians(min(max(float(number), -_MAX_DEG), _MAX_DEG))
+                    self._angles[self._sliders[label]] = math.radians(
+                        min(max(float(number), -_MAX_DEG), _MAX_DEG)
+                    )
                 case _:
                     return
             self.board.show_poses(self._poses())
@@ -79,13 +89,22 @@ class PlanView(PageServer):
     def _publish(self) -> None:
         step = self._steps[self._step - 1]
         sliders: list[dict[str, Any]] = [
-            {"name": "Step", "low": 1, "high": len(self._steps), "value": self._step, "text": f"{self._step}"}
+            {
+                "name": "Step",
+                "low": 1,
+                "high": len(self._steps),
+                "value": self._step,
+                "text": f"{self._step}",
+            }
         ]
         for label, joint in self._sliders.items():
             angle_deg = round(math.degrees(self._angles.get(joint, 0.0)))
             sliders.append({"name": label, "low": -_MAX_DEG, "high": _MAX_DEG, "value": angle_deg})
         assembly = step.assembly[-1].rpartition(":")[0] if step.assembly else ""
-        facts = {"step": f"{self._step} of {len(self._steps)}", "parts": len(self._plan.present_parts(step))}
+        facts = {
+            "step": f"{self._step} of {len(self._steps)}",
+            "parts": len(self._plan.present_parts(step)),
+        }
         facts |= {"builds": assembly} if assembly else {}
         self.board.update_status(sliders=sliders, facts=facts, note=step.note)
 
@@ -96,7 +115,11 @@ class PlanView(PageServer):
         visible, positions = self._plan.present_parts(self._steps[self._step - 1]), []
         turns = np.empty((len(self._plan.parts), 4))
         for quaternion, placed in zip(turns, self._plan.parts, strict=True):
-            turn, shift = (np.eye(3), np.zeros(3)) if self._linkage is None else self._linkage.motion(placed.index)
+            turn, shift = (
+                (np.eye(3), np.zeros(3))
+                if self._linkage is None
+                else self._linkage.motion(placed.index)
+            )
             mujoco.mju_mat2Quat(quaternion, (turn @ TO_TWIN @ placed.rotation).ravel())
             position = turn @ TO_TWIN @ placed.position * M_PER_LDU + shift
             positions.append(position if placed.index in visible else np.array([HIDDEN, 0.0, 0.0]))
@@ -121,13 +144,24 @@ def _scene(plan: Plan) -> Scene:
         part = placed.part
         if part not in pieces:
             surface = surface_of(part)
-            by_tint = {tint: shape_of(surface.triangles[surface.tints == int(tint)]) for tint in Tint}
-            pieces[part] = {tint: mesh_of(shape, M_PER_LDU) for tint, shape in by_tint.items() if shape is not None}
+            by_tint = {
+                tint: shape_of(surface.triangles[surface.tints == int(tint)]) for tint in Tint
+            }
+            pieces[part] = {
+                tint: mesh_of(shape, M_PER_LDU)
+                for tint, shape in by_tint.items()
+                if shape is not None
+            }
         main = colour_of(placed.colour).rgb
-        shapes = tuple(Shape(mesh, (*TINTS.get(tint, main), 1.0)) for tint, mesh in pieces[part].items())
+        shapes = tuple(
+            Shape(mesh, (*TINTS.get(tint, main), 1.0)) for tint, mesh in pieces[part].items()
+        )
         bodies.append(SceneBody(f"{placed.index}", shapes))
         low, high = part.bounds
-        corners += [TO_TWIN @ placed.to_plan(np.array([low]))[0], TO_TWIN @ placed.to_plan(np.array([high]))[0]]
+        corners += [
+            TO_TWIN @ placed.to_plan(np.array([low]))[0],
+            TO_TWIN @ placed.to_plan(np.array([high]))[0],
+        ]
     points = np.array(corners) * M_PER_LDU
     lowest, highest = points.min(axis=0), points.max(axis=0)
     x, y, z = ((lowest + highest) / 2).tolist()

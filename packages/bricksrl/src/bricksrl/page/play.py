@@ -1,5 +1,5 @@
-"""Episodes on the page: of a training run, or by the selected policy or a human until they are ended, through emergency stops,
-resets and lost links."""
+"""Episodes on the page: of a training run, or by the selected policy or a human until they are
+ended, through emergency stops, resets and lost links."""
 
 from __future__ import annotations
 
@@ -27,10 +27,15 @@ if TYPE_CHECKING:
     from bricksrl.training.config import TrainConfig
 
 Steps = Generator[None, None, float | None]
-"""An episode: it is reset first, and moves and is shown at each further step; its return, ``None`` if it was cut short."""
+"""An episode: it is reset first, and moves and is shown at each further step; its return, ``None``
+if it was cut short."""
 _COAST_MS = 500
 """Simulated time for which the coasting motors are shown after a stop."""
-_PHASES = {Phase.PREFILL: "random start", Phase.TRAIN: "learning", Phase.OFFLINE: "learning from data"}
+_PHASES = {
+    Phase.PREFILL: "random start",
+    Phase.TRAIN: "learning",
+    Phase.OFFLINE: "learning from data",
+}
 
 
 class PageCallback(Callback):
@@ -51,11 +56,14 @@ class PageCallback(Callback):
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
         self._episodes = config.episodes
         self._page.board.update_status(
-            title=without_folder(config.env), subtitle=f"{without_folder(config.agent)}, seed {config.seed} · {run_dir}"
+            title=without_folder(config.env),
+            subtitle=f"{without_folder(config.agent)}, seed {config.seed} · {run_dir}",
         )
         self._page.begin()
 
-    def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
+    def on_transition(
+        self, episode: int, step: int, phase: Phase, transition: TensorDictBase
+    ) -> None:
         if step == 1:
             self._page.begin()
         self._page.note(episode=f"{episode}/{self._episodes}", phase=_PHASES[phase])
@@ -77,7 +85,11 @@ class PageCallback(Callback):
         self._page.begin()
 
     def on_end(self, result: RunResult) -> None:
-        self._page.finish(f"interrupted; `bricksrl resume {quoted(result.run_dir)}` goes on" if result.interrupted else "")
+        self._page.finish(
+            f"interrupted; `bricksrl resume {quoted(result.run_dir)}` goes on"
+            if result.interrupted
+            else ""
+        )
 
 
 def resting_player(env: EnvBase, driver: Driver | None = None) -> Player:
@@ -117,8 +129,18 @@ def play_on_page(
     def episode(_number: str) -> Steps:
         start, total = env.reset(), 0.0
         yield
-        policy, again = (lambda s: player(page.policy).act(s)), (lambda: player(page.policy).reset())
-        for frame in play(env, policy, start, driver=page.driver, reset_policy=again, goes_on=lambda: page.is_driven):
+        policy, again = (
+            (lambda s: player(page.policy).act(s)),
+            (lambda: player(page.policy).reset()),
+        )
+        for frame in play(
+            env,
+            policy,
+            start,
+            driver=page.driver,
+            reset_policy=again,
+            goes_on=lambda: page.is_driven,
+        ):
             for step in own_frames(env, frame):
                 if link_lost(step):
                     raise interface_of(env).link_error
@@ -131,12 +153,18 @@ def play_on_page(
 
 
 def play_endlessly(
-    env: Any, page: LivePage, episode: Callable[[str], Steps], *, episodes: int | None = None, stop: threading.Event | None = None
+    env: Any,
+    page: LivePage,
+    episode: Callable[[str], Steps],
+    *,
+    episodes: int | None = None,
+    stop: threading.Event | None = None,
 ) -> list[float]:
-    """Play a number of episodes, or endlessly; returns the returns of the complete ones. Raises StoppedError if the robot was
-    stopped, and ``stop`` is set.
+    """Play a number of episodes, or endlessly; returns the returns of the complete ones. Raises
+    StoppedError if the robot was stopped, and ``stop`` is set.
 
-    An emergency stop or an unreachable robot ends the episode; the next one begins after a reset on the page.
+    An emergency stop or an unreachable robot ends the episode; the next one begins after a reset on
+    the page.
 
     Args:
         episode: the steps of an episode, given its number.
@@ -159,7 +187,8 @@ def play_endlessly(
                     raise
                 message = "The robot was stopped by hand. Reset lets it start again."
                 page.mark_stopped()
-                env.close(raise_if_closed=False)  # a virtual hub ends its program in this thread only
+                # a virtual hub ends its program in this thread only
+                env.close(raise_if_closed=False)
                 if (twin := interface_of(env).twin) is not None:
                     for _ in range(_COAST_MS // 10):
                         twin.machine.advance(10)
@@ -174,7 +203,8 @@ def play_endlessly(
 
 
 def _watched(page: LivePage, steps: Steps, number: str, stop: threading.Event) -> float | None:
-    """Take the steps of an episode, each when the page lets the robot go on; its return, ``None`` if it was cut short."""
+    """Take the steps of an episode, each when the page lets the robot go on; its return, ``None``
+    if it was cut short."""
     while True:
         try:
             next(steps)

@@ -1,4 +1,5 @@
-"""Live page of a program on a virtual hub: the robot, its hub, what the program prints, and a stop button."""
+"""Live page of a program on a virtual hub: the robot, its hub, what the program prints, and a stop
+button."""
 
 import contextlib
 import threading
@@ -47,7 +48,9 @@ class ProgramPage(PageServer):
         self._halted, self._speed, self._said = threading.Event(), "1x", ""
         self._machine: Machine | None = None
         self._view = RobotView(self.board, self._halted, lambda: SPEEDS[self._speed])
-        self.board.update_status(title=title, subtitle="a program on a virtual hub", state="waiting", speeds=list(SPEEDS))
+        self.board.update_status(
+            title=title, subtitle="a program on a virtual hub", state="waiting", speeds=list(SPEEDS)
+        )
         self.board.update_status(controls=["stop", "speed", "pull"], speed=self._speed)
 
     def has_stopped(self) -> bool:
@@ -65,8 +68,8 @@ class ProgramPage(PageServer):
         self.board.update_status(console=self._said)
 
     def stay(self, opening_s: float) -> None:
-        """Once the program has ended, stay as long as somebody looks at the page, at least until a browser can be open; Ctrl-C
-        ends it."""
+        """Once the program has ended, stay as long as somebody looks at the page, at least until a
+        browser can be open; Ctrl-C ends it."""
         if not self._halted.is_set():
             self.board.update_status(state="finished", controls=[], note="The program has ended.")
         until_s = time.monotonic() + opening_s

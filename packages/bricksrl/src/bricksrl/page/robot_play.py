@@ -1,4 +1,5 @@
-"""Robots on the page at once: a policy of arrays, or a human, moves one without TorchRL, which takes seconds to load."""
+"""Robots on the page at once: a policy of arrays, or a human, moves one without TorchRL, which
+takes seconds to load."""
 
 import importlib
 import threading
@@ -16,8 +17,8 @@ from bricksrl.page.play import Steps, play_endlessly
 
 
 class Judge:
-    """Rewards and ends of an episode, by the task's functions of tensors. They need torch, which is loaded beside the motion;
-    what was seen meanwhile is judged then.
+    """Rewards and ends of an episode, by the task's functions of tensors. They need torch, which is
+    loaded beside the motion; what was seen meanwhile is judged then.
 
     Attributes:
         total: return of the episode, as far as it is judged.
@@ -34,10 +35,13 @@ class Judge:
         self.total, self.rewards, self.is_over = 0.0, list[float](), False
 
     def see(self, previous: Any, action: Any, observation: Any) -> None:
-        """Judge a step, now or later: observation ``[n]`` before it, action ``[m]``, observation after it."""
+        """Judge a step, now or later: observation ``[n]`` before it, action ``[m]``, observation
+        after it."""
         self._seen.append((previous, action, observation))
         if self._torch is None:  # the end of the process waits for the import
-            self._torch = ThreadPoolExecutor(1, "bricksrl-torch").submit(importlib.import_module, "torch")
+            self._torch = ThreadPoolExecutor(1, "bricksrl-torch").submit(
+                importlib.import_module, "torch"
+            )
         if self._torch.done():
             self.end()
 
@@ -60,7 +64,8 @@ def play_robot(
     episodes: int | None = None,
     stop: threading.Event | None = None,
 ) -> list[float]:
-    """Play as `play_endlessly`, with policies of arrays. While a human drives, only a reset ends an episode."""
+    """Play as `play_endlessly`, with policies of arrays. While a human drives, only a reset ends an
+    episode."""
     judge, made = Judge(env.task), dict[str, ArrayPolicy]()
     seen = slice(len(env.task.entries))  # without what only the task's functions get
 
@@ -76,7 +81,9 @@ def play_robot(
         judge.begin()
         yield
         while page.is_driven or not (judge.is_over or steps >= env.task.max_steps):
-            action = np.clip(action_of({"observation": observation[seen].copy()} | env.image()), -1.0, 1.0)
+            action = np.clip(
+                action_of({"observation": observation[seen].copy()} | env.image()), -1.0, 1.0
+            )
             previous, observation = observation, env.move(action.tolist())
             judge.see(previous, action, observation)
             steps += 1

@@ -1,7 +1,8 @@
-"""View of a robot: its pose, hub and link on the board. The thread that steps the robot only copies the joint positions.
+"""View of a robot: its pose, hub and link on the board. The thread that steps the robot only copies
+the joint positions.
 
-Poses are computed on a separate model (the mirror), by the thread that serves the page, and only if a browser is connected. So
-the simulation is bit for bit the same with and without a page.
+Poses are computed on a separate model (the mirror), by the thread that serves the page, and only if
+a browser is connected. So the simulation is bit for bit the same with and without a page.
 """
 
 from __future__ import annotations
@@ -25,7 +26,18 @@ from brickhub.virtual.panel import Panel
 from bricksrl.errors import BricksError
 from bricksrl.page.board import Board
 from bricksrl.page.hand import Hand
-from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, box, mesh_of, poses
+from bricksrl.page.scene import (
+    HIDDEN,
+    Floats,
+    Mesh,
+    Scene,
+    SceneBody,
+    Shape,
+    View,
+    box,
+    mesh_of,
+    poses,
+)
 from bricktwin.plans import shapes as solids
 from bricktwin.twin.linkage import pose_at, sensed_qpos
 from bricktwin.twin.make_body import lies_on_bench
@@ -61,9 +73,11 @@ PRIMITIVES: dict[int, Callable[[float, float, float], Mesh]] = {
 
 
 class SteeredPace(Pace):
-    """Pace of a machine with a variable speed, and periodic updates of the view; a stop ends a wait at once.
+    """Pace of a machine with a variable speed, and periodic updates of the view; a stop ends a wait
+    at once.
 
-    It is called by the thread that steps the robot, once per control loop of simulated time, so it must be fast.
+    It is called by the thread that steps the robot, once per control loop of simulated time, so it
+    must be fast.
 
     Args:
         machine: machine whose time is paced.
@@ -85,7 +99,12 @@ class SteeredPace(Pace):
     ) -> None:
         super().__init__()
         self._halt = halt
-        self._machine, self._halted, self._speed, self._update_view = machine, halted, speed, update_view
+        self._machine, self._halted, self._speed, self._update_view = (
+            machine,
+            halted,
+            speed,
+            update_view,
+        )
         self._on_loop = on_loop
         self._view_due_s = 0.0
         self._last_speed = -1.0
@@ -102,7 +121,8 @@ class SteeredPace(Pace):
             if self._halt is not None:
                 self._halt()
             elif self._machine.alarm_ms is not None:
-                self._machine.alarm_ms = int(time_ms)  # back to the host, which then stops the program
+                # back to the host, which then stops the program
+                self._machine.alarm_ms = int(time_ms)
             return
         speed = self._speed()
         if speed <= 0.0:
@@ -115,20 +135,29 @@ class SteeredPace(Pace):
 
 
 def twin_scene(body: MujocoBody) -> tuple[Scene, list[int]]:
-    """Scene of all visible geometry of a twin and its surroundings, except the floor, and the model's number of each body."""
+    """Scene of all visible geometry of a twin and its surroundings, except the floor, and the
+    model's number of each body."""
     model = body.model
     shapes: dict[int, list[Shape]] = {}
     meshes: dict[int, Mesh] = {}
     for geom in range(model.ngeom):
         kind = int(model.geom_type[geom])
-        if model.geom_group[geom] == SHAPE_GROUP or not (kind in PRIMITIVES or kind == _GEOM.mjGEOM_MESH):
+        if model.geom_group[geom] == SHAPE_GROUP or not (
+            kind in PRIMITIVES or kind == _GEOM.mjGEOM_MESH
+        ):
             continue
         number = int(model.geom_dataid[geom])
         if kind == _GEOM.mjGEOM_MESH and number not in meshes:
             meshes[number] = _triangles(model, number)
-        mesh = meshes[number] if kind == _GEOM.mjGEOM_MESH else PRIMITIVES[kind](*model.geom_size[geom].tolist())
+        mesh = (
+            meshes[number]
+            if kind == _GEOM.mjGEOM_MESH
+            else PRIMITIVES[kind](*model.geom_size[geom].tolist())
+        )
         material = int(model.geom_matid[geom])
-        red, green, blue, opacity = (model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]).tolist()
+        red, green, blue, opacity = (
+            model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
+        ).tolist()
         px, py, pz = model.geom_pos[geom].tolist()
         w, qx, qy, qz = model.geom_quat[geom].tolist()
         pattern = "bricks" if model.geom(geom).name == "wall" else ""
@@ -139,14 +168,20 @@ def twin_scene(body: MujocoBody) -> tuple[Scene, list[int]]:
     if model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         chassis = int(model.jnt_bodyid[0])
         view = View(follow=numbers.index(chassis) if chassis in numbers else None)
-    return Scene(tuple(SceneBody(model.body(number).name, tuple(shapes[number])) for number in numbers), view=view), numbers
+    return Scene(
+        tuple(SceneBody(model.body(number).name, tuple(shapes[number])) for number in numbers),
+        view=view,
+    ), numbers
 
 
 def _triangles(model: mujoco.MjModel, mesh: int) -> Mesh:
-    """A mesh of the model; a point is repeated for each of its normals, so that sharp edges stay sharp."""
+    """A mesh of the model; a point is repeated for each of its normals, so that sharp edges stay
+    sharp."""
     first = int(model.mesh_faceadr[mesh])
     faces = slice(first, first + int(model.mesh_facenum[mesh]))
-    corners = np.stack([model.mesh_face[faces].ravel(), model.mesh_facenormal[faces].ravel()], axis=1)
+    corners = np.stack(
+        [model.mesh_face[faces].ravel(), model.mesh_facenormal[faces].ravel()], axis=1
+    )
     corners, index = np.unique(corners, axis=0, return_inverse=True)
     points = model.mesh_vert[int(model.mesh_vertadr[mesh]) + corners[:, 0]]
     normals = model.mesh_normal[int(model.mesh_normaladr[mesh]) + corners[:, 1]]
@@ -154,8 +189,8 @@ def _triangles(model: mujoco.MjModel, mesh: int) -> Mesh:
 
 
 class Mirror:
-    """Model of a robot with a MuJoCo model, for drawing only: its joints are set, not simulated. The scene's last bodies are
-    those of a ghost of the robot, at its goal.
+    """Model of a robot with a MuJoCo model, for drawing only: its joints are set, not simulated.
+    The scene's last bodies are those of a ghost of the robot, at its goal.
 
     Args:
         body: the model, for this alone.
@@ -166,36 +201,51 @@ class Mirror:
         self.body = body
         scene, self.numbers = twin_scene(self.body)
         roots, moving = self.body.model.body_rootid, self.body.model.body_weldid
-        own = [moving[number] != 0 and roots[number] == roots[self.body.chassis] for number in self.numbers]
+        own = [
+            moving[number] != 0 and roots[number] == roots[self.body.chassis]
+            for number in self.numbers
+        ]
         ghosts = [
-            SceneBody(f"goal {body.name}", tuple(replace(shape, colour=_GHOST) for shape in body.shapes))
+            SceneBody(
+                f"goal {body.name}", tuple(replace(shape, colour=_GHOST) for shape in body.shapes)
+            )
             for body, is_own in zip(scene.bodies, own, strict=True)
             if is_own
         ]
         self.scene = replace(scene, bodies=(*scene.bodies, *ghosts), view=view or scene.view)
-        self._ghost_numbers = [number for number, is_own in zip(self.numbers, own, strict=True) if is_own]
+        self._ghost_numbers = [
+            number for number, is_own in zip(self.numbers, own, strict=True) if is_own
+        ]
         self._ghost: MujocoBody | None = None
         self._goal: Goal | None = None
         self._ghost_poses = self._hidden = poses([(HIDDEN, 0.0, 0.0)] * len(ghosts))
 
-    def poses(self, qpos: Floats64, goal: Goal | None = None, moved_m: Floats64 | None = None) -> Floats:
-        """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions, and places ``[n, 3]`` of what a hand moves;
-        without a goal the ghost is hidden."""
+    def poses(
+        self, qpos: Floats64, goal: Goal | None = None, moved_m: Floats64 | None = None
+    ) -> Floats:
+        """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions, and places ``[n,
+        3]`` of what a hand moves; without a goal the ghost is hidden."""
         data = self.body.data
         data.qpos[:] = qpos
         if moved_m is not None:
             data.mocap_pos[:] = moved_m
         self.body.update_visuals()
-        return np.concatenate([poses(data.xpos[self.numbers], data.xquat[self.numbers]), self._poses_at(goal)])
+        return np.concatenate(
+            [poses(data.xpos[self.numbers], data.xquat[self.numbers]), self._poses_at(goal)]
+        )
 
     def _poses_at(self, goal: Goal | None) -> Floats:
         if goal is None:
             return self._hidden
         if goal != self._goal:
             self._goal = goal
-            self._ghost = ghost = self._ghost or MujocoBody(self.body.robot, self.body.scene, Physics(), 0)
+            self._ghost = ghost = self._ghost or MujocoBody(
+                self.body.robot, self.body.scene, Physics(), 0
+            )
             pose_at(ghost, goal)
-            self._ghost_poses = poses(ghost.data.xpos[self._ghost_numbers], ghost.data.xquat[self._ghost_numbers])
+            self._ghost_poses = poses(
+                ghost.data.xpos[self._ghost_numbers], ghost.data.xquat[self._ghost_numbers]
+            )
         return self._ghost_poses
 
 
@@ -265,7 +315,13 @@ class RobotView:
         machine.pace = SteeredPace(machine, self._halted, self._speed, update, feel, halt)
         update()
 
-    def show_sensed(self, robot: Robot, scene: Surroundings, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> None:
+    def show_sensed(
+        self,
+        robot: Robot,
+        scene: Surroundings,
+        angles_deg: dict[str, float],
+        tilt_deg: tuple[float, float],
+    ) -> None:
         """Show a real robot from its sensors: motor angles by name, pitch and roll."""
         if lies_on_bench(robot, scene):
             self._board.update_status(no_scene=_NO_MODEL)
@@ -280,8 +336,11 @@ class RobotView:
             self._sensed_s = math.inf
             self._board.update_status(no_scene=f"This robot cannot be drawn: {error}.")
             return
-        goal = None if self.goal is None or self.goal.at_mm is not None else self.goal  # its place on the floor is unknown
-        self._board.show_poses(lambda: mirror.poses(sensed_qpos(mirror.body, angles_deg, tilt_deg), goal))
+        # its place on the floor is unknown
+        goal = None if self.goal is None or self.goal.at_mm is not None else self.goal
+        self._board.show_poses(
+            lambda: mirror.poses(sensed_qpos(mirror.body, angles_deg, tilt_deg), goal)
+        )
 
     def show_link(self) -> None:
         """Show the link's state and statistics, and a virtual robot's battery."""
@@ -291,7 +350,10 @@ class RobotView:
         statistics = connection.link.statistics
         facts: dict[str, Any] = {
             "link": connection.link.state.value,
-            "round trip": f"{statistics.round_trip_p50_s * 1000:.0f} ms (99 %: {statistics.round_trip_p99_s * 1000:.0f} ms)",
+            "round trip": (
+                f"{statistics.round_trip_p50_s * 1000:.0f} ms (99 %: "
+                f"{statistics.round_trip_p99_s * 1000:.0f} ms)"
+            ),
             "observation age": f"{statistics.age_p50_s * 1000:.0f} ms",
             "sent again": f"{statistics.resends}",
             "damaged": f"{statistics.crc_errors}",
@@ -305,7 +367,8 @@ class RobotView:
         key = (robot.name, surroundings)
         if key not in self._mirrors:
             view = None
-            if self.goal is not None and self.goal.at_mm is not None:  # the place and the starts are to be seen at once
+            # the place and the starts are to be seen at once
+            if self.goal is not None and self.goal.at_mm is not None:
                 target, distance_m = overview_of(surroundings)
                 view = View(target, 0.85 * distance_m)
             self._mirrors[key] = Mirror(MujocoBody(robot, surroundings, Physics(), 0), view)
@@ -321,4 +384,8 @@ class RobotView:
 
 def panel_of(panel: Panel) -> dict[str, Any]:
     """Display (``None`` where the hub has none), text and light of a hub, for the page."""
-    return {"display": list(panel.display) if panel.has_display else None, "text": panel.text, "light": panel.light}
+    return {
+        "display": list(panel.display) if panel.has_display else None,
+        "text": panel.text,
+        "light": panel.light,
+    }

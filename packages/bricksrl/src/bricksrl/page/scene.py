@@ -1,7 +1,8 @@
 """Scene of named bodies in 3D for a browser: constant meshes, variable poses. Metres, z up.
 
-A scene is sent once, as one binary file; after that only poses are sent. This module knows no robots and loads neither MuJoCo nor
-torch: it shows twins (:mod:`bricksrl.page.robot_view`) and building plans alike.
+A scene is sent once, as one binary file; after that only poses are sent. This module knows no
+robots and loads neither MuJoCo nor torch: it shows twins (:mod:`bricksrl.page.robot_view`) and
+building plans alike.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ HIDDEN = math.nan
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangle mesh with a normal at each point. Raises PageError if the arrays' shapes do not match, or a face index is out of
-    range.
+    """Triangle mesh with a normal at each point. Raises PageError if the arrays' shapes do not
+    match, or a face index is out of range.
 
     Attributes:
         points, normals: float32 ``[n, 3]``.
@@ -49,10 +50,19 @@ class Mesh:
 
     def __post_init__(self) -> None:
         count = len(self.points)
-        if self.points.shape != (count, 3) or self.normals.shape != (count, 3) or self.faces.shape != (len(self.faces), 3):
-            raise PageError("a mesh needs points and normals [n, 3] and faces [m, 3]; give arrays of these shapes")
+        if (
+            self.points.shape != (count, 3)
+            or self.normals.shape != (count, 3)
+            or self.faces.shape != (len(self.faces), 3)
+        ):
+            raise PageError(
+                "a mesh needs points and normals [n, 3] and faces [m, 3]; give arrays of "
+                "these shapes"
+            )
         if len(self.faces) and not 0 <= int(self.faces.min()) <= int(self.faces.max()) < count:
-            raise PageError(f"a mesh of {count} points has a face with another one; give numbers below {count}")
+            raise PageError(
+                f"a mesh of {count} points has a face with another one; give numbers below {count}"
+            )
 
 
 @dataclass(frozen=True)
@@ -80,8 +90,8 @@ class View:
 
     Attributes:
         target: point that it looks at.
-        distance_m: distance of the camera from the target.
-        yaw_deg, pitch_deg: direction of the camera from the target, counter-clockwise from x seen from above, and elevation.
+        distance_m: distance of the camera from the target. yaw_deg, pitch_deg: direction of the
+        camera from the target, counter-clockwise from x seen from above, and elevation.
         follow: number of the body that it follows; ``None`` for a fixed camera.
     """
 
@@ -101,12 +111,15 @@ class Scene:
     view: View = field(default_factory=View)
 
     def to_bytes(self) -> bytes:
-        """Binary file: the length of a JSON header (uint32), the header with the arrays' offsets, and the arrays.
+        """Binary file: the length of a JSON header (uint32), the header with the arrays' offsets,
+        and the arrays.
 
-        Arrays are little-endian: points float32, normals int8 with a fourth byte of padding, faces uint32. Their offsets after
-        the header are multiples of 4 bytes.
+        Arrays are little-endian: points float32, normals int8 with a fourth byte of padding, faces
+        uint32. Their offsets after the header are multiples of 4 bytes.
         """
-        meshes = list({id(shape.mesh): shape.mesh for body in self.bodies for shape in body.shapes}.values())
+        meshes = list(
+            {id(shape.mesh): shape.mesh for body in self.bodies for shape in body.shapes}.values()
+        )
         numbers = {id(mesh): number for number, mesh in enumerate(meshes)}
         described: list[dict[str, int]] = []
         arrays, length = list[bytes](), 0
@@ -124,33 +137,49 @@ class Scene:
                 length += array.nbytes
             described[-1] |= {"vertices": len(mesh.points), "triangles": len(mesh.faces)}
         bodies = [
-            {"name": body.name, "shapes": [{**vars(shape), "mesh": numbers[id(shape.mesh)]} for shape in body.shapes]}
+            {
+                "name": body.name,
+                "shapes": [
+                    {**vars(shape), "mesh": numbers[id(shape.mesh)]} for shape in body.shapes
+                ],
+            }
             for body in self.bodies
         ]
-        header = json.dumps({"meshes": described, "bodies": bodies, "floor": self.floor_m, "view": vars(self.view)}).encode()
+        header = json.dumps(
+            {"meshes": described, "bodies": bodies, "floor": self.floor_m, "view": vars(self.view)}
+        ).encode()
         header += b" " * (-len(header) % 4)
         return struct.pack("<I", len(header)) + header + b"".join(arrays)
 
 
-def poses(positions: Sequence[Sequence[float]] | NDArray[np.floating], turns: object = None) -> Floats:
-    """Poses ``[bodies, 7]`` from positions ``[bodies, 3]`` (m) and quaternions ``[bodies, 4]`` (w, x, y, z), by default none.
+def poses(
+    positions: Sequence[Sequence[float]] | NDArray[np.floating], turns: object = None
+) -> Floats:
+    """Poses ``[bodies, 7]`` from positions ``[bodies, 3]`` (m) and quaternions ``[bodies, 4]`` (w,
+    x, y, z), by default none.
 
     An x of :data:`HIDDEN` hides a body.
     """
     positions_m = np.asarray(positions, np.float32).reshape(-1, 3)
     count = len(positions_m)
-    quaternions = np.tile(np.array(NO_TURN, np.float32), (count, 1)) if turns is None else np.asarray(turns, np.float32)
+    quaternions = (
+        np.tile(np.array(NO_TURN, np.float32), (count, 1))
+        if turns is None
+        else np.asarray(turns, np.float32)
+    )
     return np.concatenate([positions_m, quaternions.reshape(-1, 4)], axis=1)
 
 
-# ---------------------------------------------------------------- meshes, by the same code as the looks of twins
+# --------------------------------------------------- meshes, by the same code as the looks of twins
 
 
 def mesh_of(shape: LegoShape, scale: float | Triple = 1.0) -> Mesh:
     """Mesh of a drawn shape, larger by a factor, or by one along each axis."""
     normals = shape.normals / np.array(scale)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Mesh((shape.points * np.array(scale)).astype(np.float32), normals.astype(np.float32), shape.faces)
+    return Mesh(
+        (shape.points * np.array(scale)).astype(np.float32), normals.astype(np.float32), shape.faces
+    )
 
 
 def box(half_size: Triple) -> Mesh:

@@ -1,8 +1,9 @@
-"""Server of the live page: files, a scene and a WebSocket, in a separate thread with its own event loop.
+"""Server of the live page: files, a scene and a WebSocket, in a separate thread with its own event
+loop.
 
-A server on this computer can be reached by every web page in the same browser. So a request is accepted only if it has the token
-(first in the address, then in a cookie), names this server as its host (against DNS rebinding), and, for a WebSocket, comes from
-a page of this server.
+A server on this computer can be reached by every web page in the same browser. So a request is
+accepted only if it has the token (first in the address, then in a cookie), names this server as its
+host (against DNS rebinding), and, for a WebSocket, comes from a page of this server.
 """
 
 from __future__ import annotations
@@ -41,17 +42,22 @@ NUMBERS_S = 0.2
 PORTS = range(8090, 8110)
 """Ports tried in order if none is given."""
 _TEXT = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-_CONTENT_TYPES = {**{ending: f"{kind}; charset=utf-8" for ending, kind in _TEXT.items()}, "jpg": "image/jpeg"}
+_CONTENT_TYPES = {
+    **{ending: f"{kind}; charset=utf-8" for ending, kind in _TEXT.items()},
+    "jpg": "image/jpeg",
+}
 _MAX_CONNECTIONS, _MAX_MESSAGE_BYTES, _MAX_SHOWN = 12, 4096, 40
 _SECRET, _NAME = "bricksrl_visitor", "bricksrl_name"
-"""Cookies of all pages of this computer: a secret, by which a browser is known again, and the visitor's name."""
+"""Cookies of all pages of this computer: a secret, by which a browser is known again, and the
+visitor's name."""
 _KEPT = "HttpOnly; SameSite=Strict; Path=/; Max-Age=31536000"
 _UNSEEN = ("arrived", "left", "renamed", "drive", "pull")
 """Presses after which a note to the visitor stays, as they are not made by a click."""
 _GOING_AWAY = 1001
 """Code with which a browser closes the connection of a tab that is closed."""
 _PING_S, _SILENT_S = 2.0, 8.0
-"""Period of the questions whether a browser is there; time without an answer after which it is gone."""
+"""Period of the questions whether a browser is there; time without an answer after which it is
+gone."""
 _TICK_S, _CONFIRM_POLL_S = 0.5, 0.02
 CONFIRM_S = 3.0
 """Time that a robot has to confirm an emergency stop."""
@@ -62,14 +68,19 @@ _CLOSE_TIMEOUT_S = 0.5
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 HEADERS = {
     "Cache-Control": "no-store",
-    "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
+    "Content-Security-Policy": (
+        "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    ),
     "Cross-Origin-Resource-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
 """Headers of every response."""
-_DOCUMENT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; media-src data:; frame-ancestors 'none'"
+_DOCUMENT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; media-src data:; "
+    "frame-ancestors 'none'"
+)
 """Content policy of a report, which has its looks and films inside, and must run nothing."""
 
 _log = logging.getLogger(__name__)
@@ -77,7 +88,8 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Guard:
-    """Access control, from a request's headers: token and port of a page, and whether other computers may connect."""
+    """Access control, from a request's headers: token and port of a page, and whether other
+    computers may connect."""
 
     token: str
     port: int
@@ -98,7 +110,9 @@ class Guard:
         host = headers.get("Host") or ""
         name = host.removesuffix(f":{self.port}")
         has_our_port = name != host or self.port == 80  # which browsers omit
-        if not (has_our_port and (name.lower() in LOOPBACK or (self.is_open and _is_ip_address(name)))):
+        if not (
+            has_our_port and (name.lower() in LOOPBACK or (self.is_open and _is_ip_address(name)))
+        ):
             return "this page has another address; open the one that the terminal shows"
         tokens = urllib.parse.parse_qs(urllib.parse.urlsplit(path).query).get("token", [])
         tokens += cookies(headers).get(self.cookie, [])
@@ -111,7 +125,8 @@ class Guard:
 
 
 def cookies(headers: Mapping[str, str]) -> dict[str, list[str]]:
-    """Values of a request's cookies by name. Those of other programs on this host are among them, in any form."""
+    """Values of a request's cookies by name. Those of other programs on this host are among them,
+    in any form."""
     found: dict[str, list[str]] = {}
     for part in (headers.get("Cookie") or "").split(";"):
         name, equals, value = part.strip().partition("=")
@@ -129,8 +144,8 @@ def _is_ip_address(name: str) -> bool:
 
 
 Press = Callable[[str, Any, "Visitor | None"], None]
-"""Called with the name of a button or slider, its value, and who pressed it. The page itself presses ``arrived``
-and ``left`` for each tab."""
+"""Called with the name of a button or slider, its value, and who pressed it. The page itself
+presses ``arrived`` and ``left`` for each tab."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +153,8 @@ class PageOptions:
     """Address flags of the live page."""
 
     page_host: Annotated[str, option(metavar="ADDRESS")] = "127.0.0.1"
-    """Address that serves the live page; 0.0.0.0 also admits devices in the same network that know the page's full address."""
+    """Address that serves the live page; 0.0.0.0 also admits devices in the same network that know
+    the page's full address."""
     page_port: Annotated[int | None, option(metavar="N")] = None
     """Port of the live page; by default the first free one from 8090."""
 
@@ -148,9 +164,10 @@ class PageServer:
 
     Args:
         board: state to show.
-        on_press: called with each press except an emergency stop, one at a time, in a separate thread.
-        on_stop: called for an emergency stop, at once, even while an earlier press is being handled. What it raises
-            is told to all visitors.
+        on_press: called with each press except an emergency stop, one at a time, in a separate
+            thread.
+        on_stop: called for an emergency stop, at once, even while an earlier press is being
+            handled. What it raises is told to all visitors.
 
     Attributes:
         board: state that the page shows.
@@ -160,10 +177,18 @@ class PageServer:
         PageError: on entering, the address is in use or not of this computer.
     """
 
-    def __init__(self, board: Board, on_press: Press, on_stop: Callable[[], None], options: PageOptions | None = None) -> None:
+    def __init__(
+        self,
+        board: Board,
+        on_press: Press,
+        on_stop: Callable[[], None],
+        options: PageOptions | None = None,
+    ) -> None:
         self.board, self._on_press, self._on_stop = board, on_press, on_stop
         self._options = options or PageOptions()
-        self._presses: queue.SimpleQueue[tuple[str, Any, Visitor | None] | None] = queue.SimpleQueue()
+        self._presses: queue.SimpleQueue[tuple[str, Any, Visitor | None] | None] = (
+            queue.SimpleQueue()
+        )
         self.visitors = Visitors()
         self._stops = 0
         self._threads: list[threading.Thread] = []
@@ -181,7 +206,8 @@ class PageServer:
         host, port = server_socket.getsockname()[:2]
         is_open = self._options.page_host not in ("127.0.0.1", "localhost", "::1")
         self._guard = Guard(secrets.token_urlsafe(18), port, is_open)
-        name = _own_address() if host in ("0.0.0.0", "::") else host  # noqa: S104  compared, not listened on
+        # compared, not listened on
+        name = _own_address() if host in ("0.0.0.0", "::") else host  # noqa: S104
         name = f"[{name}]" if ":" in name else name
         self.url = f"http://{name}:{port}/?token={self._guard.token}"
         self._start("bricksrl-page", lambda: asyncio.run(self._serve(server_socket)))
@@ -212,7 +238,7 @@ class PageServer:
         self._threads.append(thread)
         thread.start()
 
-    # ---------------------------------------------------------------- in the thread of the event loop
+    # -------------------------------------------------------------- in the thread of the event loop
 
     async def _serve(self, server_socket: socket.socket) -> None:
         from websockets.asyncio.server import serve
@@ -233,8 +259,14 @@ class PageServer:
         ) as server:
             self._ready.set()
             await self._closing.wait()
-            await asyncio.sleep(NUMBERS_S + FRAME_S)  # the last news, such as that of a stop, are told too
-            await asyncio.gather(*(connection.close(1001, "the run has ended") for connection in list(server.connections)))
+            # the last news, such as that of a stop, are told too
+            await asyncio.sleep(NUMBERS_S + FRAME_S)
+            await asyncio.gather(
+                *(
+                    connection.close(1001, "the run has ended")
+                    for connection in list(server.connections)
+                )
+            )
 
     def file(self, name: str) -> tuple[str, bytes] | None:
         """Content type and bytes of a file of the page; ``None`` if there is no such file."""
@@ -319,7 +351,9 @@ class PageServer:
                 await connection.send(message if isinstance(message, bytes) else to_json(message))
             await asyncio.sleep(FRAME_S)
 
-    async def _receive(self, connection: ServerConnection, message: str | bytes, visitor: Visitor) -> None:
+    async def _receive(
+        self, connection: ServerConnection, message: str | bytes, visitor: Visitor
+    ) -> None:
         """Handle a press; other messages, as of another version of the page, are ignored."""
         try:
             content = json.loads(message)
@@ -327,9 +361,12 @@ class PageServer:
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             return
         if name == "stop":
-            threading.Thread(target=self._stop, args=(visitor.name,), name="bricksrl-page-stop", daemon=True).start()
+            threading.Thread(
+                target=self._stop, args=(visitor.name,), name="bricksrl-page-stop", daemon=True
+            ).start()
             await connection.send(to_json({"heard": value if is_finite(value) else 0}))
-        elif name == "ping":  # the page's question whether we are there; an answer shows both ways of the connection
+        elif name == "ping":
+            # the page's question whether we are there; an answer shows both ways of the connection
             await connection.send(to_json({"pong": value if is_finite(value) else 0}))
         elif name == "name":
             self.visitors.rename(visitor, value)
@@ -338,7 +375,7 @@ class PageServer:
         elif isinstance(name, str):
             self._presses.put((name, value, visitor))
 
-    # ---------------------------------------------------------------- in a thread of each emergency stop
+    # ----------------------------------------------------------- in a thread of each emergency stop
 
     def _stop(self, by: str) -> None:
         """Stop, and tell all visitors what is known of it: sent, confirmed, or why not."""
@@ -347,7 +384,9 @@ class PageServer:
 
         def tell(state: str, reason: str = "") -> None:
             if number == self._stops:  # of several, the last one is shown
-                self.board.update_status(stop={"number": number, "by": by, "state": state, "reason": reason})
+                self.board.update_status(
+                    stop={"number": number, "by": by, "state": state, "reason": reason}
+                )
 
         tell("sent")
         try:
@@ -361,7 +400,8 @@ class PageServer:
         tell("confirmed" if confirmed else "unconfirmed")
 
     def has_stopped(self) -> bool:
-        """Whether what moved is known to be stopped; asked for up to :data:`CONFIRM_S` after an emergency stop."""
+        """Whether what moved is known to be stopped; asked for up to :data:`CONFIRM_S` after an
+        emergency stop."""
         return True
 
     # ---------------------------------------------------------------- in the thread of the presses
@@ -396,14 +436,21 @@ def _listen(options: PageOptions) -> socket.socket:
         raise PageError(f"{options.page_port} is not a port; give one in 0 to 65535, or none")
     last_error: OSError | None = None
     family = socket.AF_INET6 if ":" in options.page_host else socket.AF_INET
-    is_dual = options.page_host == "::" and socket.has_dualstack_ipv6()  # all addresses, also those of IPv4
+    # all addresses, also those of IPv4
+    is_dual = options.page_host == "::" and socket.has_dualstack_ipv6()
     for port in PORTS if options.page_port is None else (options.page_port,):
         try:
-            return socket.create_server((options.page_host, port), family=family, dualstack_ipv6=is_dual)
+            return socket.create_server(
+                (options.page_host, port), family=family, dualstack_ipv6=is_dual
+            )
         except OSError as error:
             last_error = error
-    address = f"{options.page_host}:{PORTS.start if options.page_port is None else options.page_port}"
-    reason = str((last_error and last_error.strerror) or last_error).partition(" (while attempting")[0]
+    address = (
+        f"{options.page_host}:{PORTS.start if options.page_port is None else options.page_port}"
+    )
+    reason = str((last_error and last_error.strerror) or last_error).partition(
+        " (while attempting"
+    )[0]
     raise PageError(f"cannot serve the page on {address} ({reason}); name another host or port")
 
 
@@ -411,7 +458,8 @@ def _own_address() -> str:
     """IP address of this computer in its network, found without sending anything."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect(("192.0.2.1", 9))  # documentation address (RFC 5737): gives the outgoing interface
+            # documentation address (RFC 5737): gives the outgoing interface
+            probe.connect(("192.0.2.1", 9))
             return str(probe.getsockname()[0])
         except OSError:
             return "127.0.0.1"
@@ -420,12 +468,18 @@ def _own_address() -> str:
 def _file(name: str) -> tuple[str, bytes] | None:
     """Content type and bytes of a file of the package; ``None`` if there is no such file."""
     content_type = _CONTENT_TYPES.get(name.rpartition(".")[2])
-    folders = [importlib.resources.files("bricksrl.page") / folder for folder in ("static", "pictures")]
+    folders = [
+        importlib.resources.files("bricksrl.page") / folder for folder in ("static", "pictures")
+    ]
     files = {file.name: file for folder in folders for file in folder.iterdir()}
-    return None if content_type is None or name not in files else (content_type, files[name].read_bytes())
+    return (
+        None
+        if content_type is None or name not in files
+        else (content_type, files[name].read_bytes())
+    )
 
 
-# ---------------------------------------------------------------- values of presses, which may be anything that JSON can say
+# --------------------------------------- values of presses, which may be anything that JSON can say
 
 
 def chosen(noun: str, value: object, names: Iterable[str]) -> str:

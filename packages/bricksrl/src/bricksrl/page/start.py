@@ -1,6 +1,7 @@
 """Start page: environments, runs, building plans and the hub check, without a command typed.
 
-A press starts the command of its row in a process of its own. Values of presses are only chosen from names that the page knows.
+A press starts the command of its row in a process of its own. Values of presses are only chosen
+from names that the page knows.
 """
 
 import contextlib
@@ -43,7 +44,8 @@ _CLOSE_S = DEADLINE_S - 1.5
 _MAX_ROBOTS = 6
 """Robots of all visitors at a time."""
 _DESERTED_S, _ASLEEP_S = 5.0, 120.0
-"""Time after which a play ends that nobody looks at: closed tabs; not looked at yet, or connections that broke."""
+"""Time after which a play ends that nobody looks at: closed tabs; not looked at yet, or connections
+that broke."""
 _log = logging.getLogger(__name__)
 _PAGE_LINE = re.compile(r"live page: (\S+)")
 
@@ -55,8 +57,8 @@ class Action:
     Attributes:
         kind: kind of the names that it is for.
         words: its command, before and after the names.
-        out: ending of the file that it writes.
-        has_page, is_alone: whether it has a page of its own, and ends the one before of the same visitor.
+        out: ending of the file that it writes. has_page, is_alone: whether it has a page of its
+        own, and ends the one before of the same visitor.
     """
 
     kind: str
@@ -83,7 +85,9 @@ ACTIONS = {
     "build": Action("plan", ("plan", "show")),
     "booklet": Action("plan", ("plan", "steps"), out="pdf", has_page=False, is_alone=False),
     **{
-        f"check {hub}": Action("environment", ("hub", "check"), ("--hub", hub, "--yes"), has_page=False)
+        f"check {hub}": Action(
+            "environment", ("hub", "check"), ("--hub", hub, "--yes"), has_page=False
+        )
         for hub in ("virtual", "ble", "usb")
     },
 }
@@ -96,8 +100,9 @@ Launch = Callable[[Sequence[str], Path], "subprocess.Popen[str]"]
 
 
 def launch(words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
-    """Start a command of ``bricksrl`` in a folder, with all that it says on one pipe; Ctrl-C does not reach it. It ends when its
-    standard input does, which also happens if this process is killed."""
+    """Start a command of ``bricksrl`` in a folder, with all that it says on one pipe; Ctrl-C does
+    not reach it. It ends when its standard input does, which also happens if this process is
+    killed."""
     command, variables = own_python("-u", "-m", "bricksrl.cli.job", *words)
     return subprocess.Popen(  # noqa: S603  our own interpreter
         command,
@@ -114,7 +119,8 @@ def launch(words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
 
 @dataclass(eq=False)
 class Job:
-    """A command in a process of its own, with its lines, which it reads itself, and the address of its page.
+    """A command in a process of its own, with its lines, which it reads itself, and the address of
+    its page.
 
     Attributes:
         owner: the visitor who has started it.
@@ -165,14 +171,21 @@ class Job:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
-        if hasattr(os, "killpg"):  # what it has left in its group, such as a process that was frozen
+        # what it has left in its group, such as a process that was frozen
+        if hasattr(os, "killpg"):
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(self.process.pid, signal.SIGKILL)
         self.reader.join(_READ_S)
 
     def described(self) -> dict[str, Any]:
         """What the page shows of it."""
-        shown = {"number": self.number, "action": self.action, "about": self.about, "url": self.url, "lines": list(self.lines)}
+        shown = {
+            "number": self.number,
+            "action": self.action,
+            "about": self.about,
+            "url": self.url,
+            "lines": list(self.lines),
+        }
         owner = "" if self.owner is None else self.owner.name
         return shown | {"code": self.process.poll(), "owner": owner, "why": self.why}
 
@@ -189,7 +202,8 @@ class Job:
 
 
 def end_jobs(jobs: Sequence[Job], within_s: float = _END_S) -> None:
-    """End jobs, all at the same time; kill those that have not ended in time, such as frozen ones."""
+    """End jobs, all at the same time; kill those that have not ended in time, such as frozen
+    ones."""
     for job in jobs:
         job.ask_to_end()
     deadline_s = time.monotonic() + within_s
@@ -216,17 +230,31 @@ class StartPage(PageServer):
         launch: starts the process of a command.
     """
 
-    def __init__(self, folder: Path, options: PageOptions | None = None, launch: Launch = launch) -> None:
+    def __init__(
+        self, folder: Path, options: PageOptions | None = None, launch: Launch = launch
+    ) -> None:
         super().__init__(Board(), self._press, lambda: None, options)
-        self._folder, self._launch, self._jobs, self._ended = folder, launch, list[Job](), threading.Event()
+        self._folder, self._launch, self._jobs, self._ended = (
+            folder,
+            launch,
+            list[Job](),
+            threading.Event(),
+        )
         self._seats = Seats(holds_several=True)
         self._results: Path | None = None
-        self._envs = {env_id: summary for env_id, summary in list_envs().items() if not is_simulation(env_id)}
-        self._plans = list({robot.model: name for name, robot in reversed(ROBOTS.items()) if robot.model}.values())
+        self._envs = {
+            env_id: summary for env_id, summary in list_envs().items() if not is_simulation(env_id)
+        }
+        self._plans = list(
+            {robot.model: name for name, robot in reversed(ROBOTS.items()) if robot.model}.values()
+        )
         cards = [
-            {"env": env_id, "summary": self._envs[env_id]} for env_id in sorted(self._envs, key=lambda one: one not in TRAINED)
+            {"env": env_id, "summary": self._envs[env_id]}
+            for env_id in sorted(self._envs, key=lambda one: one not in TRAINED)
         ]
-        games = [{"env": env_id, "summary": arena_summary(env_id), "is_arena": True} for env_id in ARENAS]
+        games = [
+            {"env": env_id, "summary": arena_summary(env_id), "is_arena": True} for env_id in ARENAS
+        ]
         self.board.update_status(title="BricksRL", cards=[*cards, *games], plans=self._plans)
         self._publish()
 
@@ -246,7 +274,9 @@ class StartPage(PageServer):
 
     def file(self, name: str) -> tuple[str, bytes] | None:
         """Files of the page, and results of its jobs."""
-        results = {} if self._results is None else {path.name: path for path in self._results.iterdir()}
+        results = (
+            {} if self._results is None else {path.name: path for path in self._results.iterdir()}
+        )
         folder, _, ending = name.removeprefix("runs/").partition("/")
         if ending in _RUN_FILES and folder in {run["name"] for run in self._runs()}:
             path = self._folder / "runs" / folder / ending
@@ -266,7 +296,11 @@ class StartPage(PageServer):
                 case "answer":
                     self._answer_question(value, visitor)
                 case _:
-                    self._begin(chosen("button", name, ACTIONS), value if isinstance(value, list) else [value], visitor)
+                    self._begin(
+                        chosen("button", name, ACTIONS),
+                        value if isinstance(value, list) else [value],
+                        visitor,
+                    )
         except BricksError as error:
             message = str(error)
         if visitor is None:
@@ -279,14 +313,21 @@ class StartPage(PageServer):
         """End a job, after asking the visitor who has started it."""
         for job in (job for job in self._jobs if job.number == number and job.is_running):
             if visitor is None or self._seats.ask(_seat(job), visitor):
-                self._end([job], "" if job.owner in (None, visitor) or visitor is None else f"ended by {visitor.name}")
+                self._end(
+                    [job],
+                    ""
+                    if job.owner in (None, visitor) or visitor is None
+                    else f"ended by {visitor.name}",
+                )
 
     def _answer_question(self, value: Any, visitor: Visitor | None) -> None:
         """Answer of a visitor who was asked whether a job may end."""
         if visitor is None or not isinstance(value, list) or len(value) != 2:
             return
         for job in (job for job in self._jobs if _seat(job) == value[0]):
-            if (asker := self._seats.answer(_seat(job), visitor, agrees=value[1] is True)) is not None:
+            if (
+                asker := self._seats.answer(_seat(job), visitor, agrees=value[1] is True)
+            ) is not None:
                 visitor.note = f"{job.about} was ended for {asker.name}, as you said yes."
                 self._end([job], f"ended for {asker.name}")
 
@@ -298,19 +339,33 @@ class StartPage(PageServer):
             self._seats.give_back(_seat(job))
 
     def _begin(self, name: str, values: list[Any], visitor: Visitor | None) -> None:
-        """Start the command of an action for names; the robot that the visitor had before ends. Raises PageError for names that
-        the page does not know, and where others have all robots, or the hub, already."""
+        """Start the command of an action for names; the robot that the visitor had before ends.
+        Raises PageError for names that the page does not know, and where others have all robots, or
+        the hub, already."""
         action, runs = ACTIONS[name], self._runs()
-        known: dict[str, Iterable[str]] = {"environment": self._envs, "arena": ARENAS, "plan": self._plans, "class": ["runs"]}
+        known: dict[str, Iterable[str]] = {
+            "environment": self._envs,
+            "arena": ARENAS,
+            "plan": self._plans,
+            "class": ["runs"],
+        }
         known["run"] = [run["name"] for run in runs]
         names = [chosen(action.kind, value, known[action.kind]) for value in values]
         number = 1 + max((job.number for job in self._jobs), default=0)
-        words = [*action.words, *(f"runs/{one}" if action.kind == "run" else one for one in names), *action.options]
+        words = [
+            *action.words,
+            *(f"runs/{one}" if action.kind == "run" else one for one in names),
+            *action.options,
+        ]
         words += ["--out", f"{self._results}/{number}.{action.out}"] if action.out else []
         words += ["--page-host", self._options.page_host] if action.has_page else []
         if name == "train":  # or the same run would come again
             words += ["--seed", f"{sum(run['env'] in names for run in runs)}"]
-            words += [f"--name={visitor.given_name}"] if visitor is not None and visitor.given_name else []
+            words += (
+                [f"--name={visitor.given_name}"]
+                if visitor is not None and visitor.given_name
+                else []
+            )
         if action.is_alone:
             alone = [job for job in self._jobs if ACTIONS[job.action].is_alone and job.is_running]
             others = [job for job in alone if visitor is not None and job.owner is not visitor]
@@ -323,17 +378,28 @@ class StartPage(PageServer):
 
     def _check_room(self, name: str, others: Sequence[Job]) -> None:
         """Raise PageError if the robots of others leave none for a visitor."""
-        owners = ", ".join(job.owner.name if job.owner is not None else "somebody" for job in others)
+        owners = ", ".join(
+            job.owner.name if job.owner is not None else "somebody" for job in others
+        )
         if len(others) >= _MAX_ROBOTS:
-            raise PageError(f"{len(others)} robots are at work already ({owners}); end one of them, or ask for it")
+            raise PageError(
+                f"{len(others)} robots are at work already ({owners}); end one of them, or "
+                "ask for it"
+            )
         if name in REAL_HUB and (same := [job for job in others if job.action == name]):
             owner = same[0].owner.name if same[0].owner is not None else "somebody"
             raise PageError(f"{owner} checks a hub; wait for its end, or ask for it")
 
     def _end_deserted(self) -> None:
-        """End plays whose visitors have closed all tabs. A phone that sleeps, whose connection broke, has two minutes."""
+        """End plays whose visitors have closed all tabs. A phone that sleeps, whose connection
+        broke, has two minutes."""
         for job in self._jobs:
-            if not (job.is_running and job.url and job.owner is not None and ACTIONS[job.action].ends_alone):
+            if not (
+                job.is_running
+                and job.url
+                and job.owner is not None
+                and ACTIONS[job.action].ends_alone
+            ):
                 continue
             seen, now_s = job.visitors(), time.monotonic()
             if job.owner.key in seen.get("here", ()):
@@ -360,7 +426,9 @@ class StartPage(PageServer):
                 _log.warning("the start page: %s", error)
 
     def _publish(self) -> None:
-        self.board.update_status(jobs=[job.described() for job in self._jobs[::-1]], runs=self._runs())
+        self.board.update_status(
+            jobs=[job.described() for job in self._jobs[::-1]], runs=self._runs()
+        )
         self.board.update_status(**self._seats.described())
 
     def _runs(self) -> list[dict[str, Any]]:
@@ -372,11 +440,18 @@ class StartPage(PageServer):
             with contextlib.suppress(BricksError, OSError):  # such as a run that is deleted now
                 config = run.read_config()
                 returns = [episode.return_ for episode in run.read_episodes()]
-                about = {"env": config.env, "agent": config.agent, "episodes": len(returns), "pupil": config.name}
+                about = {
+                    "env": config.env,
+                    "agent": config.agent,
+                    "episodes": len(returns),
+                    "pupil": config.name,
+                }
                 about |= {"seed": config.seed, "has_report": (run.path / "report.html").exists()}
                 about |= {"has_film": (run.path / "before_after.mp4").exists()}
                 points = returns[:: 1 + len(returns) // _MAX_POINTS]
-                found.append({**about, **_scored(run, returns), "name": run.path.name, "points": points})
+                found.append(
+                    {**about, **_scored(run, returns), "name": run.path.name, "points": points}
+                )
         return found
 
 
@@ -394,9 +469,13 @@ def _changed_s(path: Path) -> float:
 
 
 def _scored(run: RunFolder, returns: list[float]) -> dict[str, Any]:
-    """The return that the page shows of a run, and what it is: of the evaluation, or else of the last episodes."""
+    """The return that the page shows of a run, and what it is: of the evaluation, or else of the
+    last episodes."""
     evaluation = run.own_evaluation(len(returns))
     if evaluation is not None:
         return {"return": evaluation["return_mean"], "score": "evaluation"}
     last = returns[-_LAST_EPISODES:]
-    return {"return": sum(last) / len(last) if last else None, "score": f"mean of the last {_LAST_EPISODES} episodes"}
+    return {
+        "return": sum(last) / len(last) if last else None,
+        "score": f"mean of the last {_LAST_EPISODES} episodes",
+    }

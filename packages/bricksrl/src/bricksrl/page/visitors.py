@@ -1,7 +1,9 @@
-"""Visitors of a page, what each of them holds, such as a robot that is driven, and who asks whom for it.
+"""Visitors of a page, what each of them holds, such as a robot that is driven, and who asks whom
+for it.
 
-A visitor is one browser, in one tab or several. Who reloads the page, or has closed it, is away after
-:data:`AWAY_S`, and what was held is free; who comes back before somebody else has taken it holds it again.
+A visitor is one browser, in one tab or several. Who reloads the page, or has closed it, is away
+after :data:`AWAY_S`, and what was held is free; who comes back before somebody else has taken it
+holds it again.
 """
 
 from __future__ import annotations
@@ -79,10 +81,13 @@ class Visitors:
         visitor.is_asleep = not closed
 
     def rename(self, visitor: Visitor, name: object) -> None:
-        """Give a visitor a name, with a number if somebody else has it; what is no name is ignored."""
+        """Give a visitor a name, with a number if somebody else has it; what is no name is
+        ignored."""
         if not isinstance(name, str):
             return
-        wanted = " ".join("".join(letter if letter.isprintable() else " " for letter in name).split())[:_MAX_NAME].strip()
+        wanted = " ".join(
+            "".join(letter if letter.isprintable() else " " for letter in name).split()
+        )[:_MAX_NAME].strip()
         if not wanted:
             return
         others = {other.name for other in self._known.values() if other is not visitor}
@@ -99,11 +104,16 @@ class Visitors:
     def described(self) -> dict[str, Any]:
         """Who is here, and whether somebody's connection broke, for the start page."""
         away = [visitor for visitor in self._known.values() if not visitor.tabs]
-        return {"here": [visitor.key for visitor in self.here()], "asleep": any(visitor.is_asleep for visitor in away)}
+        return {
+            "here": [visitor.key for visitor in self.here()],
+            "asleep": any(visitor.is_asleep for visitor in away),
+        }
 
     def _forget(self) -> None:
         """Forget the visitor who left first, where too many are known."""
-        away = sorted((visitor.left_s, secret) for secret, visitor in self._known.items() if visitor.is_away)
+        away = sorted(
+            (visitor.left_s, secret) for secret, visitor in self._known.items() if visitor.is_away
+        )
         if len(self._known) >= _MAX_KNOWN and away:
             del self._known[away[0][1]]
 
@@ -117,7 +127,8 @@ class Question:
 
 
 class Seats:
-    """What is held, by name, and the questions for it; each visitor holds one at most, unless ``holds_several``."""
+    """What is held, by name, and the questions for it; each visitor holds one at most, unless
+    ``holds_several``."""
 
     def __init__(self, *, holds_several: bool = False) -> None:
         self._holds_several = holds_several
@@ -131,12 +142,17 @@ class Seats:
         return None if visitor is None or visitor.is_away else visitor
 
     def may(self, name: str, visitor: Visitor | None) -> bool:
-        """Whether a visitor may use it: nobody else holds it. ``None`` stands for the program itself."""
+        """Whether a visitor may use it: nobody else holds it. ``None`` stands for the program
+        itself."""
         return visitor is None or self.holder(name) in (None, visitor)
 
     def take(self, name: str, visitor: Visitor) -> list[str]:
         """Let a visitor hold it; the names of what is free now."""
-        left = [] if self._holds_several else [held for held, by in self._holders.items() if by is visitor and held != name]
+        left = (
+            []
+            if self._holds_several
+            else [held for held, by in self._holders.items() if by is visitor and held != name]
+        )
         for held in left:
             self.give_back(held)
         self._holders[name] = visitor
@@ -177,7 +193,8 @@ class Seats:
         return question.by
 
     def refresh(self) -> tuple[list[str], list[str]]:
-        """Look who is away, and who is back: names of what is free now, and of what is held again by its former holder."""
+        """Look who is away, and who is back: names of what is free now, and of what is held again
+        by its former holder."""
         freed, again = list[str](), list[str]()
         for name, visitor in list(self._holders.items()):
             if visitor.is_away:
@@ -201,5 +218,12 @@ class Seats:
 
     def described(self) -> Mapping[str, dict[str, str]]:
         """Names of holders and of those who ask, for the page."""
-        holders = {name: visitor.name for name in self._holders if (visitor := self.holder(name)) is not None}
-        return {"holders": holders, "questions": {name: question.by.name for name, question in self._questions.items()}}
+        holders = {
+            name: visitor.name
+            for name in self._holders
+            if (visitor := self.holder(name)) is not None
+        }
+        return {
+            "holders": holders,
+            "questions": {name: question.by.name for name, question in self._questions.items()},
+        }

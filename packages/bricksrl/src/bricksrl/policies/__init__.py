@@ -18,17 +18,20 @@ if TYPE_CHECKING:
 
 
 def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = "last") -> Policy:
-    """Load the policy of a run, or a shared one, as a TensorDict module for ``env.rollout(100, policy)``.
+    """Load the policy of a run, or a shared one, as a TensorDict module for ``env.rollout(100,
+    policy)``.
 
     Args:
         path: folder of a run, or of a shared policy.
-        env: environment to act in; by default that of the training. If it has no transforms and the training had some, the policy
-            has them, and takes what the environment itself observes.
+        env: environment to act in; by default that of the training. If it has no transforms and the
+            training had some, the policy has them, and takes what the environment itself observes.
         which: the last checkpoint, or that of the best evaluation.
 
     Raises:
-        RunError: there is no run in the folder, or a shared policy and ``which`` is not the last checkpoint.
-        CheckpointError: the policy is damaged, or ``env`` has other observations or actions than the run's environment.
+        RunError: there is no run in the folder, or a shared policy and ``which`` is not the last
+            checkpoint.
+        CheckpointError: the policy is damaged, or ``env`` has other observations or actions than
+            the run's environment.
     """
     from bricksrl.policies.policy import Policy
     from bricksrl.policies.sharing import is_policy, load_shared
@@ -44,12 +47,19 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
         options, base = config_of(path).robot, base_of(env)
         trained = transformed(env, options) if base is env else with_unit_actions(env)
         takes_own = trained is not base and (base is env or given is None)
-        learner = load_shared(path, trained) if is_policy(path) else load_learner(path, trained, which=which).learner
-        return Policy(learner.policy, base, trained) if takes_own else Policy(learner.policy, trained)
+        learner = (
+            load_shared(path, trained)
+            if is_policy(path)
+            else load_learner(path, trained, which=which).learner
+        )
+        return (
+            Policy(learner.policy, base, trained) if takes_own else Policy(learner.policy, trained)
+        )
 
 
 def config_of(path: Path) -> TrainConfig:
-    """Config of a run, or of a shared policy. Raises RunError or CheckpointError if the folder has neither, or it is damaged."""
+    """Config of a run, or of a shared policy. Raises RunError or CheckpointError if the folder has
+    neither, or it is damaged."""
     from bricksrl.policies.sharing import is_policy, read_policy
     from bricksrl.training.run_folder import RunFolder
 
@@ -57,8 +67,8 @@ def config_of(path: Path) -> TrainConfig:
 
 
 def make_env_of(path: Path, **changed: Any) -> EnvBase:
-    """The environment that a run or a shared policy was trained in, of a single robot, with these options ``changed``. Raises the
-    errors of `config_of`."""
+    """The environment that a run or a shared policy was trained in, of a single robot, with these
+    options ``changed``. Raises the errors of `config_of`."""
     from bricksrl.envs.registry import make_env
 
     config = config_of(path)

@@ -1,5 +1,5 @@
-"""Policies that an environment of ours has, by name: random, scripted, and best, which comes with it, trained by ``python -m
-benchmarks policies``. Importing this loads no torch."""
+"""Policies that an environment of ours has, by name: random, scripted, and best, which comes with
+it, trained by ``python -m benchmarks policies``. Importing this loads no torch."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -24,13 +24,14 @@ FULL_TURN_DEG = 360.0
 
 @dataclass(frozen=True)
 class PlainPolicy:
-    """A policy as numbers: the features of `bricksrl.agents.encoder.ObservationEncoder`, then layers with ReLU, then tanh.
+    """A policy as numbers: the features of `bricksrl.agents.encoder.ObservationEncoder`, then
+    layers with ReLU, then tanh.
 
     Attributes:
-        least, greatest: observations ``[n]`` are held within these.
-        linear, scale, offset: indices, factors and offsets of the scaled entries.
-        angle_matrix: ``[n, angles]``, from observations to the angles, in rad, whose sine and cosine are features.
-        goal, reached, period, goal_scale: indices of the goals and of what is to reach them; their period and factor.
+        least, greatest: observations ``[n]`` are held within these. linear, scale, offset: indices,
+        factors and offsets of the scaled entries. angle_matrix: ``[n, angles]``, from observations
+        to the angles, in rad, whose sine and cosine are features. goal, reached, period,
+        goal_scale: indices of the goals and of what is to reach them; their period and factor.
         weights, biases: of each layer, ``[out, in]`` and ``[out]``; the last ones give the action.
     """
 
@@ -48,10 +49,14 @@ class PlainPolicy:
     biases: tuple[Floats, ...]
 
     def act(self, observation: Any) -> Floats:
-        """Action ``[*batch, m]`` in -1..1 for an observation ``[*batch, n]``. Raises DescriptionError for another n."""
+        """Action ``[*batch, m]`` in -1..1 for an observation ``[*batch, n]``. Raises
+        DescriptionError for another n."""
         values = np.asarray(observation, np.float32)
         if values.shape[-1:] != self.least.shape:
-            raise DescriptionError(f"the policy takes observations of {len(self.least)} numbers, not of shape {values.shape}")
+            raise DescriptionError(
+                f"the policy takes observations of {len(self.least)} numbers, not of shape "
+                f"{values.shape}"
+            )
         x = self.features(values.clip(self.least, self.greatest))
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = np.maximum(x @ weight.T + bias, 0.0)
@@ -59,18 +64,24 @@ class PlainPolicy:
         return action
 
     def features(self, observation: Floats) -> Floats:
-        """Features ``[*batch, f]``: scaled entries, all sines, all cosines, all differences to goals."""
+        """Features ``[*batch, f]``: scaled entries, all sines, all cosines, all differences to
+        goals."""
         angle_rad = observation @ self.angle_matrix
         difference = observation[..., self.goal] - observation[..., self.reached]
-        difference = (difference - (difference / self.period).round() * FULL_TURN_DEG) * self.goal_scale
+        difference = (
+            difference - (difference / self.period).round() * FULL_TURN_DEG
+        ) * self.goal_scale
         linear = observation[..., self.linear] * self.scale + self.offset
         return np.concatenate((linear, np.sin(angle_rad), np.cos(angle_rad), difference), -1)
 
     @classmethod
     def load(cls, path: Path) -> "PlainPolicy":
-        """Read it from a file ``.npz``, whose arrays are ``NAME``, and ``weights_0``, ``biases_0`` and so on."""
+        """Read it from a file ``.npz``, whose arrays are ``NAME``, and ``weights_0``, ``biases_0``
+        and so on."""
         with np.load(path) as file:
-            values: dict[str, Any] = {field.name: file[field.name] for field in fields(cls) if field.name not in _LAYERS}
+            values: dict[str, Any] = {
+                field.name: file[field.name] for field in fields(cls) if field.name not in _LAYERS
+            }
             count = sum(name.startswith("biases_") for name in file)
             values |= {name: tuple(file[f"{name}_{i}"] for i in range(count)) for name in _LAYERS}
         return cls(**values)
@@ -80,8 +91,8 @@ _LAYERS = ("weights", "biases")
 
 
 def scores_to_beat(env_id: str) -> dict[str, float]:
-    """Mean returns in an environment of ours: of random actions, a controller by hand, the paper, and the policy that comes with
-    it."""
+    """Mean returns in an environment of ours: of random actions, a controller by hand, the paper,
+    and the policy that comes with it."""
     trained = {"ours": float(TRAINED[env_id]["return"])} if env_id in TRAINED else {}
     return {**REFERENCES.get(env_id, {}), **trained}
 
@@ -92,9 +103,12 @@ def path_of(env_id: str) -> Path:
 
 
 def array_policies(env_id: str, task: Task, seed: int) -> dict[str, Callable[[], ArrayPolicy]]:
-    """Factories of the policies of an environment, the best one last; ``seed`` is that of the random actions."""
+    """Factories of the policies of an environment, the best one last; ``seed`` is that of the
+    random actions."""
     rng, size = np.random.default_rng(seed), len(task.interface.commands)
-    policies: dict[str, Callable[[], ArrayPolicy]] = {"random": lambda: lambda _state: rng.uniform(-1.0, 1.0, size)}
+    policies: dict[str, Callable[[], ArrayPolicy]] = {
+        "random": lambda: lambda _state: rng.uniform(-1.0, 1.0, size)
+    }
     if env_id in CONTROLLERS:
         policies["scripted"] = lambda: CONTROLLERS[env_id]
     if env_id in TRAINED:

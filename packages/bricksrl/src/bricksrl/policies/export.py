@@ -1,6 +1,8 @@
-"""Export of a trained policy, from observation to action, to one file that is independent of BricksRL, and verified.
+"""Export of a trained policy, from observation to action, to one file that is independent of
+BricksRL, and verified.
 
-A policy that learned behind transforms takes what they made: whoever runs the file stacks frames or skips steps.
+A policy that learned behind transforms takes what they made: whoever runs the file stacks frames or
+skips steps.
 """
 
 import importlib.util
@@ -30,13 +32,15 @@ from bricksrl.training.restore import Which
 Format = Literal["torch-export", "onnx"]
 """File format: a program of ``torch.export``, or ONNX."""
 TOLERANCE = 1e-4
-"""Largest allowed difference between an action of the file and the policy's; actions are in -1..1."""
+"""Largest allowed difference between an action of the file and the policy's; actions are in
+-1..1."""
 _OBSERVATIONS = 64
 _ONNX = ("onnx", "onnxscript")
 
 
 class BestAction(nn.Module):
-    """Deterministic action ``[batch, m]`` of a policy, as a function of observations ``[batch, n]`` and images, if used."""
+    """Deterministic action ``[batch, m]`` of a policy, as a function of observations ``[batch, n]``
+    and images, if used."""
 
     def __init__(self, policy: Policy) -> None:
         super().__init__()
@@ -49,23 +53,31 @@ class BestAction(nn.Module):
         return action
 
 
-def export_model(path: Path | str, out: Path, format_: Format = "torch-export", *, which: Which = "last") -> float:
+def export_model(
+    path: Path | str, out: Path, format_: Format = "torch-export", *, which: Which = "last"
+) -> float:
     """Export the policy of a run, or a shared one, to the file ``out``; read it back, and compare.
 
     Returns:
         The largest difference of its actions from the policy's, over random observations.
 
     Raises:
-        RunError: ``out`` exists, packages are missing, or the policy is no function of its observation.
+        RunError: ``out`` exists, packages are missing, or the policy is no function of its
+            observation.
         WriteError: ``out`` cannot be written.
         CheckpointError: the policy is damaged.
     """
     refuse_existing(out, RunError)
     check_writable(out)
-    missing = [name for name in _ONNX if format_ == "onnx" and importlib.util.find_spec(name) is None]
+    missing = [
+        name for name in _ONNX if format_ == "onnx" and importlib.util.find_spec(name) is None
+    ]
     if missing:
         names = " and ".join(missing)
-        raise RunError(f"export as onnx needs {names}; run `pip install 'bricksrl[onnx]'`, or export as torch-export")
+        raise RunError(
+            f"export as onnx needs {names}; run `pip install 'bricksrl[onnx]'`, or export as "
+            "torch-export"
+        )
     with closing(make_env_of(Path(path))) as env:
         policy, layout = load_policy(path, env, which=which), layout_of(env)
         named = _observations(env, layout)
@@ -79,18 +91,22 @@ def export_model(path: Path | str, out: Path, format_: Format = "torch-export", 
         difference = float((_reader(out, format_)(inputs) - expected).abs().max())
     if not difference <= TOLERANCE:
         out.unlink()
-        raise RunError(f"what was written acts otherwise, by {difference:.2g} of 2; export in another format")
+        raise RunError(
+            f"what was written acts otherwise, by {difference:.2g} of 2; export in another format"
+        )
     return difference
 
 
 def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Tensor:
-    """The policy's actions, computed twice in different order. Raises RunError if the results differ."""
+    """The policy's actions, computed twice in different order. Raises RunError if the results
+    differ."""
     first: Tensor = acting(*inputs)
     policy.reset()
     flipped = acting(*(value.flip(0) for value in inputs)).flip(0)
     if not torch.allclose(first, flipped, atol=TOLERANCE):
         raise RunError(
-            "the policy's action depends on more than what it observes; export one that acts at once and not by chance"
+            "the policy's action depends on more than what it observes; export one that acts at "
+            "once and not by chance"
         )
     return first
 
@@ -98,21 +114,31 @@ def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Ten
 def _observations(env: EnvBase, layout: ObservationLayout) -> dict[str, Tensor]:
     """Random vectors ``[batch, n]`` within their bounds, and images, if there are any."""
     generator = torch.Generator().manual_seed(0)
-    low, high = (torch.tensor(end).nan_to_num(posinf=1.0, neginf=-1.0) for end in (layout.low, layout.high))
+    low, high = (
+        torch.tensor(end).nan_to_num(posinf=1.0, neginf=-1.0) for end in (layout.low, layout.high)
+    )
     numbers = low + (high - low) * torch.rand(_OBSERVATIONS, len(low), generator=generator)
     if layout.scale:
         numbers = numbers * torch.tensor(layout.scale) + torch.tensor(layout.offset)
     shapes = dict(layout.vectors)
     vectors = numbers.split([math.prod(shape) for shape in shapes.values()], -1)
-    drawn = {key: values.view(_OBSERVATIONS, *shapes[key]) for key, values in zip(shapes, vectors, strict=True)}
+    drawn = {
+        key: values.view(_OBSERVATIONS, *shapes[key])
+        for key, values in zip(shapes, vectors, strict=True)
+    }
     for image in layout.images:
         spec = env.full_observation_spec_unbatched[image.key]
-        drawn[image.key] = torch.rand(_OBSERVATIONS, *spec.shape, generator=generator).mul(image.high).to(spec.dtype)
+        drawn[image.key] = (
+            torch.rand(_OBSERVATIONS, *spec.shape, generator=generator)
+            .mul(image.high)
+            .to(spec.dtype)
+        )
     return drawn
 
 
 def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) -> bytes:
-    """Content of the file, for any batch size. Raises RunError if torch cannot export the policy."""
+    """Content of the file, for any batch size. Raises RunError if torch cannot export the
+    policy."""
     any_batch = tuple({0: torch.export.Dim.DYNAMIC} for _ in inputs)
     buffer, logger = io.BytesIO(), logging.getLogger("torch.onnx")
     level = logger.level
@@ -123,10 +149,21 @@ def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) ->
             if format_ == "torch-export":
                 torch.export.save(program, buffer)
             else:
-                write: Any = torch.onnx.export  # it accepts buffers too, contrary to its annotations
-                write(program, (), buffer, input_names=acting.names, output_names=["action"], verbose=False)
+                # it accepts buffers too, contrary to its annotations
+                write: Any = torch.onnx.export
+                write(
+                    program,
+                    (),
+                    buffer,
+                    input_names=acting.names,
+                    output_names=["action"],
+                    verbose=False,
+                )
     except Exception as error:  # noqa: BLE001  torch may raise anything on a user's network
-        raise RunError(f"torch cannot export this policy ({message_of(error)}); use it through bricksrl.load_policy") from None
+        raise RunError(
+            f"torch cannot export this policy ({message_of(error)}); use it through "
+            "bricksrl.load_policy"
+        ) from None
     finally:
         logger.setLevel(level)
     return buffer.getvalue()
@@ -142,7 +179,9 @@ def _reader(path: Path, format_: Format) -> Callable[[tuple[Tensor, ...]], Tenso
     evaluator = ReferenceEvaluator(str(path))
 
     def evaluate(inputs: tuple[Tensor, ...]) -> Tensor:
-        feed = {name: value.numpy() for name, value in zip(evaluator.input_names, inputs, strict=True)}
+        feed = {
+            name: value.numpy() for name, value in zip(evaluator.input_names, inputs, strict=True)
+        }
         outputs: Any = evaluator.run(None, feed)
         return torch.from_numpy(outputs[0])
 

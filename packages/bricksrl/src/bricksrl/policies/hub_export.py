@@ -45,10 +45,11 @@ class HubExport:
 
     Attributes:
         kind: "gait" for the policy itself, "network" for a distilled one.
-        age_ms: age of an observation when its commands start, as over the policy's link: a moving robot is elsewhere by then.
-        program_bytes, heap_bytes: of the compiled program, and of its objects.
-        computing_ms: longest time between what it observes and its commands, by what a product costs (`HubModel.product_us`).
-        policy_return, hub_return: means over `EPISODES` episodes.
+        age_ms: age of an observation when its commands start, as over the policy's link: a moving
+        robot is elsewhere by then. program_bytes, heap_bytes: of the compiled program, and of its
+        objects.
+        computing_ms: longest time between what it observes and its commands, by what a product
+        costs (`HubModel.product_us`). policy_return, hub_return: means over `EPISODES` episodes.
     """
 
     kind: str
@@ -60,47 +61,82 @@ class HubExport:
     hub_return: float
 
 
-def export_program(path: Path | str, out: Path, *, which: Which = "last", hidden: tuple[int, ...] = HIDDEN) -> HubExport:
-    """Export the policy of a run, or a shared one, as a program for the robot's hub, and try it on the virtual hub.
+def export_program(
+    path: Path | str, out: Path, *, which: Which = "last", hidden: tuple[int, ...] = HIDDEN
+) -> HubExport:
+    """Export the policy of a run, or a shared one, as a program for the robot's hub, and try it on
+    the virtual hub.
 
     Raises:
-        RunError: ``out`` exists, the task has what a hub cannot know, or the program computes longer than a step takes.
+        RunError: ``out`` exists, the task has what a hub cannot know, or the program computes
+            longer than a step takes.
         ProgramError: the program is too large for the hub.
         WriteError: ``out`` cannot be written.
         CheckpointError: the policy is damaged.
     """
     refuse_existing(out, RunError)
     check_writable(out)
-    physics, twin = config_of(Path(path)).known_physics, {"hub": "virtual", "realtime": False, "randomize": False}
+    physics, twin = (
+        config_of(Path(path)).known_physics,
+        {"hub": "virtual", "realtime": False, "randomize": False},
+    )
     with closing(make_env_of(Path(path), **twin)) as trained, reproducible(_SEED):
-        env = base_of(trained)  # the hub observes what the robot does, and the policy brings its transforms
+        # the hub observes what the robot does, and the policy brings its transforms
+        env = base_of(trained)
         task = interface_of(env).task
-        if task is None or task.images or task.sensors or task.sampled_entries or task.target is not None or task.client:
-            reason = "a hub by itself sees no images, and is told no goal and nothing that this computer senses"
+        if (
+            task is None
+            or task.images
+            or task.sensors
+            or task.sampled_entries
+            or task.target is not None
+            or task.client
+        ):
+            reason = (
+                "a hub by itself sees no images, and is told no goal and nothing that this "
+                "computer senses"
+            )
             raise RunError(f"{reason}; export the policy of another task")
         policy = load_policy(path, env, which=which)
         channels = task.observed_channels
         ends_s = list[float]()
 
         def timed(state: TensorDictBase) -> TensorDictBase:
-            if (episode := interface_of(env).episode) is not None:  # a simulation without a link has none
+            # a simulation without a link has none
+            if (episode := interface_of(env).episode) is not None:
                 ends_s.append(episode.hub_time_s)
             return policy(state)
 
-        before = [episode.return_ for episode in play_episodes(env, timed, EPISODES, _SEED, reset_policy=policy.reset)]
+        before = [
+            episode.return_
+            for episode in play_episodes(env, timed, EPISODES, _SEED, reset_policy=policy.reset)
+        ]
         age_ms = _age_ms(ends_s, task.interface.settle.fixed_ms)
         actor = next(policy.module.children(), None)  # a gait alone, not as a base
-        if trained is env and isinstance(actor, StructuredActor) and isinstance(actor.structure, Oscillators):
+        if (
+            trained is env
+            and isinstance(actor, StructuredActor)
+            and isinstance(actor.structure, Oscillators)
+        ):
             kind, source = "gait", actor.structure.hub_source(actor.best)
         else:
             kind = "network"
-            network = HubNetwork(task.entries[: len(channels)], len(task.interface.commands), hidden)
+            network = HubNetwork(
+                task.entries[: len(channels)], len(task.interface.commands), hidden
+            )
             distil(env, policy, network, _SEED)
             source = network.hub_source()
-        program = generate_alone(task.robot, task.interface, channels, source, f"a {kind} that learned {task.id}", age_ms)
+        program = generate_alone(
+            task.robot, task.interface, channels, source, f"a {kind} that learned {task.id}", age_ms
+        )
         blob = program_blob(compile_program(program), task.robot.hub)
-    alone = [play_alone(program, task, physics, derive_seed(_SEED, "hub", number)) for number in range(EPISODES)]
-    computing_ms, heap_bytes = (max(getattr(episode, name) for episode in alone) for name in ("computing_ms", "heap_bytes"))
+    alone = [
+        play_alone(program, task, physics, derive_seed(_SEED, "hub", number))
+        for number in range(EPISODES)
+    ]
+    computing_ms, heap_bytes = (
+        max(getattr(episode, name) for episode in alone) for name in ("computing_ms", "heap_bytes")
+    )
     if computing_ms > task.interface.settle.longest_ms:
         limit = f"a step of {task.id} takes {task.interface.settle.longest_ms} ms"
         raise RunError(f"the program computes for {computing_ms} ms, and {limit}; {_FEWER}")
@@ -112,8 +148,8 @@ def export_program(path: Path | str, out: Path, *, which: Which = "last", hidden
 
 
 def _age_ms(ends_s: list[float], step_ms: int | None) -> int:
-    """Age of an observation when its commands start, from the times when steps ended. Where a step lasts until all moves have
-    ended, the robot stands, and an observation does not age."""
+    """Age of an observation when its commands start, from the times when steps ended. Where a step
+    lasts until all moves have ended, the robot stands, and an observation does not age."""
     steps_s = [after - before for before, after in itertools.pairwise(ends_s)]
     return 0 if step_ms is None or not steps_s else max(0, round(1000 * median(steps_s)) - step_ms)
 
@@ -124,7 +160,8 @@ class _Over(HostStop):
 
 @dataclass
 class Alone:
-    """An episode of a program that acts by itself, read from what it prints; a console of the virtual hub."""
+    """An episode of a program that acts by itself, read from what it prints; a console of the
+    virtual hub."""
 
     task: Task
     machine: Machine
@@ -155,14 +192,26 @@ class Alone:
             self._step([float(text) for text in line.split()])
 
     def _step(self, numbers: list[float]) -> None:
-        """Take the reward of the step that ended with these numbers, if they are not the first. Raises _Over at the end."""
+        """Take the reward of the step that ended with these numbers, if they are not the first.
+        Raises _Over at the end."""
         task, count = self.task, len(self.task.observed_channels)
         commands = task.interface.commands
-        self.computing_ms, self.heap_bytes = max(self.computing_ms, round(numbers[0])), max(self.heap_bytes, self.heap())
-        seen, last = numbers[1 : count + 1], (self._commanded or [0.0] * len(commands))[: len(task.command_entries)]
-        moved = [self.odometer.forward_mm(self.machine.body_ms / 1000, seen)][: len(task.measured_entries)]
+        self.computing_ms, self.heap_bytes = (
+            max(self.computing_ms, round(numbers[0])),
+            max(self.heap_bytes, self.heap()),
+        )
+        seen, last = (
+            numbers[1 : count + 1],
+            (self._commanded or [0.0] * len(commands))[: len(task.command_entries)],
+        )
+        moved = [self.odometer.forward_mm(self.machine.body_ms / 1000, seen)][
+            : len(task.measured_entries)
+        ]
         observation = torch.tensor([*seen, *moved, *last])
-        self._commanded = [value / command.scale for command, value in zip(commands, numbers[count + 1 :], strict=True)]
+        self._commanded = [
+            value / command.scale
+            for command, value in zip(commands, numbers[count + 1 :], strict=True)
+        ]
         actions = [
             (2 * value - command.low - command.high) / (command.high - command.low)
             for command, value in zip(commands, self._commanded, strict=True)
@@ -177,11 +226,14 @@ class Alone:
 
 
 def play_alone(program: HubProgram, task: Task, physics: Physics | None, seed: int) -> Alone:
-    """Let a program of `generate_alone` play an episode of the task on a virtual hub. Raises the program's exception."""
+    """Let a program of `generate_alone` play an episode of the task on a virtual hub. Raises the
+    program's exception."""
     body: Any = make_body(task.robot, scene=task.scene, physics=physics, seed=seed)
     machine = Machine(body)
     pose = getattr(body, "pose", None)
-    episode = Alone(task, machine, SonarOdometer(task.interface) if pose is None else TrueOdometer(pose, 0.0))
+    episode = Alone(
+        task, machine, SonarOdometer(task.interface) if pose is None else TrueOdometer(pose, 0.0)
+    )
     importable = modules(machine, episode)
     episode.heap = importable["gc"].mem_alloc
     try:

@@ -1,7 +1,8 @@
 """Small networks for a hub: distilled from any policy, and written as MicroPython.
 
-Their features need no more than sines: what is observed, scaled to -1..1; of angles that wrap sine and cosine, and those of their
-differences. The student acts, the policy says what it would have done (DAgger, Ross et al., 2011).
+Their features need no more than sines: what is observed, scaled to -1..1; of angles that wrap sine
+and cosine, and those of their differences. The student acts, the policy says what it would have
+done (DAgger, Ross et al., 2011).
 """
 
 import itertools
@@ -30,8 +31,8 @@ LEAK = 0.01
 
 
 class HubNetwork(nn.Module):
-    """A network ``[*batch, n]`` to actions ``[*batch, m]``: features, rectified layers, a linear one that is clamped. What is no
-    angle is held within what it was taught on.
+    """A network ``[*batch, n]`` to actions ``[*batch, m]``: features, rectified layers, a linear
+    one that is clamped. What is no angle is held within what it was taught on.
 
     Args:
         entries: those of the observation that the hub observes, its first ones.
@@ -42,8 +43,14 @@ class HubNetwork(nn.Module):
         super().__init__()
         self.count = len(entries)
         angles = [index for index, entry in enumerate(entries) if entry.wraps]
-        self.angles = [*((index, self.count) for index in angles), *itertools.combinations(angles, 2)]  # a 0 follows the last
-        self.linear = [(index, *_scale(entry)) for index, entry in enumerate(entries) if not entry.wraps]
+        # a 0 follows the last
+        self.angles = [
+            *((index, self.count) for index in angles),
+            *itertools.combinations(angles, 2),
+        ]
+        self.linear = [
+            (index, *_scale(entry)) for index, entry in enumerate(entries) if not entry.wraps
+        ]
         self.held = [(-_ANYTHING, _ANYTHING)] * len(self.linear)
         sizes = (len(self.linear) + 2 * len(self.angles), *hidden, size)
         self.layers = [nn.Linear(before, after) for before, after in itertools.pairwise(sizes)]
@@ -57,8 +64,12 @@ class HubNetwork(nn.Module):
         values = nn.functional.pad(observation[..., : self.count], (0, 1)).unbind(-1)
         angles = [(values[plus] - values[minus]).deg2rad() for plus, minus in self.angles]
         known = zip(self.linear, self.held, strict=True)
-        parts = [values[index].clamp(*held) * scale + offset for (index, scale, offset), held in known]
-        x = torch.stack([*parts, *(angle.sin() for angle in angles), *(angle.cos() for angle in angles)], -1)
+        parts = [
+            values[index].clamp(*held) * scale + offset for (index, scale, offset), held in known
+        ]
+        x = torch.stack(
+            [*parts, *(angle.sin() for angle in angles), *(angle.cos() for angle in angles)], -1
+        )
         for layer in self.layers[:-1]:
             x = layer(x).relu()
         out: Tensor = self.layers[-1](x)
@@ -67,28 +78,45 @@ class HubNetwork(nn.Module):
     def hold(self, observations: Tensor) -> None:
         """Hold what is no angle within these observations ``[rows, n]``."""
         columns = [observations[:, index] for index, _, _ in self.linear]
-        self.held = [(float(_text(float(column.min()))), float(_text(float(column.max())))) for column in columns]
+        self.held = [
+            (float(_text(float(column.min()))), float(_text(float(column.max()))))
+            for column in columns
+        ]
 
     @torch.no_grad()
     def round(self) -> None:
         """Round all weights to the digits that `hub_source` writes."""
         for parameter in self.parameters():
-            parameter.copy_(torch.tensor([float(_text(value)) for value in parameter.flatten().tolist()]).view_as(parameter))
+            parameter.copy_(
+                torch.tensor(
+                    [float(_text(value)) for value in parameter.flatten().tolist()]
+                ).view_as(parameter)
+            )
 
     def hub_source(self) -> str:
         """MicroPython that acts as the network: ``act(observed)``."""
         rows = [torch.cat((layer.weight, layer.bias[:, None]), 1).tolist() for layer in self.layers]
         layers = "".join(
-            "    (\n" + "".join(f"        ({', '.join(map(_text, row))}),\n" for row in layer) + "    ),\n" for layer in rows
+            "    (\n"
+            + "".join(f"        ({', '.join(map(_text, row))}),\n" for row in layer)
+            + "    ),\n"
+            for layer in rows
         )
-        rows_of_linear = [(*map(_text, one[1:]), *map(_text, held)) for one, held in zip(self.linear, self.held, strict=True)]
+        rows_of_linear = [
+            (*map(_text, one[1:]), *map(_text, held))
+            for one, held in zip(self.linear, self.held, strict=True)
+        ]
         linear = "".join(
-            f"    ({index}, {', '.join(row)}),\n" for (index, _, _), row in zip(self.linear, rows_of_linear, strict=True)
+            f"    ({index}, {', '.join(row)}),\n"
+            for (index, _, _), row in zip(self.linear, rows_of_linear, strict=True)
         )
         return (
-            f"LINEAR = (  # index, factor and offset of what is no angle; its least and its greatest value\n{linear})\n"
-            f"ANGLES = {tuple(self.angles)}  # indices of two angles, or of one and of a 0 that follows the last\n"
-            f"LAYERS = (  # a row for each unit: its weights, then its offset\n{layers})\n{_HUB_SOURCE}"
+            "LINEAR = (  # index, factor and offset of what is no angle; its least and its "
+            f"greatest value\n{linear})\n"
+            f"ANGLES = {tuple(self.angles)}  # indices of two angles, or of one and of a 0 that "
+            "follows the last\n"
+            f"LAYERS = (  # a row for each unit: its weights, then its offset\n{layers})\n"
+            f"{_HUB_SOURCE}"
         )
 
 
@@ -119,11 +147,12 @@ def act(observed):
     for layer in LAYERS[:-1]:
         values = [max(0.0, value) for value in outputs(layer, values)]
     return [max(-1.0, min(1.0, value)) for value in outputs(LAYERS[-1], values)]
-'''
+'''  # noqa: E501
 
 
 def distil(env: EnvBase, policy: Policy, network: HubNetwork, seed: int) -> TensorDictModule:
-    """Teach the network the policy's actions where the policy, and then the network, goes. Returns it as a policy."""
+    """Teach the network the policy's actions where the policy, and then the network, goes. Returns
+    it as a policy."""
     student = TensorDictModule(network, in_keys=["observation"], out_keys=["action"])
     acting = torch.no_grad()(student.forward)
     optimizer = torch.optim.Adam(network.parameters(), lr=LEARNING_RATE)

@@ -1,4 +1,5 @@
-"""Policies: a trained agent's deterministic actions, as a TorchRL module and for plain arrays; those of a run by their names."""
+"""Policies: a trained agent's deterministic actions, as a TorchRL module and for plain arrays;
+those of a run by their names."""
 
 from collections import deque
 from collections.abc import Callable
@@ -26,20 +27,26 @@ from bricksrl.training.run_folder import RunFolder
 
 
 class Policy(TensorDictModuleBase):  # type: ignore[misc]
-    """Deterministic policy of a trained agent: ``env.rollout(100, policy)``, or `act` on an observation.
+    """Deterministic policy of a trained agent: ``env.rollout(100, policy)``, or `act` on an
+    observation.
 
     Args:
         module: reads observations, and writes "action"; may have a method ``reset``.
         env: environment whose observations it takes.
-        through: environment whose transforms these go through first; by default none. As they may remember, which stacked frames
-            do, `reset` is needed where an episode starts.
+        through: environment whose transforms these go through first; by default none. As they may
+            remember, which stacked frames do, `reset` is needed where an episode starts.
     """
 
-    def __init__(self, module: TensorDictModuleBase, env: EnvBase, through: EnvBase | None = None) -> None:
+    def __init__(
+        self, module: TensorDictModuleBase, env: EnvBase, through: EnvBase | None = None
+    ) -> None:
         super().__init__()
         layout = layout_of(env)
         self.shapes = dict(layout.vectors)
-        self.in_keys, self.out_keys = list(module.in_keys if through is None else layout.keys), ["action"]
+        self.in_keys, self.out_keys = (
+            list(module.in_keys if through is None else layout.keys),
+            ["action"],
+        )
         self.module = module.eval()
         self._transforms = None if through is None else PolicyTransforms(through)
 
@@ -47,28 +54,43 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         for key in self.in_keys:
             if key not in tensordict:
-                raise DescriptionError(f"the policy uses {'images' if key == 'image' else key}; give one too")
+                raise DescriptionError(
+                    f"the policy uses {'images' if key == 'image' else key}; give one too"
+                )
             shape = self.shapes.get(key, ())
             if tensordict[key].shape[tensordict[key].ndim - len(shape) :] != shape:
                 size = ", ".join(map(str, shape))
-                raise DescriptionError(f"the policy takes observations of {size} numbers; give [*batch, {size}]")
+                raise DescriptionError(
+                    f"the policy takes observations of {size} numbers; give [*batch, {size}]"
+                )
         given = tensordict.select(*self.in_keys)
         with set_exploration_type(ExplorationType.DETERMINISTIC):
             through = self._transforms
-            action = self.module(given)["action"] if through is None else through.action(self.module, given)
+            action = (
+                self.module(given)["action"]
+                if through is None
+                else through.action(self.module, given)
+            )
         return tensordict.set("action", action)
 
     def act(self, observation: Any, image: Any = None) -> Any:
-        """Action ``[*batch, m]``, in -1..1, for an observation ``[*batch, n]``: an array for an array, a tensor for a tensor.
-        ``image``: uint8 ``[*batch, side, side, 3]``, for a policy that uses images. Raises DescriptionError for another n, or
-        without the image that the policy needs."""
-        values, key = torch.as_tensor(observation, dtype=torch.float32), next(iter(self.shapes), "observation")
+        """Action ``[*batch, m]``, in -1..1, for an observation ``[*batch, n]``: an array for an
+        array, a tensor for a tensor. ``image``: uint8 ``[*batch, side, side, 3]``, for a policy
+        that uses images. Raises DescriptionError for another n, or without the image that the
+        policy needs."""
+        values, key = (
+            torch.as_tensor(observation, dtype=torch.float32),
+            next(iter(self.shapes), "observation"),
+        )
         inputs = {key: values} if image is None else {key: values, "image": torch.as_tensor(image)}
-        action: Tensor = self(TensorDict(inputs, values.shape[: values.ndim - len(self.shapes.get(key, (0,)))]))["action"]
+        action: Tensor = self(
+            TensorDict(inputs, values.shape[: values.ndim - len(self.shapes.get(key, (0,)))])
+        )["action"]
         return action if isinstance(observation, Tensor) else np.asarray(action)
 
     def reset(self) -> None:
-        """Reset the policy's state at the start of an episode, such as a chunk of planned actions."""
+        """Reset the policy's state at the start of an episode, such as a chunk of planned
+        actions."""
         if hasattr(self.module, "reset"):
             self.module.reset()
         if self._transforms is not None:
@@ -76,7 +98,8 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
 
 
 class PolicyTransforms:
-    """The transforms of a policy's training, on the observations that it is given one after the other."""
+    """The transforms of a policy's training, on the observations that it is given one after the
+    other."""
 
     def __init__(self, env: EnvBase) -> None:
         self._env, self._skip = env, one_step(env)[1]
@@ -86,11 +109,13 @@ class PolicyTransforms:
         self.view: EnvBase | None = None
 
     def action(self, module: TensorDictModuleBase, given: TensorDictBase) -> Tensor:
-        """The module's action behind the transforms, as the environment gets it; between two steps of theirs its last one."""
+        """The module's action behind the transforms, as the environment gets it; between two steps
+        of theirs its last one."""
         base, batch = base_of(self._env), given.batch_size
 
         def outcome(_: int) -> TensorDictBase:
-            if self._given:  # else the transforms step in their reset, where nothing more is observed
+            # else the transforms step in their reset, where nothing more is observed
+            if self._given:
                 self._last = self._given.popleft()
             return still(base).expand(*batch, *base.batch_size).clone().update(self._last)
 
@@ -116,10 +141,12 @@ class Player:
 
 
 def named_policies(run_dir: Path, env: EnvBase, seed: int) -> dict[str, Callable[[], Player]]:
-    """Factories of the policies of a run, or of a shared one, for comparison: random, first (untrained), best, last. Raises
-    RunError or CheckpointError if there is no run in the folder, or, when called, the policy does not match ``env``.
+    """Factories of the policies of a run, or of a shared one, for comparison: random, first
+    (untrained), best, last. Raises RunError or CheckpointError if there is no run in the folder,
+    or, when called, the policy does not match ``env``.
 
-    ``best`` exists only if the run was evaluated during training. ``seed`` is that of the random actions.
+    ``best`` exists only if the run was evaluated during training. ``seed`` is that of the random
+    actions.
     """
 
     def player(policy: Policy) -> Player:
@@ -142,7 +169,9 @@ def array_player(make: Callable[[], ArrayPolicy]) -> Player:
     policy = make()
 
     def act(state: TensorDictBase) -> TensorDictBase:
-        inputs = {key: state[key].numpy().copy() for key in ("observation", "image") if key in state}
+        inputs = {
+            key: state[key].numpy().copy() for key in ("observation", "image") if key in state
+        }
         return state.set("action", torch.as_tensor(policy(inputs), dtype=torch.float32))
 
     return Player(act)

@@ -1,4 +1,5 @@
-"""Sharing of policies on the Hugging Face hub: tensors as safetensors and config as JSON. No pickles."""
+"""Sharing of policies on the Hugging Face hub: tensors as safetensors and config as JSON. No
+pickles."""
 
 import json
 import tempfile
@@ -30,8 +31,9 @@ def is_policy(path: Path) -> bool:
 
 
 def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
-    """Write the policy of a run to the folder ``out``, atomically: `TENSORS`, `ABOUT` and a card. Raises RunError if ``out``
-    exists or cannot be written, or there is no run, CheckpointError if the run's checkpoint is damaged."""
+    """Write the policy of a run to the folder ``out``, atomically: `TENSORS`, `ABOUT` and a card.
+    Raises RunError if ``out`` exists or cannot be written, or there is no run, CheckpointError if
+    the run's checkpoint is damaged."""
     from safetensors.torch import save
 
     refuse_existing(out, RunError)
@@ -39,18 +41,32 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     config = folder.read_config()
     if config.base is not None:
         raise RunError(
-            "a shared policy comes without the run of its base; `bricksrl export RUN --out FILE` writes both to one file"
+            "a shared policy comes without the run of its base; `bricksrl export RUN --out FILE` "
+            "writes both to one file"
         )
     with closing(make_env(config.env, config.robot, seed=config.seed)) as env:
         prepare(env)
         made = transform_state(env)
         trained, kept = load_learner(run_dir, env), transform_state(env)
         if kept.keys() != made.keys() or any(str(kept[name]) != str(made[name]) for name in kept):
-            raise RunError("a shared policy has no statistics that a transform measured; train it with --normalize instead")
+            raise RunError(
+                "a shared policy has no statistics that a transform measured; train it with "
+                "--normalize instead"
+            )
     tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
-    shared = portable(replace(one_robot(config), data=None, updates=0, start=None, demonstrations=None, compile=False).to_dict())
+    shared = portable(
+        replace(
+            one_robot(config), data=None, updates=0, start=None, demonstrations=None, compile=False
+        ).to_dict()
+    )
     about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}
-    card = _card(shared["env"], shared["agent"], trained.episodes, folder.own_evaluation(trained.episodes), licence)
+    card = _card(
+        shared["env"],
+        shared["agent"],
+        trained.episodes,
+        folder.own_evaluation(trained.episodes),
+        licence,
+    )
     with atomic_folder(out) as new:
         write_durably(new / TENSORS, save(tensors))
         text = (json.dumps(about, indent=1, default=str) + "\n").encode()
@@ -61,15 +77,17 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
 
 
 def read_policy(path: Path) -> tuple[TrainConfig, dict[str, Any]]:
-    """Read the policy in a folder, as `export_policy` wrote it: the config of its run, and its tensors by name. Nothing in it is
-    executed. Raises CheckpointError or RunError if there is no policy, it is damaged, or its config names untrusted code."""
+    """Read the policy in a folder, as `export_policy` wrote it: the config of its run, and its
+    tensors by name. Nothing in it is executed. Raises CheckpointError or RunError if there is no
+    policy, it is damaged, or its config names untrusted code."""
     text, config, tensors = _read_files(path)
     require_trusted(path / ABOUT, text, code_in(config))
     return _config_from(path, config), tensors
 
 
 def _read_files(path: Path) -> tuple[bytes, dict[str, Any], dict[str, Any]]:
-    """Content of `ABOUT`, the config in it, and the tensors. Raises CheckpointError if there is no policy, or it is damaged."""
+    """Content of `ABOUT`, the config in it, and the tensors. Raises CheckpointError if there is no
+    policy, or it is damaged."""
     from safetensors import SafetensorError
     from safetensors.torch import load
 
@@ -80,11 +98,15 @@ def _read_files(path: Path) -> tuple[bytes, dict[str, Any], dict[str, Any]]:
         about = json.loads(text)
         config, version = dict(about["config"]), about["bricksrl_policy"]
     if version != _VERSION:
-        raise CheckpointError(f"{path / ABOUT} describes no policy of this version of BricksRL; choose another")
+        raise CheckpointError(
+            f"{path / ABOUT} describes no policy of this version of BricksRL; choose another"
+        )
     try:
         return text, config, load(data)
     except (SafetensorError, ValueError, KeyError, TypeError):
-        raise CheckpointError(f"{path / TENSORS} is not a valid safetensors file; fetch the policy again") from None
+        raise CheckpointError(
+            f"{path / TENSORS} is not a valid safetensors file; fetch the policy again"
+        ) from None
 
 
 def _config_from(path: Path, config: dict[str, Any]) -> TrainConfig:
@@ -95,31 +117,50 @@ def _config_from(path: Path, config: dict[str, Any]) -> TrainConfig:
 
 
 def load_shared(path: Path, env: EnvBase) -> Learner:
-    """A learner with a shared policy, to act in ``env``; its other training state is not restored. Raises CheckpointError if
-    there is no policy, it is damaged, or ``env`` has other observations or actions."""
+    """A learner with a shared policy, to act in ``env``; its other training state is not restored.
+    Raises CheckpointError if there is no policy, it is damaged, or ``env`` has other observations
+    or actions."""
     config, tensors = read_policy(path)
     learner = make_learner_for(config, env, device="cpu")
-    shapes, given = ({name: tensor.shape for name, tensor in state.items()} for state in (learner.policy_state(), tensors))
-    seen = {name: shape for name, shape in shapes.items() if ".seen." in name}  # not in those of earlier versions
+    shapes, given = (
+        {name: tensor.shape for name, tensor in state.items()}
+        for state in (learner.policy_state(), tensors)
+    )
+    # not in those of earlier versions
+    seen = {name: shape for name, shape in shapes.items() if ".seen." in name}
     if shapes != {**seen, **given}:
-        raise CheckpointError(f"the policy in {path} observes or acts otherwise than this environment; use the one it is for")
+        raise CheckpointError(
+            f"the policy in {path} observes or acts otherwise than this environment; use the one "
+            "it is for"
+        )
     learner.policy.load_state_dict(tensors)
     return learner
 
 
 def push_policy(run_dir: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
-    """Upload the policy of a run, or a shared one, to the hub; returns its address. Raises RunError or CheckpointError as in
-    `export_policy`, DataError if the hub is out of reach or refuses. A shared policy keeps the ``licence`` on its card."""
+    """Upload the policy of a run, or a shared one, to the hub; returns its address. Raises RunError
+    or CheckpointError as in `export_policy`, DataError if the hub is out of reach or refuses. A
+    shared policy keeps the ``licence`` on its card."""
     with tempfile.TemporaryDirectory() as temporary:
-        folder = run_dir if is_policy(run_dir) else export_policy(run_dir, Path(temporary) / "policy", licence=licence)
+        folder = (
+            run_dir
+            if is_policy(run_dir)
+            else export_policy(run_dir, Path(temporary) / "policy", licence=licence)
+        )
         with hub_client(repo) as api:
             api.create_repo(repo, repo_type="model", private=private, exist_ok=True)
-            api.upload_folder(repo_id=repo, repo_type="model", folder_path=str(folder), allow_patterns=[TENSORS, ABOUT, CARD])
+            api.upload_folder(
+                repo_id=repo,
+                repo_type="model",
+                folder_path=str(folder),
+                allow_patterns=[TENSORS, ABOUT, CARD],
+            )
             return f"{api.endpoint}/{repo}"
 
 
 def pull_policy(repo: str, out: Path, *, revision: str | None = None) -> Path:
-    """Download a policy from the hub into the folder ``out``; it is checked before it is moved there.
+    """Download a policy from the hub into the folder ``out``; it is checked before it is moved
+    there.
 
     Raises:
         CheckpointError: the repository has no policy of BricksRL, or it is damaged.
@@ -132,11 +173,17 @@ def pull_policy(repo: str, out: Path, *, revision: str | None = None) -> Path:
     return out
 
 
-def _card(env: str, agent: str, episodes: int, evaluation: dict[str, Any] | None, licence: str) -> str:
+def _card(
+    env: str, agent: str, episodes: int, evaluation: dict[str, Any] | None, licence: str
+) -> str:
     """Card of a policy, as Markdown, with the results of an evaluation if there is one."""
     result = "It has not been evaluated yet."
     if evaluation is not None:
-        mean, std, count = evaluation["return_mean"], evaluation["return_std"], evaluation["episodes"]
+        mean, std, count = (
+            evaluation["return_mean"],
+            evaluation["return_std"],
+            evaluation["episodes"],
+        )
         result = f"Return {mean:.4g} ± {std:.4g} in {counted(count, 'episode')} of evaluation."
     return f"""---
 license: {licence}

@@ -3,7 +3,15 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.training.callbacks import Callback, CallbackList, Episode, Phase, Progress, RobotState, RunResult
+from bricksrl.training.callbacks import (
+    Callback,
+    CallbackList,
+    Episode,
+    Phase,
+    Progress,
+    RobotState,
+    RunResult,
+)
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.run_folder import RunFolder
 

@@ -24,7 +24,8 @@ WINDOW = 5
 
 
 class Phase(StrEnum):
-    """Activity of the agent in an episode: random prefill, exploration with learning, or evaluation of offline learning."""
+    """Activity of the agent in an episode: random prefill, exploration with learning, or evaluation
+    of offline learning."""
 
     PREFILL = "prefill"
     TRAIN = "train"
@@ -96,10 +97,16 @@ class Progress:
     def of(cls, episodes: Sequence[Episode], total: int) -> Progress:
         """The progress after these episodes of ``total``."""
         recent = episodes[-WINDOW - 1 :]
-        first_seconds, first_steps = (recent[0].seconds, recent[0].steps) if len(episodes) > WINDOW else (0.0, 0)
+        first_seconds, first_steps = (
+            (recent[0].seconds, recent[0].steps) if len(episodes) > WINDOW else (0.0, 0)
+        )
         seconds = max(recent[-1].seconds - first_seconds, 1e-9)
         left = total - len(episodes)
-        return cls(total, (recent[-1].steps - first_steps) / seconds, left * seconds / min(len(episodes), WINDOW))
+        return cls(
+            total,
+            (recent[-1].steps - first_steps) / seconds,
+            left * seconds / min(len(episodes), WINDOW),
+        )
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,8 @@ class RunResult:
     interrupted: bool
     """Whether it can be resumed."""
     updates_per_step: float | None = None
-    """Updates during the robot's work per step that requires updates; ``None`` without such steps."""
+    """Updates during the robot's work per step that requires updates; ``None`` without such
+    steps."""
     caught_up: int = 0
     """Updates after the robot's work."""
 
@@ -126,16 +134,21 @@ class Callback:
         """The learner of the run; for asynchronous runs its robot-side actor."""
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
-        """The robot is connected, and the run starts, or resumes after ``episodes_done`` episodes."""
+        """The robot is connected, and the run starts, or resumes after ``episodes_done``
+        episodes."""
 
     def on_step(self, episode: int, step: int, phase: Phase) -> None:
         """Step ``step`` (from 1) of episode ``episode`` (from 1) was made and learned from."""
 
-    def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
-        """The step as returned by TorchRL's ``EnvBase.step``, before it is learned from; copy what you keep."""
+    def on_transition(
+        self, episode: int, step: int, phase: Phase, transition: TensorDictBase
+    ) -> None:
+        """The step as returned by TorchRL's ``EnvBase.step``, before it is learned from; copy what
+        you keep."""
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
-        """The link broke after ``length`` complete steps, and the run reconnects. `on_episode` follows unless ``length`` is 0."""
+        """The link broke after ``length`` complete steps, and the run reconnects. `on_episode`
+        follows unless ``length`` is 0."""
 
     def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
         """A robot of a fleet changed its state; ``reason`` says why it left."""

@@ -1,6 +1,7 @@
 """Checkpoints: one file, written atomically, verified by a digest, loaded without executing code.
 
-Format: a magic line, the SHA-256 digest of the rest, and nested tensors, numbers, strings and lists as written by `torch.save`.
+Format: a magic line, the SHA-256 digest of the rest, and nested tensors, numbers, strings and lists
+as written by `torch.save`.
 """
 
 import hashlib
@@ -29,18 +30,34 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:
-    """Load a checkpoint. Raises CheckpointError if the file is missing, damaged, or no checkpoint."""
+    """Load a checkpoint. Raises CheckpointError if the file is missing, damaged, or no
+    checkpoint."""
     with reading("the checkpoint", path, CheckpointError, "choose the folder of a run"):
         data = path.read_bytes()
     if not data.startswith(MAGIC):
-        raise CheckpointError(f"{path} is not a checkpoint of this version of BricksRL; choose another or train again")
-    digest, payload = data[len(MAGIC) : len(MAGIC) + _DIGEST_SIZE], data[len(MAGIC) + _DIGEST_SIZE :]
+        raise CheckpointError(
+            f"{path} is not a checkpoint of this version of BricksRL; choose another or train again"
+        )
+    digest, payload = (
+        data[len(MAGIC) : len(MAGIC) + _DIGEST_SIZE],
+        data[len(MAGIC) + _DIGEST_SIZE :],
+    )
     if hashlib.sha256(payload).digest() != digest:
         raise CheckpointError(f"the checkpoint {path} is damaged; restore a copy or train again")
     try:
-        with warnings.catch_warnings(action="ignore"):  # warnings about foreign pickles, which are refused anyway
+        # warnings about foreign pickles, which are refused anyway
+        with warnings.catch_warnings(action="ignore"):
             state = torch.load(io.BytesIO(payload), map_location="cpu", weights_only=True)
-    except (pickle.UnpicklingError, struct.error, AttributeError, EOFError, LookupError, RuntimeError, TypeError, ValueError):
+    except (
+        pickle.UnpicklingError,
+        struct.error,
+        AttributeError,
+        EOFError,
+        LookupError,
+        RuntimeError,
+        TypeError,
+        ValueError,
+    ):
         state = None
     if not isinstance(state, dict):
         raise CheckpointError(f"the checkpoint {path} has no training state; train again")

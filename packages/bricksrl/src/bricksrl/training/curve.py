@@ -9,25 +9,54 @@ from bricksrl.training.callbacks import WINDOW, Episode, Phase
 
 def moving_mean(values: Sequence[float], window: int) -> list[float]:
     """Mean of each value and up to ``window - 1`` before it; same length as ``values``."""
-    return [sum(part) / len(part) for part in (values[max(0, i + 1 - window) : i + 1] for i in range(len(values)))]
+    return [
+        sum(part) / len(part)
+        for part in (values[max(0, i + 1 - window) : i + 1] for i in range(len(values)))
+    ]
 
 
-def draw_learning_curve(path: Path, episodes: Sequence[Episode], title: str, lines: Mapping[str, float] | None = None) -> None:
+def draw_learning_curve(
+    path: Path, episodes: Sequence[Episode], title: str, lines: Mapping[str, float] | None = None
+) -> None:
     """Write a PNG with returns, their moving mean, and labelled reference lines."""
     figure = new_figure()
     axes = figure.add_subplot()
     for is_random, colour, label in ((True, GREY, "random start"), (False, LIGHT, "episode")):
-        points = [(episode.episode, episode.return_) for episode in episodes if (episode.phase is Phase.PREFILL) is is_random]
+        points = [
+            (episode.episode, episode.return_)
+            for episode in episodes
+            if (episode.phase is Phase.PREFILL) is is_random
+        ]
         if points:
-            axes.plot(*zip(*points, strict=True), "o", color=colour, markersize=5, label=label, zorder=2)
+            axes.plot(
+                *zip(*points, strict=True), "o", color=colour, markersize=5, label=label, zorder=2
+            )
     if len(episodes) > 1:
         window = min(WINDOW, len(episodes))
         means = moving_mean([episode.return_ for episode in episodes], window)
         label = f"mean of the last {window}: {number(means[-1])} at the end"
-        axes.plot([episode.episode for episode in episodes], means, color=STRONG, linewidth=2.2, label=label, zorder=3)
-    evaluated = [(episode.episode, episode.evaluation) for episode in episodes if episode.evaluation is not None]
+        axes.plot(
+            [episode.episode for episode in episodes],
+            means,
+            color=STRONG,
+            linewidth=2.2,
+            label=label,
+            zorder=3,
+        )
+    evaluated = [
+        (episode.episode, episode.evaluation)
+        for episode in episodes
+        if episode.evaluation is not None
+    ]
     if evaluated:
-        axes.plot(*zip(*evaluated, strict=True), "D", color=PALETTE[1], markersize=6, label="evaluation", zorder=4)
+        axes.plot(
+            *zip(*evaluated, strict=True),
+            "D",
+            color=PALETTE[1],
+            markersize=6,
+            label="evaluation",
+            zorder=4,
+        )
     style(axes, title, "episode", "return (sum of rewards)")
     axes.margins(x=0.04)
     finish(axes, lines)

@@ -1,8 +1,10 @@
-"""Learner of a run: in the robot's loop, or in another process so that the robot never waits for a gradient.
+"""Learner of a run: in the robot's loop, or in another process so that the robot never waits for a
+gradient.
 
-In the second case the robot's process sends transitions and receives weights of the actor. Learning never gets ahead of the
-steps; on a slow processor it falls behind and catches up during resets. It is a process, as a thread would compete for the
-interpreter lock, and as its death does not stop the robot's process. It ends with the robot's process.
+In the second case the robot's process sends transitions and receives weights of the actor. Learning
+never gets ahead of the steps; on a slow processor it falls behind and catches up during resets. It
+is a process, as a thread would compete for the interpreter lock, and as its death does not stop the
+robot's process. It ends with the robot's process.
 """
 
 import contextlib
@@ -41,22 +43,30 @@ _SLACK_STEPS = 4
 
 @dataclass(frozen=True)
 class LearningPace:
-    """Progress of learning: robot steps with requested updates (``asked``), and with completed ones (``done``)."""
+    """Progress of learning: robot steps with requested updates (``asked``), and with completed ones
+    (``done``)."""
 
     asked: int = 0
     done: int = 0
 
     def updates_per_step(self, learner: Learner) -> float | None:
         """Updates per step that requires updates, or ``None`` without such steps."""
-        return learner.updates_per_step * (self.done / self.asked) if self.asked and learner.updates_per_step else None
+        return (
+            learner.updates_per_step * (self.done / self.asked)
+            if self.asked and learner.updates_per_step
+            else None
+        )
 
 
 class InLoopLearner:
-    """Learns while the robot waits: repeatable, bit for bit. ``state``: pace, and frames not learned from yet."""
+    """Learns while the robot waits: repeatable, bit for bit. ``state``: pace, and frames not
+    learned from yet."""
 
     def __init__(self, actor: Learner, state: dict[str, Any]) -> None:
         self.actor, self.pace = actor, LearningPace(state["pace"]["asked"], state["pace"]["asked"])
-        self._collected: list[TensorDictBase] = [TensorDict(frames).auto_batch_size_(1) for frames in state["collected"]]
+        self._collected: list[TensorDictBase] = [
+            TensorDict(frames).auto_batch_size_(1) for frames in state["collected"]
+        ]
         self._updates_sent = -1
 
     def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
@@ -99,31 +109,64 @@ class InLoopLearner:
 
 
 class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
-    """The robot's side of a learner in another process; leaving the context ends the process. Raises LearnerError if the process
-    cannot be started; in all other methods: it failed or died. ``env`` provides specs and task, ``actor`` acts here, on the CPU,
-    and the learner continues from the ``state`` of a checkpoint."""
+    """The robot's side of a learner in another process; leaving the context ends the process.
+    Raises LearnerError if the process cannot be started; in all other methods: it failed or died.
+    ``env`` provides specs and task, ``actor`` acts here, on the CPU, and the learner continues from
+    the ``state`` of a checkpoint."""
 
-    def __init__(self, config: TrainConfig, env: EnvBase, actor: Learner, state: dict[str, Any]) -> None:
+    def __init__(
+        self, config: TrainConfig, env: EnvBase, actor: Learner, state: dict[str, Any]
+    ) -> None:
         actor.act_on("cpu")
         self.actor = actor
-        self._may_wait = config.hub == "virtual" and not config.realtime  # a simulated robot may wait
+        # a simulated robot may wait
+        self._may_wait = config.hub == "virtual" and not config.realtime
         self._changed = threading.Condition()
-        self._asked, self._done, self._saves, self._saved = state["pace"]["asked"], state["pace"]["done"], 0, 0
+        self._asked, self._done, self._saves, self._saved = (
+            state["pace"]["asked"],
+            state["pace"]["done"],
+            0,
+            0,
+        )
         self._is_ready, self._failure = False, ""
         self._metrics: list[dict[str, Tensor]] = []
         try:
             with self._changed:  # it may report its end before the attribute is set
                 self._process = ChildProcess("bricksrl.training.learner_side", self._deliver)
         except OSError as error:
-            raise LearnerError(f"cannot start the learner's process ({error.strerror}); train synchronously") from None
+            raise LearnerError(
+                f"cannot start the learner's process ({error.strerror}); train synchronously"
+            ) from None
         specs, layout = {name: getattr(env, name).cpu() for name in SPECS}, layout_of(env)
-        has_task = interface_of(env).task is not None and changes_nothing(env)  # of which it would think that it fits
-        if config.dataset is not None and isinstance(env, TransformedEnv) and not config.is_transformed:
-            raise LearnerError("the learner's process does not know this environment's transforms; train synchronously")
+        # of which it would think that it fits
+        has_task = interface_of(env).task is not None and changes_nothing(env)
+        if (
+            config.dataset is not None
+            and isinstance(env, TransformedEnv)
+            and not config.is_transformed
+        ):
+            raise LearnerError(
+                "the learner's process does not know this environment's transforms; train "
+                "synchronously"
+            )
         own = {name: state[name] for name in ("agent", "pace", "collected", "transforms")}
-        self._send("begin", {"config": config.to_dict(), "specs": specs, "layout": layout, "has_task": has_task, "state": own})
+        self._send(
+            "begin",
+            {
+                "config": config.to_dict(),
+                "specs": specs,
+                "layout": layout,
+                "has_task": has_task,
+                "state": own,
+            },
+        )
 
-    def __exit__(self, exc_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """End the process after its pending work; soon, after Ctrl-C or an unexpected error."""
         in_order = error is None or isinstance(error, BricksError)
         with contextlib.suppress(OSError):
@@ -152,7 +195,8 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         self._send("end_episodes", robot)
 
     def learn(self, steps: int) -> dict[str, Tensor]:
-        """Request the updates for ``steps`` steps, without waiting for them. Returns means of metrics received so far."""
+        """Request the updates for ``steps`` steps, without waiting for them. Returns means of
+        metrics received so far."""
         self._asked += steps
         self._send("learn", steps)
         if self._may_wait:
@@ -190,7 +234,9 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
     def _check(self) -> None:
         """Raise `LearnerError` if the process has failed or died."""
         if self._failure:
-            raise LearnerError(f"the learner's process {self._failure}; resume the run from its last checkpoint")
+            raise LearnerError(
+                f"the learner's process {self._failure}; resume the run from its last checkpoint"
+            )
 
     def _deliver(self, message: Message | None) -> None:
         if message is None:
@@ -248,7 +294,11 @@ def serve(begin: dict[str, Any], inbox: Inbox, send: Send) -> None:
         env = stand_in(config)
         load_transform_state(env, begin["state"]["transforms"])
     else:
-        env = SpecsEnv(begin["specs"], get_task(config.env, **config.options) if begin["has_task"] else None, begin["layout"])
+        env = SpecsEnv(
+            begin["specs"],
+            get_task(config.env, **config.options) if begin["has_task"] else None,
+            begin["layout"],
+        )
     learner = make_learner_for(config, env)
     restore(learner, begin["state"]["agent"])
     attach_dataset(config, learner, env)
@@ -257,7 +307,8 @@ def serve(begin: dict[str, Any], inbox: Inbox, send: Send) -> None:
     saves = 0
     send("ready", learner.policy_state())
     while True:
-        while side.pace.done >= asked or not (learner.on_policy or inbox.empty()):  # on-policy: batch by batch
+        # on-policy: batch by batch
+        while side.pace.done >= asked or not (learner.on_policy or inbox.empty()):
             kind, content = inbox.get() or END
             match kind:
                 case "remember":
@@ -269,7 +320,9 @@ def serve(begin: dict[str, Any], inbox: Inbox, send: Send) -> None:
                     asked += content
                 case "save":
                     path, state = content
-                    side.save(Path(path), {**state, "pace": {"asked": asked, "done": side.pace.done}})
+                    side.save(
+                        Path(path), {**state, "pace": {"asked": asked, "done": side.pace.done}}
+                    )
                     saves += 1
                     send("saved", saves)
                 case "end":

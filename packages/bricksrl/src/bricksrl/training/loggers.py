@@ -1,4 +1,5 @@
-"""Experiment trackers by TorchRL's loggers for the columns of `metrics.csv`. None requires an account."""
+"""Experiment trackers by TorchRL's loggers for the columns of `metrics.csv`. None requires an
+account."""
 
 import importlib.util
 import netrc
@@ -14,11 +15,15 @@ PROJECT = "bricksrl"
 
 
 class Tracking(Callback):
-    """Logs each episode at its number of robot steps. Raises RunError if the tracker's package is not installed."""
+    """Logs each episode at its number of robot steps. Raises RunError if the tracker's package is
+    not installed."""
 
     def __init__(self, log: str) -> None:
         if importlib.util.find_spec(log) is None:
-            raise RunError(f"{log} is not installed; run `pip install {log}`, or omit --log: metrics.csv is always written")
+            raise RunError(
+                f"{log} is not installed; run `pip install {log}`, or omit --log: metrics.csv is "
+                "always written"
+            )
         self._kind = log
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
@@ -28,7 +33,9 @@ class Tracking(Callback):
         mode = "online" if _logged_in_to_wandb() else "offline"  # avoids a prompt for an account
         wandb = {**project, "mode": mode, "log_env_packages": False}
         name = run_dir.name if self._kind != "tensorboard" else "tensorboard"
-        self._log: Any = get_logger(self._kind, str(run_dir), name, trackio_kwargs=project, wandb_kwargs=wandb)
+        self._log: Any = get_logger(
+            self._kind, str(run_dir), name, trackio_kwargs=project, wandb_kwargs=wandb
+        )
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
         for name, value in numbers(episode).items():
@@ -44,7 +51,15 @@ class Tracking(Callback):
 
 def numbers(episode: Episode) -> dict[str, float]:
     """Logged values of an episode."""
-    names = ("episode", "length", "success", "updates_per_step", "evaluation", "link_lost", "seconds")
+    names = (
+        "episode",
+        "length",
+        "success",
+        "updates_per_step",
+        "evaluation",
+        "link_lost",
+        "seconds",
+    )
     values = {name: getattr(episode, name) for name in names}
     numeric = {name: float(value) for name, value in values.items() if value is not None}
     return {"return": episode.return_, **numeric, **episode.measures}

@@ -1,6 +1,8 @@
-"""Training loop: collect, remember, learn, report; for one robot, copies or a fleet, with the learner here or elsewhere.
+"""Training loop: collect, remember, learn, report; for one robot, copies or a fleet, with the
+learner here or elsewhere.
 
-Where a step comes from is `sources`' and `fleet`'s matter, where an update is made `learner_side`'s.
+Where a step comes from is `sources`' and `fleet`'s matter, where an update is made
+`learner_side`'s.
 """
 
 import math
@@ -54,15 +56,23 @@ class Loop:
 
     def __post_init__(self, state: dict[str, Any]) -> None:
         self.actor = self.learner.actor
-        is_taught = any((self.config.start, self.config.base, self.config.demonstrations))  # which is better than uniform actions
+        # which is better than uniform actions
+        is_taught = any((self.config.start, self.config.base, self.config.demonstrations))
         self.prefill_episodes = 0 if is_taught else self.actor.prefill_episodes
-        self.identity: dict[str, Any] = state["identity"]  # must be equal in a checkpoint and its run
+        # must be equal in a checkpoint and its run
+        self.identity: dict[str, Any] = state["identity"]
         self.episodes = [Episode.from_dict(data) for data in state["episodes"]]  # complete ones
         self.best: float | None = state["best"]  # mean return of the best evaluation
         self.is_evaluation_due: bool = state["is_evaluation_due"]  # of the last episode
         self.recorded: int = state["recorded"]  # whole episodes in the dataset
         is_held = "observation" in given_specs(base_of(self.env))  # by a dataset
-        make = FleetRobots if isinstance(base_of(self.env), Fleet) else Copies if self.env.batch_size else OneRobot
+        make = (
+            FleetRobots
+            if isinstance(base_of(self.env), Fleet)
+            else Copies
+            if self.env.batch_size
+            else OneRobot
+        )
         self.source: Source = make(
             env=self.env,
             learner=self.learner,
@@ -72,7 +82,10 @@ class Loop:
             next_episode=self._next_episode,
             hub=self.config.hub,
             patience_s=self.config.patience_s,
-            is_recorded=self.config.record and is_held and not self.config.updates and not self.env.batch_size,
+            is_recorded=self.config.record
+            and is_held
+            and not self.config.updates
+            and not self.env.batch_size,
         )
         self._started = len(self.episodes)  # episodes, complete or not
         self._again = list[int]()  # numbers of those that were lost before their first step
@@ -81,7 +94,8 @@ class Loop:
         self._recorder: RunRecorder | None = None
 
     def run(self, folder: RunFolder) -> RunResult:
-        """Train to the last episode or an interruption. Raises the errors of `bricksrl.training.train`."""
+        """Train to the last episode or an interruption. Raises the errors of
+        `bricksrl.training.train`."""
         self.folder = folder
         if self.source.is_recorded:
             description = describe(self.env, self.config.options, name=self.config.env)
@@ -107,7 +121,9 @@ class Loop:
                 with self.signals.held_back():
                     folder.draw_curve(self.config, self.episodes)
             is_interrupted = self.is_evaluation_due or not self._is_over()
-            result = RunResult(folder.path, tuple(self.episodes), is_interrupted, updates_per_step, caught_up)
+            result = RunResult(
+                folder.path, tuple(self.episodes), is_interrupted, updates_per_step, caught_up
+            )
             self.callback.on_end(result)
         finally:
             if self._recorder is not None:
@@ -130,7 +146,8 @@ class Loop:
                 raise InterruptedEpisodeError
 
     def _next_episode(self, being_played: int) -> Playing | None:
-        """The next episode, after this one's share of the updates from data; ``None`` if the others are the last ones."""
+        """The next episode, after this one's share of the updates from data; ``None`` if the others
+        are the last ones."""
         if len(self.episodes) + being_played >= self.config.episodes:
             return None
         if self._again:
@@ -139,7 +156,9 @@ class Loop:
             self._started += 1
             number = self._started
         is_random = number <= self.prefill_episodes
-        phase = Phase.OFFLINE if self.config.updates else Phase.PREFILL if is_random else Phase.TRAIN
+        phase = (
+            Phase.OFFLINE if self.config.updates else Phase.PREFILL if is_random else Phase.TRAIN
+        )
         policy = "random" if phase is Phase.PREFILL else without_folder(self.config.agent)
         playing = Playing(number, phase, episode_seed("training", self.config.seed, number), policy)
         total, episodes = self.config.updates, self.config.episodes
@@ -164,7 +183,8 @@ class Loop:
         self.callback.on_step(playing.number, playing.length, playing.phase)
 
     def _ended(self, ended: Ended) -> None:
-        """Keep an episode that has ended, in dataset, metrics and checkpoint; then evaluate, if it is time."""
+        """Keep an episode that has ended, in dataset, metrics and checkpoint; then evaluate, if it
+        is time."""
         playing, episode = ended.playing, ended.episode
         if episode is None:
             self.learner.end_episodes(playing.robot)
@@ -172,11 +192,13 @@ class Loop:
             return
         if not math.isfinite(episode.return_):
             raise DescriptionError(
-                f"the return of episode {playing.number} is {episode.return_}: a reward of {self.config.env} was not a number; "
+                f"the return of episode {playing.number} is {episode.return_}: a reward of "
+                f"{self.config.env} was not a number; "
                 f"correct it, `bricksrl check {quoted(self.config.env)}` tries it"
             )
         with self.signals.held_back():
-            # The dataset comes first, so that no failure of what follows loses an episode of a real robot.
+            # The dataset comes first, so that no failure of what follows loses an episode of a real
+            # robot.
             whole = not (episode.link_lost or ended.is_cut)
             self._record(playing, success=None if ended.is_cut else episode.success, whole=whole)
             self.learner.end_episodes(playing.robot)
@@ -195,7 +217,10 @@ class Loop:
         measured_by = f"measures of the updates of {without_folder(self.config.agent)}"
         check_measures(updates, measured_by)
         if twice := sorted(updates.keys() & episode.measures.keys()):
-            raise DescriptionError(f"{measured_by} have the name '{twice[0]}', as a metric of the task has; give it another one")
+            raise DescriptionError(
+                f"{measured_by} have the name '{twice[0]}', as a metric of the task has; give it "
+                "another one"
+            )
         episode = replace(
             episode,
             episode=len(self.episodes) + 1,
@@ -212,20 +237,27 @@ class Loop:
 
     def _report(self) -> None:
         """Tell the callback of the last episode, which is complete."""
-        self.callback.on_episode(self.episodes[-1], Progress.of(self.episodes, self.config.episodes))
+        self.callback.on_episode(
+            self.episodes[-1], Progress.of(self.episodes, self.config.episodes)
+        )
 
     def _record(self, playing: Playing, *, success: bool | None, whole: bool) -> None:
         """Write an episode into the dataset."""
         if self._recorder is not None and playing.about is not None:
-            self._recorder.write(playing.steps, replace(playing.about, success=success, whole=whole))
+            self._recorder.write(
+                playing.steps, replace(playing.about, success=success, whole=whole)
+            )
             self.recorded = self._recorder.whole
 
     def _evaluate(self) -> None:
-        """Evaluate after the last episode, and save the best checkpoint; without a result if the link breaks again and again.
+        """Evaluate after the last episode, and save the best checkpoint; without a result if the
+        link breaks again and again.
 
-        Until its end the evaluation stays due, so that an interrupted run makes it when it is resumed.
+        Until its end the evaluation stays due, so that an interrupted run makes it when it is
+        resumed.
         """
-        self.learner.finish(lambda: not self.signals.requested)  # the policy must not change meanwhile
+        # the policy must not change meanwhile
+        self.learner.finish(lambda: not self.signals.requested)
         if (reconnect := reconnect_of(self.env)) is not None:
             reconnect.on_error = lambda _: None  # no episode of the run is affected
         player = play_episodes(
@@ -279,7 +311,11 @@ class Loop:
 
     def _state(self) -> dict[str, Any]:
         """State of the run at the end of its last episode, without its agent."""
-        progress = {"best": self.best, "is_evaluation_due": self.is_evaluation_due, "recorded": self.recorded}
+        progress = {
+            "best": self.best,
+            "is_evaluation_due": self.is_evaluation_due,
+            "recorded": self.recorded,
+        }
         return {**run_state(self.env, self.identity, self.episodes), **progress}
 
     def _catch_up(self, before: LearningPace) -> int:

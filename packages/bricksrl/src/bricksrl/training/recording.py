@@ -1,8 +1,10 @@
-"""Recorder of a run, whose dataset holds each episode of the run once, also where the run was killed and resumed.
+"""Recorder of a run, whose dataset holds each episode of the run once, also where the run was
+killed and resumed.
 
-An episode is written into the dataset before the checkpoint that counts it, so that no failure loses what a real robot did. A run
-that is killed between the two plays that episode again when it is resumed. Of a virtual robot the dataset then keeps the first
-recording and leaves the second one out; with a real robot the two are different episodes, and both are kept.
+An episode is written into the dataset before the checkpoint that counts it, so that no failure
+loses what a real robot did. A run that is killed between the two plays that episode again when it
+is resumed. Of a virtual robot the dataset then keeps the first recording and leaves the second one
+out; with a real robot the two are different episodes, and both are kept.
 """
 
 from collections.abc import Sequence
@@ -32,7 +34,8 @@ class RunRecorder(Recorder):
         self._uncounted = {about.seed for about in whole[counted:] if about.hub in ("", "virtual")}
 
     def write(self, steps: Sequence[Step], about: About) -> None:
-        """Write an episode, as `Recorder.write`, unless it was recorded before the run was killed."""
+        """Write an episode, as `Recorder.write`, unless it was recorded before the run was
+        killed."""
         if about.whole and about.seed in self._uncounted:
             self._uncounted.remove(about.seed)
             return

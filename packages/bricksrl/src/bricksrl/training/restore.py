@@ -1,4 +1,5 @@
-"""Learners of runs: new, restored, begun from another run or with a teacher; and their repeatable conditions."""
+"""Learners of runs: new, restored, begun from another run or with a teacher; and their repeatable
+conditions."""
 
 import contextlib
 import logging
@@ -28,8 +29,23 @@ from bricksrl.envs.registry import make
 from bricksrl.envs.simulation import resolve_device
 from bricksrl.envs.specs import given_specs, observed_specs
 from bricksrl.envs.tasks.scripted import CONTROLLERS
-from bricksrl.envs.transforms import base_of, keeps_vectors, layout_of, load_transform_state, prepare, through, transform_state
-from bricksrl.errors import BricksError, CheckpointError, DataError, DescriptionError, DivergedError, RunError
+from bricksrl.envs.transforms import (
+    base_of,
+    keeps_vectors,
+    layout_of,
+    load_transform_state,
+    prepare,
+    through,
+    transform_state,
+)
+from bricksrl.errors import (
+    BricksError,
+    CheckpointError,
+    DataError,
+    DescriptionError,
+    DivergedError,
+    RunError,
+)
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.config import SCRIPTED, TrainConfig, portable
@@ -50,8 +66,9 @@ class Trained:
 
 
 def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") -> Trained:
-    """The learner of a run, on the CPU, for ``env``. Raises RunError if there is no run in the folder, CheckpointError if it is
-    damaged, or the observation or action of ``env`` differs, DivergedError if its weights are not finite."""
+    """The learner of a run, on the CPU, for ``env``. Raises RunError if there is no run in the
+    folder, CheckpointError if it is damaged, or the observation or action of ``env`` differs,
+    DivergedError if its weights are not finite."""
     folder = RunFolder(run_dir)
     config = folder.read_config()
     state = load_state(folder, config, env, which=which, frozen=True)
@@ -62,7 +79,8 @@ def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") ->
 
 
 def untrained_learner(run_dir: Path | str, env: EnvBase) -> Learner:
-    """The learner of a run as it was before any training, on the CPU. Raises RunError if there is no run in the folder."""
+    """The learner of a run as it was before any training, on the CPU. Raises RunError if there is
+    no run in the folder."""
     config = RunFolder(run_dir).read_config()
     with reproducible(derive_seed(config.seed, "agent")):
         return make_learner_for(config, env, device="cpu")
@@ -71,7 +89,10 @@ def untrained_learner(run_dir: Path | str, env: EnvBase) -> Learner:
 def check_weights(learner: Learner) -> None:
     """Raise DivergedError if a weight of the acting policy is not finite."""
     if not all(bool(tensor.isfinite().all()) for tensor in learner.acting.state_dict().values()):
-        raise DivergedError("the agent has diverged: its weights are not finite; train it with a smaller learning_rate")
+        raise DivergedError(
+            "the agent has diverged: its weights are not finite; train it with a smaller "
+            "learning_rate"
+        )
 
 
 def one_robot(config: TrainConfig) -> TrainConfig:
@@ -80,22 +101,29 @@ def one_robot(config: TrainConfig) -> TrainConfig:
 
 
 def stand_in(config: TrainConfig) -> EnvBase:
-    """The environment of the config with a virtual robot that nobody uses: its specs, and its transforms with what they draw."""
-    env = make(config.env, EnvOptions(options=config.options, **config.transforms), seed=config.seed)
+    """The environment of the config with a virtual robot that nobody uses: its specs, and its
+    transforms with what they draw."""
+    env = make(
+        config.env, EnvOptions(options=config.options, **config.transforms), seed=config.seed
+    )
     prepare(env)
     env.close(raise_if_closed=False)
     return env
 
 
 def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = None) -> Learner:
-    """A new learner from a config, for ``env``. Raises RunError without enough memory, device or compiler."""
+    """A new learner from a config, for ``env``. Raises RunError without enough memory, device or
+    compiler."""
     device = str(resolve_device(config.device)) if device is None else device
     try:
         learner = make_learner(config.agent, env, config.settings, device)
     except RuntimeError as error:
         if "memory" not in str(error):
             raise
-        raise RunError(f"there is not enough memory for the agent {config.agent}; give it smaller networks or memory") from None
+        raise RunError(
+            f"there is not enough memory for the agent {config.agent}; give it smaller networks "
+            "or memory"
+        ) from None
     if config.compile:
         compile_updates(learner)
     if config.base is not None:
@@ -114,52 +142,90 @@ def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
 def run_state(env: EnvBase, identity: dict[str, Any], episodes: list[Episode]) -> dict[str, Any]:
     """State of a run in a checkpoint, without its agent.
 
-    ``best`` is the mean return of the best evaluation, ``is_evaluation_due`` whether the last episode is to be evaluated yet, and
-    ``recorded`` the number of whole episodes in the run's dataset.
+    ``best`` is the mean return of the best evaluation, ``is_evaluation_due`` whether the last
+    episode is to be evaluated yet, and ``recorded`` the number of whole episodes in the run's
+    dataset.
     """
     state = {"identity": identity, "episodes": [episode.to_dict() for episode in episodes]}
     progress = {"best": None, "is_evaluation_due": False, "recorded": 0}
-    return {**state, **progress, "generator": torch.get_rng_state(), "transforms": transform_state(env)}
+    return {
+        **state,
+        **progress,
+        "generator": torch.get_rng_state(),
+        "transforms": transform_state(env),
+    }
 
 
 def load_state(
-    folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: Which = "last", frozen: bool = False
+    folder: RunFolder,
+    config: TrainConfig,
+    env: EnvBase,
+    *,
+    which: Which = "last",
+    frozen: bool = False,
 ) -> dict[str, Any]:
-    """A verified checkpoint of a run; what its transforms have kept, those of ``env`` get, ``frozen`` or to run on. Raises
-    CheckpointError if it is damaged, missing, or of another run or environment."""
+    """A verified checkpoint of a run; what its transforms have kept, those of ``env`` get,
+    ``frozen`` or to run on. Raises CheckpointError if it is damaged, missing, or of another run or
+    environment."""
     check_value("which", which, Which)
     if which == "best" and not folder.best_path.exists():
-        raise CheckpointError(f"the run in {folder.path} has no best checkpoint; train with evaluations, or take the last one")
+        raise CheckpointError(
+            f"the run in {folder.path} has no best checkpoint; train with evaluations, or take "
+            "the last one"
+        )
     path = folder.checkpoint_path if which == "last" else folder.best_path
     state = load_checkpoint(path)
     prepare(env)
-    with contextlib.suppress(AttributeError, LookupError, RuntimeError, TypeError, ValueError):  # others: their layout differs
+    # others: their layout differs
+    with contextlib.suppress(AttributeError, LookupError, RuntimeError, TypeError, ValueError):
         load_transform_state(env, state["transforms"], frozen=frozen)
     identity = identity_of(config, env)
     differs = _differences(state.get("identity"), identity, config)
     if differs and differs <= {"layout", "action_size"}:
-        raise CheckpointError(f"{folder.path} learned in {config.env}; choose an environment with its observations and actions")
+        raise CheckpointError(
+            f"{folder.path} learned in {config.env}; choose an environment with its observations "
+            "and actions"
+        )
     if differs:
-        raise CheckpointError(f"{path} belongs to another config; restore the run's own config.json")
+        raise CheckpointError(
+            f"{path} belongs to another config; restore the run's own config.json"
+        )
     try:
         _check_state(state)
-    except (AttributeError, BricksError, LookupError, OverflowError, RuntimeError, TypeError, ValueError):
-        raise CheckpointError(f"{path} lacks a part of a run's state; restore a copy or train again") from None
+    except (
+        AttributeError,
+        BricksError,
+        LookupError,
+        OverflowError,
+        RuntimeError,
+        TypeError,
+        ValueError,
+    ):
+        raise CheckpointError(
+            f"{path} lacks a part of a run's state; restore a copy or train again"
+        ) from None
     return state
 
 
 def _differences(saved: Any, identity: dict[str, Any], config: TrainConfig) -> set[str]:
-    """Names of the values that differ in a checkpoint, where settings that are newer than it have their defaults."""
+    """Names of the values that differ in a checkpoint, where settings that are newer than it have
+    their defaults."""
     with contextlib.suppress(DescriptionError, LookupError, TypeError):
-        defaults = TrainConfig(config.env, config.agent, settings=type(config.settings)()).to_dict()["settings"]
+        defaults = TrainConfig(
+            config.env, config.agent, settings=type(config.settings)()
+        ).to_dict()["settings"]
         saved = {**saved, "settings": {**defaults, **with_present_names(saved["settings"])}}
     with contextlib.suppress(LookupError, TypeError):  # of a layout what it had then
         layout = {key: value for key, value in identity["layout"].items() if key in saved["layout"]}
-        identity, saved = {**identity, "layout": layout}, {**saved, "layout": {key: saved["layout"][key] for key in layout}}
+        identity, saved = (
+            {**identity, "layout": layout},
+            {**saved, "layout": {key: saved["layout"][key] for key in layout}},
+        )
     try:
         saved, identity = portable(saved), portable(identity)
         return {key for key, value in identity.items() if value != saved[key]}
-    except (AttributeError, LookupError, RuntimeError, TypeError):  # a part is missing, or a tensor in place of a number
+    except (AttributeError, LookupError, RuntimeError, TypeError):
+        # a part is missing, or a tensor in place of a number
         return set(identity)
 
 
@@ -167,7 +233,11 @@ def _check_state(state: dict[str, Any]) -> None:
     """Raise any error unless the state is complete; the learner checks its own part."""
     for episode in map(Episode.from_dict, state["episodes"]):
         check_fields(Episode, vars(episode))
-        for value in (*episode.measures.values(), episode.updates_per_step or 0.0, episode.evaluation or 0.0):
+        for value in (
+            *episode.measures.values(),
+            episode.updates_per_step or 0.0,
+            episode.evaluation or 0.0,
+        ):
             float(value)
     if any(type(state["pace"][name]) is not int for name in ("asked", "done")):
         raise TypeError
@@ -179,16 +249,20 @@ def _check_state(state: dict[str, Any]) -> None:
         frames["next"]["done"].shape  # noqa: B018
     state.setdefault("transforms", {})
     identity = state["identity"]
-    shapes = dict(identity["layout"].get("vectors", [("observation", [len(identity["layout"]["low"])])]))
+    shapes = dict(
+        identity["layout"].get("vectors", [("observation", [len(identity["layout"]["low"])])])
+    )
     shapes["action"] = [identity["action_size"]]
     rows = state["agent"].get("memory", {"rows": {}})["rows"]
-    if any(name in rows and list(rows[name].shape[1:]) != list(shape) for name, shape in shapes.items()):
+    if any(
+        name in rows and list(rows[name].shape[1:]) != list(shape) for name, shape in shapes.items()
+    ):
         raise ValueError
 
 
 def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
-    """The dataset in a folder, or of a run, for an agent in ``env``; of a run that learned from data, that one. Raises DataError
-    if it cannot be used there."""
+    """The dataset in a folder, or of a run, for an agent in ``env``; of a run that learned from
+    data, that one. Raises DataError if it cannot be used there."""
     folder = RunFolder(path)
     if folder.config_path.exists():
         path = folder.read_config().data or path
@@ -197,30 +271,54 @@ def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
     recorded = [entry.name for entry in data.description.observation]
     observed = [entry.name for entry in wanted.observation]
     if any(name not in recorded for name in observed):
-        reason = f"{path} is of {data.description.env}: its observation is [{', '.join(recorded)}], not [{', '.join(observed)}]"
-        raise DataError(f"{reason}; choose data of this environment, or learn in a task of your own that observes what they have")
+        reason = (
+            f"{path} is of {data.description.env}: its observation is "
+            f"[{', '.join(recorded)}], not [{', '.join(observed)}]"
+        )
+        raise DataError(
+            f"{reason}; choose data of this environment, or learn in a task of your own that "
+            "observes what they have"
+        )
     if recorded != observed:
         if unobserved := [name for name in recorded if name not in observed]:
-            _log.warning("%s has %s, which %s does not observe; it is left out", path, ", ".join(unobserved), wanted.env)
+            _log.warning(
+                "%s has %s, which %s does not observe; it is left out",
+                path,
+                ", ".join(unobserved),
+                wanted.env,
+            )
         data = data.observing(observed)
-    actions, own = ([entry.name for entry in description.action] for description in (data.description, wanted))
+    actions, own = (
+        [entry.name for entry in description.action] for description in (data.description, wanted)
+    )
     if actions != own:
-        reason = f"{path} is of {data.description.env}: its action is [{', '.join(actions)}], not [{', '.join(own)}]"
-        raise DataError(f"{reason}; choose data of this environment, or the environment of the data")
+        reason = (
+            f"{path} is of {data.description.env}: its action is [{', '.join(actions)}], not "
+            f"[{', '.join(own)}]"
+        )
+        raise DataError(
+            f"{reason}; choose data of this environment, or the environment of the data"
+        )
     if not len(data):
         raise DataError(f"the dataset {path} is empty; give one with at least one step")
     return data
 
 
 def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> TensorDict | None:
-    """Give a learner the config's data or demonstrations, and return their frames ``[time]``; also needed when a run resumes.
-    Raises DataError if they cannot be used, RunError if the agent cannot use a dataset, or needs one."""
+    """Give a learner the config's data or demonstrations, and return their frames ``[time]``; also
+    needed when a run resumes. Raises DataError if they cannot be used, RunError if the agent cannot
+    use a dataset, or needs one."""
     if learner.imitates and config.dataset is None:
-        raise RunError(f"{config.agent} needs demonstrations; give their folder, or use `bricksrl train-offline`")
+        raise RunError(
+            f"{config.agent} needs demonstrations; give their folder, or use `bricksrl "
+            "train-offline`"
+        )
     if config.dataset is None:
         return None
     if learner.loss is None or learner.on_policy:
-        raise RunError(f"the agent {config.agent} cannot use a dataset; choose another agent, or omit the data")
+        raise RunError(
+            f"the agent {config.agent} cannot use a dataset; choose another agent, or omit the data"
+        )
     given = given_specs(base_of(env))
     if "observation" not in given:
         raise DataError(f"no data hold what {config.env} observes; learn without data")
@@ -231,7 +329,10 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
     frames["next", "done"][-1] = True
     for key, spec in given.items():
         if key not in frames or frames[key].shape[1:] != spec.shape:
-            raise DataError(f"no data hold the '{key}' {list(spec.shape)} that {config.env} observes; learn without data")
+            raise DataError(
+                f"no data hold the '{key}' {list(spec.shape)} that {config.env} observes; learn "
+                "without data"
+            )
     if (teacher := teacher_of(config, learner)) is not None:  # whose policy knows its statistics
         load_state(teacher, one_robot(teacher.read_config()), env)
     frames = through(env, frames)
@@ -239,11 +340,14 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
     if isinstance(learner.memory, TransitionReplayBuffer):
         learner.dataset = learner.memory.empty_like(max(2, len(frames)))
         learner.dataset.extend(frames)
-    elif learner.memory is not None and not learner.imitates:  # of a user, with batches of its own kind: it comes first
+    elif learner.memory is not None and not learner.imitates:
+        # of a user, with batches of its own kind: it comes first
         learner.remember(frames)
     else:
         size, keys = getattr(config.settings, "batch_size", 256), learner.policy.in_keys
-        learner.dataset = recorded_memory(frames, size, keys, chunk=learner.chunk, device=learner.device)
+        learner.dataset = recorded_memory(
+            frames, size, keys, chunk=learner.chunk, device=learner.device
+        )
     return frames
 
 
@@ -255,20 +359,33 @@ def teacher_of(config: TrainConfig, learner: Learner) -> RunFolder | None:
     return folder if folder.config_path.exists() else None
 
 
-def warm_start(config: TrainConfig, learner: Learner, env: EnvBase, frames: TensorDict | None) -> None:
-    """Let a new learner go on from the config's ``start`` run, or imitate its demonstrations, whose ``frames`` are given; those
-    of a run with what its policy would have done. Raises RunError if there is no such run or the agent cannot be taught,
-    CheckpointError if they do not fit."""
+def warm_start(
+    config: TrainConfig, learner: Learner, env: EnvBase, frames: TensorDict | None
+) -> None:
+    """Let a new learner go on from the config's ``start`` run, or imitate its demonstrations, whose
+    ``frames`` are given; those of a run with what its policy would have done. Raises RunError if
+    there is no such run or the agent cannot be taught, CheckpointError if they do not fit."""
     if config.start is not None:
         folder = RunFolder(config.start)
         old_config = folder.read_config()
         if old_config.agent != config.agent:
-            remedy = f"take that agent, or let the run demonstrate: --demonstrations {quoted(config.start)}"
-            raise CheckpointError(f"{config.start} is {old_config.agent}'s, not {config.agent}'s; {remedy}")
+            remedy = (
+                "take that agent, or let the run demonstrate: --demonstrations "
+                f"{quoted(config.start)}"
+            )
+            raise CheckpointError(
+                f"{config.start} is {old_config.agent}'s, not {config.agent}'s; {remedy}"
+            )
         if old_config.base != config.base:
-            raise CheckpointError(f"{config.start} adds to the base {old_config.base}, not to {config.base}; give its own")
-        if old_config.to_dict()["settings"] != config.to_dict()["settings"]:  # a user's class differs each time it is loaded
-            raise CheckpointError(f"the agent of {config.start} has other settings; go on with its own")
+            raise CheckpointError(
+                f"{config.start} adds to the base {old_config.base}, not to {config.base}; "
+                "give its own"
+            )
+        # a user's class differs each time it is loaded
+        if old_config.to_dict()["settings"] != config.to_dict()["settings"]:
+            raise CheckpointError(
+                f"the agent of {config.start} has other settings; go on with its own"
+            )
         state = load_state(folder, one_robot(old_config), env)
         restore(learner, state["agent"])
         load_transform_state(env, state["transforms"])
@@ -283,24 +400,34 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase, frames: Tens
 
 
 def base_for(config: TrainConfig, env: EnvBase) -> Base:
-    """The frozen policy of the config's ``base``: a run's, or the hand-written controller of its environment. Raises RunError if
-    there is none, or it has a memory, CheckpointError if it does not fit the environment."""
+    """The frozen policy of the config's ``base``: a run's, or the hand-written controller of its
+    environment. Raises RunError if there is none, or it has a memory, CheckpointError if it does
+    not fit the environment."""
     if config.base == SCRIPTED:
         if config.env not in CONTROLLERS:
-            raise RunError(f"{config.env} has no hand-written controller; give the folder of a run as base")
+            raise RunError(
+                f"{config.env} has no hand-written controller; give the folder of a run as base"
+            )
         if not keeps_vectors(env):
-            raise RunError("the hand-written controller acts on what the robot itself observes; omit the transforms")
+            raise RunError(
+                "the hand-written controller acts on what the robot itself observes; omit the "
+                "transforms"
+            )
         return Base(Scripted(CONTROLLERS[config.env], list(observed_specs(env))))
     policy = load_learner(str(config.base), env).learner.policy
     if hasattr(policy, "reset"):
-        raise RunError(f"the policy of {config.base} depends on more than what it observes; choose another base")
+        raise RunError(
+            f"the policy of {config.base} depends on more than what it observes; choose "
+            "another base"
+        )
     return Base(policy)
 
 
 @contextlib.contextmanager
 def reproducible(seed: int) -> Iterator[None]:
-    """One thread and a seeded global generator inside; both are restored afterwards. Also silences TorchRL's log. Sums over
-    several threads are rounded differently for each number of cores; small networks hardly gain from threads."""
+    """One thread and a seeded global generator inside; both are restored afterwards. Also silences
+    TorchRL's log. Sums over several threads are rounded differently for each number of cores; small
+    networks hardly gain from threads."""
     threads = torch.get_num_threads()
     logger = logging.getLogger("torchrl")
     level = logger.level

@@ -49,8 +49,9 @@ def train(
 ) -> RunResult:
     """Train a new agent into a new folder, which is created once the robot is connected.
 
-    Ctrl-C, or ``stop`` set from any thread, ends the run after the current step; `resume` continues after the last complete
-    episode. A lost link ends the episode, and the run continues when the robot is back.
+    Ctrl-C, or ``stop`` set from any thread, ends the run after the current step; `resume` continues
+    after the last complete episode. A lost link ends the episode, and the run continues when the
+    robot is back.
 
     Args:
         env: your own environment, which stays open; by default ``config.env`` is made and closed.
@@ -82,8 +83,9 @@ def resume(
     stop: threading.Event | None = None,
     driver: Driver | None = None,
 ) -> RunResult:
-    """Continue a run after its last complete episode; synchronous runs on the CPU end bit-identical to uninterrupted ones.
-    ``episodes``: total number, if more than before; ``env, place, driver``: as in `train`.
+    """Continue a run after its last complete episode; synchronous runs on the CPU end bit-identical
+    to uninterrupted ones. ``episodes``: total number, if more than before; ``env, place, driver``:
+    as in `train`.
 
     Raises:
         RunError: there is no run in the folder, or another process works on it.
@@ -94,11 +96,25 @@ def resume(
     config = folder.read_config()
     if episodes is not None and episodes < config.episodes:
         whole = counted(config.episodes, "episode")
-        raise RunError(f"the run in {run_dir} is meant to have {whole}; give that number or more, not {episodes}")
+        raise RunError(
+            f"the run in {run_dir} is meant to have {whole}; give that number or more, not "
+            f"{episodes}"
+        )
     if config.updates and episodes not in (None, config.episodes):
-        raise RunError(f"the run in {run_dir} learned from data; `bricksrl train ENV --from RUN` goes on from it on a robot")
+        raise RunError(
+            f"the run in {run_dir} learned from data; `bricksrl train ENV --from RUN` goes on "
+            "from it on a robot"
+        )
     with only_writer(folder.path, RunError):
-        return _run(replace(config, episodes=episodes or config.episodes), folder, callback, env, place, stop, driver)
+        return _run(
+            replace(config, episodes=episodes or config.episodes),
+            folder,
+            callback,
+            env,
+            place,
+            stop,
+            driver,
+        )
 
 
 def _run(
@@ -113,8 +129,15 @@ def _run(
     """A new run, or one from the checkpoint in ``folder``."""
     if len(config.hubs) > 1 and (env is not None or driver is not None):
         raise RunError("a fleet takes no env and no driver; omit them")
-    if env is not None and env.batch_size and not {"episode_reward", "step_count"} <= set(env.full_observation_spec.keys()):
-        raise RunError("copies of your own need TorchRL's RewardSum and StepCounter; add them, or omit env and give num_envs")
+    if (
+        env is not None
+        and env.batch_size
+        and not {"episode_reward", "step_count"} <= set(env.full_observation_spec.keys())
+    ):
+        raise RunError(
+            "copies of your own need TorchRL's RewardSum and StepCounter; add them, or omit env "
+            "and give num_envs"
+        )
     callback = callback or Callback()
     if config.log != "none":
         callback = CallbackList(callback, Tracking(config.log))
@@ -123,7 +146,14 @@ def _run(
             if len(config.hubs) > 1:
                 env = make_fleet(config, place if config.hub != "virtual" else None)
             else:
-                env = make_env(config.env, config.robot, config.num_envs, seed=config.seed, device=config.device, place=place)
+                env = make_env(
+                    config.env,
+                    config.robot,
+                    config.num_envs,
+                    seed=config.seed,
+                    device=config.device,
+                    place=place,
+                )
             stack.callback(env.close, raise_if_closed=False)
         else:
             env = with_unit_actions(env)
@@ -134,12 +164,19 @@ def _run(
 
 
 def _run_in(
-    env: EnvBase, config: TrainConfig, folder: RunFolder | None, callback: Callback, signals: StopSignals, driver: Driver | None
+    env: EnvBase,
+    config: TrainConfig,
+    folder: RunFolder | None,
+    callback: Callback,
+    signals: StopSignals,
+    driver: Driver | None,
 ) -> RunResult:
     state = {} if folder is None else load_state(folder, config, env)
     learner = make_learner_for(config, env)
     if len(config.hubs) > 1 and learner.on_policy:
-        raise RunError(f"{config.agent} learns from what it does now; choose another agent for several robots")
+        raise RunError(
+            f"{config.agent} learns from what it does now; choose another agent for several robots"
+        )
     frames = attach_dataset(config, learner, env)
     if folder is None:
         warm_start(config, learner, env, frames)
@@ -149,7 +186,8 @@ def _run_in(
         load_transform_state(env, state["transforms"])
     callback.on_env(env)
     callback.on_learner(learner)
-    with ExitStack() as lock, ExitStack() as stack:  # a learner in another process may write until it has ended
+    # a learner in another process may write until it has ended
+    with ExitStack() as lock, ExitStack() as stack:
         side = _learning(stack, config, env, learner, state, signals)
         torch.set_rng_state(state["generator"])
         loop = Loop(config, env, side, callback, signals, state, driver)
@@ -168,9 +206,15 @@ def _run_in(
 
 
 def _learning(
-    stack: ExitStack, config: TrainConfig, env: EnvBase, learner: Learner, state: dict[str, Any], signals: StopSignals
+    stack: ExitStack,
+    config: TrainConfig,
+    env: EnvBase,
+    learner: Learner,
+    state: dict[str, Any],
+    signals: StopSignals,
 ) -> LearnerSide:
-    """The learner from a checkpoint's state, here or in another process until the end of the ``stack``."""
+    """The learner from a checkpoint's state, here or in another process until the end of the
+    ``stack``."""
     if not config.asynchronous or learner.loss is None or config.updates:
         restore(learner, state["agent"])
         learner.act_on(env.device)

@@ -1,4 +1,5 @@
-"""Folder of a run: config, metrics, checkpoint, learning curve, evaluation. Never overwritten by another run."""
+"""Folder of a run: config, metrics, checkpoint, learning curve, evaluation. Never overwritten by
+another run."""
 
 import csv
 import io
@@ -29,7 +30,8 @@ DATA_FOLDER = "data"
 
 
 class Origin(NamedTuple):
-    """What a run was about: its environment and the options of its first robot, its agent and seed."""
+    """What a run was about: its environment and the options of its first robot, its agent and
+    seed."""
 
     env: str
     options: EnvOptions
@@ -40,23 +42,32 @@ class Origin(NamedTuple):
 
 
 class RunFolder:
-    """Paths and files of one run; ``best_path`` is of the best evaluation. Raises DescriptionError if the path is none."""
+    """Paths and files of one run; ``best_path`` is of the best evaluation. Raises DescriptionError
+    if the path is none."""
 
     def __init__(self, path: Path | str) -> None:
         check_value("run", path, Path | str)
         self.path = path = Path(path)
         self.config_path, self.metrics_path = path / "config.json", path / "metrics.csv"
         self.checkpoint_path, self.best_path = path / "checkpoint.bin", path / "best.bin"
-        self.curve_path, self.evaluation_path = path / "learning_curve.png", path / "evaluation.json"
+        self.curve_path, self.evaluation_path = (
+            path / "learning_curve.png",
+            path / "evaluation.json",
+        )
 
     @classmethod
     def create(cls, config: TrainConfig, state: dict[str, Any]) -> "RunFolder":
-        """Create a folder with config and first checkpoint, atomically. Raises RunError if it exists, or WriteError."""
+        """Create a folder with config and first checkpoint, atomically. Raises RunError if it
+        exists, or WriteError."""
         from bricksrl.training.checkpoint import save_checkpoint
 
-        default = Path("runs") / f"{file_name(config.env)}-{file_name(config.agent)}-seed-{config.seed}"
+        default = (
+            Path("runs") / f"{file_name(config.env)}-{file_name(config.agent)}-seed-{config.seed}"
+        )
         numbered = (default.with_name(f"{default.name}-{number}") for number in itertools.count(2))
-        paths: Iterable[Path] = itertools.chain([default], numbered) if config.run_dir is None else [config.run_dir]
+        paths: Iterable[Path] = (
+            itertools.chain([default], numbered) if config.run_dir is None else [config.run_dir]
+        )
         for path in paths:
             refuse_within_dataset(path)
             if path.exists():
@@ -76,7 +87,10 @@ class RunFolder:
 
     def write_config(self, config: TrainConfig) -> None:
         """Write the config with the package versions."""
-        packages = {name: metadata.version(name) for name in (*HOUSES, "torch", "torchrl", "tensordict", "mujoco")}
+        packages = {
+            name: metadata.version(name)
+            for name in (*HOUSES, "torch", "torchrl", "tensordict", "mujoco")
+        }
         versions = {**packages, "python": platform.python_version()}
         data = {"bricksrl_run": 1, "config": config.to_dict(), "versions": versions}
         text = (json.dumps(data, indent=2) + "\n").encode()
@@ -85,10 +99,15 @@ class RunFolder:
         write_durably(self.config_path, text)
 
     def read_config(self) -> TrainConfig:
-        """Read the config. Raises RunError if there is no run, its config is invalid, or it names code from another computer."""
+        """Read the config. Raises RunError if there is no run, its config is invalid, or it names
+        code from another computer."""
         if not self.config_path.exists():
-            raise RunError(f"there is no run in {self.path}; choose {folder_with(self.path, 'config.json')}")
-        with reading("the config", self.config_path, RunError, "restore the file or start a new run"):
+            raise RunError(
+                f"there is no run in {self.path}; choose {folder_with(self.path, 'config.json')}"
+            )
+        with reading(
+            "the config", self.config_path, RunError, "restore the file or start a new run"
+        ):
             text = self.config_path.read_bytes()
             data = json.loads(text)
             config, version = dict(data["config"]), data["bricksrl_run"]
@@ -103,7 +122,8 @@ class RunFolder:
         return Origin(config.env, config.robot, config.agent, config.seed, bool(config.updates))
 
     def read_evaluation(self) -> dict[str, Any] | None:
-        """The latest evaluation, as `EvaluationResult` wrote it; ``None`` if there is none, or it is damaged."""
+        """The latest evaluation, as `EvaluationResult` wrote it; ``None`` if there is none, or it
+        is damaged."""
         try:
             data = json.loads(self.evaluation_path.read_bytes())
             for name in ("return_mean", "return_std", "episodes", "trained_episodes"):
@@ -113,12 +133,18 @@ class RunFolder:
         return dict(data)
 
     def own_evaluation(self, episodes: int) -> dict[str, Any] | None:
-        """The evaluation if it is of the agent after this number of episodes, under the conditions of its training."""
+        """The evaluation if it is of the agent after this number of episodes, under the conditions
+        of its training."""
         data = self.read_evaluation()
-        return data if data is not None and data["trained_episodes"] == episodes and data.get("as_trained") else None
+        return (
+            data
+            if data is not None and data["trained_episodes"] == episodes and data.get("as_trained")
+            else None
+        )
 
     def append(self, episode: Episode) -> None:
-        """Append an episode to the metrics; they are written anew where it has a measure that none before it had."""
+        """Append an episode to the metrics; they are written anew where it has a measure that none
+        before it had."""
         with self.metrics_path.open("r+b") as file:
             columns = next(csv.reader([file.readline().decode()]))
             if is_known := episode.measures.keys() <= {*columns}:
@@ -131,18 +157,29 @@ class RunFolder:
         """Draw the learning curve."""
         from bricksrl.training.curve import draw_learning_curve
 
-        title = f"{without_folder(config.env)} · {without_folder(config.agent)} · seed {config.seed}"
-        draw_learning_curve(self.curve_path, episodes, title, reference_lines(config.env, config.options))
+        title = (
+            f"{without_folder(config.env)} · {without_folder(config.agent)} · seed {config.seed}"
+        )
+        draw_learning_curve(
+            self.curve_path, episodes, title, reference_lines(config.env, config.options)
+        )
 
     def read_episodes(self) -> tuple[Episode, ...]:
-        """Read the metrics, without a last row that a crash has cut. Raises RunError if they are missing or invalid."""
-        with reading("the metrics", self.metrics_path, RunError, "restore the file or start a new run"):
+        """Read the metrics, without a last row that a crash has cut. Raises RunError if they are
+        missing or invalid."""
+        with reading(
+            "the metrics", self.metrics_path, RunError, "restore the file or start a new run"
+        ):
             whole_lines, _, _ = self.metrics_path.read_text().rpartition("\n")
             return tuple(map(_episode, csv.DictReader(whole_lines.splitlines())))
 
     def write_episodes(self, episodes: Sequence[Episode]) -> None:
         """Replace the metrics, which after a crash may be ahead of the checkpoint."""
-        columns = [*MEASURED, *dict.fromkeys(name for episode in episodes for name in episode.measures), *MEASURED_TOO]
+        columns = [
+            *MEASURED,
+            *dict.fromkeys(name for episode in episodes for name in episode.measures),
+            *MEASURED_TOO,
+        ]
         write_durably(self.metrics_path, _csv(columns, episodes, header=True))
 
 
@@ -163,7 +200,11 @@ def _csv(columns: list[str], episodes: Iterable[Episode], *, header: bool = Fals
 def _row(episode: Episode) -> dict[str, Any]:
     success = None if episode.success is None else int(episode.success)
     ratio = None if episode.updates_per_step is None else f"{episode.updates_per_step:.4g}"
-    texts = {"seconds": f"{episode.seconds:.3f}", "updates_per_step": ratio, "link_lost": int(episode.link_lost)}
+    texts = {
+        "seconds": f"{episode.seconds:.3f}",
+        "updates_per_step": ratio,
+        "link_lost": int(episode.link_lost),
+    }
     own = {name: getattr(episode, name) for name in (*MEASURED, *MEASURED_TOO) if name != "return"}
     return {**episode.measures, **own, **texts, "return": episode.return_, "success": success}
 
@@ -176,7 +217,11 @@ def _episode(row: dict[str, str]) -> Episode:
         length=int(row["length"]),
         return_=float(row["return"]),
         success=bool(int(row["success"])) if row["success"] else None,
-        measures={name: float(value) for name, value in row.items() if value and name not in (*MEASURED, *MEASURED_TOO)},
+        measures={
+            name: float(value)
+            for name, value in row.items()
+            if value and name not in (*MEASURED, *MEASURED_TOO)
+        },
         seconds=float(row["seconds"]),
         updates_per_step=float(row["updates_per_step"]) if row["updates_per_step"] else None,
         link_lost=row["link_lost"] == "1",

@@ -12,9 +12,9 @@ class InterruptedEpisodeError(Exception):
 
 
 class StopSignals(ExitStack):
-    """While entered, Ctrl-C sets ``stop``, which the run checks after each step. Inside `at_once` the first Ctrl-C raises
-    `KeyboardInterrupt`; elsewhere the second, except inside `held_back`. Only the main thread receives Ctrl-C; other threads may
-    set ``stop``."""
+    """While entered, Ctrl-C sets ``stop``, which the run checks after each step. Inside `at_once`
+    the first Ctrl-C raises `KeyboardInterrupt`; elsewhere the second, except inside `held_back`.
+    Only the main thread receives Ctrl-C; other threads may set ``stop``."""
 
     def __init__(self, stop: threading.Event) -> None:
         super().__init__()
@@ -28,7 +28,9 @@ class StopSignals(ExitStack):
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
-            self.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, self._on_interrupt))
+            self.callback(
+                signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, self._on_interrupt)
+            )
         return super().__enter__()
 
     def at_once(self) -> AbstractContextManager[None]:

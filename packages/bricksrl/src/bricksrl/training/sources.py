@@ -1,6 +1,8 @@
-"""Sources of the steps of a run: one robot, or copies of a simulation; `fleet.schedule` has several robots.
+"""Sources of the steps of a run: one robot, or copies of a simulation; `fleet.schedule` has several
+robots.
 
-A source yields each step that was made, and each episode that has ended; while it waits, the run learns.
+A source yields each step that was made, and each episode that has ended; while it waits, the run
+learns.
 """
 
 import math
@@ -58,8 +60,9 @@ class Playing:
 
 @dataclass(frozen=True)
 class Moved:
-    """A step of a robot, as ``EnvBase.step`` returns it, or a batch ``[copies, time]``; its outcome is void if the link broke.
-    ``own``: the last one that the environment itself made in it, without transforms."""
+    """A step of a robot, as ``EnvBase.step`` returns it, or a batch ``[copies, time]``; its outcome
+    is void if the link broke. ``own``: the last one that the environment itself made in it, without
+    transforms."""
 
     playing: Playing
     frame: TensorDictBase
@@ -71,7 +74,8 @@ class Moved:
 
 @dataclass(frozen=True)
 class Ended:
-    """The end of an episode; ``None`` if the link broke in its first step. ``is_cut``: by a pause."""
+    """The end of an episode; ``None`` if the link broke in its first step. ``is_cut``: by a
+    pause."""
 
     playing: Playing
     episode: Episode | None
@@ -117,14 +121,17 @@ class Source(ABC):
             yield from self.play(*begun)
 
     def _begin(self) -> tuple[Playing, TensorDictBase] | None:
-        """The next episode, which depends on config, number and actions only, and the output of its reset."""
+        """The next episode, which depends on config, number and actions only, and the output of its
+        reset."""
         playing = self.next_episode(0)
         if playing is None:
             return None
         reconnect = reconnect_of(self.env)
         if reconnect is not None:
             reconnect.patience_s, reconnect.wait = self.patience_s, self.signals.wait
-            reconnect.on_error = lambda error: self.callback.on_link_lost(playing.number, playing.length, error)
+            reconnect.on_error = lambda error: self.callback.on_link_lost(
+                playing.number, playing.length, error
+            )
         with self.signals.at_once():  # a reset may wait for a hub or a person, and loses nothing
             seed_episode(self.env, playing.seed)
             state = self.env.reset()
@@ -145,23 +152,46 @@ class OneRobot(Source):
         if self.is_recorded:
             playing.about = about(self.env, playing.policy, seed=playing.seed, hub=self.hub)
         rollout, random, actor = Rollout(), RandomPolicy(self.env.action_spec), self.learner.actor
-        policy = {Phase.PREFILL: random, Phase.TRAIN: actor.explore, Phase.OFFLINE: actor.exploit}[phase]
+        policy = {Phase.PREFILL: random, Phase.TRAIN: actor.explore, Phase.OFFLINE: actor.exploit}[
+            phase
+        ]
         is_cut = False
-        for frame in play(self.env, policy, start, driver=self.driver, reset_policy=actor.reset_policy):
+        for frame in play(
+            self.env, policy, start, driver=self.driver, reset_policy=actor.reset_policy
+        ):
             own = rollout.add(frame, self.env)
             playing.length = len(rollout.rewards)
             by_hand = bool(frame.get("intervention", False))
             if by_hand and actor.on_policy:
-                raise RunError("this agent learns from its own actions only; let it drive, or take an off-policy one such as sac")
+                raise RunError(
+                    "this agent learns from its own actions only; let it drive, or take an "
+                    "off-policy one such as sac"
+                )
             if self.is_recorded:
                 playing.steps += [step_of(step, self.env) for step in own]
             is_cut = interface_of(self.env).is_cut  # now, as an evaluation may follow
-            yield Moved(playing, frame, own[-1] if own else frame, rollout.is_lost, bool(frame["next", "done"]))
+            yield Moved(
+                playing,
+                frame,
+                own[-1] if own else frame,
+                rollout.is_lost,
+                bool(frame["next", "done"]),
+            )
         if rollout.is_lost and phase is Phase.OFFLINE:
-            raise interface_of(self.env).link_error  # a measurement has to be complete, and its updates are made once
+            # a measurement has to be complete, and its updates are made once
+            raise interface_of(self.env).link_error
         success, measures = rollout.judged(self.env)
         length, return_ = playing.length, rollout.return_
-        episode = Episode(playing.number, phase, length, length, return_, success, measures, link_lost=rollout.is_lost)
+        episode = Episode(
+            playing.number,
+            phase,
+            length,
+            length,
+            return_,
+            success,
+            measures,
+            link_lost=rollout.is_lost,
+        )
         yield Ended(self.playing.pop(0), episode if length else None, is_cut)
 
 
@@ -171,12 +201,19 @@ def reconnect_of(env: EnvBase) -> Reconnect | None:
 
 
 class Copies(Source):
-    """Copies of a simulation or of a virtual robot. An episode is a round: as many steps of all as one has at most."""
+    """Copies of a simulation or of a virtual robot. An episode is a round: as many steps of all as
+    one has at most."""
 
     def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
         ended, lengths, returns, steps = (torch.zeros((), device=self.env.device) for _ in range(4))
-        policy = RandomPolicy(self.env.action_spec) if playing.phase is Phase.PREFILL else self.learner.actor.acting
-        for frames in collect_round(self.env, policy, longest_of(self.env), self.learner.actor.frames_per_batch):
+        policy = (
+            RandomPolicy(self.env.action_spec)
+            if playing.phase is Phase.PREFILL
+            else self.learner.actor.acting
+        )
+        for frames in collect_round(
+            self.env, policy, longest_of(self.env), self.learner.actor.frames_per_batch
+        ):
             playing.length += frames.shape[-1]
             yield Moved(playing, frames, frames)
             after = frames["next"]
@@ -184,16 +221,22 @@ class Copies(Source):
             ended += done.sum()
             returns += (after["episode_reward"] * done).sum()
             lengths += (after["step_count"] * done).sum()
-            steps += (after["step_count"] - frames["step_count"]).sum()  # of the robots: a frame may be several
+            # of the robots: a frame may be several
+            steps += (after["step_count"] - frames["step_count"]).sum()
         count = max(1.0, float(ended))
         length, return_ = round(float(lengths) / count), float(returns) / count
-        yield Ended(playing, Episode(playing.number, playing.phase, int(steps), length, return_, None))
+        yield Ended(
+            playing, Episode(playing.number, playing.phase, int(steps), length, return_, None)
+        )
 
 
-def collect_round(env: EnvBase, policy: Any, steps: int, steps_per_batch: int) -> Iterator[TensorDictBase]:
-    """Frames ``[copies, steps_per_batch]``, at least ``steps`` per copy from a reset on; ended copies restart. ``policy``: a
-    TensorDict module on the environment's device; it explores."""
-    with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # raised by TorchRL's own import
+def collect_round(
+    env: EnvBase, policy: Any, steps: int, steps_per_batch: int
+) -> Iterator[TensorDictBase]:
+    """Frames ``[copies, steps_per_batch]``, at least ``steps`` per copy from a reset on; ended
+    copies restart. ``policy``: a TensorDict module on the environment's device; it explores."""
+    # raised by TorchRL's own import
+    with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
         from torchrl.collectors import Collector
 
     copies = env.batch_size.numel()

@@ -1,9 +1,10 @@
 """Trust in files that name code: code from elsewhere is executed only after the user allowed it.
 
-The config of a run or of a shared policy, and a file of settings, may name the user's code: a task, an algorithm, a transform, a
-network. Using it executes that code. The digests of such files that were written on this computer, or declared trusted, are
-therefore kept in the user's settings folder, or, where that cannot be written, as at many schools, in a folder of the user's
-among the temporary files. What counts as code is said by `bricksrl.training.config.code_in`.
+The config of a run or of a shared policy, and a file of settings, may name the user's code: a task,
+an algorithm, a transform, a network. Using it executes that code. The digests of such files that
+were written on this computer, or declared trusted, are therefore kept in the user's settings
+folder, or, where that cannot be written, as at many schools, in a folder of the user's among the
+temporary files. What counts as code is said by `bricksrl.training.config.code_in`.
 """
 
 import contextlib
@@ -24,14 +25,15 @@ _CONFIGS = "config.json", "policy.json"
 
 
 def remember(data: bytes) -> None:
-    """Keep the digest of a config file written here; if it cannot be written, the user has to declare trust later."""
+    """Keep the digest of a config file written here; if it cannot be written, the user has to
+    declare trust later."""
     with contextlib.suppress(OSError):
         _keep(data)
 
 
 def require_trusted(path: Path, data: bytes, code: Sequence[str]) -> None:
-    """Require that a file names no code, was written here, or was declared trusted. Raises RunError if it names code, and was
-    made elsewhere or changed.
+    """Require that a file names no code, was written here, or was declared trusted. Raises RunError
+    if it names code, and was made elsewhere or changed.
 
     Args:
         path: the file; ``data`` are its bytes.
@@ -40,7 +42,8 @@ def require_trusted(path: Path, data: bytes, code: Sequence[str]) -> None:
     if code and not is_trusted(data):
         trusted = path.parent if path.name in _CONFIGS else path
         raise RunError(
-            f"{path} would run code ({', '.join(map(_shown, code))}) and was made elsewhere or changed; "
+            f"{path} would run code ({', '.join(map(_shown, code))}) and was made elsewhere or "
+            "changed; "
             f"read that code, then allow it with `bricksrl trust {quoted(trusted)}`"
         )
 
@@ -51,24 +54,35 @@ def is_trusted(data: bytes) -> bool:
 
 
 def trust(path: Path) -> tuple[str, ...]:
-    """Declare the present config of a run or a shared policy, or a file of settings, trusted; returns the texts in it that may
-    name code. Raises RunError if there is none, or the digest cannot be written.
+    """Declare the present config of a run or a shared policy, or a file of settings, trusted;
+    returns the texts in it that may name code. Raises RunError if there is none, or the digest
+    cannot be written.
 
     Args:
         path: folder of the run or the policy, or the file.
     """
-    file = path if path.is_file() else next((path / name for name in _CONFIGS if (path / name).is_file()), None)
+    file = (
+        path
+        if path.is_file()
+        else next((path / name for name in _CONFIGS if (path / name).is_file()), None)
+    )
     if file is None:
         raise RunError(f"there is no run in {path}; choose {folder_with(path, *_CONFIGS)}")
     with reading("the config", file, RunError, "restore the file"):
         data = file.read_bytes()
         content = dict(json.loads(data))
         is_config = file.name in _CONFIGS
-        code = code_in(content.get("config")) if is_config else code_in_settings(dict(content.get("settings", content)))
+        code = (
+            code_in(content.get("config"))
+            if is_config
+            else code_in_settings(dict(content.get("settings", content)))
+        )
     try:
         _keep(data)
     except OSError as error:
-        raise RunError(f"cannot write to {_folders()[0]} ({error.strerror}); make it writable") from None
+        raise RunError(
+            f"cannot write to {_folders()[0]} ({error.strerror}); make it writable"
+        ) from None
     return code
 
 

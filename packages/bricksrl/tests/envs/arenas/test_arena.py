@@ -20,7 +20,14 @@ from brickhub.virtual.stimuli import Sense
 from bricksrl.envs.arenas import get_arena_task, make_arena
 from bricksrl.envs.arenas.arena_task import ArenaState, seen_from, steer_towards
 from bricksrl.envs.arenas.tag import TAG
-from bricksrl.errors import BricksError, DescriptionError, HubError, RunError, TwinError, UnknownNameError
+from bricksrl.errors import (
+    BricksError,
+    DescriptionError,
+    HubError,
+    RunError,
+    TwinError,
+    UnknownNameError,
+)
 from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
 from bricktwin.twin.models.load import load_model
@@ -58,7 +65,9 @@ def test_robots_share_simulated_time() -> None:
     acted(env, state, catcher=[[1.0, 1.0]], runner=[[1.0, 1.0]])
     after = env.world.poses()
     later = [env.hub(robot).machine.time_ms for robot in env.task.robots]
-    assert len(set(later)) == 1 and 250 <= later[0] - clocks[0] <= 350, "one step for both, not one after the other"
+    assert len(set(later)) == 1 and 250 <= later[0] - clocks[0] <= 350, (
+        "one step for both, not one after the other"
+    )
     for one, other in zip(before, after, strict=True):
         assert np.hypot(other.x_m - one.x_m, other.y_m - one.y_m) > 0.01
     env.close()
@@ -85,7 +94,9 @@ def test_arena_episode_is_reproducible() -> None:
         state, frames = env.reset(), []
         for step in range(6):
             state = acted(env, state, catcher=[[0.3 * step - 1, 1.0]], runner=[[1.0, -0.5]])
-            frames.append(torch.cat([state[group, "observation"] for group in ("catcher", "runner")]))
+            frames.append(
+                torch.cat([state[group, "observation"] for group in ("catcher", "runner")])
+            )
         played.append(torch.stack(frames))
         env.close()
     assert torch.equal(*played)
@@ -97,8 +108,16 @@ def test_one_lost_link_ends_episode_until_reset() -> None:
     seen = state["catcher", "observation"].clone()
     env.hub("runner").in_reach = lambda: False
     lost = acted(env, state, catcher=[[1.0, 1.0]], runner=[[1.0, 1.0]])
-    assert [bool(lost[name]) for name in ("link_lost", "truncated", "done", "terminated")] == [True, True, True, False]
-    assert torch.equal(lost["catcher", "observation"], seen) and float(lost["catcher", "reward"]) == 0.0
+    assert [bool(lost[name]) for name in ("link_lost", "truncated", "done", "terminated")] == [
+        True,
+        True,
+        True,
+        False,
+    ]
+    assert (
+        torch.equal(lost["catcher", "observation"], seen)
+        and float(lost["catcher", "reward"]) == 0.0
+    )
     assert isinstance(env.link_error, HubError)
     with pytest.raises(BricksError, match="reset the environment first"):
         acted(env, lost, catcher=[[1.0, 1.0]], runner=[[1.0, 1.0]])
@@ -112,12 +131,16 @@ def test_one_lost_link_ends_episode_until_reset() -> None:
 
 def test_robots_collide_and_see_each_other() -> None:
     def facing(x_m: float, heading_deg: float, name: str) -> Contestant:
-        return Contestant(name, TWO_WHEELER, Place((x_m, x_m), (0.0, 0.0), (heading_deg, heading_deg)))
+        return Contestant(
+            name, TWO_WHEELER, Place((x_m, x_m), (0.0, 0.0), (heading_deg, heading_deg))
+        )
 
     world = ArenaWorld(Arena((facing(-0.25, 0.0, "a"), facing(0.25, 180.0, "b"))))
     world.place(np.random.default_rng(0))
     seen = [body.distance_mm("C") for body in world.bodies]
-    assert all(abs(distance - 384) < 20 for distance in seen), "half a metre between the axles, less twice 58 mm"
+    assert all(abs(distance - 384) < 20 for distance in seen), (
+        "half a metre between the axles, less twice 58 mm"
+    )
     for body in world.bodies:
         body.set_voltage("E", -7000)
         body.set_voltage("A", 7000)
@@ -131,7 +154,10 @@ def test_robots_have_all_of_their_sensors() -> None:
     robot = replace(SCOUT, sensors=(*SCOUT.sensors, bump))
     places = (Place(x_m=(-0.4, -0.4)), Place(x_m=(0.4, 0.4), heading_deg=(90.0, 90.0)))
     world = ArenaWorld(
-        Arena(tuple(Contestant(name, robot, place) for name, place in zip("ab", places, strict=True)), half_size_m=(1, 0.3))
+        Arena(
+            tuple(Contestant(name, robot, place) for name, place in zip("ab", places, strict=True)),
+            half_size_m=(1, 0.3),
+        )
     )
     world.place(np.random.default_rng(0))
     for body in world.bodies:
@@ -147,7 +173,11 @@ def test_robots_have_all_of_their_sensors() -> None:
 
 def test_rods_of_walkers_are_drawn_between_their_pins() -> None:
     places = (Place(), Place(x_m=(0.5, 0.5)))
-    world = ArenaWorld(Arena(tuple(Contestant(name, WALKER, place) for name, place in zip("ab", places, strict=True))))
+    world = ArenaWorld(
+        Arena(
+            tuple(Contestant(name, WALKER, place) for name, place in zip("ab", places, strict=True))
+        )
+    )
     world.place(np.random.default_rng(0))
     for body, voltage_mv in zip(world.bodies, (3000, -4000), strict=True):
         for motor in WALKER.motors:
@@ -161,16 +191,26 @@ def test_rods_of_walkers_are_drawn_between_their_pins() -> None:
         assert drawn.xmat.reshape(3, 3)[:, 2] == pytest.approx(along, abs=1e-6)
 
 
-def test_shafts_that_turn_only_visually_turn_with_their_own_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shafts_that_turn_only_visually_turn_with_their_own_robot(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def geared(*args: Any, **kwargs: Any) -> mujoco.MjSpec:
         spec = load_model(*args, **kwargs)
-        spec.body("chassis").add_body(name="spin_A_0", userdata=[2.0, 0.0, 0.0, 1.0])  # turns twice as fast, about z
+        # turns twice as fast, about z
+        spec.body("chassis").add_body(name="spin_A_0", userdata=[2.0, 0.0, 0.0, 1.0])
         return spec
 
     monkeypatch.setattr("bricktwin.twin.models.load.load_model", geared)
     monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)  # nothing that a test has changed is kept
     places = (Place(), Place(x_m=(0.5, 0.5)))
-    world = ArenaWorld(Arena(tuple(Contestant(name, TWO_WHEELER, place) for name, place in zip("cd", places, strict=True))))
+    world = ArenaWorld(
+        Arena(
+            tuple(
+                Contestant(name, TWO_WHEELER, place)
+                for name, place in zip("cd", places, strict=True)
+            )
+        )
+    )
     for body, voltage_mv in zip(world.bodies, (3000, -4000), strict=True):
         body.set_voltage("A", voltage_mv)
     world._advance_to(300)
@@ -232,7 +272,9 @@ def test_simulation_matches_arena() -> None:
     """Equal commands lead to equal places within a few centimetres."""
     task = get_arena_task("Tag-v0")
     fixed = [Place((x_m, x_m), (0.0, 0.0), (0.0, 0.0)) for x_m in (-0.5, 0.2)]
-    robots = tuple(replace(one, place=place) for one, place in zip(task.arena.robots, fixed, strict=True))
+    robots = tuple(
+        replace(one, place=place) for one, place in zip(task.arena.robots, fixed, strict=True)
+    )
     task = replace(task, arena=replace(task.arena, robots=robots, gap_m=0.1))
     ends = []
     for copies in (0, 16):
@@ -243,7 +285,9 @@ def test_simulation_matches_arena() -> None:
             state["catcher", "action"] = torch.tensor([0.6, 0.9]).expand(shape).clone()
             state["runner", "action"] = torch.tensor([0.9, 0.5]).expand(shape).clone()
             state = env.step(state)["next"]
-        seen = torch.stack([state[group, "observation"][..., 0, :2] for group in ("catcher", "runner")])
+        seen = torch.stack(
+            [state[group, "observation"][..., 0, :2] for group in ("catcher", "runner")]
+        )
         ends.append(seen.mean(1) if copies else seen)
     assert torch.allclose(*ends, atol=0.08)
 
@@ -251,12 +295,17 @@ def test_simulation_matches_arena() -> None:
 def test_invalid_arguments_raise() -> None:
     with pytest.raises(UnknownNameError, match="no arena 'Chess-v0'"):
         make_arena("Chess-v0")
-    with pytest.raises(DescriptionError, match="no kinematic simulation, .* leave out batch_size, .* copies=0"):
+    with pytest.raises(
+        DescriptionError, match="no kinematic simulation, .* leave out batch_size, .* copies=0"
+    ):
         make_arena("Carry-v0", batch_size=4)
     with pytest.raises(DescriptionError, match="omit realtime and physics"):
         make_arena("Tag-v0", batch_size=4, realtime=True)
     for wrong in (-1, [2, 3], "4"):
-        with pytest.raises(DescriptionError, match=f"batch_size is {re.escape(repr(wrong))}; give a number of copies"):
+        with pytest.raises(
+            DescriptionError,
+            match=f"batch_size is {re.escape(repr(wrong))}; give a number of copies",
+        ):
             make_arena("Tag-v0", batch_size=wrong)
     with pytest.raises(RunError, match="there is no device 'tpu'"):
         make_arena("Tag-v0", batch_size=2, device="tpu")
@@ -270,8 +319,12 @@ def test_invalid_arguments_raise() -> None:
 
 
 def test_robot_inside_a_wall_is_refused() -> None:
-    world = ArenaWorld(Arena((Contestant("a", TWO_WHEELER, Place(x_m=(0.4, 0.4))),), half_size_m=(0.4, 0.4)))
-    with pytest.raises(TwinError, match="would start inside of wall_0.*; narrow the place of the robot"):
+    world = ArenaWorld(
+        Arena((Contestant("a", TWO_WHEELER, Place(x_m=(0.4, 0.4))),), half_size_m=(0.4, 0.4))
+    )
+    with pytest.raises(
+        TwinError, match="would start inside of wall_0.*; narrow the place of the robot"
+    ):
         world.place(np.random.default_rng(0))
 
 
@@ -280,15 +333,26 @@ def test_robots_that_leave_no_room_for_one_another_raise(copies: int) -> None:
     inner = Place((-0.25, 0.25), (-0.25, 0.25))
     robots = tuple(Contestant(name, TWO_WHEELER, inner) for name in "abc")
     groups = {"all": ("a", "b", "c")}
-    task = replace(TAG, arena=Arena(robots, gap_m=0.6), interfaces=(TAG.interfaces[0],) * 3, groups=groups, opponents={})
+    task = replace(
+        TAG,
+        arena=Arena(robots, gap_m=0.6),
+        interfaces=(TAG.interfaces[0],) * 3,
+        groups=groups,
+        opponents={},
+    )
     env = make_arena(task, seed=0, batch_size=copies)
-    with pytest.raises(TwinError, match=r"no starts were found where a, b, c are 0.6 m apart; give them other places"):
+    with pytest.raises(
+        TwinError,
+        match=r"no starts were found where a, b, c are 0.6 m apart; give them other places",
+    ):
         env.reset()
 
 
 def test_first_robot_does_not_take_the_others_room_for_ever() -> None:
     place = Place((-0.4, 0.4), (-0.4, 0.4))
-    world = ArenaWorld(Arena(tuple(Contestant(name, TWO_WHEELER, place) for name in "ab"), gap_m=0.8))
+    world = ArenaWorld(
+        Arena(tuple(Contestant(name, TWO_WHEELER, place) for name in "ab"), gap_m=0.8)
+    )
     for seed in range(3):
         world.place(np.random.default_rng(seed))
         one, other = world.poses()
@@ -297,20 +361,30 @@ def test_first_robot_does_not_take_the_others_room_for_ever() -> None:
 
 def test_starts_of_simulation_are_turned_as_in_the_arena() -> None:
     places = [Place((x_m, x_m), (0.0, 0.0), (80.0, 100.0)) for x_m in (-0.5, 0.5)]
-    robots = tuple(replace(one, place=place) for one, place in zip(TAG.arena.robots, places, strict=True))
+    robots = tuple(
+        replace(one, place=place) for one, place in zip(TAG.arena.robots, places, strict=True)
+    )
     task = replace(TAG, arena=replace(TAG.arena, robots=robots))
     for copies in (0, 5):
         state = make_arena(task, seed=0, batch_size=copies).reset()
-        assert torch.allclose(state["runner", "observation"][..., 3], torch.tensor(-1.0), atol=0.02), "clockwise, seen from above"
+        assert torch.allclose(
+            state["runner", "observation"][..., 3], torch.tensor(-1.0), atol=0.02
+        ), "clockwise, seen from above"
 
 
 def test_each_robot_has_its_own_order_of_channels() -> None:
     one, other = TAG.interfaces
-    task = replace(TAG, interfaces=(one, replace(other, channels=(Pitch(), *reversed(other.channels)))))
+    task = replace(
+        TAG, interfaces=(one, replace(other, channels=(Pitch(), *reversed(other.channels))))
+    )
     moved = []
     for chosen in (TAG, task):
         env = make_arena(chosen, seed=0)
-        moved.append(acted(env, env.reset(), catcher=[[0.0, 0.0]], runner=[[1.0, -0.5]])["runner", "observation"][0, -2:])
+        moved.append(
+            acted(env, env.reset(), catcher=[[0.0, 0.0]], runner=[[1.0, -0.5]])[
+                "runner", "observation"
+            ][0, -2:]
+        )
         env.close()
     assert torch.allclose(*moved, atol=0.02) and moved[0][0] > 0.5 > 0.0 > moved[0][1]
 
@@ -325,18 +399,29 @@ def test_each_robot_has_its_own_order_of_channels() -> None:
 )
 def test_arena_commands_the_left_and_the_right_wheel(commands: tuple[Command, ...]) -> None:
     interface = replace(TAG.interfaces[0], commands=commands)
-    with pytest.raises(DescriptionError, match="RunAngle of the left and of the right wheel, as far back as forth"):
+    with pytest.raises(
+        DescriptionError, match="RunAngle of the left and of the right wheel, as far back as forth"
+    ):
         replace(TAG, interfaces=(interface, interface))
 
 
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
-        ({"reward": lambda state: state}, r"reward of Tag-v0 takes other arguments, \(state\); write .* \(before, after\)"),
-        ({"observe": lambda: 0}, r"observe of Tag-v0 takes other arguments, \(\); write a function of \(state\)"),
+        (
+            {"reward": lambda state: state},
+            r"reward of Tag-v0 takes other arguments, \(state\); write .* \(before, after\)",
+        ),
+        (
+            {"observe": lambda: 0},
+            r"observe of Tag-v0 takes other arguments, \(\); write a function of \(state\)",
+        ),
         ({"scripts": {"flee": lambda: 0}}, "script 'flee' of Tag-v0 takes other arguments"),
         ({"success": True}, "success is True; give a function"),
-        ({"opponents": {"runer": "flee"}}, "opponents names 'runer', which is no group .did you mean 'runner'"),
+        (
+            {"opponents": {"runer": "flee"}},
+            "opponents names 'runer', which is no group .did you mean 'runner'",
+        ),
         ({"opponents": {"runner": "fly"}}, "there is no script 'fly'; choose random, flee, chase"),
     ],
 )
@@ -350,6 +435,8 @@ def test_task_with_unfitting_parts_is_refused(wrong: dict[str, Any], told: str) 
 def test_functions_that_return_another_shape_are_named(name: str, copies: int) -> None:
     task = replace(TAG, **{name: lambda *states: states[0].poses[..., 0, 0]})
     env = make_arena(task, seed=0, batch_size=copies)
-    with pytest.raises(DescriptionError, match=f"{name} of Tag-v0 is of shape .*; compute a tensor of shape"):
+    with pytest.raises(
+        DescriptionError, match=f"{name} of Tag-v0 is of shape .*; compute a tensor of shape"
+    ):
         env.rollout(2)
     env.close()

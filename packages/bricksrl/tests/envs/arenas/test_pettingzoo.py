@@ -25,7 +25,10 @@ def test_pettingzoo_checks_its_interface(name: str) -> None:
     first, _ = env.reset(seed=5)
     again, _ = env.reset(seed=5)
     assert env.render_mode is env.render() is None
-    assert all(np.isfinite(space.low).all() and space.contains(first[robot]) for robot, space in env.observation_spaces.items())
+    assert all(
+        np.isfinite(space.low).all() and space.contains(first[robot])
+        for robot, space in env.observation_spaces.items()
+    )
     assert first.keys() == set(get_arena_task(name).robots)
     assert all(np.array_equal(first[robot], again[robot]) for robot in first)
     env.close()
@@ -36,7 +39,9 @@ def test_pettingzoo_needs_an_episode_and_an_action_of_each_robot() -> None:
 
     still = np.zeros(2, np.float32)
     env = ArenaParallelEnv("Carry-v0")
-    with pytest.raises(RunError, match="Carry-v0 got actions of left, right; reset it, then give one of each agent"):
+    with pytest.raises(
+        RunError, match="Carry-v0 got actions of left, right; reset it, then give one of each agent"
+    ):
         env.step({"left": still, "right": still})
     env.reset()
     for actions in ({}, {"left": still}):
@@ -74,19 +79,24 @@ def test_pettingzoo_state_is_what_all_robots_observe() -> None:
     from bricksrl.envs.arenas.pettingzoo_env import ArenaParallelEnv
 
     env = ArenaParallelEnv("Carry-v0", render_mode=None)
-    with pytest.raises(RunError, match="Carry-v0 has no state before its first episode; reset it first"):
+    with pytest.raises(
+        RunError, match="Carry-v0 has no state before its first episode; reset it first"
+    ):
         env.state()
     observations, _ = env.reset(seed=5)
     draws = env.np_random.integers(0, 100, 9)
     for _ in range(2):
         assert env.state_space.contains(env.state())
-        assert np.array_equal(env.state(), np.concatenate([observations["left"], observations["right"]]))
+        assert np.array_equal(
+            env.state(), np.concatenate([observations["left"], observations["right"]])
+        )
         observations, *_, infos = env.step(dict.fromkeys(env.agents, np.ones(2, np.float32)))
         assert infos["left"] == infos["right"] == {"link_lost": False, "success": False}
     env.reset(seed=5)
     assert np.array_equal(env.np_random.integers(0, 100, 9), draws)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they say that it is unbounded, and that they know another version of PettingZoo
+        # they say that it is unbounded, and that they know another version of PettingZoo
+        warnings.simplefilter("ignore")
         check_state_space(env)
         wrapped = PettingZooWrapper(env, return_state=True)
         check_env_specs(wrapped)

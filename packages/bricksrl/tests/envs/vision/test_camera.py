@@ -80,7 +80,9 @@ def test_small_components_are_ignored() -> None:
 
 @pytest.mark.parametrize("hue_deg", [-50, -20, -1, 0, 1, 10, 20])
 def test_both_ends_of_hue_circle_are_red(hue_deg: int) -> None:
-    red, green, blue = (round(255 * part) for part in colorsys.hsv_to_rgb(hue_deg % 360 / 360, 0.9, 0.8))
+    red, green, blue = (
+        round(255 * part) for part in colorsys.hsv_to_rgb(hue_deg % 360 / 360, 0.9, 0.8)
+    )
     assert len(find_red(frame_with(box(3, 3), colour=(red, green, blue)), RedWindow())) == 1
 
 
@@ -89,14 +91,25 @@ def test_red_mask_equals_hsv_formula(colour: tuple[int, int, int]) -> None:
     window = RedWindow()
     hue, saturation, value = colorsys.rgb_to_hsv(*(part / 255 for part in colour))
     hue_deg = (hue * 360 + 180) % 360 - 180
-    limits = (hue_deg - window.hue_deg[0], window.hue_deg[1] - hue_deg, saturation - window.saturation, value - window.value)
+    limits = (
+        hue_deg - window.hue_deg[0],
+        window.hue_deg[1] - hue_deg,
+        saturation - window.saturation,
+        value - window.value,
+    )
     if min(abs(limit) for limit in limits) < 1e-4:
         return  # on the edge, rounding decides
     assert len(find_red(frame_with(box(3, 3), colour=colour), window)) == (min(limits) > 0)
 
 
 def test_windows_without_red_raise() -> None:
-    for wrong in ({"hue_deg": (90.0, 120.0)}, {"hue_deg": (10.0, 0.0)}, {"saturation": 0.0}, {"value": 1.5}, {"area_px": -1}):
+    for wrong in (
+        {"hue_deg": (90.0, 120.0)},
+        {"hue_deg": (10.0, 0.0)},
+        {"saturation": 0.0},
+        {"value": 1.5},
+        {"area_px": -1},
+    ):
         with pytest.raises(DescriptionError, match="red"):
             RedWindow(**wrong)  # type: ignore[arg-type]
 
@@ -108,7 +121,8 @@ def test_distances() -> None:
 def test_image_pixels_are_area_means() -> None:
     frame = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
     means = frame.reshape(20, 3, 20, 4, 3).mean((1, 3))
-    assert np.array_equal(shrink(frame, 20), np.rint(means))  # of integers, exact: ties are rounded to even
+    # of integers, exact: ties are rounded to even
+    assert np.array_equal(shrink(frame, 20), np.rint(means))
     assert np.array_equal(shrink(frame[:, :60], 60), frame[:, :60])
 
 
@@ -157,18 +171,25 @@ def test_camera_watch_measures_goal_distance() -> None:
     assert watch.numbers() == (20, 100)
 
 
-PARTS = st.lists(st.tuples(st.integers(-5, 79), st.integers(-5, 59), st.integers(1, 30), st.integers(1, 30)), max_size=3)
+PARTS = st.lists(
+    st.tuples(st.integers(-5, 79), st.integers(-5, 59), st.integers(1, 30), st.integers(1, 30)),
+    max_size=3,
+)
 
 
 @given(st.integers(1, 60), PARTS, PARTS, st.integers(0, 2**32))
-def test_camera_watch_equals_work_on_whole_frames(side: int, before: Any, after: Any, seed: int) -> None:
+def test_camera_watch_equals_work_on_whole_frames(
+    side: int, before: Any, after: Any, seed: int
+) -> None:
     """Only what differs from the first frame is searched and shrunk again."""
     rng = np.random.default_rng(seed)
     first = rng.integers(0, 150, (60, 80, 3), dtype=np.uint8)
     frame = first.copy()
     for canvas, parts in ((first, before), (frame, before), (frame, after)):
         for x, y, width, height in parts:
-            canvas[box(max(x, 0), max(y, 0), width, height)] = RED if width % 2 else rng.integers(0, 256, 3)
+            canvas[box(max(x, 0), max(y, 0), width, height)] = (
+                RED if width % 2 else rng.integers(0, 256, 3)
+            )
     watch = Watch(dataclasses.replace(VIEW, image_px=side), rng, first)
     disc = (GOAL.places[0], GOAL.radius_px)
     assert np.array_equal(watch.image, shrink(first, side, disc))
@@ -194,7 +215,9 @@ def test_goals_are_drawn_around_their_places() -> None:
     goal = VisualGoal(((30, 20), (50, 40)), jitter_px=(2, 1))
     rng = np.random.default_rng(0)
     drawn = {goal.draw(rng) for _ in range(500)}
-    assert drawn == {(x + dx, y + dy) for x, y in goal.places for dx in range(-2, 3) for dy in (-1, 0, 1)}
+    assert drawn == {
+        (x + dx, y + dy) for x, y in goal.places for dx in range(-2, 3) for dy in (-1, 0, 1)
+    }
 
 
 def test_camera_without_goal_has_image_only() -> None:
@@ -226,11 +249,14 @@ def webcam(arm: MujocoBody) -> Iterator[TwinCamera]:
 
 def test_ball_is_found_at_true_position(arm: MujocoBody, webcam: TwinCamera) -> None:
     camera, ball = arm.model.camera("webcam").id, arm.model.geom("ball").id
-    for port, time_ms in (("A", 200), ("B", 500), ("B", 800)):  # at first the gripper covers a part of the ball
+    # at first the gripper covers a part of the ball
+    for port, time_ms in (("A", 200), ("B", 500), ("B", 800)):
         arm.set_voltage(port, 6000)
         arm.advance_to(time_ms)
         frame = webcam.frame()
-        offset = arm.data.cam_xmat[camera].reshape(3, 3).T @ (arm.data.geom_xpos[ball] - arm.data.cam_xpos[camera])
+        offset = arm.data.cam_xmat[camera].reshape(3, 3).T @ (
+            arm.data.geom_xpos[ball] - arm.data.cam_xpos[camera]
+        )
         focal_px = 240 / math.tan(math.radians(arm.model.cam_fovy[camera]) / 2)
         expected = (320 - focal_px * offset[0] / offset[2], 240 + focal_px * offset[1] / offset[2])
         assert find_red(frame, RedWindow()) == pytest.approx(np.array([expected]), abs=6)
@@ -268,7 +294,11 @@ def test_robot_without_model_has_no_camera() -> None:
 
 
 def test_any_task_takes_a_camera() -> None:
-    task = dataclasses.replace(SPINNING, id="SeenSpinning-v0", camera=CameraView("chase", width_px=96, height_px=72, image_px=32))
+    task = dataclasses.replace(
+        SPINNING,
+        id="SeenSpinning-v0",
+        camera=CameraView("chase", width_px=96, height_px=72, image_px=32),
+    )
 
     def connect(seed: int) -> Connection:
         twin = VirtualHub(make_body(task.robot, scene=task.scene, seed=seed))
@@ -284,7 +314,9 @@ def test_any_task_takes_a_camera() -> None:
     steps = env.rollout(3)
     assert steps["image"].shape == (3, 32, 32, 3)
     assert (steps["next", "image"] != steps["image"]).any()
-    assert torch.equal(env.task_observations(steps["next", "observation"]), steps["next", "observation"])
+    assert torch.equal(
+        env.task_observations(steps["next", "observation"]), steps["next", "observation"]
+    )
     env.close()
     with pytest.raises(DescriptionError, match="simulated"):
         SimulatedEnv(task, Kinematics(noise=0.0))
@@ -322,12 +354,17 @@ def act() -> TensorDict:
 def test_camera_findings_are_for_task_only() -> None:
     seen: list[torch.Tensor] = []
 
-    def reward(previous: torch.Tensor, _action: torch.Tensor, observation: torch.Tensor) -> torch.Tensor:
+    def reward(
+        previous: torch.Tensor, _action: torch.Tensor, observation: torch.Tensor
+    ) -> torch.Tensor:
         seen.extend((previous, observation))
         return -observation[..., -2:-1]
 
     env = filmed(Film(frame_with(), frame_with(box(38, 18)), frame_with()), reward=reward)
-    assert [entry.name for entry in env.task.task_entries[-2:]] == ["mean_distance", "nearest_distance"]
+    assert [entry.name for entry in env.task.task_entries[-2:]] == [
+        "mean_distance",
+        "nearest_distance",
+    ]
     assert env.reset()["observation"].shape == (6,)
     steps = [env.step(act())["next"] for _ in range(2)]
     assert [step["reward"].item() for step in steps] == [-10, -10]

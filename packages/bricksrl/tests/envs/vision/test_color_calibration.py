@@ -13,7 +13,15 @@ from hypothesis import strategies as st
 import bricksrl
 from bricksrl.envs import get_task
 from bricksrl.envs.vision.camera import VideoCamera
-from bricksrl.envs.vision.color_calibration import calibrate_red, picture, read_red, saved_path, saved_red, spanning, write_red
+from bricksrl.envs.vision.color_calibration import (
+    calibrate_red,
+    picture,
+    read_red,
+    saved_path,
+    saved_red,
+    spanning,
+    write_red,
+)
 from bricksrl.envs.vision.frames import Frame, RedWindow, find_red
 from bricksrl.errors import CameraError
 
@@ -21,7 +29,11 @@ ID = "RoboArm_mixed-v0"
 
 
 def ball(
-    hue_deg: float = 0.0, saturation: float = 0.9, value: float = 0.8, at: tuple[int, int] = (60, 40), noise: float = 6.0
+    hue_deg: float = 0.0,
+    saturation: float = 0.9,
+    value: float = 0.8,
+    at: tuple[int, int] = (60, 40),
+    noise: float = 6.0,
 ) -> Frame:
     """A frame of 120 x 80 with a shaded ball of 12 px on a grey table, with noise."""
     rows, columns = np.mgrid[:80, :120]
@@ -29,11 +41,15 @@ def ball(
     colour = np.array(colorsys.hsv_to_rgb(hue_deg % 360 / 360, saturation, value))
     shade = np.clip(1.15 - 0.6 * (distance / 12) ** 2, 0, 1)[..., None]
     frame = np.where(distance[..., None] <= 12, 255 * colour * shade, 150)
-    return np.clip(frame + np.random.default_rng(0).normal(0, noise, frame.shape), 0, 255).astype(np.uint8)
+    return np.clip(frame + np.random.default_rng(0).normal(0, noise, frame.shape), 0, 255).astype(
+        np.uint8
+    )
 
 
 @given(st.floats(-45, 45), st.floats(0.35, 1.0), st.floats(0.35, 1.0))
-def test_calibrated_window_finds_ball_in_any_light(hue_deg: float, saturation: float, value: float) -> None:
+def test_calibrated_window_finds_ball_in_any_light(
+    hue_deg: float, saturation: float, value: float
+) -> None:
     frame = ball(hue_deg, saturation, value)
     found = calibrate_red(frame)
     assert found.window.hue_deg[0] < hue_deg < found.window.hue_deg[1]
@@ -54,7 +70,9 @@ def test_point_selects_object() -> None:
     frame[:, 60:] = ball(hue_deg=15, saturation=0.9, at=(90, 40))[:, 60:]
     assert calibrate_red(frame).middle == pytest.approx((90, 40), abs=2)
     assert calibrate_red(frame, (30, 40)).middle == pytest.approx((30, 40), abs=2)
-    assert find_red(frame, calibrate_red(frame, (30, 40)).window) == pytest.approx(np.array([[30, 40]]), abs=2)
+    assert find_red(frame, calibrate_red(frame, (30, 40)).window) == pytest.approx(
+        np.array([[30, 40]]), abs=2
+    )
 
 
 @pytest.mark.parametrize("at", [(60, 40), (60, 31), (69, 41)])
@@ -63,12 +81,19 @@ def test_table_beside_the_point_does_not_count(at: tuple[int, int]) -> None:
     frame[(frame == 150).all(-1)] = 255
     window, middle = calibrate_red(frame, at).window, calibrate_red(frame, (60, 40)).window
     assert window.hue_deg == middle.hue_deg
-    assert (window.saturation, window.value) == pytest.approx((middle.saturation, middle.value), abs=0.01)
+    assert (window.saturation, window.value) == pytest.approx(
+        (middle.saturation, middle.value), abs=0.01
+    )
 
 
 def test_no_red_object_raises() -> None:
     grey = np.full((80, 120, 3), 150, np.uint8)
-    for frame, at in ((grey, None), (ball(), (5, 5)), (ball(hue_deg=120), None), (ball(), (500, 5))):
+    for frame, at in (
+        (grey, None),
+        (ball(), (5, 5)),
+        (ball(hue_deg=120), None),
+        (ball(), (500, 5)),
+    ):
         with pytest.raises(CameraError, match="nothing is red in the frame") as caught:
             calibrate_red(frame, at)
         assert "\n" not in str(caught.value)
@@ -88,7 +113,9 @@ def test_calibration_picture_marks_object_and_mask() -> None:
 
 
 def test_windows_are_saved_and_joined(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bricksrl.envs.vision.color_calibration.calibration_folder", lambda: tmp_path / "deep")
+    monkeypatch.setattr(
+        "bricksrl.envs.vision.color_calibration.calibration_folder", lambda: tmp_path / "deep"
+    )
     one, other = RedWindow((-20, 5), 0.6, 0.5), RedWindow((-10, 15), 0.4, 0.7)
     assert spanning([one, other]) == RedWindow((-20, 15), 0.4, 0.5)
     path = saved_path("rtsp://eye/1")
@@ -98,7 +125,14 @@ def test_windows_are_saved_and_joined(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize(
-    "text", ["{", "[]", '{"red": {"hue_deg": [0]}}', '{"red": {"hue_deg": [90, 99], "saturation": 1}}', None]
+    "text",
+    [
+        "{",
+        "[]",
+        '{"red": {"hue_deg": [0]}}',
+        '{"red": {"hue_deg": [90, 99], "saturation": 1}}',
+        None,
+    ],
 )
 def test_foreign_calibration_file_raises(text: str | None, tmp_path: Path) -> None:
     path = tmp_path / "red.json"
@@ -115,7 +149,10 @@ def test_task_uses_calibration(tmp_path: Path) -> None:
     path = tmp_path / "red.json"
     write_red(path, RedWindow((-60, -30), 0.9, 0.9))
     blind, seeing = bricksrl.make(ID, seed=0, calibration=str(path)), bricksrl.make(ID, seed=0)
-    steps = [env.rollout(2, lambda td: td.set("action", td["observation"] * 0.0)) for env in (blind, seeing)]
+    steps = [
+        env.rollout(2, lambda td: td.set("action", td["observation"] * 0.0))
+        for env in (blind, seeing)
+    ]
     assert steps[0]["next", "reward"].abs().max() == 0
     assert steps[1]["next", "reward"].max() < 0
     blind.close()
@@ -123,7 +160,9 @@ def test_task_uses_calibration(tmp_path: Path) -> None:
 
 
 def test_calibration_is_found_by_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bricksrl.envs.vision.color_calibration.calibration_folder", lambda: tmp_path)
+    monkeypatch.setattr(
+        "bricksrl.envs.vision.color_calibration.calibration_folder", lambda: tmp_path
+    )
     write_red(saved_path(3), RedWindow((-5, 5), 0.3, 0.3))
     given_path = tmp_path / "given.json"
     write_red(given_path, RedWindow((-7, 7), 0.3, 0.3))

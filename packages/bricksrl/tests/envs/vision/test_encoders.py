@@ -26,7 +26,9 @@ from bricksrl.envs.vision.encoders import encode_images
 from bricksrl.errors import EncoderError
 
 SEEN = dataclasses.replace(
-    SPINNING, id="SeenSpinning-v0", camera=CameraView("chase", width_px=96, height_px=72, image_px=32, spot_px=6)
+    SPINNING,
+    id="SeenSpinning-v0",
+    camera=CameraView("chase", width_px=96, height_px=72, image_px=32, spot_px=6),
 )
 
 
@@ -57,7 +59,8 @@ class MeanColour(Transform):
 
 
 @pytest.mark.parametrize(
-    ("encoder", "name", "network"), [("vip", "VIPTransform", "resnet50"), ("r3m", "R3MTransform", "resnet18")]
+    ("encoder", "name", "network"),
+    [("vip", "VIPTransform", "resnet50"), ("r3m", "R3MTransform", "resnet18")],
 )
 def test_images_become_embeddings(
     encoder: Any, name: str, network: str, env: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
@@ -76,13 +79,20 @@ def test_images_become_embeddings(
     env.close()
 
 
-@pytest.mark.parametrize("failure", [URLError("no name of that host"), OSError(28, "no space\nleft"), RuntimeError("not a zip")])
-def test_unavailable_weights_raise(failure: Exception, env: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "failure",
+    [URLError("no name of that host"), OSError(28, "no space\nleft"), RuntimeError("not a zip")],
+)
+def test_unavailable_weights_raise(
+    failure: Exception, env: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fetch(*_args: object, **_kwargs: object) -> None:
         raise failure
 
     monkeypatch.setattr(torchrl.envs, "VIPTransform", fetch)
-    with pytest.raises(EncoderError, match=r"weights of vip cannot be fetched \(.*go online once") as caught:
+    with pytest.raises(
+        EncoderError, match=r"weights of vip cannot be fetched \(.*go online once"
+    ) as caught:
         encode_images(env, "vip")
     assert "\n" not in str(caught.value)
 
@@ -115,10 +125,19 @@ class PooledColour(nn.Module):
         return colours
 
 
-def test_weights_of_a_file_need_no_connection(env: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    names = ("torchvision", "torchvision.models", "torchvision.transforms", "torchvision.transforms.functional")
+def test_weights_of_a_file_need_no_connection(
+    env: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    names = (
+        "torchvision",
+        "torchvision.models",
+        "torchvision.transforms",
+        "torchvision.transforms.functional",
+    )
     vision, models, _, functional = (ModuleType(name) for name in names)
-    for name, module in zip(names, (vision, models, ModuleType("transforms"), functional), strict=True):
+    for name, module in zip(
+        names, (vision, models, ModuleType("transforms"), functional), strict=True
+    ):
         monkeypatch.setitem(sys.modules, name, module)
     vision.models, models.resnet50, models.ResNet50_Weights = models, PooledColour, None  # type: ignore[attr-defined]
     functional.InterpolationMode = str  # type: ignore[attr-defined]
@@ -129,8 +148,13 @@ def test_weights_of_a_file_need_no_connection(env: Any, monkeypatch: pytest.Monk
     )
     for module_name in ("vip", "_observation"):
         monkeypatch.setattr(f"torchrl.envs.transforms.{module_name}._has_tv", True)
-    monkeypatch.setattr(torch.hub, "download_url_to_file", lambda *_, **__: pytest.fail("nothing is downloaded"))
-    made_up = {"module.convnet.fc.weight": torch.zeros(1024, 2048), "module.convnet.fc.bias": torch.arange(1024.0)}
+    monkeypatch.setattr(
+        torch.hub, "download_url_to_file", lambda *_, **__: pytest.fail("nothing is downloaded")
+    )
+    made_up = {
+        "module.convnet.fc.weight": torch.zeros(1024, 2048),
+        "module.convnet.fc.bias": torch.arange(1024.0),
+    }
     torch.save({"vip": made_up}, tmp_path / "model.pt")
     encoded = encode_images(env, "vip", weights_dir=tmp_path)
     assert encoded.reset()["embedding"].flatten().equal(torch.arange(1024.0))

@@ -23,7 +23,17 @@ from bricksrl.agents.sac import SACSettings
 from bricksrl.data import load
 from bricksrl.data.dataset import read_dataset
 from bricksrl.errors import DescriptionError, HubError, RunError, UnknownNameError
-from bricksrl.training import Callback, Episode, Phase, Progress, RobotState, RunFolder, TrainConfig, resume, train
+from bricksrl.training import (
+    Callback,
+    Episode,
+    Phase,
+    Progress,
+    RobotState,
+    RunFolder,
+    TrainConfig,
+    resume,
+    train,
+)
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.fleet import fleet_robots as robots
 from bricksrl.training.fleet.fleet_robots import Member, make_fleet, members_of
@@ -34,15 +44,21 @@ from bricksrl.training.sources import Ended, Playing
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("forked_children")]
 
-SMALL = SACSettings(hidden=(16,), batch_size=16, prefill_episodes=1, n_step=3, updates_per_step=0.25)
+SMALL = SACSettings(
+    hidden=(16,), batch_size=16, prefill_episodes=1, n_step=3, updates_per_step=0.25
+)
 
 
 def config(run_dir: Path, **changes: Any) -> TrainConfig:
-    return TrainConfig("RunAway-v0", **{"episodes": 5, "robots": 2, "settings": SMALL, "run_dir": run_dir, **changes})
+    return TrainConfig(
+        "RunAway-v0",
+        **{"episodes": 5, "robots": 2, "settings": SMALL, "run_dir": run_dir, **changes},
+    )
 
 
 class Harm(Callback):
-    """Cuts the first robot's link after three episodes, kills the second one's process after four."""
+    """Cuts the first robot's link after three episodes, kills the second one's process after
+    four."""
 
     def __init__(self) -> None:
         self.states: list[tuple[str, RobotState]] = []
@@ -76,7 +92,9 @@ def test_failed_robot_returns(run: tuple[Path, Harm]) -> None:
     for robot in ("virtual-1", "virtual-2"):
         states = [state for name, state in harm.states if name == robot]
         assert RobotState.LEFT in states, f"{robot} never left"
-        assert RobotState.ACTING in states[: states.index(RobotState.LEFT)], f"{robot} was never there"
+        assert RobotState.ACTING in states[: states.index(RobotState.LEFT)], (
+            f"{robot} was never there"
+        )
     first = [state for name, state in harm.states if name == "virtual-1"]
     assert RobotState.ACTING in first[first.index(RobotState.LEFT) :], "its link came back"
 
@@ -88,13 +106,17 @@ def test_dataset_has_all_frames_and_robot_names(run: tuple[Path, Harm]) -> None:
         metrics = list(csv.DictReader(file))
     assert {row.about.robot for row in rows} == {"virtual-1", "virtual-2"}
     ended = rows[: len(metrics)]  # after these come those that the end of the run broke off
-    assert [(row.about.robot, row.length) for row in ended] == [(one["robot"], int(one["length"])) for one in metrics]
+    assert [(row.about.robot, row.length) for row in ended] == [
+        (one["robot"], int(one["length"])) for one in metrics
+    ]
     assert [row.about.whole for row in ended] == [one["link_lost"] == "0" for one in metrics]
     assert len({row.about.seed for row in rows}) == len(rows), "each episode has a start of its own"
 
     memory = load_checkpoint(path / "checkpoint.bin")["agent"]["memory"]["rows"]
     data = load(path / "data")
-    recorded = set(map(_key, zip(data.observation, data.action, data.next_observation, strict=True)))
+    recorded = set(
+        map(_key, zip(data.observation, data.action, data.next_observation, strict=True))
+    )
     held = zip(memory["observation"], memory["action"], memory["next.observation"], strict=True)
     assert not [key for key in map(_key, held) if key not in recorded]
 
@@ -107,7 +129,9 @@ def check_successors(path: Path) -> None:
     """Assert that the stored transitions are linked within an episode of one robot."""
     memory = load_checkpoint(path / "checkpoint.bin")["agent"]["memory"]
     rows, successor = memory["rows"], memory["successor"]
-    linked = [(place, int(after)) for place, after in enumerate(successor) if after < SMALL.buffer_size]
+    linked = [
+        (place, int(after)) for place, after in enumerate(successor) if after < SMALL.buffer_size
+    ]
     assert len(linked) >= len(successor) // 2
     for place, after in linked:
         assert torch.equal(rows["next.observation"][place], rows["observation"][after])
@@ -123,7 +147,8 @@ def test_fleet_resumes_and_stops_without_robots(run: tuple[Path, Harm]) -> None:
     folder.write_config(replace(folder.read_config(), patience_s=0.5))
     state = load_checkpoint(folder.checkpoint_path)
     unlinked = state["agent"]["memory"]["successor"] >= SMALL.buffer_size
-    state["agent"]["memory"]["last"] = unlinked.nonzero()[-1]  # as if the first robot's episode had been running
+    # as if the first robot's episode had been running
+    state["agent"]["memory"]["last"] = unlinked.nonzero()[-1]
     save_checkpoint(folder.checkpoint_path, state)
 
     class Cut(Callback):
@@ -149,7 +174,7 @@ def transform(env):
     env = TransformedEnv(env, Compose(statistics, RewardScaling(0.0, 0.1), RenameTransform(["observation"], ["seen"])))
     statistics.init_stats(8)
     return env
-"""
+"""  # noqa: E501
 
 
 def test_statistics_are_drawn_once_for_all_robots(tmp_path: Path) -> None:
@@ -157,16 +182,32 @@ def test_statistics_are_drawn_once_for_all_robots(tmp_path: Path) -> None:
     file.write_text(DRAWN)
     train(config(tmp_path / "run", episodes=3, transform=str(file)))
     state = load_checkpoint(tmp_path / "run" / "checkpoint.bin")
-    loc, scale = (next(value for name, value in state["transforms"].items() if name.endswith(end)) for end in (".loc", ".scale"))
+    loc, scale = (
+        next(value for name, value in state["transforms"].items() if name.endswith(end))
+        for end in (".loc", ".scale")
+    )
     rows, recorded = state["agent"]["memory"]["rows"], load(tmp_path / "run")
-    assert {row.about.robot for row in read_dataset(tmp_path / "run" / "data").rows} == {"virtual-1", "virtual-2"}
-    distances = torch.cdist(rows["seen"] * scale + loc, recorded.observation, compute_mode="donot_use_mm_for_euclid_dist")
-    assert float(distances.min(1).values.max()) < 0.01, "both see with the statistics of the checkpoint"
+    assert {row.about.robot for row in read_dataset(tmp_path / "run" / "data").rows} == {
+        "virtual-1",
+        "virtual-2",
+    }
+    distances = torch.cdist(
+        rows["seen"] * scale + loc,
+        recorded.observation,
+        compute_mode="donot_use_mm_for_euclid_dist",
+    )
+    assert float(distances.min(1).values.max()) < 0.01, (
+        "both see with the statistics of the checkpoint"
+    )
     other = config(tmp_path / "other", seed=9, transform=str(file), demonstrations=run)
     fleet = make_fleet(other)
     frames = attach_dataset(other, make_learner_for(other, fleet), fleet)
     assert frames is not None
-    torch.testing.assert_close(frames["seen"] * scale + loc, recorded.observation, msg="and so does whom the first run teaches")
+    torch.testing.assert_close(
+        frames["seen"] * scale + loc,
+        recorded.observation,
+        msg="and so does whom the first run teaches",
+    )
 
 
 def test_rows_of_different_robots_are_not_linked() -> None:
@@ -222,11 +263,15 @@ def stub_fleet(tmp_path: Path, robots: int, **changes: Any) -> tuple[FleetRobots
     whole = config(tmp_path / "run", **changes)
 
     def next_episode(being_played: int) -> Playing | None:
-        return Playing(next(numbers), Phase.TRAIN, 0, "sac") if being_played < whole.episodes else None
+        return (
+            Playing(next(numbers), Phase.TRAIN, 0, "sac") if being_played < whole.episodes else None
+        )
 
     there = cast("Any", stub)
     nobody = cast("Any", None)
-    return FleetRobots(there, there, Callback(), nobody, None, next_episode, "virtual", whole.patience_s, True), stub
+    return FleetRobots(
+        there, there, Callback(), nobody, None, next_episode, "virtual", whole.patience_s, True
+    ), stub
 
 
 def test_first_episodes_start_together(tmp_path: Path) -> None:
@@ -279,10 +324,23 @@ def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
 
 def test_episode_lost_before_its_first_step_is_played_again_as_it_was(tmp_path: Path) -> None:
     loop: Any = Loop.__new__(Loop)
-    loop.config, loop.prefill_episodes, loop.episodes, loop._started, loop._again = config(tmp_path / "run"), 2, [], 0, []
-    loop.learner, loop.signals = SimpleNamespace(end_episodes=lambda _robot: None), SimpleNamespace(requested=False)
+    loop.config, loop.prefill_episodes, loop.episodes, loop._started, loop._again = (
+        config(tmp_path / "run"),
+        2,
+        [],
+        0,
+        [],
+    )
+    loop.learner, loop.signals = (
+        SimpleNamespace(end_episodes=lambda _robot: None),
+        SimpleNamespace(requested=False),
+    )
     one, two, three = (loop._next_episode(0) for _ in range(3))
-    assert [playing.phase for playing in (one, two, three)] == [Phase.PREFILL, Phase.PREFILL, Phase.TRAIN]
+    assert [playing.phase for playing in (one, two, three)] == [
+        Phase.PREFILL,
+        Phase.PREFILL,
+        Phase.TRAIN,
+    ]
     loop._ended(Ended(two, None))
     again, four = loop._next_episode(0), loop._next_episode(0)
     assert (again.number, again.phase, again.seed) == (2, Phase.PREFILL, two.seed)
@@ -292,7 +350,9 @@ def test_episode_lost_before_its_first_step_is_played_again_as_it_was(tmp_path: 
 def test_pause_reaches_robots_that_are_starting(tmp_path: Path) -> None:
     fleet: Any = make_fleet(config(tmp_path / "run"))
     sent: list[str] = []
-    fleet.members[0].process = cast("Any", SimpleNamespace(send=lambda kind, _content: sent.append(kind)))
+    fleet.members[0].process = cast(
+        "Any", SimpleNamespace(send=lambda kind, _content: sent.append(kind))
+    )
     for control, expected in ((fleet.pause, ["pause"]), (fleet.resume, []), (fleet.stop, ["stop"])):
         control()
         sent.clear()  # as if lost on a process that has no environment yet
@@ -320,7 +380,9 @@ def test_episode_cut_by_a_pause_is_recorded_as_such(tmp_path: Path) -> None:
     assert cut and all(row.about.success is None for row in cut)
 
 
-def test_robot_whose_process_dies_again_and_again_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_robot_whose_process_dies_again_and_again_is_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(robots, "_RESTART_S", 0.0)
 
     class Kill(Callback):
@@ -345,11 +407,15 @@ def test_robot_whose_process_dies_again_and_again_is_given_up(tmp_path: Path, mo
     result = train(config(tmp_path / "run", episodes=20), kill)
     assert len(result.episodes) == 20 and len(kill.pids) == 5
     assert {episode.robot for episode in result.episodes[5:]} == {"virtual-1"}
-    reason = "its process ended 5 times in a row without a complete episode, the last time with code -9"
+    reason = (
+        "its process ended 5 times in a row without a complete episode, the last time with code -9"
+    )
     assert kill.told[-1] == (RobotState.GIVEN_UP, reason)
 
 
-def test_run_ends_if_the_processes_of_all_robots_die_again_and_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_ends_if_the_processes_of_all_robots_die_again_and_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Also if each dies in the middle of an episode, whose steps are kept."""
     monkeypatch.setattr(robots, "_RESTART_S", 0.0)
     monkeypatch.setattr(robots, "_MAX_DEATHS", 2)
@@ -357,7 +423,10 @@ def test_run_ends_if_the_processes_of_all_robots_die_again_and_again(tmp_path: P
         "import os",
         "from dataclasses import replace",
         "from bricksrl.envs.tasks.run_away import RUN_AWAY",
-        "TASK = replace(RUN_AWAY, id='Dying-v0', reward=lambda *state: steps() and RUN_AWAY.reward(*state))",
+        (
+            "TASK = replace(RUN_AWAY, id='Dying-v0', reward=lambda *state: steps() and "
+            "RUN_AWAY.reward(*state))"
+        ),
         "left = list(range(5))",
         "def steps():",
         "    return left.pop() or os.abort()",
@@ -366,9 +435,12 @@ def test_run_ends_if_the_processes_of_all_robots_die_again_and_again(tmp_path: P
     run = replace(config(tmp_path / "run"), env=f"{tmp_path / 'dying.py'}:TASK", episodes=20)
     with pytest.raises(RunError) as caught:
         train(run)
-    reason = "its process ended 2 times in a row without a complete episode, the last time with code -6"
+    reason = (
+        "its process ended 2 times in a row without a complete episode, the last time with code -6"
+    )
     assert re.fullmatch(
-        f"no robot of the fleet is left; the last one, virtual-[12], was given up: {reason}; correct it and resume the run",
+        f"no robot of the fleet is left; the last one, virtual-[12], was given up: {reason}; "
+        "correct it and resume the run",
         str(caught.value),
     )
     assert 2 <= len(RunFolder(tmp_path / "run").read_episodes()) <= 4
@@ -390,10 +462,16 @@ def test_deaths_count_from_the_last_complete_episode(tmp_path: Path) -> None:
 
 
 def test_error_of_a_users_task_ends_the_run(tmp_path: Path) -> None:
-    lines = ("from dataclasses import replace", "from bricksrl.envs.tasks.run_away import RUN_AWAY", "")
+    lines = (
+        "from dataclasses import replace",
+        "from bricksrl.envs.tasks.run_away import RUN_AWAY",
+        "",
+    )
     task = "TASK = replace(RUN_AWAY, id='Bad-v0', reward=lambda *_: {}['speed'])\n"
     (tmp_path / "bad.py").write_text("\n".join(lines) + task)
-    with pytest.raises(RunError, match=r"^virtual-[12] failed \(KeyError: 'speed', bad.py, line 3\); correct it"):
+    with pytest.raises(
+        RunError, match=r"^virtual-[12] failed \(KeyError: 'speed', bad.py, line 3\); correct it"
+    ):
         train(replace(config(tmp_path / "run"), env=f"{tmp_path / 'bad.py'}:TASK", patience_s=0.0))
 
 
@@ -416,7 +494,10 @@ def test_invalid_fleet_raises(tmp_path: Path, changes: dict[str, Any], message: 
 
 def test_real_robots_are_named_by_hub(tmp_path: Path) -> None:
     named = config(tmp_path / "run", robots=1, hub="ble:A, ble:B")
-    assert [(member.name, member.number) for member in members_of(named)] == [("ble:A", 0), ("ble:B", 1)]
+    assert [(member.name, member.number) for member in members_of(named)] == [
+        ("ble:A", 0),
+        ("ble:B", 1),
+    ]
     with pytest.raises(UnknownNameError, match="no hub 'tin:B'"):
         make_fleet(replace(named, hub="ble:A,tin:B"))
     with pytest.raises(RunError, match="num_envs"):

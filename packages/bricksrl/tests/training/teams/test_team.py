@@ -15,7 +15,15 @@ from bricksrl.envs.arenas.arena_task import ArenaState
 from bricksrl.envs.arenas.carry import CARRY
 from bricksrl.errors import CheckpointError, DescriptionError, RunError
 from bricksrl.training.teams.groups import SACGroup, TeamAgent, TeamSettings, alternating
-from bricksrl.training.teams.team import TeamConfig, TeamProgress, _learn, _new_team, load_team, play_team, train_team
+from bricksrl.training.teams.team import (
+    TeamConfig,
+    TeamProgress,
+    _learn,
+    _new_team,
+    load_team,
+    play_team,
+    train_team,
+)
 
 SMALL = TeamSettings(hidden=(16,), steps=8, passes=2, updates_per_step=0.5)
 
@@ -32,7 +40,9 @@ def test_team_training_is_reproducible_and_saved(tmp_path: Path, agent: str) -> 
     team.save(f"{tmp_path}/team.bin")
     loaded = load_team(f"{tmp_path}/team.bin")
     state = make_arena("Tag-v0", seed=1, batch_size=4).reset()
-    assert torch.equal(*(found.policy(state.clone())["catcher", "observation"] for found in (team, loaded)))
+    assert torch.equal(
+        *(found.policy(state.clone())["catcher", "observation"] for found in (team, loaded))
+    )
 
 
 @pytest.mark.parametrize(("agent", "by_default"), [("ippo", 4096), ("mappo", 4096), ("sac", 256)])
@@ -69,17 +79,29 @@ def test_failure_that_ends_an_episode_is_no_success(monkeypatch: pytest.MonkeyPa
 def test_catcher_learns_to_catch() -> None:
     settings = TeamSettings(hidden=(32,), steps=32, passes=6, learning_rate=2e-3)
     told: list[TeamProgress] = []
-    train_team(TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "random"}, frames=80_000, copies=128), settings, told.append)
-    assert told[-1].success > 0.8 > 0.5 > told[2].success, "by then all episodes of the start have ended"
+    train_team(
+        TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "random"}, frames=80_000, copies=128),
+        settings,
+        told.append,
+    )
+    assert told[-1].success > 0.8 > 0.5 > told[2].success, (
+        "by then all episodes of the start have ended"
+    )
 
 
 def test_copies_alternate_scripts() -> None:
     act = alternating([lambda seen: seen[..., :2] * 0.0, lambda seen: seen[..., :2] * 0.0 + 1.0])
     assert act(torch.zeros(5, 1, 10))[:, 0, 0].tolist() == [0.0, 1.0, 0.0, 1.0, 0.0]
     assert act(torch.zeros(1, 10)).tolist() == [[0.0, 0.0]], "one environment has no copies"
-    train_team(TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "flee,random"}, frames=64, copies=8), SMALL)
+    train_team(
+        TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "flee,random"}, frames=64, copies=8),
+        SMALL,
+    )
     with pytest.raises(DescriptionError, match="no script 'hide'"):
-        train_team(TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "flee,hide"}, frames=8, copies=1), SMALL)
+        train_team(
+            TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "flee,hide"}, frames=8, copies=1),
+            SMALL,
+        )
 
 
 def test_invalid_team_raises(tmp_path: Path) -> None:
@@ -88,11 +110,15 @@ def test_invalid_team_raises(tmp_path: Path) -> None:
     with pytest.raises(RunError, match="a learning group"):
         TeamConfig("Tag-v0", {})
     with pytest.raises(DescriptionError, match="no script 'hide'"):
-        train_team(TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "hide"}, frames=8, copies=1), SMALL)
+        train_team(
+            TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "hide"}, frames=8, copies=1), SMALL
+        )
     with pytest.raises(DescriptionError, match="no group 'cat'"):
         train_team(TeamConfig("Tag-v0", {"cat": "ippo"}, frames=8, copies=1), SMALL)
     with pytest.raises(DescriptionError, match="agent is 'dqn'; choose mappo, ippo or sac"):
-        train_team(TeamConfig("Tag-v0", {"catcher": "dqn"}, {"runner": "flee"}, frames=8, copies=1), SMALL)
+        train_team(
+            TeamConfig("Tag-v0", {"catcher": "dqn"}, {"runner": "flee"}, frames=8, copies=1), SMALL
+        )
     (tmp_path / "team.bin").write_bytes(b"nothing")
     with pytest.raises(CheckpointError):
         load_team(tmp_path / "team.bin")

@@ -10,5 +10,6 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code: 0, 1 for a hub program that failed, 2 for an error, 130 for Ctrl-C."""
+    """Run one command and return its exit code: 0, 1 for a hub program that failed, 2 for an error,
+    130 for Ctrl-C."""
     return start("bricktwin.cli.command_table", arguments)

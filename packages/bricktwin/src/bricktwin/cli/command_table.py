@@ -25,7 +25,10 @@ Examples:
             },
         ),
         "twin": (
-            "The twin of a robot: measure the robot, record its motion, fit the twin's physics to it.",
+            (
+                "The twin of a robot: measure the robot, record its motion, fit the twin's "
+                "physics to it."
+            ),
             {
                 "measure": "bricktwin.cli.twin:Measure",
                 "record": "bricktwin.cli.twin:RecordMotion",

@@ -25,13 +25,18 @@ PlanArgument = Annotated[Positional[Path], option(metavar="FILE", help=_PLAN)]
 def read_named_plan(path: Path) -> Plan:
     """The plan in a file, or that of a robot of this package."""
     if path.is_dir() and str(path) not in robots.ROBOTS:
-        raise PlanError(f"{path} is a folder; name an LDraw file in it (.ldr, .mpd or .io), or a robot: {_ROBOTS}")
+        raise PlanError(
+            f"{path} is a folder; name an LDraw file in it (.ldr, .mpd or .io), or a robot: "
+            f"{_ROBOTS}"
+        )
     if path.is_file() or path.suffix:
         return read_plan(path)
     robot = robots.get(str(path))
     file = plan_file(robot.model or "")
     if file is None:
-        raise PlanError(f"{robot.name} has no building plan; name an LDraw file (.ldr, .mpd or .io)")
+        raise PlanError(
+            f"{robot.name} has no building plan; name an LDraw file (.ldr, .mpd or .io)"
+        )
     return read_plan(file)
 
 
@@ -42,7 +47,8 @@ def _print_faults(plan: Plan) -> None:
 
 @dataclass(frozen=True)
 class CheckPlan:
-    """Check a building plan: unknown, loose and half-held parts, collisions, gears, steps, ports, cables.
+    """Check a building plan: unknown, loose and half-held parts, collisions, gears, steps, ports,
+    cables.
 
     One line per finding, with the line of the file and advice; exit code 1 if there are any.
 
@@ -60,18 +66,29 @@ class CheckPlan:
             location = f"line {finding.line}" if finding.line else "the plan"
             print_line(f"{location:9} {finding.name:13} {finding.detail}")
         if free := without_stops(plan):
-            remedy = "for one that homes a motor by stalling, write 0 !BRICKSRL STOPS LOW HIGH before the motor"
-            print_line(f"nothing stops {counted(len(free), 'motor')} ({', '.join(free)}) in a twin; {remedy}")
+            remedy = (
+                "for one that homes a motor by stalling, write 0 !BRICKSRL STOPS LOW HIGH "
+                "before the motor"
+            )
+            print_line(
+                f"nothing stops {counted(len(free), 'motor')} ({', '.join(free)}) in a twin; "
+                f"{remedy}"
+            )
         kinds = len({placed.part for placed in plan.parts})
         parts, steps = counted(len(plan.parts), "part"), counted(len(plan.different_steps), "step")
         summary = f"{parts} of {counted(kinds, 'kind')}, {steps}, {plan.mass_g:.0f} g"
-        print_line(f"{summary}: {counted(len(findings), 'finding')}" if findings else f"{summary}: all is well")
+        print_line(
+            f"{summary}: {counted(len(findings), 'finding')}"
+            if findings
+            else f"{summary}: all is well"
+        )
         return 1 if findings else 0
 
 
 @dataclass(frozen=True)
 class PlanParts:
-    """List the parts of a building plan, as a table or as a file for part shops, and the sets that contain its electronics.
+    """List the parts of a building plan, as a table or as a file for part shops, and the sets that
+    contain its electronics.
 
     Without a plan, list the catalogue.
 
@@ -87,16 +104,21 @@ class PlanParts:
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """File to write."""
     format: Literal["csv", "rebrickable", "bricklink"] = "csv"
-    """Format of the file: a table with masses, Rebrickable's CSV, or BrickLink's wanted list in XML."""
+    """Format of the file: a table with masses, Rebrickable's CSV, or BrickLink's wanted list in
+    XML."""
     own: Annotated[str | None, option(metavar="SET[,SET]")] = None
-    """LEGO sets that you have, such as 45678,45681: list what is missing, with the numbers of shops."""
+    """LEGO sets that you have, such as 45678,45681: list what is missing, with the numbers of
+    shops."""
 
     def execute(self) -> None:
         if self.out is None:
             refuse_ignored(self, ("--plan", "--own"), "without --out")
         if self.plan is None:
             if self.out is not None or self.own is not None:
-                raise PlanError(f"{'--out' if self.out is not None else '--own'} needs a plan; name an LDraw file")
+                raise PlanError(
+                    f"{'--out' if self.out is not None else '--own'} needs a plan; name an "
+                    "LDraw file"
+                )
             for part in catalogue.parts():
                 print_line(f"{part.number:10}{part.family:12}{part.mass_g:8.2f} g  {part.name}")
             return
@@ -110,16 +132,24 @@ class PlanParts:
         else:
             for entry in entries:
                 number = entry.part.number if self.own is None else entry.shop_number
-                columns = f"{entry.count:4} x  {number:10}{entry.colour.name:20}{entry.mass_g:8.2f} g"
+                columns = (
+                    f"{entry.count:4} x  {number:10}{entry.colour.name:20}{entry.mass_g:8.2f} g"
+                )
                 print_line(f"{columns}  {entry.part.name}")
         for unknown in plan.unknown:
-            fault = "a file that is not beside the plan" if unknown.is_file else "not in the catalogue"
+            fault = (
+                "a file that is not beside the plan" if unknown.is_file else "not in the catalogue"
+            )
             print_line(f"{len(unknown.lines):4} x  {unknown.number:10}{fault}")
         if plan.drawn:
             print_line(f"{len(plan.drawn):4} x  drawn cable or hose, without a number")
         _print_faults(plan)
         total = f"{counted(len(plan.parts), 'part')}, {plan.mass_g:.0f} g"
-        total = total if self.own is None else f"{sum(entry.count for entry in entries)} of {total} to be added"
+        total = (
+            total
+            if self.own is None
+            else f"{sum(entry.count for entry in entries)} of {total} to be added"
+        )
         print_line(f"{total}{f': {self.out}' if self.out else ''}")
         for purchase in advice:
             print_line(f"Set {purchase}")

@@ -20,13 +20,16 @@ ROBOT_OF_FILMS = "two-wheeler"
 
 @dataclass(frozen=True)
 class Run(run.Run):
-    """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit code 1 if it raises.
+    """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit
+    code 1 if it raises.
 
-    Files that it imports from its folder are included. The program can read standard input. Ctrl-C stops it and its motors. A
-    program that imports LEGO's package `legoeducation` runs on this computer, and drives virtual devices of LEGO's kits.
+    Files that it imports from its folder are included. The program can read standard input. Ctrl-C
+    stops it and its motors. A program that imports LEGO's package `legoeducation` runs on this
+    computer, and drives virtual devices of LEGO's kits.
 
-    Without --robot, the virtual hub adapts to the program: its kind is the one that the program imports, and each port has the
-    device that the program expects there. With --video or --scene, the robot is the two-wheeler by default.
+    Without --robot, the virtual hub adapts to the program: its kind is the one that the program
+    imports, and each port has the device that the program expects there. With --video or --scene,
+    the robot is the two-wheeler by default.
 
     Examples:
       bricktwin run main.py --robot walker --video walk.mp4
@@ -39,10 +42,11 @@ class Run(run.Run):
     """
 
     robot: Annotated[str | None, option(metavar="ROBOT")] = None
-    """Virtual robot: two-wheeler, walker, robo-arm, cart or bench; a building plan, my_robot.ldr; my_robot.py."""
+    """Virtual robot: two-wheeler, walker, robo-arm, cart or bench; a building plan, my_robot.ldr;
+    my_robot.py."""
     scene: Annotated[str | None, option(metavar="FILE:NAME")] = None
-    """Scene of the virtual robot: that of a Python file, my_scene.py, or my_scene.py:MAT. By default the only one in the robot's
-    own file."""
+    """Scene of the virtual robot: that of a Python file, my_scene.py, or my_scene.py:MAT. By
+    default the only one in the robot's own file."""
     video: Annotated[Path | None, option(metavar="FILE")] = None
     """Film the virtual robot into this mp4 file."""
 
@@ -56,7 +60,10 @@ class Run(run.Run):
         body = self._made_body(stack)
         if free := motors_without_stops(body, self.file):
             stops = " ".join(f"--end-stop {port}=-90..90" for port in free)
-            print_note(f"run_until_stalled waits for something that stops the motor; in this twin nothing does: give {stops}")
+            print_note(
+                "run_until_stalled waits for something that stops the motor; in this twin "
+                f"nothing does: give {stops}"
+            )
         return body
 
     def _made_body(self, stack: ExitStack) -> Body | None:
@@ -75,11 +82,19 @@ class Run(run.Run):
 
 
 def motors_without_stops(body: Body | None, program: Path) -> list[str]:
-    """Ports of a twin's motors that nothing stops, but those of its drive base, if a program waits for a motor to stall."""
-    if body is None or "run_until_stalled" not in program.read_text(encoding="utf-8", errors="replace"):
+    """Ports of a twin's motors that nothing stops, but those of its drive base, if a program waits
+    for a motor to stall."""
+    if body is None or "run_until_stalled" not in program.read_text(
+        encoding="utf-8", errors="replace"
+    ):
         return []
     base = body.robot.drive_base
     wheels = () if base is None else (base.left, base.right)
-    free = [motor for motor in body.robot.motors if motor.name not in wheels and motor.end_stops_deg is None]
-    is_stopped = getattr(body, "is_stopped", lambda port: False)  # a bench has the stops of the description only
+    free = [
+        motor
+        for motor in body.robot.motors
+        if motor.name not in wheels and motor.end_stops_deg is None
+    ]
+    # a bench has the stops of the description only
+    is_stopped = getattr(body, "is_stopped", lambda port: False)
     return [motor.port for motor in free if not is_stopped(motor.port)]

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 class RecordMotion:
     """Record a robot's motion under identification commands, for `bricktwin twin fit`.
 
-    It needs a metre of free floor: it stands still for a second, jerks, then runs at full speed, about ten seconds in all.
-    Ctrl-C stops it.
+    It needs a metre of free floor: it stands still for a second, jerks, then runs at full speed,
+    about ten seconds in all. Ctrl-C stops it.
 
     Examples:
       bricktwin twin record two-wheeler --out robot.jsonl
@@ -45,7 +45,8 @@ class RecordMotion:
     """
 
     robot: Annotated[Positional[str], option(metavar="ROBOT")]
-    """Robot: two-wheeler, walker, robo-arm or bench; my_robot.ldr; my_robot.py; with bricksrl an environment, for its robot."""
+    """Robot: two-wheeler, walker, robo-arm or bench; my_robot.ldr; my_robot.py; with bricksrl an
+    environment, for its robot."""
     out: Annotated[Path, option(metavar="FILE")]
     """File to write."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
@@ -73,7 +74,10 @@ class RecordMotion:
             log = record(link, robot, interface, commands)
         write_log(self.out, log)
         seconds = (log.times_ms[-1] - log.times_ms[0]) / 1000
-        print_line(f"{counted(len(log.commands), 'command')} in {seconds:.1f} s of {robot.name}: {self.out}")
+        print_line(
+            f"{counted(len(log.commands), 'command')} in {seconds:.1f} s of {robot.name}: "
+            f"{self.out}"
+        )
 
     def _link(self, robot: Robot, scene: Scene | None, interface: Interface) -> HubLink:
         """An unopened link to the robot; asks the user before a real one may move."""
@@ -84,14 +88,26 @@ class RecordMotion:
 
         transport, physics = _hub(self.hub, self.physics)
         if transport is None:
-            return HubLink(VirtualHub(make_body(robot, scene=scene, physics=physics, seed=self.seed)), robot, interface)
-        if not (self.yes or confirm(f"The {robot.name} needs a metre of room to move at full speed. Move it now?")):
-            raise TwinError(f"nobody said that the {robot.name} may move; answer y in a terminal, or give --yes")
+            return HubLink(
+                VirtualHub(make_body(robot, scene=scene, physics=physics, seed=self.seed)),
+                robot,
+                interface,
+            )
+        if not (
+            self.yes
+            or confirm(
+                f"The {robot.name} needs a metre of room to move at full speed. Move it now?"
+            )
+        ):
+            raise TwinError(
+                f"nobody said that the {robot.name} may move; answer y in a terminal, or give --yes"
+            )
         return HubLink(transport, robot, interface, calibrate=calibration_of(transport))
 
 
 def _hub(name: str, physics: Path | None) -> tuple[Transport | None, Physics | None]:
-    """An unopened transport to a real robot, or ``None`` and the physics of a virtual one, if a file has them."""
+    """An unopened transport to a real robot, or ``None`` and the physics of a virtual one, if a
+    file has them."""
     from brickhub.hub.transports.address import parse_hub
 
     address = parse_hub(name)
@@ -104,10 +120,12 @@ def _hub(name: str, physics: Path | None) -> tuple[Transport | None, Physics | N
 
 @dataclass(frozen=True)
 class Measure:
-    """Measure a robot in two minutes, by hand: link, gyroscope, accelerometer, motors, ultrasonic sensor.
+    """Measure a robot in two minutes, by hand: link, gyroscope, accelerometer, motors, ultrasonic
+    sensor.
 
-    It says what to do, and goes on when you press Enter. It needs a level table, a straight edge and a bare wall. The folder gets
-    the log, a report beside the twin, and the physics of the twin fitted to the robot. Virtual robots are handled by nobody.
+    It says what to do, and goes on when you press Enter. It needs a level table, a straight edge
+    and a bare wall. The folder gets the log, a report beside the twin, and the physics of the twin
+    fitted to the robot. Virtual robots are handled by nobody.
 
     Examples:
       bricktwin twin measure two-wheeler --hub ble --out measured
@@ -167,7 +185,9 @@ class _Reader:
 
     def is_done(self) -> bool:
         if self._answer == "":
-            raise TwinError("nobody is there to handle the robot: standard input ended; run it in a terminal")
+            raise TwinError(
+                "nobody is there to handle the robot: standard input ended; run it in a terminal"
+            )
         return self._answer is not None
 
     def _wait(self) -> None:
@@ -178,7 +198,8 @@ class _Reader:
 class FitTwin:
     """Fit the physics of a twin to a recorded motion, and print the twin's error before and after.
 
-    Takes about two minutes for ten seconds of log. Use the result with `bricksrl train ENV --physics FILE`.
+    Takes about two minutes for ten seconds of log. Use the result with `bricksrl train ENV
+    --physics FILE`.
 
     Examples:
       bricktwin twin fit robot.jsonl
@@ -205,13 +226,16 @@ class FitTwin:
         log = read_log(self.log)
         if self.robot is None and log.robot not in robots.ROBOTS:
             raise TwinError(
-                f"{self.log} is of the robot '{log.robot}', which is not built in; name its file, such as --robot my_robot.py"
+                f"{self.log} is of the robot '{log.robot}', which is not built in; name its file, "
+                "such as --robot my_robot.py"
             )
         target = find(self.robot or log.robot)
         robot, scene = target.robot, target.scene
         out = self.out or self.log.with_suffix(".physics.json")
         check_writable(out)
-        result = fit(log, robot=robot, scene=_bench_scene(scene), names=self.parameters, on_replay=report)
+        result = fit(
+            log, robot=robot, scene=_bench_scene(scene), names=self.parameters, on_replay=report
+        )
         _show_progress("")
         write_physics(out, result.physics)
         _print(result)
@@ -219,7 +243,8 @@ class FitTwin:
 
 
 def _bench_scene(scene: Scene | None) -> Scene | None:
-    """What a task's scene says of a robot on the bench; a robot with a body is recorded on an open floor."""
+    """What a task's scene says of a robot on the bench; a robot with a body is recorded on an open
+    floor."""
     from bricktwin.twin.scene import Scene
 
     if scene is None or not (scene.readings or scene.end_stops):
@@ -236,7 +261,11 @@ def _print(result: FittedPhysics) -> None:
     for name, parameter in PARAMETERS.items():
         value, before = getattr(result.physics, name), getattr(default, name)
         if name in result.identified or value != before:
-            print_line(f"  {name:24}{before:8.3g} -> {value:.3g} {parameter.unit.removesuffix('1')}".rstrip())
+            print_line(
+                (
+                    f"  {name:24}{before:8.3g} -> {value:.3g} {parameter.unit.removesuffix('1')}"
+                ).rstrip()
+            )
     for name in result.unidentified:
         print_line(f"  {name:24}{getattr(default, name):8.3g}    not identifiable from this log")
 

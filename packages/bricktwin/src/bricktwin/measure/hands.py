@@ -1,4 +1,5 @@
-"""Hands: a person who puts, turns, lifts and holds a robot when told to, and a simulated one for a virtual robot."""
+"""Hands: a person who puts, turns, lifts and holds a robot when told to, and a simulated one for a
+virtual robot."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -12,7 +13,8 @@ from bricktwin.twin.mujoco_body import MujocoBody, Pose
 _TURN_DEG_S = 120.0
 _LIFT_M = 0.3
 _GRIP_NM_S, _GRIP_NM = 1e3, 10.0
-"""Damping of a chassis in the hand, and friction of a shaft in the hand: neither is moved by a motor."""
+"""Damping of a chassis in the hand, and friction of a shaft in the hand: neither is moved by a
+motor."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,8 @@ class Deed:
         text: words for the person.
         turn_deg: turn on the spot, clockwise seen from above.
         is_lifted: whether nothing touches its wheels or legs afterwards.
-        holds: name of the motor whose shaft is held, too.
-        wall_mm, wall_deg: distance of the ultrasonic sensor to a wall, and angle to the wall's normal.
+        holds: name of the motor whose shaft is held, too. wall_mm, wall_deg: distance of the
+        ultrasonic sensor to a wall, and angle to the wall's normal.
     """
 
     text: str
@@ -42,24 +44,38 @@ class Person(Protocol):
         """Ask for a deed."""
 
     def is_done(self) -> bool:
-        """Whether the deed that was begun last is done; the robot is read meanwhile, so it must not wait."""
+        """Whether the deed that was begun last is done; the robot is read meanwhile, so it must not
+        wait."""
 
 
 class SimulatedPerson:
-    """A person who moves a virtual robot, in its time. Raises TwinError if the robot cannot be taken in hand.
+    """A person who moves a virtual robot, in its time. Raises TwinError if the robot cannot be
+    taken in hand.
 
     Args:
         rng: of the errors.
         error_deg, error_s: largest error of an angle, and of the time of an answer.
     """
 
-    def __init__(self, hub: VirtualHub, rng: np.random.Generator, error_deg: float = 1.0, error_s: float = 1.0) -> None:
+    def __init__(
+        self,
+        hub: VirtualHub,
+        rng: np.random.Generator,
+        error_deg: float = 1.0,
+        error_s: float = 1.0,
+    ) -> None:
         if not isinstance(hub.body, MujocoBody) or not hub.body.moves:
-            raise TwinError(f"the virtual '{hub.robot.name}' cannot be taken in hand; choose a robot that moves, or --hub ble")
+            raise TwinError(
+                f"the virtual '{hub.robot.name}' cannot be taken in hand; choose a robot that "
+                "moves, or --hub ble"
+            )
         self._hub, self._body, self._rng = hub, hub.body, rng
         self._error_deg, self._error_s = error_deg, error_s
         model = self._body.model
-        self._nominal = [(array, array.copy()) for array in (model.dof_damping, model.dof_frictionloss, model.opt.gravity)]
+        self._nominal = [
+            (array, array.copy())
+            for array in (model.dof_damping, model.dof_frictionloss, model.opt.gravity)
+        ]
         self._edge_deg = self._at_deg = self._aim_deg = self._body.pose().heading_deg
         self._now_s = self._done_s = hub.now_s()
 
@@ -71,7 +87,9 @@ class SimulatedPerson:
         self._edge_deg = self._edge_deg + deed.turn_deg if deed.wall_mm is None else deed.wall_deg
         self._aim_deg = self._edge_deg + self._rng.uniform(-self._error_deg, self._error_deg)
         self._now_s = self._hub.now_s()
-        self._done_s = self._now_s + abs(deed.turn_deg) / _TURN_DEG_S + self._rng.uniform(0.0, self._error_s)
+        self._done_s = (
+            self._now_s + abs(deed.turn_deg) / _TURN_DEG_S + self._rng.uniform(0.0, self._error_s)
+        )
         body.data.qvel[:] = 0.0
         if deed.is_lifted:
             base = int(model.body_dofadr[body.chassis])

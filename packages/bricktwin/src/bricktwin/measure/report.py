@@ -1,4 +1,5 @@
-"""Report of a measuring session: a page with each number of a robot beside its twin's, and plots."""
+"""Report of a measuring session: a page with each number of a robot beside its twin's, and
+plots."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ HEAD = ("", "robot", "twin", "drawn twins", "")
 
 
 def lines(comparison: Comparison) -> Iterator[tuple[str, str, str, str, str]]:
-    """For each number: name with unit, the robot, the twin, the range of twins that are drawn, and a remark."""
+    """For each number: name with unit, the robot, the twin, the range of twins that are drawn, and
+    a remark."""
     for one in comparison.quantities:
         if one.name not in comparison.robot:
             continue
@@ -35,8 +37,18 @@ def lines(comparison: Comparison) -> Iterator[tuple[str, str, str, str, str]]:
             yield name, plain_number(value), plain_number(comparison.twin[one.name]), "", ""
         else:
             low, nominal, high = comparison.scale(one)
-            remark = "" if low <= value <= high else f"outside of what --randomize draws ({one.parameter})"
-            yield name, plain_number(value), plain_number(nominal), f"{plain_number(low)} to {plain_number(high)}", remark
+            remark = (
+                ""
+                if low <= value <= high
+                else f"outside of what --randomize draws ({one.parameter})"
+            )
+            yield (
+                name,
+                plain_number(value),
+                plain_number(nominal),
+                f"{plain_number(low)} to {plain_number(high)}",
+                remark,
+            )
 
 
 def write_report(path: Path, log: SessionLog, comparison: Comparison) -> None:
@@ -82,16 +94,27 @@ def _plots(log: SessionLog, comparison: Comparison) -> str:
 def _draw_ranges(axes: Axes, comparison: Comparison) -> None:
     """The robot's numbers on scales from the lowest to the highest of the twins that are drawn."""
     shown = [
-        one for one in comparison.quantities if one.parameter and {one.name} <= comparison.robot.keys() & comparison.twin.keys()
+        one
+        for one in comparison.quantities
+        if one.parameter and {one.name} <= comparison.robot.keys() & comparison.twin.keys()
     ]
     for place, one in enumerate(shown):
         low, nominal, high = comparison.scale(one)
-        axes.plot([0, 1], [place, place], color=_TWIN, linewidth=6, alpha=0.3, solid_capstyle="butt")
+        axes.plot(
+            [0, 1], [place, place], color=_TWIN, linewidth=6, alpha=0.3, solid_capstyle="butt"
+        )
         axes.plot([(nominal - low) / (high - low)], [place], "|", color=_TWIN, markersize=14)
         share = (comparison.robot[one.name] - low) / (high - low)
         axes.plot([min(max(share, _OUTSIDE[0]), _OUTSIDE[1])], [place], "o", color=_ROBOT)
         axes.text(0.0, place + 0.2, plain_number(low, 3), fontsize=7, va="top")
-        axes.text(1.0, place + 0.2, f"{plain_number(high, 3)} {one.unit}", fontsize=7, va="top", ha="right")
+        axes.text(
+            1.0,
+            place + 0.2,
+            f"{plain_number(high, 3)} {one.unit}",
+            fontsize=7,
+            va="top",
+            ha="right",
+        )
     axes.set_yticks(range(len(shown)), [one.name for one in shown])
     axes.set_xlim(-0.35, 1.35)
     axes.set_xticks([])

@@ -1,7 +1,8 @@
-"""Results of a measuring session: numbers from its log, beside those of the twin, and the twin fitted to them.
+"""Results of a measuring session: numbers from its log, beside those of the twin, and the twin
+fitted to them.
 
-A number of a robot depends on a parameter of its twin linearly, near enough. So a twin that is measured in the same way shows by
-how much each parameter is off.
+A number of a robot depends on a parameter of its twin linearly, near enough. So a twin that is
+measured in the same way shows by how much each parameter is off.
 """
 
 import math
@@ -33,7 +34,8 @@ class Quantity:
 
     Attributes:
         parameter: parameter of the twin on which it depends; "" for none.
-        factor: change of the number for one unit of the parameter; ``None`` where it is in proportion to it.
+        factor: change of the number for one unit of the parameter; ``None`` where it is in
+            proportion to it.
     """
 
     name: str
@@ -43,7 +45,8 @@ class Quantity:
 
 
 PAUSE_MS = 300.0
-"""Time without an exchange after which the next one is late for that alone, and says nothing of the others."""
+"""Time without an exchange after which the next one is late for that alone, and says nothing of the
+others."""
 
 
 def quantities(robot: Robot) -> tuple[Quantity, ...]:
@@ -81,7 +84,11 @@ def measured(log: SessionLog) -> dict[str, float]:
     rows: dict[str, list[Row]] = {}
     for row in log.rows:
         rows.setdefault(row.phase, []).append(row)
-    delays_ms = [row.delay_ms for before, row in pairwise(log.rows) if row.time_ms - before.time_ms < PAUSE_MS + row.delay_ms]
+    delays_ms = [
+        row.delay_ms
+        for before, row in pairwise(log.rows)
+        if row.time_ms - before.time_ms < PAUSE_MS + row.delay_ms
+    ]
     names = "link, median", "link, 95 of 100 within", "link, 999 of 1000 within"
     numbers = dict(zip(names, np.percentile(delays_ms, (50, 95, 99.9)), strict=True))
     numbers[f"link, over {LATE_MS:g} ms"] = 100.0 * float(np.mean(np.array(delays_ms) > LATE_MS))
@@ -92,7 +99,9 @@ def measured(log: SessionLog) -> dict[str, float]:
     for phase, answers in rows.items():
         kind, _, motor = phase.partition(" ")
         if kind == "free":
-            numbers[f"speed of {motor}, free"] = (_speed(answers, motor) + _speed(rows[f"back {motor}"], motor)) / 2
+            numbers[f"speed of {motor}, free"] = (
+                _speed(answers, motor) + _speed(rows[f"back {motor}"], motor)
+            ) / 2
         elif kind == "held":
             numbers[f"battery with {motor} held"] = _mean(answers, "battery_v")
     for phase, name in (("wall", f"wall at {WALL_MM:g} mm"), ("aslant", "wall aslant")):
@@ -123,16 +132,26 @@ def _speed(rows: list[Row], motor: str) -> float:
 
 
 def _inertial(rows: Iterable[Row]) -> dict[str, float]:
-    """Numbers of gyroscope and accelerometer. Half a turn separates their tilt from that of the table."""
+    """Numbers of gyroscope and accelerometer. Half a turn separates their tilt from that of the
+    table."""
     turning = [row for row in rows if "heading" in row.values]
     headings_deg = np.unwrap(_column(turning, "heading"), period=360.0)
     times_min = np.array([row.time_ms / 60_000 for row in turning])
-    (rest, turned) = (np.array([row.phase == phase for row in turning]) for phase in ("rest", "turned"))
+    (rest, turned) = (
+        np.array([row.phase == phase for row in turning]) for phase in ("rest", "turned")
+    )
 
     def ends(values: NDArray[np.float64]) -> tuple[float, float, float]:
-        return float(values[rest][:_ENDS].mean()), float(values[rest][-_ENDS:].mean()), float(values[turned][:_ENDS].mean())
+        return (
+            float(values[rest][:_ENDS].mean()),
+            float(values[rest][-_ENDS:].mean()),
+            float(values[turned][:_ENDS].mean()),
+        )
 
-    (first_min, last_min, after_min), (first_deg, last_deg, after_deg) = ends(times_min), ends(headings_deg)
+    (first_min, last_min, after_min), (first_deg, last_deg, after_deg) = (
+        ends(times_min),
+        ends(headings_deg),
+    )
     drift_deg_min = (last_deg - first_deg) / (last_min - first_min)
     turn_deg = after_deg - last_deg - drift_deg_min * (after_min - last_min)
     pitch, roll, rate = (_column(turning, name) for name in ("pitch", "roll", "yaw_rate"))
@@ -168,7 +187,9 @@ class Comparison:
 
     def scale(self, quantity: Quantity) -> tuple[float, float, float]:
         """Lowest, nominal and highest number of the twins that are drawn."""
-        low, high = sorted(self.at(quantity, end) for end in PARAMETERS[quantity.parameter].random_range)
+        low, high = sorted(
+            self.at(quantity, end) for end in PARAMETERS[quantity.parameter].random_range
+        )
         return low, self.at(quantity, getattr(Physics(), quantity.parameter)), high
 
     def _factor(self, quantity: Quantity) -> float:
@@ -177,13 +198,17 @@ class Comparison:
         return quantity.factor
 
     def fitted(self) -> Physics:
-        """Physics of the robot; what several numbers say of a parameter is averaged, what none says of it is the default."""
+        """Physics of the robot; what several numbers say of a parameter is averaged, what none says
+        of it is the default."""
         values: dict[str, list[float]] = {}
         for one in self.quantities:
             if one.parameter and one.name in self.robot and one.name in self.twin:
                 off = (self.robot[one.name] - self.twin[one.name]) / self._factor(one)
                 values.setdefault(one.parameter, []).append(getattr(self.base, one.parameter) + off)
-        fitted = {name: float(np.clip(np.mean(found), *PARAMETERS[name].allowed_range)) for name, found in values.items()}
+        fitted = {
+            name: float(np.clip(np.mean(found), *PARAMETERS[name].allowed_range))
+            for name, found in values.items()
+        }
         return replace(Physics(), **fitted)
 
 
@@ -192,9 +217,18 @@ def compare(log: SessionLog, robot: Robot) -> Comparison:
     numbers, known = measured(log), quantities(robot)
     volts = numbers.get("battery at rest", Physics().battery_v)
     noises = [one.parameter for one in known if "noise" in one.parameter and one.name in numbers]
-    base = Physics(**dict.fromkeys(noises, 0.0), battery_v=float(np.clip(volts, *PARAMETERS["battery_v"].allowed_range)))
+    base = Physics(
+        **dict.fromkeys(noises, 0.0),
+        battery_v=float(np.clip(volts, *PARAMETERS["battery_v"].allowed_range)),
+    )
     hub = None if lies_on_bench(robot, OPEN_FLOOR) else virtual(robot, base)
-    twin = {} if hub is None else measured(measure(hub, robot, SimulatedPerson(hub, np.random.default_rng(0), **_EXACT), {}))
+    twin = (
+        {}
+        if hub is None
+        else measured(
+            measure(hub, robot, SimulatedPerson(hub, np.random.default_rng(0), **_EXACT), {})
+        )
+    )
     return Comparison(known, numbers, twin, base)
 
 

@@ -1,4 +1,5 @@
-"""Measuring session: a person handles a robot while programs on its hub report what link, sensors and motors do; and its log.
+"""Measuring session: a person handles a robot while programs on its hub report what link, sensors
+and motors do; and its log.
 
 A log has one JSON object per line: a header with the robot, then the hub's answers.
 """
@@ -9,7 +10,18 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from brickhub.errors import DescriptionError, TwinError
-from brickhub.hub.interface import Channel, Distance, Heading, Interface, MotorAngle, Pitch, Roll, RunDuty, Wait, YawRate
+from brickhub.hub.interface import (
+    Channel,
+    Distance,
+    Heading,
+    Interface,
+    MotorAngle,
+    Pitch,
+    Roll,
+    RunDuty,
+    Wait,
+    YawRate,
+)
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.transport import Transport
 from brickhub.robot import Robot
@@ -24,14 +36,25 @@ _FREE_S, _HELD_S = 1.2, 0.6
 _STEP = Wait(50)
 _FORMAT = 1
 
-REST = Deed("Put the robot on a level table, its left side along a straight edge, such as a heavy box, and let go of it.")
+REST = Deed(
+    "Put the robot on a level table, its left side along a straight edge, such as a heavy box, "
+    "and let go of it."
+)
 TURN = Deed(
-    "Turn it on the table clockwise, seen from above, by three and a half turns, until its right side lies along the edge.",
+    "Turn it on the table clockwise, seen from above, by three and a half turns, until its right "
+    "side lies along the edge.",
     turn_deg=TURNED_DEG,
 )
-LIFT = Deed("Take it into your hand, so that nothing touches its wheels or legs; they will run at full speed.", is_lifted=True)
+LIFT = Deed(
+    "Take it into your hand, so that nothing touches its wheels or legs; they will run at "
+    "full speed.",
+    is_lifted=True,
+)
 LET_GO = Deed("Let go of it, and keep the robot in your hand.", is_lifted=True)
-WALL = Deed(f"Put it before a bare, hard wall, its ultrasonic sensor {WALL_MM:g} mm from it, straight.", wall_mm=WALL_MM)
+WALL = Deed(
+    f"Put it before a bare, hard wall, its ultrasonic sensor {WALL_MM:g} mm from it, straight.",
+    wall_mm=WALL_MM,
+)
 ASLANT = Deed(
     f"Turn it by {WALL_DEG:g} degrees to the left; the sensor stays {WALL_MM:g} mm from the wall.",
     wall_mm=WALL_MM,
@@ -77,8 +100,8 @@ class Row:
     """One answer of the hub.
 
     Attributes:
-        phase: what was going on: ``"rest"``, ``"turned"``, ``"lifted"``, ``"wall"``, ``"aslant"``, ``"hands"``, and for each
-            motor ``"free NAME"``, ``"back NAME"`` and ``"held NAME"``.
+        phase: what was going on: ``"rest"``, ``"turned"``, ``"lifted"``, ``"wall"``, ``"aslant"``,
+            ``"hands"``, and for each motor ``"free NAME"``, ``"back NAME"`` and ``"held NAME"``.
         time_ms: clock of the hub's program.
         delay_ms: of the exchange, without the duration of its command.
         values: of the channels, by name.
@@ -119,18 +142,29 @@ class _Session:
     def watch(self, phase: str, duration_s: float, motor: str = "", duty_pct: float = 0.0) -> None:
         end_s = self._link.now_s() + duration_s
         while self._link.now_s() < end_s:
-            self._add(phase, [duty_pct * (name == motor) for name in self._motors] if motor else None)
+            self._add(
+                phase, [duty_pct * (name == motor) for name in self._motors] if motor else None
+            )
         if motor:
             self._link.act([0.0] * len(self._motors))
 
     def _add(self, phase: str, command: Sequence[float] | None = None) -> None:
-        answer, command_ms = (self._link.read(), 0) if command is None else (self._link.act(command), _STEP.time_ms)
+        answer, command_ms = (
+            (self._link.read(), 0) if command is None else (self._link.act(command), _STEP.time_ms)
+        )
         values = dict(zip(self._channels, answer.values, strict=True))
-        self.rows.append(Row(phase, answer.hub_time_ms, round(answer.round_trip_s * 1000 - command_ms, 3), values))
+        self.rows.append(
+            Row(
+                phase, answer.hub_time_ms, round(answer.round_trip_s * 1000 - command_ms, 3), values
+            )
+        )
 
 
-def measure(transport: Transport, robot: Robot, person: Person, about: dict[str, str]) -> SessionLog:
-    """Measure a robot in about two minutes. Raises HubError if the link failed, TwinError if there is nothing to measure.
+def measure(
+    transport: Transport, robot: Robot, person: Person, about: dict[str, str]
+) -> SessionLog:
+    """Measure a robot in about two minutes. Raises HubError if the link failed, TwinError if there
+    is nothing to measure.
 
     Args:
         transport: unopened transport to its hub.
@@ -153,7 +187,9 @@ def measure(transport: Transport, robot: Robot, person: Person, about: dict[str,
             session.ask(ASLANT)
             session.watch("aslant", _WALL_S)
     if motors:  # last, as legs stand otherwise afterwards
-        with session.link((*(MotorAngle(name, -180.0, 180.0) for name in motors), _Volts()), motors):
+        with session.link(
+            (*(MotorAngle(name, -180.0, 180.0) for name in motors), _Volts()), motors
+        ):
             session.ask(LIFT)
             session.watch("lifted", _LIFTED_S)
             for name in motors:
@@ -164,13 +200,15 @@ def measure(transport: Transport, robot: Robot, person: Person, about: dict[str,
                 session.ask(LET_GO)
     if not session.rows:
         raise TwinError(
-            f"'{robot.name}' has no IMU, endless motor or ultrasonic sensor to measure; see `brickhub latency` for its link"
+            f"'{robot.name}' has no IMU, endless motor or ultrasonic sensor to measure; see "
+            "`brickhub latency` for its link"
         )
     return SessionLog(robot.name, about, tuple(session.rows))
 
 
 def write_log(path: Path, log: SessionLog) -> None:
-    """Write a log to a file, replacing an existing one; its folder is created. Raises WriteError if that is impossible."""
+    """Write a log to a file, replacing an existing one; its folder is created. Raises WriteError if
+    that is impossible."""
     header = {"bricktwin_measure": _FORMAT, "robot": log.robot, "about": log.about}
     write_lines(path, [header, *map(asdict, log.rows)])
 
@@ -184,7 +222,14 @@ def _log(header: dict[str, Any], lines: list[dict[str, Any]]) -> SessionLog:
     if header["bricktwin_measure"] != _FORMAT:
         raise DescriptionError(f"format {header['bricktwin_measure']!s:.40} is unknown")
     rows = tuple(
-        Row(str(row["phase"]), int(row["time_ms"]), float(row["delay_ms"]), {k: float(v) for k, v in row["values"].items()})
+        Row(
+            str(row["phase"]),
+            int(row["time_ms"]),
+            float(row["delay_ms"]),
+            {k: float(v) for k, v in row["values"].items()},
+        )
         for row in lines
     )
-    return SessionLog(str(header["robot"]), {str(k): str(v) for k, v in header["about"].items()}, rows)
+    return SessionLog(
+        str(header["robot"]), {str(k): str(v) for k, v in header["about"].items()}, rows
+    )

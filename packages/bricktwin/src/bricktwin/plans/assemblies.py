@@ -1,7 +1,8 @@
-"""Parts that LDraw composes of several lines: hubs and their batteries, motors and their shafts, rims and tyres.
+"""Parts that LDraw composes of several lines: hubs and their batteries, motors and their shafts,
+rims and tyres.
 
-Some are one part here, and some are one line that is several parts here. Source of the numbers and places: the shortcuts and
-assemblies of LDraw.org's part library, in ``assemblies.csv``.
+Some are one part here, and some are one line that is several parts here. Source of the numbers and
+places: the shortcuts and assemblies of LDraw.org's part library, in ``assemblies.csv``.
 """
 
 import functools
@@ -42,7 +43,8 @@ class Assembly(NamedTuple):
 
     Attributes:
         number: of the whole.
-        here: "whole" if its lines are one part here, "pieces" if its line is several, "either" if it is as it is drawn.
+        here: "whole" if its lines are one part here, "pieces" if its line is several, "either" if
+            it is as it is drawn.
         pieces: the first one stands for the whole.
     """
 
@@ -64,7 +66,9 @@ def _piece(text: str) -> Piece:
     """A piece of ``number@x,y,z`` or ``number@x,y,z#colour``."""
     number, _, place = text.partition("@")
     place, _, colour = place.partition("#")
-    return Piece(number, np.array(part_notation.point(place or "0,0,0")), int(colour or _OWN_COLOUR))
+    return Piece(
+        number, np.array(part_notation.point(place or "0,0,0")), int(colour or _OWN_COLOUR)
+    )
 
 
 @functools.cache
@@ -102,7 +106,8 @@ def _wholes() -> dict[str, list[tuple[Assembly, Piece]]]:
 
 
 def composed(references: list[Reference]) -> list[Reference]:
-    """The lines of a model, with one line for the pieces of each part that they compose, and with the pieces of shortcuts."""
+    """The lines of a model, with one line for the pieces of each part that they compose, and with
+    the pieces of shortcuts."""
     expanded = [piece for reference in references for piece in _expanded(reference)]
     numbers = [_number(reference) for reference in expanded]
     if not any(number in _wholes() for number in numbers):
@@ -145,17 +150,27 @@ def _whole(reference: Reference, assembly: Assembly, first: Piece) -> Reference:
     """The whole that a first piece belongs to."""
     offset = reference.offset - reference.matrix @ first.place
     is_it = catalogue.find(reference.name) is not None
-    return replace(reference, name=reference.name if is_it else f"{assembly.number}.dat", offset=offset)
+    return replace(
+        reference, name=reference.name if is_it else f"{assembly.number}.dat", offset=offset
+    )
 
 
 def _included(
-    whole: Reference, assembly: Assembly, references: Sequence[Reference], numbers: Sequence[str], taken: set[int]
+    whole: Reference,
+    assembly: Assembly,
+    references: Sequence[Reference],
+    numbers: Sequence[str],
+    taken: set[int],
 ) -> Iterator[int]:
     """Indices of the lines that are the further pieces of a part at its place."""
     for piece in assembly.pieces:
         place = whole.matrix @ piece.place + whole.offset
         for index, number in enumerate(numbers):
-            if number == piece.number and index not in taken and np.abs(references[index].offset - place).max() < _NEAR:
+            if (
+                number == piece.number
+                and index not in taken
+                and np.abs(references[index].offset - place).max() < _NEAR
+            ):
                 yield index
                 taken.add(index)
                 break

@@ -1,7 +1,8 @@
-"""Rigid bodies of a plan, the joints between them and their possible motions. LDraw units, plan frame.
+"""Rigid bodies of a plan, the joints between them and their possible motions. LDraw units, plan
+frame.
 
-A motion is six rates per body (linear at the plan's origin, angular). Each joint and each gear mesh is a linear constraint on
-the rates; the motions are the null space.
+A motion is six rates per body (linear at the plan's origin, angular). Each joint and each gear mesh
+is a linear constraint on the rates; the motions are the null space.
 """
 
 from collections import defaultdict
@@ -45,8 +46,9 @@ class BodyJoint:
     is_ball: bool = False
 
     def rates(self, motions: Floats, parent: int | None = None) -> Floats:
-        """Angular rate of the second body relative to the first in each motion [n], or reversed: relative to the body ``parent``.
-        A motor's case that turns about its shaft is the shaft turning about the reversed axis."""
+        """Angular rate of the second body relative to the first in each motion [n], or reversed:
+        relative to the body ``parent``. A motor's case that turns about its shaft is the shaft
+        turning about the reversed axis."""
         first, second = self.bodies if parent in (None, self.bodies[0]) else self.bodies[::-1]
         sign = -1.0 if self.motor is not None and first != self.bodies[0] else 1.0
         relative = motions[6 * second + 3 : 6 * second + 6] - motions[6 * first + 3 : 6 * first + 6]
@@ -69,24 +71,35 @@ class Bodies:
     meshes: tuple[tuple[int, int, Mesh], ...]
 
     def motions(self, *, locked: Iterable[int] = ()) -> Floats:
-        """Possible motions [6 x bodies, n], orthonormal; the first body is at rest, the motors in ``locked`` are braked."""
+        """Possible motions [6 x bodies, n], orthonormal; the first body is at rest, the motors in
+        ``locked`` are braked."""
         count, braked = len(self.members), set(locked)
         rows = [_rows(count, (0, np.eye(6)))]
         for joint in self.joints:
             can_turn = joint.motor not in braked
-            block = _joint_rows(joint.point, joint.axis, slides=joint.slides, turns=can_turn, is_ball=joint.is_ball)
+            block = _joint_rows(
+                joint.point, joint.axis, slides=joint.slides, turns=can_turn, is_ball=joint.is_ball
+            )
             rows.append(_rows(count, (joint.bodies[0], block), (joint.bodies[1], -block)))
-        rows += [_rows(count, (body, np.concatenate([np.zeros(3), axis])[None])) for body, axis in self._free_spins()]
+        rows += [
+            _rows(count, (body, np.concatenate([np.zeros(3), axis])[None]))
+            for body, axis in self._free_spins()
+        ]
         for first, second, mesh in self.meshes:
             scaled = np.concatenate([mesh.motion[:, :3], mesh.motion[:, 3:] / RATE_LENGTH], axis=1)
             rows.append(_rows(count, (first, scaled[:1]), (second, scaled[1:])))
         return _null_space(np.concatenate(rows))
 
     def _free_spins(self) -> Iterator[tuple[int, Floats]]:
-        """Bodies between two ball joints, and the axis of their free spin, which moves nothing else."""
+        """Bodies between two ball joints, and the axis of their free spin, which moves nothing
+        else."""
         for body in range(1, len(self.members)):
             joints = [joint for joint in self.joints if body in joint.bodies]
-            if len(joints) == 2 and all(joint.is_ball for joint in joints) and not any(body in mesh[:2] for mesh in self.meshes):
+            if (
+                len(joints) == 2
+                and all(joint.is_ball for joint in joints)
+                and not any(body in mesh[:2] for mesh in self.meshes)
+            ):
                 axis = joints[1].point - joints[0].point
                 if (length := np.linalg.norm(axis)) > _AXIS_TOLERANCE:
                     yield body, axis / length
@@ -98,21 +111,30 @@ def _null_space(rows: Floats) -> Floats:
     return np.asarray(eigenvectors[:, eigenvalues < _RANK_TOLERANCE**2])
 
 
-def _joint_rows(point: Floats, axis: Floats, *, slides: bool, turns: bool = True, is_ball: bool = False) -> Floats:
+def _joint_rows(
+    point: Floats, axis: Floats, *, slides: bool, turns: bool = True, is_ball: bool = False
+) -> Floats:
     """Constraints [3..6, 6] on the difference of two bodies' rates."""
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = np.cross(axis, helper)
     first /= np.linalg.norm(first)
     normals = [first, np.cross(axis, first)]
     blocked = normals if slides else [*normals, axis]
-    rows = [np.concatenate([direction, np.cross(point, direction) / RATE_LENGTH]) for direction in blocked]
+    rows = [
+        np.concatenate([direction, np.cross(point, direction) / RATE_LENGTH])
+        for direction in blocked
+    ]
     if not is_ball:
-        rows += [np.concatenate([np.zeros(3), direction]) for direction in (normals if turns else [*normals, axis])]
+        rows += [
+            np.concatenate([np.zeros(3), direction])
+            for direction in (normals if turns else [*normals, axis])
+        ]
     return np.array(rows)
 
 
 def _rows(count: int, *blocks: tuple[int, Floats]) -> Floats:
-    """Constraints [n, 6 x count] on the rates of so many bodies from blocks [n, 6] for some of them."""
+    """Constraints [n, 6 x count] on the rates of so many bodies from blocks [n, 6] for some of
+    them."""
     rows = np.zeros((len(blocks[0][1]), 6 * count))
     for body, block in blocks:
         rows[:, 6 * body : 6 * body + 6] += block
@@ -136,14 +158,22 @@ class _Link(NamedTuple):
     female: int
 
 
-def find_bodies(parts: Sequence[Placed], connections: Sequence[Connection], meshes: Sequence[Mesh]) -> Bodies:
-    """The bodies of the parts, the heaviest first; bodies that are not connected to it are left out.
+def find_bodies(
+    parts: Sequence[Placed], connections: Sequence[Connection], meshes: Sequence[Mesh]
+) -> Bodies:
+    """The bodies of the parts, the heaviest first; bodies that are not connected to it are left
+    out.
 
-    Parts are one body if their connections leave no relative motion, first in pairs, then in the whole mechanism.
+    Parts are one body if their connections leave no relative motion, first in pairs, then in the
+    whole mechanism.
     """
     count = len(parts)
     links = [
-        _Link(link, link.male + count * link.male_site.turns, link.female + count * link.female_site.turns)
+        _Link(
+            link,
+            link.male + count * link.male_site.turns,
+            link.female + count * link.female_site.turns,
+        )
         for link in connections
         if link.fits and not link.is_crossed
     ]
@@ -161,7 +191,9 @@ def find_bodies(parts: Sequence[Placed], connections: Sequence[Connection], mesh
             return bodies
 
 
-def _bodies(parts: Sequence[Placed], links: Sequence[_Link], meshes: Sequence[Mesh], groups: _Groups) -> tuple[Bodies, list[int]]:
+def _bodies(
+    parts: Sequence[Placed], links: Sequence[_Link], meshes: Sequence[Mesh], groups: _Groups
+) -> tuple[Bodies, list[int]]:
     """The current bodies and the representative of each."""
     count = len(parts)
     motors = [placed.index for placed in parts if any(site.turns for site in placed.part.sites)]
@@ -171,7 +203,9 @@ def _bodies(parts: Sequence[Placed], links: Sequence[_Link], meshes: Sequence[Me
     for motor in motors:
         if groups[motor] in number_of:
             placed = parts[motor]
-            shaft = next(site for site in placed.part.sites if site.turns and site.fit is Fit.AXLE_HOLE)
+            shaft = next(
+                site for site in placed.part.sites if site.turns and site.fit is Fit.AXLE_HOLE
+            )
             pair = (number_of[groups[motor]], number_of[groups[motor + count]])
             axis = placed.rotation @ np.array(placed.electric.direction)
             joints.append(BodyJoint(pair, placed.point(shaft.centre), axis, False, motor))
@@ -181,7 +215,13 @@ def _bodies(parts: Sequence[Placed], links: Sequence[_Link], meshes: Sequence[Me
             can_slide = frozenset((first, second)) in slides
             pair = (number_of[first], number_of[second])
             joints += [
-                BodyJoint(pair, *_line_of(bundle), bundle[0].connection.is_axle and can_slide, None, bundle[0].connection.is_ball)
+                BodyJoint(
+                    pair,
+                    *_line_of(bundle),
+                    bundle[0].connection.is_axle and can_slide,
+                    None,
+                    bundle[0].connection.is_ball,
+                )
                 for bundle in bundles
             ]
     geared_bodies = [
@@ -190,19 +230,24 @@ def _bodies(parts: Sequence[Placed], links: Sequence[_Link], meshes: Sequence[Me
         if mesh.is_good and groups[mesh.first] in number_of and groups[mesh.second] in number_of
     ]
     members = tuple(tuple(part for part in range(count) if groups[part] == root) for root in roots)
-    rotors = tuple(tuple(motor for motor in motors if groups[motor + count] == root) for root in roots)
+    rotors = tuple(
+        tuple(motor for motor in motors if groups[motor + count] == root) for root in roots
+    )
     return Bodies(members, rotors, tuple(joints), tuple(geared_bodies)), roots
 
 
 def _bundles(links: Sequence[_Link], groups: _Groups) -> dict[tuple[int, int], list[list[_Link]]]:
-    """The connections between each pair of bodies, grouped by axis; in each group those that cannot slide come first."""
+    """The connections between each pair of bodies, grouped by axis; in each group those that cannot
+    slide come first."""
     bundles_of: dict[tuple[int, int], list[list[_Link]]] = {}
     for link in sorted(links, key=lambda link: link.connection.is_axle):
         first, second = groups[link.male], groups[link.female]
         if first == second:
             continue
         bundles = bundles_of.setdefault((min(first, second), max(first, second)), [])
-        bundle = next((bundle for bundle in bundles if _is_coaxial(link.connection, bundle[0].connection)), [])
+        bundle = next(
+            (bundle for bundle in bundles if _is_coaxial(link.connection, bundle[0].connection)), []
+        )
         if not bundle:
             bundles.append(bundle)
         bundle.append(link)
@@ -221,12 +266,17 @@ def _line_of(bundle: Sequence[_Link]) -> tuple[Floats, Floats]:
 
 def _is_coaxial(first: Connection, second: Connection) -> bool:
     is_ball = first.is_ball or second.is_ball
-    return not is_ball and lines_coincide(first.point, first.axis, second.point, second.axis, offset=_AXIS_TOLERANCE, sine=0.05)
+    return not is_ball and lines_coincide(
+        first.point, first.axis, second.point, second.axis, offset=_AXIS_TOLERANCE, sine=0.05
+    )
 
 
 def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> None:
-    """Join each pin, and each axle or bush with a pin to which nothing is fixed, to a part around it: it may spin."""
-    fixed = {node for link in links if link.connection.is_rigid for node in (link.male, link.female)}
+    """Join each pin, and each axle or bush with a pin to which nothing is fixed, to a part around
+    it: it may spin."""
+    fixed = {
+        node for link in links if link.connection.is_rigid for node in (link.male, link.female)
+    }
     for link in links:
         sites = parts[link.connection.male].part.sites
         is_alone = len({(site.axis, site.centre[1], site.centre[2]) for site in sites}) == 1
@@ -238,14 +288,18 @@ def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Gr
 def _join_loose(parts: Sequence[Placed], groups: _Groups) -> None:
     """Join parts with unmodelled connections to the nearest part, such as a tyre to its rim."""
     for placed in parts:
-        others = [other for other in parts if other.index != placed.index and not other.part.is_loose]
+        others = [
+            other for other in parts if other.index != placed.index and not other.part.is_loose
+        ]
         if placed.part.family == "tyres":
             others = [other for other in others if other.part.family == "wheels"]
         is_chain = placed.part.family == "chains"
         if is_chain:  # it keeps its place, while its gears turn
             others = [other for other in others if other.part.family in ("beams", "hubs", "motors")]
         if placed.part.is_loose and others:
-            nearest = min(others, key=lambda other: float(np.linalg.norm(other.position - placed.position)))
+            nearest = min(
+                others, key=lambda other: float(np.linalg.norm(other.position - placed.position))
+            )
             if is_chain or np.linalg.norm(nearest.position - placed.position) < _MAX_LOOSE_DISTANCE:
                 _join(groups, placed.index, nearest.index)
 
@@ -258,7 +312,10 @@ def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
             continue
         connections = [bundle[0].connection for bundle in bundles]
         origin = connections[0].point
-        blocks = [_joint_rows(link.point - origin, link.axis, slides=link.is_axle, is_ball=link.is_ball) for link in connections]
+        blocks = [
+            _joint_rows(link.point - origin, link.axis, slides=link.is_axle, is_ball=link.is_ball)
+            for link in connections
+        ]
         if not _null_space(np.concatenate(blocks)).size:
             _join(groups, *pair)
             merged = True
@@ -272,29 +329,39 @@ def _merge_equal_motions(bodies: Bodies, roots: Sequence[int], groups: _Groups) 
     for number, root in enumerate(roots):
         rates = motions[6 * number : 6 * number + 6]
         for other in range(number):
-            if np.abs(motions[6 * other : 6 * other + 6] - rates).max(initial=0.0) < _MOTION_TOLERANCE:
+            if (
+                np.abs(motions[6 * other : 6 * other + 6] - rates).max(initial=0.0)
+                < _MOTION_TOLERANCE
+            ):
                 _join(groups, root, roots[other])
                 merged = True
                 break
     return merged
 
 
-def _ordered(parts: Sequence[Placed], motors: Sequence[int], links: Sequence[_Link], groups: _Groups) -> list[int]:
+def _ordered(
+    parts: Sequence[Placed], motors: Sequence[int], links: Sequence[_Link], groups: _Groups
+) -> list[int]:
     """Representatives of the bodies connected to the heaviest one, which comes first."""
     count = len(parts)
     masses: dict[int, float] = defaultdict(float)
     for placed in parts:
         masses[groups[placed.index]] += placed.part.mass_g
     neighbours: dict[int, set[int]] = defaultdict(set)
-    for first, second in [(link.male, link.female) for link in links] + [(motor, motor + count) for motor in motors]:
+    for first, second in [(link.male, link.female) for link in links] + [
+        (motor, motor + count) for motor in motors
+    ]:
         neighbours[groups[first]].add(groups[second])
         neighbours[groups[second]].add(groups[first])
     start = max(masses, key=lambda root: masses[root])
     return [start, *sorted(reached([start], neighbours) - {start})]
 
 
-def _sliding(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> set[frozenset[int]]:
-    """Pairs of bodies that slide along a common axle: no part fixed to the axle stops them in both directions."""
+def _sliding(
+    parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups
+) -> set[frozenset[int]]:
+    """Pairs of bodies that slide along a common axle: no part fixed to the axle stops them in both
+    directions."""
     fixed_to: dict[int, list[Connection]] = defaultdict(list)
     for link in links:
         if link.connection.is_axle and groups[link.male] == groups[link.female]:
@@ -306,7 +373,9 @@ def _sliding(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -
             continue
         ends = stops[frozenset((first, second))]
         # Parallel axles have the same two directions, whichever of the bodies has the axle.
-        sign = float(np.sign(connection.axis[int(np.argmax(np.abs(connection.axis)))])) * (1 if first < second else -1)
+        sign = float(np.sign(connection.axis[int(np.argmax(np.abs(connection.axis)))])) * (
+            1 if first < second else -1
+        )
         low, high = _span(parts[connection.female], connection.female_site, connection)
         for fixed in fixed_to[link.male]:
             start, end = _span(parts[fixed.female], fixed.female_site, connection)

@@ -1,5 +1,5 @@
-"""Building instructions as PDF or HTML: cover, parts, a page for each step, cables. A5 landscape; printed at 100 %, bars are as
-long as the parts. No LDraw library, no OpenGL.
+"""Building instructions as PDF or HTML: cover, parts, a page for each step, cables. A5 landscape;
+printed at 100 %, bars are as long as the parts. No LDraw library, no OpenGL.
 """
 
 from __future__ import annotations
@@ -23,7 +23,16 @@ from bricktwin.plans.geometry import MM_PER_LDU, Floats
 from bricktwin.plans.instructions import Instruction, Scene, instructions, placed_items
 from bricktwin.plans.part import DeviceKind, Fit
 from bricktwin.plans.parts_list import parts_list
-from bricktwin.plans.picture import OVERSAMPLING, VIEWS, Picture, Pixels, Shown, Studio, View, extent
+from bricktwin.plans.picture import (
+    OVERSAMPLING,
+    VIEWS,
+    Picture,
+    Pixels,
+    Shown,
+    Studio,
+    View,
+    extent,
+)
 from bricktwin.plans.plan import Placed, Plan
 
 if TYPE_CHECKING:
@@ -51,7 +60,8 @@ _BEAM_WIDTH_MM, _AXLE_WIDTH_MM, _MODULE_MM = 7.2, 4.6, 8.0
 
 @dataclass(frozen=True)
 class Item:
-    """A kind of part, or a sub-assembly: picture, count, text; ``bar``: what is drawn at 1:1, or ``None``."""
+    """A kind of part, or a sub-assembly: picture, count, text; ``bar``: what is drawn at 1:1, or
+    ``None``."""
 
     picture: Picture
     count: int
@@ -83,12 +93,14 @@ class Page:
 
 
 def write_booklet(plan: Plan, path: Path) -> int:
-    """Write the booklet. Returns the number of pages. Raises PlanError if the suffix is not ``.pdf`` or ``.html``, or the plan
-    has no parts."""
+    """Write the booklet. Returns the number of pages. Raises PlanError if the suffix is not
+    ``.pdf`` or ``.html``, or the plan has no parts."""
     if path.suffix.lower() not in FORMATS:
         raise PlanError(f"{path}: a booklet is a .pdf or .html file; name one of these")
     if not plan.parts:
-        raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricktwin plan check` on it")
+        raise PlanError(
+            f"{plan.path} has no part that the catalogue knows; run `bricktwin plan check` on it"
+        )
     check_writable(path)
     data, count = (_pdf if path.suffix.lower() == ".pdf" else _html)(plan, pages_of(plan))
     write_durably(path, data)
@@ -100,7 +112,10 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     studio = Studio()
     entries, steps = parts_list(plan), list(instructions(plan, studio))
     everything = _at_rest(plan.parts)
-    text = f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(steps)} steps · {plan.mass_g:.0f} g"
+    text = (
+        f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(steps)} steps · "
+        f"{plan.mass_g:.0f} g"
+    )
     yield Page(plan.title, text, _fitted(studio, everything, VIEWS[0], (7.4, 4.3)))
     samples = {(placed.part, placed.colour): placed for placed in plan.parts}
     items = [
@@ -119,18 +134,29 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     if cables:
         note = "Plug in the cables last, and keep them away from moving parts."
         picture = _fitted(studio, everything, VIEWS[3], (7.6, 4.55 - 0.22 * len(cables)))
-        yield Page("Cables", note, picture, lines=tuple(cable.text for cable in cables), cables=cables)
+        yield Page(
+            "Cables", note, picture, lines=tuple(cable.text for cable in cables), cables=cables
+        )
 
 
 def _at_rest(parts: Iterable[Placed]) -> list[Shown]:
     return [Shown(placed, np.zeros(3)) for placed in parts]
 
 
-def _fitted(studio: Studio, shown: Sequence[Shown], view: View, inches: tuple[float, float], largest: float = 1.15) -> Picture:
+def _fitted(
+    studio: Studio,
+    shown: Sequence[Shown],
+    view: View,
+    inches: tuple[float, float],
+    largest: float = 1.15,
+) -> Picture:
     """A picture that fits into a width and height, at most so many times as large as the parts."""
     width, height = extent(shown, view)
     room = min(inches[0] / width, inches[1] / height) * DPI * OVERSAMPLING
-    zoom = next((scale for scale in _SCALES if scale <= min(room, largest * _LIFE_SIZE * 1.001)), _SCALES[-1])
+    zoom = next(
+        (scale for scale in _SCALES if scale <= min(room, largest * _LIFE_SIZE * 1.001)),
+        _SCALES[-1],
+    )
     return studio.picture(shown, view, zoom)
 
 
@@ -151,7 +177,11 @@ def _step_page(plan: Plan, studio: Studio, step: Instruction, number: int) -> Pa
     bars = sum(item.bar is not None for item in items)
     inches = (5.7, 4.7 - 0.36 * bars - (0.25 if step.note else 0.0))
     picture = _fitted(studio, step.scene.shown, step.scene.view, inches)
-    inset = None if step.inset is None else _fitted(studio, step.inset.shown, step.inset.view, (1.7, 1.5))
+    inset = (
+        None
+        if step.inset is None
+        else _fitted(studio, step.inset.shown, step.inset.view, (1.7, 1.5))
+    )
     return Page(str(number), step.note, picture, tuple(items), step, inset)
 
 
@@ -173,25 +203,34 @@ def _cables(plan: Plan) -> tuple[Cable, ...]:
     hubs = plan.devices(DeviceKind.HUB)
     positions = dict(hubs[0].electric.ports) if hubs else {}
     cables = []
-    for placed in sorted(plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR), key=lambda placed: placed.port or ""):
+    for placed in sorted(
+        plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR), key=lambda placed: placed.port or ""
+    ):
         if placed.port is None or placed.port not in positions:
             continue
         device, socket = placed.electric, hubs[0].point(positions[placed.port])
         plug = placed.point(device.plug)
         distance_mm = float(np.linalg.norm(socket - plug)) * MM_PER_LDU
         name = f" '{placed.device}'" if placed.device else ""
-        text = f"Port {placed.port}: {placed.part.name}{name}, {distance_mm:.0f} mm away; its cable has {device.cable_mm:.0f} mm"
+        text = (
+            f"Port {placed.port}: {placed.part.name}{name}, {distance_mm:.0f} mm away; its "
+            f"cable has {device.cable_mm:.0f} mm"
+        )
         cables.append(Cable(placed.port, text, (socket, plug)))
     return tuple(cables)
 
 
 def _pdf(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
-    """The booklet and its number of pages. A page's picture is large: they are drawn one after the other."""
+    """The booklet and its number of pages. A page's picture is large: they are drawn one after the
+    other."""
     import_matplotlib()
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
 
-    buffer, metadata = io.BytesIO(), {"Title": plan.title, "Creator": "BricksRL", "CreationDate": None}
+    buffer, metadata = (
+        io.BytesIO(),
+        {"Title": plan.title, "Creator": "BricksRL", "CreationDate": None},
+    )
     with rc_context({"text.parse_math": False}), PdfPages(buffer, metadata=metadata) as pdf:
         for number, page in enumerate(pages, 1):
             pdf.savefig(_figure(page, number))
@@ -208,12 +247,28 @@ def _html(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
         buffer, png = io.BytesIO(), io.BytesIO()
         with rc_context({"text.parse_math": False}):
             _figure(page, number).savefig(buffer, format="png", dpi=_HTML_DPI)
-        Image.open(buffer).convert("RGB").quantize(2 * _COLOURS, dither=Image.Dither.NONE).save(png, format="png", optimize=True)
-        texts = [page.head, *(f"{item.count} x {item.text}" for item in page.items), *page.lines, page.note]
+        Image.open(buffer).convert("RGB").quantize(2 * _COLOURS, dither=Image.Dither.NONE).save(
+            png, format="png", optimize=True
+        )
+        texts = [
+            page.head,
+            *(f"{item.count} x {item.text}" for item in page.items),
+            *page.lines,
+            page.note,
+        ]
         source = f"data:image/png;base64,{base64.b64encode(png.getvalue()).decode()}"
-        body.append(f'<section><img alt="{html.escape(". ".join(filter(None, texts)))}" src="{source}"></section>')
-    style = "body{margin:auto;max-width:80em}section{break-after:page;border-bottom:1px solid #ccc}img{width:100%}"
-    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(plan.title)}</title><style>{style}</style>'
+        body.append(
+            f'<section><img alt="{html.escape(". ".join(filter(None, texts)))}" '
+            f'src="{source}"></section>'
+        )
+    style = (
+        "body{margin:auto;max-width:80em}section{break-after:page;border-bottom:1px solid "
+        "#ccc}img{width:100%}"
+    )
+    head = (
+        '<!doctype html><html lang="en"><meta '
+        f'charset="utf-8"><title>{html.escape(plan.title)}</title><style>{style}</style>'
+    )
     return f"{head}<body>{''.join(body)}</body></html>\n".encode(), len(body)
 
 
@@ -226,7 +281,9 @@ def _figure(page: Page, number: int) -> Figure:
     paper = _SUB_ASSEMBLY if step is not None and step.assembly else _PAPER
     if step is not None and step.assembly:
         _box(figure, (0.12, 0.12, _WIDTH - 0.24, _HEIGHT - 0.24), paper, "#b08900")
-        title = _title(step.assembly[-1].rpartition(":")[0]) + (f"  ·  build it {step.times} times" if step.times > 1 else "")
+        title = _title(step.assembly[-1].rpartition(":")[0]) + (
+            f"  ·  build it {step.times} times" if step.times > 1 else ""
+        )
         _text(figure, 2.35, _HEIGHT - 0.38, title, 12, weight="bold")
     _text(figure, 0.32, _HEIGHT - 0.48, page.head, 30 if step else 22, weight="bold")
     _text(figure, _WIDTH - 0.28, 0.3, f"{number}", 8, ha="right", color="0.45")
@@ -243,7 +300,9 @@ def _figure(page: Page, number: int) -> Figure:
         _scene(figure, page, step, floor, paper)
     if page.picture is not None and step is None:
         floor = 0.55 + 0.22 * len(page.lines)
-        corner = _put(figure, page.picture, None, _PAPER, (_WIDTH / 2, floor + (_HEIGHT - 0.75 - floor) / 2))
+        corner = _put(
+            figure, page.picture, None, _PAPER, (_WIDTH / 2, floor + (_HEIGHT - 0.75 - floor) / 2)
+        )
         _compass(figure, page.picture.view, (_WIDTH - 0.85, floor + 0.3))
         for row, line in enumerate(reversed(page.lines)):
             _text(figure, 0.4, 0.6 + 0.22 * row, line, 9)
@@ -252,8 +311,11 @@ def _figure(page: Page, number: int) -> Figure:
     return figure
 
 
-def _scene(figure: Figure, page: Page, step: Instruction, floor: float, paper: tuple[float, float, float]) -> None:
-    """The picture of a step with its arrows, the inset, the compass and the mark of a turned view."""
+def _scene(
+    figure: Figure, page: Page, step: Instruction, floor: float, paper: tuple[float, float, float]
+) -> None:
+    """The picture of a step with its arrows, the inset, the compass and the mark of a turned
+    view."""
     assert page.picture is not None  # noqa: S101
     middle = (2.3 + (_WIDTH - 2.3 - 0.3) / 2, floor + (_HEIGHT - 0.8 - floor) / 2)
     corner = _put(figure, page.picture, set(step.scene.bright), paper, middle)
@@ -262,7 +324,13 @@ def _scene(figure: Figure, page: Page, step: Instruction, floor: float, paper: t
         width, height = (side / DPI for side in page.inset.size)
         place = (_WIDTH - 0.45 - width, floor + 0.15)
         _box(figure, (place[0] - 0.1, place[1] - 0.1, width + 0.2, height + 0.2), _PAPER, "0.35")
-        inner = _put(figure, page.inset, set(step.inset.bright), _PAPER, (place[0] + width / 2, place[1] + height / 2))
+        inner = _put(
+            figure,
+            page.inset,
+            set(step.inset.bright),
+            _PAPER,
+            (place[0] + width / 2, place[1] + height / 2),
+        )
         _arrows(figure, page.inset, inner, step.inset)
     _compass(figure, step.scene.view, (_WIDTH - 0.85, _HEIGHT - 0.5))
     if step.is_turned:
@@ -272,16 +340,31 @@ def _scene(figure: Figure, page: Page, step: Instruction, floor: float, paper: t
 def _text(figure: Figure, x: float, y: float, text: str, size: float, **style: Any) -> None:
     """Text at a position in inches."""
     above = len(figure.get_children())
-    figure.text(x / _WIDTH, y / _HEIGHT, text, fontsize=size, zorder=above, linespacing=1.15, **{"va": "center", **style})
+    figure.text(
+        x / _WIDTH,
+        y / _HEIGHT,
+        text,
+        fontsize=size,
+        zorder=above,
+        linespacing=1.15,
+        **{"va": "center", **style},
+    )
 
 
-def _box(figure: Figure, rectangle: tuple[float, float, float, float], face: tuple[float, float, float], edge: str) -> None:
+def _box(
+    figure: Figure,
+    rectangle: tuple[float, float, float, float],
+    face: tuple[float, float, float],
+    edge: str,
+) -> None:
     """A box with round corners: left, bottom, width, height in inches."""
     from matplotlib.patches import FancyBboxPatch
 
     left, bottom, width, height = rectangle
     style = "round,pad=0,rounding_size=0.09"
-    patch = FancyBboxPatch((left, bottom), width, height, style, facecolor=face, edgecolor=edge, linewidth=0.8)
+    patch = FancyBboxPatch(
+        (left, bottom), width, height, style, facecolor=face, edgecolor=edge, linewidth=0.8
+    )
     _add(figure, patch)
 
 
@@ -329,12 +412,18 @@ def _arrow(
 
 
 def _put(
-    figure: Figure, picture: Picture, bright: set[int] | None, paper: tuple[float, float, float], middle: tuple[float, float]
+    figure: Figure,
+    picture: Picture,
+    bright: set[int] | None,
+    paper: tuple[float, float, float],
+    middle: tuple[float, float],
 ) -> tuple[float, float]:
     """Put a picture's middle somewhere, in inches. Returns its upper left corner."""
     width, height = (side / DPI for side in picture.size)
     left, top = middle[0] - width / 2, middle[1] + height / 2
-    axes = figure.add_axes((left / _WIDTH, (top - height) / _HEIGHT, width / _WIDTH, height / _HEIGHT))
+    axes = figure.add_axes(
+        (left / _WIDTH, (top - height) / _HEIGHT, width / _WIDTH, height / _HEIGHT)
+    )
     axes.set_zorder(len(figure.get_children()))
     axes.imshow(_indexed(picture.pixels(bright, paper), paper), interpolation="none", aspect="auto")
     axes.set_axis_off()
@@ -343,7 +432,9 @@ def _put(
 
 def _indexed(pixels: Pixels, paper: tuple[float, float, float]) -> Pixels:
     """A picture with few colours, a third of the bytes; the paper keeps its own."""
-    few = np.asarray(Image.fromarray(pixels).quantize(_COLOURS, dither=Image.Dither.NONE).convert("RGB")).copy()
+    few = np.asarray(
+        Image.fromarray(pixels).quantize(_COLOURS, dither=Image.Dither.NONE).convert("RGB")
+    ).copy()
     blank = np.round(np.array(paper) * 255).astype(np.uint8)
     few[(pixels == blank).all(axis=-1)] = blank
     return few
@@ -360,29 +451,54 @@ def _cable(figure: Figure, picture: Picture, corner: tuple[float, float], cable:
     ends = [_inches(picture, corner, end) for end in cable.ends]
     _line(figure, ends, "white", 3.0)
     _line(figure, ends, _CABLE, 1.4)
-    badge = {"boxstyle": "circle,pad=0.2", "facecolor": "white", "edgecolor": _CABLE, "linewidth": 0.9}
+    badge = {
+        "boxstyle": "circle,pad=0.2",
+        "facecolor": "white",
+        "edgecolor": _CABLE,
+        "linewidth": 0.9,
+    }
     for x, y in ends:
         _text(figure, x, y, cable.port, 7, weight="bold", ha="center", bbox=badge)
 
 
 def _arrows(figure: Figure, picture: Picture, corner: tuple[float, float], scene: Scene) -> None:
     for start, end in scene.arrows:
-        is_hidden = np.mean([picture.hides(start + (end - start) * share) for share in np.linspace(0.0, 0.9, 7)]) > 0.5
+        is_hidden = (
+            np.mean(
+                [picture.hides(start + (end - start) * share) for share in np.linspace(0.0, 0.9, 7)]
+            )
+            > 0.5
+        )
         way = (_inches(picture, corner, start), _inches(picture, corner, end))
-        _arrow(figure, *way, "0.4" if is_hidden else _ARROW, 0.9 if is_hidden else 1.6, style="--" if is_hidden else "-")
+        _arrow(
+            figure,
+            *way,
+            "0.4" if is_hidden else _ARROW,
+            0.9 if is_hidden else 1.6,
+            style="--" if is_hidden else "-",
+        )
 
 
 def _compass(figure: Figure, view: View, middle: tuple[float, float]) -> None:
     """The robot's front and right in a view; in a plan they are z and x."""
     right, front = ((view.axes[:2] @ np.eye(3)[axis]) * np.array([0.42, -0.42]) for axis in (0, 2))
-    corners = [np.array(middle) + (i * right + j * front) * 0.45 for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
+    corners = [
+        np.array(middle) + (i * right + j * front) * 0.45
+        for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
+    ]
     _line(figure, [(float(x), float(y)) for x, y in corners], "0.6", 0.8)
     for direction, name, colour in ((right, "right", "#1864ab"), (front, "front", "0.3")):
         tip = np.array(middle) + direction
         _arrow(figure, middle, (float(tip[0]), float(tip[1])), colour, 1.2)
-        label = np.array(middle) + direction * 1.12 + np.array([0.03 * np.sign(direction[0]), 0.05 * np.sign(direction[1])])
+        label = (
+            np.array(middle)
+            + direction * 1.12
+            + np.array([0.03 * np.sign(direction[0]), 0.05 * np.sign(direction[1])])
+        )
         align = "left" if direction[0] > 0 else "right"
-        _text(figure, float(label[0]), float(label[1]), name, 7, ha=align, color=colour, weight="bold")
+        _text(
+            figure, float(label[0]), float(label[1]), name, 7, ha=align, color=colour, weight="bold"
+        )
 
 
 def _turn_mark(figure: Figure, view: View, middle: tuple[float, float]) -> None:
@@ -390,7 +506,10 @@ def _turn_mark(figure: Figure, view: View, middle: tuple[float, float]) -> None:
     x, y = middle
     _arrow(figure, (x - 0.16, y - 0.05), (x + 0.16, y - 0.05), "0.2", 1.4, 0.6)
     _arrow(figure, (x + 0.16, y + 0.05), (x - 0.16, y + 0.05), "0.2", 1.4, 0.6)
-    sides = ["behind" if abs(view.turn_deg) > 90 else "the front", "left" if view.turn_deg > 0 else "right"]
+    sides = [
+        "behind" if abs(view.turn_deg) > 90 else "the front",
+        "left" if view.turn_deg > 0 else "right",
+    ]
     _text(
         figure,
         x,
@@ -406,18 +525,32 @@ def _item_column(figure: Figure, items: Sequence[Item]) -> None:
     """The box with the items of a step."""
     height = 0.98
     top = _HEIGHT - 0.85
-    _box(figure, (0.28, top - height * len(items) - 0.06, 1.85, height * len(items) + 0.06), _BOX, "#7a9bb8")
+    _box(
+        figure,
+        (0.28, top - height * len(items) - 0.06, 1.85, height * len(items) + 0.06),
+        _BOX,
+        "#7a9bb8",
+    )
     for row, item in enumerate(items):
         y = top - height * (row + 1)
         _put(figure, item.picture, None, _BOX, (1.2, y + 0.6))
         _text(figure, 0.4, y + 0.13, f"{item.count}x", 11, weight="bold")
-        _text(figure, 0.55 + 0.1 * len(str(item.count)), y + 0.13, textwrap.shorten(item.text, 27), 7.5)
+        _text(
+            figure,
+            0.55 + 0.1 * len(str(item.count)),
+            y + 0.13,
+            textwrap.shorten(item.text, 27),
+            7.5,
+        )
 
 
 def _part_list(figure: Figure, items: Sequence[Item]) -> None:
     width, height = (_WIDTH - 0.6) / _LIST_COLUMNS, 1.6
     for index, item in enumerate(items):
-        x, y = 0.32 + width * (index % _LIST_COLUMNS), _HEIGHT - 0.8 - height * (index // _LIST_COLUMNS + 1)
+        x, y = (
+            0.32 + width * (index % _LIST_COLUMNS),
+            _HEIGHT - 0.8 - height * (index // _LIST_COLUMNS + 1),
+        )
         _box(figure, (x, y + 0.04, width - 0.1, height - 0.1), _BOX, "#7a9bb8")
         _put(figure, item.picture, None, _BOX, (x + width / 2 - 0.05, y + 1.0))
         _text(figure, x + 0.08, y + height - 0.2, f"{item.count}x", 12, weight="bold")
@@ -436,8 +569,19 @@ def _life_size(figure: Figure, placed: Placed, y: float) -> None:
     _box(figure, (left, y - width / 2, length, width), (0.93, 0.93, 0.93), "0.2")
     for module in range(modules):
         if is_axle and module:
-            _line(figure, [(left + module * pitch, y - width / 2), (left + module * pitch, y + width / 2)], "0.55", 0.6)
+            _line(
+                figure,
+                [(left + module * pitch, y - width / 2), (left + module * pitch, y + width / 2)],
+                "0.55",
+                0.6,
+            )
         elif not is_axle and any(site.fit is Fit.HOLE for site in placed.part.sites):
-            hole = Circle((left + (module + 0.5) * pitch, y), 2.4 / 25.4, facecolor="white", edgecolor="0.2", linewidth=0.7)
+            hole = Circle(
+                (left + (module + 0.5) * pitch, y),
+                2.4 / 25.4,
+                facecolor="white",
+                edgecolor="0.2",
+                linewidth=0.7,
+            )
             _add(figure, hole)
     _text(figure, left + length + 0.08, y, f"{modules}   1:1", 8, weight="bold")

@@ -1,8 +1,8 @@
 """Space that parts occupy: collisions, and free paths to their places in the building steps.
 
-A part collides if sample points of it are inside the material of another; a hole is room for the pin or axle that fits into it,
-and for nothing else. A step is tried backwards: its parts are removed one
-after the other, each along a straight line.
+A part collides if sample points of it are inside the material of another; a hole is room for the
+pin or axle that fits into it, and for nothing else. A step is tried backwards: its parts are
+removed one after the other, each along a straight line.
 """
 
 import enum
@@ -18,7 +18,8 @@ from bricktwin.plans.geometry import Bools, Floats
 from bricktwin.plans.plan import Placed, Plan, Step
 
 _MARGIN = 0.8
-"""LDU; with the sampling depth, overlaps up to 0.7 mm are tolerated, as real parts are slightly smaller."""
+"""LDU; with the sampling depth, overlaps up to 0.7 mm are tolerated, as real parts are slightly
+smaller."""
 _MIN_POINTS = 2
 """Minimum number of points inside."""
 _MAX_PAIRS, _MAX_COMPARED = 200, 50_000
@@ -31,8 +32,8 @@ class Occupancy:
     """Space occupied by the parts of a plan.
 
     Attributes:
-        low, high: [n, 3], bounds of each part in the plan's frame.
-        queries: number of calls of `is_free`; ``most_queries``: above it, no further paths are searched.
+        low, high: [n, 3], bounds of each part in the plan's frame. queries: number of calls of
+        `is_free`; ``most_queries``: above it, no further paths are searched.
     """
 
     def __init__(self, parts: Sequence[Placed], most_queries: int = _MAX_QUERIES) -> None:
@@ -49,10 +50,16 @@ class Occupancy:
             for index in range(len(self._parts))
             for other in np.flatnonzero(self._near(index, still)[index + 1 :])
         )
-        return list(islice((pair for pair in islice(near, _MAX_COMPARED) if self._collide(*pair, still)), _MAX_PAIRS))
+        return list(
+            islice(
+                (pair for pair in islice(near, _MAX_COMPARED) if self._collide(*pair, still)),
+                _MAX_PAIRS,
+            )
+        )
 
     def is_free(self, group: Iterable[int], others: Bools, shift: Floats) -> bool:
-        """Whether a group of parts, moved by ``shift``, collides with none of the parts in ``others`` [n]."""
+        """Whether a group of parts, moved by ``shift``, collides with none of the parts in
+        ``others`` [n]."""
         self.queries += 1
         for index in group:
             near = self._near(index, shift) & others
@@ -80,7 +87,10 @@ class Occupancy:
         target = self._parts[other]
         inner, holes = target.to_part(points[near]), open_holes(self._parts[index], shift, target)
         # In large overlaps a few points are enough.
-        return any(np.count_nonzero(target.part.blocks(sample, _MARGIN, holes)) >= _MIN_POINTS for sample in (inner[::23], inner))
+        return any(
+            np.count_nonzero(target.part.blocks(sample, _MARGIN, holes)) >= _MIN_POINTS
+            for sample in (inner[::23], inner)
+        )
 
 
 _PATH_LDU = (5.0, 11.0, 17.0, 24.0, 34.0, 46.0, 70.0, 110.0, 170.0)
@@ -104,14 +114,17 @@ class StepFault(NamedTuple):
 
 
 _Links = Mapping[int, list[tuple[int, Floats]]]
-"""The connections of each part: the other part, and the direction [3] in which the part is drawn out of it, or off it."""
+"""The connections of each part: the other part, and the direction [3] in which the part is drawn
+out of it, or off it."""
 
 
 class Move(NamedTuple):
-    """Items of a step that are put in place together: new parts, one each, and the parts of sub-assemblies.
+    """Items of a step that are put in place together: new parts, one each, and the parts of
+    sub-assemblies.
 
     Attributes:
-        outward: free direction [3] away from their place; zero for what lies on the table, and where none is known.
+        outward: free direction [3] away from their place; zero for what lies on the table, and
+            where none is known.
     """
 
     items: tuple[tuple[int, ...], ...]
@@ -124,7 +137,8 @@ class Move(NamedTuple):
 
 
 def links_of(parts: Sequence[Placed], connections: Iterable[Connection]) -> _Links:
-    """The connections of each part. A pin, which has a collar, is drawn out to the side where most of it is."""
+    """The connections of each part. A pin, which has a collar, is drawn out to the side where most
+    of it is."""
     links: dict[int, list[tuple[int, Floats]]] = defaultdict(list)
     for link in connections:
         inside = float((np.mean(parts[link.male].bounds, axis=0) - link.point) @ link.axis) < 0.0
@@ -135,9 +149,13 @@ def links_of(parts: Sequence[Placed], connections: Iterable[Connection]) -> _Lin
 
 
 def step_faults(
-    plan: Plan, connections: Sequence[Connection], occupancy: Occupancy, groups: Sequence[frozenset[int]] = ()
+    plan: Plan,
+    connections: Sequence[Connection],
+    occupancy: Occupancy,
+    groups: Sequence[frozenset[int]] = (),
 ) -> Iterator[StepFault]:
-    """All steps that fail. Parts with unmodelled connections count as connected, and so do groups around unknown parts."""
+    """All steps that fail. Parts with unmodelled connections count as connected, and so do groups
+    around unknown parts."""
     graph, links = neighbours(connections, groups), links_of(plan.parts, connections)
     built: dict[tuple[str, ...], set[int]] = defaultdict(set)
     for step in plan.steps:
@@ -146,23 +164,36 @@ def step_faults(
         built[step.assembly] = after = before | set(new)
         starts = before or [_main_part(plan, new)]
         nodes = after | set(range(-len(groups), 0))
-        held = reached(starts, {node: [other for other in graph[node] if other in nodes] for node in nodes})
-        loose = tuple(part for part in new if part not in held and not plan.parts[part].part.is_loose)
+        held = reached(
+            starts, {node: [other for other in graph[node] if other in nodes] for node in nodes}
+        )
+        loose = tuple(
+            part for part in new if part not in held and not plan.parts[part].part.is_loose
+        )
         if loose:
             yield StepFault(step, loose, Fault.UNCONNECTED)
-        if len(step.new) + len(step.joined) > _MAX_ITEMS or occupancy.queries > occupancy.most_queries:
+        if (
+            len(step.new) + len(step.joined) > _MAX_ITEMS
+            or occupancy.queries > occupancy.most_queries
+        ):
             yield StepFault(step, (step.new or step.joined[0])[:1], Fault.UNCHECKED)
         elif blocked := moves_of(step, after, occupancy, links)[1]:
             yield StepFault(step, blocked, Fault.BLOCKED)
 
 
 def _main_part(plan: Plan, parts: Sequence[int]) -> int:
-    """The heaviest part; one whose connections are not modelled, such as a ball in its cup, only if there is no other."""
-    return max(parts, key=lambda part: (not plan.parts[part].part.is_loose, plan.parts[part].part.mass_g))
+    """The heaviest part; one whose connections are not modelled, such as a ball in its cup, only if
+    there is no other."""
+    return max(
+        parts, key=lambda part: (not plan.parts[part].part.is_loose, plan.parts[part].part.mass_g)
+    )
 
 
-def moves_of(step: Step, after: set[int], occupancy: Occupancy, links: _Links) -> tuple[list[Move], tuple[int, ...]]:
-    """The moves of a step in building order, and its parts without a free straight path, which come first.
+def moves_of(
+    step: Step, after: set[int], occupancy: Occupancy, links: _Links
+) -> tuple[list[Move], tuple[int, ...]]:
+    """The moves of a step in building order, and its parts without a free straight path, which come
+    first.
 
     Args:
         after: parts of the assembly after the step.
@@ -172,7 +203,8 @@ def moves_of(step: Step, after: set[int], occupancy: Occupancy, links: _Links) -
     present[list(after)] = True
     is_first = sum(map(len, items)) == len(after)
     removed: list[Move] = []
-    remaining = list(items[1:] if is_first else items)  # in the first step, the first item lies on the table
+    # in the first step, the first item lies on the table
+    remaining = list(items[1:] if is_first else items)
     while remaining and occupancy.queries <= occupancy.most_queries:
         for group in _groups(remaining, links):
             parts = [part for item in group for part in item]
@@ -190,7 +222,9 @@ def moves_of(step: Step, after: set[int], occupancy: Occupancy, links: _Links) -
     return still + removed[::-1], tuple(part for item in remaining for part in item)
 
 
-def _free_direction(parts: Sequence[int], others: Bools, occupancy: Occupancy, links: _Links) -> Floats | None:
+def _free_direction(
+    parts: Sequence[int], others: Bools, occupancy: Occupancy, links: _Links
+) -> Floats | None:
     """The first direction [3] in which parts can be removed from others."""
     for direction in _directions(parts, links):
         if all(occupancy.is_free(parts, others, direction * distance) for distance in _PATH_LDU):
@@ -214,7 +248,9 @@ def _groups(remaining: Sequence[tuple[int, ...]], links: _Links) -> Iterator[lis
 def _directions(parts: Sequence[int], links: _Links) -> list[Floats]:
     """Directions to try: along the connections, then along the plan's axes."""
     directions: list[Floats] = []
-    for axis in [axis for part in parts for other, axis in links[part] if other not in parts] + list(np.eye(3)):
+    for axis in [
+        axis for part in parts for other, axis in links[part] if other not in parts
+    ] + list(np.eye(3)):
         if not any(abs(float(axis @ direction)) > 0.999 for direction in directions):
             directions.append(axis)
     return [sign * direction for direction in directions for sign in (1.0, -1.0)]

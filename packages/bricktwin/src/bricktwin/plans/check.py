@@ -49,7 +49,9 @@ def check(plan: Plan) -> list[Finding]:
         structure, occupancy = structure_of(plan), Occupancy(plan.parts)
         guesses = held_by_unknown(plan, plan.unknown)
         mistakes += _check_connections(plan, structure, guesses)
-        collisions = [(plan.parts[index], plan.parts[other]) for index, other in occupancy.collisions()]
+        collisions = [
+            (plan.parts[index], plan.parts[other]) for index, other in occupancy.collisions()
+        ]
         for first, second in collisions:
             text = f"{second.name} is inside {first.name} of line {first.line}; move one of the two"
             mistakes.append((second.line, "collision", text))
@@ -64,7 +66,9 @@ def check(plan: Plan) -> list[Finding]:
 
 def held_by_unknown(plan: Plan, unknowns: Iterable[Unknown]) -> list[frozenset[int]]:
     """The parts around each place of unknown parts, which may hold them together."""
-    low, high = (np.array([placed.bounds[end] for placed in plan.parts]).reshape(-1, 3) for end in (0, 1))
+    low, high = (
+        np.array([placed.bounds[end] for placed in plan.parts]).reshape(-1, 3) for end in (0, 1)
+    )
     positions = [position for unknown in unknowns for position in unknown.positions]
     gaps = [np.maximum(low - position, position - high).max(axis=1) for position in positions]
     return [frozenset(np.flatnonzero(gap < _REACH).tolist()) for gap in gaps]
@@ -74,43 +78,84 @@ def _check_count(plan: Plan) -> Iterator[_Mistake]:
     """Unknown parts, and a part count other than declared."""
     for unknown in plan.unknown:
         times = "once" if len(unknown.lines) == 1 else f"{len(unknown.lines)} times"
-        text = f"part {unknown.number} ({times}) is not in the catalogue; use another, or add it there"
+        text = (
+            f"part {unknown.number} ({times}) is not in the catalogue; use another, or add it there"
+        )
         if unknown.is_file:
             text = (
-                f"{unknown.number} ({times}) is a model in a file of its own, which is not beside the plan; put it there, or join"
+                f"{unknown.number} ({times}) is a model in a file of its own, which is not "
+                "beside the plan; put it there, or join"
             )
             text += " both into one .mpd"
         held = frozenset().union(*held_by_unknown(plan, [unknown]))
-        text += f"; what it holds, of {counted(len(held), 'part')} around it, is not checked" if held else ""
+        text += (
+            f"; what it holds, of {counted(len(held), 'part')} around it, is not checked"
+            if held
+            else ""
+        )
         yield unknown.lines[0], "missing file" if unknown.is_file else "unknown part", text
-    count = len(plan.parts) + sum(len(unknown.lines) for unknown in plan.unknown) + len(plan.drawn) + len(plan.faults)
+    count = (
+        len(plan.parts)
+        + sum(len(unknown.lines) for unknown in plan.unknown)
+        + len(plan.drawn)
+        + len(plan.faults)
+    )
     if plan.count not in (None, count):
-        yield 0, "count", f"the plan says PARTS {plan.count}, but places {count}; put back what is missing, or correct the number"
+        yield (
+            0,
+            "count",
+            (
+                f"the plan says PARTS {plan.count}, but places {count}; put back what is "
+                "missing, or "
+                "correct the number"
+            ),
+        )
 
 
-def _check_connections(plan: Plan, structure: Structure, guesses: Sequence[frozenset[int]]) -> Iterator[_Mistake]:
-    """Pins in axle holes, misaligned axles, connections that are not deep enough, unconnected parts."""
+def _check_connections(
+    plan: Plan, structure: Structure, guesses: Sequence[frozenset[int]]
+) -> Iterator[_Mistake]:
+    """Pins in axle holes, misaligned axles, connections that are not deep enough, unconnected
+    parts."""
     for link in structure.connections:
         male, female = plan.parts[link.male], plan.parts[link.female]
         pair = f"{male.name} and {female.name} of line {female.line}"
         if not link.fits:
             yield male.line, "misfit", f"{pair}: a pin does not go into an axle hole; use an axle"
         elif link.is_crossed:
-            yield male.line, "misfit", f"{pair}: the axle is misaligned with its hole; turn one of them"
+            yield (
+                male.line,
+                "misfit",
+                f"{pair}: the axle is misaligned with its hole; turn one of them",
+            )
         elif not link.is_seated:
-            text = f"{pair}: only {link.depth * MM_PER_LDU:.1f} mm are inside; push it in, or use a longer part"
+            text = (
+                f"{pair}: only {link.depth * MM_PER_LDU:.1f} mm are inside; push it in, or use "
+                "a longer part"
+            )
             yield male.line, "half-held", text
     connected = {part for members in structure.bodies.members for part in members}
     if guesses:
         connected |= reached([min(connected)], neighbours(structure.connections, guesses))
     for placed in plan.parts:
         if placed.index not in connected and not placed.part.is_loose:
-            yield placed.line, "loose", f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
+            yield (
+                placed.line,
+                "loose",
+                (
+                    f"{placed.name} is not connected to the main body; add a pin or an axle, or "
+                    "remove it"
+                ),
+            )
     guessed = frozenset().union(*guesses)
     uses = Counter(link.male for link in structure.connections if link.fits)
     for placed in plan.parts:
         if placed.part.family == "pins" and uses[placed.index] == 1 and placed.index not in guessed:
-            yield placed.line, "half-held", f"{placed.name} goes into one part only; add a second part, or remove it"
+            yield (
+                placed.line,
+                "half-held",
+                f"{placed.name} goes into one part only; add a second part, or remove it",
+            )
 
 
 def _check_gears(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
@@ -120,17 +165,35 @@ def _check_gears(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
             continue
         first, second = plan.parts[mesh.first], plan.parts[mesh.second]
         if abs(mesh.error) <= 1.0:
-            fault = f"meet over only {percent(mesh.engaged)} of their width; shift one along its axle"
+            fault = (
+                f"meet over only {percent(mesh.engaged)} of their width; shift one along its axle"
+            )
         else:
-            fault = f"are {abs(mesh.error) * MM_PER_LDU:.1f} mm too {'far apart' if mesh.error > 0 else 'close'}; move one"
-        yield second.line, "gears", f"the teeth of {second.name} and {first.name} of line {first.line} {fault}"
+            fault = (
+                f"are {abs(mesh.error) * MM_PER_LDU:.1f} mm too "
+                f"{'far apart' if mesh.error > 0 else 'close'}; move one"
+            )
+        yield (
+            second.line,
+            "gears",
+            f"the teeth of {second.name} and {first.name} of line {first.line} {fault}",
+        )
 
 
-def _check_motions(plan: Plan, structure: Structure, guesses: Sequence[frozenset[int]]) -> Iterator[_Mistake]:
+def _check_motions(
+    plan: Plan, structure: Structure, guesses: Sequence[frozenset[int]]
+) -> Iterator[_Mistake]:
     """Parts that move although all motors are braked, and motors that cannot turn."""
     bodies = structure.bodies
     if len(bodies.members) > MAX_BODIES:
-        yield 0, "half-held", f"{len(bodies.members)} parts or groups of parts can move, too many to check; connect them"
+        yield (
+            0,
+            "half-held",
+            (
+                f"{len(bodies.members)} parts or groups of parts can move, too many to check; "
+                "connect them"
+            ),
+        )
         return
     motors = [joint.motor for joint in bodies.joints if joint.motor is not None]
     motions = bodies.motions(locked=motors)
@@ -138,54 +201,91 @@ def _check_motions(plan: Plan, structure: Structure, guesses: Sequence[frozenset
         guessed = frozenset().union(*guesses)
         for number, members in enumerate(bodies.members):
             rates = _remove_spin(plan, members, motions[6 * number : 6 * number + 6])
-            if np.abs(rates).max() < _MIN_RATE or any(plan.parts[part].is_free or part in guessed for part in members):
+            if np.abs(rates).max() < _MIN_RATE or any(
+                plan.parts[part].is_free or part in guessed for part in members
+            ):
                 continue
             names = _names([plan.parts[part] for part in members])
-            text = f"{names} can swing or slide; connect it at a second place, or write 0 !BRICKSRL FREE before it"
+            text = (
+                f"{names} can swing or slide; connect it at a second place, or write 0 "
+                "!BRICKSRL FREE before it"
+            )
             yield min((plan.parts[part].line for part in members), default=0), "half-held", text
     yield from _check_motors(plan, bodies, motors)
 
 
 def _remove_spin(plan: Plan, members: tuple[int, ...], rates: Floats) -> Floats:
-    """Rates [6, n] of a body; an axle with bushes may spin, and so may a pin, so their spin is removed."""
+    """Rates [6, n] of a body; an axle with bushes may spin, and so may a pin, so their spin is
+    removed."""
     placed = [plan.parts[part] for part in members]
     bars = [one for family in _SPINNING[:2] for one in placed if one.part.family == family]
     if not bars or any(one.part.family not in _SPINNING for one in placed):
         return rates
     axis, point = bars[0].rotation[:, 0], bars[0].position / RATE_LENGTH
     angular = rates[3:]
-    return np.concatenate([rates[:3] + np.cross(angular, point, axis=0), angular - np.outer(axis, axis @ angular)])
+    return np.concatenate(
+        [rates[:3] + np.cross(angular, point, axis=0), angular - np.outer(axis, axis @ angular)]
+    )
 
 
 def _check_motors(plan: Plan, bodies: Bodies, motors: list[int]) -> Iterator[_Mistake]:
     if not motors:
         return
     motions = bodies.motions()
-    rates = np.array([joint.rates(motions) for joint in bodies.joints if joint.motor is not None]).reshape(len(motors), -1)
-    locked = [motor for motor, row in zip(motors, rates, strict=True) if not len(row) or np.abs(row).max() < _MIN_RATE]
+    rates = np.array(
+        [joint.rates(motions) for joint in bodies.joints if joint.motor is not None]
+    ).reshape(len(motors), -1)
+    locked = [
+        motor
+        for motor, row in zip(motors, rates, strict=True)
+        if not len(row) or np.abs(row).max() < _MIN_RATE
+    ]
     for motor in locked:
-        text = f"{plan.parts[motor].name} cannot turn: its load is fixed to its mount; remove a pin or a gear"
+        text = (
+            f"{plan.parts[motor].name} cannot turn: its load is fixed to its mount; remove a "
+            "pin or a gear"
+        )
         yield plan.parts[motor].line, "locked", text
     rank = int(np.linalg.matrix_rank(rates, tol=_MIN_RATE)) if rates.size else 0
     if rank < len(motors) - len(locked):
-        names = ", ".join(f"line {plan.parts[motor].line}" for motor in motors if motor not in locked)
-        yield plan.parts[motors[0]].line, "locked", f"motors block one another ({names}): they drive the same part; remove one"
+        names = ", ".join(
+            f"line {plan.parts[motor].line}" for motor in motors if motor not in locked
+        )
+        yield (
+            plan.parts[motors[0]].line,
+            "locked",
+            f"motors block one another ({names}): they drive the same part; remove one",
+        )
 
 
 def _names(placed: list[Placed]) -> str:
     counts = Counter(part.name for part in placed)
     names = [f"{count} x {name}" if count > 1 else name for name, count in counts.items()]
-    return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
+    return ", ".join(names[:_MAX_NAMES]) + (
+        f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
+    )
 
 
 def _check_steps(
-    plan: Plan, structure: Structure, occupancy: Occupancy, colliding: set[int], guesses: Sequence[frozenset[int]]
+    plan: Plan,
+    structure: Structure,
+    occupancy: Occupancy,
+    colliding: set[int],
+    guesses: Sequence[frozenset[int]],
 ) -> Iterator[_Mistake]:
     for fault in step_faults(plan, structure.connections, occupancy, guesses):
-        placed = [plan.parts[part] for part in fault.parts if fault.kind is not Fault.BLOCKED or part not in colliding]
+        placed = [
+            plan.parts[part]
+            for part in fault.parts
+            if fault.kind is not Fault.BLOCKED or part not in colliding
+        ]
         if not placed:
             continue
-        yield placed[0].line, "step", f"step {fault.step.index + 1}: {_names(placed)} {fault.kind.value}"
+        yield (
+            placed[0].line,
+            "step",
+            f"step {fault.step.index + 1}: {_names(placed)} {fault.kind.value}",
+        )
 
 
 def _check_wiring(plan: Plan) -> Iterator[_Mistake]:
@@ -201,13 +301,23 @@ def _check_wiring(plan: Plan) -> Iterator[_Mistake]:
     used: dict[str, Placed] = {}
     for placed in devices:
         if placed.port is None:
-            yield placed.line, "wiring", f"{placed.name} has no port; write 0 !BRICKSRL PORT and its letter before it"
+            yield (
+                placed.line,
+                "wiring",
+                f"{placed.name} has no port; write 0 !BRICKSRL PORT and its letter before it",
+            )
         elif placed.port not in positions:
-            text = f"{placed.name} is on port {placed.port}, but the hub has {', '.join(sorted(positions))}; choose one of these"
+            text = (
+                f"{placed.name} is on port {placed.port}, but the hub has "
+                f"{', '.join(sorted(positions))}; choose one of these"
+            )
             yield placed.line, "wiring", text
         elif placed.port in used:
             other = used[placed.port].line
-            text = f"{placed.name} is on port {placed.port}, and so is the one of line {other}; give each its own"
+            text = (
+                f"{placed.name} is on port {placed.port}, and so is the one of line {other}; "
+                "give each its own"
+            )
             yield placed.line, "wiring", text
         else:
             used[placed.port] = placed
@@ -216,7 +326,13 @@ def _check_wiring(plan: Plan) -> Iterator[_Mistake]:
 
 def _cable(hub: Placed, position: tuple[float, float, float], placed: Placed) -> Iterator[_Mistake]:
     length_mm = placed.electric.cable_mm
-    needed = float(np.linalg.norm(hub.point(position) - placed.point(placed.electric.plug))) * MM_PER_LDU + _SLACK_MM
+    needed = (
+        float(np.linalg.norm(hub.point(position) - placed.point(placed.electric.plug))) * MM_PER_LDU
+        + _SLACK_MM
+    )
     if needed > length_mm:
-        text = f"the cable of {placed.name} has {length_mm:.0f} mm, but port {placed.port} needs {needed:.0f}; use a nearer port"
+        text = (
+            f"the cable of {placed.name} has {length_mm:.0f} mm, but port {placed.port} needs "
+            f"{needed:.0f}; use a nearer port"
+        )
         yield placed.line, "wiring", text

@@ -1,4 +1,5 @@
-"""Connections between parts: pins and axles in holes, studs, tyres on rims, turntables, ball joints, meshing gears, chains.
+"""Connections between parts: pins and axles in holes, studs, tyres on rims, turntables, ball
+joints, meshing gears, chains.
 
 LDraw units, plan frame.
 """
@@ -25,7 +26,8 @@ _MIN_DEPTH = 3.5
 _MIN_SEATED_SHARE = 0.7
 """Minimum depth as a share of the shorter length."""
 _MESH_TOLERANCE, _NEAR_TOLERANCE = 1.0, 9.0
-"""Tolerances of two gears' distance, LDU: up to the first they mesh; above the second they are unrelated."""
+"""Tolerances of two gears' distance, LDU: up to the first they mesh; above the second they are
+unrelated."""
 _MAX_COMPARED = 20_000
 """Maximum number of gear pairs to compare."""
 _CROSS_DEG = 6.0
@@ -33,8 +35,8 @@ _WORM_PITCH_RADIUS = 10.0
 _TOOTH = 7.854
 """Length of a tooth, pi mm: lead of a worm, pitch of a rack."""
 _LINK, _LINK_TOLERANCE = 16.0, 1.5
-"""Length of a chain's link, along its z axis: two teeth. Its largest offset from a gear. From the previous link it may be
-half of its length away: LSynth fills a straight part with whole links."""
+"""Length of a chain's link, along its z axis: two teeth. Its largest offset from a gear. From the
+previous link it may be half of its length away: LSynth fills a straight part with whole links."""
 _BARS = (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.PEG)
 _JOINTS = (Fit.TURNTABLE, Fit.BALL, Fit.SOCKET, Fit.RIM, Fit.TYRE)
 _SEAT_PLAY = 4.0
@@ -71,7 +73,10 @@ class Connection:
     @property
     def fits(self) -> bool:
         """Whether it is possible; a pin does not fit into an axle hole."""
-        return not (self.male_site.fit in (Fit.PIN, Fit.FRICTION_PIN) and self.female_site.fit is Fit.AXLE_HOLE)
+        return not (
+            self.male_site.fit in (Fit.PIN, Fit.FRICTION_PIN)
+            and self.female_site.fit is Fit.AXLE_HOLE
+        )
 
     @property
     def is_axle(self) -> bool:
@@ -85,7 +90,8 @@ class Connection:
 
     @property
     def is_rigid(self) -> bool:
-        """Whether it has no freedom: an axle in an axle hole, a stud (also a single one), or a tyre."""
+        """Whether it has no freedom: an axle in an axle hole, a stud (also a single one), or a
+        tyre."""
         return (self.male_site.fit, self.female_site.fit) in _RIGID
 
 
@@ -94,12 +100,10 @@ class Mesh:
     """Two gears that mesh, or nearly mesh.
 
     Attributes:
-        first, second: indices of the parts.
-        gears: their gears.
-        error: distance minus the correct distance, LDU.
-        engaged: overlap as a share of the narrower gear's width, 0..1.
-        point: contact point [3].
-        motion: [2, 6], constraint on the rates (linear at the plan's origin, angular) of both: the products add to 0.
+        first, second: indices of the parts. gears: their gears. error: distance minus the correct
+        distance, LDU. engaged: overlap as a share of the narrower gear's width, 0..1. point:
+        contact point [3]. motion: [2, 6], constraint on the rates (linear at the plan's origin,
+        angular) of both: the products add to 0.
     """
 
     first: int
@@ -125,10 +129,15 @@ def graph_of(pairs: Iterable[tuple[int, int]]) -> dict[int, list[int]]:
     return graph
 
 
-def neighbours(connections: Iterable[Connection], groups: Sequence[frozenset[int]] = ()) -> dict[int, list[int]]:
-    """The connected parts of each part. Groups may be held together by something unknown: a node -1, -2, ... each."""
+def neighbours(
+    connections: Iterable[Connection], groups: Sequence[frozenset[int]] = ()
+) -> dict[int, list[int]]:
+    """The connected parts of each part. Groups may be held together by something unknown: a node
+    -1, -2, ... each."""
     pairs = [(link.male, link.female) for link in connections]
-    return graph_of([*pairs, *((-1 - number, part) for number, group in enumerate(groups) for part in group)])
+    return graph_of(
+        [*pairs, *((-1 - number, part) for number, group in enumerate(groups) for part in group)]
+    )
 
 
 def reached(starts: Iterable[int], graph: Mapping[int, Iterable[int]]) -> set[int]:
@@ -149,14 +158,24 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
     joints: list[_Placed] = []
     for placed in parts:
         for site in placed.part.sites:
-            entry = (placed.index, site, placed.point(site.centre), placed.rotation @ np.array(site.axis))
-            (joints if site.fit in _JOINTS else males if site.fit.is_male else females).append(entry)
+            entry = (
+                placed.index,
+                site,
+                placed.point(site.centre),
+                placed.rotation @ np.array(site.axis),
+            )
+            (joints if site.fit in _JOINTS else males if site.fit.is_male else females).append(
+                entry
+            )
     result = _coinciding(joints)
     if not females:
         return result
     females.sort(key=lambda entry: float(entry[2][0]))
     owners = np.array([entry[0] for entry in females])
-    centres, axes = np.array([entry[2] for entry in females]), np.array([entry[3] for entry in females])
+    centres, axes = (
+        np.array([entry[2] for entry in females]),
+        np.array([entry[3] for entry in females]),
+    )
     lengths = np.array([entry[1].length for entry in females])
     is_for_stud = np.array([entry[1].fit is Fit.STUD_HOLE for entry in females])
     for owner, site, centre, axis in males:
@@ -169,7 +188,12 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
         tilt = np.linalg.norm(np.cross(axes[nearby], axis), axis=1)
         low = np.maximum(-site.length / 2, along - lengths[nearby] / 2)
         high = np.minimum(site.length / 2, along + lengths[nearby] / 2)
-        fitting = (across < _MAX_OFFSET) & (tilt < _MAX_TILT) & (high - low > _MIN_DEPTH) & (owners[nearby] != owner)
+        fitting = (
+            (across < _MAX_OFFSET)
+            & (tilt < _MAX_TILT)
+            & (high - low > _MIN_DEPTH)
+            & (owners[nearby] != owner)
+        )
         fitting &= is_for_stud[nearby] == (site.fit is Fit.STUD)
         for index in np.flatnonzero(fitting):
             depth = float(high[index] - low[index])
@@ -177,12 +201,15 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
             is_seated = depth >= _MIN_SEATED_SHARE * min(20.0, site.length, hole.length)
             is_crossed = _is_crossed(parts[owner], site, parts[other], hole)
             point = centre + axis * float(low[index] + high[index]) / 2
-            result.append(Connection(owner, other, site, hole, point, axis, depth, is_seated, is_crossed))
+            result.append(
+                Connection(owner, other, site, hole, point, axis, depth, is_seated, is_crossed)
+            )
     return result
 
 
 def open_holes(male: Placed, shift: Floats, female: Placed) -> list[Site]:
-    """The holes of a part into which a pin or an axle of another one fits that is moved by ``shift`` [3], however deep."""
+    """The holes of a part into which a pin or an axle of another one fits that is moved by
+    ``shift`` [3], however deep."""
     bars = [site for site in male.part.sites if site.fit in _BARS]
     holes = female.part.holes
     if not bars or not holes:
@@ -197,7 +224,8 @@ def open_holes(male: Placed, shift: Floats, female: Placed) -> list[Site]:
 
 
 def _is_crossed(axle: Placed, site: Site, holder: Placed, hole: Site) -> bool:
-    """Whether an axle's cross is misaligned with that of its hole; a motor turns its shaft to fit."""
+    """Whether an axle's cross is misaligned with that of its hole; a motor turns its shaft to
+    fit."""
     if site.fit is not Fit.AXLE or hole.fit is not Fit.AXLE_HOLE or hole.turns:
         return False
     first, second = axle.rotation @ _arm(site), holder.rotation @ _arm(hole)
@@ -216,13 +244,21 @@ def _coinciding(joints: list[_Placed]) -> list[Connection]:
     for owner, site, centre, axis in joints:
         for other, hole, centre2, direction in joints:
             distance, pair = np.linalg.norm(centre2 - centre), (site.fit, hole.fit)
-            if owner == other or distance > (_SEAT_PLAY if pair == (Fit.RIM, Fit.TYRE) else _MAX_OFFSET):
+            if owner == other or distance > (
+                _SEAT_PLAY if pair == (Fit.RIM, Fit.TYRE) else _MAX_OFFSET
+            ):
                 continue
             is_aligned = bool(np.linalg.norm(np.cross(axis, direction)) < _MAX_TILT)
-            is_seat = pair == (Fit.RIM, Fit.TYRE) and is_aligned and abs(site.length - hole.length) <= _SEAT_PLAY
+            is_seat = (
+                pair == (Fit.RIM, Fit.TYRE)
+                and is_aligned
+                and abs(site.length - hole.length) <= _SEAT_PLAY
+            )
             is_turntable = pair == (Fit.TURNTABLE, Fit.TURNTABLE) and is_aligned and owner < other
             if pair == (Fit.BALL, Fit.SOCKET) or is_turntable or is_seat:
-                result.append(Connection(owner, other, site, hole, centre, axis, site.length, True, False))
+                result.append(
+                    Connection(owner, other, site, hole, centre, axis, site.length, True, False)
+                )
     return result
 
 
@@ -237,14 +273,22 @@ class _Geared(NamedTuple):
 
 def _geared(parts: Sequence[Placed]) -> list[_Geared]:
     gears = [(placed, gear) for placed in parts for gear in placed.part.gears]
-    return [_Geared(placed, gear, placed.point(gear.centre), placed.rotation @ np.array(gear.axis)) for placed, gear in gears]
+    return [
+        _Geared(placed, gear, placed.point(gear.centre), placed.rotation @ np.array(gear.axis))
+        for placed, gear in gears
+    ]
 
 
 def meshes(parts: Sequence[Placed]) -> list[Mesh]:
     """Pairs of gears that mesh, or are nearly close enough, then the pairs in chains."""
     gears = _geared(parts)
     centres = np.array([gear.centre for gear in gears]).reshape(-1, 3)
-    reach = np.array([max(placed.gear.pitch_radius, placed.gear.width, 4.0 * placed.gear.teeth) for placed in gears])
+    reach = np.array(
+        [
+            max(placed.gear.pitch_radius, placed.gear.width, 4.0 * placed.gear.teeth)
+            for placed in gears
+        ]
+    )
     near = (
         (first, gears[number + 1 + int(other)])
         for number, first in enumerate(gears)
@@ -253,7 +297,9 @@ def meshes(parts: Sequence[Placed]) -> list[Mesh]:
             < reach[number + 1 :] + reach[number] + 2 * _NEAR_TOLERANCE
         )
     )
-    found = [_mesh(*pair) for pair in islice(near, _MAX_COMPARED) if pair[0].placed is not pair[1].placed]
+    found = [
+        _mesh(*pair) for pair in islice(near, _MAX_COMPARED) if pair[0].placed is not pair[1].placed
+    ]
     return [*(mesh for mesh in found if mesh is not None), *chain_meshes(parts)]
 
 
@@ -265,7 +311,9 @@ def _mesh(first: _Geared, second: _Geared) -> Mesh | None:
     if np.linalg.norm(np.cross(first.axis, second.axis)) < _MAX_TILT:
         return _parallel(first, second)
     # At a right angle a spur gear meshes with a crown gear only.
-    if abs(float(first.axis @ second.axis)) < _MAX_TILT and (GearForm.SPUR not in forms or GearForm.CROWN in forms):
+    if abs(float(first.axis @ second.axis)) < _MAX_TILT and (
+        GearForm.SPUR not in forms or GearForm.CROWN in forms
+    ):
         return _right_angle(first, second)
     return None
 
@@ -276,13 +324,23 @@ def _parallel(first: _Geared, second: _Geared) -> Mesh | None:
     across = offset - along * axis
     distance = float(np.linalg.norm(across))
     error = distance - gear.pitch_radius - other.pitch_radius
-    overlap = min(gear.width / 2, along + other.width / 2) - max(-gear.width / 2, along - other.width / 2)
+    overlap = min(gear.width / 2, along + other.width / 2) - max(
+        -gear.width / 2, along - other.width / 2
+    )
     if abs(error) > _NEAR_TOLERANCE or overlap <= 1.0 or distance < 1.0:
         return None
-    # Dividing the distance by the teeth gives the exact ratio, even if the pitch circles do not quite touch.
+    # Dividing the distance by the teeth gives the exact ratio, even if the pitch circles do not
+    # quite touch.
     fraction = gear.pitch_radius / (gear.pitch_radius + other.pitch_radius)
     point = first.centre + across * fraction + axis * along / 2
-    return _make_mesh(first, second, error, point, np.cross(axis, across / distance), overlap / min(gear.width, other.width))
+    return _make_mesh(
+        first,
+        second,
+        error,
+        point,
+        np.cross(axis, across / distance),
+        overlap / min(gear.width, other.width),
+    )
 
 
 def _right_angle(first: _Geared, second: _Geared) -> Mesh | None:
@@ -294,22 +352,32 @@ def _right_angle(first: _Geared, second: _Geared) -> Mesh | None:
     if abs(float(offset @ normal)) > _NEAR_TOLERANCE or abs(error) > _NEAR_TOLERANCE:
         return None
     error += abs(float(offset @ normal))
-    # On the line where the pitch cones touch, whose distances from the axes have the ratio of the teeth.
+    # On the line where the pitch cones touch, whose distances from the axes have the ratio of the
+    # teeth.
     apex = first.centre + along * first.axis
-    point = apex - np.sign(along) * other.pitch_radius * first.axis + np.sign(along2) * gear.pitch_radius * second.axis
+    point = (
+        apex
+        - np.sign(along) * other.pitch_radius * first.axis
+        + np.sign(along2) * gear.pitch_radius * second.axis
+    )
     return _make_mesh(first, second, error, point, normal)
 
 
 def _set_back_error(along: float, gear: Gear, other: Gear) -> float:
-    """A gear's distance from the axis of another at a right angle, minus the correct distance, LDU."""
-    if gear.form is GearForm.SPUR:  # it may lie anywhere on its axle where the crown gear's teeth pass its own
+    """A gear's distance from the axis of another at a right angle, minus the correct distance,
+    LDU."""
+    # it may lie anywhere on its axle where the crown gear's teeth pass its own
+    if gear.form is GearForm.SPUR:
         return max(abs(abs(along) - other.pitch_radius) - gear.width / 2, 0.0)
     return abs(along) - other.pitch_radius - gear.set_back
 
 
 def _worm(worm: _Geared, wheel: _Geared) -> Mesh | None:
     axis, offset, radius = worm.axis, wheel.centre - worm.centre, wheel.gear.pitch_radius
-    is_beside = abs(float(offset @ wheel.axis)) > wheel.gear.width / 2 or abs(float(offset @ axis)) > worm.gear.width / 2
+    is_beside = (
+        abs(float(offset @ wheel.axis)) > wheel.gear.width / 2
+        or abs(float(offset @ axis)) > worm.gear.width / 2
+    )
     if is_beside or abs(float(axis @ wheel.axis)) > _MAX_TILT:
         return None
     across = offset - (offset @ axis) * axis - (offset @ wheel.axis) * wheel.axis
@@ -318,7 +386,8 @@ def _worm(worm: _Geared, wheel: _Geared) -> Mesh | None:
     if abs(error) > _NEAR_TOLERANCE or distance < 1.0:
         return None
     mesh = _make_mesh(worm, wheel, error, wheel.centre - across / distance * radius, axis)
-    # The thread is right-handed: turning it about its axis also moves the teeth backwards along the axis.
+    # The thread is right-handed: turning it about its axis also moves the teeth backwards along the
+    # axis.
     mesh.motion[0, 3:] -= axis * _TOOTH / (2 * np.pi)
     return mesh
 
@@ -327,9 +396,16 @@ def _rack(rack: _Geared, wheel: _Geared) -> Mesh | None:
     along, up, axis = rack.axis, rack.placed.rotation @ np.array(rack.gear.up), wheel.axis
     offset = wheel.centre - rack.centre
     error = float(offset @ up) - wheel.gear.pitch_radius
-    if abs(float(axis @ along)) > _MAX_TILT or abs(float(axis @ up)) > _MAX_TILT or abs(error) > _NEAR_TOLERANCE:
+    if (
+        abs(float(axis @ along)) > _MAX_TILT
+        or abs(float(axis @ up)) > _MAX_TILT
+        or abs(error) > _NEAR_TOLERANCE
+    ):
         return None
-    if abs(float(offset @ along)) > rack.gear.teeth * _TOOTH / 2 or abs(float(offset @ axis)) > 0.3 * rack.gear.width:
+    if (
+        abs(float(offset @ along)) > rack.gear.teeth * _TOOTH / 2
+        or abs(float(offset @ axis)) > 0.3 * rack.gear.width
+    ):
         return None
     return _make_mesh(rack, wheel, error, wheel.centre - up * wheel.gear.pitch_radius, along)
 
@@ -343,9 +419,21 @@ def _make_mesh(
     engaged: float = 1.0,
     point2: Floats | None = None,
 ) -> Mesh:
-    """A mesh: the first gear at ``point`` and the second there, or at ``point2``, have the same velocity along ``tangent``."""
-    row, row2 = (np.concatenate([tangent, np.cross(at, tangent)]) for at in (point, point if point2 is None else point2))
-    return Mesh(first.placed.index, second.placed.index, (first.gear, second.gear), error, engaged, point, np.stack([row, -row2]))
+    """A mesh: the first gear at ``point`` and the second there, or at ``point2``, have the same
+    velocity along ``tangent``."""
+    row, row2 = (
+        np.concatenate([tangent, np.cross(at, tangent)])
+        for at in (point, point if point2 is None else point2)
+    )
+    return Mesh(
+        first.placed.index,
+        second.placed.index,
+        (first.gear, second.gear),
+        error,
+        engaged,
+        point,
+        np.stack([row, -row2]),
+    )
 
 
 def chain_meshes(parts: Sequence[Placed]) -> list[Mesh]:
@@ -382,18 +470,27 @@ def _is_driven(placed: _Geared, points: Floats, axis: Floats) -> bool:
     """Whether a gear is inside a chain, and links lie on its teeth."""
     offset = points - placed.centre
     projected = offset - np.outer(offset @ axis, axis)
-    radius = _LINK / 2 / math.sin(2 * math.pi / placed.gear.teeth)  # a link is the chord of two teeth
+    # a link is the chord of two teeth
+    radius = _LINK / 2 / math.sin(2 * math.pi / placed.gear.teeth)
     touching = np.abs(np.linalg.norm(projected, axis=1) - radius) < _LINK_TOLERANCE
-    is_level = np.abs(offset @ axis).max() < placed.gear.width / 2 and abs(placed.axis @ axis) > 0.999
+    is_level = (
+        np.abs(offset @ axis).max() < placed.gear.width / 2 and abs(placed.axis @ axis) > 0.999
+    )
     after = np.roll(projected, -1, axis=0)
-    winding = np.arctan2(np.cross(projected, after) @ axis, np.einsum("ij,ij->i", projected, after)).sum()
+    winding = np.arctan2(
+        np.cross(projected, after) @ axis, np.einsum("ij,ij->i", projected, after)
+    ).sum()
     return bool(is_level and np.count_nonzero(touching) >= 2 and abs(winding) > math.pi)
 
 
 def _chained(first: _Geared, second: _Geared, axis: Floats) -> Mesh | None:
-    """Two gears in a chain: where its straight part touches them, both move equally fast along it; ``None`` if one is inside
-    the other."""
-    radius, radius2, offset = first.gear.pitch_radius, second.gear.pitch_radius, second.centre - first.centre
+    """Two gears in a chain: where its straight part touches them, both move equally fast along it;
+    ``None`` if one is inside the other."""
+    radius, radius2, offset = (
+        first.gear.pitch_radius,
+        second.gear.pitch_radius,
+        second.centre - first.centre,
+    )
     offset = offset - (offset @ axis) * axis
     distance = float(np.linalg.norm(offset))
     if distance <= abs(radius - radius2) + _LINK_TOLERANCE:

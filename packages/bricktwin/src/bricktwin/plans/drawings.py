@@ -1,4 +1,5 @@
-"""Drawings of LEGO parts in more detail than the catalogue has, from our own dimensions in millimetres. Looks only, without mass.
+"""Drawings of LEGO parts in more detail than the catalogue has, from our own dimensions in
+millimetres. Looks only, without mass.
 
 A :class:`Piece` is a set of coloured shapes.
 """
@@ -38,7 +39,9 @@ class Piece:
 
     def turned(self, axis: Triple, angle_deg: float) -> "Piece":
         """The part, rotated about an axis through the origin."""
-        return Piece(tuple((colour, shape.turned(axis, angle_deg)) for colour, shape in self.shapes))
+        return Piece(
+            tuple((colour, shape.turned(axis, angle_deg)) for colour, shape in self.shapes)
+        )
 
 
 def piece(**shapes: Shape) -> Piece:
@@ -47,7 +50,8 @@ def piece(**shapes: Shape) -> Piece:
 
 
 def colour_name(rgba: Iterable[float]) -> str:
-    """Name ``"#rrggbbaa"`` of a colour, from red, green, blue and opacity in 0..1; opaque by default."""
+    """Name ``"#rrggbbaa"`` of a colour, from red, green, blue and opacity in 0..1; opaque by
+    default."""
     return f"#{''.join(f'{round(255 * value):02x}' for value in rgba):f<8}"
 
 
@@ -92,10 +96,16 @@ def hub() -> Piece:
     light = ring(9.4, 6.6, 1.2).at(-20, 0, 16.1)
     steering = [box(9, 7, 1.4, radius=0.5).at(-20, side * 17, 16.1) for side in (1, -1)]
     bluetooth = cylinder(3.4, 1.2, bevel=0.4).at(36, -20, 16.2)
-    ports = [box(15, 1.2, 8.5, radius=0.5, arc=1).at(x, side * 27.8, 5) for x in (26, 0, -26) for side in (1, -1)]
+    ports = [
+        box(15, 1.2, 8.5, radius=0.5, arc=1).at(x, side * 27.8, 5)
+        for x in (26, 0, -26)
+        for side in (1, -1)
+    ]
     usb = box(1.2, 9, 3.6, radius=0.5, arc=1).at(43.8, 0, 5)
     holes = [discs(2.5, 55.2).along(Y_AXIS).at(x, 0, -10.5) for x in (-32, -24, -16, 16, 24, 32)]
-    speaker = [discs(1.0, 88.4, 6).along(X_AXIS).at(-0.1, y, z) for y in (-8, -4, 0, 4, 8) for z in (3, 7)]
+    speaker = [
+        discs(1.0, 88.4, 6).along(X_AXIS).at(-0.1, y, z) for y in (-8, -4, 0, 4, 8) for z in (3, 7)
+    ]
     return piece(
         white=merge([upper, button, *steering]),
         turquoise=lower,
@@ -107,8 +117,14 @@ def hub() -> Piece:
 
 
 def medium_motor() -> Piece:
-    """Medium motor along x, 72 long, its outputs towards +y and -y, 24 from the front; origin on the outputs' axis."""
-    return Piece((*medium_motor_case(31.0).shapes, ("dark_grey", cylinder(10.8, 33.0, bevel=0.6).along(Y_AXIS))))
+    """Medium motor along x, 72 long, its outputs towards +y and -y, 24 from the front; origin on
+    the outputs' axis."""
+    return Piece(
+        (
+            *medium_motor_case(31.0).shapes,
+            ("dark_grey", cylinder(10.8, 33.0, bevel=0.6).along(Y_AXIS)),
+        )
+    )
 
 
 def medium_motor_case(width: float = 23.8) -> Piece:
@@ -132,10 +148,19 @@ def wheel(diameter: float) -> Piece:
     outer, inner = diameter / 2, diameter / 2 - 7.5
     half = [(inner, 6.2), (outer - 3.4, 7.0), (outer - 1.0, 5.6), (outer - 0.3, 3.0)]
     tyre = turned([*half, *((radius, -y) for radius, y in reversed(half)), half[0]])
-    treads = [block(1.9, 2.2, 11.6).at(outer - 0.95, 0, 0).turned(Z_AXIS, 15 * step) for step in range(24)]
+    treads = [
+        block(1.9, 2.2, 11.6).at(outer - 0.95, 0, 0).turned(Z_AXIS, 15 * step) for step in range(24)
+    ]
     rim = [ring(inner, inner - 3.2, 12.6), cylinder(6.4, 13, bevel=0.8)]
-    spokes = [box(inner - 5, 4.2, 9.4, radius=0.8).at((inner + 3) / 2, 0, 0).turned(Z_AXIS, 60 * step) for step in range(6)]
-    by_colour = {"black": merge([tyre, *treads]), "light_grey": merge([*rim, *spokes]), "dim": cylinder(inner - 1, 3)}
+    spokes = [
+        box(inner - 5, 4.2, 9.4, radius=0.8).at((inner + 3) / 2, 0, 0).turned(Z_AXIS, 60 * step)
+        for step in range(6)
+    ]
+    by_colour = {
+        "black": merge([tyre, *treads]),
+        "light_grey": merge([*rim, *spokes]),
+        "dim": cylinder(inner - 1, 3),
+    }
     return piece(**{colour: shape.along(Y_AXIS) for colour, shape in by_colour.items()})
 
 
@@ -146,7 +171,9 @@ def ultrasonic_sensor() -> Piece:
     rims = [ring(10.2, 7.8, 3.4).along(X_AXIS).at(11.2, side * 15.5, 0) for side in (1, -1)]
     membrane = turned([(0, 1.6), (3.5, 1.2), (7.8, 0), (7.8, -1), (0, -1)]).along(X_AXIS)
     membranes = [membrane.at(11.2, side * 15.5, 0) for side in (1, -1)]
-    pupils = [cylinder(2.6, 1.0, bevel=0.3).along(X_AXIS).at(12.6, side * 15.5, 0) for side in (1, -1)]
+    pupils = [
+        cylinder(2.6, 1.0, bevel=0.3).along(X_AXIS).at(12.6, side * 15.5, 0) for side in (1, -1)
+    ]
     return piece(white=merge([case, *rims]), black=merge([face, *pupils]), dim=merge(membranes))
 
 
@@ -154,7 +181,17 @@ def ball_caster(radius: float) -> Piece:
     """Steel ball in its socket; origin at the centre of the ball."""
     angles = [math.radians(step) for step in range(0, 181, 20)]
     ball = turned([(radius * math.sin(angle), radius * math.cos(angle)) for angle in angles])
-    socket = turned([(0, 16), (10, 16), (radius + 3.4, 11), (radius + 3.4, 1), (radius + 2, -1.5), (radius, -1.5), (0, 4)])
+    socket = turned(
+        [
+            (0, 16),
+            (10, 16),
+            (radius + 3.4, 11),
+            (radius + 3.4, 1),
+            (radius + 2, -1.5),
+            (radius, -1.5),
+            (0, 4),
+        ]
+    )
     return piece(light_grey=ball, dark_grey=socket)
 
 

@@ -1,4 +1,5 @@
-"""Solids and directions in LDraw units (LDU): 0.4 mm, y downwards. A module, the distance between holes, is 20 LDU."""
+"""Solids and directions in LDraw units (LDU): 0.4 mm, y downwards. A module, the distance between
+holes, is 20 LDU."""
 
 import enum
 import math
@@ -18,8 +19,8 @@ AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0
 
 
 def circle_sides(radius: float, chord_error: float) -> int:
-    """Sides of the polygon that is drawn for a circle: at most ``chord_error`` away from it, and enough to look round when
-    shaded. A segment's height is r (1 - cos(pi / sides))."""
+    """Sides of the polygon that is drawn for a circle: at most ``chord_error`` away from it, and
+    enough to look round when shaded. A segment's height is r (1 - cos(pi / sides))."""
     return max(_MIN_SIDES, math.ceil(math.pi / math.acos(1.0 - min(chord_error / radius, 1.0))))
 
 
@@ -30,8 +31,11 @@ def rotation(axis: Triple | Floats, angle: float) -> Floats:
     return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)
 
 
-def lines_coincide(point: Floats, axis: Floats, other: Floats, other_axis: Floats, *, offset: float, sine: float) -> bool:
-    """Whether two lines, each a point [3] and a unit direction [3], are closer and more parallel than these limits."""
+def lines_coincide(
+    point: Floats, axis: Floats, other: Floats, other_axis: Floats, *, offset: float, sine: float
+) -> bool:
+    """Whether two lines, each a point [3] and a unit direction [3], are closer and more parallel
+    than these limits."""
     distance = np.linalg.norm(np.cross(other - point, axis))
     return bool(distance < offset and np.linalg.norm(np.cross(axis, other_axis)) < sine)
 
@@ -51,8 +55,8 @@ class Solid:
 
     Attributes:
         centre: midpoint.
-        half: half sizes along ``axes``: cylinder (radius, radius, half length), ball (radius,) * 3, ring (outer radius, inner
-            radius, half length).
+        half: half sizes along ``axes``: cylinder (radius, radius, half length), ball (radius,) * 3,
+            ring (outer radius, inner radius, half length).
         axes: rows of length 1; the third is the axis of a cylinder.
     """
 
@@ -74,7 +78,9 @@ class Solid:
         if self.form is Form.BOX:
             return np.asarray((np.abs(local) < half).all(axis=1))
         if self.form is Form.CYLINDER:
-            return np.asarray((np.hypot(local[:, 0], local[:, 1]) < half[0]) & (np.abs(local[:, 2]) < half[2]))
+            return np.asarray(
+                (np.hypot(local[:, 0], local[:, 1]) < half[0]) & (np.abs(local[:, 2]) < half[2])
+            )
         return np.asarray(np.linalg.norm(local, axis=1) < half[0])
 
     def normals(self, points: Floats) -> Floats:
@@ -82,7 +88,9 @@ class Solid:
         axes = np.array(self.axes)
         local = (points - np.array(self.centre)) @ axes.T
         if self.form is Form.BALL:
-            return np.asarray(local @ axes / np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-9))
+            return np.asarray(
+                local @ axes / np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-9)
+            )
         normals, rows = np.zeros_like(local), np.arange(len(local))
         if self.form is Form.BOX:
             face = np.argmin(np.array(self.half) - np.abs(local), axis=1)
@@ -90,9 +98,14 @@ class Solid:
             return np.asarray(normals @ axes)
         radius = np.maximum(np.hypot(local[:, 0], local[:, 1]), 1e-9)
         gaps = [np.abs(self.half[2] - np.abs(local[:, 2])), np.abs(self.half[0] - radius)]
-        face = np.argmin([*gaps, np.abs(radius - self.half[1])] if self.form is Form.RING else gaps, axis=0)
+        face = np.argmin(
+            [*gaps, np.abs(radius - self.half[1])] if self.form is Form.RING else gaps, axis=0
+        )
         sides = local[:, :2] / radius[:, None] * np.where(face == 2, -1.0, 1.0)[:, None]
-        normals[:, :2], normals[:, 2] = np.where((face == 0)[:, None], 0.0, sides), np.where(face == 0, np.sign(local[:, 2]), 0.0)
+        normals[:, :2], normals[:, 2] = (
+            np.where((face == 0)[:, None], 0.0, sides),
+            np.where(face == 0, np.sign(local[:, 2]), 0.0),
+        )
         return np.asarray(normals @ axes)
 
     def samples(self, spacing: float, depth: float) -> Floats:
@@ -100,7 +113,8 @@ class Solid:
         half = np.maximum(np.array(self.half) - depth, 0.0)
         counts = np.maximum(2, np.ceil(2 * half / spacing).astype(int) + 1)
         lines = [
-            np.linspace(-size, size, count) if size > 0.25 else np.zeros(1) for size, count in zip(half, counts, strict=True)
+            np.linspace(-size, size, count) if size > 0.25 else np.zeros(1)
+            for size, count in zip(half, counts, strict=True)
         ]
         if self.form is Form.BOX:
             local = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -111,20 +125,32 @@ class Solid:
 
     def corners(self) -> Floats:
         """Corners [8, 3] of the bounding box along ``axes``."""
-        signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
-        half = np.array(self.half if self.form is not Form.RING else (self.half[0], self.half[0], self.half[2]))
+        signs = np.array(
+            [[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float
+        )
+        half = np.array(
+            self.half if self.form is not Form.RING else (self.half[0], self.half[0], self.half[2])
+        )
         return np.asarray((signs * half) @ np.array(self.axes) + np.array(self.centre))
 
 
-def _round_samples(half: Floats, inner: float, heights: Floats, spacing: float, *, is_ball: bool) -> Floats:
+def _round_samples(
+    half: Floats, inner: float, heights: Floats, spacing: float, *, is_ball: bool
+) -> Floats:
     """Rings of points around the third axis, none closer to it than ``inner`` [n, 3]."""
     rows = []
     for height in heights:
         radius = float(np.sqrt(max(half[0] ** 2 - height**2, 0.0))) if is_ball else float(half[0])
         layers = max(2, int(np.ceil((radius - inner) / spacing)) + 1) if radius >= inner else 0
         for ring in np.linspace(radius, inner, layers):
-            angles = np.arange(max(1, round(2 * np.pi * ring / spacing))) * spacing / max(ring, 1e-9)
-            rows.append(np.column_stack([ring * np.cos(angles), ring * np.sin(angles), np.full(len(angles), height)]))
+            angles = (
+                np.arange(max(1, round(2 * np.pi * ring / spacing))) * spacing / max(ring, 1e-9)
+            )
+            rows.append(
+                np.column_stack(
+                    [ring * np.cos(angles), ring * np.sin(angles), np.full(len(angles), height)]
+                )
+            )
     return np.concatenate(rows) if rows else np.zeros((0, 3))
 
 
@@ -168,4 +194,9 @@ def bar(start: Triple, end: Triple, normal: Triple, width: float, thickness: flo
     a, b, up = np.array(start), np.array(end), np.array(normal)
     along = (b - a) / np.linalg.norm(b - a)
     half = (float(np.linalg.norm(b - a)) / 2, width / 2, thickness / 2)
-    return Solid(Form.BOX, triple((a + b) / 2), half, (triple(along), triple(np.cross(up, along)), triple(up)))
+    return Solid(
+        Form.BOX,
+        triple((a + b) / 2),
+        half,
+        (triple(along), triple(np.cross(up, along)), triple(up)),
+    )

@@ -1,7 +1,9 @@
-"""Steps of a booklet and their pictures: few parts, apart from their places, in a view that hides none of them. LDraw units.
+"""Steps of a booklet and their pictures: few parts, apart from their places, in a view that hides
+none of them. LDraw units.
 
-A step of the plan is split where it has too many parts for one picture. What is put in place is drawn outside, on its way, with
-an arrow; the view is turned, or all that hides a part is left out of a smaller picture, until a quarter of each part can be seen.
+A step of the plan is split where it has too many parts for one picture. What is put in place is
+drawn outside, on its way, with an arrow; the view is turned, or all that hides a part is left out
+of a smaller picture, until a quarter of each part can be seen.
 """
 
 import itertools
@@ -21,14 +23,16 @@ from bricktwin.plans.plan import Placed, Plan, Step
 MAX_KINDS, MAX_PIECES, MIN_VISIBLE = 4, 8, 0.25
 """Most kinds and pieces of a step, and the smallest share of a part that its picture shows."""
 _ENOUGH, _HIDDEN = 0.45, 0.33
-"""Smallest visible share of all parts for which the view is not turned, and below which a part counts as hidden, while a view is
-tried out with few rays."""
+"""Smallest visible share of all parts for which the view is not turned, and below which a part
+counts as hidden, while a view is tried out with few rays."""
 _MAX_QUERIES = 40_000
-"""Collisions that are tested for a booklet, which bounds its time; what comes after has no arrows."""
+"""Collisions that are tested for a booklet, which bounds its time; what comes after has no
+arrows."""
 _TRIAL_ZOOM = 1.3
 """Rays per LDU where a view is tried out."""
 _GAP, _MAX_TRIES, _MAX_ARROWS = 28.0, 12, 4
-"""Distance of a part on its way from its hole, how often a larger one is tried, and arrows of one move."""
+"""Distance of a part on its way from its hole, how often a larger one is tried, and arrows of one
+move."""
 
 Arrow = tuple[Floats, Floats]
 """Start and end [3]."""
@@ -126,25 +130,44 @@ class _Author:
             before |= {part for move in few for part in move.parts}
 
     def _split(self, moves: Sequence[Move], depth: int, before: set[int]) -> list[list[Move]]:
-        """Moves in order, at most four kinds and eight pieces at once, about as many each time. What is moved together stays
-        together if it is as few."""
+        """Moves in order, at most four kinds and eight pieces at once, about as many each time.
+        What is moved together stays together if it is as few."""
         pieces: list[Move] = []
         for move in moves:
-            pieces += [move] if self._is_few([move], depth) else [Move((item,), move.outward) for item in move.items]
+            pieces += (
+                [move]
+                if self._is_few([move], depth)
+                else [Move((item,), move.outward) for item in move.items]
+            )
         splits = [self._filled(pieces, depth, most, before) for most in range(1, MAX_PIECES + 1)]
         return next(split for split in splits if len(split) == len(splits[-1]))
 
-    def _filled(self, moves: Sequence[Move], depth: int, most: int, before: set[int]) -> list[list[Move]]:
-        """Moves in order, so many pieces at once unless one move has more. What only the next ones hold comes with them."""
+    def _filled(
+        self, moves: Sequence[Move], depth: int, most: int, before: set[int]
+    ) -> list[list[Move]]:
+        """Moves in order, so many pieces at once unless one move has more. What only the next ones
+        hold comes with them."""
         split: list[list[Move]] = []
         for move in moves:
-            if split and self._is_few([*split[-1], move], depth) and sum(len(m.items) for m in (*split[-1], move)) <= most:
+            if (
+                split
+                and self._is_few([*split[-1], move], depth)
+                and sum(len(m.items) for m in (*split[-1], move)) <= most
+            ):
                 split[-1].append(move)
                 continue
             few = [move]
             while split and len(split[-1]) > 1 and self._is_few([split[-1][-1], *few], depth):
-                there = before.union(*(m.parts for m in itertools.chain.from_iterable(split) if m is not split[-1][-1]))
-                joined = {other for part in split[-1][-1].parts for other, _ in self.links.get(part, ())}
+                there = before.union(
+                    *(
+                        m.parts
+                        for m in itertools.chain.from_iterable(split)
+                        if m is not split[-1][-1]
+                    )
+                )
+                joined = {
+                    other for part in split[-1][-1].parts for other, _ in self.links.get(part, ())
+                }
                 if joined & there or not joined:
                     break
                 few.insert(0, split[-1].pop())
@@ -153,9 +176,14 @@ class _Author:
 
     def _is_few(self, moves: Sequence[Move], depth: int) -> bool:
         items = [item for move in moves for item in move.items]
-        return len(items) <= MAX_PIECES and len({kind_of(self.plan, item, depth) for item in items}) <= MAX_KINDS
+        return (
+            len(items) <= MAX_PIECES
+            and len({kind_of(self.plan, item, depth) for item in items}) <= MAX_KINDS
+        )
 
-    def _shown(self, moves: Sequence[Move], before: frozenset[int], step: Step, times: int) -> Iterator[Instruction]:
+    def _shown(
+        self, moves: Sequence[Move], before: frozenset[int], step: Step, times: int
+    ) -> Iterator[Instruction]:
         """An instruction for some moves, or two if some of their parts cannot be seen."""
         scene, hidden = self._best_scene(moves, before)
         if hidden and len(moves) > 1:
@@ -167,8 +195,11 @@ class _Author:
             inset = self._inset(moves, before, hidden) if hidden else None
             yield Instruction(tuple(moves), before, step.assembly, times, "", scene, inset=inset)
 
-    def _best_scene(self, moves: Sequence[Move], before: frozenset[int]) -> tuple[Scene, list[tuple[int, ...]]]:
-        """The scene that shows the moves best, and the items that are hidden in it. The view is not turned without need."""
+    def _best_scene(
+        self, moves: Sequence[Move], before: frozenset[int]
+    ) -> tuple[Scene, list[tuple[int, ...]]]:
+        """The scene that shows the moves best, and the items that are hidden in it. The view is not
+        turned without need."""
         shown, arrows = self._apart(moves, before)
         bright = frozenset(part for move in moves for part in move.parts)
         items = [item for move in moves for item in move.items]
@@ -177,23 +208,34 @@ class _Author:
             picture = self.studio.picture(shown, view, _TRIAL_ZOOM)
             shares = [picture.visible(item) for item in items]
             if best is None or min(shares) > best[0] + 0.05:
-                hidden = [item for item, share in zip(items, shares, strict=True) if share < _HIDDEN]
+                hidden = [
+                    item for item, share in zip(items, shares, strict=True) if share < _HIDDEN
+                ]
                 best = (min(shares), Scene(tuple(shown), view, arrows, bright), hidden)
             if best[0] >= _ENOUGH:
                 break
         assert best is not None  # noqa: S101
         return best[1:]
 
-    def _inset(self, moves: Sequence[Move], before: frozenset[int], hidden: Sequence[tuple[int, ...]]) -> Scene:
+    def _inset(
+        self, moves: Sequence[Move], before: frozenset[int], hidden: Sequence[tuple[int, ...]]
+    ) -> Scene:
         """The hidden items with what they touch, or alone."""
         parts = {part for item in hidden for part in item}
-        touched = frozenset(other for part in parts for other, _ in self.links.get(part, ()) if other in before)
-        few = [Move(tuple(item for item in move.items if item in hidden), move.outward) for move in moves]
+        touched = frozenset(
+            other for part in parts for other, _ in self.links.get(part, ()) if other in before
+        )
+        few = [
+            Move(tuple(item for item in move.items if item in hidden), move.outward)
+            for move in moves
+        ]
         few = [move for move in few if move.items]
         scene, still_hidden = self._best_scene(few, touched)
         return self._best_scene(few, frozenset())[0] if still_hidden else scene
 
-    def _apart(self, moves: Sequence[Move], before: frozenset[int]) -> tuple[list[Shown], tuple[Arrow, ...]]:
+    def _apart(
+        self, moves: Sequence[Move], before: frozenset[int]
+    ) -> tuple[list[Shown], tuple[Arrow, ...]]:
         """All parts, those of the moves on their way, and arrows to their places."""
         shifts: dict[int, Floats] = {part: np.zeros(3) for part in before}
         arrows: list[Arrow] = []
@@ -210,18 +252,25 @@ class _Author:
                 shift = move.outward * distance
                 arrows += [(start + shift, end) for start, end in ways]
             shifts.update(dict.fromkeys(move.parts, shift))
-        return [Shown(self.plan.parts[part], shift) for part, shift in shifts.items()], tuple(arrows)
+        return [Shown(self.plan.parts[part], shift) for part, shift in shifts.items()], tuple(
+            arrows
+        )
 
     def _ways(self, move: Move, shifts: Mapping[int, Floats]) -> list[Arrow]:
-        """Where pins and holes of a move begin [3], and where those that they belong to end: a pair for each line, at most 4."""
+        """Where pins and holes of a move begin [3], and where those that they belong to end: a pair
+        for each line, at most 4."""
         ways: dict[tuple[float, ...], Arrow] = {}
         for part in move.parts:
             for link, site, other, other_site in self.joints.get(part, ()):
                 if other in shifts:
                     along = float(link.point @ move.outward)
                     line = link.point - along * move.outward
-                    start = line + move.outward * float(self._end(part, site, -move.outward) @ move.outward)
-                    end = line + move.outward * float((self._end(other, other_site, move.outward) + shifts[other]) @ move.outward)
+                    start = line + move.outward * float(
+                        self._end(part, site, -move.outward) @ move.outward
+                    )
+                    end = line + move.outward * float(
+                        (self._end(other, other_site, move.outward) + shifts[other]) @ move.outward
+                    )
                     key = tuple((line / 4).round() + 0.0)
                     if key not in ways or (end - ways[key][1]) @ move.outward > 0:
                         ways[key] = (start, end)
@@ -232,23 +281,34 @@ class _Author:
         """The end [3] of a site in a direction."""
         placed = self.plan.parts[part]
         along = placed.rotation @ np.array(site.axis)
-        return np.asarray(placed.point(site.centre) + along * (np.sign(along @ direction) * site.length / 2))
+        return np.asarray(
+            placed.point(site.centre) + along * (np.sign(along @ direction) * site.length / 2)
+        )
 
     def _is_clear(self, move: Move, shift: Floats, others: Mapping[int, Floats]) -> bool:
         """Whether the moved parts' boxes overlap none of others, moved too."""
         if not others:
             return True
         where = np.array(list(others.values()))
-        low, high = self.occupancy.low[list(others)] + where, self.occupancy.high[list(others)] + where
+        low, high = (
+            self.occupancy.low[list(others)] + where,
+            self.occupancy.high[list(others)] + where,
+        )
         return not any(
-            ((self.occupancy.low[part] + shift < high) & (low < self.occupancy.high[part] + shift)).all(axis=1).any()
+            ((self.occupancy.low[part] + shift < high) & (low < self.occupancy.high[part] + shift))
+            .all(axis=1)
+            .any()
             for part in move.parts
         )
 
 
-def placed_items(plan: Plan, instruction: Instruction) -> dict[tuple[object, ...], list[list[Placed]]]:
+def placed_items(
+    plan: Plan, instruction: Instruction
+) -> dict[tuple[object, ...], list[list[Placed]]]:
     """The items of a step by kind."""
     found: dict[tuple[object, ...], list[list[Placed]]] = defaultdict(list)
     for item in instruction.items:
-        found[kind_of(plan, item, len(instruction.assembly))].append([plan.parts[part] for part in item])
+        found[kind_of(plan, item, len(instruction.assembly))].append(
+            [plan.parts[part] for part in item]
+        )
     return found

@@ -1,7 +1,7 @@
 """LDraw files (.ldr, .mpd, and Studio's .io): models, lines, steps, and our comments with data.
 
-Source: LDraw.org's file format specification and its multi-part documents. What each line that begins with 0 means is declared in
-`meta_commands`. All sizes are bounded.
+Source: LDraw.org's file format specification and its multi-part documents. What each line that
+begins with 0 means is declared in `meta_commands`. All sizes are bounded.
 """
 
 import math
@@ -32,11 +32,10 @@ class Marks:
 
     Attributes:
         port, device: of a motor or sensor: the hub's port, and the name in the description.
-        angle_deg: of a motor: reading of its rotation sensor in this position.
-        stops_deg: of a motor: readings at which what it drives meets something; ``None`` if nothing is said.
-        is_free: meant to turn freely.
-        is_fixed: fixed to the table, with its body.
-        ball: middle of the ball that it holds in a scene with a ball [3], in the part's frame, LDU.
+        angle_deg: of a motor: reading of its rotation sensor in this position. stops_deg: of a
+        motor: readings at which what it drives meets something; ``None`` if nothing is said.
+        is_free: meant to turn freely. is_fixed: fixed to the table, with its body. ball: middle of
+        the ball that it holds in a scene with a ball [3], in the part's frame, LDU.
     """
 
     port: str | None = None
@@ -80,8 +79,10 @@ class Model:
     Attributes:
         notes: words by step.
         is_shape: whether it has geometry or is declared a part, and so is no assembly.
-        is_drawn: whether it is a cable, hose or band that an editor drew, with the parts at its ends.
-        is_range: whether it is some lines of another model, which are one drawn piece if no part of the catalogue is among them.
+        is_drawn: whether it is a cable, hose or band that an editor drew, with the parts at its
+            ends.
+        is_range: whether it is some lines of another model, which are one drawn piece if no part of
+            the catalogue is among them.
     """
 
     name: str
@@ -103,18 +104,24 @@ class LineFault(NamedTuple):
 
 
 def parse(text: str, path: str) -> "Document":
-    """Parse the document of a plan. Raises PlanError if it places no part, or a comment or a name is invalid."""
+    """Parse the document of a plan. Raises PlanError if it places no part, or a comment or a name
+    is invalid."""
     document = parse_any(text, path)
     document.models = dict(dropwhile(lambda item: not item[1].references, document.models.items()))
     if not document.models:
         number, text = document.faults[0] if document.faults else (0, "")
-        fault = f", line {number}: {text}" if text else " places no part; give an LDraw file with lines that begin with 1"
+        fault = (
+            f", line {number}: {text}"
+            if text
+            else " places no part; give an LDraw file with lines that begin with 1"
+        )
         raise PlanError(f"{path}{fault}")
     return document
 
 
 def parse_any(text: str, path: str) -> "Document":
-    """Parse a document that may place nothing. Raises PlanError if it has too many lines, or a comment or a name is invalid."""
+    """Parse a document that may place nothing. Raises PlanError if it has too many lines, or a
+    comment or a name is invalid."""
     lines = text.splitlines()
     if len(lines) > MAX_LINES:
         raise PlanError(f"{path} has {len(lines)} lines, more than {MAX_LINES}; split the plan")
@@ -210,7 +217,14 @@ class Document:
                 self._begin_range(number, words[-1])
             case Meaning.END_SUBSTITUTED:
                 self._range = None
-            case Meaning.SYNTH | Meaning.END_SYNTH | Meaning.SYNTHESIZED | Meaning.END_SYNTHESIZED | Meaning.SHOW | Meaning.HIDE:
+            case (
+                Meaning.SYNTH
+                | Meaning.END_SYNTH
+                | Meaning.SYNTHESIZED
+                | Meaning.END_SYNTHESIZED
+                | Meaning.SHOW
+                | Meaning.HIDE
+            ):
                 self._lsynth(number, words)
             case Meaning.DRAWN_MODEL | Meaning.SHAPE | None if words:
                 self._describe(self._current(number), words)
@@ -263,16 +277,22 @@ class Document:
         return self._model
 
     def begin(self, model: Model) -> None:
-        """End the present model, and begin another one. Raises PlanError if something has begun that does not end, or a comment
-        of ours has no part after it."""
+        """End the present model, and begin another one. Raises PlanError if something has begun
+        that does not end, or a comment of ours has no part after it."""
         if self._marks:
-            raise self._error(self._marks_line, "no part follows this comment", "move it before the part it describes")
+            raise self._error(
+                self._marks_line,
+                "no part follows this comment",
+                "move it before the part it describes",
+            )
         if self._synth is not None:
             remedy = "write it after the last segment of the cable or hose"
             raise self._error(self._synth.line, "no 0 SYNTH END follows", remedy)
         if self._ignored_line:
             remedy = "write it after the last line that is no part"
-            raise self._error(self._ignored_line, "no 0 !LPUB PART END or 0 MLCAD SKIP_END follows", remedy)
+            raise self._error(
+                self._ignored_line, "no 0 !LPUB PART END or 0 MLCAD SKIP_END follows", remedy
+            )
         self._model, self._range, self._buffers = model, None, {}
 
     def _file(self, number: int, name: str) -> None:
@@ -291,9 +311,19 @@ class Document:
                 self.robot = robot
             case ["PARTS", count] if count.isdecimal() and len(count) < 6:
                 self.count = int(count)
-            case ["PORT", port, *rest] if len(port) == 1 and len(rest) < 3 and (turn := numbers_of(rest[1:] or ["0"], _MAX_DEG)):
-                self._marks |= {"port": port.upper(), "device": rest[0] if rest else None, "angle_deg": turn[0]}
-            case ["STOPS", *ends] if len(stops := numbers_of(ends, _MAX_DEG)) == 2 and stops[0] < stops[1]:
+            case ["PORT", port, *rest] if (
+                len(port) == 1
+                and len(rest) < 3
+                and (turn := numbers_of(rest[1:] or ["0"], _MAX_DEG))
+            ):
+                self._marks |= {
+                    "port": port.upper(),
+                    "device": rest[0] if rest else None,
+                    "angle_deg": turn[0],
+                }
+            case ["STOPS", *ends] if (
+                len(stops := numbers_of(ends, _MAX_DEG)) == 2 and stops[0] < stops[1]
+            ):
                 self._marks["stops_deg"] = stops
             case ["FREE" | "FIXED" as mark]:
                 self._marks[f"is_{mark.lower()}"] = True
@@ -303,7 +333,8 @@ class Document:
                 raise self._error(
                     number,
                     f"'{' '.join(words)}' is not understood",
-                    "write ROBOT NAME, PARTS COUNT, PORT LETTER [DEVICE [DEGREES]], STOPS LOW HIGH, FREE, FIXED or BALL X Y Z",
+                    "write ROBOT NAME, PARTS COUNT, PORT LETTER [DEVICE [DEGREES]], STOPS LOW "
+                    "HIGH, FREE, FIXED or BALL X Y Z",
                 )
 
     def _reference(self, number: int, words: list[str]) -> None:
@@ -311,10 +342,14 @@ class Document:
         if self._is_no_part(name):
             self._marks = {}
         elif drawn is None or not name:
-            self.faults.append(LineFault(number, "cannot place a part; write 1, a colour, 12 numbers and a file"))
+            self.faults.append(
+                LineFault(number, "cannot place a part; write 1, a colour, 12 numbers and a file")
+            )
             self._marks = {}
         else:
-            self._place(number, drawn[0], np.array(drawn[1][3:]).reshape(3, 3), np.array(drawn[1][:3]), name)
+            self._place(
+                number, drawn[0], np.array(drawn[1][3:]).reshape(3, 3), np.array(drawn[1][:3]), name
+            )
             self._marks = {}
 
     def _is_no_part(self, name: str) -> bool:
@@ -330,21 +365,28 @@ class Document:
     def _place(self, number: int, colour: int, matrix: Floats, offset: Floats, name: str) -> None:
         model = self._current(number)
         is_stretched = bool(np.abs(matrix @ matrix.T - np.eye(3)).max() > _STRETCH_TOLERANCE)
-        reference = Reference(colour, matrix, offset, name, model.step, number, is_stretched, **self._marks)
+        reference = Reference(
+            colour, matrix, offset, name, model.step, number, is_stretched, **self._marks
+        )
         (self._range or model).references.append(reference)
 
     def _error(self, number: int, fault: str, remedy: str) -> PlanError:
         return PlanError(f"{self.path}, line {number}: {fault}; {remedy}")
 
 
-def colour_and_numbers(words: list[str], count: int, limit: float = math.inf) -> tuple[int, tuple[float, ...]] | None:
-    """Colour and ``count`` numbers, all finite and below a limit, of a line that draws something; ``None`` if one is invalid.
+def colour_and_numbers(
+    words: list[str], count: int, limit: float = math.inf
+) -> tuple[int, tuple[float, ...]] | None:
+    """Colour and ``count`` numbers, all finite and below a limit, of a line that draws something;
+    ``None`` if one is invalid.
 
     A colour is hexadecimal after 0x or #, else decimal, also with leading zeros.
     """
     numbers = numbers_of(words[2 : 2 + count], limit)
     try:
-        colour = int(words[1].replace("#", "0x"), 16 if words[1].lower().startswith(("0x", "#")) else 10)
+        colour = int(
+            words[1].replace("#", "0x"), 16 if words[1].lower().startswith(("0x", "#")) else 10
+        )
     except (ValueError, IndexError):
         return None
     return (colour, numbers) if len(numbers) == count else None

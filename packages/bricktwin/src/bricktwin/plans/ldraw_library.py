@@ -1,7 +1,7 @@
 """Reader of parts, as triangles, from an LDraw library (https://www.ldraw.org) on this computer.
 
-It implements the LDraw.org file format with its colour definition (``LDConfig.ldr``) and back face culling extensions. A part is
-a tree of files; what is missing or malformed is left out.
+It implements the LDraw.org file format with its colour definition (``LDConfig.ldr``) and back face
+culling extensions. A part is a tree of files; what is missing or malformed is left out.
 """
 
 import functools
@@ -27,15 +27,22 @@ MAIN_COLOUR = 16
 _SYSTEM_FOLDERS = ("/usr/share/ldraw", "/usr/local/share/ldraw", "/Library/LDraw", "C:/LDraw")
 _NUMBERS = {"1": 12, "3": 9, "4": 12}
 """Count of the numbers of a line that refers to a file, or is a triangle or a quadrilateral."""
-_COLOUR = re.compile(r"0 !COLOUR\s+\S+\s+CODE\s+(\d{1,9})\s+VALUE\s+#([0-9A-Fa-f]{6})\b(?:.*\bALPHA\s+(\d{1,3})\b)?")
+_COLOUR = re.compile(
+    r"0 !COLOUR\s+\S+\s+CODE\s+(\d{1,9})\s+VALUE\s+#([0-9A-Fa-f]{6})\b(?:.*\bALPHA\s+(\d{1,3})\b)?"
+)
 _log = logging.getLogger(__name__)
 
 
 def folder() -> Path | None:
-    """Folder of an installed LDraw library: ``LDRAWDIR``, else a system folder; ``None`` if there is none."""
+    """Folder of an installed LDraw library: ``LDRAWDIR``, else a system folder; ``None`` if there
+    is none."""
     path = os.environ.get("LDRAWDIR")
     if path and not _is_library(Path(path)):
-        _log.warning("LDRAWDIR=%s is not an LDraw library (a folder with LDConfig.ldr, parts and p); using our own parts", path)
+        _log.warning(
+            "LDRAWDIR=%s is not an LDraw library (a folder with LDConfig.ldr, parts and p); "
+            "using our own parts",
+            path,
+        )
         return None
     candidates = (path,) if path else _SYSTEM_FOLDERS
     return next((Path(candidate) for candidate in candidates if _is_library(Path(candidate))), None)
@@ -46,8 +53,8 @@ def _is_library(path: Path) -> bool:
 
 
 def triangles_of(root: Path, name: str) -> Triangles:
-    """Triangles of a file of the library in a folder, such as ``"37316.dat"``, in LDraw units: 0.4 mm, y downwards. Empty if
-    there is no such file, or it is part of itself."""
+    """Triangles of a file of the library in a folder, such as ``"37316.dat"``, in LDraw units: 0.4
+    mm, y downwards. Empty if there is no such file, or it is part of itself."""
     try:
         return _triangles_of(root, name)
     except RecursionError:
@@ -62,11 +69,17 @@ def _triangles_of(root: Path, name: str) -> Triangles:
     for line in _text(root, name).splitlines():
         words = line.split()
         if words[:2] == ["0", "BFC"]:
-            certified = "NOCERTIFY" not in words and (certified or bool({"CERTIFY", "CW", "CCW"} & set(words)))
+            certified = "NOCERTIFY" not in words and (
+                certified or bool({"CERTIFY", "CW", "CCW"} & set(words))
+            )
             clockwise = "CW" in words or (clockwise and "CCW" not in words)
             inverted = "INVERTNEXT" in words
             continue
-        drawn = colour_and_numbers(words, _NUMBERS[words[0]]) if words and words[0] in _NUMBERS else None
+        drawn = (
+            colour_and_numbers(words, _NUMBERS[words[0]])
+            if words and words[0] in _NUMBERS
+            else None
+        )
         if drawn is not None:
             colour, numbers = drawn
             if words[0] == "1":
@@ -74,19 +87,25 @@ def _triangles_of(root: Path, name: str) -> Triangles:
                 is_flipped = inverted != bool(np.linalg.det(matrix) < 0)
                 for code, local in _triangles_of(root, key_of(" ".join(words[14:]))).items():
                     triangles = local @ matrix.T + offset
-                    pieces[colour if code == MAIN_COLOUR else code].append(triangles[:, ::-1] if is_flipped else triangles)
+                    pieces[colour if code == MAIN_COLOUR else code].append(
+                        triangles[:, ::-1] if is_flipped else triangles
+                    )
             else:
                 corners = np.array(numbers).reshape(-1, 3)
                 faces = corners[None, :] if len(corners) == 3 else corners[[[0, 1, 2], [0, 2, 3]]]
                 faces = faces[:, ::-1] if clockwise else faces
                 # Of undefined winding, both sides are drawn.
-                pieces[colour].append(faces if certified else np.concatenate([faces, faces[:, ::-1]]))
+                pieces[colour].append(
+                    faces if certified else np.concatenate([faces, faces[:, ::-1]])
+                )
         inverted = inverted and not words  # only the next line
     return {colour: np.concatenate(own) for colour, own in pieces.items()}
 
 
 def _text(root: Path, name: str) -> str:
-    path = next((path for path in (root / "parts" / name, root / "p" / name) if path.is_file()), None)
+    path = next(
+        (path for path in (root / "parts" / name, root / "p" / name) if path.is_file()), None
+    )
     return "" if path is None else path.read_text(encoding="utf-8", errors="replace")
 
 

@@ -1,5 +1,5 @@
-"""Texts of LDraw files: of a plan, also from inside Studio's zip, and of the files beside it that it names. All sizes are
-bounded."""
+"""Texts of LDraw files: of a plan, also from inside Studio's zip, and of the files beside it that
+it names. All sizes are bounded."""
 
 import codecs
 import io
@@ -17,22 +17,28 @@ _SUFFIXES = (".ldr", ".mpd", ".dat")
 
 
 def read_text(path: Path) -> str:
-    """Text of an LDraw file, also from inside Studio's zip. Raises PlanError if the file is missing, too large or encrypted."""
+    """Text of an LDraw file, also from inside Studio's zip. Raises PlanError if the file is
+    missing, too large or encrypted."""
     try:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
-        raise PlanError(f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)") from None
+        raise PlanError(
+            f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)"
+        ) from None
     if data[:2] == b"PK" and len(data) <= MAX_BYTES:
         data = _unzipped(path, data)
     if len(data) > MAX_BYTES:
         raise PlanError(
-            f"{path} has more than {MAX_BYTES // 1_000_000} MB; a plan is smaller, so give the model without its renderings"
+            f"{path} has more than {MAX_BYTES // 1_000_000} MB; a plan is smaller, so give the "
+            "model without its renderings"
         )
     is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     text = data.decode("utf-16" if is_wide else "utf-8-sig", errors="replace")
     if "\0" in text[:4096]:
-        raise PlanError(f"{path} is not a text file; export the model as an LDraw file (.ldr or .mpd)")
+        raise PlanError(
+            f"{path} is not a text file; export the model as an LDraw file (.ldr or .mpd)"
+        )
     return text
 
 
@@ -46,7 +52,9 @@ def _unzipped(path: Path, data: bytes) -> bytes:
                 with archive.open(name) as file:
                     return file.read(MAX_BYTES + 1)
     except Exception as error:  # noqa: BLE001 - each method of compression has errors of its own
-        raise PlanError(f"{path} is a damaged zip ({error}); save it again, or export an LDraw file") from None
+        raise PlanError(
+            f"{path} is a damaged zip ({error}); save it again, or export an LDraw file"
+        ) from None
     if name is None:
         raise PlanError(f"{path} has no model.ldr; export the model from Studio as an LDraw file")
     raise PlanError(f"{path} is encrypted by Studio; open it there and export it as an LDraw file")
@@ -64,10 +72,11 @@ def key_of(name: str) -> str:
 
 
 class Beside:
-    """The files beside a plan, and in the folders below its own, by the names that models are placed by.
+    """The files beside a plan, and in the folders below its own, by the names that models are
+    placed by.
 
-    Upper and lower case are equal, and so are both slashes, as for the programs that write such names. Nothing outside of the
-    plan's folder is found, also not by links.
+    Upper and lower case are equal, and so are both slashes, as for the programs that write such
+    names. Nothing outside of the plan's folder is found, also not by links.
     """
 
     def __init__(self, plan: Path) -> None:
@@ -75,7 +84,8 @@ class Beside:
         self._listings: dict[Path, dict[str, Path]] = {}
 
     def find(self, name: str, user: Path) -> Path | None:
-        """The file of that name beside the file that uses it, or beside the plan; ``None`` if there is none."""
+        """The file of that name beside the file that uses it, or beside the plan; ``None`` if there
+        is none."""
         steps = PurePosixPath(name.replace("\\", "/")).parts
         is_inside = bool(steps) and steps[0] != "/" and ":" not in steps[0]
         if not (is_inside and name.lower().endswith(_SUFFIXES)):
@@ -104,7 +114,8 @@ class Beside:
 
 
 def _plain(name: str) -> str:
-    """A name in small letters, with one space in place of several, which are lost when a line is split."""
+    """A name in small letters, with one space in place of several, which are lost when a line is
+    split."""
     return " ".join(name.split()).lower()
 
 
@@ -127,8 +138,8 @@ def unquoted(words: Sequence[str]) -> str:
 
 
 def sources_of(path: Path) -> Iterator[bytes]:
-    """Contents of a plan and of the files beside it that it is made of. Raises OSError if one cannot be read, PlanError if one
-    is no LDraw file."""
+    """Contents of a plan and of the files beside it that it is made of. Raises OSError if one
+    cannot be read, PlanError if one is no LDraw file."""
     waiting, seen = [path], {path.resolve()}
     beside = Beside(path)
     while waiting and len(seen) <= MAX_FILES:

@@ -1,6 +1,8 @@
-"""The look of a part: solids with their materials, and the empty spaces that are cut out of them. LDraw units, the part's frame.
+"""The look of a part: solids with their materials, and the empty spaces that are cut out of them.
+LDraw units, the part's frame.
 
-Two drawings follow from it: the pictures of a booklet (`picture`, by rays) and the meshes of a twin (`meshes`, by triangles).
+Two drawings follow from it: the pictures of a booklet (`picture`, by rays) and the meshes of a twin
+(`meshes`, by triangles).
 """
 
 import enum
@@ -13,7 +15,16 @@ import numpy as np
 
 from brickhub.tables import read_table
 from bricktwin.plans.catalogue import part_notation
-from bricktwin.plans.geometry import MM_PER_LDU, Form, Solid, Triple, cylinder, frame_of, ring, triple
+from bricktwin.plans.geometry import (
+    MM_PER_LDU,
+    Form,
+    Solid,
+    Triple,
+    cylinder,
+    frame_of,
+    ring,
+    triple,
+)
 from bricktwin.plans.part import HOLE_RADIUS, Fit, Gear, GearForm, Part, Site
 
 _STUD_RADIUS, _PIN_RADIUS, _BORE_RADIUS, _COLLAR_RADIUS = 6.0, 6.0, 4.0, 7.8
@@ -68,13 +79,29 @@ def look_of(part: Part) -> tuple[Piece, ...]:
     own = _own_looks().get(part.number, ())
     pieces = [*own] if any(piece.tint is Tint.MAIN for piece in own) else [*_solids(part), *own]
     pieces += [Piece(solid, Tint.TURNING) for solid in part.turning]
-    pieces += [Piece(cylinder(site.centre, site.axis, site.length, _STUD_RADIUS)) for site in part.sites if site.fit is Fit.STUD]
-    pieces += [piece for site in part.sites if site.fit is Fit.AXLE for piece in map(Piece, _cross(site, *_BLADE, site.length))]
+    pieces += [
+        Piece(cylinder(site.centre, site.axis, site.length, _STUD_RADIUS))
+        for site in part.sites
+        if site.fit is Fit.STUD
+    ]
+    pieces += [
+        piece
+        for site in part.sites
+        if site.fit is Fit.AXLE
+        for piece in map(Piece, _cross(site, *_BLADE, site.length))
+    ]
     pieces += [piece for site in part.sites if _is_pin(site) for piece in _pin(site)]
     if part.gears and part.gears[0].form not in (GearForm.RACK, GearForm.WORM):
         pieces += [Piece(tooth) for tooth in _teeth(part)]
     holes = [cut for site in part.holes for cut in _hole(site)]
-    cut = [Piece(piece.solid, piece.tint, (*piece.cuts, *(h for h in holes if solids_meet(piece.solid, h)))) for piece in pieces]
+    cut = [
+        Piece(
+            piece.solid,
+            piece.tint,
+            (*piece.cuts, *(h for h in holes if solids_meet(piece.solid, h))),
+        )
+        for piece in pieces
+    ]
     return (*cut, *_cable(part))
 
 
@@ -84,19 +111,37 @@ def _own_looks() -> dict[str, tuple[Piece, ...]]:
     looks: dict[str, tuple[Piece, ...]] = {}
     for row in read_table("bricktwin.plans.catalogue", "looks"):
         solids, notches = part_notation.solids(row["solids"])
-        pieces = tuple(Piece(solid, Tint[row["tint"].upper()], _cuts(number, notches)) for number, solid in enumerate(solids))
+        pieces = tuple(
+            Piece(solid, Tint[row["tint"].upper()], _cuts(number, notches))
+            for number, solid in enumerate(solids)
+        )
         for part in row["numbers"].split():
             looks[part] = (*looks.get(part, ()), *pieces)
     return looks
 
 
 def _solids(part: Part) -> Iterator[Piece]:
-    """The solids of the catalogue, without those of pins, axles and a gear's teeth, which have looks of their own."""
-    bars = [cylinder(s.centre, s.axis, s.length, _PIN_RADIUS) for s in part.sites if s.fit is Fit.AXLE or _is_pin(s)]
-    rubber = 0.0 if part.family == "tyres" else _RUBBER * part.wheel_mm / MM_PER_LDU if part.wheel_mm > 50 else math.inf
+    """The solids of the catalogue, without those of pins, axles and a gear's teeth, which have
+    looks of their own."""
+    bars = [
+        cylinder(s.centre, s.axis, s.length, _PIN_RADIUS)
+        for s in part.sites
+        if s.fit is Fit.AXLE or _is_pin(s)
+    ]
+    rubber = (
+        0.0
+        if part.family == "tyres"
+        else _RUBBER * part.wheel_mm / MM_PER_LDU
+        if part.wheel_mm > 50
+        else math.inf
+    )
     for number, solid in enumerate(part.solids):
         cuts = _cuts(number, part.notches)
-        if part.family == "gears" and number == 0 and part.gears[0].form not in (GearForm.RACK, GearForm.WORM):
+        if (
+            part.family == "gears"
+            and number == 0
+            and part.gears[0].form not in (GearForm.RACK, GearForm.WORM)
+        ):
             root = min(solid.half[0], _root(part.gears[0]))
             half = root, min(root, solid.half[1]), solid.half[2]
             yield Piece(Solid(solid.form, solid.centre, half, solid.axes), Tint.MAIN, cuts)
@@ -121,16 +166,27 @@ def _frame(site: Site) -> tuple[Triple, Triple, Triple]:
 
 
 def _cross(site: Site, length: float, width: float, along: float) -> list[Solid]:
-    """The two blades of a cross; half length and half width of one, and their length along the axis."""
-    return [Solid(Form.BOX, site.centre, (x, y, along / 2), _frame(site)) for x, y in ((length, width), (width, length))]
+    """The two blades of a cross; half length and half width of one, and their length along the
+    axis."""
+    return [
+        Solid(Form.BOX, site.centre, (x, y, along / 2), _frame(site))
+        for x, y in ((length, width), (width, length))
+    ]
 
 
 def _hole(site: Site) -> list[Solid]:
     """The empty space of a hole."""
     if site.fit is Fit.AXLE_HOLE:
         return _cross(site, *_CROSS, site.length + 1.0)
-    through, depth = cylinder(site.centre, site.axis, site.length + 1.0, HOLE_RADIUS), _RECESS_DEPTH + 0.5
-    ends = [_along(site, side * (site.length + 1.0 - depth) / 2) for side in (-1, 1)] if site.length > 3 * depth else []
+    through, depth = (
+        cylinder(site.centre, site.axis, site.length + 1.0, HOLE_RADIUS),
+        _RECESS_DEPTH + 0.5,
+    )
+    ends = (
+        [_along(site, side * (site.length + 1.0 - depth) / 2) for side in (-1, 1)]
+        if site.length > 3 * depth
+        else []
+    )
     return [through, *(cylinder(end, site.axis, depth, _RECESS_RADIUS) for end in ends)]
 
 
@@ -149,8 +205,12 @@ def _along(site: Site, offset: float) -> Triple:
 def _pin(site: Site) -> Iterator[Piece]:
     """A pin: hollow, its ends slit, with a collar a module from them."""
     frame, half = frame_of(site.axis), site.length / 2
-    slits = tuple(Solid(Form.BOX, _along(site, side * half), (1.3, 9.0, 8.0), frame) for side in (-1, 1))
-    yield Piece(ring(site.centre, site.axis, site.length, _PIN_RADIUS, _BORE_RADIUS), Tint.MAIN, slits)
+    slits = tuple(
+        Solid(Form.BOX, _along(site, side * half), (1.3, 9.0, 8.0), frame) for side in (-1, 1)
+    )
+    yield Piece(
+        ring(site.centre, site.axis, site.length, _PIN_RADIUS, _BORE_RADIUS), Tint.MAIN, slits
+    )
     collars = (0.0,) if site.length == 40 else (-10.0, 10.0) if site.length > 40 else ()
     for offset in collars:
         yield Piece(ring(_along(site, offset), site.axis, 2.4, _COLLAR_RADIUS, _BORE_RADIUS))
@@ -176,7 +236,9 @@ def _teeth(part: Part) -> Iterator[Solid]:
         out = math.cos(angle) * first + math.sin(angle) * second
         centre = triple(np.array(gear.centre) + out * (root - 1.0 + tip) / 2)
         size = ((tip - root + 1.0) / 2, 0.23 * 2 * math.pi * 1.25, width / 2)
-        yield Solid(Form.BOX, centre, size, (triple(out), triple(np.cross(axis, out)), triple(axis)))
+        yield Solid(
+            Form.BOX, centre, size, (triple(out), triple(np.cross(axis, out)), triple(axis))
+        )
 
 
 def _cable(part: Part) -> Iterator[Piece]:
@@ -193,4 +255,8 @@ def _cable(part: Part) -> Iterator[Piece]:
 def solids_meet(solid: Solid, other: Solid) -> bool:
     """Whether the bounding boxes of two solids touch."""
     first, second = solid.corners(), other.corners()
-    return bool(((first.min(axis=0) <= second.max(axis=0)) & (second.min(axis=0) <= first.max(axis=0))).all())
+    return bool(
+        (
+            (first.min(axis=0) <= second.max(axis=0)) & (second.min(axis=0) <= first.max(axis=0))
+        ).all()
+    )

@@ -1,4 +1,5 @@
-"""Meshes of parts for moving robots: triangles of the solids of `looks`, without those that other solids hide. LDraw units."""
+"""Meshes of parts for moving robots: triangles of the solids of `looks`, without those that other
+solids hide. LDraw units."""
 
 import functools
 import itertools
@@ -17,7 +18,8 @@ _CHORD_ERROR = 0.3
 _ON_AXIS = 1e-9
 """Radii of a profile below this lie on its axis, where triangles have no area."""
 _SPREAD, _OFFSET = 0.9, 0.05
-"""Sample points around a triangle: share of the way from its middle to its corners, and distance from it, LDU."""
+"""Sample points around a triangle: share of the way from its middle to its corners, and distance
+from it, LDU."""
 _DISC_OFFSET = 0.15
 """Offset of a hole's dark disc from the surface, for visibility."""
 
@@ -33,19 +35,34 @@ class Surface:
 @functools.lru_cache(maxsize=1024)
 def surface_of(part: Part) -> Surface:
     """The surface of a part in its own frame; holes are dark discs and crosses at their ends."""
-    pieces = [*look_of(part), *(Piece(plug, Tint.DARK) for site in part.holes for plug in hole_ends(site, _DISC_OFFSET))]
+    pieces = [
+        *look_of(part),
+        *(Piece(plug, Tint.DARK) for site in part.holes for plug in hole_ends(site, _DISC_OFFSET)),
+    ]
     solids = [piece.solid for piece in pieces]
     visible = _without_hidden(solids, [_solid(solid) for solid in solids])
-    tints = [np.full(len(triangles), int(piece.tint)) for piece, triangles in zip(pieces, visible, strict=True)]
+    tints = [
+        np.full(len(triangles), int(piece.tint))
+        for piece, triangles in zip(pieces, visible, strict=True)
+    ]
     return Surface(np.concatenate(visible), np.concatenate(tints))
 
 
 def _solid(solid: Solid) -> Floats:
-    """Triangles [n, 3, 3] of a solid: a profile of (radius, height), each up to 1, all around its third axis."""
-    sides, phase, scale = circle_sides(solid.half[0], _CHORD_ERROR), 0.0, np.array([solid.half[0], solid.half[0], solid.half[2]])
+    """Triangles [n, 3, 3] of a solid: a profile of (radius, height), each up to 1, all around its
+    third axis."""
+    sides, phase, scale = (
+        circle_sides(solid.half[0], _CHORD_ERROR),
+        0.0,
+        np.array([solid.half[0], solid.half[0], solid.half[2]]),
+    )
     profile = [(0.0, -1.0), (1.0, -1.0), (1.0, 1.0), (0.0, 1.0)]
     if solid.form is Form.BOX:
-        sides, phase, scale = 4, math.pi / 4, np.array(solid.half) * [math.sqrt(2), math.sqrt(2), 1.0]
+        sides, phase, scale = (
+            4,
+            math.pi / 4,
+            np.array(solid.half) * [math.sqrt(2), math.sqrt(2), 1.0],
+        )
     elif solid.form is Form.RING:
         inner = solid.half[1] / solid.half[0]
         profile = [(inner, -1.0), (1.0, -1.0), (1.0, 1.0), (inner, 1.0), (inner, -1.0)]
@@ -53,9 +70,14 @@ def _solid(solid: Solid) -> Floats:
         angles = [math.pi * step / 10 - math.pi / 2 for step in range(11)]
         profile = [(math.cos(angle), math.sin(angle)) for angle in angles]
     turns = phase + np.arange(sides + 1) * 2 * math.pi / sides
-    rings = [np.column_stack([r * np.cos(turns), r * np.sin(turns), np.full(sides + 1, z)]) * scale for r, z in profile]
+    rings = [
+        np.column_stack([r * np.cos(turns), r * np.sin(turns), np.full(sides + 1, z)]) * scale
+        for r, z in profile
+    ]
     faces = []
-    for (low, (low_radius, _)), (high, (high_radius, _)) in itertools.pairwise(zip(rings, profile, strict=True)):
+    for (low, (low_radius, _)), (high, (high_radius, _)) in itertools.pairwise(
+        zip(rings, profile, strict=True)
+    ):
         if low_radius > _ON_AXIS:
             faces.append(np.stack([low[:-1], low[1:], high[1:]], axis=1))
         if high_radius > _ON_AXIS:
@@ -67,11 +89,14 @@ def _solid(solid: Solid) -> Floats:
 def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Floats]:
     """Triangles of each solid's surface [n, 3, 3] without those that others hide.
 
-    A triangle is hidden if there is material on its outer side, or if it lies on the surface of an earlier solid.
+    A triangle is hidden if there is material on its outer side, or if it lies on the surface of an
+    earlier solid.
     """
     visible = []
     for number, triangles in enumerate(surfaces):
-        outer, inner = (offset_points(triangles, distance).reshape(-1, 3) for distance in (_OFFSET, -_OFFSET))
+        outer, inner = (
+            offset_points(triangles, distance).reshape(-1, 3) for distance in (_OFFSET, -_OFFSET)
+        )
         covered, duplicate = np.zeros(len(outer), dtype=bool), np.zeros(len(outer), dtype=bool)
         for other, solid in enumerate(solids):
             if not solids_meet(solids[number], solid):
@@ -86,8 +111,12 @@ def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Flo
 
 
 def offset_points(triangles: Floats, distance: float) -> Floats:
-    """Points [n, 4, 3] at a distance from triangles [n, 3, 3], on their outer side: over the middle, and near the corners."""
+    """Points [n, 4, 3] at a distance from triangles [n, 3, 3], on their outer side: over the
+    middle, and near the corners."""
     centres = triangles.mean(axis=1, keepdims=True)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    return np.concatenate([centres, centres + _SPREAD * (triangles - centres)], axis=1) + distance * normals[:, None]
+    return (
+        np.concatenate([centres, centres + _SPREAD * (triangles - centres)], axis=1)
+        + distance * normals[:, None]
+    )

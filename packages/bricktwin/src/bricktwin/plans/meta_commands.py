@@ -1,7 +1,7 @@
 """Meta commands of LDraw and its editors: lines that begin with 0, and what each of them is here.
 
-Sources: LDraw.org's file format, multi-part documents and language extensions; the programs' own documentation; LPub3D's
-``meta.cpp`` and ``traverse.cpp``; LSynth's ``lsynth.mpd``.
+Sources: LDraw.org's file format, multi-part documents and language extensions; the programs' own
+documentation; LPub3D's ``meta.cpp`` and ``traverse.cpp``; LSynth's ``lsynth.mpd``.
 """
 
 import enum
@@ -25,7 +25,9 @@ class Meaning(enum.Enum):
     END_IGNORED = "the end of such lines"
     SUBSTITUTED = "what follows is one drawn piece, unless the catalogue knows a part of it"
     END_SUBSTITUTED = "the end of such a piece"
-    SYNTH = "what follows is one drawn piece; a chain of links, or an arc of bricks, is so many parts"
+    SYNTH = (
+        "what follows is one drawn piece; a chain of links, or an arc of bricks, is so many parts"
+    )
     END_SYNTH = "the end of what LSynth draws"
     SYNTHESIZED = "the segments or links that LSynth has drawn"
     END_SYNTHESIZED = "the end of these"
@@ -156,7 +158,8 @@ def _by_first_word() -> dict[str, list[tuple[list[str], Meaning]]]:
 
 
 def meaning_of(words: Sequence[str]) -> Meaning | None:
-    """What a line is, by its words after the 0; ``None`` for a title, a comment, or an unknown command."""
+    """What a line is, by its words after the 0; ``None`` for a title, a comment, or an unknown
+    command."""
     for pattern, meaning in _by_first_word().get(words[0] if words else "", ()):
         is_it = all(word in ("*", said) for word, said in zip(pattern, words, strict=False))
         if is_it and len(words) >= len(pattern):
@@ -191,7 +194,8 @@ SYNTH_KINDS = {
     "TECHNIC_TREAD_CRAWLER": SynthKind(is_band=True, is_of_parts=False),
     "RUBBER_TREAD": SynthKind(is_band=True, is_of_parts=False),
 }
-"""The bands of LSynth, and what else is made of real parts; all other kinds are hoses, cables and strings of one piece."""
+"""The bands of LSynth, and what else is made of real parts; all other kinds are hoses, cables and
+strings of one piece."""
 _HOSE = SynthKind(is_band=False, is_of_parts=False)
 
 

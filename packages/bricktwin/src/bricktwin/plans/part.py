@@ -81,7 +81,8 @@ class Gear:
         axis: of rotation; direction of travel for a rack.
         width: along the axis.
         up: of a rack, from the pitch line to the teeth.
-        set_back: at right angles, how far the gear's middle is from the other axis beyond the other's pitch radius.
+        set_back: at right angles, how far the gear's middle is from the other axis beyond the
+            other's pitch radius.
     """
 
     form: GearForm
@@ -115,7 +116,8 @@ class Device:
         plug: position of the cable's exit; a hub's middle.
         cable_mm: length of the cable, 0 for a hub.
         ports: positions of a hub's ports.
-        direction: outward direction of a motor's shaft, viewing direction of a sensor; ``None`` for a hub.
+        direction: outward direction of a motor's shaft, viewing direction of a sensor; ``None`` for
+            a hub.
         sold_as: LEGO's number of the device sold singly, "" if there is none.
     """
 
@@ -176,7 +178,8 @@ class Part:
         return tuple(site for site in self.sites if site.fit in (Fit.HOLE, Fit.AXLE_HOLE))
 
     def contains(self, points: Floats, margin: float) -> Bools:
-        """Whether points [n, 3], in the part's frame, are deeper than ``margin`` in the solids, and in no hole [n]."""
+        """Whether points [n, 3], in the part's frame, are deeper than ``margin`` in the solids, and
+        in no hole [n]."""
         inside = np.zeros(len(points), dtype=bool)
         for solid in (*self.solids, *self.turning):
             inside |= solid.contains(points, margin)
@@ -184,8 +187,8 @@ class Part:
         return inside
 
     def blocks(self, points: Floats, margin: float, open_holes: Iterable[Site]) -> Bools:
-        """Whether points [n, 3] are deeper than ``margin`` in the material [n]. Only the holes that are open for them are empty:
-        nothing else fits into a hole."""
+        """Whether points [n, 3] are deeper than ``margin`` in the material [n]. Only the holes that
+        are open for them are empty: nothing else fits into a hole."""
         inside = np.zeros(len(points), dtype=bool)
         for number, solid in enumerate((*self.solids, *self.turning)):
             within = np.flatnonzero(solid.contains(points, margin))
@@ -203,9 +206,13 @@ class Part:
 
     @functools.cached_property
     def mirror(self) -> Floats | None:
-        """Signs [3] of a reflection along an axis that maps the part onto itself; ``None`` for a part with a left and a right."""
+        """Signs [3] of a reflection along an axis that maps the part onto itself; ``None`` for a
+        part with a left and a right."""
         for signs in 1.0 - 2.0 * np.eye(3):
-            if self._features(signs) == self._features(np.ones(3)) and self.contains(self.samples * signs, -0.2).all():
+            if (
+                self._features(signs) == self._features(np.ones(3))
+                and self.contains(self.samples * signs, -0.2).all()
+            ):
                 return np.asarray(signs)
         return None
 
@@ -216,10 +223,19 @@ class Part:
             return () if values is None else tuple((np.array(values) * signs).round(2) + 0.0)
 
         def line(values: Triple | None) -> tuple[float, ...]:
-            return max(point(values), point(None if values is None else (-values[0], -values[1], -values[2])))
+            return max(
+                point(values),
+                point(None if values is None else (-values[0], -values[1], -values[2])),
+            )
 
-        sites = [(s.fit.value, point(s.centre), line(s.axis), s.length, s.turns, line(s.arm)) for s in self.sites]
-        gears = [(g.form.value, point(g.centre), line(g.axis), g.width, g.teeth, point(g.up)) for g in self.gears]
+        sites = [
+            (s.fit.value, point(s.centre), line(s.axis), s.length, s.turns, line(s.arm))
+            for s in self.sites
+        ]
+        gears = [
+            (g.form.value, point(g.centre), line(g.axis), g.width, g.teeth, point(g.up))
+            for g in self.gears
+        ]
         features: list[tuple[object, ...]] = [*sorted(sites), *sorted(gears)]
         if self.device is not None:
             ports = sorted((name, point(at)) for name, at in self.device.ports)
@@ -248,12 +264,14 @@ class Part:
 
 
 def _in_holes(points: Floats, holes: Iterable[Site], margin: float, recess: float = 0.0) -> Bools:
-    """Whether points [n, 3] are in a hole, or less than ``margin`` from one [n]. ``recess``: of a pin hole's ends."""
+    """Whether points [n, 3] are in a hole, or less than ``margin`` from one [n]. ``recess``: of a
+    pin hole's ends."""
     inside = np.zeros(len(points), dtype=bool)
     for site in holes:
         offset = points - np.array(site.centre)
         along = offset @ np.array(site.axis)
-        squared = np.einsum("ij,ij->i", offset, offset) - along * along  # of the distance from the axis
+        # of the distance from the axis
+        squared = np.einsum("ij,ij->i", offset, offset) - along * along
         is_end = (np.abs(along) > site.length / 2 - _RECESS_DEPTH) & (site.fit is Fit.HOLE)
         radius = HOLE_RADIUS + margin + recess * is_end
         inside |= (squared < radius**2) & (np.abs(along) < site.length / 2 + 0.5)

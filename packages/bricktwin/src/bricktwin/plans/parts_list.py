@@ -1,6 +1,8 @@
-"""Parts lists as CSV, Rebrickable's CSV and BrickLink's XML, and the LEGO sets that have a plan's hub and many of its parts.
+"""Parts lists as CSV, Rebrickable's CSV and BrickLink's XML, and the LEGO sets that have a plan's
+hub and many of its parts.
 
-Parts have LDraw's numbers; the shops number some of them otherwise. Colours have the shops' numbers.
+Parts have LDraw's numbers; the shops number some of them otherwise. Colours have the shops'
+numbers.
 """
 
 import csv
@@ -45,8 +47,19 @@ def parts_list(plan: Plan) -> list[Entry]:
     """The parts of a plan by family, highest count first."""
     counts = Counter((placed.part, placed.colour) for placed in plan.parts)
     entries = [Entry(part, colour_of(code), count) for (part, code), count in counts.items()]
-    families = list(dict.fromkeys(entry.part.family for entry in sorted(entries, key=lambda entry: -entry.mass_g)))
-    entries.sort(key=lambda entry: (families.index(entry.part.family), -entry.count, entry.part.name, entry.colour.code))
+    families = list(
+        dict.fromkeys(
+            entry.part.family for entry in sorted(entries, key=lambda entry: -entry.mass_g)
+        )
+    )
+    entries.sort(
+        key=lambda entry: (
+            families.index(entry.part.family),
+            -entry.count,
+            entry.part.name,
+            entry.colour.code,
+        )
+    )
     return entries
 
 
@@ -56,11 +69,19 @@ def as_text(entries: list[Entry], kind: str) -> str:
         return _bricklink(entries)
     if kind == "rebrickable":
         return _table(
-            ["Part", "Color", "Quantity"], [[entry.part.number, entry.colour.rebrickable, entry.count] for entry in entries]
+            ["Part", "Color", "Quantity"],
+            [[entry.part.number, entry.colour.rebrickable, entry.count] for entry in entries],
         )
     heads = ["number", "name", "colour", "count", "mass_g", "mass_source"]
     rows = [
-        [entry.part.number, entry.part.name, entry.colour.name, entry.count, round(entry.mass_g, 3), entry.part.mass_source.value]
+        [
+            entry.part.number,
+            entry.part.name,
+            entry.colour.name,
+            entry.count,
+            round(entry.mass_g, 3),
+            entry.part.mass_source.value,
+        ]
         for entry in entries
     ]
     return _table(heads, rows)
@@ -96,7 +117,8 @@ NAMES = {
 _ELECTRONICS_ONLY = {"51515", "17101"}
 """Sets of which the inventory has only hub, motors and sensors."""
 _REPLACEMENTS = {"3704": "32062", "62821": "62821b"}
-"""Parts that another one can replace: an axle by a notched one, a differential by its other mould."""
+"""Parts that another one can replace: an axle by a notched one, a differential by its other
+mould."""
 _MAX_LISTED = 8
 
 
@@ -106,7 +128,8 @@ class LegoSet:
 
     Attributes:
         parts: count of each part, as in ``needs``.
-        is_listed: whether all of its parts in the catalogue are counted, not only hub, motors and sensors.
+        is_listed: whether all of its parts in the catalogue are counted, not only hub, motors and
+            sensors.
     """
 
     number: str
@@ -136,7 +159,11 @@ class Purchase:
         needed = self.present + self.missing.total() + self.uncompared.total()
         text = f"{names}: {self.present} of {needed} parts"
         text += f"; {self.uncompared.total()} not compared" if self.uncompared else ""
-        unknown = sorted(kind for kind in self.uncompared if kind not in _devices() and catalogue.find(kind) is None)
+        unknown = sorted(
+            kind
+            for kind in self.uncompared
+            if kind not in _devices() and catalogue.find(kind) is None
+        )
         text += f" (not in the catalogue: {', '.join(unknown)})" if unknown else ""
         return text + (f"; add {_listing(self.missing)}" if self.missing else "")
 
@@ -145,18 +172,30 @@ class Purchase:
 def sets() -> tuple[LegoSet, ...]:
     """The sets of ``inventories.csv``, which also names the sources."""
     rows = read_table("bricktwin.plans.catalogue", "inventories")
-    counts = {number: Counter({_key(catalogue.get(row["part"])): int(row[number]) for row in rows}) for number in NAMES}
-    return tuple(LegoSet(number, NAMES[number], +count, number not in _ELECTRONICS_ONLY) for number, count in counts.items())
+    counts = {
+        number: Counter({_key(catalogue.get(row["part"])): int(row[number]) for row in rows})
+        for number in NAMES
+    }
+    return tuple(
+        LegoSet(number, NAMES[number], +count, number not in _ELECTRONICS_ONLY)
+        for number, count in counts.items()
+    )
 
 
 def needs(plan: Plan) -> Counter[str]:
-    """Count of the plan's parts: devices by their name in ``bricktwin.robots``, others by number, with equal parts as one."""
-    numbers = [number for placed in plan.parts for number in components().get(placed.part.number, (placed.part.number,))]
+    """Count of the plan's parts: devices by their name in ``bricktwin.robots``, others by number,
+    with equal parts as one."""
+    numbers = [
+        number
+        for placed in plan.parts
+        for number in components().get(placed.part.number, (placed.part.number,))
+    ]
     return Counter(_key(catalogue.get(number)) for number in numbers)
 
 
 def purchases(plan: Plan) -> list[Purchase]:
-    """Sets with the plan's hub, alone or with a set without hub that adds parts; the most complete first."""
+    """Sets with the plan's hub, alone or with a set without hub that adds parts; the most complete
+    first."""
     needed, unknown = needs(plan), Counter({part.number: len(part.lines) for part in plan.unknown})
     hubs = {name for name, part in _devices().items() if part.family == "hubs"}
     extras = [lego_set for lego_set in sets() if not hubs & set(lego_set.parts)]
@@ -169,11 +208,15 @@ def purchases(plan: Plan) -> list[Purchase]:
 
 
 def owned(plan: Plan, numbers: Sequence[str]) -> Purchase:
-    """The plan's parts in sets that somebody has; a number may occur twice. Raises PlanError for a set without an inventory."""
+    """The plan's parts in sets that somebody has; a number may occur twice. Raises PlanError for a
+    set without an inventory."""
     known = {lego_set.number: lego_set for lego_set in sets() if lego_set.is_listed}
     for number in numbers:
         if number not in known:
-            raise PlanError(f"there is no inventory of set '{number}'; name sets of {', '.join(known)}, with commas between them")
+            raise PlanError(
+                f"there is no inventory of set '{number}'; name sets of {', '.join(known)}, with "
+                "commas between them"
+            )
     unknown = Counter({part.number: len(part.lines) for part in plan.unknown})
     return _purchase(tuple(known[number] for number in numbers), needs(plan), unknown)
 
@@ -182,14 +225,19 @@ def still_needed(entries: Iterable[Entry], missing: Counter[str]) -> list[Entry]
     """The entries, with the counts that are missing; a missing part may have any of its colours."""
     left, result = Counter(missing), []
     for entry in entries:
-        keys = [_key(catalogue.get(number)) for number in components().get(entry.part.number, (entry.part.number,))]
+        keys = [
+            _key(catalogue.get(number))
+            for number in components().get(entry.part.number, (entry.part.number,))
+        ]
         count = min(entry.count, max(left[key] for key in keys))
         left -= Counter(dict.fromkeys(keys, count))
         result += [replace(entry, count=count)] if count else []
     return result
 
 
-def _purchase(lego_sets: tuple[LegoSet, ...], needed: Counter[str], unknown: Counter[str]) -> Purchase:
+def _purchase(
+    lego_sets: tuple[LegoSet, ...], needed: Counter[str], unknown: Counter[str]
+) -> Purchase:
     available = sum((lego_set.parts for lego_set in lego_sets), Counter[str]())
     missing = needed - available
     present = needed.total() - missing.total()
@@ -200,7 +248,9 @@ def _purchase(lego_sets: tuple[LegoSet, ...], needed: Counter[str], unknown: Cou
 
 
 def _key(part: Part) -> str:
-    return part.device.name if part.device is not None else _REPLACEMENTS.get(part.number, part.number)
+    return (
+        part.device.name if part.device is not None else _REPLACEMENTS.get(part.number, part.number)
+    )
 
 
 @functools.cache
@@ -213,7 +263,9 @@ def _listing(parts: Counter[str]) -> str:
     kinds = sorted(parts, key=lambda part: (part not in _devices(), -parts[part], part))
     text = ", ".join(f"{parts[kind]} x {_named(kind)}" for kind in kinds[:_MAX_LISTED])
     others = kinds[_MAX_LISTED:]
-    return f"{text} and {sum(parts[kind] for kind in others)} more of other kinds" if others else text
+    return (
+        f"{text} and {sum(parts[kind] for kind in others)} more of other kinds" if others else text
+    )
 
 
 def _named(kind: str) -> str:

@@ -147,12 +147,16 @@ class Plan:
 
     def present_parts(self, step: Step) -> set[int]:
         """Indices of the parts that are in the current sub-assembly after a step."""
-        steps = [earlier for earlier in self.steps[: step.index + 1] if earlier.assembly == step.assembly]
-        return {part for earlier in steps for group in (earlier.new, *earlier.joined) for part in group}
+        steps = [
+            earlier for earlier in self.steps[: step.index + 1] if earlier.assembly == step.assembly
+        ]
+        return {
+            part for earlier in steps for group in (earlier.new, *earlier.joined) for part in group
+        }
 
     def kind_of(self, step: Step) -> tuple[object, ...]:
-        """Key of equal steps: the model of the sub-assembly, the step's index there, and the colours of the parts until then.
-        Each step of the robot itself is of its own kind."""
+        """Key of equal steps: the model of the sub-assembly, the step's index there, and the
+        colours of the parts until then. Each step of the robot itself is of its own kind."""
         if not step.assembly:
             return ("", step.index)
         colours = (self.parts[part].colour for part in sorted(self.present_parts(step)))
@@ -160,7 +164,8 @@ class Plan:
 
     @property
     def different_steps(self) -> dict[Step, int]:
-        """The steps in order, each with how often it is done: a sub-assembly that is built several times is there once."""
+        """The steps in order, each with how often it is done: a sub-assembly that is built several
+        times is there once."""
         kinds = [self.kind_of(step) for step in self.steps]
         return {self.steps[kinds.index(kind)]: times for kind, times in Counter(kinds).items()}
 
@@ -171,25 +176,37 @@ class Plan:
 
 
 def read_plan(path: Path) -> Plan:
-    """Read a plan from an LDraw file, and from the files beside it that it names. Raises PlanError if one is unreadable, invalid
-    or too large."""
+    """Read a plan from an LDraw file, and from the files beside it that it names. Raises PlanError
+    if one is unreadable, invalid or too large."""
     return make_plan(ldraw_file.parse(ldraw_text.read_text(path), str(path)), path)
 
 
 def make_plan(document: Document, path: Path | None = None) -> Plan:
-    """The plan of a document, and of the files beside its path, if it has one. Raises PlanError if a model contains itself, there
-    are too many parts, no line is valid, or a file cannot be read."""
+    """The plan of a document, and of the files beside its path, if it has one. Raises PlanError if
+    a model contains itself, there are too many parts, no line is valid, or a file cannot be
+    read."""
     builder = _Builder(document, SubModels(document, path))
-    builder.build(document.main, Reference(_MAIN_COLOUR, np.eye(3), np.zeros(3), "", 0, 0, False), ())
+    builder.build(
+        document.main, Reference(_MAIN_COLOUR, np.eye(3), np.zeros(3), "", 0, 0, False), ()
+    )
     unknown = tuple(
-        Unknown(number, tuple(ref.line for ref in references), np.array([ref.offset for ref in references]))
+        Unknown(
+            number,
+            tuple(ref.line for ref in references),
+            np.array([ref.offset for ref in references]),
+        )
         for number, references in sorted(builder.unknown.items())
     )
-    title, faults = document.main.title or Path(document.path).stem, (*document.faults, *builder.faults)
+    title, faults = (
+        document.main.title or Path(document.path).stem,
+        (*document.faults, *builder.faults),
+    )
     if faults and not (builder.parts or unknown):
         raise PlanError(f"{document.path}, line {faults[0].line}: {faults[0].text}")
     parts, steps, drawn = tuple(builder.parts), tuple(builder.steps), tuple(builder.drawn)
-    return Plan(document.path, title, document.robot, document.count, parts, steps, unknown, drawn, faults)
+    return Plan(
+        document.path, title, document.robot, document.count, parts, steps, unknown, drawn, faults
+    )
 
 
 class SubModels:
@@ -205,10 +222,12 @@ class SubModels:
         self._beside = None if path is None else ldraw_text.Beside(path)
         self._files: dict[Path, Document] = {}
         self._owners: dict[int, tuple[Document, Path]] = {}
-        """Of each model in another file than the plan, by its identity: the document and the file."""
+        """Of each model in another file than the plan, by its identity: the document and the
+        file."""
 
     def find(self, name: str, user: Model) -> Model | None:
-        """The model of that name, as a line of the model ``user`` places it; ``None`` if there is none."""
+        """The model of that name, as a line of the model ``user`` places it; ``None`` if there is
+        none."""
         document, file = self._owners.get(id(user), (self._document, self._path))
         inside = document.models.get(ldraw_text.key_of(name))
         if inside is not None or self._beside is None or file is None or is_known(name):
@@ -223,7 +242,11 @@ class SubModels:
 
     def faults(self) -> list[tuple[str, LineFault]]:
         """The lines of other files that are left out, and the names of the files."""
-        return [(path.name, fault) for path, document in self._files.items() for fault in document.faults]
+        return [
+            (path.name, fault)
+            for path, document in self._files.items()
+            for fault in document.faults
+        ]
 
     def _main_of(self, path: Path) -> Model:
         """The first model of a file."""
@@ -232,13 +255,18 @@ class SubModels:
             return self._document.main
         if path not in self._files:
             if len(self._files) >= ldraw_text.MAX_FILES:
-                raise PlanError(f"{self._path} is made of more than {ldraw_text.MAX_FILES} files; join some into one .mpd")
+                raise PlanError(
+                    f"{self._path} is made of more than {ldraw_text.MAX_FILES} files; join some "
+                    "into one .mpd"
+                )
             document = ldraw_file.parse_any(ldraw_text.read_text(path), str(path))
             document.models.setdefault("", Model(path.name, 0))  # of a file without a line
             self._files[path] = document
             self._owners |= {id(model): (document, path) for model in document.models.values()}
         document = self._files[path]
-        return next((model for model in document.models.values() if model.references), document.main)
+        return next(
+            (model for model in document.models.values() if model.references), document.main
+        )
 
 
 class _Builder:
@@ -260,7 +288,8 @@ class _Builder:
         """Add the parts and steps of a model at its place. Returns the indices of its parts."""
         if len(assembly) > MAX_DEPTH:
             raise PlanError(
-                f"{self.document.path}, line {model.line}: '{model.name}' is nested more than {MAX_DEPTH} deep or in itself"
+                f"{self.document.path}, line {model.line}: '{model.name}' is nested more than "
+                f"{MAX_DEPTH} deep or in itself"
             )
         first = len(self.parts)
         file = self.models.file_of(model)
@@ -277,13 +306,18 @@ class _Builder:
                 if inner is not None
             ]
             step, groups = len(self.steps), tuple(group for group in joined if len(group) > 1)
-            placed = [self._place(ref, step, assembly, model) for _, ref, inner in lines if inner is None]
+            placed = [
+                self._place(ref, step, assembly, model) for _, ref, inner in lines if inner is None
+            ]
             new = tuple(part.index for part in placed if part is not None)
-            for part in [group[0] for group in joined if len(group) == 1]:  # nothing is assembled of one part
+            # nothing is assembled of one part
+            for part in [group[0] for group in joined if len(group) == 1]:
                 self.parts[part] = replace(self.parts[part], step=step, assembly=assembly)
                 new = (*new, part)
             if new or groups:
-                self.steps.append(Step(step, new, groups, assembly, number, " ".join(model.notes.get(number, ()))))
+                self.steps.append(
+                    Step(step, new, groups, assembly, number, " ".join(model.notes.get(number, ())))
+                )
         return tuple(range(first, len(self.parts)))
 
     def _lines(self, model: Model) -> Iterator[Reference]:
@@ -296,23 +330,37 @@ class _Builder:
                 yield reference
 
     def _add_faults(self, file: str, line: int) -> None:
-        """Add the lines of another file that are left out, once, with the line that places the file."""
+        """Add the lines of another file that are left out, once, with the line that places the
+        file."""
         if file and file not in self._files:
             self._files.add(file)
             faults = [fault for name, fault in self.models.faults() if name == file]
-            self.faults += [LineFault(line, f"in {file}, line {fault.line}: {fault.text}") for fault in faults]
+            self.faults += [
+                LineFault(line, f"in {file}, line {fault.line}: {fault.text}") for fault in faults
+            ]
 
     def _assembly(self, reference: Reference, user: Model) -> Model | None:
         """The sub-model that a line of the model ``user`` places, or ``None`` for a part."""
         model = self.models.find(reference.name, user)
-        if model is None or model.is_shape or catalogue.find(reference.name) or self._is_drawn(model):
+        if (
+            model is None
+            or model.is_shape
+            or catalogue.find(reference.name)
+            or self._is_drawn(model)
+        ):
             return None
-        is_part = reference.name.lower().endswith(".dat") and not self._holds_parts(model)  # of primitives, without a header
+        # of primitives, without a header
+        is_part = reference.name.lower().endswith(".dat") and not self._holds_parts(model)
         return None if is_part else model
 
     def _is_drawn(self, model: Model | None) -> bool:
-        """Whether a model is one drawn cable or hose, without parts of the catalogue; others draw them as stretched pieces."""
-        is_stretched = model is not None and not model.is_shape and any(one.is_stretched for one in model.references)
+        """Whether a model is one drawn cable or hose, without parts of the catalogue; others draw
+        them as stretched pieces."""
+        is_stretched = (
+            model is not None
+            and not model.is_shape
+            and any(one.is_stretched for one in model.references)
+        )
         if model is None or not (model.is_drawn or is_stretched):
             return False
         return not self._holds_parts(model)
@@ -320,10 +368,14 @@ class _Builder:
     def _holds_parts(self, model: Model) -> bool:
         """Whether a model has parts of the catalogue, or sub-models that are no embedded shapes."""
         inner = [self.models.find(part.name, model) for part in model.references]
-        is_assembly = any(one and not one.is_shape and not (one.is_drawn and not one.references) for one in inner)
+        is_assembly = any(
+            one and not one.is_shape and not (one.is_drawn and not one.references) for one in inner
+        )
         return is_assembly or any(is_known(part.name) for part in model.references)
 
-    def _join(self, reference: Reference, model: Model, assembly: tuple[str, ...]) -> tuple[int, ...]:
+    def _join(
+        self, reference: Reference, model: Model, assembly: tuple[str, ...]
+    ) -> tuple[int, ...]:
         self._count(reference)
         if reference.is_stretched:  # so would be all of its parts
             self.faults.append(LineFault(reference.line, _STRETCHED.format(reference.name)))
@@ -333,38 +385,67 @@ class _Builder:
         if len(parts) == 1:
             del self.steps[steps:]
         if reference.is_free or reference.is_fixed or reference.ball is not None:
-            raise self._fault(reference, f"'{reference.name}' is no part; write FREE, FIXED and BALL before a part in it")
-        if reference.port is not None or reference.stops_deg is not None:  # of two equal sub-models, each has its own
-            devices = [self.parts[part] for part in parts if self.parts[part].part.device is not None]
+            raise self._fault(
+                reference,
+                f"'{reference.name}' is no part; write FREE, FIXED and BALL before a part in it",
+            )
+        # of two equal sub-models, each has its own
+        if reference.port is not None or reference.stops_deg is not None:
+            devices = [
+                self.parts[part] for part in parts if self.parts[part].part.device is not None
+            ]
             devices = [placed for placed in devices if placed.electric.kind is not DeviceKind.HUB]
             if len(devices) != 1:
-                text = f"'{reference.name}' has {len(devices)} motors and sensors; write PORT before a motor or sensor in it"
+                text = (
+                    f"'{reference.name}' has {len(devices)} motors and sensors; write PORT "
+                    "before a motor or sensor in it"
+                )
                 raise self._fault(reference, text)
             self.parts[devices[0].index] = devices[0].with_marks_of(reference)
         return parts
 
-    def _place(self, reference: Reference, step: int, assembly: tuple[str, ...], model: Model) -> Placed | None:
+    def _place(
+        self, reference: Reference, step: int, assembly: tuple[str, ...], model: Model
+    ) -> Placed | None:
         self._count(reference)
         part = catalogue.find(reference.name)
         if part is None:
             if self._is_drawn(self.models.find(reference.name, model)):
                 self.drawn.append(reference.line)
             elif not model.is_drawn:
-                self.unknown.setdefault(reference.name.lower().removesuffix(".dat"), []).append(reference)
+                self.unknown.setdefault(reference.name.lower().removesuffix(".dat"), []).append(
+                    reference
+                )
             return None
         if reference.is_stretched:
             self.faults.append(LineFault(reference.line, _STRETCHED.format(reference.name)))
             return None
         rotation, marks = reference.matrix, reference.marks
-        if np.linalg.det(rotation) < 0.0:  # editors mirror halves of a model; a symmetric part can be turned instead
+        # editors mirror halves of a model; a symmetric part can be turned instead
+        if np.linalg.det(rotation) < 0.0:
             if part.mirror is None:
-                text = f"'{reference.name}' is mirrored, and {part.name} has a left and a right; turn it"
+                text = (
+                    f"'{reference.name}' is mirrored, and {part.name} has a left and a "
+                    "right; turn it"
+                )
                 self.faults.append(LineFault(reference.line, text))
                 return None
             rotation = rotation * part.mirror
-            marks["ball"] = None if reference.ball is None else triple(np.array(reference.ball) * part.mirror)
+            marks["ball"] = (
+                None if reference.ball is None else triple(np.array(reference.ball) * part.mirror)
+            )
         line = reference.line
-        placed = Placed(len(self.parts), part, reference.colour, rotation, reference.offset, step, line, assembly, **marks)
+        placed = Placed(
+            len(self.parts),
+            part,
+            reference.colour,
+            rotation,
+            reference.offset,
+            step,
+            line,
+            assembly,
+            **marks,
+        )
         self.parts.append(placed)
         return placed
 

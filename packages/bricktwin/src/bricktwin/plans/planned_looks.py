@@ -1,4 +1,5 @@
-"""Looks of a plan's parts: our meshes or those of an installed LDraw library, also of shafts that turn visually only."""
+"""Looks of a plan's parts: our meshes or those of an installed LDraw library, also of shafts that
+turn visually only."""
 
 import functools
 from collections.abc import Callable, Iterable
@@ -28,12 +29,18 @@ _DETAILED: dict[str, tuple[Callable[[], drawings.Piece], tuple[int, int, int]]] 
     "spike-medium": (drawings.medium_motor_case, (-3, -2, -1)),
     "UltrasonicSensor": (drawings.ultrasonic_sensor, (-3, 1, -2)),
 }
-"""Our drawings of electric parts, and the signed axes of the catalogue's parts that are x, y and z there (1 is a part's x)."""
+"""Our drawings of electric parts, and the signed axes of the catalogue's parts that are x, y and z
+there (1 is a part's x)."""
 _WHEEL_AXES = (-1, -3, -2)
 
 
 def looks_of(
-    plan: Plan, parts: Iterable[int], origin_m: Floats, *, axes: Floats | None = None, shafts: Iterable[int] = ()
+    plan: Plan,
+    parts: Iterable[int],
+    origin_m: Floats,
+    *,
+    axes: Floats | None = None,
+    shafts: Iterable[int] = (),
 ) -> drawings.Piece:
     """Looks of parts of a plan in the frame of their body, mm.
 
@@ -41,18 +48,27 @@ def looks_of(
         parts: indices of the parts.
         origin_m: the body's origin [3] in the twin's axes.
         axes: the body's axes as rows [3, 3]; by default the twin's.
-        shafts: indices of motors of which only the turning output is drawn; it is left out otherwise.
+        shafts: indices of motors of which only the turning output is drawn; it is left out
+            otherwise.
     """
     frame = (np.eye(3) if axes is None else axes) @ TO_TWIN
     shift = (np.eye(3) if axes is None else axes) @ origin_m * 1000
     shapes: list[tuple[str, Shape]] = []
     placed_parts = [plan.parts[part] for part in parts]
     motors = [plan.parts[motor] for motor in shafts]
-    for placed, is_shaft in [*((part, False) for part in placed_parts), *((motor, True) for motor in motors)]:
+    for placed, is_shaft in [
+        *((part, False) for part in placed_parts),
+        *((motor, True) for motor in motors),
+    ]:
         turn = frame @ placed.rotation
-        can_hide = not is_shaft and ldraw_library.folder() is None  # the shapes of a library are not those of our solids
+        # the shapes of a library are not those of our solids
+        can_hide = not is_shaft and ldraw_library.folder() is None
         low, high = placed.bounds
-        near = [part for part in placed_parts if can_hide and (part.bounds[0] <= high).all() and (low <= part.bounds[1]).all()]
+        near = [
+            part
+            for part in placed_parts
+            if can_hide and (part.bounds[0] <= high).all() and (low <= part.bounds[1]).all()
+        ]
         for colour, shape in _shapes(placed, only_turning=is_shaft):
             visible = _uncovered(placed, shape, [part for part in near if part is not placed])
             points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift
@@ -62,7 +78,8 @@ def looks_of(
 
 
 def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
-    """A shape of a part without the triangles that other parts hide, which have material just outside."""
+    """A shape of a part without the triangles that other parts hide, which have material just
+    outside."""
     samples = offset_points(placed.to_plan(shape.points)[shape.faces], _CLEARANCE)
     covered = np.zeros(samples.shape[:2], dtype=bool)
     for other in others:
@@ -71,20 +88,30 @@ def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
             covered |= solid.contains(points, 0.0).reshape(covered.shape)
     visible = shape.faces[~covered.all(axis=1)]
     used, faces = np.unique(visible, return_inverse=True)
-    return Shape(shape.points[used], shape.normals[used], faces.reshape(visible.shape).astype(np.int32))
+    return Shape(
+        shape.points[used], shape.normals[used], faces.reshape(visible.shape).astype(np.int32)
+    )
 
 
 def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
     """Coloured shapes of a part in its frame, in LDraw units."""
     main = colour_of(placed.colour).rgb
-    if not only_turning and (root := ldraw_library.folder()) is not None and (shapes := _of_library(placed.part, root)):
+    if (
+        not only_turning
+        and (root := ldraw_library.folder()) is not None
+        and (shapes := _of_library(placed.part, root))
+    ):
         return [(colour or colour_name(main), shape) for colour, shape in shapes]
     device = placed.part.device
     is_motor = device is not None and device.kind is DeviceKind.MOTOR
     if not only_turning and (detailed := _detailed(placed.part)):
         return detailed
     by_tint = _of_catalogue(placed.part).items()
-    shown = [(tint, shape) for tint, shape in by_tint if not is_motor or only_turning is (tint is Tint.TURNING)]
+    shown = [
+        (tint, shape)
+        for tint, shape in by_tint
+        if not is_motor or only_turning is (tint is Tint.TURNING)
+    ]
     return [(colour_name(TINTS.get(tint, main)), shape) for tint, shape in shown]
 
 
@@ -101,7 +128,8 @@ def _of_catalogue(part: Part) -> dict[Tint, Shape]:
 
 @functools.lru_cache(maxsize=64)
 def _detailed(part: Part) -> list[tuple[str, Shape]]:
-    """Our detailed shapes of a hub, motor, sensor or wheel, without a motor's output; empty if there are none."""
+    """Our detailed shapes of a hub, motor, sensor or wheel, without a motor's output; empty if
+    there are none."""
     device = part.device.name if part.device is not None else ""
     if device in _DETAILED:
         make, axes = _DETAILED[device]
@@ -126,18 +154,34 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
 
 @functools.lru_cache(maxsize=256)
 def _of_library(part: Part, root: Path) -> tuple[tuple[str, Shape], ...]:
-    """Shapes of a part in an LDraw library by colour, "" for its main colour; empty if it has none."""
-    found = (ldraw_library.triangles_of(root, f"{number}.dat") for number in (part.number, *part.aliases))
+    """Shapes of a part in an LDraw library by colour, "" for its main colour; empty if it has
+    none."""
+    found = (
+        ldraw_library.triangles_of(root, f"{number}.dat") for number in (part.number, *part.aliases)
+    )
     by_colour = next(filter(None, found), {})
     shapes = {code: shape_of(triangles) for code, triangles in by_colour.items()}
-    names = {code: "" if code == ldraw_library.MAIN_COLOUR else colour_name(ldraw_library.rgba(root, code)) for code in shapes}
+    names = {
+        code: ""
+        if code == ldraw_library.MAIN_COLOUR
+        else colour_name(ldraw_library.rgba(root, code))
+        for code in shapes
+    }
     return tuple((names[code], shape) for code, shape in shapes.items() if shape is not None)
 
 
 def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[drawings.Piece]:
-    """Cables between the hub and the motors and sensors on the same body, in that body's frame, mm."""
+    """Cables between the hub and the motors and sensors on the same body, in that body's frame,
+    mm."""
     devices = [(plan.parts[part], plan.parts[part].part.device) for part in parts]
-    hub = next((placed for placed, device in devices if device is not None and device.kind is DeviceKind.HUB), None)
+    hub = next(
+        (
+            placed
+            for placed, device in devices
+            if device is not None and device.kind is DeviceKind.HUB
+        ),
+        None,
+    )
     sockets = dict(hub.part.device.ports) if hub is not None and hub.part.device is not None else {}
     cables = []
     for placed, device in devices:
@@ -145,6 +189,18 @@ def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[drawin
             continue
         socket, plug = np.array(sockets[placed.port]), np.array(device.plug)
         outward, back = np.sign(socket) * [_BEND, 0.0, 0.0], np.sign(plug) * [0.0, 0.0, _BEND]
-        line = np.concatenate([hub.to_plan(np.stack([socket, socket + outward])), placed.to_plan(np.stack([plug + back, plug]))])
-        cables.append(drawings.cable([(x, y, z) for x, y, z in (line @ TO_TWIN.T * MM_PER_LDU - origin_m * 1000).tolist()]))
+        line = np.concatenate(
+            [
+                hub.to_plan(np.stack([socket, socket + outward])),
+                placed.to_plan(np.stack([plug + back, plug])),
+            ]
+        )
+        cables.append(
+            drawings.cable(
+                [
+                    (x, y, z)
+                    for x, y, z in (line @ TO_TWIN.T * MM_PER_LDU - origin_m * 1000).tolist()
+                ]
+            )
+        )
     return cables

@@ -1,4 +1,5 @@
-"""Robot of a plan: the mechanism that is derived from its parts, the wheels that motors drive, and end stops."""
+"""Robot of a plan: the mechanism that is derived from its parts, the wheels that motors drive, and
+end stops."""
 
 import functools
 import math
@@ -29,23 +30,37 @@ class PlannedRobot:
 
     def device(self, port: str) -> Placed:
         """The motor or sensor on a port of the plan."""
-        return next(placed for placed in self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR) if placed.port == port)
+        return next(
+            placed
+            for placed in self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
+            if placed.port == port
+        )
 
     @property
     def rolling(self) -> list[tuple[Drive, Wheel]]:
         """The motors that drive wheels, with the leftmost of each motor's wheels."""
         articulation = self.articulation
-        wheels = [[wheel for wheel in articulation.wheels if wheel.link == drive.joint.child] for drive in articulation.drives]
+        wheels = [
+            [wheel for wheel in articulation.wheels if wheel.link == drive.joint.child]
+            for drive in articulation.drives
+        ]
         driven = zip(articulation.drives, wheels, strict=True)
-        return [(drive, max(own, key=lambda wheel: float(wheel.centre_m[1]))) for drive, own in driven if own]
+        return [
+            (drive, max(own, key=lambda wheel: float(wheel.centre_m[1])))
+            for drive, own in driven
+            if own
+        ]
 
 
 def planned_robot(path: Path) -> PlannedRobot:
-    """The robot of a plan file. Raises PlanError if the file is no plan, a motor has no port, or something has no twin."""
+    """The robot of a plan file. Raises PlanError if the file is no plan, a motor has no port, or
+    something has no twin."""
     try:
         return _planned(path, tuple(sources_of(path)))
     except OSError as error:
-        raise PlanError(f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)") from None
+        raise PlanError(
+            f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)"
+        ) from None
 
 
 @functools.lru_cache(maxsize=16)
@@ -54,19 +69,26 @@ def _planned(path: Path, _sources: tuple[bytes, ...]) -> PlannedRobot:
 
 
 def planned(plan: Plan) -> PlannedRobot:
-    """The robot of a plan. Raises PlanError if a motor has no port, two devices share one, or something has no twin."""
+    """The robot of a plan. Raises PlanError if a motor has no port, two devices share one, or
+    something has no twin."""
     for fault in plan.faults:
         raise PlanError(f"{plan.path}, line {fault.line}: {fault.text}")
     if not plan.parts:
-        raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricktwin plan check` on it")
+        raise PlanError(
+            f"{plan.path} has no part that the catalogue knows; run `bricktwin plan check` on it"
+        )
     ports: set[str] = set()
     for placed in plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR):
         if placed.port is None:
             raise PlanError(
-                f"{plan.path}, line {placed.line}: {placed.name} has no port; write 0 !BRICKSRL PORT and its letter before it"
+                f"{plan.path}, line {placed.line}: {placed.name} has no port; write 0 !BRICKSRL "
+                "PORT and its letter before it"
             )
         if placed.port in ports:
-            raise PlanError(f"{plan.path}, line {placed.line}: port {placed.port} is used twice; give each device its own")
+            raise PlanError(
+                f"{plan.path}, line {placed.line}: port {placed.port} is used twice; give each "
+                "device its own"
+            )
         ports.add(placed.port)
     bodies = find_bodies(plan.parts, connections(plan.parts), meshes(plan.parts))
     robot_mechanism = mechanism(plan, bodies)
@@ -82,7 +104,8 @@ _LEAST_WAY_DEG = 5.0
 
 @functools.lru_cache(maxsize=64)
 def free_deg(planned: PlannedRobot, port: str, low: float, high: float) -> tuple[float, float]:
-    """Collision-free range of a motor's angle within ``low`` and ``high``, degrees; other motors as in the plan.
+    """Collision-free range of a motor's angle within ``low`` and ``high``, degrees; other motors as
+    in the plan.
 
     Angles are readings of the rotation sensor; the range includes the plan's angle.
     """
@@ -95,12 +118,17 @@ def free_deg(planned: PlannedRobot, port: str, low: float, high: float) -> tuple
 
 @functools.lru_cache(maxsize=64)
 def stops_deg(planned: PlannedRobot, port: str) -> tuple[float, float] | None:
-    """Angles of a motor at which what it drives meets other parts, degrees of its rotation sensor; ``None`` if it can turn all
-    around, or if nobody knows: what has wheels, which give way, and what is part of a linkage, whose other parts move too."""
+    """Angles of a motor at which what it drives meets other parts, degrees of its rotation sensor;
+    ``None`` if it can turn all around, or if nobody knows: what has wheels, which give way, and
+    what is part of a linkage, whose other parts move too."""
     articulation = planned.articulation
     drive = next(drive for drive in articulation.drives if drive.port == port)
     carried = carried_by(articulation, drive)
-    if articulation.rods or articulation.loops or any(wheel.link in carried for wheel in articulation.wheels):
+    if (
+        articulation.rods
+        or articulation.loops
+        or any(wheel.link in carried for wheel in articulation.wheels)
+    ):
         return None
     start, turn = planned.device(port).angle_deg, 360.0 * abs(drive.gear)
     low, high = free_deg(planned, port, start - turn, start + turn)
@@ -128,13 +156,20 @@ class _Sweep:
         case = replace(motor, part=replace(motor.part, turning=(), sites=sites))
         self._parts = tuple(case if part is motor else part for part in planned.plan.parts)
         # In the plan's frame, LDU.
-        self._axis, self._point = TO_TWIN.T @ drive.joint.axis, TO_TWIN.T @ drive.joint.point_m / M_PER_LDU
+        self._axis, self._point = (
+            TO_TWIN.T @ drive.joint.axis,
+            TO_TWIN.T @ drive.joint.point_m / M_PER_LDU,
+        )
         carried = carried_by(articulation, drive)
         self._moved = {part for body in carried for part in articulation.bodies[body].parts}
         self._others = np.ones(len(self._parts), dtype=bool)
         self._others[list(self._moved)] = False
         # Geared parts and rods move away, so they are not tested.
-        coupled = [articulation.bodies[geared.joint.child].parts for geared in articulation.geared if geared.port == drive.port]
+        coupled = [
+            articulation.bodies[geared.joint.child].parts
+            for geared in articulation.geared
+            if geared.port == drive.port
+        ]
         for parts in (*coupled, *(rod.parts for rod in articulation.rods)):
             self._others[list(parts)] = False
         self._is_clear_at_start = self._is_clear(0.0)
@@ -151,7 +186,9 @@ class _Sweep:
                 continue
             while blocked - free > _FINE_DEG:
                 middle = (free + blocked) / 2
-                free, blocked = (middle, blocked) if self._is_clear(sign * middle) else (free, middle)
+                free, blocked = (
+                    (middle, blocked) if self._is_clear(sign * middle) else (free, middle)
+                )
             return sign * free
         return travel_deg
 

@@ -1,4 +1,5 @@
-"""Shapes: triangle meshes with smooth normals, of primitives and of the triangles of solids. No MuJoCo, no OpenGL."""
+"""Shapes: triangle meshes with smooth normals, of primitives and of the triangles of solids. No
+MuJoCo, no OpenGL."""
 
 import itertools
 import math
@@ -51,13 +52,17 @@ class Shape:
 
 
 def box(length: float, width: float, height: float, radius: float = 0.6, arc: int = 2) -> Shape:
-    """Box along x, y, z with rounded edges, centred: a sphere whose octants are moved to the corners."""
+    """Box along x, y, z with rounded edges, centred: a sphere whose octants are moved to the
+    corners."""
     half = np.array([length, width, height]) / 2 - radius
     quarter = np.linspace(0.0, math.pi / 2, arc + 1)
     polar = np.concatenate([quarter, quarter + math.pi / 2])
     azimuth = np.concatenate([quarter + quadrant * math.pi / 2 for quadrant in range(4)])
     signs_z = np.repeat([1.0, -1.0], arc + 1)
-    signs_x, signs_y = np.repeat([1.0, -1.0, -1.0, 1.0], arc + 1), np.repeat([1.0, 1.0, -1.0, -1.0], arc + 1)
+    signs_x, signs_y = (
+        np.repeat([1.0, -1.0, -1.0, 1.0], arc + 1),
+        np.repeat([1.0, 1.0, -1.0, -1.0], arc + 1),
+    )
     rows, columns = len(polar), len(azimuth)
     normals = np.empty((rows, columns, 3))
     normals[..., 0] = np.sin(polar)[:, None] * np.cos(azimuth)
@@ -67,21 +72,36 @@ def box(length: float, width: float, height: float, radius: float = 0.6, arc: in
     points = corners * half + radius * normals
     corner_columns = np.arange(4) * (arc + 1)
     caps = [_fan(corner_columns), _fan((rows - 1) * columns + corner_columns[::-1])]
-    return Shape(points.reshape(-1, 3), normals.reshape(-1, 3), np.concatenate([_grid(rows, columns), *caps]))
+    return Shape(
+        points.reshape(-1, 3), normals.reshape(-1, 3), np.concatenate([_grid(rows, columns), *caps])
+    )
 
 
 def block(length: float, width: float, height: float) -> Shape:
-    """Box along x, y, z with sharp edges, centred: for small parts, at a tenth of the faces of a rounded one."""
-    corners = np.array([[x, y, z] for z in (-1.0, 1.0) for x, y in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))])
-    sides = np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
+    """Box along x, y, z with sharp edges, centred: for small parts, at a tenth of the faces of a
+    rounded one."""
+    corners = np.array(
+        [
+            [x, y, z]
+            for z in (-1.0, 1.0)
+            for x, y in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+        ]
+    )
+    sides = np.array(
+        [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+    )
     normals = corners[sides].mean(axis=1)
     faces = np.concatenate([_fan(np.arange(4) + 4 * side) for side in range(6)])
-    return Shape(corners[sides].reshape(-1, 3) * np.array([length, width, height]) / 2, np.repeat(normals, 4, axis=0), faces)
+    return Shape(
+        corners[sides].reshape(-1, 3) * np.array([length, width, height]) / 2,
+        np.repeat(normals, 4, axis=0),
+        faces,
+    )
 
 
 def turned(profile: Sequence[tuple[float, float]]) -> Shape:
-    """Solid of revolution about z. ``profile``: (radius, z) from the top of the axis outwards and down to its bottom; all edges
-    are sharp."""
+    """Solid of revolution about z. ``profile``: (radius, z) from the top of the axis outwards and
+    down to its bottom; all edges are sharp."""
     segments = circle_sides(max(radius for radius, _ in profile), _CHORD_ERROR_MM)
     parts, angles = [], np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
     for (radius_0, z_0), (radius_1, z_1) in itertools.pairwise(profile):
@@ -93,7 +113,8 @@ def turned(profile: Sequence[tuple[float, float]]) -> Shape:
             points[row, :, :2], points[row, :, 2] = radius * rim, z
         normals[..., :2], normals[..., 2] = across * rim, up
         left, right = np.split(_grid(2, segments), 2)
-        faces = [left] * (radius_1 > 0) + [right] * (radius_0 > 0)  # on the axis, triangles have no area
+        # on the axis, triangles have no area
+        faces = [left] * (radius_1 > 0) + [right] * (radius_0 > 0)
         parts.append(Shape(points.reshape(-1, 3), normals.reshape(-1, 3), np.concatenate(faces)))
     return merge(parts)
 
@@ -101,7 +122,12 @@ def turned(profile: Sequence[tuple[float, float]]) -> Shape:
 def cylinder(radius: float, length: float, bevel: float = 0.0) -> Shape:
     """Disc or rod along z, centred."""
     half = length / 2
-    edge = [(radius - bevel, half), (radius, half - bevel), (radius, bevel - half), (radius - bevel, -half)]
+    edge = [
+        (radius - bevel, half),
+        (radius, half - bevel),
+        (radius, bevel - half),
+        (radius - bevel, -half),
+    ]
     return turned([(0.0, half), *(edge if bevel else [edge[0], edge[2]]), (0.0, -half)])
 
 
@@ -110,20 +136,35 @@ def discs(radius: float, distance: float, segments: int = 10) -> Shape:
     angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
     ends = []
     for up in (1.0, -1.0):
-        points = np.stack([radius * np.cos(angles), up * radius * np.sin(angles), np.full(segments, up * distance / 2)], axis=-1)
-        ends.append(Shape(points, np.tile((0.0, 0.0, up), (segments, 1)), _fan(np.arange(segments))))
+        points = np.stack(
+            [
+                radius * np.cos(angles),
+                up * radius * np.sin(angles),
+                np.full(segments, up * distance / 2),
+            ],
+            axis=-1,
+        )
+        ends.append(
+            Shape(points, np.tile((0.0, 0.0, up), (segments, 1)), _fan(np.arange(segments)))
+        )
     return merge(ends)
 
 
 def ring(outer: float, inner: float, length: float) -> Shape:
     """Flat ring along z, centred."""
     half, bevel = length / 2, min(0.6, length / 4)
-    edge = [(outer - bevel, half), (outer, half - bevel), (outer, bevel - half), (outer - bevel, -half)]
+    edge = [
+        (outer - bevel, half),
+        (outer, half - bevel),
+        (outer, bevel - half),
+        (outer - bevel, -half),
+    ]
     return turned([(inner, -half), (inner, half), *edge, (inner, -half)])
 
 
 def extruded(outline: Floats, height: float, bevel: float = 0.4) -> Shape:
-    """Convex outline [n, 2] in x, y, counter-clockwise, extruded along z, centred, with bevelled edges."""
+    """Convex outline [n, 2] in x, y, counter-clockwise, extruded along z, centred, with bevelled
+    edges."""
     edges = np.roll(outline, -1, axis=0) - np.roll(outline, 1, axis=0)
     outwards = np.stack([edges[:, 1], -edges[:, 0]], axis=-1)
     outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
@@ -134,7 +175,13 @@ def extruded(outline: Floats, height: float, bevel: float = 0.4) -> Shape:
     shapes = []
     for row, tilt in ((0, 1.0), (1, 0.0), (2, -1.0)):
         normal = (side + np.array([0.0, 0.0, tilt])) / math.hypot(1.0, tilt)
-        shapes.append(Shape(levels[row : row + 2].reshape(-1, 3), np.concatenate([normal, normal]), _grid(2, count)))
+        shapes.append(
+            Shape(
+                levels[row : row + 2].reshape(-1, 3),
+                np.concatenate([normal, normal]),
+                _grid(2, count),
+            )
+        )
     for row, up in ((0, 1.0), (3, -1.0)):
         order = np.arange(count) if up > 0 else np.arange(count)[::-1]
         shapes.append(Shape(levels[row], np.tile((0.0, 0.0, up), (count, 1)), _fan(order)))
@@ -144,7 +191,9 @@ def extruded(outline: Floats, height: float, bevel: float = 0.4) -> Shape:
 def rounded_rectangle(length: float, width: float, radius: float) -> Floats:
     """Outline [n, 2] of a rectangle along x, y with round corners, counter-clockwise."""
     arc = -(-circle_sides(radius, _CHORD_ERROR_MM) // 4)
-    angles = np.concatenate([np.linspace(0.0, math.pi / 2, arc + 1) + quadrant * math.pi / 2 for quadrant in range(4)])
+    angles = np.concatenate(
+        [np.linspace(0.0, math.pi / 2, arc + 1) + quadrant * math.pi / 2 for quadrant in range(4)]
+    )
     signs = np.repeat([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)], arc + 1, axis=0)
     corners = signs * np.array([length / 2 - radius, width / 2 - radius])
     outline: Floats = corners + radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
@@ -154,7 +203,10 @@ def rounded_rectangle(length: float, width: float, radius: float) -> Floats:
 def tube(points: Sequence[Triple], radius: float, steps: int = 14, segments: int = 8) -> Shape:
     """Tube along a Bezier curve with these control points."""
     order, t = len(points) - 1, np.linspace(0.0, 1.0, steps)[:, None]
-    path = sum(math.comb(order, i) * t**i * (1 - t) ** (order - i) * np.array(point) for i, point in enumerate(points))
+    path = sum(
+        math.comb(order, i) * t**i * (1 - t) ** (order - i) * np.array(point)
+        for i, point in enumerate(points)
+    )
     direction = np.gradient(np.asarray(path), axis=0)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
     first = np.empty_like(direction)
@@ -164,7 +216,10 @@ def tube(points: Sequence[Triple], radius: float, steps: int = 14, segments: int
         first[step] = across = across / np.linalg.norm(across)
     second = np.cross(direction, first)
     angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
-    normals = np.cos(angles)[None, :, None] * first[:, None] + np.sin(angles)[None, :, None] * second[:, None]
+    normals = (
+        np.cos(angles)[None, :, None] * first[:, None]
+        + np.sin(angles)[None, :, None] * second[:, None]
+    )
     surface = np.asarray(path)[:, None] + radius * normals
     return Shape(surface.reshape(-1, 3), normals.reshape(-1, 3), _grid(steps, segments)[:, ::-1])
 
@@ -175,12 +230,15 @@ def merge(shapes: Sequence[Shape]) -> Shape:
     return Shape(
         np.concatenate([shape.points for shape in shapes]),
         np.concatenate([shape.normals for shape in shapes]),
-        np.concatenate([shape.faces + offset for shape, offset in zip(shapes, offsets, strict=True)]).astype(np.int32),
+        np.concatenate(
+            [shape.faces + offset for shape, offset in zip(shapes, offsets, strict=True)]
+        ).astype(np.int32),
     )
 
 
 def shape_of(triangles: Floats) -> Shape | None:
-    """Mesh of triangles [n, 3, 3], smooth where they meet at small angles; ``None`` if none has an area."""
+    """Mesh of triangles [n, 3, 3], smooth where they meet at small angles; ``None`` if none has an
+    area."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(cross, axis=1)
     triangles, cross, area = triangles[area > 1e-6], cross[area > 1e-6], area[area > 1e-6]
@@ -199,7 +257,8 @@ def shape_of(triangles: Floats) -> Shape | None:
 
 
 def _grid(rows: int, columns: int) -> NDArray[np.int32]:
-    """Faces of a grid of points whose columns form a closed ring; seen from outside, rows go down and columns to the left."""
+    """Faces of a grid of points whose columns form a closed ring; seen from outside, rows go down
+    and columns to the left."""
     row, column = np.meshgrid(np.arange(rows - 1), np.arange(columns), indexing="ij")
     a = (row * columns + column).ravel()
     b = (row * columns + (column + 1) % columns).ravel()

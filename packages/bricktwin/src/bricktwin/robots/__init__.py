@@ -33,7 +33,10 @@ TWO_WHEELER = Robot(
 SCOUT = replace(
     TWO_WHEELER,
     name="scout",
-    sensors=(*TWO_WHEELER.sensors, PoweredUpSensor("light", "B", SensorKind.COLOR, Mount((56.0, 0.0, 18.0), "down"))),
+    sensors=(
+        *TWO_WHEELER.sensors,
+        PoweredUpSensor("light", "B", SensorKind.COLOR, Mount((56.0, 0.0, 18.0), "down")),
+    ),
 )
 """The scout: a 2Wheeler with a color sensor that faces the floor in front of its axle."""
 
@@ -45,8 +48,9 @@ CART = Robot(
     drive_base=DriveBase("left", "right", wheel_diameter_mm=56, axle_track_mm=112),
     needs_imu=True,
 )
-"""The cart of LEGO's kits of 2026: wheels on a Double Motor, a ball caster, and a Color Sensor that faces the floor in front of
-its axle. It has no building plan, as the parts of the kits are not in LDraw's library yet: its sizes and masses are estimates."""
+"""The cart of LEGO's kits of 2026: wheels on a Double Motor, a ball caster, and a Color Sensor that
+faces the floor in front of its axle. It has no building plan, as the parts of the kits are not in
+LDraw's library yet: its sizes and masses are estimates."""
 
 WALKER = Robot(
     name="walker",
@@ -69,7 +73,14 @@ ROBO_ARM = Robot(
     hub=HubKind.PRIME,
     motors=(
         Motor("rotation", "B", gears=(20, 60)),
-        Motor("low", "D", range_deg=(10, 70), speed_limit_deg_s=500, acceleration_deg_s2=1000, torque_limit_mnm=900),
+        Motor(
+            "low",
+            "D",
+            range_deg=(10, 70),
+            speed_limit_deg_s=500,
+            acceleration_deg_s2=1000,
+            torque_limit_mnm=900,
+        ),
         Motor("high", "A", range_deg=(-150, 10)),
         Motor("grab", "E", range_deg=(-148, -45)),
     ),
@@ -86,4 +97,6 @@ def get(name: str) -> Robot:
     try:
         return ROBOTS[name]
     except KeyError:
-        raise UnknownNameError(f"there is no robot '{name}'; choose one of {', '.join(sorted(ROBOTS))}") from None
+        raise UnknownNameError(
+            f"there is no robot '{name}'; choose one of {', '.join(sorted(ROBOTS))}"
+        ) from None

@@ -1,4 +1,5 @@
-"""Facts of building plans, kept between processes: they complete the descriptions of robots, and both must agree."""
+"""Facts of building plans, kept between processes: they complete the descriptions of robots, and
+both must agree."""
 
 from __future__ import annotations
 
@@ -34,13 +35,14 @@ class DeviceFacts(NamedTuple):
     Attributes:
         name: as in ``bricktwin.robots``.
         part: name of the part.
-        line: of the plan.
-        port, label: of the plan; "" and ``None`` for a hub, and ``None`` for a device without a name.
+        line: of the plan. port, label: of the plan; "" and ``None`` for a hub, and ``None`` for a
+        device without a name.
         sides: of a hub, the directions of its top and its front; fewer if it is at an angle.
-        stops_deg: of a motor, the angles of its shaft at which what it drives meets something; empty if the plan says none.
-        gears, ratio: of a motor, as in ``kinematics.Train``; none and 0 if it drives nothing.
-        wheel_mm, wheel_left_m, is_forward: of a motor that turns a wheel: the wheel's diameter, 0 for none, its position to the
-            left, and whether clockwise rolls forwards.
+        stops_deg: of a motor, the angles of its shaft at which what it drives meets something;
+        empty if the plan says none. gears, ratio: of a motor, as in ``kinematics.Train``; none and
+        0 if it drives nothing. wheel_mm, wheel_left_m, is_forward: of a motor that turns a wheel:
+        the wheel's diameter, 0 for none, its position to the left, and whether clockwise rolls
+        forwards.
     """
 
     name: str
@@ -66,19 +68,27 @@ class PlanFacts(NamedTuple):
 
     @property
     def hub_sides(self) -> tuple[str, ...]:
-        """Directions of the top and the front of the hub; empty if there is none, or it is at an angle."""
+        """Directions of the top and the front of the hub; empty if there is none, or it is at an
+        angle."""
         return self.hubs[0].sides if self.hubs else ()
 
 
 def read_facts(path: Path) -> PlanFacts:
-    """Facts of a plan file. Raises PlanError if the file is no plan, a motor has no port, or something has no twin."""
+    """Facts of a plan file. Raises PlanError if the file is no plan, a motor has no port, or
+    something has no twin."""
 
     def made() -> PlanFacts:
-        from bricktwin.plans.planned_robot import planned_robot  # takes longer to import than kept facts to read
+        # takes longer to import than kept facts to read
+        from bricktwin.plans.planned_robot import planned_robot
 
         return facts_of(planned_robot(path))
 
-    return kept(lambda: (b"facts", *sources_of(path)), made, lambda facts: json.dumps(facts).encode(), _decoded)
+    return kept(
+        lambda: (b"facts", *sources_of(path)),
+        made,
+        lambda facts: json.dumps(facts).encode(),
+        _decoded,
+    )
 
 
 def facts_of(design: PlannedRobot) -> PlanFacts:
@@ -89,20 +99,35 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
     trains = {train.port: train for train in design.trains}
     wheels = {
         # Turning about +y, to the left, rolls forwards.
-        drive.port: (wheel.diameter_mm, float(wheel.centre_m[1]), float(drive.joint.axis[1]) * drive.gear > 0)
+        drive.port: (
+            wheel.diameter_mm,
+            float(wheel.centre_m[1]),
+            float(drive.joint.axis[1]) * drive.gear > 0,
+        )
         for drive, wheel in design.rolling
     }
 
     def facts(placed: Placed) -> DeviceFacts:
-        top, front = (TO_TWIN @ placed.rotation @ side for side in ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
-        sides = [name for axis in (top, front) for name, look in LOOKS.items() if axis @ look > _ALIGNED_COSINE]
+        top, front = (
+            TO_TWIN @ placed.rotation @ side for side in ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0))
+        )
+        sides = [
+            name
+            for axis in (top, front)
+            for name, look in LOOKS.items()
+            if axis @ look > _ALIGNED_COSINE
+        ]
         port, train = placed.port or "", trains.get(placed.port or "")
         gears, ratio = (train.gears, train.ratio) if train is not None else ((), 0.0)
         name, part, stops_deg = placed.electric.name, placed.name, placed.stops_deg or ()
         driven = (gears, ratio, *wheels.get(port, ()))
-        return DeviceFacts(name, part, placed.line, port, placed.device, tuple(sides), stops_deg, *driven)
+        return DeviceFacts(
+            name, part, placed.line, port, placed.device, tuple(sides), stops_deg, *driven
+        )
 
-    return PlanFacts(*([facts(placed) for placed in design.plan.devices(kind)] for kind in DeviceKind))
+    return PlanFacts(
+        *([facts(placed) for placed in design.plan.devices(kind)] for kind in DeviceKind)
+    )
 
 
 def _decoded(data: bytes) -> PlanFacts:
@@ -111,7 +136,9 @@ def _decoded(data: bytes) -> PlanFacts:
 
 def _device(row: Sequence[Any]) -> DeviceFacts:
     facts = DeviceFacts(*row)
-    return facts._replace(sides=tuple(facts.sides), stops_deg=tuple(facts.stops_deg), gears=tuple(facts.gears))
+    return facts._replace(
+        sides=tuple(facts.sides), stops_deg=tuple(facts.stops_deg), gears=tuple(facts.gears)
+    )
 
 
 def is_plan(file: str) -> bool:
@@ -120,8 +147,8 @@ def is_plan(file: str) -> bool:
 
 
 def plan_file(model: str) -> Path | None:
-    """Path of the building plan that a robot's model is, ``FILE`` or ``package:FILE``; ``None`` for other models. Raises
-    DescriptionError if there is no such package."""
+    """Path of the building plan that a robot's model is, ``FILE`` or ``package:FILE``; ``None`` for
+    other models. Raises DescriptionError if there is no such package."""
     package, _, file = model.rpartition(":")
     if not is_plan(file):
         return None
@@ -130,31 +157,48 @@ def plan_file(model: str) -> Path | None:
     try:
         return Path(str(resources.files(package))) / file
     except (ImportError, TypeError, ValueError) as error:
-        raise DescriptionError(f"there is no package '{package}' with the plan {file} ({error}); name the file") from None
+        raise DescriptionError(
+            f"there is no package '{package}' with the plan {file} ({error}); name the file"
+        ) from None
 
 
-def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None, tuple[str, ...]]:
-    """Motors, sensors, drive base and hub sides of a description, completed from its plan. Raises DescriptionError if the plan
-    contradicts the description, PlanError if the plan cannot be read."""
+def completed(
+    robot: Robot,
+) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None, tuple[str, ...]]:
+    """Motors, sensors, drive base and hub sides of a description, completed from its plan. Raises
+    DescriptionError if the plan contradicts the description, PlanError if the plan cannot be
+    read."""
     design = read_facts(Path(robot.plan or ""))
     kinds = {kind.value for kind in (*MotorKind, *SensorKind)}
     for part in (*design.motors, *design.sensors):
         if part.name not in kinds:  # as those of EV3
             where = f"{robot.plan}, line {part.line}"
-            raise DescriptionError(f"{where}: no hub of ours runs {part.part}; take a motor or sensor of Powered Up or SPIKE")
+            raise DescriptionError(
+                f"{where}: no hub of ours runs {part.part}; take a motor or sensor of Powered Up "
+                "or SPIKE"
+            )
     motors = _motors(robot, design)
     sensors = _sensors(robot, design)
     base = robot.drive_base
     if base is not None and not (base.wheel_diameter_mm and base.axle_track_mm):
-        driven = {motor.name: part for motor in motors for part in design.motors if part.port == motor.port and part.wheel_mm}
+        driven = {
+            motor.name: part
+            for motor in motors
+            for part in design.motors
+            if part.port == motor.port and part.wheel_mm
+        }
         for name in (base.left, base.right):
             if name not in driven:
-                raise DescriptionError(f"robot '{robot.name}': '{name}' turns no wheel in {robot.plan}; correct the drive base")
+                raise DescriptionError(
+                    f"robot '{robot.name}': '{name}' turns no wheel in {robot.plan}; correct the "
+                    "drive base"
+                )
         left, right = driven[base.left], driven[base.right]
         base = replace(
             base,
             wheel_diameter_mm=base.wheel_diameter_mm or left.wheel_mm,
-            axle_track_mm=base.axle_track_mm or round(abs(left.wheel_left_m - right.wheel_left_m) * 1000, 3),
+            axle_track_mm=base.axle_track_mm
+            or round(abs(left.wheel_left_m - right.wheel_left_m) * 1000, 3),
         )
     sides = (robot.hub_sides or design.hub_sides) if robot.needs_imu else robot.hub_sides
     _raise_first(disagreements(robot, (*motors, *sensors), base, sides, design), robot.plan)
@@ -163,7 +207,10 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
 
 def _motors(robot: Robot, design: PlanFacts) -> tuple[Motor, ...]:
     """Motors of the description, then those that only the plan has."""
-    motors = [replace(motor, port=motor.port or _port_of(motor.name, design.motors, robot)) for motor in robot.motors]
+    motors = [
+        replace(motor, port=motor.port or _port_of(motor.name, design.motors, robot))
+        for motor in robot.motors
+    ]
     described = {motor.port for motor in motors}
     for part in design.motors:
         if part.port not in described:
@@ -187,11 +234,20 @@ def _with_stops(motor: Motor, stops_deg: tuple[float, ...] | None) -> Motor:
 
 def _sensors(robot: Robot, design: PlanFacts) -> tuple[Sensor, ...]:
     parts = design.sensors
-    sensors = [replace(sensor, port=sensor.port or _port_of(sensor.name, parts, robot)) for sensor in robot.sensors]
+    sensors = [
+        replace(sensor, port=sensor.port or _port_of(sensor.name, parts, robot))
+        for sensor in robot.sensors
+    ]
     described = {sensor.port for sensor in sensors}
     others = [part for part in parts if part.port not in described]
     names = [part.label or f"sensor_{part.port.lower()}" for part in others]
-    return (*sensors, *(sensor_of(SensorKind(part.name), name, part.port) for part, name in zip(others, names, strict=True)))
+    return (
+        *sensors,
+        *(
+            sensor_of(SensorKind(part.name), name, part.port)
+            for part, name in zip(others, names, strict=True)
+        ),
+    )
 
 
 def _port_of(name: str, parts: Sequence[DeviceFacts], robot: Robot) -> str:
@@ -201,37 +257,58 @@ def _port_of(name: str, parts: Sequence[DeviceFacts], robot: Robot) -> str:
             return part.port
     known = ", ".join(part.label for part in parts if part.label) or "none"
     raise DescriptionError(
-        f"robot '{robot.name}': '{name}' has no port, and {robot.plan} no device of that name (it has: {known}); say its port"
+        f"robot '{robot.name}': '{name}' has no port, and {robot.plan} no device of that name (it "
+        f"has: {known}); say its port"
     )
 
 
 def disagreements(
-    robot: Robot, devices: Sequence[Motor | Sensor], base: DriveBase | None, sides: tuple[str, ...], design: PlanFacts
+    robot: Robot,
+    devices: Sequence[Motor | Sensor],
+    base: DriveBase | None,
+    sides: tuple[str, ...],
+    design: PlanFacts,
 ) -> Iterator[_Mistake]:
-    """Contradictions between a description, with these devices, drive base and hub sides, and a plan."""
+    """Contradictions between a description, with these devices, drive base and hub sides, and a
+    plan."""
     name, hub = robot.name, robot.hub.value
     parts = {part.port: part for part in (*design.motors, *design.sensors)}
     for hub_part in design.hubs:
         if hub_part.name != hub:
-            yield hub_part.line, "wiring", f"{hub_part.part} is not a {hub} hub, which the robot {name} has; make both agree"
+            yield (
+                hub_part.line,
+                "wiring",
+                f"{hub_part.part} is not a {hub} hub, which the robot {name} has; make both agree",
+            )
     for device in devices:
         if device.port in parts:
             yield from _check_device(name, device, parts[device.port])
         else:
-            text = f"the robot {name} has '{device.name}' on port {device.port}, the plan nothing; add it with 0 !BRICKSRL PORT"
+            text = (
+                f"the robot {name} has '{device.name}' on port {device.port}, the plan "
+                "nothing; add it with 0 !BRICKSRL PORT"
+            )
             yield 0, "wiring", text
     for port, part in parts.items():
         if port not in {device.port for device in devices}:
-            text = f"port {port} has {part.part} '{part.label or ''}', but for the robot {name} nothing; make both agree"
+            text = (
+                f"port {port} has {part.part} '{part.label or ''}', but for the robot {name} "
+                "nothing; make both agree"
+            )
             yield part.line, "wiring", text
     if base is not None:
         ports = {device.name: device.port for device in devices}
-        yield from _check_wheels(name, base, *(parts.get(ports.get(side, "")) for side in (base.left, base.right)))
+        yield from _check_wheels(
+            name, base, *(parts.get(ports.get(side, "")) for side in (base.left, base.right))
+        )
     if robot.needs_imu and design.hubs and not (design.hub_sides == sides and len(sides) == 2):
         text = "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"
         if len(design.hub_sides) == 2:
             top, front = design.hub_sides
-            text = f"the hub's top looks {top} and its front {front}, but for the robot {name} {sides[0]} and {sides[1]}"
+            text = (
+                f"the hub's top looks {top} and its front {front}, but for the robot {name} "
+                f"{sides[0]} and {sides[1]}"
+            )
             text += f"; turn it, or say hub_sides={design.hub_sides}"
         yield design.hubs[0].line, "wiring", text
 
@@ -241,18 +318,36 @@ def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Itera
     kind = device.kind.value
     label = f"port {device.port} has {part.part} '{part.label or ''}'"
     if part.name != kind:
-        yield part.line, "wiring", f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree"
+        yield (
+            part.line,
+            "wiring",
+            f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree",
+        )
     elif part.label is not None and part.label != device.name:
-        yield part.line, "wiring", f"{label}, but for the robot {name} '{device.name}'; make both agree"
-    elif isinstance(device, Motor) and device.gears and part.ratio and device.gears[0] != device.gears[-1]:
+        yield (
+            part.line,
+            "wiring",
+            f"{label}, but for the robot {name} '{device.name}'; make both agree",
+        )
+    elif (
+        isinstance(device, Motor)
+        and device.gears
+        and part.ratio
+        and device.gears[0] != device.gears[-1]
+    ):
         ratio = device.gears[0] / device.gears[-1]
         if abs(ratio - abs(part.ratio)) > _RATIO_TOLERANCE * ratio:
             teeth = " to ".join(map(str, part.gears)) or "no gears"
-            text = f"motor '{device.name}' has gears {device.gears} for the robot {name}, but {teeth} in the plan; correct one"
+            text = (
+                f"motor '{device.name}' has gears {device.gears} for the robot {name}, but "
+                f"{teeth} in the plan; correct one"
+            )
             yield part.line, "gears", text
 
 
-def _check_wheels(name: str, base: DriveBase, left: DeviceFacts | None, right: DeviceFacts | None) -> Iterator[_Mistake]:
+def _check_wheels(
+    name: str, base: DriveBase, left: DeviceFacts | None, right: DeviceFacts | None
+) -> Iterator[_Mistake]:
     """Contradictions in a drive base: wheel diameter and axle track."""
     positions_m = []
     for side, part in ((base.left, left), (base.right, right)):
@@ -260,18 +355,25 @@ def _check_wheels(name: str, base: DriveBase, left: DeviceFacts | None, right: D
             return
         if not part.wheel_mm or abs(part.wheel_mm - base.wheel_diameter_mm) > _WHEEL_TOLERANCE_MM:
             turns = f"one of {part.wheel_mm:g} mm" if part.wheel_mm else "none"
-            text = f"motor '{side}' should turn a wheel of {base.wheel_diameter_mm:g} mm, as {name} says, but turns {turns}"
+            text = (
+                f"motor '{side}' should turn a wheel of {base.wheel_diameter_mm:g} mm, as "
+                f"{name} says, but turns {turns}"
+            )
             yield part.line, "wheels", f"{text}; use the wheel that is meant"
             return
         positions_m.append(part.wheel_left_m)
     track_mm = abs(positions_m[0] - positions_m[1]) * 1000
     if left is not None and abs(track_mm - base.axle_track_mm) > _TRACK_TOLERANCE_MM:
-        text = f"the wheels are {track_mm:.1f} mm apart, but {name} says {base.axle_track_mm:g}; make both agree"
+        text = (
+            f"the wheels are {track_mm:.1f} mm apart, but {name} says {base.axle_track_mm:g}; "
+            "make both agree"
+        )
         yield left.line, "wheels", text
 
 
 def check_named(plan: Plan) -> list[Finding]:
-    """Findings on contradictions between a plan and the built-in robot that it names; empty if it names none.
+    """Findings on contradictions between a plan and the built-in robot that it names; empty if it
+    names none.
 
     A plan that is not a complete robot has none here; the check of plans reports it.
     """
@@ -285,12 +387,15 @@ def check_named(plan: Plan) -> list[Finding]:
         return [Finding("wiring", Outcome.ERROR, str(error))]
     except PlanError:
         return []
-    found = disagreements(robot, (*robot.motors, *robot.sensors), robot.drive_base, robot.hub_sides, design)
+    found = disagreements(
+        robot, (*robot.motors, *robot.sensors), robot.drive_base, robot.hub_sides, design
+    )
     return [Finding(name, Outcome.ERROR, text, line) for line, name, text in found]
 
 
 def without_stops(plan: Plan) -> list[str]:
-    """Ports of the motors that turn no wheel and that nothing stops in a twin; empty for a plan that is no complete robot."""
+    """Ports of the motors that turn no wheel and that nothing stops in a twin; empty for a plan
+    that is no complete robot."""
     from bricktwin.plans.planned_robot import planned, stops_deg
 
     try:
@@ -298,19 +403,33 @@ def without_stops(plan: Plan) -> list[str]:
     except PlanError:
         return []
     robot = robots.ROBOTS.get(plan.robot or "")
-    ranged = {motor.port for motor in (robot.motors if robot is not None else ()) if motor.range_deg or motor.end_stops_deg}
+    ranged = {
+        motor.port
+        for motor in (robot.motors if robot is not None else ())
+        if motor.range_deg or motor.end_stops_deg
+    }
     rolling = {drive.port for drive, _ in design.rolling}
-    others = [drive.port for drive in design.articulation.drives if drive.port not in ranged | rolling]
-    return sorted(port for port in others if design.device(port).stops_deg is None and stops_deg(design, port) is None)
+    others = [
+        drive.port for drive in design.articulation.drives if drive.port not in ranged | rolling
+    ]
+    return sorted(
+        port
+        for port in others
+        if design.device(port).stops_deg is None and stops_deg(design, port) is None
+    )
 
 
 def check_description(robot: Robot, path: Path) -> None:
-    """Check that a plan agrees with a description, which may have more sensors. Raises DescriptionError if the plan contradicts
-    the description, PlanError if the plan cannot be read."""
+    """Check that a plan agrees with a description, which may have more sensors. Raises
+    DescriptionError if the plan contradicts the description, PlanError if the plan cannot be
+    read."""
     design = read_facts(path)
     ports = {part.port for part in design.sensors}
     sensors = [sensor for sensor in robot.sensors if sensor.port in ports]
-    _raise_first(disagreements(robot, (*robot.motors, *sensors), robot.drive_base, robot.hub_sides, design), path)
+    _raise_first(
+        disagreements(robot, (*robot.motors, *sensors), robot.drive_base, robot.hub_sides, design),
+        path,
+    )
 
 
 def _raise_first(mistakes: Iterator[_Mistake], plan: Path | str | None) -> None:

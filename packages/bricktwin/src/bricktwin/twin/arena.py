@@ -1,8 +1,9 @@
 """Arena: several virtual robots in one MuJoCo world and on one clock.
 
-Each robot's hub has a separate body, and all bodies are parts of one world. The world advances only after every hub has run up
-to that time: a hub that lets time pass first runs the other hubs, so that each motor's voltage is set before the physics step
-that it acts in. The simulation is deterministic, bit for bit.
+Each robot's hub has a separate body, and all bodies are parts of one world. The world advances only
+after every hub has run up to that time: a hub that lets time pass first runs the other hubs, so
+that each motor's voltage is set before the physics step that it acts in. The simulation is
+deterministic, bit for bit.
 """
 
 import copy
@@ -20,7 +21,14 @@ from brickhub.virtual.body import Rng
 from bricktwin.twin.models.kept_models import kept_model
 from bricktwin.twin.models.mjcf import LOOKS, add_camera, add_light, new_spec, yaw_quaternion
 from bricktwin.twin.models.scenery import add_geom
-from bricktwin.twin.mujoco_body import STEPS_PER_LOAD, MujocoBody, Pose, come_to_rest, set_physics, settle
+from bricktwin.twin.mujoco_body import (
+    STEPS_PER_LOAD,
+    MujocoBody,
+    Pose,
+    come_to_rest,
+    set_physics,
+    settle,
+)
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
 from bricktwin.twin.senses import SummedNoise, Turns, clockwise_deg
@@ -36,7 +44,8 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Place:
-    """Ranges of a start pose, drawn uniformly: metres, and degrees clockwise seen from above, 0 along x."""
+    """Ranges of a start pose, drawn uniformly: metres, and degrees clockwise seen from above, 0
+    along x."""
 
     x_m: Range = (0.0, 0.0)
     y_m: Range = (0.0, 0.0)
@@ -44,13 +53,16 @@ class Place:
 
     def draw(self, rng: Rng) -> Pose:
         """Draw a start pose."""
-        x_m, y_m, heading_deg = (rng.uniform(*bounds) for bounds in (self.x_m, self.y_m, self.heading_deg))
+        x_m, y_m, heading_deg = (
+            rng.uniform(*bounds) for bounds in (self.x_m, self.y_m, self.heading_deg)
+        )
         return Pose(x_m, y_m, heading_deg)
 
 
 @dataclass(frozen=True)
 class Contestant:
-    """Robot in an arena: its name, description, start pose, and identifying colour (RGB in 0..1)."""
+    """Robot in an arena: its name, description, start pose, and identifying colour (RGB in
+    0..1)."""
 
     name: str
     robot: Robot
@@ -60,7 +72,8 @@ class Contestant:
 
 @dataclass(frozen=True)
 class Load:
-    """Box that robots can push, with its half sizes (along x, y and z) in metres and its friction on the floor."""
+    """Box that robots can push, with its half sizes (along x, y and z) in metres and its friction
+    on the floor."""
 
     name: str
     half_size_m: tuple[float, float, float]
@@ -71,10 +84,12 @@ class Load:
 
 @dataclass(frozen=True)
 class Arena:
-    """Robots, start places and scene. Raises TwinError if names are not unique, or there are too many motors.
+    """Robots, start places and scene. Raises TwinError if names are not unique, or there are too
+    many motors.
 
     Attributes:
-        half_size_m: half size of the floor within the walls, along x and y; ``None`` for an open floor.
+        half_size_m: half size of the floor within the walls, along x and y; ``None`` for an open
+            floor.
         gap_m: least distance between any two robots at the start.
     """
 
@@ -84,11 +99,19 @@ class Arena:
     gap_m: float = 0.3
 
     def __post_init__(self) -> None:
-        names = [*(contestant.name for contestant in self.robots), *(load.name for load in self.loads)]
+        names = [
+            *(contestant.name for contestant in self.robots),
+            *(load.name for load in self.loads),
+        ]
         if not self.robots or len(set(names)) < len(names):
-            raise TwinError(f"an arena of {', '.join(names) or 'nothing'}; give each robot and each load a name of its own")
+            raise TwinError(
+                f"an arena of {', '.join(names) or 'nothing'}; give each robot and each load a "
+                "name of its own"
+            )
         if sum(len(contestant.robot.motors) for contestant in self.robots) > _MAX_MOTORS:
-            raise TwinError(f"the robots of an arena have more than {_MAX_MOTORS} motors; take fewer robots")
+            raise TwinError(
+                f"the robots of an arena have more than {_MAX_MOTORS} motors; take fewer robots"
+            )
 
     def too_narrow(self) -> TwinError:
         """The error for starts that are not found."""
@@ -99,23 +122,39 @@ class Arena:
 
 @functools.lru_cache(maxsize=4)
 def _compiled(arena: Arena) -> mujoco.MjModel:
-    return kept_model(lambda: _built(arena), [contestant.robot for contestant in arena.robots], arena)
+    return kept_model(
+        lambda: _built(arena), [contestant.robot for contestant in arena.robots], arena
+    )
 
 
 def _built(arena: Arena) -> mujoco.MjSpec:
-    from bricktwin.twin.models.load import load_model  # takes longer to import than a kept model to load
+    # takes longer to import than a kept model to load
+    from bricktwin.twin.models.load import load_model
 
     spec = new_spec("arena", OPEN_FLOOR)
     world = spec.worldbody
     add_light(world)
-    add_camera(world, "arena", (0.0, 0.0, 0.0), (0.0, -0.75, 1.0), 2.6 * max(arena.half_size_m or (0.7,)) + 0.4)
+    add_camera(
+        world,
+        "arena",
+        (0.0, 0.0, 0.0),
+        (0.0, -0.75, 1.0),
+        2.6 * max(arena.half_size_m or (0.7,)) + 0.4,
+    )
     if arena.half_size_m is not None:
         _add_walls(world, *arena.half_size_m)
     for number, contestant in enumerate(arena.robots):
         child = load_model(contestant.robot, OPEN_FLOOR, alone=False)
         chassis = child.body("chassis")
-        if chassis is None or not chassis.joints or chassis.joints[0].type != mujoco.mjtJoint.mjJNT_FREE:
-            raise TwinError(f"robot '{contestant.robot.name}' stands on a fixed base; an arena is for robots that move about")
+        if (
+            chassis is None
+            or not chassis.joints
+            or chassis.joints[0].type != mujoco.mjtJoint.mjJNT_FREE
+        ):
+            raise TwinError(
+                f"robot '{contestant.robot.name}' stands on a fixed base; an arena is for robots "
+                "that move about"
+            )
         for geom in child.geoms:
             if geom.contype:  # robots collide with one another and with their surroundings
                 others = sum(2 << other for other in range(len(arena.robots)) if other != number)
@@ -151,7 +190,16 @@ def _add_load(world: mujoco.MjsBody, load: Load) -> None:
     body = world.add_body(name=load.name, pos=[0.0, 0.0, load.half_size_m[2]])
     body.add_freejoint(name=load.name)
     half = list(load.half_size_m)
-    add_geom(body, load.name, [0.0] * 3, half, _LOAD_RGB, mass_kg=load.mass_kg, friction=load.friction, priority=2)
+    add_geom(
+        body,
+        load.name,
+        [0.0] * 3,
+        half,
+        _LOAD_RGB,
+        mass_kg=load.mass_kg,
+        friction=load.friction,
+        priority=2,
+    )
 
 
 class ArenaWorld:
@@ -163,7 +211,8 @@ class ArenaWorld:
 
     Attributes:
         bodies: bodies in the order of the arena's robots.
-        runners: functions that run a robot's hub up to a time in ms, in the same order; to be set before any time passes.
+        runners: functions that run a robot's hub up to a time in ms, in the same order; to be set
+            before any time passes.
         on_time: called with each time in ms that the world has reached, for a film.
         steps: of the physics since the world was made.
     """
@@ -180,7 +229,9 @@ class ArenaWorld:
         seeds = np.random.SeedSequence(seed).spawn(len(arena.robots))
         robots = zip(arena.robots, seeds, strict=True)
         physics = physics or Physics()
-        self.bodies = [ArenaBody(self, contestant, physics, noise_seed) for contestant, noise_seed in robots]
+        self.bodies = [
+            ArenaBody(self, contestant, physics, noise_seed) for contestant, noise_seed in robots
+        ]
         loads = [int(self.model.body(load.name).id) for load in arena.loads]
         scaled = [body for body in range(self.model.nbody) if body not in loads]
         set_physics(self.model, self._nominal, physics, self.bodies, scaled)
@@ -189,15 +240,18 @@ class ArenaWorld:
 
     def _settle(self) -> None:
         """Let all robots settle on the floor, far from one another, and record their stances."""
-        for number, address in enumerate([*(body.base_address for body in self.bodies), *self._loads]):
+        for number, address in enumerate(
+            [*(body.base_address for body in self.bodies), *self._loads]
+        ):
             self.data.qpos[address] = 2.0 * number
         settle(self.model, self.data, self.bodies)
         for body in self.bodies:
             body.record_stance()
 
     def place(self, rng: Rng) -> None:
-        """Place robots and loads for the start of an episode; motors keep their angles, the clock is not reset. Raises TwinError
-        if no starts are found that keep the arena's gap, or a robot would be inside of a wall or load."""
+        """Place robots and loads for the start of an episode; motors keep their angles, the clock
+        is not reset. Raises TwinError if no starts are found that keep the arena's gap, or a robot
+        would be inside of a wall or load."""
         starts = self._starts(rng)
         self.data.qvel[:] = 0.0
         for body, start in zip(self.bodies, starts, strict=True):
@@ -205,14 +259,22 @@ class ArenaWorld:
         for load, address in zip(self.arena.loads, self._loads, strict=True):
             start = load.place.draw(rng)
             quaternion = yaw_quaternion(-math.radians(start.heading_deg))
-            self.data.qpos[address : address + 7] = (start.x_m, start.y_m, load.half_size_m[2], *quaternion)
+            self.data.qpos[address : address + 7] = (
+                start.x_m,
+                start.y_m,
+                load.half_size_m[2],
+                *quaternion,
+            )
         come_to_rest(self.model, self.data, self.bodies)
 
     def _starts(self, rng: Rng) -> list[Pose]:
         starts: list[Pose] = []
         for number in range(1, _MAX_DRAWS + 1):
             start = self.arena.robots[len(starts)].place.draw(rng)
-            if all(math.hypot(start.x_m - other.x_m, start.y_m - other.y_m) >= self.arena.gap_m for other in starts):
+            if all(
+                math.hypot(start.x_m - other.x_m, start.y_m - other.y_m) >= self.arena.gap_m
+                for other in starts
+            ):
                 starts.append(start)
             if len(starts) == len(self.arena.robots):
                 return starts
@@ -229,7 +291,8 @@ class ArenaWorld:
         return poses
 
     def advance_for(self, number: int, time_ms: int) -> None:
-        """Advance the world to ``time_ms`` for robot ``number``, after running all other hubs up to that time."""
+        """Advance the world to ``time_ms`` for robot ``number``, after running all other hubs up to
+        that time."""
         self._target_ms[number] = time_ms
         while self.time_ms < time_ms:
             next_ms = min(self._target_ms.values())
@@ -257,14 +320,24 @@ class ArenaWorld:
 
 
 class ArenaBody(MujocoBody):
-    """Part of an arena's world that belongs to one robot; implements :class:`brickhub.virtual.body.Body`."""
+    """Part of an arena's world that belongs to one robot; implements
+    :class:`brickhub.virtual.body.Body`."""
 
-    def __init__(self, world: ArenaWorld, contestant: Contestant, physics: Physics, seed: np.random.SeedSequence) -> None:
+    def __init__(
+        self,
+        world: ArenaWorld,
+        contestant: Contestant,
+        physics: Physics,
+        seed: np.random.SeedSequence,
+    ) -> None:
         self.robot, self.scene, self._arena = contestant.robot, OPEN_FLOOR, world
         self._use(physics)
         self.model, self.data = world.model, world.data
         self._number, self.steps = world.arena.robots.index(contestant), 0
-        self._noise, self._heading_noise = np.random.default_rng(seed), SummedNoise(np.random.default_rng(seed.spawn(1)[0]))
+        self._noise, self._heading_noise = (
+            np.random.default_rng(seed),
+            SummedNoise(np.random.default_rng(seed.spawn(1)[0])),
+        )
         self._bind(f"{contestant.name}/")
         self._turns, self._heading_at_start_deg = Turns(), 0.0
         self.coast()

@@ -1,4 +1,5 @@
-"""Factory of virtual robots' bodies: the robot's MuJoCo model or a generated driving robot, else the bench."""
+"""Factory of virtual robots' bodies: the robot's MuJoCo model or a generated driving robot, else
+the bench."""
 
 import importlib
 import logging
@@ -18,13 +19,13 @@ from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 
 class BenchTwin(BenchBody):
-    """Bench body with the physics of a twin: battery, motor friction, link. Raises TwinError if the scene lacks the readings of a
-    sensor, or names one that the robot does not have.
+    """Bench body with the physics of a twin: battery, motor friction, link. Raises TwinError if the
+    scene lacks the readings of a sensor, or names one that the robot does not have.
 
     Args:
         scene: scene with ``readings``.
-        physics: the parameters, or a sampler of them for each episode; ``None`` for the firmware's own motor simulation at
-            7.2 V.
+        physics: the parameters, or a sampler of them for each episode; ``None`` for the firmware's
+            own motor simulation at 7.2 V.
 
     Attributes:
         physics: the present parameters.
@@ -60,17 +61,18 @@ def make_body(
     seed: int = 0,
     end_stops: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> Body:
-    """Build the body of a virtual robot. Raises TwinError if the robot cannot be placed in this scene, or a sensor has no
-    readings.
+    """Build the body of a virtual robot. Raises TwinError if the robot cannot be placed in this
+    scene, or a sensor has no readings.
 
     Args:
-        robot: any robot. Without a MuJoCo model, its body is generated from its drive base, or is a bench, where its motors turn
-            without load, if it has no drive base or if the scene defines readings.
+        robot: any robot. Without a MuJoCo model, its body is generated from its drive base, or is a
+            bench, where its motors turn without load, if it has no drive base or if the scene
+            defines readings.
         scene: surroundings of the robot; ``None`` for an open floor.
         physics: parameters, or a sampler of them for each episode; ``None`` for the defaults.
         seed: seed of the sensors' noise and of the first start.
-        end_stops: lowest and highest angle of a motor (deg at the output, by its name), in place of those of the scene and of the
-            description.
+        end_stops: lowest and highest angle of a motor (deg at the output, by its name), in place of
+            those of the scene and of the description.
     """
     scene = scene or OPEN_FLOOR
     robot = with_end_stops(robot, {**scene.end_stops, **end_stops})
@@ -78,7 +80,8 @@ def make_body(
     if not lies_on_bench(robot, scene):
         if scene.readings:
             raise TwinError(
-                f"the MuJoCo model of '{robot.name}' has sensors of its own; omit the scene's readings, or the model "
+                f"the MuJoCo model of '{robot.name}' has sensors of its own; omit the scene's "
+                "readings, or the model "
                 "(model=None), and it lies on the bench"
             )
         check_mujoco()
@@ -88,7 +91,8 @@ def make_body(
 
     if scene.wall_distance_mm is not None or scene.ball or scene.objects:
         raise TwinError(
-            f"robot '{robot.name}' lies on the bench, without wall, ball or other objects; describe a drive base or a model and "
+            f"robot '{robot.name}' lies on the bench, without wall, ball or other objects; "
+            "describe a drive base or a model and "
             "no readings, or give Scene(readings=...) only"
         )
     return BenchTwin(robot, scene, physics)
@@ -102,19 +106,29 @@ def lies_on_bench(robot: Robot, scene: Scene) -> bool:
 
 
 ASKED_GL = "BRICKTWIN_MUJOCO_GL"
-"""Variable that keeps the value of ``MUJOCO_GL`` that does not work, for this process and its children."""
+"""Variable that keeps the value of ``MUJOCO_GL`` that does not work, for this process and its
+children."""
 
 
 def check_mujoco() -> None:
-    """Import MuJoCo, which loads the library of ``MUJOCO_GL`` at once; if that fails, import it without rendering."""
+    """Import MuJoCo, which loads the library of ``MUJOCO_GL`` at once; if that fails, import it
+    without rendering."""
     try:
         importlib.import_module("mujoco")
     except Exception as error:
         backend = os.environ.get("MUJOCO_GL", "")
         if not backend or backend == "disable":
             raise
-        _log.warning("MUJOCO_GL=%s does not work (%s); everything but pictures and videos does", backend, error)
+        _log.warning(
+            "MUJOCO_GL=%s does not work (%s); everything but pictures and videos does",
+            backend,
+            error,
+        )
         os.environ["MUJOCO_GL"], os.environ[ASKED_GL] = "disable", backend
-        for name in [name for name in sys.modules if name == "mujoco" or (name.startswith("mujoco.") and "._" not in name)]:
+        for name in [
+            name
+            for name in sys.modules
+            if name == "mujoco" or (name.startswith("mujoco.") and "._" not in name)
+        ]:
             del sys.modules[name]  # compiled modules stay: they can be loaded only once
         importlib.import_module("mujoco")

@@ -1,7 +1,8 @@
 """Motion logs of a robot that carries out commands, recorded on any hub and used to fit a twin.
 
-A file has one JSON object per line: first a header with robot, interface and program, then the hub's answers, the first one to a
-reading without a command. Times are those of the hub's clock, and so free of the link's jitter.
+A file has one JSON object per line: first a header with robot, interface and program, then the
+hub's answers, the first one to a reading without a command. Times are those of the hub's clock, and
+so free of the link's jitter.
 """
 
 import contextlib
@@ -38,7 +39,8 @@ class RunLog:
         program_hash: hash of the program on its hub.
         commands: ``[n, n_commands]``, in the commands' units.
         gaps_ms: ``[n]``; host's time between an answer and the next command.
-        times_ms: ``[n + 1]``; the hub's clock at each answer, including the one before the first command.
+        times_ms: ``[n + 1]``; the hub's clock at each answer, including the one before the first
+            command.
         channels: ``[n + 1, n_channels]``, in the channels' units.
     """
 
@@ -51,7 +53,9 @@ class RunLog:
     channels: NDArray[np.float64]
 
 
-def record(link: HubLink, robot: Robot, interface: Interface, commands: Iterable[Sequence[float]]) -> RunLog:
+def record(
+    link: HubLink, robot: Robot, interface: Interface, commands: Iterable[Sequence[float]]
+) -> RunLog:
     """Record a robot that carries out commands one by one. Raises HubError if the link failed.
 
     Args:
@@ -76,12 +80,15 @@ def record(link: HubLink, robot: Robot, interface: Interface, commands: Iterable
     )
 
 
-def identification_commands(interface: Interface, steps: int, rng: np.random.Generator) -> NDArray[np.float64]:
+def identification_commands(
+    interface: Interface, steps: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
     """Excitation commands for system identification; ``[steps, n_commands]``.
 
-    Rest identifies sensor noise. Jerks of all strengths identify masses, friction and backlash. Runs at full speed identify the
-    battery, because only there the firmware's controller cannot compensate for it. Each motion is followed by its reverse, so
-    that a vehicle stays roughly in place.
+    Rest identifies sensor noise. Jerks of all strengths identify masses, friction and backlash.
+    Runs at full speed identify the battery, because only there the firmware's controller cannot
+    compensate for it. Each motion is followed by its reverse, so that a vehicle stays roughly in
+    place.
     """
     shares = np.zeros((steps, len(interface.commands)))
     moving = shares[_REST_STEPS:]
@@ -94,13 +101,16 @@ def identification_commands(interface: Interface, steps: int, rng: np.random.Gen
         signs = rng.choice([-1.0, 1.0], moving.shape[1])
         moving[start : start + _RUN_STEPS] = signs
         moving[start + _RUN_STEPS : start + 2 * _RUN_STEPS] = -signs
-    low, high = np.array([(command.low, command.high) for command in interface.commands]).reshape(-1, 2).T
+    low, high = (
+        np.array([(command.low, command.high) for command in interface.commands]).reshape(-1, 2).T
+    )
     values: NDArray[np.float64] = np.round(np.where(shares > 0, shares * high, -shares * low))
     return values
 
 
 def write_log(path: Path, log: RunLog) -> None:
-    """Write a log to a file, replacing an existing one; its folder is created. Raises WriteError if that is impossible."""
+    """Write a log to a file, replacing an existing one; its folder is created. Raises WriteError if
+    that is impossible."""
     header = {
         "bricksrl_log": _FORMAT,
         "robot": log.robot,
@@ -109,10 +119,22 @@ def write_log(path: Path, log: RunLog) -> None:
         "channels": [_describe(channel) for channel in log.interface.channels],
         "settle": _describe(log.interface.settle),
     }
-    lines: list[dict[str, Any]] = [header, {"time_ms": int(log.times_ms[0]), "channels": log.channels[0].tolist()}]
-    for command, gap_ms, time_ms, channels in zip(log.commands, log.gaps_ms, log.times_ms[1:], log.channels[1:], strict=True):
+    lines: list[dict[str, Any]] = [
+        header,
+        {"time_ms": int(log.times_ms[0]), "channels": log.channels[0].tolist()},
+    ]
+    for command, gap_ms, time_ms, channels in zip(
+        log.commands, log.gaps_ms, log.times_ms[1:], log.channels[1:], strict=True
+    ):
         gap_ms = round(float(gap_ms), 3)
-        lines.append({"time_ms": int(time_ms), "gap_ms": gap_ms, "command": command.tolist(), "channels": channels.tolist()})
+        lines.append(
+            {
+                "time_ms": int(time_ms),
+                "gap_ms": gap_ms,
+                "command": command.tolist(),
+                "channels": channels.tolist(),
+            }
+        )
     write_lines(path, lines)
 
 
@@ -152,29 +174,38 @@ def _describe(part: Command | Channel | Wait | UntilDone) -> dict[str, Any]:
 
 
 def _part(data: dict[str, Any]) -> Any:
-    """Command, channel or settling from its description. Raises DescriptionError if there is no such one."""
-    fields = {key: tuple(value) if isinstance(value, list) else value for key, value in data.items()}
+    """Command, channel or settling from its description. Raises DescriptionError if there is no
+    such one."""
+    fields = {
+        key: tuple(value) if isinstance(value, list) else value for key, value in data.items()
+    }
     named, kinds = fields.pop("kind", None), [Command, Channel, Wait, UntilDone]
     for kind in kinds:  # the list grows by all subclasses, including the user's
         kinds += kind.__subclasses__()
     kinds = [kind for kind in kinds if kind.__name__ == named and not inspect.isabstract(kind)]
     if not kinds:
         raise DescriptionError(f"there is no command or channel {named!r}")
-    with contextlib.suppress(NameError):  # annotations of a user's kind may name what only its type checker imports
+    # annotations of a user's kind may name what only its type checker imports
+    with contextlib.suppress(NameError):
         check_fields(kinds[-1], fields)
     return kinds[-1](**fields)
 
 
 def write_lines(path: Path, lines: Iterable[dict[str, Any]]) -> None:
-    """Write a log, replacing an existing one; its folder is created. Raises WriteError if that is impossible."""
+    """Write a log, replacing an existing one; its folder is created. Raises WriteError if that is
+    impossible."""
     write_durably(path, "".join(json.dumps(line) + "\n" for line in lines).encode())
 
 
-def read_lines(path: Path, make: Callable[[dict[str, Any], list[dict[str, Any]]], _Log], writer: str) -> _Log:
-    """What is made of the header and the other lines of a file. Raises TwinError if the file cannot be read, or is no such log.
+def read_lines(
+    path: Path, make: Callable[[dict[str, Any], list[dict[str, Any]]], _Log], writer: str
+) -> _Log:
+    """What is made of the header and the other lines of a file. Raises TwinError if the file cannot
+    be read, or is no such log.
 
     Args:
-        make: may raise what the content of another file causes, and DescriptionError with what is wrong with it.
+        make: may raise what the content of another file causes, and DescriptionError with what is
+            wrong with it.
         writer: the command that writes such files.
     """
     with reading("the log", path, TwinError, f"give a file that `{writer}` wrote"):

@@ -1,4 +1,5 @@
-"""Body simulated by MuJoCo: voltages in, angles and sensor readings out, with the physics of the twin."""
+"""Body simulated by MuJoCo: voltages in, angles and sensor readings out, with the physics of the
+twin."""
 
 import copy
 import dataclasses
@@ -47,8 +48,8 @@ class Pose:
     """Pose of a robot.
 
     Attributes:
-        x_m, y_m: position of the chassis' origin on the floor (2Wheeler: the middle of its axle; RoboArm: always 0).
-        heading_deg: clockwise positive seen from above, 0 along x, not wrapped.
+        x_m, y_m: position of the chassis' origin on the floor (2Wheeler: the middle of its axle;
+        RoboArm: always 0). heading_deg: clockwise positive seen from above, 0 along x, not wrapped.
     """
 
     x_m: float
@@ -63,13 +64,14 @@ def _end(ends: Iterator[int], *bounds: float) -> float:
 
 @functools.lru_cache(maxsize=8)
 def _compiled(robot: Robot, scene: Scene, _looks: Path | None) -> mujoco.MjModel:
-    """Compiled model, cached because a new body is made often and a copy takes a tenth of the time. Copy it before use."""
+    """Compiled model, cached because a new body is made often and a copy takes a tenth of the time.
+    Copy it before use."""
     return robot_model(robot, scene)
 
 
 class MujocoBody:
-    """Robot in MuJoCo; implements :class:`brickhub.virtual.body.Body`. Raises TwinError if there is no model of this robot,
-    or it cannot be placed in this scene.
+    """Robot in MuJoCo; implements :class:`brickhub.virtual.body.Body`. Raises TwinError if there is
+    no model of this robot, or it cannot be placed in this scene.
 
     The simulation is deterministic, bit for bit, given the arguments and the calls.
 
@@ -87,7 +89,9 @@ class MujocoBody:
         steps: of the physics since the body was made.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int) -> None:
+    def __init__(
+        self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int
+    ) -> None:
         self.robot = robot
         self.scene = scene
         self._nominal = _compiled(robot, scene, ldraw_library.folder())
@@ -97,7 +101,10 @@ class MujocoBody:
         self._bind()
         self._apply(Physics() if isinstance(physics, RandomPhysics) else physics)
         noise_seed, start_seed, heading_seed = np.random.SeedSequence(seed).spawn(3)
-        self._noise, self._heading_noise = np.random.default_rng(noise_seed), SummedNoise(np.random.default_rng(heading_seed))
+        self._noise, self._heading_noise = (
+            np.random.default_rng(noise_seed),
+            SummedNoise(np.random.default_rng(heading_seed)),
+        )
         self.steps = self._steps_since_update = 0
         self._turns, self._heading_at_start_deg = Turns(), 0.0
         self._settle()
@@ -115,10 +122,14 @@ class MujocoBody:
         return bool(self.model.jnt_limited[self.model.actuator_trnid[self.actuator(port), 0]])
 
     def _bind(self, prefix: str = "") -> None:
-        """Look up all names and arrays once; ``prefix`` begins the names of this robot in an arena."""
+        """Look up all names and arrays once; ``prefix`` begins the names of this robot in an
+        arena."""
         model, data = self.model, self.data
         root = int(model.body(f"{prefix}chassis").jntadr[0]) if prefix else 0
-        self.chassis, self.moves = int(model.jnt_bodyid[root]), bool(model.jnt_type[root] == mujoco.mjtJoint.mjJNT_FREE)
+        self.chassis, self.moves = (
+            int(model.jnt_bodyid[root]),
+            bool(model.jnt_type[root] == mujoco.mjtJoint.mjJNT_FREE),
+        )
         self._bind_motors(prefix)
         self._backlash = _backlash_joints(model)
         feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
@@ -126,11 +137,17 @@ class MujocoBody:
         self._feet = Feet(model, feet) if len(feet) > 1 and not prefix else None
         self.base_address, dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
         imu = f"{prefix}imu"
-        self._base = FloatingBase(model, data, self.base_address, dof, imu) if self.moves else FixedBase(model, data, imu)
+        self._base = (
+            FloatingBase(model, data, self.base_address, dof, imu)
+            if self.moves
+            else FixedBase(model, data, imu)
+        )
         self._turning = TurningParts(model)
         self._bind_sensors(prefix)
         # A pushable block has a free joint, after the robot's joints.
-        self._block_addresses = [int(model.joint(f"object_{number}").qposadr[0]) for number in self.scene.pushable]
+        self._block_addresses = [
+            int(model.joint(f"object_{number}").qposadr[0]) for number in self.scene.pushable
+        ]
         self._detected_groups = np.zeros(6, np.uint8)
         # Other robots are obstacles too, but not this one.
         self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP] if prefix else OBSTACLE_GROUP] = 1
@@ -144,39 +161,72 @@ class MujocoBody:
     def _bind_motors(self, prefix: str) -> None:
         model, ports = self.model, [motor.port for motor in self.robot.motors]
         base = self.robot.drive_base
-        wheels = [] if base is None else [self.robot.motor(name).port for name in (base.left, base.right)]
-        tyres = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, f"{prefix}tyre_{port}") for port in wheels]
-        self.tyres = tyres if min(tyres, default=-1) >= 0 else []  # a model of the user may have other names
+        wheels = (
+            []
+            if base is None
+            else [self.robot.motor(name).port for name in (base.left, base.right)]
+        )
+        tyres = [
+            mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, f"{prefix}tyre_{port}")
+            for port in wheels
+        ]
+        # a model of the user may have other names
+        self.tyres = tyres if min(tyres, default=-1) >= 0 else []
         joints = {port: model.joint(f"{prefix}motor_{port}") for port in ports}
         actuators = {port: int(model.actuator(f"{prefix}motor_{port}").id) for port in ports}
-        self._gears = {port: float(model.actuator_gear[index, 0]) for port, index in actuators.items()}
-        self._shaft = {port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0)) for port, gear in self._gears.items()}
+        self._gears = {
+            port: float(model.actuator_gear[index, 0]) for port, index in actuators.items()
+        }
+        self._shaft = {
+            port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0))
+            for port, gear in self._gears.items()
+        }
         constants = {motor.port: motor_constants(motor.kind) for motor in self.robot.motors}
-        self._amperes = [(index, 1.0 / constants[port].torque_nm_a) for port, index in actuators.items()]
+        self._amperes = [
+            (index, 1.0 / constants[port].torque_nm_a) for port, index in actuators.items()
+        ]
         self.shaft_dofs = [int(joint.dofadr[0]) for joint in joints.values()]
-        self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
+        self._terminals = {
+            port: (index, 1 << int(model.actuator_group[index]))
+            for port, index in actuators.items()
+        }
 
     def _bind_sensors(self, prefix: str) -> None:
-        rays = np.array([(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in _CONE_DEG])
+        rays = np.array(
+            [
+                (math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0)
+                for angle in _CONE_DEG
+            ]
+        )
         sensors = [sensor for sensor in self.robot.sensors if sensor.kind.model.senses]
         self._sensor_kinds = {sensor.port: sensor.kind for sensor in sensors}
-        self._sensor_frames = {sensor.port: self._site(f"{prefix}{site_name(sensor)}") for sensor in sensors}
-        sonars = [port for port, kind in self._sensor_kinds.items() if kind.model.range_mm is not None]
+        self._sensor_frames = {
+            sensor.port: self._site(f"{prefix}{site_name(sensor)}") for sensor in sensors
+        }
+        sonars = [
+            port for port, kind in self._sensor_kinds.items() if kind.model.range_mm is not None
+        ]
         places = {port: self._sensor_frames[port] for port in sonars}
-        self._sonars = {port: (position, rays @ frame.T) for port, (position, frame) in places.items()}
+        self._sonars = {
+            port: (position, rays @ frame.T) for port, (position, frame) in places.items()
+        }
         soft = [number for number, item in enumerate(self.scene.solids) if item.soft]
         self._soft_geoms = {int(self.model.geom(f"object_{number}").id) for number in soft}
-        forces = [port for port, kind in self._sensor_kinds.items() if Sense.FORCE in kind.model.senses]
+        forces = [
+            port for port, kind in self._sensor_kinds.items() if Sense.FORCE in kind.model.senses
+        ]
         self._forces = {port: self.data.sensor(f"{prefix}force_{port}").data for port in forces}
         self._world = WorldSenses(self.model, self.data, self.scene)
 
     def _site(self, name: str) -> tuple[Vector, NDArray[np.float64]]:
-        """Position of a site on the chassis [3], and its axes as columns [3, 3]. Raises TwinError if there is no such site."""
+        """Position of a site on the chassis [3], and its axes as columns [3, 3]. Raises TwinError
+        if there is no such site."""
         index = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, name)
         if index < 0:
             sensor = next(sensor for sensor in self.robot.sensors if sensor.port == name[-1])
             raise TwinError(
-                f"the model of robot '{self.robot.name}' has no place for '{sensor.name}' (a site '{name}'); give it one, or the "
+                f"the model of robot '{self.robot.name}' has no place for '{sensor.name}' (a site "
+                f"'{name}'); give it one, or the "
                 "robot no model and the scene what the sensor reads"
             )
         frame = np.empty(9)
@@ -193,7 +243,11 @@ class MujocoBody:
         self._terminal_v = self._average_v = physics.battery_v
         self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
         self._acceleration_bias_mm_s2: Vector = np.array(
-            [physics.acceleration_bias_x_mm_s2, physics.acceleration_bias_y_mm_s2, physics.acceleration_bias_z_mm_s2]
+            [
+                physics.acceleration_bias_x_mm_s2,
+                physics.acceleration_bias_y_mm_s2,
+                physics.acceleration_bias_z_mm_s2,
+            ]
         )
         self._gyro_scale = 1.0 + physics.gyro_scale_error_pct / 100.0
         self._least_echo = math.cos(math.radians(physics.echo_angle_deg))
@@ -224,8 +278,9 @@ class MujocoBody:
         self._qpos[[address for address, _ in self._shaft.values()]] = 0.0
 
     def reset(self, rng: Rng) -> None:
-        """Put the robot down at the start of an episode and let it come to rest; motors keep their angles, clock and program
-        continue. ``rng``: generator of the start pose, and of the physics if random."""
+        """Put the robot down at the start of an episode and let it come to rest; motors keep their
+        angles, clock and program continue. ``rng``: generator of the start pose, and of the physics
+        if random."""
         if self._random_physics is not None:
             drawn = self._random_physics.sample(rng)
             # A load on a base that is fixed changes nothing.
@@ -237,7 +292,8 @@ class MujocoBody:
         come_to_rest(self.model, self.data, [self], self.scene)
 
     def _check_starts(self) -> None:
-        """Raise TwinError if the robot would be inside of an obstacle at an end of the ranges of its start."""
+        """Raise TwinError if the robot would be inside of an obstacle at an end of the ranges of
+        its start."""
         if self.moves and (self.scene.objects or self.scene.wall_distance_mm is not None):
             for ends in itertools.product((0, 1), repeat=4):
                 self._place(functools.partial(_end, iter(ends)))
@@ -250,10 +306,13 @@ class MujocoBody:
         for address, block in zip(self._block_addresses, self.scene.pushable.values(), strict=True):
             self._qpos[address : address + 7] = self.model.qpos0[address : address + 7]
             if any(block.spread_mm):
-                self._qpos[address : address + 2] += [rng.uniform(-spread / 1000, spread / 1000) for spread in block.spread_mm]
+                self._qpos[address : address + 2] += [
+                    rng.uniform(-spread / 1000, spread / 1000) for spread in block.spread_mm
+                ]
 
     def _place(self, draw: Callable[[float, float], float]) -> None:
-        """Place the robot on the floor, in front of the wall if there is one; ``draw`` chooses from a range."""
+        """Place the robot on the floor, in front of the wall if there is one; ``draw`` chooses from
+        a range."""
         heading_deg = draw(*self.scene.heading_deg)
         x_mm, y_mm = (low if low == high else draw(low, high) for low, high in self.scene.start_mm)
         self.put(Pose(x_mm / 1000, y_mm / 1000, heading_deg))
@@ -261,7 +320,8 @@ class MujocoBody:
             self.face_wall(draw(*self.scene.wall_distance_mm), heading_deg)
 
     def face_wall(self, distance_mm: float, heading_deg: float) -> None:
-        """Put the robot on the floor with its first ultrasonic sensor at this distance from the scene's wall."""
+        """Put the robot on the floor with its first ultrasonic sensor at this distance from the
+        scene's wall."""
         self.put(Pose(0.0, 0.0, heading_deg))
         face_m = self.model.body("wall").pos[0] - self.model.geom("wall").size[0]
         sonar_m = self._base.in_world(next(iter(self._sonars.values()))[0])
@@ -272,8 +332,15 @@ class MujocoBody:
         """Put the standing robot on the floor."""
         standing, height_m = self._stand()
         quaternion = np.empty(4)
-        mujoco.mju_mulQuat(quaternion, np.array(yaw_quaternion(-math.radians(start.heading_deg))), standing)
-        self._qpos[self.base_address : self.base_address + 7] = (start.x_m, start.y_m, height_m, *quaternion)
+        mujoco.mju_mulQuat(
+            quaternion, np.array(yaw_quaternion(-math.radians(start.heading_deg))), standing
+        )
+        self._qpos[self.base_address : self.base_address + 7] = (
+            start.x_m,
+            start.y_m,
+            height_m,
+            *quaternion,
+        )
 
     def record_stance(self) -> None:
         """Record the stance of a robot on wheels, after it has settled on the floor."""
@@ -281,7 +348,8 @@ class MujocoBody:
         self._standing = np.array(quaternion), height_m
 
     def _stand(self) -> tuple[Vector, float]:
-        """Orientation and height of the standing robot: constant on wheels, derived from the present leg angles on legs."""
+        """Orientation and height of the standing robot: constant on wheels, derived from the
+        present leg angles on legs."""
         if self._feet is None:
             return self._standing
         model, data = self.model, self.data
@@ -323,17 +391,20 @@ class MujocoBody:
                 self.load_battery()
 
     def update_turns(self) -> None:
-        """Add the turn since the last call; to be called before the robot has turned by half a turn."""
+        """Add the turn since the last call; to be called before the robot has turned by half a
+        turn."""
         self._steps_since_update = 0
         self._turns.update(self._base.orientation())
 
     # ---------------------------------------------------------------- motors
 
     def load_battery(self) -> None:
-        """Load the battery with the motors' present currents, and average its voltage as the firmware does, every 5 ms.
+        """Load the battery with the motors' present currents, and average its voltage as the
+        firmware does, every 5 ms.
 
-        A bridge gives a motor a share of the battery's voltage, and takes that share of the motor's current from it. The
-        firmware chooses the share by its slow average (Pybricks' ``battery.c``).
+        A bridge gives a motor a share of the battery's voltage, and takes that share of the motor's
+        current from it. The firmware chooses the share by its slow average (Pybricks'
+        ``battery.c``).
         """
         voltages, torques, power_w = self._voltages_v, self._torques_nm, 0.0
         for motor, amperes_per_nm in self._amperes:
@@ -354,7 +425,8 @@ class MujocoBody:
         return math.floor(angle * mdeg / step + 0.5) * step
 
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
-        """Apply a voltage, at most the battery's; 0 shorts the motor (brake), ``None`` opens the circuit (coast)."""
+        """Apply a voltage, at most the battery's; 0 shorts the motor (brake), ``None`` opens the
+        circuit (coast)."""
         actuator, circuit = self._terminals[port]
         if (voltage_mv is None) is not bool(self._options.disableactuator & circuit):
             self._options.disableactuator ^= circuit
@@ -366,13 +438,16 @@ class MujocoBody:
     # ---------------------------------------------------------------- sensors
 
     def distance_mm(self, port: str) -> int:
-        """Distance to the nearest obstacle or robot that throws one of five rays in a cone of 24 degrees back, with noise, bias
-        and failures; 40..2000.
+        """Distance to the nearest obstacle or robot that throws one of five rays in a cone of 24
+        degrees back, with noise, bias and failures; 40..2000.
 
-        What is hard is a mirror of sound and throws back what meets it nearly at right angles; what is soft scatters sound, and
-        is seen late.
+        What is hard is a mirror of sound and throws back what meets it nearly at right angles; what
+        is soft scatters sound, and is seen late.
         """
-        if self.physics.distance_dropout_share and self._noise.random() < self.physics.distance_dropout_share:
+        if (
+            self.physics.distance_dropout_share
+            and self._noise.random() < self.physics.distance_dropout_share
+        ):
             return _FARTHEST_MM
         position, rays = self._sonars[port]
         origin = self._base.in_world(position) + self._base.position()
@@ -380,16 +455,34 @@ class MujocoBody:
         for ray in rays:
             direction = self._base.in_world(ray)
             distance_m = mujoco.mj_ray(
-                self.model, self.data, origin, direction, self._detected_groups, True, self._undetected_body, geom, normal
+                self.model,
+                self.data,
+                origin,
+                direction,
+                self._detected_groups,
+                True,
+                self._undetected_body,
+                geom,
+                normal,
             )
             if distance_m >= 0.0:
                 is_soft = geom[0] in self._soft_geoms
-                if distance_m * 1000.0 < self.physics.soft_range_mm if is_soft else -(direction @ normal) >= self._least_echo:
+                if (
+                    distance_m * 1000.0 < self.physics.soft_range_mm
+                    if is_soft
+                    else -(direction @ normal) >= self._least_echo
+                ):
                     nearest_mm = min(nearest_mm, distance_m * 1000.0)
         if nearest_mm >= _FARTHEST_MM:
             return _FARTHEST_MM
-        deviation_mm = self.physics.distance_noise_mm + self.physics.distance_noise_ratio * nearest_mm
-        reading_mm = round(nearest_mm + self.physics.distance_bias_mm + deviation_mm * self._noise.standard_normal())
+        deviation_mm = (
+            self.physics.distance_noise_mm + self.physics.distance_noise_ratio * nearest_mm
+        )
+        reading_mm = round(
+            nearest_mm
+            + self.physics.distance_bias_mm
+            + deviation_mm * self._noise.standard_normal()
+        )
         return min(max(reading_mm, _NEAREST_MM), _FARTHEST_MM)
 
     def sensed(self, port: str, sense: Sense) -> Sensed:
@@ -401,9 +494,14 @@ class MujocoBody:
         if sense is Sense.COUNT:
             return 0.0
         position, frame = self._sensor_frames[port]
-        eye, gaze = self._base.in_world(position) + self._base.position(), self._base.in_world(frame[:, 0].copy())
+        eye, gaze = (
+            self._base.in_world(position) + self._base.position(),
+            self._base.in_world(frame[:, 0].copy()),
+        )
         if sense is Sense.DISTANCE:
-            return 100.0 * min(self._world.distance_mm(eye, gaze) / INFRARED_MM[self._sensor_kinds[port]], 1.0)
+            return 100.0 * min(
+                self._world.distance_mm(eye, gaze) / INFRARED_MM[self._sensor_kinds[port]], 1.0
+            )
         if sense is Sense.AMBIENT:
             return self._world.ambient(eye, gaze)
         hue, saturation, value = self._world.surface(eye, gaze)
@@ -411,40 +509,67 @@ class MujocoBody:
         return hue, saturation, min(max(value + noise_pct, 0.0), 100.0)
 
     def tilt_deg(self) -> tuple[float, float]:
-        """Pitch (nose down positive) and roll (right side down positive) from the direction of "up" in the hub's frame.
+        """Pitch (nose down positive) and roll (right side down positive) from the direction of "up"
+        in the hub's frame.
 
-        As in the firmware, this is the fused orientation, which accelerations do not disturb, but the accelerometer's bias does.
+        As in the firmware, this is the fused orientation, which accelerations do not disturb, but
+        the accelerometer's bias does.
         """
-        up_x, up_y, up_z = (self._base.up(self._up) + self._acceleration_bias_mm_s2 / _GRAVITY_MM_S2).tolist()
+        up_x, up_y, up_z = (
+            self._base.up(self._up) + self._acceleration_bias_mm_s2 / _GRAVITY_MM_S2
+        ).tolist()
         pitch_deg = math.degrees(math.atan2(-up_x, math.hypot(up_y, up_z)))
         roll_deg = math.degrees(math.atan2(up_y, up_z))
-        noise_pitch, noise_roll = (self.physics.tilt_noise_deg * self._noise.standard_normal(2)).tolist()
+        noise_pitch, noise_roll = (
+            self.physics.tilt_noise_deg * self._noise.standard_normal(2)
+        ).tolist()
         return pitch_deg + noise_pitch, roll_deg + noise_roll
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
-        """Gyroscope in the frame of the hub, with noise, scale error and drift; counter-clockwise about each axis is positive."""
-        scale, noise_deg_s, drift_deg_s = self._gyro_scale, self.physics.gyro_noise_deg_s, self.physics.gyro_drift_deg_min / 60.0
-        rates, noise = self._base.angular_velocity().tolist(), self._noise.standard_normal(3).tolist()
+        """Gyroscope in the frame of the hub, with noise, scale error and drift; counter-clockwise
+        about each axis is positive."""
+        scale, noise_deg_s, drift_deg_s = (
+            self._gyro_scale,
+            self.physics.gyro_noise_deg_s,
+            self.physics.gyro_drift_deg_min / 60.0,
+        )
+        rates, noise = (
+            self._base.angular_velocity().tolist(),
+            self._noise.standard_normal(3).tolist(),
+        )
         # NumPy is slow for three values.
-        x, y, z = (math.degrees(rate) * scale + (noise_deg_s * a - drift_deg_s) for rate, a in zip(rates, noise, strict=True))
+        x, y, z = (
+            math.degrees(rate) * scale + (noise_deg_s * a - drift_deg_s)
+            for rate, a in zip(rates, noise, strict=True)
+        )
         return x, y, z
 
     def acceleration_mm_s2(self) -> tuple[float, float, float]:
         """Accelerometer in the frame of the hub, with noise and bias; at rest (0, 0, +9810)."""
-        noise = self.physics.acceleration_noise_mm_s2 * self._noise.standard_normal(3) + self._acceleration_bias_mm_s2
+        noise = (
+            self.physics.acceleration_noise_mm_s2 * self._noise.standard_normal(3)
+            + self._acceleration_bias_mm_s2
+        )
         x, y, z = (self._base.specific_force() * 1000.0 + noise).tolist()
         return x, y, z
 
     def heading_deg(self) -> float:
-        """Rotation about the vertical since the start, as summed up from the gyroscope, clockwise positive, not wrapped."""
+        """Rotation about the vertical since the start, as summed up from the gyroscope, clockwise
+        positive, not wrapped."""
         self.update_turns()
-        noise_deg = self._heading_noise.deg(self.steps * TIMESTEP_S, self.physics.gyro_noise_deg_s) + self._drift_deg()
+        noise_deg = (
+            self._heading_noise.deg(self.steps * TIMESTEP_S, self.physics.gyro_noise_deg_s)
+            + self._drift_deg()
+        )
         return (self._turns.heading_deg - self._heading_at_start_deg) * self._gyro_scale + noise_deg
 
     def rotation_deg(self) -> tuple[float, float, float]:
         """Angular velocity in the frame of the hub, summed up since the start, without noise."""
         self.update_turns()
-        rotation = np.degrees(self._base.in_hub(self._turns.rotation_rad)) * self._gyro_scale - self._drift_deg()
+        rotation = (
+            np.degrees(self._base.in_hub(self._turns.rotation_rad)) * self._gyro_scale
+            - self._drift_deg()
+        )
         x, y, z = rotation.tolist()
         return x, y, z
 
@@ -454,11 +579,13 @@ class MujocoBody:
 
 
 SIDE_LOAD_OFFSET_M = (0.0, 0.048, 0.0)
-"""Position of the side load relative to the chassis' centre of mass: 6 modules of LEGO to the left, in the hub's axes."""
+"""Position of the side load relative to the chassis' centre of mass: 6 modules of LEGO to the left,
+in the hub's axes."""
 
 
 def settle(model: mujoco.MjModel, data: mujoco.MjData, robots: Sequence[MujocoBody]) -> None:
-    """Let robots come to rest where they are put, with their motors held: play is taken up, feet find the floor."""
+    """Let robots come to rest where they are put, with their motors held: play is taken up, feet
+    find the floor."""
     places = [slice(robot.base_address, robot.base_address + 2 * robot.moves) for robot in robots]
     starts_m = [data.qpos[place].copy() for place in places]
     shafts = [dof for robot in robots for dof in robot.shaft_dofs]
@@ -476,9 +603,14 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData, robots: Sequence[MujocoBo
     mujoco.mj_forward(model, data)
 
 
-def come_to_rest(model: mujoco.MjModel, data: mujoco.MjData, robots: Sequence[MujocoBody], scene: Scene | None = None) -> None:
-    """Let robots that were put somewhere come to rest. Raises TwinError if one is inside of an obstacle of the ``scene``, or of
-    an arena."""
+def come_to_rest(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    robots: Sequence[MujocoBody],
+    scene: Scene | None = None,
+) -> None:
+    """Let robots that were put somewhere come to rest. Raises TwinError if one is inside of an
+    obstacle of the ``scene``, or of an arena."""
     data.qacc_warmstart[:] = 0.0
     mujoco.mj_forward(model, data)
     refuse_overlap(model, data, scene)
@@ -493,9 +625,14 @@ def _backlash_joints(model: mujoco.MjModel) -> list[int]:
 
 
 def set_physics(
-    model: mujoco.MjModel, nominal: mujoco.MjModel, physics: Physics, robots: Sequence[MujocoBody], bodies: Sequence[int]
+    model: mujoco.MjModel,
+    nominal: mujoco.MjModel,
+    physics: Physics,
+    robots: Sequence[MujocoBody],
+    bodies: Sequence[int],
 ) -> None:
-    """Set a model's parameters. Raises TwinError if there is a side load, and a robot without a chassis that moves.
+    """Set a model's parameters. Raises TwinError if there is a side load, and a robot without a
+    chassis that moves.
 
     Args:
         nominal: the same model as compiled.
@@ -517,13 +654,20 @@ def set_physics(
         for motor, scale in zip(robot.robot.motors, physics.motor_scales, strict=False):
             actuator = robot.actuator(motor.port)
             dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
-            friction_nm = motor_constants(motor.kind).friction_nm * abs(nominal.actuator_gear[actuator, 0])
-            model.dof_frictionloss[dof] = nominal.dof_frictionloss[dof] + (physics.motor_friction_scale - 1.0) * friction_nm
+            friction_nm = motor_constants(motor.kind).friction_nm * abs(
+                nominal.actuator_gear[actuator, 0]
+            )
+            model.dof_frictionloss[dof] = (
+                nominal.dof_frictionloss[dof] + (physics.motor_friction_scale - 1.0) * friction_nm
+            )
             model.actuator_biasprm[actuator, 2] = nominal.actuator_biasprm[actuator, 2] / scale
         if robot.moves:
             _add_side_load(model, nominal, robot.chassis, physics.side_load_g / 1000)
         elif physics.side_load_g:
-            raise TwinError("physics: side_load_g is for robots that move; leave it at 0 for one that stands on a fixed base")
+            raise TwinError(
+                "physics: side_load_g is for robots that move; leave it at 0 for one that stands "
+                "on a fixed base"
+            )
     mujoco.mj_setConst(model, mujoco.MjData(model))  # derives constants from the masses
 
 
@@ -533,9 +677,15 @@ def _up(physics: Physics) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return np.array([math.sin(slope), 0.0, math.cos(slope)])
 
 
-def _add_side_load(model: mujoco.MjModel, nominal: mujoco.MjModel, body: int, load_kg: float) -> None:
-    """Add a point mass at the side of a chassis: mass, centre of mass and inertia change (parallel axis theorem)."""
-    model.body_ipos[body], model.body_iquat[body] = nominal.body_ipos[body], nominal.body_iquat[body]
+def _add_side_load(
+    model: mujoco.MjModel, nominal: mujoco.MjModel, body: int, load_kg: float
+) -> None:
+    """Add a point mass at the side of a chassis: mass, centre of mass and inertia change (parallel
+    axis theorem)."""
+    model.body_ipos[body], model.body_iquat[body] = (
+        nominal.body_ipos[body],
+        nominal.body_iquat[body],
+    )
     if load_kg == 0.0:
         return
     mass_kg, offset = float(model.body_mass[body]), np.array(SIDE_LOAD_OFFSET_M)

@@ -1,7 +1,9 @@
-"""Objects of a scene: lines and fields on the floor, walls, fixed and pushable blocks, ramps and lamps.
+"""Objects of a scene: lines and fields on the floor, walls, fixed and pushable blocks, ramps and
+lamps.
 
-Positions are millimetres on the floor, ``(x, y)``: a robot that starts at the origin with a heading of 0 looks along x, y is to
-its left. Headings are degrees, clockwise seen from above. Lines and fields affect colour sensors only.
+Positions are millimetres on the floor, ``(x, y)``: a robot that starts at the origin with a heading
+of 0 looks along x, y is to its left. Headings are degrees, clockwise seen from above. Lines and
+fields affect colour sensors only.
 """
 
 import math
@@ -55,33 +57,45 @@ class Line:
 
     def __post_init__(self) -> None:
         _check(self.color, "a line", (self.width_mm,), 1, self.points_mm)
-        object.__setattr__(self, "points_mm", tuple(map(tuple, self.points_mm)))  # lists are welcome
+        # lists are welcome
+        object.__setattr__(self, "points_mm", tuple(map(tuple, self.points_mm)))
         if len(self.points_mm) < 2:
-            raise TwinError(f"scene: a line of {counted(len(self.points_mm), 'point')}; give two or more")
+            raise TwinError(
+                f"scene: a line of {counted(len(self.points_mm), 'point')}; give two or more"
+            )
 
     @property
     def ends_mm(self) -> tuple[Floats, Floats]:
         """Start and end of each segment, ``[n, 2]`` each."""
-        points = np.array(self.points_mm + (self.points_mm[:1] if self.closed else ()), dtype=np.float64)
+        points = np.array(
+            self.points_mm + (self.points_mm[:1] if self.closed else ()), dtype=np.float64
+        )
         return points[:-1], points[1:]
 
     @cached_property
     def _segments(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128], Floats]:
-        """Start, rotation to the x axis, and length of each segment as complex numbers, ``[3, n]``, its middle, and how far from
-        there it covers something, ``[n]`` each."""
+        """Start, rotation to the x axis, and length of each segment as complex numbers, ``[3, n]``,
+        its middle, and how far from there it covers something, ``[n]`` each."""
         starts, ends = (points @ _COMPLEX for points in self.ends_mm)
         lengths, turns = np.abs(ends - starts), np.exp(-1j * np.angle(ends - starts))
-        return np.stack([starts, turns, lengths]), (starts + ends) / 2, (lengths + self.width_mm) / 2 + _ROUNDING_MM
+        return (
+            np.stack([starts, turns, lengths]),
+            (starts + ends) / 2,
+            (lengths + self.width_mm) / 2 + _ROUNDING_MM,
+        )
 
     def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
-        """Whether points ``[n, 2]`` are on it; ``[n]``. Only segments that may reach the points are looked at closely."""
+        """Whether points ``[n, 2]`` are on it; ``[n]``. Only segments that may reach the points are
+        looked at closely."""
         segments, middles, reaches = self._segments
         points = points_mm @ _COMPLEX
         spread_mm = np.maximum.reduce(np.abs(points - points[0]))
         starts, turns, lengths = segments[:, np.abs(middles - points[0]) <= reaches + spread_mm]
         offsets = (points[:, None] - starts) * turns
         nearest = np.minimum(np.maximum(offsets.real, 0.0), lengths.real)
-        covered: NDArray[np.bool_] = np.logical_or.reduce(np.abs(offsets - nearest) <= self.width_mm / 2, 1)
+        covered: NDArray[np.bool_] = np.logical_or.reduce(
+            np.abs(offsets - nearest) <= self.width_mm / 2, 1
+        )
         return covered
 
 
@@ -109,13 +123,16 @@ class Field:
         yaw = -math.radians(self.heading_deg)
         turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
         scaled = np.abs((points_mm - np.array(self.at_mm)) @ turn) / (np.array(self.size_mm) / 2)
-        covered: NDArray[np.bool_] = (scaled**2).sum(-1) <= 1.0 if self.round else scaled.max(-1) <= 1.0
+        covered: NDArray[np.bool_] = (
+            (scaled**2).sum(-1) <= 1.0 if self.round else scaled.max(-1) <= 1.0
+        )
         return covered
 
 
 @dataclass(frozen=True)
 class Wall:
-    """Wall between two points; a soft one, such as a curtain, swallows ultrasound. Raises TwinError if a value is invalid."""
+    """Wall between two points; a soft one, such as a curtain, swallows ultrasound. Raises TwinError
+    if a value is invalid."""
 
     from_mm: Point
     to_mm: Point
@@ -125,21 +142,24 @@ class Wall:
     soft: bool = False
 
     def __post_init__(self) -> None:
-        _check(self.color, "a wall", (self.height_mm, self.thickness_mm), 2, (self.from_mm, self.to_mm))
+        _check(
+            self.color, "a wall", (self.height_mm, self.thickness_mm), 2, (self.from_mm, self.to_mm)
+        )
         if self.from_mm == self.to_mm:
             raise TwinError(f"scene: a wall from {self.from_mm} to the same point; give two")
 
 
 @dataclass(frozen=True)
 class Block:
-    """Block, or with ``round`` an upright cylinder, that is fixed or, with a mass, can be pushed. Raises TwinError if a value is
-    invalid.
+    """Block, or with ``round`` an upright cylinder, that is fixed or, with a mass, can be pushed.
+    Raises TwinError if a value is invalid.
 
     Attributes:
         at_mm: its centre.
         size_mm: size along x and y, before rotation, and height.
         mass_g: mass; ``None`` for a fixed block.
-        spread_mm: maximum random shift along x and y at the start of each episode; only with a mass.
+        spread_mm: maximum random shift along x and y at the start of each episode; only with a
+            mass.
         soft: whether it swallows ultrasound, as a cushion or a person does.
     """
 
@@ -153,11 +173,23 @@ class Block:
     soft: bool = False
 
     def __post_init__(self) -> None:
-        _check(self.color, "a block", self.size_mm, 3, (self.at_mm, self.spread_mm, (self.heading_deg, 0.0)))
+        _check(
+            self.color,
+            "a block",
+            self.size_mm,
+            3,
+            (self.at_mm, self.spread_mm, (self.heading_deg, 0.0)),
+        )
         if self.mass_g is not None and not (math.isfinite(self.mass_g) and self.mass_g > 0):
-            raise TwinError(f"scene: a block of {self.mass_g} g; give a positive mass, or None for one that stands still")
+            raise TwinError(
+                f"scene: a block of {self.mass_g} g; give a positive mass, or None for one that "
+                "stands still"
+            )
         if min(self.spread_mm) < 0 or (self.mass_g is None and any(self.spread_mm)):
-            raise TwinError(f"scene: a spread of {self.spread_mm} mm; give 0 or more, and a mass to what is to be moved")
+            raise TwinError(
+                f"scene: a spread of {self.spread_mm} mm; give 0 or more, and a mass to what is "
+                "to be moved"
+            )
 
 
 @dataclass(frozen=True)
@@ -199,7 +231,8 @@ class Lamp:
     def __post_init__(self) -> None:
         if not _are_numbers(self.at_mm, 3) or not 0.0 < self.light_pct <= 100.0:
             raise TwinError(
-                f"scene: a lamp at {self.at_mm} of {self.light_pct} %; give a place (x, y, height) in mm, and up to 100 %"
+                f"scene: a lamp at {self.at_mm} of {self.light_pct} %; give a place (x, y, "
+                "height) in mm, and up to 100 %"
             )
 
 
@@ -209,25 +242,34 @@ Object = Line | Field | Wall | Block | Ramp | Lamp
 
 
 def oval(length_mm: float, width_mm: float) -> tuple[Point, ...]:
-    """Points of a closed line with half circles as ends, of this total size, from the origin along x, then to the left."""
+    """Points of a closed line with half circles as ends, of this total size, from the origin along
+    x, then to the left."""
     radius, straight = width_mm / 2, length_mm - width_mm
     if straight < 0 or radius <= 0:
-        raise TwinError(f"scene: an oval of {length_mm} x {width_mm} mm; give a length of at least its width")
+        raise TwinError(
+            f"scene: an oval of {length_mm} x {width_mm} mm; give a length of at least its width"
+        )
     angles = np.linspace(-math.pi / 2, math.pi / 2, 25)
     right = np.stack([straight / 2 + radius * np.cos(angles), radius + radius * np.sin(angles)], -1)
     points = np.concatenate([[(0.0, 0.0)], right, right * (-1.0, -1.0) + (0.0, width_mm)])
     return tuple((float(x), float(y)) for x, y in points)
 
 
-def _check(color: str, noun: str, sizes: tuple[float, ...], count: int, points: tuple[Point, ...]) -> None:
-    """Raise TwinError unless there is such a color, and so many positive sizes, and the points are pairs of numbers."""
+def _check(
+    color: str, noun: str, sizes: tuple[float, ...], count: int, points: tuple[Point, ...]
+) -> None:
+    """Raise TwinError unless there is such a color, and so many positive sizes, and the points are
+    pairs of numbers."""
     if not isinstance(color, str) or color not in COLORS:
         raise TwinError(f"scene: there is no color '{color}'; choose {', '.join(COLORS)}")
     if not _are_numbers(sizes, count) or min(sizes) <= 0:
         shown = ", ".join(map(str, sizes)) if isinstance(sizes, tuple | list) else sizes
         raise TwinError(f"scene: {noun} of {shown} mm; give {counted(count, 'positive size')}")
     if not isinstance(points, tuple | list) or not all(_are_numbers(point, 2) for point in points):
-        raise TwinError(f"scene: {noun} at {points}; give places (x, y) in mm and headings in degrees, all finite")
+        raise TwinError(
+            f"scene: {noun} at {points}; give places (x, y) in mm and headings in degrees, "
+            "all finite"
+        )
 
 
 def _are_numbers(values: Sequence[float], count: int) -> bool:

@@ -1,4 +1,5 @@
-"""Physics of a twin: parameters that differ between real robots, and their ranges for domain randomization."""
+"""Physics of a twin: parameters that differ between real robots, and their ranges for domain
+randomization."""
 
 from __future__ import annotations
 
@@ -43,11 +44,20 @@ DRAWN_LINKS = (PROFILES["mac"], PROFILES["linux"])
 """Links of domain randomization: those of ordinary computers."""
 
 
-def _parameter(default: float, unit: str, random_range: Range, allowed_range: Range, source: str) -> Any:
-    return dataclasses.field(default=default, metadata={"parameter": Parameter(unit, random_range, allowed_range, source)})
+def _parameter(
+    default: float, unit: str, random_range: Range, allowed_range: Range, source: str
+) -> Any:
+    return dataclasses.field(
+        default=default,
+        metadata={"parameter": Parameter(unit, random_range, allowed_range, source)},
+    )
 
 
-_ACCELERATION_BIAS = (-184.0, 184.0), (-1000.0, 1000.0), "120 to 184 mm/s2 on Prime hubs, not calibrated; by default calibrated"
+_ACCELERATION_BIAS = (
+    (-184.0, 184.0),
+    (-1000.0, 1000.0),
+    "120 to 184 mm/s2 on Prime hubs, not calibrated; by default calibrated",
+)
 
 
 def _motor_scale() -> Any:
@@ -55,21 +65,26 @@ def _motor_scale() -> Any:
 
 
 def _link_parameter(name: str, unit: str, allowed_range: Range, source: str) -> Any:
-    """A number of the link's profile. Randomization draws one of ``DRAWN_LINKS``, with all its numbers."""
+    """A number of the link's profile. Randomization draws one of ``DRAWN_LINKS``, with all its
+    numbers."""
     drawn = [getattr(link, name) for link in DRAWN_LINKS]
-    return _parameter(getattr(PROFILES[DEFAULT_LINK], name), unit, (min(drawn), max(drawn)), allowed_range, source)
+    return _parameter(
+        getattr(PROFILES[DEFAULT_LINK], name), unit, (min(drawn), max(drawn)), allowed_range, source
+    )
 
 
 @dataclass(frozen=True)
 class Physics:
-    """Parameters of a twin; the defaults are a freshly charged robot on a smooth floor. Raises TwinError if a value is outside of
-    its allowed range.
+    """Parameters of a twin; the defaults are a freshly charged robot on a smooth floor. Raises
+    TwinError if a value is outside of its allowed range.
 
-    By default sensors have noise, but no bias, as offsets have either sign and a mean of 0, and never fail.
+    By default sensors have noise, but no bias, as offsets have either sign and a mean of 0, and
+    never fail.
 
     Attributes:
         battery_v: voltage of the battery without load, by its charge; it limits the motors'.
-        battery_ohm: resistance of the battery with its protection and contacts: its voltage sags under the motors' load.
+        battery_ohm: resistance of the battery with its protection and contacts: its voltage sags
+            under the motors' load.
         friction_scale: factor on the friction between tyres and floor.
         mass_scale: factor on all masses and inertias.
         motor_friction_scale: factor on the dry friction inside the motors.
@@ -79,43 +94,73 @@ class Physics:
         distance_noise_ratio: increase of this deviation per millimetre of distance.
         distance_bias_mm: offset of the ultrasonic sensor.
         distance_dropout_share: share of its readings that are 2000 whatever is ahead.
-        echo_angle_deg: largest angle to a hard surface's normal at which the surface throws sound back.
+        echo_angle_deg: largest angle to a hard surface's normal at which the surface throws sound
+            back.
         soft_range_mm: distance from which on it sees something soft.
         tilt_noise_deg: standard deviation of pitch and roll.
         gyro_noise_deg_s: standard deviation of each axis of the gyroscope.
         gyro_scale_error_pct: what the gyroscope reads for a turn, beyond the turn.
         gyro_drift_deg_min: heading that the gyroscope adds by itself.
         acceleration_noise_mm_s2: standard deviation of each axis of the accelerometer.
-        acceleration_bias_x_mm_s2, acceleration_bias_y_mm_s2, acceleration_bias_z_mm_s2: offset of each axis of the accelerometer,
-            in the hub's frame; it tilts pitch and roll, too.
+        acceleration_bias_x_mm_s2, acceleration_bias_y_mm_s2, acceleration_bias_z_mm_s2: offset of
+        each axis of the accelerometer, in the hub's frame; it tilts pitch and roll, too.
         color_noise_pct: standard deviation of the light reflected to a color sensor.
-        link_interval_ms, link_jitter_ms, link_loss, link_burst_ms, link_lost_notifications, link_wake_ms: delays and losses of
-            Bluetooth, as in :class:`~brickhub.hub.link.profiles.LinkProfile`.
+        link_interval_ms, link_jitter_ms, link_loss, link_burst_ms, link_lost_notifications,
+        link_wake_ms: delays and losses of Bluetooth, as in
+        :class:`~brickhub.hub.link.profiles.LinkProfile`.
         slope_deg: slope of the floor, uphill along x, the direction in which robots start.
-        wheel_difference_pct: by how much the left wheel of a drive base is larger than the right one.
-        side_load_g: mass fastened to the left side of the chassis, 6 modules from its centre of mass.
-        motor_1_scale ... motor_6_scale: factor on the speed, free or loaded, of each motor in the order of the description.
+        wheel_difference_pct: by how much the left wheel of a drive base is larger than the right
+            one.
+        side_load_g: mass fastened to the left side of the chassis, 6 modules from its centre of
+        mass. motor_1_scale ... motor_6_scale: factor on the speed, free or loaded, of each motor in
+        the order of the description.
     """
 
     battery_v: float = _parameter(
-        8.0, "V", (7.2, 8.3), (6.0, 9.0), "two lithium cells, 8.3 V charged, 7.2 V nominal; the hub switches off at 6 V"
+        8.0,
+        "V",
+        (7.2, 8.3),
+        (6.0, 9.0),
+        "two lithium cells, 8.3 V charged, 7.2 V nominal; the hub switches off at 6 V",
     )
     battery_ohm: float = _parameter(
-        0.2, "ohm", (0.1, 0.4), (0.0, 0.5), "estimate: two cells of 50 mohm, the rest protection, contacts and wires"
+        0.2,
+        "ohm",
+        (0.1, 0.4),
+        (0.0, 0.5),
+        "estimate: two cells of 50 mohm, the rest protection, contacts and wires",
     )
-    friction_scale: float = _parameter(1.0, "1", (0.7, 1.2), (0.05, 3.0), "estimate: rubber on wood, laminate, a dusty floor")
-    mass_scale: float = _parameter(1.0, "1", (0.9, 1.15), (0.3, 3.0), "parts are estimated; 10 % for cables and other bricks")
-    motor_friction_scale: float = _parameter(1.0, "1", (0.7, 1.5), (0.0, 5.0), "estimate: new and worn motors")
-    backlash_deg: float = _parameter(2.5, "deg", (0.0, 4.0), (0.0, 10.0), "estimate: gears of a medium motor, axle in its hole")
+    friction_scale: float = _parameter(
+        1.0, "1", (0.7, 1.2), (0.05, 3.0), "estimate: rubber on wood, laminate, a dusty floor"
+    )
+    mass_scale: float = _parameter(
+        1.0, "1", (0.9, 1.15), (0.3, 3.0), "parts are estimated; 10 % for cables and other bricks"
+    )
+    motor_friction_scale: float = _parameter(
+        1.0, "1", (0.7, 1.5), (0.0, 5.0), "estimate: new and worn motors"
+    )
+    backlash_deg: float = _parameter(
+        2.5, "deg", (0.0, 4.0), (0.0, 10.0), "estimate: gears of a medium motor, axle in its hole"
+    )
     encoder_resolution_deg: float = _parameter(
-        1.0, "deg", (1.0, 1.0), (0.001, 10.0), "motors report whole degrees; the same in every motor, so never drawn"
+        1.0,
+        "deg",
+        (1.0, 1.0),
+        (0.001, 10.0),
+        "motors report whole degrees; the same in every motor, so never drawn",
     )
-    distance_noise_mm: float = _parameter(1.0, "mm", (0.5, 3.0), (0.0, 50.0), "estimate: readings of a still wall")
+    distance_noise_mm: float = _parameter(
+        1.0, "mm", (0.5, 3.0), (0.0, 50.0), "estimate: readings of a still wall"
+    )
     distance_noise_ratio: float = _parameter(
         0.004, "1", (0.002, 0.008), (0.0, 0.2), "estimate: a wall far off against one nearby"
     )
     distance_bias_mm: float = _parameter(
-        0.0, "mm", (-20.0, 20.0), (-200.0, 200.0), "LEGO's technical fact sheet of 45604: +-20 mm; by default exact"
+        0.0,
+        "mm",
+        (-20.0, 20.0),
+        (-200.0, 200.0),
+        "LEGO's technical fact sheet of 45604: +-20 mm; by default exact",
     )
     distance_dropout_share: float = _parameter(
         0.0,
@@ -125,37 +170,83 @@ class Physics:
         "estimate: owners tell of 2000 before a wall (pybricks/support#39, #476), not how often",
     )
     echo_angle_deg: float = _parameter(
-        35.0, "deg", (25.0, 50.0), (0.0, 90.0), "estimate: LEGO's technical fact sheet of 45604 gives a field of view of +-35 deg"
+        35.0,
+        "deg",
+        (25.0, 50.0),
+        (0.0, 90.0),
+        "estimate: LEGO's technical fact sheet of 45604 gives a field of view of +-35 deg",
     )
     soft_range_mm: float = _parameter(
-        1500.0, "mm", (1200.0, 1800.0), (0.0, 2000.0), "LEGO: soft objects from 150 cm; the range is an estimate"
+        1500.0,
+        "mm",
+        (1200.0, 1800.0),
+        (0.0, 2000.0),
+        "LEGO: soft objects from 150 cm; the range is an estimate",
     )
-    tilt_noise_deg: float = _parameter(0.3, "deg", (0.1, 0.6), (0.0, 10.0), "estimate: a hub at rest")
+    tilt_noise_deg: float = _parameter(
+        0.3, "deg", (0.1, 0.6), (0.0, 10.0), "estimate: a hub at rest"
+    )
     gyro_noise_deg_s: float = _parameter(
-        0.1, "deg/s", (0.07, 0.2), (0.0, 50.0), "data sheet of ST's LSM6DS3TR-C: 5 mdps per root of Hz, up to half its 833 Hz"
+        0.1,
+        "deg/s",
+        (0.07, 0.2),
+        (0.0, 50.0),
+        "data sheet of ST's LSM6DS3TR-C: 5 mdps per root of Hz, up to half its 833 Hz",
     )
     gyro_scale_error_pct: float = _parameter(
-        0.0, "%", (-1.0, 1.0), (-5.0, 5.0), "363.4 and 362.8 deg for a turn (pybricks/support#1678); by default calibrated"
+        0.0,
+        "%",
+        (-1.0, 1.0),
+        (-5.0, 5.0),
+        "363.4 and 362.8 deg for a turn (pybricks/support#1678); by default calibrated",
     )
     gyro_drift_deg_min: float = _parameter(
-        0.0, "deg/min", (-0.4, 0.4), (-60.0, 60.0), "0.044 deg in 7 s at rest, 0.37 a minute (pybricks/support#2238)"
+        0.0,
+        "deg/min",
+        (-0.4, 0.4),
+        (-60.0, 60.0),
+        "0.044 deg in 7 s at rest, 0.37 a minute (pybricks/support#2238)",
     )
-    acceleration_noise_mm_s2: float = _parameter(20.0, "mm/s2", (10.0, 50.0), (0.0, 2000.0), "estimate: a hub at rest")
+    acceleration_noise_mm_s2: float = _parameter(
+        20.0, "mm/s2", (10.0, 50.0), (0.0, 2000.0), "estimate: a hub at rest"
+    )
     acceleration_bias_x_mm_s2: float = _parameter(0.0, "mm/s2", *_ACCELERATION_BIAS)
     acceleration_bias_y_mm_s2: float = _parameter(0.0, "mm/s2", *_ACCELERATION_BIAS)
     acceleration_bias_z_mm_s2: float = _parameter(0.0, "mm/s2", *_ACCELERATION_BIAS)
-    color_noise_pct: float = _parameter(0.5, "%", (0.2, 1.5), (0.0, 20.0), "estimate: readings of a still sheet of paper")
-    link_interval_ms: float = _link_parameter("interval_ms", "ms", (0.0, 4000.0), "Bluetooth LE allows 7.5 ms to 4 s")
-    link_jitter_ms: float = _link_parameter("jitter_ms", "ms", (0.0, 200.0), "estimate: the computer's own time")
-    link_loss: float = _link_parameter("loss", "1", (0.0, 0.45), "estimate: packets lost in the air, and sent again")
-    link_burst_ms: float = _link_parameter("burst_ms", "ms", (1.0, 60_000.0), "estimate: Wi-Fi and people in between")
-    link_lost_notifications: float = _link_parameter("lost_notifications", "1", (0.0, 0.2), "estimate; pybricks/support#320")
-    link_wake_ms: float = _link_parameter("wake_ms", "ms", (0.0, 2000.0), "labapart/gattlib#223: up to 300 ms in all")
-    slope_deg: float = _parameter(0.0, "deg", (-2.0, 2.0), (-30.0, 30.0), "estimate: floors and tables are not level")
-    wheel_difference_pct: float = _parameter(
-        0.0, "%", (-0.5, 0.5), (-10.0, 10.0), "estimate: new and worn tyres, one more loaded than the other"
+    color_noise_pct: float = _parameter(
+        0.5, "%", (0.2, 1.5), (0.0, 20.0), "estimate: readings of a still sheet of paper"
     )
-    side_load_g: float = _parameter(0.0, "g", (0.0, 50.0), (0.0, 500.0), "estimate: a sensor, a motor or a cable more")
+    link_interval_ms: float = _link_parameter(
+        "interval_ms", "ms", (0.0, 4000.0), "Bluetooth LE allows 7.5 ms to 4 s"
+    )
+    link_jitter_ms: float = _link_parameter(
+        "jitter_ms", "ms", (0.0, 200.0), "estimate: the computer's own time"
+    )
+    link_loss: float = _link_parameter(
+        "loss", "1", (0.0, 0.45), "estimate: packets lost in the air, and sent again"
+    )
+    link_burst_ms: float = _link_parameter(
+        "burst_ms", "ms", (1.0, 60_000.0), "estimate: Wi-Fi and people in between"
+    )
+    link_lost_notifications: float = _link_parameter(
+        "lost_notifications", "1", (0.0, 0.2), "estimate; pybricks/support#320"
+    )
+    link_wake_ms: float = _link_parameter(
+        "wake_ms", "ms", (0.0, 2000.0), "labapart/gattlib#223: up to 300 ms in all"
+    )
+    slope_deg: float = _parameter(
+        0.0, "deg", (-2.0, 2.0), (-30.0, 30.0), "estimate: floors and tables are not level"
+    )
+    wheel_difference_pct: float = _parameter(
+        0.0,
+        "%",
+        (-0.5, 0.5),
+        (-10.0, 10.0),
+        "estimate: new and worn tyres, one more loaded than the other",
+    )
+    side_load_g: float = _parameter(
+        0.0, "g", (0.0, 50.0), (0.0, 500.0), "estimate: a sensor, a motor or a cable more"
+    )
     motor_1_scale: float = _motor_scale()
     motor_2_scale: float = _motor_scale()
     motor_3_scale: float = _motor_scale()
@@ -165,7 +256,8 @@ class Physics:
 
     @property
     def motor_scales(self) -> tuple[float, ...]:
-        """Factors on the speeds of the motors, in the order of the description; a hub has at most six."""
+        """Factors on the speeds of the motors, in the order of the description; a hub has at most
+        six."""
         first = self.motor_1_scale, self.motor_2_scale, self.motor_3_scale
         return *first, self.motor_4_scale, self.motor_5_scale, self.motor_6_scale
 
@@ -174,53 +266,74 @@ class Physics:
             value, (low, high) = getattr(self, name), parameter.allowed_range
             if not (math.isfinite(value) and low <= value <= high):
                 unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-                raise TwinError(f"physics: {name} is {value}{unit}; give a value from {low} to {high}")
+                raise TwinError(
+                    f"physics: {name} is {value}{unit}; give a value from {low} to {high}"
+                )
 
     @property
     def link(self) -> LinkProfile:
         """The link's delays and losses."""
-        return LinkProfile(**{part.name: getattr(self, f"link_{part.name}") for part in dataclasses.fields(LinkProfile)})
+        return LinkProfile(
+            **{
+                part.name: getattr(self, f"link_{part.name}")
+                for part in dataclasses.fields(LinkProfile)
+            }
+        )
 
     def with_link(self, link: LinkProfile) -> Physics:
         """The same physics with another link."""
-        return dataclasses.replace(self, **{f"link_{name}": value for name, value in dataclasses.asdict(link).items()})
+        return dataclasses.replace(
+            self, **{f"link_{name}": value for name, value in dataclasses.asdict(link).items()}
+        )
 
     @classmethod
     def from_dict(cls, data: object) -> Physics:
-        """Physics from a dict of parameters; others keep their defaults. Raises TwinError if a name is unknown, or a value is no
-        number or out of range."""
+        """Physics from a dict of parameters; others keep their defaults. Raises TwinError if a name
+        is unknown, or a value is no number or out of range."""
         if not isinstance(data, dict):
-            raise TwinError('physics: this is not a table of names and numbers; give one such as {"battery_v": 7.4}')
+            raise TwinError(
+                "physics: this is not a table of names and numbers; give one such as "
+                '{"battery_v": 7.4}'
+            )
         for name, value in data.items():
             if name not in PARAMETERS:
-                raise TwinError(f"physics: there is no parameter '{name}'; choose from {', '.join(PARAMETERS)}")
+                raise TwinError(
+                    f"physics: there is no parameter '{name}'; choose from {', '.join(PARAMETERS)}"
+                )
             if not isinstance(value, (int, float)) or isinstance(value, bool):
                 raise TwinError(f"physics: {name} is {value!r}; give a number")
         return cls(**data)
 
 
 def read_physics(path: Path) -> Physics:
-    """Read the parameters from a JSON file such as ``bricktwin twin fit`` writes. Raises TwinError if the file cannot be read, or
-    its content is invalid."""
-    with reading("the physics in", path, TwinError, "give a JSON file that `bricktwin twin fit` wrote"):
+    """Read the parameters from a JSON file such as ``bricktwin twin fit`` writes. Raises TwinError
+    if the file cannot be read, or its content is invalid."""
+    with reading(
+        "the physics in", path, TwinError, "give a JSON file that `bricktwin twin fit` wrote"
+    ):
         return Physics.from_dict(json.loads(path.read_bytes()))
 
 
 def write_physics(path: Path, physics: Physics) -> None:
-    """Write all parameters to a JSON file; its folder is created. Raises WriteError if that is impossible."""
+    """Write all parameters to a JSON file; its folder is created. Raises WriteError if that is
+    impossible."""
     write_durably(path, (json.dumps(dataclasses.asdict(physics), indent=2) + "\n").encode())
 
 
-PARAMETERS: dict[str, Parameter] = {field.name: field.metadata["parameter"] for field in dataclasses.fields(Physics)}
+PARAMETERS: dict[str, Parameter] = {
+    field.name: field.metadata["parameter"] for field in dataclasses.fields(Physics)
+}
 """Properties of every field of :class:`Physics`, by name."""
 
 
 @dataclass(frozen=True)
 class RandomPhysics:
-    """Sampler of a :class:`Physics` for every episode (domain randomization). Raises TwinError if the width is not in 0..1.
+    """Sampler of a :class:`Physics` for every episode (domain randomization). Raises TwinError if
+    the width is not in 0..1.
 
     Attributes:
-        width: 1 draws each parameter uniformly from its whole range, and one of ``DRAWN_LINKS``; 0 keeps the defaults.
+        width: 1 draws each parameter uniformly from its whole range, and one of ``DRAWN_LINKS``; 0
+            keeps the defaults.
     """
 
     width: float = 1.0
@@ -232,10 +345,14 @@ class RandomPhysics:
     def sample(self, rng: Rng) -> Physics:
         """Draw the parameters."""
         nominal, values = Physics(), {}
-        drawn_link = nominal.with_link(DRAWN_LINKS[int(rng.uniform(0.0, 1.0) * len(DRAWN_LINKS)) % len(DRAWN_LINKS)])
+        drawn_link = nominal.with_link(
+            DRAWN_LINKS[int(rng.uniform(0.0, 1.0) * len(DRAWN_LINKS)) % len(DRAWN_LINKS)]
+        )
         for name, parameter in PARAMETERS.items():
             default, link_value = getattr(nominal, name), getattr(drawn_link, name)
-            bounds = (link_value, link_value) if name.startswith("link_") else parameter.random_range
+            bounds = (
+                (link_value, link_value) if name.startswith("link_") else parameter.random_range
+            )
             low, high = (default + self.width * (bound - default) for bound in bounds)
             values[name] = rng.uniform(low, high)
         return Physics(**values)

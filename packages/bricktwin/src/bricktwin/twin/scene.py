@@ -16,21 +16,26 @@ _OBJECT = "Block(at_mm=(300, 0))"
 
 @dataclass(frozen=True)
 class Scene:
-    """Scene of a flat floor with an optional wall ahead of the robot, and objects. Raises TwinError if a range is invalid.
+    """Scene of a flat floor with an optional wall ahead of the robot, and objects. Raises TwinError
+    if a range is invalid.
 
     Attributes:
-        wall_distance_mm: lowest and highest distance from the ultrasonic sensor to the wall at the start, drawn uniformly;
-            ``None`` for an open floor.
-        heading_deg: lowest and highest heading at the start, drawn uniformly, clockwise positive; 0 looks straight at the wall.
-        objects: lines and fields on the floor, walls, blocks, ramps and lamps: see ``bricktwin.twin.objects``.
-        start_mm: ranges of x and y of the robot's start position, drawn uniformly; ignored with a wall ahead.
+        wall_distance_mm: lowest and highest distance from the ultrasonic sensor to the wall at the
+            start, drawn uniformly; ``None`` for an open floor.
+        heading_deg: lowest and highest heading at the start, drawn uniformly, clockwise positive; 0
+            looks straight at the wall.
+        objects: lines and fields on the floor, walls, blocks, ramps and lamps: see
+            ``bricktwin.twin.objects``.
+        start_mm: ranges of x and y of the robot's start position, drawn uniformly; ignored with a
+            wall ahead.
         light_pct: ambient light of the room, as read by an ambient light sensor.
         ball: a red ball in the gripper, for robots that have one.
-        readings: for a robot without a MuJoCo model: stimuli of its sensors, as functions of the angles of its motors (deg at the
-            output, by motor name). The name of a sensor, such as ``"light"``, is its first sense, ``"light.ambient"`` another
-            one; see ``virtual_hub/stimuli.py``.
-        end_stops: lowest and highest angle of a motor (deg at the output, by motor name), at which it stalls, in place of those
-            of the robot's description.
+        readings: for a robot without a MuJoCo model: stimuli of its sensors, as functions of the
+            angles of its motors (deg at the output, by motor name). The name of a sensor, such as
+            ``"light"``, is its first sense, ``"light.ambient"`` another one; see
+            ``virtual_hub/stimuli.py``.
+        end_stops: lowest and highest angle of a motor (deg at the output, by motor name), at which
+            it stalls, in place of those of the robot's description.
     """
 
     wall_distance_mm: tuple[float, float] | None = None
@@ -49,22 +54,37 @@ class Scene:
         if not 0.0 <= self.light_pct <= 100.0:
             raise TwinError(f"scene: light_pct is {self.light_pct}; give 0 to 100")
         if not isinstance(self.objects, tuple | list):
-            raise TwinError(f"scene: objects is of type {type(self.objects).__name__}; give several, as in ({_OBJECT},)")
+            raise TwinError(
+                f"scene: objects is of type {type(self.objects).__name__}; give several, as in "
+                f"({_OBJECT},)"
+            )
         object.__setattr__(self, "objects", tuple(self.objects))  # a list is welcome
         for item in self.objects:
             if not isinstance(item, Object):
-                raise TwinError(f"scene: {item!r:.40} is not an object; give those of bricktwin.twin.objects, such as {_OBJECT}")
+                raise TwinError(
+                    f"scene: {item!r:.40} is not an object; give those of bricktwin.twin.objects, "
+                    f"such as {_OBJECT}"
+                )
         for name, reading in self.readings.items():
             if not callable(reading):
-                raise TwinError(f"scene: the reading of '{name}' is {reading!r}; give a function: lambda angles: {reading!r}")
+                raise TwinError(
+                    f"scene: the reading of '{name}' is {reading!r}; give a function: lambda "
+                    f"angles: {reading!r}"
+                )
         for name, (low, high) in self.end_stops.items():
             if not low <= 0.0 <= high:
                 raise TwinError(
-                    f"scene: the end stops of '{name}' are {low:g} and {high:g}; give (low, high) around 0, where it starts"
+                    f"scene: the end stops of '{name}' are {low:g} and {high:g}; give (low, high) "
+                    "around 0, where it starts"
                 )
         if self.wall_distance_mm is not None:
             _check_range("wall_distance_mm", self.wall_distance_mm, 20.0, 5000.0)
-            _check_range("heading_deg before a wall", self.heading_deg, -_MAX_HEADING_AT_WALL_DEG, _MAX_HEADING_AT_WALL_DEG)
+            _check_range(
+                "heading_deg before a wall",
+                self.heading_deg,
+                -_MAX_HEADING_AT_WALL_DEG,
+                _MAX_HEADING_AT_WALL_DEG,
+            )
 
     @property
     def marks(self) -> list[Mark]:
@@ -79,7 +99,11 @@ class Scene:
     @property
     def pushable(self) -> dict[int, Block]:
         """Blocks that can be pushed, by their number among the solids."""
-        return {number: item for number, item in enumerate(self.solids) if isinstance(item, Block) and item.mass_g is not None}
+        return {
+            number: item
+            for number, item in enumerate(self.solids)
+            if isinstance(item, Block) and item.mass_g is not None
+        }
 
 
 def _check_range(name: str, bounds: tuple[float, float], lowest: float, highest: float) -> None:
@@ -88,7 +112,9 @@ def _check_range(name: str, bounds: tuple[float, float], lowest: float, highest:
     except (TypeError, ValueError):  # no pair of numbers
         low = high = math.nan
     if not (math.isfinite(low) and math.isfinite(high) and lowest <= low <= high <= highest):
-        raise TwinError(f"scene: {name} is {bounds}; give (low, high) within {lowest:g} to {highest:g}")
+        raise TwinError(
+            f"scene: {name} is {bounds}; give (low, high) within {lowest:g} to {highest:g}"
+        )
 
 
 OPEN_FLOOR = Scene()

@@ -1,7 +1,9 @@
-"""Senses of a robot: inertial sensors of its hub, and stimuli of its other sensors, computed from the world around them.
+"""Senses of a robot: inertial sensors of its hub, and stimuli of its other sensors, computed from
+the world around them.
 
-Estimates, where LEGO gives no data: the spot that a colour sensor sees widens with its distance, and beyond 20 mm less of its
-light is reflected (LEGO's technical sheet gives 16 mm as the best distance).
+Estimates, where LEGO gives no data: the spot that a colour sensor sees widens with its distance,
+and beyond 20 mm less of its light is reflected (LEGO's technical sheet gives 16 mm as the best
+distance).
 """
 
 import colorsys
@@ -52,7 +54,8 @@ class Turns:
 
 
 class SummedNoise:
-    """What a gyroscope's noise adds to the heading, which is summed up from it: it disturbs what is unstable.
+    """What a gyroscope's noise adds to the heading, which is summed up from it: it disturbs what is
+    unstable.
 
     It depends on time alone, not on who asks. ``rng``: of its own.
     """
@@ -70,8 +73,9 @@ class SummedNoise:
 
 
 class _Base(ABC):
-    """What carries a hub; ``_hub`` and ``_to_hub`` are the hub's position [3] there and the quaternion [4] to its axes,
-    ``_position`` and ``_frame`` the origin [3] and the quaternion [4] of the robot's first body, which carries its sensors."""
+    """What carries a hub; ``_hub`` and ``_to_hub`` are the hub's position [3] there and the
+    quaternion [4] to its axes, ``_position`` and ``_frame`` the origin [3] and the quaternion [4]
+    of the robot's first body, which carries its sensors."""
 
     _position: Vector
     _frame: Vector
@@ -109,14 +113,17 @@ class _Base(ABC):
 
 
 class FloatingBase(_Base):
-    """Floating base, a freely moving chassis; all values come from the joint coordinates, which are up to date after each step.
+    """Floating base, a freely moving chassis; all values come from the joint coordinates, which are
+    up to date after each step.
 
     Args:
         position, dof: indices of the first position and of the first velocity of its free joint.
         imu: site of the hub.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, position: int, dof: int, imu: str) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, position: int, dof: int, imu: str
+    ) -> None:
         self._gravity = model.opt.gravity
         super().__init__(model, imu)
         self._position = data.qpos[position : position + 3]
@@ -132,7 +139,8 @@ class FloatingBase(_Base):
         return self.in_hub(self._spin)
 
     def specific_force(self) -> Vector:
-        """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2; at rest +9.81 upwards."""
+        """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2;
+        at rest +9.81 upwards."""
         spin, angular = self._spin, self._qacc[3:6]
         to_hub, force = np.empty(4), np.empty(3)
         mujoco.mju_negQuat(to_hub, self._frame)
@@ -162,19 +170,25 @@ class FixedBase(_Base):
     def angular_velocity(self) -> Vector:
         """Angular velocity in the hub's axes [3], rad/s."""
         velocity = np.empty(6)
-        mujoco.mj_objectVelocity(self._model, self._data, mujoco.mjtObj.mjOBJ_SITE, self._site, velocity, 1)
+        mujoco.mj_objectVelocity(
+            self._model, self._data, mujoco.mjtObj.mjOBJ_SITE, self._site, velocity, 1
+        )
         return velocity[0:3]
 
     def specific_force(self) -> Vector:
-        """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2; at rest +9.81 upwards."""
+        """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2;
+        at rest +9.81 upwards."""
         acceleration = np.empty(6)
         mujoco.mj_rnePostConstraint(self._model, self._data)
-        mujoco.mj_objectAcceleration(self._model, self._data, mujoco.mjtObj.mjOBJ_SITE, self._site, acceleration, 1)
+        mujoco.mj_objectAcceleration(
+            self._model, self._data, mujoco.mjtObj.mjOBJ_SITE, self._site, acceleration, 1
+        )
         return acceleration[3:6]
 
 
 _SPOT_MM, _SPOT_RATIO = 1.0, 0.3
-"""Radius of the spot that a colour sensor sees: at zero distance, and its increase per millimetre."""
+"""Radius of the spot that a colour sensor sees: at zero distance, and its increase per
+millimetre."""
 _POINTS = 19
 _FULL_LIGHT_MM = 20.0
 _LAMP_MM = 300.0
@@ -194,7 +208,10 @@ class WorldSenses:
         self._model, self._data, self._scene = model, data, scene
         self._marks = [(mark, np.array(COLORS[mark.color])) for mark in scene.marks]
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
-        self._colors = {int(model.geom(f"object_{number}").id): COLORS[item.color] for number, item in enumerate(scene.solids)}
+        self._colors = {
+            int(model.geom(f"object_{number}").id): COLORS[item.color]
+            for number, item in enumerate(scene.solids)
+        }
         self._obstacles = np.zeros(6, np.uint8)
         self._obstacles[OBSTACLE_GROUP] = 1
         # Sunflower pattern: points that fill a disc evenly (Vogel 1979).
@@ -204,7 +221,8 @@ class WorldSenses:
         self._bare_floor = np.full((_POINTS, 3), FLOOR)
 
     def surface(self, eye_m: Floats, gaze: Floats) -> tuple[float, float, float]:
-        """Colour (hue in deg, saturation and value in %) that a sensor at ``eye_m`` sees along ``gaze`` in its light."""
+        """Colour (hue in deg, saturation and value in %) that a sensor at ``eye_m`` sees along
+        ``gaze`` in its light."""
         distance_m, geom = self._ray(eye_m, gaze)
         floor_m = float(-eye_m[2] / gaze[2]) if gaze[2] < -1e-6 else math.inf
         if floor_m < distance_m:
@@ -214,7 +232,9 @@ class WorldSenses:
         else:
             return 0.0, 0.0, 0.0
         brightness = min(1.0, (_FULL_LIGHT_MM / max(distance_m * 1000.0, 1e-6)) ** 2)
-        hue, saturation, value = colorsys.rgb_to_hsv(*(min(max(part * brightness, 0.0), 1.0) for part in rgb))
+        hue, saturation, value = colorsys.rgb_to_hsv(
+            *(min(max(part * brightness, 0.0), 1.0) for part in rgb)
+        )
         return hue * 360.0, saturation * 100.0, value * 100.0
 
     def ambient(self, eye_m: Floats, gaze: Floats) -> float:
@@ -225,20 +245,28 @@ class WorldSenses:
             distance_m = float(np.linalg.norm(offset_m))
             cosine = float(offset_m @ gaze) / max(distance_m, 1e-9)
             if cosine > 0.0 and self._ray(eye_m, offset_m / distance_m)[0] >= distance_m:
-                light_pct += lamp.light_pct * cosine * (_LAMP_MM / max(distance_m * 1000.0, _LAMP_MM / 10)) ** 2
+                light_pct += (
+                    lamp.light_pct
+                    * cosine
+                    * (_LAMP_MM / max(distance_m * 1000.0, _LAMP_MM / 10)) ** 2
+                )
         return min(light_pct, 100.0)
 
     def distance_mm(self, eye_m: Floats, gaze: Floats) -> float:
-        """Distance to the nearest surface along ``gaze``, including the floor; infinite if there is none."""
+        """Distance to the nearest surface along ``gaze``, including the floor; infinite if there is
+        none."""
         distance_m, _ = self._ray(eye_m, gaze)
         floor_m = float(-eye_m[2] / gaze[2]) if gaze[2] < -1e-6 else math.inf
         nearest_m = min(distance_m, floor_m)
         return nearest_m * 1000.0 if nearest_m < _MAX_DISTANCE_M else math.inf
 
     def _ray(self, eye_m: Floats, gaze: Floats) -> tuple[float, int]:
-        """Distance (m) and geometry of the first obstacle along a ray; infinite and -1 if there is none."""
+        """Distance (m) and geometry of the first obstacle along a ray; infinite and -1 if there is
+        none."""
         geom = np.empty(1, np.int32)
-        distance_m = mujoco.mj_ray(self._model, self._data, eye_m, gaze, self._obstacles, True, -1, geom)
+        distance_m = mujoco.mj_ray(
+            self._model, self._data, eye_m, gaze, self._obstacles, True, -1, geom
+        )
         return (math.inf, -1) if distance_m < 0 else (float(distance_m), int(geom[0]))
 
     def _floor(self, point_m: Floats, distance_m: float) -> tuple[float, float, float]:

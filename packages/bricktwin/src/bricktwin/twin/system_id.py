@@ -1,8 +1,9 @@
 """System identification: fit of a twin's physics to a recorded robot's motion.
 
-The recorded commands are replayed on virtual hubs, at the recorded times of the hub's clock, and the parameters are optimised for
-the best agreement of the channels. Sensor noise is estimated from the rest at the start of the log. A parameter that the log does
-not identify keeps its default, and is reported as such.
+The recorded commands are replayed on virtual hubs, at the recorded times of the hub's clock, and
+the parameters are optimised for the best agreement of the channels. Sensor noise is estimated from
+the rest at the start of the log. A parameter that the log does not identify keeps its default, and
+is reported as such.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,11 +36,13 @@ _STRONG = ("battery_v", "motor_friction_scale", "mass_scale")
 _STARTS = 2
 _WIDE, _NARROW = 0.15, 0.06  # of a parameter's range
 _SCAN, _LONG, _SHORT = 21, 20, 16  # replays per parameter
-_DEVIATION = 0.25  # share of the randomization range: a parameter is identified if a deviation by this
+# share of the randomization range: a parameter is identified if a deviation by this
+_DEVIATION = 0.25
 _MIN_RISE = 0.15  # raises the error by this share or more
 _MIN_ERROR = 0.01  # smaller errors, in roughnesses, count as this
 _MIN_REST_STEPS = 4
-_HUBER_DELTA = 3.0  # differences beyond this many roughnesses count linearly rather than quadratically
+# differences beyond this many roughnesses count linearly rather than quadratically
+_HUBER_DELTA = 3.0
 _NOISES = tuple(name for name in PARAMETERS if "noise" in name)
 _NOISE_FREE = dict.fromkeys(_NOISES, 0.0)
 # The hub's program receives a command of the host one millisecond later.
@@ -52,11 +55,11 @@ class FittedPhysics:
 
     Attributes:
         physics: the twin's parameters; those that the log does not identify are the defaults.
-        identified: identified parameters, and the relative rise of the error when a parameter is off by a quarter of its
-            randomization range.
-        unidentified: parameters that were fitted but not identified.
-        error_before, error_after: root mean square error of each channel, in its unit, with the default and with the fitted
-            physics.
+        identified: identified parameters, and the relative rise of the error when a parameter is
+            off by a quarter of its randomization range.
+        unidentified: parameters that were fitted but not identified. error_before, error_after:
+        root mean square error of each channel, in its unit, with the default and with the fitted
+        physics.
         replays: number of replays of the log.
     """
 
@@ -68,17 +71,27 @@ class FittedPhysics:
     replays: int
 
 
-def replay(log: RunLog, physics: Physics, robot: Robot | None = None, scene: Scene | None = None) -> Vector:
-    """Channels ``[n + 1, n_channels]`` of a noise-free twin that gets a log's commands at the same times, by default on a floor
-    with the wall that the log shows. Raises UnknownNameError or TwinError if there is no such robot, or it has no twin."""
+def replay(
+    log: RunLog, physics: Physics, robot: Robot | None = None, scene: Scene | None = None
+) -> Vector:
+    """Channels ``[n + 1, n_channels]`` of a noise-free twin that gets a log's commands at the same
+    times, by default on a floor with the wall that the log shows. Raises UnknownNameError or
+    TwinError if there is no such robot, or it has no twin."""
     robot = robots.get(log.robot) if robot is None else robot
-    hub = VirtualHub(make_body(robot, scene=scene or _scene(log), physics=replace(physics, **_NOISE_FREE).with_link(IDEAL)))
+    hub = VirtualHub(
+        make_body(
+            robot,
+            scene=scene or _scene(log),
+            physics=replace(physics, **_NOISE_FREE).with_link(IDEAL),
+        )
+    )
     rows = []
     with HubLink(hub, robot, log.interface) as link:
         first = link.read()
         rows.append(first.values)
         offset_ms = hub.machine.time_ms - int(log.times_ms[0])
-        offset_ms += -offset_ms % CONTROL_LOOP_MS  # commands meet the control loop at the same point of its period
+        # commands meet the control loop at the same point of its period
+        offset_ms += -offset_ms % CONTROL_LOOP_MS
         for command, start_ms in zip(log.commands, _starts_ms(log, physics), strict=True):
             wait_ms = offset_ms + start_ms - _LEAD_MS - hub.machine.time_ms
             if wait_ms > 0:
@@ -96,7 +109,8 @@ def fit(
     seed: int = 0,
     on_replay: OnReplay | None = None,
 ) -> FittedPhysics:
-    """Fit a twin's physics to a log, with some 300 replays: two minutes on one core for ten seconds of log.
+    """Fit a twin's physics to a log, with some 300 replays: two minutes on one core for ten seconds
+    of log.
 
     Args:
         robot: robot of the log; ``None`` for the built-in one of that name.
@@ -111,10 +125,14 @@ def fit(
     check_seed(seed)
     unknown = sorted(set(names) - set(FITTED))
     if unknown or not names:
-        raise TwinError(f"motion does not tell {', '.join(unknown) or 'nothing'}; choose from {', '.join(FITTED)}")
+        raise TwinError(
+            f"motion does not tell {', '.join(unknown) or 'nothing'}; choose from "
+            f"{', '.join(FITTED)}"
+        )
     if len(log.commands) < 2 * len(names):
         raise TwinError(
-            f"the log has {len(log.commands)} steps; record {2 * len(names)} or more, `bricktwin twin record` makes 160"
+            f"the log has {len(log.commands)} steps; record {2 * len(names)} or more, `bricktwin "
+            "twin record` makes 160"
         )
     search = _Search(log, robot, scene, _noise(log), on_replay)
     before = search.errors(Physics())
@@ -126,14 +144,21 @@ def fit(
     default = Physics()
     unidentified = tuple(name for name in names if name not in identified)
     physics = replace(physics, **{name: getattr(default, name) for name in unidentified})
-    return FittedPhysics(physics, identified, unidentified, before, search.errors(physics), search.replays)
+    return FittedPhysics(
+        physics, identified, unidentified, before, search.errors(physics), search.replays
+    )
 
 
 class _Search:
     """Search for the parameters, with a counter of replays."""
 
     def __init__(
-        self, log: RunLog, robot: Robot | None, scene: Scene | None, noise: dict[str, float], on_replay: OnReplay | None
+        self,
+        log: RunLog,
+        robot: Robot | None,
+        scene: Scene | None,
+        noise: dict[str, float],
+        on_replay: OnReplay | None,
     ) -> None:
         self.noise = noise
         self.replays = 0
@@ -141,12 +166,20 @@ class _Search:
         self._lowest = np.inf
         channels = log.interface.channels
         self._wraps = np.array([channel.wraps for channel in channels])
-        self._sigma = np.array([np.hypot(channel.roughness, noise.get(channel.noise or "", 0.0)) for channel in channels])
+        self._sigma = np.array(
+            [
+                np.hypot(channel.roughness, noise.get(channel.noise or "", 0.0))
+                for channel in channels
+            ]
+        )
 
     def difference(self, physics: Physics) -> Vector:
-        """Channels of twin minus robot, ``[n, n_channels]``; wrapped angles are compared relative to the start."""
+        """Channels of twin minus robot, ``[n, n_channels]``; wrapped angles are compared relative
+        to the start."""
         difference = replay(self._log, physics, self._robot, self._scene) - self._log.channels
-        difference = np.where(self._wraps, (difference - difference[0] + 180.0) % 360.0 - 180.0, difference)[1:]
+        difference = np.where(
+            self._wraps, (difference - difference[0] + 180.0) % 360.0 - 180.0, difference
+        )[1:]
         self.replays += 1
         self._lowest = min(self._lowest, float(np.sqrt(np.mean((difference / self._sigma) ** 2))))
         if self._on_replay is not None:
@@ -156,12 +189,19 @@ class _Search:
     def errors(self, physics: Physics) -> dict[str, float]:
         """Root mean square difference of each channel."""
         rms = np.sqrt((self.difference(physics) ** 2).mean(axis=0))
-        return {channel.name: float(value) for channel, value in zip(self._log.interface.channels, rms, strict=True)}
+        return {
+            channel.name: float(value)
+            for channel, value in zip(self._log.interface.channels, rms, strict=True)
+        }
 
     def error(self, physics: Physics) -> float:
         """Objective: a robust root mean square (pseudo-Huber loss) of the scaled differences."""
         squares = (self.difference(physics) / self._sigma) ** 2
-        return float(np.sqrt(np.mean(2.0 * _HUBER_DELTA**2 * (np.sqrt(1.0 + squares / _HUBER_DELTA**2) - 1.0))))
+        return float(
+            np.sqrt(
+                np.mean(2.0 * _HUBER_DELTA**2 * (np.sqrt(1.0 + squares / _HUBER_DELTA**2) - 1.0))
+            )
+        )
 
     def find(self, names: tuple[str, ...], seed: int) -> Physics:
         """Fit the strong parameters, then the weak ones, then the strong ones again."""
@@ -170,7 +210,9 @@ class _Search:
         best = Physics(**self.noise)
         if strong:
             starts = self.scan(best, strong, seed)
-            best = min((self.refine(start, strong, _WIDE, _LONG) for start in starts), key=self.error)
+            best = min(
+                (self.refine(start, strong, _WIDE, _LONG) for start in starts), key=self.error
+            )
         if weak:
             best = self.refine(best, weak, _WIDE, _SHORT)
         return self.refine(best, strong, _NARROW, _SHORT) if strong else best
@@ -178,16 +220,21 @@ class _Search:
     def scan(self, base: Physics, names: tuple[str, ...], seed: int) -> list[Physics]:
         """The best of quasi-random points spread over all ranges."""
         points = qmc.Halton(len(names), rng=seed).random(_SCAN * len(names))
-        return sorted((base, *(self._physics(base, names, point) for point in points)), key=self.error)[:_STARTS]
+        return sorted(
+            (base, *(self._physics(base, names, point) for point in points)), key=self.error
+        )[:_STARTS]
 
     def refine(self, start: Physics, names: tuple[str, ...], width: float, replays: int) -> Physics:
-        """Local search with Nelder-Mead, without gradients, as these vanish in the rounding of the angles.
+        """Local search with Nelder-Mead, without gradients, as these vanish in the rounding of the
+        angles.
 
         Args:
             width: size of the initial simplex, as a share of each parameter's range.
             replays: maximum number of replays per parameter.
         """
-        shares = np.array([(getattr(start, name) - _bounds(name)[0]) / np.ptp(_bounds(name)) for name in names])
+        shares = np.array(
+            [(getattr(start, name) - _bounds(name)[0]) / np.ptp(_bounds(name)) for name in names]
+        )
         # Away from the nearer bound, where the initial simplex would be clipped flat.
         corners = shares + np.diag(np.where(shares > 0.5, -width, width))
         result = minimize(
@@ -195,7 +242,10 @@ class _Search:
             shares,
             method="Nelder-Mead",
             bounds=[(0.0, 1.0)] * len(names),
-            options={"initial_simplex": np.vstack((shares, corners)), "maxfev": replays * len(names)},
+            options={
+                "initial_simplex": np.vstack((shares, corners)),
+                "maxfev": replays * len(names),
+            },
         )
         return self._physics(start, names, result.x)
 
@@ -203,16 +253,26 @@ class _Search:
         """Relative rise of the error when one parameter is off, averaged over both sides."""
         lowest, rises = max(self.error(best), _MIN_ERROR), {}
         for name in names:
-            deviation, (low, high) = _DEVIATION * np.ptp(PARAMETERS[name].random_range), PARAMETERS[name].allowed_range
+            deviation, (low, high) = (
+                _DEVIATION * np.ptp(PARAMETERS[name].random_range),
+                PARAMETERS[name].allowed_range,
+            )
             values = [getattr(best, name) + sign * deviation for sign in (-1.0, 1.0)]
-            errors = [self.error(replace(best, **{name: float(value)})) for value in values if low <= value <= high]
+            errors = [
+                self.error(replace(best, **{name: float(value)}))
+                for value in values
+                if low <= value <= high
+            ]
             rises[name] = sum(errors) / len(errors) / lowest - 1.0
         return rises
 
     def _physics(self, base: Physics, names: tuple[str, ...], shares: Vector) -> Physics:
         """Parameters at shares 0..1 of their search ranges."""
         bounds = [_bounds(name) for name in names]
-        values = {name: float(low + share * (high - low)) for name, share, (low, high) in zip(names, shares, bounds, strict=True)}
+        values = {
+            name: float(low + share * (high - low))
+            for name, share, (low, high) in zip(names, shares, bounds, strict=True)
+        }
         return replace(base, **values)
 
 
@@ -248,10 +308,14 @@ def _noise(log: RunLog) -> dict[str, float]:
         return {}
     deviation = rest.std(axis=0, ddof=1)
     squares: dict[str, list[float]] = {}
-    for channel, value, mean in zip(log.interface.channels, deviation, rest.mean(axis=0), strict=True):
+    for channel, value, mean in zip(
+        log.interface.channels, deviation, rest.mean(axis=0), strict=True
+    ):
         if channel.noise is None or mean >= channel.high:  # saturated
             continue
         share = 0.0 if channel.noise_share is None else getattr(Physics(), channel.noise_share)
         squares.setdefault(channel.noise, []).append(max(0.0, float(value) - share * mean) ** 2)
     deviations = {name: float(np.sqrt(np.mean(values))) for name, values in squares.items()}
-    return {name: min(value, PARAMETERS[name].allowed_range[1]) for name, value in deviations.items()}
+    return {
+        name: min(value, PARAMETERS[name].allowed_range[1]) for name, value in deviations.items()
+    }

@@ -21,7 +21,16 @@ from ldraw_library import write_robot_parts
 import brickhub
 import bricktwin
 from brickhub.errors import DescriptionError, PlanError, TwinError
-from brickhub.robot import Chassis, DriveBase, HubKind, Motor, Mount, PoweredUpSensor, Robot, SensorKind
+from brickhub.robot import (
+    Chassis,
+    DriveBase,
+    HubKind,
+    Motor,
+    Mount,
+    PoweredUpSensor,
+    Robot,
+    SensorKind,
+)
 from bricktwin import kept
 from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.robots.planned import plan_file
@@ -38,10 +47,15 @@ from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 BUMP = PoweredUpSensor("bump", "F", SensorKind.FORCE, Mount((90, 0, 28), "ahead"))
 GENERATED = Robot(
-    "car", HubKind.TECHNIC, (Motor("left", "A"), Motor("right", "B")), drive_base=DriveBase("left", "right", 56, 120), sensors=()
+    "car",
+    HubKind.TECHNIC,
+    (Motor("left", "A"), Motor("right", "B")),
+    drive_base=DriveBase("left", "right", 56, 120),
+    sensors=(),
 )
 ROOM = Scene(
-    objects=(Line(((0, 0), (300, 0))), Wall((500, -100), (500, 100)), Block((200, 0), mass_g=30.0)), start_mm=((0, 9), (0, 0))
+    objects=(Line(((0, 0), (300, 0))), Wall((500, -100), (500, 100)), Block((200, 0), mass_g=30.0)),
+    start_mm=((0, 9), (0, 0)),
 )
 PLAN = plan_file(str(TWO_WHEELER.model))
 assert PLAN is not None
@@ -49,7 +63,7 @@ assert PLAN is not None
 MJCF = """<mujoco><asset><mesh name="case" file="case.obj"/></asset>
 <include file="{include}"/></mujoco>"""
 BODY = """<mujocoinclude><worldbody><body name="base" pos="0 0 0.1"><freejoint/><geom type="mesh" mesh="case" mass="0.1"/>
-<body><joint name="left" axis="0 1 0"/><geom size="0.03" mass="0.02"/></body></body></worldbody></mujocoinclude>"""
+<body><joint name="left" axis="0 1 0"/><geom size="0.03" mass="0.02"/></body></body></worldbody></mujocoinclude>"""  # noqa: E501
 MESH = "v 0 0 0\nv {size} 0 0\nv 0 {size} 0\nv 0 0 {size}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 CHILD = """
@@ -72,7 +86,12 @@ class Cache:
     folder: Path
     built: list[str]
 
-    def body(self, robot: Robot, scene: Scene = OPEN_FLOOR, physics: Physics | RandomPhysics | None = None) -> MujocoBody:
+    def body(
+        self,
+        robot: Robot,
+        scene: Scene = OPEN_FLOOR,
+        physics: Physics | RandomPhysics | None = None,
+    ) -> MujocoBody:
         """A body as the first of a process."""
         mujoco_body._compiled.cache_clear()
         body = make_body(robot, scene=scene, physics=physics)
@@ -82,7 +101,11 @@ class Cache:
     @property
     def files(self) -> list[Path]:
         """Kept models, the oldest first."""
-        files = [path for path in (self.folder / "bricksrl" / "kept").glob("*") if path.stat().st_size > 50_000]
+        files = [
+            path
+            for path in (self.folder / "bricksrl" / "kept").glob("*")
+            if path.stat().st_size > 50_000
+        ]
         return sorted(files, key=lambda path: path.stat().st_mtime_ns)
 
 
@@ -178,9 +201,21 @@ def test_other_scene_or_robot_has_another_model(cache: Cache) -> None:
         (GENERATED, ROOM),
         (TWO_WHEELER, Scene(wall_distance_mm=(200, 300))),
         (TWO_WHEELER, ROOM),
-        (TWO_WHEELER, replace(ROOM, objects=(Line(((0, 0), (300, 0)), color="red"), *ROOM.objects[1:]))),
+        (
+            TWO_WHEELER,
+            replace(ROOM, objects=(Line(((0, 0), (300, 0)), color="red"), *ROOM.objects[1:])),
+        ),
         (replace(TWO_WHEELER, name="other"), OPEN_FLOOR),
-        (replace(TWO_WHEELER, model=WALKER.model, motors=WALKER.motors, sensors=WALKER.sensors, drive_base=None), OPEN_FLOOR),
+        (
+            replace(
+                TWO_WHEELER,
+                model=WALKER.model,
+                motors=WALKER.motors,
+                sensors=WALKER.sensors,
+                drive_base=None,
+            ),
+            OPEN_FLOOR,
+        ),
         (SCOUT, OPEN_FLOOR),
         (GENERATED, OPEN_FLOOR),
         (replace(GENERATED, chassis=Chassis(ballast_g=1.0)), OPEN_FLOOR),
@@ -205,39 +240,64 @@ def test_changed_plan_is_built_anew(cache: Cache, tmp_path: Path) -> None:
     plan.write_text(text.replace(pin, pin.replace("2780", "6558")))  # a longer one
     os.utime(plan, ns=(state.st_atime_ns, state.st_mtime_ns))  # as tools do that copy files
     second = cache.body(robot)
-    assert len(cache.built) == 2 and second._nominal.body_mass.sum() != first._nominal.body_mass.sum()
+    assert (
+        len(cache.built) == 2 and second._nominal.body_mass.sum() != first._nominal.body_mass.sum()
+    )
 
 
 @pytest.mark.parametrize("changed", ["robot.xml", "body.xml", "case.obj"])
-def test_changed_mjcf_include_or_mesh_is_built_anew(changed: str, cache: Cache, tmp_path: Path) -> None:
-    texts = {"robot.xml": MJCF.format(include="body.xml"), "body.xml": BODY, "case.obj": MESH.format(size=0.05)}
+def test_changed_mjcf_include_or_mesh_is_built_anew(
+    changed: str, cache: Cache, tmp_path: Path
+) -> None:
+    texts = {
+        "robot.xml": MJCF.format(include="body.xml"),
+        "body.xml": BODY,
+        "case.obj": MESH.format(size=0.05),
+    }
     for name, text in texts.items():
         (tmp_path / name).write_text(text)
     robot = Robot("mine", HubKind.PRIME, (Motor("left", "A"),), model=str(tmp_path / "robot.xml"))
     for _ in range(2):
         assert cache.body(robot)._nominal.nmesh == 1
     assert len(cache.built) == 1
-    (tmp_path / changed).write_text(texts[changed].replace("0.05", "0.07").replace("0.02", "0.04").replace("<asset>", "<asset >"))
+    (tmp_path / changed).write_text(
+        texts[changed]
+        .replace("0.05", "0.07")
+        .replace("0.02", "0.04")
+        .replace("<asset>", "<asset >")
+    )
     cache.body(robot)
     assert len(cache.built) == 2
 
 
 @pytest.mark.parametrize(
-    "faulty", ["", "<mujoco><worldbody>", MJCF.format(include="body.xml"), MJCF.format(include="nowhere.xml")]
+    "faulty",
+    [
+        "",
+        "<mujoco><worldbody>",
+        MJCF.format(include="body.xml"),
+        MJCF.format(include="nowhere.xml"),
+    ],
 )
-def test_faulty_mjcf_is_told_as_before(faulty: str, cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_faulty_mjcf_is_told_as_before(
+    faulty: str, cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     Path("body.xml").write_text("<mujocoinclude><worldbody>")
     if faulty:
         Path("robot.xml").write_text(faulty)
     robot = Robot("mine", HubKind.PRIME, model="robot.xml")
     for _ in range(2):
-        with pytest.raises(TwinError, match=r"robot\.xml (is not an MJCF file|of robot 'mine'; give)"):
+        with pytest.raises(
+            TwinError, match=r"robot\.xml (is not an MJCF file|of robot 'mine'; give)"
+        ):
             cache.body(robot)
     assert not Path("MUJOCO_LOG.TXT").exists() and not cache.files
 
 
-def test_other_ldraw_library_is_drawn_anew(cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_ldraw_library_is_drawn_anew(
+    cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     ours = cache.body(TWO_WHEELER)
     root = write_robot_parts(tmp_path / "ldraw")
     monkeypatch.setenv("LDRAWDIR", str(root))
@@ -273,12 +333,15 @@ def test_model_of_a_function_is_not_kept(cache: Cache) -> None:
     ],
     ids=["cut", "short", "empty", "flipped"],
 )
-def test_damaged_file_is_built_anew(damaged: Callable[[bytes], bytes], cache: Cache, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_damaged_file_is_built_anew(
+    damaged: Callable[[bytes], bytes], cache: Cache, monkeypatch: pytest.MonkeyPatch
+) -> None:
     built = cache.body(TWO_WHEELER)
     (path,) = cache.files
     path.write_bytes(damaged(path.read_bytes()))
     with monkeypatch.context() as context:
-        context.setattr("bricktwin.twin.models.kept_models._decoded", pytest.fail)  # MuJoCo does not see it
+        # MuJoCo does not see it
+        context.setattr("bricktwin.twin.models.kept_models._decoded", pytest.fail)
         again = cache.body(TWO_WHEELER)
     assert len(cache.built) == 2
     assert_equal(built._nominal, again._nominal)
@@ -286,7 +349,9 @@ def test_damaged_file_is_built_anew(damaged: Callable[[bytes], bytes], cache: Ca
     assert len(cache.built) == 2, "the file is whole again"
 
 
-def test_file_of_another_mujoco_is_built_anew(cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_of_another_mujoco_is_built_anew(
+    cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
     with monkeypatch.context() as context:
         context.setattr("bricktwin.twin.models.kept_models._encoded", lambda _: b"another form")
@@ -302,7 +367,11 @@ def test_file_of_another_mujoco_is_built_anew(cache: Cache, tmp_path: Path, monk
 
 @pytest.mark.parametrize("home", ["file", "read-only", "none"])
 def test_without_a_cache_all_is_as_before(
-    home: str, cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    home: str,
+    cache: Cache,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     if home == "none":
         monkeypatch.delenv("XDG_CACHE_HOME")
@@ -310,14 +379,19 @@ def test_without_a_cache_all_is_as_before(
     elif home == "file":
         monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)
     else:
-        monkeypatch.setattr("brickhub.files.tempfile.mkstemp", lambda **_: (_ for _ in ()).throw(OSError(30, "read-only")))
+        monkeypatch.setattr(
+            "brickhub.files.tempfile.mkstemp",
+            lambda **_: (_ for _ in ()).throw(OSError(30, "read-only")),
+        )
     with caplog.at_level(logging.INFO):
         bodies = [cache.body(TWO_WHEELER), cache.body(TWO_WHEELER)]
     assert len(cache.built) == 2 and not caplog.records and not cache.files
     assert_equal(bodies[0]._nominal, bodies[1]._nominal)
 
 
-def test_cache_is_bounded_and_the_oldest_goes(cache: Cache, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cache_is_bounded_and_the_oldest_goes(
+    cache: Cache, monkeypatch: pytest.MonkeyPatch
+) -> None:
     robots = [replace(GENERATED, name=name) for name in ("a", "b", "c")]
     for robot in robots[:2]:
         cache.body(robot)
@@ -353,8 +427,14 @@ def test_source_that_changes_while_it_is_read_is_not_kept(cache: Cache, tmp_path
     assert kept.kept(lambda: [source.read_bytes()], lambda: b"new", bytes, bytes) == b"new"
 
 
-def test_code_that_changes_in_a_running_process_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    newest_ns = max(path.stat().st_ctime_ns for house in (brickhub, bricktwin) for path in Path(house.__path__[0]).rglob("*.py"))
+def test_code_that_changes_in_a_running_process_is_not_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    newest_ns = max(
+        path.stat().st_ctime_ns
+        for house in (brickhub, bricktwin)
+        for path in Path(house.__path__[0]).rglob("*.py")
+    )
     code = kept._code.__wrapped__
     monkeypatch.setattr(bricktwin, "LOADED_NS", newest_ns + 10**9)
     assert code() == code() is not None
@@ -369,14 +449,22 @@ class TestProcesses:
     def tree(self, tmp_path: Path) -> Path:
         tree = tmp_path / "tree"
         for house in (brickhub, bricktwin):
-            shutil.copytree(house.__path__[0], tree / house.__name__, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(
+                house.__path__[0],
+                tree / house.__name__,
+                ignore=shutil.ignore_patterns("__pycache__"),
+            )
         time.sleep(0.05)
         return tree
 
     def start(self, tree: Path) -> subprocess.Popen[str]:
         names = {"PYTHONPATH": str(tree), "XDG_CACHE_HOME": str(tree / "cache")}
-        environment = {name: value for name, value in os.environ.items() if name != "LDRAWDIR"} | names
-        return subprocess.Popen([sys.executable, "-c", CHILD], env=environment, stdout=subprocess.PIPE, text=True)
+        environment = {
+            name: value for name, value in os.environ.items() if name != "LDRAWDIR"
+        } | names
+        return subprocess.Popen(
+            [sys.executable, "-c", CHILD], env=environment, stdout=subprocess.PIPE, text=True
+        )
 
     def told(self, child: subprocess.Popen[str]) -> tuple[str, str]:
         output, _ = child.communicate(timeout=120)
@@ -391,12 +479,19 @@ class TestProcesses:
         for file, old, new in (
             ("bricktwin/twin/models/mjcf.py", "TYRE_FRICTION = 1.0", "TYRE_FRICTION = 0.95"),
             ("bricktwin/plans/catalogue/colours.csv", ",", " ,"),
-            ("brickhub/virtual/firmware/motor_model.py", "PRESCALE_ACCELERATION =", "PRESCALE_ACCELERATION = 2 *"),
+            (
+                "brickhub/virtual/firmware/motor_model.py",
+                "PRESCALE_ACCELERATION =",
+                "PRESCALE_ACCELERATION = 2 *",
+            ),
         ):
             path = tree / file
             text = path.read_text(encoding="utf-8")
             assert old in text
-            path.write_text(text.replace(old, new) if file.endswith(".py") else f"# changed\n{text}", encoding="utf-8")
+            path.write_text(
+                text.replace(old, new) if file.endswith(".py") else f"# changed\n{text}",
+                encoding="utf-8",
+            )
             time.sleep(0.05)
             told, digest = self.told(self.start(tree))
             assert told == "built", file
@@ -410,7 +505,9 @@ class TestProcesses:
         assert {one, other} <= {"built", "kept"} and first == second
         assert self.told(self.start(tree)) == ("kept", first)
         names = [path.name for path in (tree / "cache" / "bricksrl" / "kept").iterdir()]
-        assert len(names) == 2 and not any(name.startswith(".") for name in names), "a model and the facts of its plan"
+        assert len(names) == 2 and not any(name.startswith(".") for name in names), (
+            "a model and the facts of its plan"
+        )
 
 
 class TestFacts:
@@ -419,7 +516,9 @@ class TestFacts:
     def robot(self, **said: object) -> Robot:
         return Robot("mine", HubKind.PRIME, plan=str(PLAN), **said)  # type: ignore[arg-type]
 
-    def test_kept_facts_complete_as_the_plan_does(self, cache: Cache, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_kept_facts_complete_as_the_plan_does(
+        self, cache: Cache, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         base = DriveBase("left", "right")
         first = self.robot(drive_base=base, needs_imu=True)
         body = cache.body(first)
@@ -428,7 +527,9 @@ class TestFacts:
         assert replace(first, name="other").motors == first.motors
         assert_equal(cache.body(first)._nominal, body._nominal)
         assert cache.built == ["mine"]
-        with pytest.raises(DescriptionError, match="line 19: port A has .* 'right', but .* 'left'; make both agree"):
+        with pytest.raises(
+            DescriptionError, match="line 19: port A has .* 'right', but .* 'left'; make both agree"
+        ):
             self.robot(motors=(Motor("left", "A"),))
         with pytest.raises(DescriptionError, match="130.0 mm apart, but mine says 112"):
             self.robot(drive_base=DriveBase("left", "right", 0.0, 112.0))
@@ -471,7 +572,13 @@ def test_descriptions_of_values() -> None:
     texts = [kept.described(value) for value in values]
     assert len(set(texts)) == len(values)
     assert kept.described([1.5, "a"]) == kept.described((np.float64(1.5), "a"))
-    for value in (Foreign(), lambda: 1, {"light": len}, np.int64(1), Scene(readings={"light": lambda _: 1.0})):
+    for value in (
+        Foreign(),
+        lambda: 1,
+        {"light": len},
+        np.int64(1),
+        Scene(readings={"light": lambda _: 1.0}),
+    ):
         with pytest.raises(kept.UnkeptError):
             kept.described(value)
 
@@ -481,7 +588,10 @@ def test_large_models_use_dense_matrices(joints: int, is_sparse: bool) -> None:
     """MuJoCo 4.0.0 takes sparse ones from 60 degrees of freedom on, and their factor is wrong."""
 
     def built() -> mujoco.MjSpec:
-        links = "".join(f'<body pos="0 {i} 0"><joint type="hinge"/><geom size="0.1"/></body>' for i in range(joints))
+        links = "".join(
+            f'<body pos="0 {i} 0"><joint type="hinge"/><geom size="0.1"/></body>'
+            for i in range(joints)
+        )
         return mujoco.MjSpec.from_string(f"<mujoco><worldbody>{links}</worldbody></mujoco>")
 
     model = kept_model(built, [], f"{joints} links")

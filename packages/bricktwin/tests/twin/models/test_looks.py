@@ -40,14 +40,20 @@ def motion(robot: MujocoBody) -> bytes:
 
 @pytest.mark.usefixtures("no_library")
 @pytest.mark.parametrize("robot", [TWO_WHEELER, WALKER, ROBO_ARM], ids=lambda robot: robot.name)
-def test_looks_do_not_change_physics(robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_looks_do_not_change_physics(
+    robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     ours = body(robot)
     monkeypatch.setenv("LDRAWDIR", str(write_robot_parts(tmp_path)))
     theirs = body(robot)
     windows = [
-        i for i in range(theirs.model.ngeom) if theirs.model.geom(i).matid >= 0 and _material(theirs.model, i) == "#10c02080"
+        i
+        for i in range(theirs.model.ngeom)
+        if theirs.model.geom(i).matid >= 0 and _material(theirs.model, i) == "#10c02080"
     ]
-    assert [int(theirs.model.geom_group[i]) for i in windows] == [LOOKS_GROUP], "the hub's green window"
+    assert [int(theirs.model.geom_group[i]) for i in windows] == [LOOKS_GROUP], (
+        "the hub's green window"
+    )
     assert theirs.model.nmesh != ours.model.nmesh or theirs.model.nmeshvert != ours.model.nmeshvert
     for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat", "dof_armature"):
         assert np.array_equal(getattr(ours.model, name), getattr(theirs.model, name)), name

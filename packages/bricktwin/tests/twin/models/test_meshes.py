@@ -1,4 +1,5 @@
-"""Meshes of drawn parts: closed surfaces seen from outside, with no more triangles than a camera can tell apart."""
+"""Meshes of drawn parts: closed surfaces seen from outside, with no more triangles than a camera
+can tell apart."""
 
 from __future__ import annotations
 
@@ -30,7 +31,9 @@ def test_shapes_are_closed_and_face_outwards(name: str) -> None:
     a, b, c = np.moveaxis(corners(shape), 1, 0)
     areas = np.cross(b - a, c - a) / 2
     assert np.allclose(areas.sum(0), 0.0, atol=1e-9), "the areas of a closed surface cancel out"
-    assert (a * areas).sum() / 3 == pytest.approx(volume, rel=0.06), "positive, as they face outwards"
+    assert (a * areas).sum() / 3 == pytest.approx(volume, rel=0.06), (
+        "positive, as they face outwards"
+    )
     assert (np.einsum("ij,ij->i", areas, shape.normals[shape.faces].mean(1)) > 0).all()
 
 

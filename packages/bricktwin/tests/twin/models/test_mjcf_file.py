@@ -9,7 +9,15 @@ from pathlib import Path
 import pytest
 
 from brickhub.errors import TwinError
-from brickhub.robot import Direction, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from brickhub.robot import (
+    Direction,
+    HubKind,
+    Motor,
+    PoweredUpSensor,
+    Robot,
+    SensorKind,
+    UltrasonicSensor,
+)
 from brickhub.virtual import run_file
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
@@ -36,7 +44,7 @@ ROVER_XML = """
     </body>
   </worldbody>
 </mujoco>
-"""
+"""  # noqa: E501
 PROGRAM = """
 from pybricks.parameters import Direction, Port
 from pybricks.pupdevices import Motor, UltrasonicSensor
@@ -46,7 +54,7 @@ eyes = UltrasonicSensor(Port.C)
 before = eyes.distance()
 base.straight(150)
 print(base.distance(), before - eyes.distance())
-"""
+"""  # noqa: E501
 
 
 @pytest.fixture
@@ -54,7 +62,13 @@ def rover(tmp_path: Path) -> Robot:
     path = tmp_path / "rover.xml"
     path.write_text(ROVER_XML)
     motors = (Motor("left", "A", direction=Direction.COUNTERCLOCKWISE), Motor("right", "B"))
-    return Robot("rover", HubKind.PRIME, motors=motors, sensors=(UltrasonicSensor("eyes", "C"),), model=str(path))
+    return Robot(
+        "rover",
+        HubKind.PRIME,
+        motors=motors,
+        sensors=(UltrasonicSensor("eyes", "C"),),
+        model=str(path),
+    )
 
 
 def test_user_mjcf_robot_drives_to_wall(rover: Robot, tmp_path: Path) -> None:
@@ -68,7 +82,10 @@ def test_user_mjcf_robot_drives_to_wall(rover: Robot, tmp_path: Path) -> None:
 
 
 def test_mjcf_gears_and_direction_follow_description(rover: Robot) -> None:
-    geared = replace(rover, motors=(replace(rover.motors[0], gears=(12, 36)), replace(rover.motors[1], gears=(12, 36))))
+    geared = replace(
+        rover,
+        motors=(replace(rover.motors[0], gears=(12, 36)), replace(rover.motors[1], gears=(12, 36))),
+    )
     body = make_body(geared)
     assert isinstance(body, MujocoBody)
     assert [body.model.actuator(f"motor_{port}").gear[0] for port in "AB"] == [-3.0, 3.0]
@@ -77,7 +94,10 @@ def test_mjcf_gears_and_direction_follow_description(rover: Robot) -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"motors": (Motor("nose", "A"),)}, "has no hinge 'nose' of robot 'rover' .it has: left, right."),
+        (
+            {"motors": (Motor("nose", "A"),)},
+            "has no hinge 'nose' of robot 'rover' .it has: left, right.",
+        ),
         ({"sensors": (UltrasonicSensor("ears", "C"),)}, "has no site 'ears'"),
         ({"sensors": (PoweredUpSensor("bump", "C", SensorKind.FORCE),)}, "has no site 'bump'"),
         ({"model": "nowhere.xml"}, "no model nowhere.xml"),
@@ -97,9 +117,14 @@ def test_mismatched_model_raises(rover: Robot, change: dict[str, object], says: 
         ("<mujoco", "is not an MJCF file"),
         ("<mujoco/>", "has no body"),
         (ROVER_XML.replace('0.028">', '0.028 3 4">'), "not an MJCF|compile"),
-        (ROVER_XML.replace('<joint name="left"', '<joint name="left" type="slide"'), "has no hinge 'left' .* .it has: right."),
         (
-            ROVER_XML.replace("<worldbody>", '<worldbody><geom name="floor" type="plane" size="1 1 1"/>'),
+            ROVER_XML.replace('<joint name="left"', '<joint name="left" type="slide"'),
+            "has no hinge 'left' .* .it has: right.",
+        ),
+        (
+            ROVER_XML.replace(
+                "<worldbody>", '<worldbody><geom name="floor" type="plane" size="1 1 1"/>'
+            ),
             "'floor' in geom; take it out",
         ),
         (
@@ -107,10 +132,15 @@ def test_mismatched_model_raises(rover: Robot, change: dict[str, object], says: 
             "'imu' on 'left_wheel'; put it on the first",
         ),
         (
-            ROVER_XML.replace('<site name="eyes" pos="0.07 0 0.02"/>', "").replace("<joint", '<site name="eyes"/><joint', 1),
+            ROVER_XML.replace('<site name="eyes" pos="0.07 0 0.02"/>', "").replace(
+                "<joint", '<site name="eyes"/><joint', 1
+            ),
             "'eyes' on",
         ),
-        (ROVER_XML.replace("<freejoint/>", '<freejoint/><camera name="chase"/>'), "'chase' in camera; take it out"),
+        (
+            ROVER_XML.replace("<freejoint/>", '<freejoint/><camera name="chase"/>'),
+            "'chase' in camera; take it out",
+        ),
     ],
 )
 def test_invalid_mjcf_raises(rover: Robot, text: str, says: str) -> None:
@@ -129,7 +159,9 @@ def test_body_may_have_a_name_that_begins_as_ours_do(rover: Robot, name: str) ->
 
 
 def test_robot_with_one_foot_settles_on_the_floor(rover: Robot) -> None:
-    Path(str(rover.model)).write_text(ROVER_XML.replace('<geom type="sphere"', '<geom name="foot_back" type="sphere"', 1))
+    Path(str(rover.model)).write_text(
+        ROVER_XML.replace('<geom type="sphere"', '<geom name="foot_back" type="sphere"', 1)
+    )
     body = make_body(rover)
     assert isinstance(body, MujocoBody)
     assert body.data.qpos[2] == pytest.approx(0.028, abs=0.001)
@@ -147,18 +179,22 @@ FEET = {
 def test_robot_stands_on_feet_of_any_shape(kind: str, tmp_path: Path) -> None:
     shape, below_m = FEET[kind]
     places = [(x, y) for x in (0.05, -0.05) for y in (0.04, -0.04)]
-    feet = "".join(f'<geom name="foot_{i}" {shape} pos="{x} {y} -0.03" mass="0.01"/>' for i, (x, y) in enumerate(places))
+    feet = "".join(
+        f'<geom name="foot_{i}" {shape} pos="{x} {y} -0.03" mass="0.01"/>'
+        for i, (x, y) in enumerate(places)
+    )
     path = tmp_path / "table.xml"
     path.write_text(
         f"""<mujoco><worldbody><body name="table" pos="0 0 0.1"><freejoint/>{feet}
         <geom type="box" size="0.06 0.05 0.01" mass="0.3"/>
         <body name="arm" pos="0 0 0.02"><joint name="arm" axis="0 0 1"/><geom size="0.01" mass="0.02"/></body>
-        </body></worldbody></mujoco>"""
+        </body></worldbody></mujoco>"""  # noqa: E501
     )
     body = make_body(Robot("table", HubKind.PRIME, motors=(Motor("arm", "A"),), model=str(path)))
     assert isinstance(body, MujocoBody)
     height_m = body.data.qpos[2]
-    assert height_m == pytest.approx(0.03 + below_m, abs=0.0002)  # a contact carries weight at some depth
+    # a contact carries weight at some depth
+    assert height_m == pytest.approx(0.03 + below_m, abs=0.0002)
     body.advance_to(1000)
     assert body.data.qpos[2] == pytest.approx(height_m, abs=0.0005)
 

@@ -39,10 +39,20 @@ def body(robot: Robot, scene: Scene = OPEN_FLOOR) -> MujocoBody:
 def car() -> Robot:
     """The car of the examples."""
     plan = str(ROOT / "examples" / "13_front_steered.ldr")
-    return Robot("car", HubKind.PRIME, motors=(Motor("steering", range_deg=(-40, 40)),), needs_imu=True, plan=plan)
+    return Robot(
+        "car",
+        HubKind.PRIME,
+        motors=(Motor("steering", range_deg=(-40, 40)),),
+        needs_imu=True,
+        plan=plan,
+    )
 
 
-@pytest.mark.parametrize(("left", "right"), [(-5000, 5000), (-5000, 3000), (5000, 5000)], ids=["straight", "curve", "turn"])
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [(-5000, 5000), (-5000, 3000), (5000, 5000)],
+    ids=["straight", "curve", "turn"],
+)
 def test_two_wheeler_rolls_without_slip(left: int, right: int) -> None:
     one = body(TWO_WHEELER)
     one.set_voltage("E", left)
@@ -50,7 +60,10 @@ def test_two_wheeler_rolls_without_slip(left: int, right: int) -> None:
     one.advance_to(2000)
     base = TWO_WHEELER.drive_base
     assert base is not None
-    travelled = [math.radians(angle / 1000) * base.wheel_diameter_mm / 2 for angle in (-one.angle_mdeg("E"), one.angle_mdeg("A"))]
+    travelled = [
+        math.radians(angle / 1000) * base.wheel_diameter_mm / 2
+        for angle in (-one.angle_mdeg("E"), one.angle_mdeg("A"))
+    ]
     heading = (travelled[0] - travelled[1]) / base.axle_track_mm
     assert one.pose().heading_deg == pytest.approx(math.degrees(heading), abs=2.0)
     if left == -right:
@@ -76,15 +89,24 @@ def test_planned_arm_starts_mid_range_and_stands() -> None:
     start = [one.angle_mdeg(motor.port) / 1000 for motor in ROBO_ARM.motors]
     assert start == pytest.approx([0, 40, -70, -96], abs=1)
     one.advance_to(5000)
-    assert [one.angle_mdeg(motor.port) / 1000 for motor in ROBO_ARM.motors] == pytest.approx(start, abs=1)
+    assert [one.angle_mdeg(motor.port) / 1000 for motor in ROBO_ARM.motors] == pytest.approx(
+        start, abs=1
+    )
 
 
 def test_planned_arm_fingers_mirror() -> None:
     one = body(ROBO_ARM)
     one.set_voltage("E", 3000)
     one.advance_to(300)
-    mirrored = next(number for number in range(one.model.njnt) if one.model.joint(number).name.startswith("turn_"))
-    angles = [float(one.data.qpos[one.model.jnt_qposadr[joint]]) for joint in (mirrored, one.model.joint("motor_E").id)]
+    mirrored = next(
+        number
+        for number in range(one.model.njnt)
+        if one.model.joint(number).name.startswith("turn_")
+    )
+    angles = [
+        float(one.data.qpos[one.model.jnt_qposadr[joint]])
+        for joint in (mirrored, one.model.joint("motor_E").id)
+    ]
     moved = angles[1] - float(one.model.qpos0[one.model.joint("motor_E").qposadr[0]])
     assert abs(moved) > 0.1
     assert angles[0] == pytest.approx(-moved, abs=0.01)
@@ -97,7 +119,9 @@ def test_visual_shafts_turn() -> None:
     one.update_visuals()
     turned = math.radians(one.angle_mdeg("B") / 1000)
     name = next(
-        one.model.body(number).name for number in range(one.model.nbody) if one.model.body(number).name.startswith("spin_B")
+        one.model.body(number).name
+        for number in range(one.model.nbody)
+        if one.model.body(number).name.startswith("spin_B")
     )
     quaternion = one.model.body(name).quat
     # Clockwise from below, where the shaft points, is about the vertical.
@@ -117,12 +141,21 @@ def test_steered_car_drives_circle() -> None:
     one.set_voltage("A", 8000)
     one.advance_to(2500)
     assert one.pose().heading_deg < -20  # to the left
-    assert 30 < one.angle_mdeg("A") / 1000 < 56  # against the friction of both tyres, and not beyond its end stop
+    # against the friction of both tyres, and not beyond its end stop
+    assert 30 < one.angle_mdeg("A") / 1000 < 56
 
 
 def test_ball_jointed_links_steer_both_front_wheels() -> None:
     plan = str(Path(__file__).parents[2] / "plans" / "link_steered.ldr")
-    one = body(Robot("links", HubKind.PRIME, motors=(Motor("steering", range_deg=(-30, 30)),), needs_imu=True, plan=plan))
+    one = body(
+        Robot(
+            "links",
+            HubKind.PRIME,
+            motors=(Motor("steering", range_deg=(-30, 30)),),
+            needs_imu=True,
+            plan=plan,
+        )
+    )
     links_m = one.data.ten_length.copy()
     one.set_voltage("B", 5000)
     one.advance_to(800)
@@ -131,8 +164,14 @@ def test_ball_jointed_links_steer_both_front_wheels() -> None:
     assert abs(straight.y_m) < 0.001
     one.set_voltage("A", 4000)
     one.advance_to(2500)
-    axes = [one.model.joint(number) for number in range(one.model.njnt) if abs(one.model.jnt_axis[number][2]) > 0.9]
-    knuckles = [float(one.data.qpos[axis.qposadr[0]]) for axis in axes if axis.name.startswith("turn_")]
+    axes = [
+        one.model.joint(number)
+        for number in range(one.model.njnt)
+        if abs(one.model.jnt_axis[number][2]) > 0.9
+    ]
+    knuckles = [
+        float(one.data.qpos[axis.qposadr[0]]) for axis in axes if axis.name.startswith("turn_")
+    ]
     assert len(knuckles) == 2
     steered = float(one.data.joint("motor_A").qpos[0] + one.data.joint("backlash_A").qpos[0])
     assert [abs(angle) for angle in knuckles] == pytest.approx([abs(steered)] * 2, abs=0.01)
@@ -154,7 +193,11 @@ def test_link_on_a_ball_swings_down(tmp_path: Path) -> None:
     ]
     plan.write_text("\n".join(lines))
     one = body(Robot("hanging", HubKind.PRIME, plan=str(plan)))
-    (joint,) = [number for number in range(one.model.njnt) if one.model.jnt_type[number] == mujoco.mjtJoint.mjJNT_BALL]
+    (joint,) = [
+        number
+        for number in range(one.model.njnt)
+        if one.model.jnt_type[number] == mujoco.mjtJoint.mjJNT_BALL
+    ]
     link = int(one.model.jnt_bodyid[joint])
     ball, as_planned = one.data.xpos[link].copy(), mujoco.MjData(one.model)
     mujoco.mj_forward(one.model, as_planned)
@@ -208,8 +251,13 @@ def test_motor_that_lies_beside_the_robot_raises(tmp_path: Path) -> None:
     text = (PLANS / "two_wheeler.ldr").read_text(encoding="utf-8")
     path = tmp_path / "apart.ldr"
     lost = "0 !BRICKSRL PORT B lost\n1 15 900 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat\n0 NOFILE"
-    path.write_text(text.replace("0 NOFILE", lost, 1).replace("PARTS 36", "PARTS 37"), encoding="utf-8")
-    with pytest.raises(TwinError, match=r"Medium angular motor .* is not connected to the main body; add a pin or an axle"):
+    path.write_text(
+        text.replace("0 NOFILE", lost, 1).replace("PARTS 36", "PARTS 37"), encoding="utf-8"
+    )
+    with pytest.raises(
+        TwinError,
+        match=r"Medium angular motor .* is not connected to the main body; add a pin or an axle",
+    ):
         make_body(Robot("two", HubKind.PRIME, plan=str(path)))
 
 
@@ -229,7 +277,9 @@ def test_hub_that_looks_backwards(tmp_path: Path) -> None:
     hub = "1 15 0 -50 -40 1 0 0 0 1 0 0 0 1 67718.dat"
     assert hub in text
     path = tmp_path / "backwards.ldr"
-    path.write_text(text.replace(hub, "1 15 0 -50 -40 -1 0 0 0 1 0 0 0 -1 67718.dat"), encoding="utf-8")
+    path.write_text(
+        text.replace(hub, "1 15 0 -50 -40 -1 0 0 0 1 0 0 0 -1 67718.dat"), encoding="utf-8"
+    )
     drive_base = DriveBase("left", "right")
     robot = Robot("rover", HubKind.PRIME, drive_base=drive_base, needs_imu=True, plan=str(path))
     assert robot.hub_sides == ("up", "back")
@@ -258,10 +308,15 @@ def test_colour_sensor_of_plan_sees_floor(tmp_path: Path) -> None:
     text = (PLANS / "two_wheeler.ldr").read_text(encoding="utf-8").replace("PARTS 36", "PARTS 37")
     sensor = "0 !BRICKSRL PORT B light\n1 15 0 40 120 1 0 0 0 0 -1 0 1 0 26912.dat\n"
     path = tmp_path / "seer.ldr"
-    path.write_text(text.replace("0 !BRICKSRL PORT A right", sensor + "0 !BRICKSRL PORT A right"), encoding="utf-8")
+    path.write_text(
+        text.replace("0 !BRICKSRL PORT A right", sensor + "0 !BRICKSRL PORT A right"),
+        encoding="utf-8",
+    )
     light = PoweredUpSensor("light", "B", SensorKind.COLOR_DISTANCE)
     robot = replace(TWO_WHEELER, sensors=(*TWO_WHEELER.sensors, light), model=str(path))
-    hue, saturation, _ = body(robot, Scene(objects=(Field((60, 0), (60, 60), "red"),))).sensed("B", Sense.SURFACE)  # type: ignore[misc]
+    hue, saturation, _ = body(robot, Scene(objects=(Field((60, 0), (60, 60), "red"),))).sensed(
+        "B", Sense.SURFACE
+    )  # type: ignore[misc]
     assert min(hue, 360 - hue) < 10
     assert saturation > 60
     hue, saturation, _ = body(robot).sensed("B", Sense.SURFACE)  # type: ignore[misc]

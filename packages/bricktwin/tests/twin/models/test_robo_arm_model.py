@@ -19,7 +19,13 @@ from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
-QUIET = Physics(distance_noise_mm=0, distance_noise_ratio=0, tilt_noise_deg=0, gyro_noise_deg_s=0, acceleration_noise_mm_s2=0)
+QUIET = Physics(
+    distance_noise_mm=0,
+    distance_noise_ratio=0,
+    tilt_noise_deg=0,
+    gyro_noise_deg_s=0,
+    acceleration_noise_mm_s2=0,
+)
 START = {"rotation": 0, "low": 40, "high": -70, "grab": -96}
 WITH_BALL = Scene(ball=True)
 
@@ -27,7 +33,9 @@ WITH_BALL = Scene(ball=True)
 class Arm:
     """A RoboArm with firmware servos."""
 
-    def __init__(self, physics: Physics | RandomPhysics = QUIET, scene: Scene = OPEN_FLOOR, seed: int = 0) -> None:
+    def __init__(
+        self, physics: Physics | RandomPhysics = QUIET, scene: Scene = OPEN_FLOOR, seed: int = 0
+    ) -> None:
         body = make_body(ROBO_ARM, scene=scene, physics=physics, seed=seed)
         assert isinstance(body, MujocoBody)
         self.body, self.machine = body, Machine(body)
@@ -87,16 +95,24 @@ class TestModel:
 
     def test_model_has_cameras(self) -> None:
         model = load_model(ROBO_ARM, OPEN_FLOOR).compile()
-        assert {model.camera(index).name for index in range(model.ncam)} == {"overview", "webcam", "chase", "portrait"}
+        assert {model.camera(index).name for index in range(model.ncam)} == {
+            "overview",
+            "webcam",
+            "chase",
+            "portrait",
+        }
         np.testing.assert_allclose(model.camera("webcam").pos, [0, 0, 0.68])
 
     def test_ball_only_in_scene_with_ball(self) -> None:
-        assert load_model(ROBO_ARM, WITH_BALL).compile().geom("ball").size[0] == pytest.approx(0.024)
+        assert load_model(ROBO_ARM, WITH_BALL).compile().geom("ball").size[0] == pytest.approx(
+            0.024
+        )
         with pytest.raises(KeyError):
             load_model(ROBO_ARM, OPEN_FLOOR).compile().geom("ball")
 
     def test_no_self_contact_at_range_ends(self) -> None:
-        # Nothing is made to collide, so the ranges must keep the ball off the floor and off all but the gripper.
+        # Nothing is made to collide, so the ranges must keep the ball off the floor and off all but
+        # the gripper.
         arm = Arm(scene=WITH_BALL)
         for low, high in itertools.product((10, 70), (-150, 10)):
             arm.go(low=low, high=high, grab=-96)
@@ -167,7 +183,9 @@ class TestJoints:
         for name, angle in (("rotation", 50), ("low", -20), ("high", -40), ("grab", 25)):
             arm.servos[name].run_angle(250, angle, OnCompletion.HOLD)
         arm.machine.advance(1500)
-        assert arm.angles() == pytest.approx({"rotation": 50, "low": 20, "high": -110, "grab": -70}, abs=6)
+        assert arm.angles() == pytest.approx(
+            {"rotation": 50, "low": 20, "high": -110, "grab": -70}, abs=6
+        )
 
     def test_end_stops_are_near_range(self) -> None:
         arm = Arm()
@@ -178,7 +196,9 @@ class TestJoints:
         for name in ("low", "high", "grab"):
             arm.servos[name].dc(-60)
         arm.machine.advance(2000)
-        for name, (low, high) in {m.name: m.range_deg for m in ROBO_ARM.motors if m.range_deg}.items():
+        for name, (low, high) in {
+            m.name: m.range_deg for m in ROBO_ARM.motors if m.range_deg
+        }.items():
             assert high + 5 < highest[name] < high + 20
             assert low - 20 < arm.angles()[name] < low - 5
 
@@ -273,7 +293,9 @@ class TestReset:
             physics, model = arm.body.physics, arm.body.model
             seen.append(physics)
             assert model.body_mass.sum() == pytest.approx(0.595 * physics.mass_scale, abs=0.002)
-            assert model.joint("backlash_D").range[1] == pytest.approx(math.radians(physics.backlash_deg))
+            assert model.joint("backlash_D").range[1] == pytest.approx(
+                math.radians(physics.backlash_deg)
+            )
             assert model.joint("motor_D").frictionloss[0] == pytest.approx(
                 3 * 0.033 + 3 * 0.021413 * physics.motor_friction_scale
             )
@@ -287,7 +309,14 @@ class TestReset:
                     servo.run_angle(250, turn, OnCompletion.HOLD)
                 for _ in range(50):
                     arm.machine.advance(5)
-                    seen.append((arm.angles(), arm.body.tilt_deg(), arm.body.acceleration_mm_s2(), arm.body.heading_deg()))
+                    seen.append(
+                        (
+                            arm.angles(),
+                            arm.body.tilt_deg(),
+                            arm.body.acceleration_mm_s2(),
+                            arm.body.heading_deg(),
+                        )
+                    )
                 arm.body.reset(np.random.default_rng(4))
             return seen
 

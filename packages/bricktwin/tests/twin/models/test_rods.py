@@ -19,13 +19,17 @@ def swing() -> mujoco.MjModel:
     for body in (sledge, bob):
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.01, 0, 0], mass=0.11)
     rod = add_rod(spec, "arm", (sledge, (0.0, 0.0, 0.0)), (bob, (0.0, 0.0, -0.1)))
-    rod.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0, 0, 0, 0, 0, 0.25], size=[0.003, 0, 0], mass=0)
+    rod.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0, 0, 0, 0, 0, 0.25], size=[0.003, 0, 0], mass=0
+    )
     return spec.compile()
 
 
 def tip(data: mujoco.MjData) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """End of the drawn rod."""
-    end: np.ndarray[tuple[int], np.dtype[np.float64]] = data.body("rod_arm").xmat.reshape(3, 3)[:, 2] * 0.25
+    end: np.ndarray[tuple[int], np.dtype[np.float64]] = (
+        data.body("rod_arm").xmat.reshape(3, 3)[:, 2] * 0.25
+    )
     return data.body("rod_arm").xpos + end
 
 
@@ -36,7 +40,11 @@ class TestRod:
         for _ in range(500):
             mujoco.mj_step(model, data)
             seen.append(data.qpos.copy())
-            lengths.append(float(np.linalg.norm(data.site("rod_arm_far").xpos - data.site("rod_arm_near").xpos)))
+            lengths.append(
+                float(
+                    np.linalg.norm(data.site("rod_arm_far").xpos - data.site("rod_arm_near").xpos)
+                )
+            )
         assert np.ptp(seen, axis=0).min() > 0.05
         assert lengths == pytest.approx([0.25] * 500, abs=1e-4)
 
@@ -53,7 +61,9 @@ class TestRod:
             mujoco.mj_step(model, data, 60)
             mujoco.mj_kinematics(model, data)
             rods.turn(model, data)
-            assert data.body("rod_arm").xpos == pytest.approx(data.site("rod_arm_near").xpos, abs=1e-9)
+            assert data.body("rod_arm").xpos == pytest.approx(
+                data.site("rod_arm_near").xpos, abs=1e-9
+            )
             assert tip(data) == pytest.approx(data.site("rod_arm_far").xpos, abs=1e-4)
 
     def test_drawing_rod_does_not_change_motion(self) -> None:
@@ -74,7 +84,10 @@ class TestRod:
         bodies = [spec.worldbody.add_body(pos=[0.1 * number, 0.0, 0.0]) for number in range(3)]
         for body in bodies:
             body.add_geom(size=[0.01, 0, 0])
-        rods = [add_rod(spec, "A", (bodies[0], (0.0, 0.0, 0.0)), (far, (0.0, 0.0, 0.0))) for far in bodies[1:]]
+        rods = [
+            add_rod(spec, "A", (bodies[0], (0.0, 0.0, 0.0)), (far, (0.0, 0.0, 0.0)))
+            for far in bodies[1:]
+        ]
         assert [rod.name for rod in rods] == ["rod_A", "rod_A_1"]
         model = spec.compile()
         assert model.tendon_length0.tolist() == pytest.approx([0.1, 0.2])

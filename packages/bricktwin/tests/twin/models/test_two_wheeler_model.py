@@ -33,7 +33,9 @@ def test_masses_and_dimensions_match_robot() -> None:
 
 
 def test_dimensions_of_another_robot_raise() -> None:
-    wide = dataclasses.replace(TWO_WHEELER, drive_base=DriveBase("left", "right", wheel_diameter_mm=62, axle_track_mm=150))
+    wide = dataclasses.replace(
+        TWO_WHEELER, drive_base=DriveBase("left", "right", wheel_diameter_mm=62, axle_track_mm=150)
+    )
     with pytest.raises(DescriptionError, match="wheel of 62 mm"):
         load_model(wide, OPEN_FLOOR)
 
@@ -74,7 +76,9 @@ def test_mesh_normals_point_outwards() -> None:
         normals = built.mesh_normal[built.mesh_normaladr[index] :][: built.mesh_normalnum[index]]
         corners = points[faces]
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        shade = normals[built.mesh_facenormal[built.mesh_faceadr[index] :][: built.mesh_facenum[index]]].mean(axis=1)
+        shade = normals[
+            built.mesh_facenormal[built.mesh_faceadr[index] :][: built.mesh_facenum[index]]
+        ].mean(axis=1)
         area = np.linalg.norm(across, axis=1)
         seen = area > 1e-7  # slivers have no side
         assert (np.einsum("ij,ij->i", across, shade)[seen] > 0).all(), built.mesh(index).name

@@ -19,7 +19,13 @@ from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
-QUIET = Physics(distance_noise_mm=0, distance_noise_ratio=0, tilt_noise_deg=0, gyro_noise_deg_s=0, acceleration_noise_mm_s2=0)
+QUIET = Physics(
+    distance_noise_mm=0,
+    distance_noise_ratio=0,
+    tilt_noise_deg=0,
+    gyro_noise_deg_s=0,
+    acceleration_noise_mm_s2=0,
+)
 LEGS = ("left_front", "right_front", "left_back", "right_back")
 TROT, PACE, BOUND, PRONK = (0, 180, 180, 0), (0, 180, 0, 180), (0, 0, 180, 180), (0, 0, 0, 0)
 Phases = tuple[int, int, int, int]
@@ -32,7 +38,9 @@ def quiet(**values: Any) -> Physics:
 class Walking:
     """A Walker with firmware servos."""
 
-    def __init__(self, physics: Physics | RandomPhysics = QUIET, scene: Scene = OPEN_FLOOR, seed: int = 0) -> None:
+    def __init__(
+        self, physics: Physics | RandomPhysics = QUIET, scene: Scene = OPEN_FLOOR, seed: int = 0
+    ) -> None:
         body = make_body(WALKER, scene=scene, physics=physics, seed=seed)
         assert isinstance(body, MujocoBody)
         self.body, self.machine = body, Machine(body)
@@ -64,7 +72,10 @@ class Walking:
     def loop_error_mm(self) -> float:
         """Distance error of a rocker's pins; one step behind the joints."""
         sites = self.body.data.site
-        apart = [np.linalg.norm(sites(f"rod_{port}_far").xpos - sites(f"rod_{port}_near").xpos) for port in "ABCD"]
+        apart = [
+            np.linalg.norm(sites(f"rod_{port}_far").xpos - sites(f"rod_{port}_near").xpos)
+            for port in "ABCD"
+        ]
         return float(np.abs(np.array(apart) - 0.032).max()) * 1000
 
 
@@ -82,7 +93,9 @@ def test_a_robot_is_put_down_where_it_stays(legs: tuple[int, ...]) -> None:
     assert walker.body.tilt_deg() == pytest.approx((pitch_deg, roll_deg), abs=2)
 
 
-def speed_m_s(phases: Phases, physics: Physics = QUIET, angle: int = -100, steps: int = 12) -> float:
+def speed_m_s(
+    phases: Phases, physics: Physics = QUIET, angle: int = -100, steps: int = 12
+) -> float:
     """Forward speed of a gait: equal cranks with these phases."""
     robot = Walking(physics)
     robot.pose_legs(tuple(-phase for phase in phases))
@@ -123,7 +136,9 @@ class TestModel:
     def test_contacts_follow_shapes(self) -> None:
         model = load_model(WALKER, Scene(wall_distance_mm=(100, 100))).compile()
         assert {model.geom(index).name for index in model.pair_geom1} == {"floor", "wall"}
-        for above, friction, solref in zip(model.pair_geom2, model.pair_friction, model.pair_solref, strict=True):
+        for above, friction, solref in zip(
+            model.pair_geom2, model.pair_friction, model.pair_solref, strict=True
+        ):
             shape = model.geom(above)
             assert friction.tolist() == shape.friction[[0, 0, 1, 2, 2]].tolist()
             assert solref.tolist() == shape.solref.tolist()
@@ -166,7 +181,9 @@ class TestLegs:
         """Foot position of a suspended robot in the chassis frame, m."""
         mujoco.mj_kinematics(robot.body.model, robot.body.data)
         chassis = robot.body.data.body("chassis")
-        return (robot.body.data.geom(f"foot_{port}").xpos - chassis.xpos) @ chassis.xmat.reshape(3, 3)
+        return (robot.body.data.geom(f"foot_{port}").xpos - chassis.xpos) @ chassis.xmat.reshape(
+            3, 3
+        )
 
     def hanging(self) -> Walking:
         robot = Walking()
@@ -194,8 +211,12 @@ class TestLegs:
             foot = self.foot(robot, "D") - robot.body.model.body("rotor_D").pos
             data = robot.body.data
             turn = float(data.joint("motor_D").qpos[0] + data.joint("backlash_D").qpos[0])
-            # About the crank's axis, x and z: the leg's upper end is 40 mm from the crank's pin and 32 mm from the rocker's.
-            crank, rocker = -0.008 * np.array([math.sin(turn), math.cos(turn)]), np.array([-0.032, 0.040])
+            # About the crank's axis, x and z: the leg's upper end is 40 mm from the crank's pin and
+            # 32 mm from the rocker's.
+            crank, rocker = (
+                -0.008 * np.array([math.sin(turn), math.cos(turn)]),
+                np.array([-0.032, 0.040]),
+            )
             distance, across = np.linalg.norm(rocker - crank), (rocker - crank)[::-1] * (1, -1)
             along = (distance**2 + 0.040**2 - 0.032**2) / (2 * distance)
             end = ((rocker - crank) * along + across * math.sqrt(0.040**2 - along**2)) / distance
@@ -221,7 +242,8 @@ class TestLegs:
         assert worst < 1.5
 
     def test_command_is_reached_within_tolerance(self) -> None:
-        # The firmware calls a target reached within 11 degrees of it, and under load leaves up to 8 of them.
+        # The firmware calls a target reached within 11 degrees of it, and under load leaves up to 8
+        # of them.
         for robot, tolerance_deg in ((self.hanging(), 2), (Walking(), 11)):
             for servo, angle in zip(robot.servos, (-100, -37, 80, -250), strict=True):
                 servo.run_angle(600, angle, OnCompletion.HOLD)
@@ -300,7 +322,9 @@ class TestReset:
             seen.append(robot.body.physics)
             kg = 0.5604 * robot.body.physics.mass_scale + robot.body.physics.side_load_g / 1000
             assert robot.body.model.body_mass.sum() == pytest.approx(kg, abs=0.001)
-            assert robot.body.model.joint("backlash_A").range[1] == pytest.approx(math.radians(robot.body.physics.backlash_deg))
+            assert robot.body.model.joint("backlash_A").range[1] == pytest.approx(
+                math.radians(robot.body.physics.backlash_deg)
+            )
         assert len(set(seen)) == 3
 
 
@@ -357,7 +381,12 @@ class TestPhysics:
             robot, seen = Walking(RandomPhysics(), seed=seed), []
             for _ in range(4):
                 robot.walk(2)
-                seen += [robot.angles(), robot.body.tilt_deg(), robot.body.pose(), robot.body.distance_mm("E")]
+                seen += [
+                    robot.angles(),
+                    robot.body.tilt_deg(),
+                    robot.body.pose(),
+                    robot.body.distance_mm("E"),
+                ]
                 robot.put_down()
             return seen
 

@@ -34,7 +34,9 @@ def _opengl(body: MujocoBody) -> None:
         pytest.skip(str(error))
 
 
-def picture(body: MujocoBody, width: int, height: int, camera: str = "chase", **options: bool) -> Image:
+def picture(
+    body: MujocoBody, width: int, height: int, camera: str = "chase", **options: bool
+) -> Image:
     with Renderer(body, width, height, camera, **options) as renderer:
         return renderer.render()
 
@@ -72,14 +74,18 @@ def test_chase_camera_follows_overview_is_fixed() -> None:
     columns = {}
     for camera, image in before.items():
         now = picture(robot, 320, 240, camera)
-        columns[camera] = np.nonzero(turquoise(now))[1].mean() - np.nonzero(turquoise(image))[1].mean()
+        columns[camera] = (
+            np.nonzero(turquoise(now))[1].mean() - np.nonzero(turquoise(image))[1].mean()
+        )
     assert abs(columns["chase"]) < 10
     assert columns["overview"] < -40
 
 
 def test_shadows_darken_and_smoothing_changes_edges(body: MujocoBody) -> None:
     plain = picture(body, 160, 120, "portrait", smooth=False)
-    assert picture(body, 160, 120, "portrait", smooth=False, shadows=True).mean() < plain.mean() - 0.5
+    assert (
+        picture(body, 160, 120, "portrait", smooth=False, shadows=True).mean() < plain.mean() - 0.5
+    )
     assert not np.array_equal(picture(body, 160, 120, "portrait"), plain)
 
 
@@ -98,7 +104,12 @@ def test_rendering_does_not_change_physics() -> None:
 
 @pytest.mark.parametrize(
     ("camera", "smooth", "alpha"),
-    [("webcam", False, None), ("overview", False, None), ("webcam", True, None), ("webcam", False, 0.5)],
+    [
+        ("webcam", False, None),
+        ("overview", False, None),
+        ("webcam", True, None),
+        ("webcam", False, 0.5),
+    ],
 )
 def test_static_culling_gives_same_picture(
     camera: str, smooth: bool, alpha: float | None, monkeypatch: pytest.MonkeyPatch
@@ -118,7 +129,8 @@ def test_static_culling_gives_same_picture(
             assert renderer._is_composited is (not smooth and alpha is None)
             assert 0 < renderer._moving.box(arm.data).width < 160
             apart = np.abs(part.astype(int) - whole).max(-1)
-            # Where surfaces of moving and still parts meet in a pixel, rounding decides which one is seen.
+            # Where surfaces of moving and still parts meet in a pixel, rounding decides which one
+            # is seen.
             assert (apart > 2).sum() <= 6
 
 
@@ -157,19 +169,27 @@ except RenderingUnavailableError as error:
 @pytest.mark.parametrize("backend", ["disable", "nonsense"])
 def test_missing_opengl_names_remedy(backend: str) -> None:
     environment = {**os.environ, "MUJOCO_GL": backend}
-    done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True
+    )
     assert len(done.stdout.splitlines()) == 1
     assert "MUJOCO_GL" in done.stdout
     assert backend in done.stdout + done.stderr
 
 
 def test_physics_need_no_opengl() -> None:
-    program = "import sys\nfrom bricktwin.robots import TWO_WHEELER\nfrom bricktwin.twin.make_body import make_body\n"
+    program = (
+        "import sys\nfrom bricktwin.robots import TWO_WHEELER\n"
+        "from bricktwin.twin.make_body import make_body\n"
+    )
     program += (
-        "make_body(TWO_WHEELER).advance_to(100)\nprint('bricktwin.twin.render.opengl' in sys.modules, 'mujoco' in sys.modules)"
+        "make_body(TWO_WHEELER).advance_to(100)\nprint('bricktwin.twin.render.opengl' in "
+        "sys.modules, 'mujoco' in sys.modules)"
     )
     environment = {**os.environ, "MUJOCO_GL": "disable"}
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
     assert done.stdout.split() == ["False", "True"]
 
 
@@ -214,7 +234,8 @@ def test_renderer_is_silently_collected_at_the_end_of_the_process() -> None:
     """After MuJoCo has closed the display; libraries collect garbage there."""
     program = (
         "import atexit, gc, weakref\n"
-        "weakref.finalize(atexit, int)\n"  # registers the end of all finalizers, which must be later
+        # registers the end of all finalizers, which must be later
+        "weakref.finalize(atexit, int)\n"
         "atexit.register(gc.collect)\n"
         "from bricktwin.robots import TWO_WHEELER\n"
         "from bricktwin.twin.make_body import make_body\n"
@@ -224,7 +245,9 @@ def test_renderer_is_silently_collected_at_the_end_of_the_process() -> None:
         "renderer.itself = renderer\n"
         "del renderer\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False
+    )
     assert (done.returncode, done.stderr) == (0, "")
 
 

@@ -48,7 +48,9 @@ def test_camera_follows_with_metre_labels() -> None:
 def test_ghost_is_at_goal() -> None:
     plain, _ = drawn(ROBO_ARM)
     ghost, _ = drawn(ROBO_ARM, Goal({"rotation": 90.0, "low": 60.0, "high": -90.0, "grab": -100.0}))
-    green = (ghost[..., 1].astype(int) - ghost[..., 0] > 40) & (plain[..., 1].astype(int) - plain[..., 0] < 20)
+    green = (ghost[..., 1].astype(int) - ghost[..., 0] > 40) & (
+        plain[..., 1].astype(int) - plain[..., 0] < 20
+    )
     assert green.sum() > 100
     assert (ghost[-20:] == plain[-20:]).all(), "the floor before it is as it was"
 
@@ -56,5 +58,7 @@ def test_ghost_is_at_goal() -> None:
 def test_no_wall_ahead_hides_the_robot() -> None:
     body = make_body(TWO_WHEELER, scene=Scene(wall_distance_mm=(150.0, 150.0)))
     camera = Room(body).camera
-    back = camera.distance * np.cos(np.radians(camera.elevation)) * np.cos(np.radians(camera.azimuth))
+    back = (
+        camera.distance * np.cos(np.radians(camera.elevation)) * np.cos(np.radians(camera.azimuth))
+    )
     assert camera.lookat[0] - back < 0.15

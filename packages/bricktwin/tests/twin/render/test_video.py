@@ -41,7 +41,9 @@ def _opengl() -> None:
         pytest.skip(str(error))
 
 
-def film(folder: Path, source: str, video: Path | None, time_limit_s: float | None = None) -> tuple[int, str, str]:
+def film(
+    folder: Path, source: str, video: Path | None, time_limit_s: float | None = None
+) -> tuple[int, str, str]:
     path = folder / "main.py"
     path.write_text(source)
     out, err = io.BytesIO(), io.StringIO()
@@ -63,7 +65,11 @@ def test_program_video_has_simulated_speed(tmp_path: Path) -> None:
 @pytest.mark.realtime
 @pytest.mark.parametrize(
     ("source", "time_limit_s", "count", "code"),
-    [("print(1)", None, 1, 0), (DRIVE + "while True: wait(10)", 0.4, 11, 124), (DRIVE + "1 / 0", None, 26, 1)],
+    [
+        ("print(1)", None, 1, 0),
+        (DRIVE + "while True: wait(10)", 0.4, 11, 124),
+        (DRIVE + "1 / 0", None, 26, 1),
+    ],
 )
 def test_video_is_complete_however_program_ends(
     tmp_path: Path, source: str, time_limit_s: float | None, count: int, code: int
@@ -79,8 +85,14 @@ def test_unfilmable_program_raises(tmp_path: Path, capsys) -> None:
         film(tmp_path, "print(1)", tmp_path / "film.avi")
     for options, says in (
         (("--robot", "bench"), "nothing to see of robot 'bench'"),
-        (("--hub", "ble"), "a real hub has its own robot, buttons and time; leave out --hub, or --video"),
+        (
+            ("--hub", "ble"),
+            "a real hub has its own robot, buttons and time; leave out --hub, or --video",
+        ),
     ):
-        assert main(("run", str(tmp_path / "main.py"), *options, "--video", str(tmp_path / "a.mp4"))) == 2
+        assert (
+            main(("run", str(tmp_path / "main.py"), *options, "--video", str(tmp_path / "a.mp4")))
+            == 2
+        )
         captured = capsys.readouterr()
         assert captured.out == "" and captured.err.startswith("error: ") and says in captured.err

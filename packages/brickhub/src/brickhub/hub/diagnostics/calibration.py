@@ -1,7 +1,7 @@
 """Calibration of one robot against its description: zeros and reversed directions of its motors.
 
-A calibration belongs to a hub, by its address, and to the robot built around it. It modifies the description, from which the hub
-program is made.
+A calibration belongs to a hub, by its address, and to the robot built around it. It modifies the
+description, from which the hub program is made.
 """
 
 import json
@@ -36,27 +36,44 @@ class Calibration:
 
 
 def calibrated(robot: Robot, calibration: Calibration) -> Robot:
-    """The robot's description with its calibration applied. Raises DescriptionError if the calibration names motors that the
-    robot does not have."""
-    unknown = sorted((set(calibration.zeros_deg) | calibration.reversed) - {motor.name for motor in robot.motors})
+    """The robot's description with its calibration applied. Raises DescriptionError if the
+    calibration names motors that the robot does not have."""
+    unknown = sorted(
+        (set(calibration.zeros_deg) | calibration.reversed) - {motor.name for motor in robot.motors}
+    )
     if unknown:
-        raise DescriptionError(f"robot '{robot.name}' has no motor '{unknown[0]}'; calibrate it again")
+        raise DescriptionError(
+            f"robot '{robot.name}' has no motor '{unknown[0]}'; calibrate it again"
+        )
     motors = []
     for motor in robot.motors:
-        direction = Direction(-motor.direction.value) if motor.name in calibration.reversed else motor.direction
-        motors.append(replace(motor, direction=direction, zero_deg=calibration.zeros_deg.get(motor.name, motor.zero_deg)))
+        direction = (
+            Direction(-motor.direction.value)
+            if motor.name in calibration.reversed
+            else motor.direction
+        )
+        motors.append(
+            replace(
+                motor,
+                direction=direction,
+                zero_deg=calibration.zeros_deg.get(motor.name, motor.zero_deg),
+            )
+        )
     return replace(robot, motors=tuple(motors))
 
 
 def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
-    """Zero of a joint from the measured angles of its two stops: its range is centred between them. Raises CalibrationError if
-    the motor has no range, or the stops are too close for it."""
+    """Zero of a joint from the measured angles of its two stops: its range is centred between them.
+    Raises CalibrationError if the motor has no range, or the stops are too close for it."""
     if motor.range_deg is None:
-        raise CalibrationError(f"motor '{motor.name}' has no range, so no stops; calibrate it by hand")
+        raise CalibrationError(
+            f"motor '{motor.name}' has no range, so no stops; calibrate it by hand"
+        )
     width, required = stops_deg[1] - stops_deg[0], motor.range_deg[1] - motor.range_deg[0]
     if width < required:
         raise CalibrationError(
-            f"motor '{motor.name}' is blocked after {width} degrees and has to turn by {required}; clear its way and try again"
+            f"motor '{motor.name}' is blocked after {width} degrees and has to turn by "
+            f"{required}; clear its way and try again"
         )
     return round((sum(stops_deg) - sum(motor.range_deg)) / 2)
 
@@ -74,11 +91,14 @@ def calibration_folder() -> Path:
 
 
 def load_calibration(hub: str, robot: Robot, folder: Path | None = None) -> Calibration:
-    """Saved calibration of the robot on this hub; an empty one if there is none. Raises CalibrationError if it is invalid."""
+    """Saved calibration of the robot on this hub; an empty one if there is none. Raises
+    CalibrationError if it is invalid."""
     path = _path(hub, robot, folder)
     if not path.exists():
         return Calibration()
-    with reading("the calibration in", path, CalibrationError, "delete the file and calibrate again"):
+    with reading(
+        "the calibration in", path, CalibrationError, "delete the file and calibrate again"
+    ):
         data = json.loads(path.read_bytes())
         zeros = {str(name): int(zero) for name, zero in data["zeros_deg"].items()}
         return Calibration(zeros, frozenset(map(str, data["reversed"])))
@@ -95,21 +115,31 @@ def calibration_of(transport: Transport, folder: Path | None = None) -> Callable
     return lambda robot: calibrated(robot, load_calibration(hub_id(transport), robot, folder))
 
 
-def save_calibration(hub: str, robot: Robot, calibration: Calibration, folder: Path | None = None) -> Path:
-    """Write a calibration atomically; returns its path. Raises WriteError if the file cannot be written."""
+def save_calibration(
+    hub: str, robot: Robot, calibration: Calibration, folder: Path | None = None
+) -> Path:
+    """Write a calibration atomically; returns its path. Raises WriteError if the file cannot be
+    written."""
     path = _path(hub, robot, folder)
-    data = {"hub": hub, "zeros_deg": calibration.zeros_deg, "reversed": sorted(calibration.reversed)}
+    data = {
+        "hub": hub,
+        "zeros_deg": calibration.zeros_deg,
+        "reversed": sorted(calibration.reversed),
+    }
     write_durably(path, (json.dumps(data, indent=2) + "\n").encode())
     return path
 
 
 def forget_calibration(hub: str, robot: Robot, folder: Path | None = None) -> None:
-    """Delete the saved calibration; without effect if there is none. Raises CalibrationError if the file cannot be deleted."""
+    """Delete the saved calibration; without effect if there is none. Raises CalibrationError if the
+    file cannot be deleted."""
     path = _path(hub, robot, folder)
     try:
         path.unlink(missing_ok=True)
     except OSError as error:
-        raise CalibrationError(f"cannot delete {path} ({error.strerror}); delete it yourself") from None
+        raise CalibrationError(
+            f"cannot delete {path} ({error.strerror}); delete it yourself"
+        ) from None
 
 
 def _path(hub: str, robot: Robot, folder: Path | None) -> Path:

@@ -1,4 +1,5 @@
-"""Preflight check of a robot, with a hub or of LEGO's kits: ports, battery, latency, sensors, motors against the description."""
+"""Preflight check of a robot, with a hub or of LEGO's kits: ports, battery, latency, sensors,
+motors against the description."""
 
 import functools
 import re
@@ -28,12 +29,18 @@ _INTERVALS_PER_ROUND_TRIP = 2
 
 _ADVICE = {
     "linux": (
-        "as root, write 6 into /sys/kernel/debug/bluetooth/hci0/conn_min_interval and 12 into conn_max_interval beside it, or "
-        "MinConnectionInterval=6 and MaxConnectionInterval=12 below [LE] in /etc/bluetooth/main.conf, and connect again"
+        "as root, write 6 into /sys/kernel/debug/bluetooth/hci0/conn_min_interval and 12 into "
+        "conn_max_interval beside it, or "
+        "MinConnectionInterval=6 and MaxConnectionInterval=12 below [LE] in "
+        "/etc/bluetooth/main.conf, and connect again"
     ),
-    "darwin": "macOS chooses the interval itself, usually 15 ms: disconnect other Bluetooth devices and bring the hub near",
+    "darwin": (
+        "macOS chooses the interval itself, usually 15 ms: disconnect other Bluetooth "
+        "devices and bring the hub near"
+    ),
     "win32": (
-        "Windows 11 gives 15 ms or less to a program that asks for it, which Python cannot yet: disconnect other Bluetooth "
+        "Windows 11 gives 15 ms or less to a program that asks for it, which Python cannot yet: "
+        "disconnect other Bluetooth "
         "devices, bring the hub near, or use a computer with Linux or macOS"
     ),
 }
@@ -49,7 +56,10 @@ _ENCODERS = {kind.model.device_id for kind in MotorKind if kind.model.has_encode
 """Device ids of motors with an encoder: a program for one also drives the others."""
 _NAMES = (
     {kind.model.device_id: f"motor {kind.value}" for kind in MotorKind}
-    | {kind.model.device_id: re.sub("(?<!^)([A-Z])", r" \1", kind.value).lower() for kind in SensorKind}
+    | {
+        kind.model.device_id: re.sub("(?<!^)([A-Z])", r" \1", kind.value).lower()
+        for kind in SensorKind
+    }
     | {0: "nothing"}
 )
 
@@ -78,7 +88,8 @@ class Latency:
 
 
 def measure(link: RobotLink, interface: Interface, exchanges: int = 100) -> Latency:
-    """Time ``exchanges`` sensor readings over an open link; nothing moves. Raises HubError if the link failed."""
+    """Time ``exchanges`` sensor readings over an open link; nothing moves. Raises HubError if the
+    link failed."""
     link.read()
     return latency([link.read().round_trip_s for _ in range(exchanges)], interface)
 
@@ -91,14 +102,17 @@ def latency(round_trips_s: list[float], interface: Interface) -> Latency:
         exchanges=len(round_trips_s),
         p50_ms=p50_ms,
         p99_ms=p99_ms,
-        interval_ms=round(p50_ms / _INTERVALS_PER_ROUND_TRIP / _INTERVAL_UNIT_MS) * _INTERVAL_UNIT_MS,
+        interval_ms=round(p50_ms / _INTERVALS_PER_ROUND_TRIP / _INTERVAL_UNIT_MS)
+        * _INTERVAL_UNIT_MS,
         link_share=None if step_ms is None else p50_ms / (step_ms + p50_ms),
     )
 
 
 def advice(platform: str = sys.platform) -> str:
     """Advice for a shorter connection interval on this operating system."""
-    return _ADVICE.get(platform, "look for the connection interval in the settings of this system's Bluetooth")
+    return _ADVICE.get(
+        platform, "look for the connection interval in the settings of this system's Bluetooth"
+    )
 
 
 def check_robot(
@@ -111,17 +125,17 @@ def check_robot(
     calibrate: Callable[[Robot], Robot] | None = None,
     command: str = "brickhub calibrate ROBOT",
 ) -> Iterator[Finding]:
-    """Check everything that a task needs of a robot. Opens the transport, and closes it at the end. Raises HubError if the hub
-    cannot be reached.
+    """Check everything that a task needs of a robot. Opens the transport, and closes it at the end.
+    Raises HubError if the hub cannot be reached.
 
     Args:
-        transport: transport to the hub.
-        robot, interface: expected robot and interface.
+        transport: transport to the hub. robot, interface: expected robot and interface.
         may_move: asked before the first test move.
-        is_right: asked after each test move, e.g. "left turned by 30 degrees"; it answers ``None`` where nobody says anything.
-            ``None`` if nobody watches.
+        is_right: asked after each test move, e.g. "left turned by 30 degrees"; it answers ``None``
+            where nobody says anything. ``None`` if nobody watches.
         calibrate: as for :class:`HubLink`.
-        command: the command that calibrates this robot on this hub, for advice that works as it is printed.
+        command: the command that calibrates this robot on this hub, for advice that works as it is
+            printed.
     """
     may_move = functools.cache(may_move)
     try:
@@ -134,7 +148,11 @@ def check_robot(
         yield check_battery(robot.hub, result.battery_mv)
         yield from check_imu(robot, result)
         if any(finding.outcome is Outcome.ERROR for finding in port_findings):
-            yield Finding("program", Outcome.SKIPPED, "the environment's program does not start before all is plugged in")
+            yield Finding(
+                "program",
+                Outcome.SKIPPED,
+                "the environment's program does not start before all is plugged in",
+            )
             return
         try:
             with HubLink(transport, robot, interface, calibrate=calibrate) as link:
@@ -155,8 +173,13 @@ def check_robot(
 
 
 def judged(name: str, detail: str, *problems: tuple[bool, Outcome, str]) -> Finding:
-    """Finding of a check: the first problem that there is, with its outcome and what it adds to the detail; else OK."""
-    found = (Finding(name, outcome, detail + remedy) for is_there, outcome, remedy in problems if is_there)
+    """Finding of a check: the first problem that there is, with its outcome and what it adds to the
+    detail; else OK."""
+    found = (
+        Finding(name, outcome, detail + remedy)
+        for is_there, outcome, remedy in problems
+        if is_there
+    )
     return next(found, Finding(name, Outcome.OK, detail))
 
 
@@ -174,7 +197,8 @@ def check_kit(
     may_move: Callable[[], bool],
     is_right: Callable[[str], bool | None] | None = None,
 ) -> Iterator[Finding]:
-    """Check everything that a task needs of a robot of LEGO's kits. Raises HubError if a device cannot be reached.
+    """Check everything that a task needs of a robot of LEGO's kits. Raises HubError if a device
+    cannot be reached.
 
     Args:
         radio: how to reach the devices.
@@ -185,7 +209,10 @@ def check_kit(
         radio.sleep(_WATCHED_S)
         for ports, device in link.devices.items():
             lego, name = device.lego, f"{device.part.product.title} {ports}"
-            version, battery_pct = ".".join(map(str, lego.version_firmware)), lego.info_device.batteryLevel
+            version, battery_pct = (
+                ".".join(map(str, lego.version_firmware)),
+                lego.info_device.batteryLevel,
+            )
             is_low = battery_pct < _LOW_BATTERY_PCT, Outcome.WARNING, ", charge it"
             yield judged(name, f"firmware {version}, battery {battery_pct} %", is_low)
             rate_hz = (device.reports - before[ports]) / _WATCHED_S
@@ -196,21 +223,40 @@ def check_kit(
 
 
 def check_hub(identity: HubIdentity | None, robot: Robot) -> Iterator[Finding]:
-    """Kind and versions of a connected hub; empty for one without an identity, such as the virtual hub."""
+    """Kind and versions of a connected hub; empty for one without an identity, such as the virtual
+    hub."""
     if identity is None:
         return
-    kind, firmware, version = identity.kind, identity.firmware, ".".join(map(str, identity.profile_version))
+    kind, firmware, version = (
+        identity.kind,
+        identity.firmware,
+        ".".join(map(str, identity.profile_version)),
+    )
     if kind is not robot.hub:
-        detail = f"it is a {kind.value} hub, '{robot.name}' has a {robot.hub.value} hub; take that one, or describe your robot"
+        detail = (
+            f"it is a {kind.value} hub, '{robot.name}' has a {robot.hub.value} hub; take "
+            "that one, or describe your robot"
+        )
         yield Finding("hub", Outcome.ERROR, detail)
     else:
         yield Finding("hub", Outcome.OK, f"'{identity.name}', {kind.value}, {identity.address}")
-    is_old, is_newer = firmware.partition(".")[0] in ("2", "3"), identity.profile_version > NEWEST_PROFILE
+    is_old, is_newer = (
+        firmware.partition(".")[0] in ("2", "3"),
+        identity.profile_version > NEWEST_PROFILE,
+    )
     yield judged(
         "firmware",
         f"Pybricks {firmware}, profile {version}",
-        (is_old, Outcome.WARNING, "; BricksRL was written for version 4, update it on code.pybricks.com"),
-        (is_newer, Outcome.WARNING, ", which is newer than this brickhub; update it if something fails"),
+        (
+            is_old,
+            Outcome.WARNING,
+            "; BricksRL was written for version 4, update it on code.pybricks.com",
+        ),
+        (
+            is_newer,
+            Outcome.WARNING,
+            ", which is newer than this brickhub; update it if something fails",
+        ),
     )
 
 
@@ -226,7 +272,9 @@ def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
         found_id, device = result.ports.get(port, 0), expected.get(port)
         found_name, name = device_name(found_id), f"port {port}"
         if device is None:
-            detail = "nothing is expected" + ("" if not found_id else f", {found_name} is there, which does no harm")
+            detail = "nothing is expected" + (
+                "" if not found_id else f", {found_name} is there, which does no harm"
+            )
             yield Finding(name, Outcome.OK, detail)
             continue
         expected_id = device.kind.model.device_id
@@ -234,19 +282,35 @@ def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
         if found_id == expected_id:
             yield Finding(name, Outcome.OK, label)
         elif {expected_id, found_id} <= _ENCODERS:
-            detail = f"{label} is expected, {found_name} is there; it works, but the virtual robot has the other one's strength"
+            detail = (
+                f"{label} is expected, {found_name} is there; it works, but the virtual "
+                "robot has the other one's strength"
+            )
             yield Finding(name, Outcome.WARNING, detail)
         else:
-            taken = {device.port for device in expected.values() if device.kind.model.device_id == expected_id}
-            others = [other for other, other_id in result.ports.items() if other_id == expected_id and other not in taken]
-            remedy = f"move it from port {others[0]} to {port}" if others else f"plug it into port {port} until it clicks"
+            taken = {
+                device.port
+                for device in expected.values()
+                if device.kind.model.device_id == expected_id
+            }
+            others = [
+                other
+                for other, other_id in result.ports.items()
+                if other_id == expected_id and other not in taken
+            ]
+            remedy = (
+                f"move it from port {others[0]} to {port}"
+                if others
+                else f"plug it into port {port} until it clicks"
+            )
             detail = f"{label} is expected, {found_name} is there; {remedy}"
             yield Finding(name, Outcome.ERROR, detail)
 
 
 def check_battery(hub: AnyHub, battery_mv: int) -> Finding:
     """Battery check: enough voltage for the motors."""
-    # Below the first voltage the hub warns, below the second it soon switches off; limits of the firmware (battery.c).
+    # Below the first voltage the hub warns, below the second it soon switches off; limits of the
+    # firmware (battery.c).
     cells, lithium = (5400, 4800, "put fresh batteries in"), (6800, 6000, "charge it")
     low_mv, critical_mv, remedy = lithium if hub.model.is_rechargeable else cells
     return judged(
@@ -263,12 +327,20 @@ def check_imu(robot: Robot, result: Survey) -> Iterator[Finding]:
         return
     tilt = f"pitch {result.pitch_deg}, roll {result.roll_deg} deg"
     if result.imu_ready is None:
-        silent = "the hub did not say anything about its IMU; update its firmware on code.pybricks.com"
+        silent = (
+            "the hub did not say anything about its IMU; update its firmware on code.pybricks.com"
+        )
         yield Finding("imu", Outcome.ERROR, silent)
     elif not result.imu_ready:
-        yield Finding("imu", Outcome.WARNING, f"{tilt}, not ready; leave the robot still for some seconds and check again")
+        yield Finding(
+            "imu",
+            Outcome.WARNING,
+            f"{tilt}, not ready; leave the robot still for some seconds and check again",
+        )
     else:
-        yield Finding("imu", Outcome.OK, f"ready, {tilt}" + ("" if result.imu_still else ", moving"))
+        yield Finding(
+            "imu", Outcome.OK, f"ready, {tilt}" + ("" if result.imu_still else ", moving")
+        )
 
 
 def check_angles(robot: Robot, interface: Interface, values: Sequence[float]) -> Iterator[Finding]:
@@ -285,30 +357,47 @@ def check_angles(robot: Robot, interface: Interface, values: Sequence[float]) ->
 
 
 def check_distances(interface: Interface, values: Sequence[float]) -> Iterator[Finding]:
-    """What distance sensors measure, in the reading ``values [n_channels]``. One that sees nothing may be dead."""
+    """What distance sensors measure, in the reading ``values [n_channels]``. One that sees nothing
+    may be dead."""
     for channel, value in zip(interface.channels, values, strict=True):
         if isinstance(channel, Distance):
             is_far = value >= channel.FARTHEST_MM
-            doubt = ", nothing in sight; hold a hand before it and check again: the number has to change" if is_far else ""
+            doubt = (
+                (
+                    ", nothing in sight; hold a hand before it and check again: the number has "
+                    "to change"
+                )
+                if is_far
+                else ""
+            )
             yield Finding(f"reading {channel.name}", Outcome.OK, f"{value:.0f} mm{doubt}")
 
 
 def check_latency(latency: Latency, *, is_virtual: bool = False) -> Finding:
-    """Latency check: the connection interval is short. That of a virtual hub is as its link says, which is no problem."""
+    """Latency check: the connection interval is short. That of a virtual hub is as its link says,
+    which is no problem."""
     share = "" if latency.link_share is None else f", {percent(latency.link_share)} of a step"
-    detail = f"{latency.p50_ms:.0f} ms, p99 {latency.p99_ms:.0f} ms, connection interval {latency.interval_ms:g} ms{share}"
+    detail = (
+        f"{latency.p50_ms:.0f} ms, p99 {latency.p99_ms:.0f} ms, connection interval "
+        f"{latency.interval_ms:g} ms{share}"
+    )
     if is_virtual:
         played = f"{detail}, as played; another link is played with --link, such as --link mac"
         return Finding("round trip", Outcome.OK, played if latency.is_slow else detail)
     return judged("round trip", detail, (latency.is_slow, Outcome.WARNING, f"; {advice()}"))
 
 
-def small_move(command: Command, range_deg: tuple[int, int] | None, angle_deg: float | None) -> float:
-    """A small value of a command; for a joint with a known angle, towards the middle of its range."""
+def small_move(
+    command: Command, range_deg: tuple[int, int] | None, angle_deg: float | None
+) -> float:
+    """A small value of a command; for a joint with a known angle, towards the middle of its
+    range."""
     sign = 1.0
     if range_deg is not None and angle_deg is not None and angle_deg > sum(range_deg) / 2:
         sign = -1.0
-    values = [min(max(move, command.low), command.high) for move in (sign * TEST_MOVE, -sign * TEST_MOVE)]
+    values = [
+        min(max(move, command.low), command.high) for move in (sign * TEST_MOVE, -sign * TEST_MOVE)
+    ]
     return values[0] if abs(values[0]) >= abs(values[1]) else values[1]
 
 
@@ -320,7 +409,8 @@ def check_moves(
     is_right: Callable[[str], bool | None] | None,
     advise: Callable[[Sequence[str]], str] | None = None,
 ) -> Iterator[Finding]:
-    """Check of each command by a small move, if a person allows it. ``advise``: what to do about motors that turn wrongly."""
+    """Check of each command by a small move, if a person allows it. ``advise``: what to do about
+    motors that turn wrongly."""
     if not may_move():
         yield Finding("directions", Outcome.SKIPPED, "nothing was moved, because nobody said yes")
         return
@@ -336,7 +426,8 @@ def _check_move(
     is_right: Callable[[str], bool | None] | None,
     advise: Callable[[Sequence[str]], str] | None,
 ) -> Finding:
-    """Send a small value for one command and 0 for the others, and compare the motion of its motors."""
+    """Send a small value for one command and 0 for the others, and compare the motion of its
+    motors."""
     command = interface.commands[index]
     before = link.read().values
     motors = [robot.motor(name) for name in command.motors(robot)]
@@ -358,10 +449,14 @@ def _check_move(
         if angle_before is None or angle_after is None:
             continue
         turned = (angle_after - angle_before + 180.0) % 360.0 - 180.0
-        if command.ends:  # angles may be wrapped: add the whole turns that bring it nearest to the command
+        # angles may be wrapped: add the whole turns that bring it nearest to the command
+        if command.ends:
             turned += 360.0 * round((turn_deg - turned) / 360.0)
         if turned * turn_deg < _LEAST_SHARE * turn_deg**2:
-            what = f"'{motor.name}' (port {motor.port}) turned by {turned:.0f} deg after {value:g} {command.unit}"
+            what = (
+                f"'{motor.name}' (port {motor.port}) turned by {turned:.0f} deg after "
+                f"{value:g} {command.unit}"
+            )
             return Finding(name, Outcome.ERROR, f"{what}; it is blocked, or its cable is loose")
     motion = f"moved by {value:g} {command.unit}"
     answer = None if is_right is None else is_right(f"{name} {motion}")
@@ -376,16 +471,23 @@ def _check_move(
     elif advise is not None:
         each = ", ".join(f"'{motor.name}': {advise([motor.name])}" for motor in motors)
         which += f"; for each motor, and only one, that turned the wrong way: {each}"
-    return Finding(name, Outcome.ERROR, f"{motion}, and you say that it was another motor or the wrong way; {which}")
+    return Finding(
+        name,
+        Outcome.ERROR,
+        f"{motion}, and you say that it was another motor or the wrong way; {which}",
+    )
 
 
 _TURNED_SHARE, _STILL_SHARE = 0.6, 0.15
-"""Shares of the expected turn of the hub: less than the first is slip, less than the second no turn at all."""
+"""Shares of the expected turn of the hub: less than the first is slip, less than the second no turn
+at all."""
 
 
-def check_wheels(robot: Robot, turns: Sequence[WheelTurn], advise: Callable[[Sequence[str]], str]) -> Iterator[Finding]:
-    """Check of each wheel of a drive base by the gyroscope: forward, the left one turns the robot clockwise, the right one
-    counterclockwise, by the distance that it rolls over the axle track."""
+def check_wheels(
+    robot: Robot, turns: Sequence[WheelTurn], advise: Callable[[Sequence[str]], str]
+) -> Iterator[Finding]:
+    """Check of each wheel of a drive base by the gyroscope: forward, the left one turns the robot
+    clockwise, the right one counterclockwise, by the distance that it rolls over the axle track."""
     base = robot.drive_base
     if base is None:
         return
@@ -399,7 +501,10 @@ def check_wheels(robot: Robot, turns: Sequence[WheelTurn], advise: Callable[[Seq
         name = f"wheel {turn.motor}"
         motion = f"turned the robot by {turn.heading_deg:.0f} of {expected_deg:.0f} deg"
         if abs(share) < _STILL_SHARE:
-            still = "the robot stayed as it was, by its gyroscope: on the bench, or its wheels in the air"
+            still = (
+                "the robot stayed as it was, by its gyroscope: on the bench, or its wheels "
+                "in the air"
+            )
             yield Finding(name, Outcome.SKIPPED, still)
         elif share < 0:
             is_wrong.append(turn.motor)
@@ -407,15 +512,23 @@ def check_wheels(robot: Robot, turns: Sequence[WheelTurn], advise: Callable[[Seq
             remedy = f"it turns the wrong way (port {port}): {advise([turn.motor])}"
             yield Finding(name, Outcome.ERROR, f"{motion}, by its gyroscope; {remedy}")
         elif share < _TURNED_SHARE:
-            slips = "it slips, or is not as large as described; clean the tyre, look whether it sits tight on its axle"
+            slips = (
+                "it slips, or is not as large as described; clean the tyre, look whether it "
+                "sits tight on its axle"
+            )
             yield Finding(name, Outcome.WARNING, f"{motion}, by its gyroscope; {slips}")
         else:
             yield Finding(name, Outcome.OK, f"{motion}, by its gyroscope")
 
 
 def _reversing(command: str, robot: Robot, calibrated: Robot, names: Sequence[str]) -> str:
-    """What to do about motors that turn the wrong way, in words that can be followed as they are."""
-    is_reversed = [name for name in names if robot.motor(name).direction is not calibrated.motor(name).direction]
+    """What to do about motors that turn the wrong way, in words that can be followed as they
+    are."""
+    is_reversed = [
+        name
+        for name in names
+        if robot.motor(name).direction is not calibrated.motor(name).direction
+    ]
     others = [name for name in names if name not in is_reversed]
     steps = []
     if others:

@@ -1,6 +1,8 @@
-"""Survey of a hub: programs generated from the robot's description that report the connected devices, for any transport.
+"""Survey of a hub: programs generated from the robot's description that report the connected
+devices, for any transport.
 
-Each runs once and prints what it found; it begins with a HELLO frame with its hash, by which a transport identifies it.
+Each runs once and prints what it found; it begins with a HELLO frame with its hash, by which a
+transport identifies it.
 """
 
 import ast
@@ -18,7 +20,8 @@ from brickhub.robot.spec import HUB_FLAT
 
 STALL_SPEED_DEG_S = 60
 STALL_TORQUE_MNM = 250
-"""More than a medium motor has: a raised arm needs all of it, and at this speed the stops are not damaged."""
+"""More than a medium motor has: a raised arm needs all of it, and at this speed the stops are not
+damaged."""
 STALL_LIMIT_MS = 10_000
 STALL_LIMIT_DEG = 400
 WHEEL_DEG = 90
@@ -66,13 +69,15 @@ def survey_program(robot: Robot) -> HubProgram:
 
 
 def survey(transport: Transport, robot: Robot) -> Survey:
-    """Survey a hub over an open transport. Nothing moves; a running program is stopped. Raises HubError if the hub cannot be
-    reached, or does not answer, HubProgramError if the program raised."""
+    """Survey a hub over an open transport. Nothing moves; a running program is stopped. Raises
+    HubError if the hub cannot be reached, or does not answer, HubProgramError if the program
+    raised."""
     return parse_survey(run(transport, survey_program(robot), _SURVEY_S))
 
 
 def parse_survey(lines: list[str]) -> Survey:
-    """Survey from the lines that the program printed. Raises HubError if the lines are incomplete."""
+    """Survey from the lines that the program printed. Raises HubError if the lines are
+    incomplete."""
     try:
         return Survey(**ast.literal_eval(lines[-1]))
     except (IndexError, SyntaxError, TypeError, ValueError):
@@ -89,11 +94,18 @@ def stops_program(robot: Robot) -> HubProgram:
         f"LIMIT_DEG = {STALL_LIMIT_DEG}",
     ]
     imports = [*_IMPORTS, "from pybricks.tools import StopWatch, wait"]
-    return _program(f"Turns the joints of the robot '{robot.name}' to their stops.", imports, constants, robot, "find_stops")
+    return _program(
+        f"Turns the joints of the robot '{robot.name}' to their stops.",
+        imports,
+        constants,
+        robot,
+        "find_stops",
+    )
 
 
 def find_stops(transport: Transport, robot: Robot) -> dict[str, tuple[int, int] | None]:
-    """Turn each motor with a range to both stops, one motor at a time, and stop in the middle. This moves the robot.
+    """Turn each motor with a range to both stops, one motor at a time, and stop in the middle. This
+    moves the robot.
 
     Returns:
         For each motor, the measured angles of its stops; ``None`` if it has none.
@@ -135,7 +147,9 @@ def wheels_program(robot: Robot) -> HubProgram:
     """Hub program of `turn_wheels`. Raises DescriptionError if the robot has no drive base."""
     base = robot.drive_base
     if base is None:
-        raise DescriptionError(f"robot '{robot.name}' has no drive base, so no wheels to turn; describe it")
+        raise DescriptionError(
+            f"robot '{robot.name}' has no drive base, so no wheels to turn; describe it"
+        )
     constants = [
         _motors((robot.motor(base.left), robot.motor(base.right))),
         f"ANGLE_DEG = {WHEEL_DEG}",
@@ -144,11 +158,14 @@ def wheels_program(robot: Robot) -> HubProgram:
         f"SETTLE_MS = {_SETTLE_MS}",
     ]
     imports = [*_IMPORTS, "from pybricks.tools import StopWatch, wait"]
-    return _program(f"Turns the wheels of the robot '{robot.name}'.", imports, constants, robot, "wheels")
+    return _program(
+        f"Turns the wheels of the robot '{robot.name}'.", imports, constants, robot, "wheels"
+    )
 
 
 def turn_wheels(transport: Transport, robot: Robot) -> list[WheelTurn]:
-    """Turn each wheel of the robot's drive base alone, forward and back, while the other one holds. This moves the robot.
+    """Turn each wheel of the robot's drive base alone, forward and back, while the other one holds.
+    This moves the robot.
 
     Raises:
         DescriptionError: the robot has no drive base.
@@ -156,7 +173,9 @@ def turn_wheels(transport: Transport, robot: Robot) -> list[WheelTurn]:
         HubProgramError: the program raised.
     """
     turns = []
-    for line in run(transport, wheels_program(robot), 5.0 + 4 * (_WHEEL_LIMIT_MS + _SETTLE_MS) / 1000):
+    for line in run(
+        transport, wheels_program(robot), 5.0 + 4 * (_WHEEL_LIMIT_MS + _SETTLE_MS) / 1000
+    ):
         match line.split(" "):
             case ["wheel", name, wheel_deg, heading_deg]:
                 turns.append(WheelTurn(name, float(wheel_deg), float(heading_deg)))
@@ -164,8 +183,8 @@ def turn_wheels(transport: Transport, robot: Robot) -> list[WheelTurn]:
 
 
 def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str]:
-    """Run a program and return the lines that it prints before the last one, ``end``; the first are those of its HELLO. It is
-    stopped after the timeout.
+    """Run a program and return the lines that it prints before the last one, ``end``; the first are
+    those of its HELLO. It is stopped after the timeout.
 
     Raises:
         HubError: the hub cannot be reached.
@@ -178,11 +197,18 @@ def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str
         raise HubProgramError(describe_traceback(errors.getvalue(), program.source))
     *lines, end, _ = f"\n\n{output.getvalue().decode('utf-8', 'replace')}".split("\n")
     if end != "end":
-        raise HubTimeoutError(f"the program that looks at the hub did not end within {timeout_s:g} s; switch the hub off and on")
+        raise HubTimeoutError(
+            f"the program that looks at the hub did not end within {timeout_s:g} s; switch the "
+            "hub off and on"
+        )
     return lines
 
 
-_IMPORTS = ["from pybricks.parameters import Direction, Port", "from pybricks.pupdevices import Motor", "from usys import stdout"]
+_IMPORTS = [
+    "from pybricks.parameters import Direction, Port",
+    "from pybricks.pupdevices import Motor",
+    "from usys import stdout",
+]
 
 
 def _joints(robot: Robot) -> tuple[Motor, ...]:
@@ -191,18 +217,26 @@ def _joints(robot: Robot) -> tuple[Motor, ...]:
 
 def _motors(motors: tuple[Motor, ...]) -> str:
     rows = [
-        f'    ("{motor.name}", Port.{motor.port}, Direction.{motor.direction.name}, {list(motor.gears) or None}),\n'
+        (
+            f'    ("{motor.name}", Port.{motor.port}, Direction.{motor.direction.name}, '
+            f"{list(motor.gears) or None}),\n"
+        )
         for motor in motors
     ]
     return f"MOTORS = (\n{''.join(rows)})"
 
 
-def _program(purpose: str, imports: list[str], constants: list[str], robot: Robot, script: str) -> HubProgram:
+def _program(
+    purpose: str, imports: list[str], constants: list[str], robot: Robot, script: str
+) -> HubProgram:
     model = robot.hub.model
     hub_import = f"from pybricks.hubs import {model.class_name}"
     comments = [f"# {purpose}", "# Written by BricksRL from the robot's description."]
     if robot.hub_sides != HUB_FLAT:
-        imports = [line.replace("import Direction, Port", "import Axis, Direction, Port") for line in imports]
+        imports = [
+            line.replace("import Direction, Port", "import Axis, Direction, Port")
+            for line in imports
+        ]
     head = [*comments, *sorted_imports([hub_import, *imports]), "", *constants, ""]
     body = [hub_line(robot), "print()", onboard_text(script).strip(), ""]
     program_hash = hashlib.sha256("\n".join([*head, *body]).encode()).digest()[:4]

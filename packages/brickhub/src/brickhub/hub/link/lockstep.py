@@ -1,13 +1,15 @@
 """Lock-step exchange with the program on a hub: one command down, one answer up.
 
-Lost frames: the host repeats the frame, during a step as a keepalive, and when its answer is overdue (``timing.py``). The hub
-recognises a repeated sequence number: it resends its last answer, or continues the current move, so that a command is never
-carried out twice. Answers to other sequence numbers are ignored. If no answer comes in time, the link is in FAULT until ``open``
-is called; the hub stops its motors by itself.
-If the program on the hub has ended because the host was silent for too long, ``read`` restarts it; ``act`` does not,
-because the robot has meanwhile stopped holding its position. ``states.py`` has all transitions as a table.
+Lost frames: the host repeats the frame, during a step as a keepalive, and when its answer is
+overdue (``timing.py``). The hub recognises a repeated sequence number: it resends its last answer,
+or continues the current move, so that a command is never carried out twice. Answers to other
+sequence numbers are ignored. If no answer comes in time, the link is in FAULT until ``open`` is
+called; the hub stops its motors by itself. If the program on the hub has ended because the host was
+silent for too long, ``read`` restarts it; ``act`` does not, because the robot has meanwhile stopped
+holding its position. ``states.py`` has all transitions as a table.
 
-``emergency_stop`` may be called from any thread. Nothing moves then until ``release``, even if ``open`` is called.
+``emergency_stop`` may be called from any thread. Nothing moves then until ``release``, even if
+``open`` is called.
 """
 
 import contextlib
@@ -17,7 +19,13 @@ import struct
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 
-from brickhub.errors import HubError, HubProgramError, HubProtocolError, HubTimeoutError, SilentHubError
+from brickhub.errors import (
+    HubError,
+    HubProgramError,
+    HubProtocolError,
+    HubTimeoutError,
+    SilentHubError,
+)
 from brickhub.hub import protocol
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.profiles import PAUSE_MS
@@ -36,7 +44,8 @@ _EXCHANGES_PER_WATCHDOG_CHECK = 50
 _WATCHDOG_ROUND_TRIPS = 4
 _WATCHDOG_MAX_MS = 0xFFFF
 _READS_PER_WAIT = 1000
-_CLOCK_TICK_S = 0.001  # tick of a virtual hub: a wait of less than half of it would not advance its clock
+# tick of a virtual hub: a wait of less than half of it would not advance its clock
+_CLOCK_TICK_S = 0.001
 _TRACEBACK_READS = 50
 _TRACEBACK_PAUSE_S = 0.2
 
@@ -45,13 +54,14 @@ class HubLink(RobotLink):
     """Link to one robot, over any transport. Use it as a context manager: leaving stops the robot.
 
     Args:
-        transport: transport to the hub; the link opens and closes it.
-        robot, interface: robot and interface that the hub's program is generated from.
+        transport: transport to the hub; the link opens and closes it. robot, interface: robot and
+        interface that the hub's program is generated from.
         timeout_s: time limit of an answer, beyond the duration of the commands.
-        watchdog_s: silence after which the hub stops its motors; raised to four times the 99th percentile of the link's
-            round trips if that is more.
+        watchdog_s: silence after which the hub stops its motors; raised to four times the 99th
+            percentile of the link's round trips if that is more.
         pipe: channel for input to the program.
-        calibrate: applies the robot's calibration to the description; called when the hub is connected.
+        calibrate: applies the robot's calibration to the description; called when the hub is
+            connected.
 
     Raises:
         DescriptionError, ProgramError: see ``generate``.
@@ -69,7 +79,12 @@ class HubLink(RobotLink):
         calibrate: Callable[[Robot], Robot] | None = None,
     ) -> None:
         super().__init__(WATCHDOG_MS / 1000)
-        self._robot, self._interface, self._pipe, self._calibrate = robot, interface, pipe, calibrate
+        self._robot, self._interface, self._pipe, self._calibrate = (
+            robot,
+            interface,
+            pipe,
+            calibrate,
+        )
         self.program = self._program_of(robot)
         self.wire = protocol.WireFormat(interface, robot)
         self._saturated = set[str]()  # channels of which that was said
@@ -102,13 +117,15 @@ class HubLink(RobotLink):
         return protocol.FrameDecoder(self.wire.answer_bytes, protocol.UP_PAYLOAD_BYTES)
 
     def open(self) -> None:
-        """Connect, start the program and wait for its HELLO. Also leaves FAULT; without effect on an open link.
+        """Connect, start the program and wait for its HELLO. Also leaves FAULT; without effect on
+        an open link.
 
         Raises:
             HubError: the hub cannot be reached.
             HubProtocolError: another program answers.
             HubTimeoutError: no program answers.
-            HubProgramError: the program raised at its start, for example because a device is not plugged in.
+            HubProgramError: the program raised at its start, for example because a device is not
+                plugged in.
             StoppedError: an emergency stop came before or meanwhile.
         """
         self._check_halted()
@@ -138,10 +155,12 @@ class HubLink(RobotLink):
             return self._read()
 
     def act(self, values: Iterable[float]) -> Reading:
-        """Carry out the commands ``[n_commands]``, in their units, and read the channels when they have settled.
+        """Carry out the commands ``[n_commands]``, in their units, and read the channels when they
+        have settled.
 
         Raises:
-            EncodingError: the wrong number of values, or one that is not a number; nothing was sent.
+            EncodingError: the wrong number of values, or one that is not a number; nothing was
+                sent.
             HubError: the link is not open, or failed, or the program on the hub has ended.
             HubTimeoutError: no answer came; whether the robot moved is unknown.
             HubProgramError: the program raised.
@@ -151,8 +170,8 @@ class HubLink(RobotLink):
         return self.receive()
 
     def send(self, values: Iterable[float]) -> None:
-        """Send the commands ``[n_commands]``, in their units; `receive` then waits for the answer. So several robots move at the
-        same time. Raises as `act`, except for timeouts."""
+        """Send the commands ``[n_commands]``, in their units; `receive` then waits for the answer.
+        So several robots move at the same time. Raises as `act`, except for timeouts."""
         self._frame = self._next_frame(values)
         with self._fault_with_cause():
             self._send(self._frame)
@@ -163,7 +182,8 @@ class HubLink(RobotLink):
             return self._receive(self._frame, self._longest_move_s, self._known_move_s)
 
     def _next_frame(self, values: Iterable[float]) -> bytes:
-        """Frame of the next commands. Raises the errors of `act` that come before anything is sent."""
+        """Frame of the next commands. Raises the errors of `act` that come before anything is
+        sent."""
         payload = self.wire.encode_actions(values)
         self._require_open()
         self._seq = protocol.next_seq(self._seq)
@@ -171,7 +191,8 @@ class HubLink(RobotLink):
         return protocol.data_frame(self._seq, payload)
 
     def rest(self) -> None:
-        """Stop the motors; the program keeps running, in READY. For a pause, in which ``read`` keeps the program alive.
+        """Stop the motors; the program keeps running, in READY. For a pause, in which ``read``
+        keeps the program alive.
 
         Raises:
             HubError: the link is not open, or failed; the hub's watchdog then stops the motors.
@@ -185,8 +206,9 @@ class HubLink(RobotLink):
             self.state = after(self.state, Cause.RESTED)
 
     def emergency_stop(self) -> None:
-        """Stop motors and program at once, from any thread; a call that waits for an answer raises ``StoppedError``. Raises
-        HubError if the hub could not be reached; its watchdog then stops the motors.
+        """Stop motors and program at once, from any thread; a call that waits for an answer raises
+        ``StoppedError``. Raises HubError if the hub could not be reached; its watchdog then stops
+        the motors.
 
         All later calls raise ``StoppedError`` until ``release``.
         """
@@ -198,33 +220,41 @@ class HubLink(RobotLink):
         return self._transport.now_s()
 
     def stop(self) -> None:
-        """Stop the motors and the program. ``open`` starts it again. Raises HubError if the transport failed; the hub's watchdog
-        then stops the motors."""
+        """Stop the motors and the program. ``open`` starts it again. Raises HubError if the
+        transport failed; the hub's watchdog then stops the motors."""
         if self.state is LinkState.DISCONNECTED:
             return
         self.state = after(self.state, Cause.STOPPED)
         self._transport.stop()
 
     def close(self) -> None:
-        """Stop the program and disconnect. May be called in any state and repeatedly, and never raises."""
+        """Stop the program and disconnect. May be called in any state and repeatedly, and never
+        raises."""
         for name, step in (("stop", self.stop), ("disconnect", self._transport.close)):
             try:
                 step()
             except Exception as error:  # noqa: BLE001  closing must go on; the hub stops by itself
                 is_ours = isinstance(error, HubError)
-                _log.warning("closing the link to the hub: could not %s (%s)", name, error, exc_info=not is_ours)
+                _log.warning(
+                    "closing the link to the hub: could not %s (%s)",
+                    name,
+                    error,
+                    exc_info=not is_ours,
+                )
         self._transport_is_open = self._has_started = False
         self.state = after(self.state, Cause.STOPPED)
 
     def _run_program(self) -> None:
-        """Start the program, after the end of one that runs. Raises StoppedError if an emergency stop came meanwhile."""
+        """Start the program, after the end of one that runs. Raises StoppedError if an emergency
+        stop came meanwhile."""
         self._begin_to_listen()
         if self._has_started:
             with contextlib.suppress(HubError):  # if the hub is out of reach, the start will raise
                 self._transport.stop()
         self._transport.start(self.program)
         self._has_started = True
-        if self._halted.is_set():  # an emergency stop during the start may have stopped only the previous program
+        # an emergency stop during the start may have stopped only the previous program
+        if self._halted.is_set():
             self._transport.stop()
             raise stopped_error()
 
@@ -246,7 +276,9 @@ class HubLink(RobotLink):
 
     def _receive_hello(self) -> protocol.ControlFrame | None:
         frame = self._wait_for(
-            lambda frame: isinstance(frame, protocol.ControlFrame) and frame.kind == protocol.Up.HELLO,
+            lambda frame: (
+                isinstance(frame, protocol.ControlFrame) and frame.kind == protocol.Up.HELLO
+            ),
             self._start_s / _HELLOS_PER_TIMEOUT,
         )
         return frame if isinstance(frame, protocol.ControlFrame) else None
@@ -275,8 +307,8 @@ class HubLink(RobotLink):
         self._write(frame)
 
     def _write(self, frame: bytes) -> None:
-        """Write a frame, and time the round trip of its acknowledgement, which after a pause is longer but then keeps no motor
-        waiting."""
+        """Write a frame, and time the round trip of its acknowledgement, which after a pause is
+        longer but then keeps no motor waiting."""
         started_s, before_s = self.now_s(), self._written_s
         self._transport.write(frame)
         self._written_s = self.now_s()
@@ -284,13 +316,17 @@ class HubLink(RobotLink):
             self.statistics.delays_s.append(self._written_s - started_s)
 
     def _receive(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
-        """Wait for the answer to a frame that was sent, and repeat it meanwhile. Raises HubTimeoutError if none comes in time.
+        """Wait for the answer to a frame that was sent, and repeat it meanwhile. Raises
+        HubTimeoutError if none comes in time.
 
-        Most keepalives of a long step tell the watchdog's time instead, which the hub may not have heard, and ask for no answer.
+        Most keepalives of a long step tell the watchdog's time instead, which the hub may not have
+        heard, and ask for no answer.
         """
         limit_s, watchdog_s = longest_move_s + self._timeout_s, self._watchdog_ms / 1000
         for number, time_s in enumerate(repeat_times_s(known_move_s, watchdog_s)):
-            answer = self._wait_for(self._is_answer, self._sent_s + min(time_s, limit_s) - self.now_s())
+            answer = self._wait_for(
+                self._is_answer, self._sent_s + min(time_s, limit_s) - self.now_s()
+            )
             if isinstance(answer, protocol.DataFrame):
                 self._compare_clocks(answer, self._sent_s + (known_move_s or 0.0))
                 reading = self._reading(answer, self.now_s() - self._sent_s)
@@ -300,12 +336,19 @@ class HubLink(RobotLink):
                 break
             is_overdue = time_s > (longest_move_s if known_move_s is None else known_move_s)
             self.statistics.resends += is_overdue
-            self._write(frame if is_overdue or number % REPEATS_PER_WATCHDOG == 0 else _watchdog_frame(self._watchdog_ms))
+            self._write(
+                frame
+                if is_overdue or number % REPEATS_PER_WATCHDOG == 0
+                else _watchdog_frame(self._watchdog_ms)
+            )
         raise self._timeout_error("the hub did not answer", limit_s)
 
     def _compare_clocks(self, answer: protocol.DataFrame, not_before_s: float) -> None:
-        """Compare the clocks by an answer that has just arrived; its sensors were read after ``not_before_s``."""
-        self._clock.compare(self._clock.unwrap(self.wire.hub_time_ms(answer.payload)), not_before_s, self.now_s())
+        """Compare the clocks by an answer that has just arrived; its sensors were read after
+        ``not_before_s``."""
+        self._clock.compare(
+            self._clock.unwrap(self.wire.hub_time_ms(answer.payload)), not_before_s, self.now_s()
+        )
 
     def _reading(self, answer: protocol.DataFrame, round_trip_s: float) -> Reading:
         """Reading from the newest answer, as old as it is now."""
@@ -314,7 +357,9 @@ class HubLink(RobotLink):
             if name not in self._saturated:
                 self._saturated.add(name)
                 _log.warning(
-                    "the channel '%s' is beyond what 16 bits carry, and stays at their end; give it a smaller scale", name
+                    "the channel '%s' is beyond what 16 bits carry, and stays at their end; give "
+                    "it a smaller scale",
+                    name,
                 )
         time_ms = self._clock.unwrap(wrapped_ms)
         return Reading(values, time_ms, round_trip_s, self._clock.age_s(time_ms, self.now_s()))
@@ -340,16 +385,23 @@ class HubLink(RobotLink):
         return frame.seq == self._seq
 
     def _adapt_watchdog(self) -> None:
-        """Before an exchange, set the watchdog by the measured round trips: at once if one took long, and from time to time."""
+        """Before an exchange, set the watchdog by the measured round trips: at once if one took
+        long, and from time to time."""
         delays_s = self.statistics.delays_s
-        is_slow = bool(delays_s) and _watchdog_ms(_WATCHDOG_ROUND_TRIPS * delays_s[-1]) > self._watchdog_ms
+        is_slow = (
+            bool(delays_s)
+            and _watchdog_ms(_WATCHDOG_ROUND_TRIPS * delays_s[-1]) > self._watchdog_ms
+        )
         if is_slow or self.statistics.exchanges % _EXCHANGES_PER_WATCHDOG_CHECK == 0:
             needed_ms = self._needed_watchdog_ms()
             if not self._watchdog_ms / 2 <= needed_ms <= self._watchdog_ms:
                 self._set_watchdog(needed_ms)
 
     def _needed_watchdog_ms(self) -> int:
-        return max(self._least_watchdog_ms, _watchdog_ms(_WATCHDOG_ROUND_TRIPS * percentile(self.statistics.delays_s, 99)))
+        return max(
+            self._least_watchdog_ms,
+            _watchdog_ms(_WATCHDOG_ROUND_TRIPS * percentile(self.statistics.delays_s, 99)),
+        )
 
     def _set_watchdog(self, watchdog_ms: int) -> None:
         self._write(_watchdog_frame(watchdog_ms))
@@ -357,9 +409,11 @@ class HubLink(RobotLink):
 
     # ---- what the hub's program sends
 
-    def _wait_for(self, is_wanted: Callable[[protocol.Frame], bool], window_s: float) -> protocol.Frame | None:
-        """The first wanted frame that comes in time, or has come. The number of reads is bounded too, in case the clock stands
-        still."""
+    def _wait_for(
+        self, is_wanted: Callable[[protocol.Frame], bool], window_s: float
+    ) -> protocol.Frame | None:
+        """The first wanted frame that comes in time, or has come. The number of reads is bounded
+        too, in case the clock stands still."""
         deadline_s = self._transport.now_s() + window_s
         for number in range(_READS_PER_WAIT):
             while self._frames:
@@ -373,7 +427,8 @@ class HubLink(RobotLink):
         return None
 
     def _feed(self, data: bytes) -> None:
-        """Take bytes, and count the invalid ones. Raises HubProgramError for a traceback among them."""
+        """Take bytes, and count the invalid ones. Raises HubProgramError for a traceback among
+        them."""
         decoder = self._decoder
         crc_errors, skipped_bytes = decoder.crc_errors, decoder.skipped_bytes
         self._frames.extend(decoder.feed(data))
@@ -386,10 +441,13 @@ class HubLink(RobotLink):
                     if not rest:
                         break
                     self._decoder.feed(rest)
-            raise HubProgramError(describe_traceback(self._decoder.text, self.program.source, self.program.name))
+            raise HubProgramError(
+                describe_traceback(self._decoder.text, self.program.source, self.program.name)
+            )
 
     def _raise_program_error(self) -> None:
-        """After a failure, raise the error of a traceback or a BYE frame, which says more than the transport's."""
+        """After a failure, raise the error of a traceback or a BYE frame, which says more than the
+        transport's."""
         try:
             self._feed(self._transport.read(0.0))
         except HubProgramError:
@@ -404,26 +462,34 @@ class HubLink(RobotLink):
         """Error for a timeout, with the last line that the program printed."""
         printed = self._decoder.text.strip().splitlines()
         last_line = f" (it printed: {printed[-1]})" if printed else ""
-        return HubTimeoutError(f"{problem} within {waited_s:g} s{last_line}; check that it is on and near, then call open()")
+        return HubTimeoutError(
+            f"{problem} within {waited_s:g} s{last_line}; check that it is on and near, then "
+            "call open()"
+        )
 
 
 def bye_error(bye: protocol.ControlFrame) -> SilentHubError:
     """Error for a BYE frame."""
     is_silence = bye.payload[0] == protocol.ByeReason.SILENCE
     why = "it had not heard from this computer for too long" if is_silence else "it was told to"
-    return SilentHubError(f"the program on the hub ended because {why}; call open() to start it again")
+    return SilentHubError(
+        f"the program on the hub ended because {why}; call open() to start it again"
+    )
 
 
 def check_hello(hello: protocol.ControlFrame, expected_hash: int) -> None:
-    """Raise HubProtocolError unless the HELLO has the expected program hash and our protocol version."""
+    """Raise HubProtocolError unless the HELLO has the expected program hash and our protocol
+    version."""
     version, program_hash = protocol.parse_hello(hello.payload)
     if version != protocol.PROTOCOL_VERSION:
         raise HubProtocolError(
-            f"the hub speaks protocol {version}, this computer {protocol.PROTOCOL_VERSION}; install one version of brickhub"
+            f"the hub speaks protocol {version}, this computer {protocol.PROTOCOL_VERSION}; "
+            "install one version of brickhub"
         )
     if program_hash != expected_hash:
         raise HubProtocolError(
-            f"another program runs on the hub (hash {program_hash:08x}, not {expected_hash:08x}); stop it and open again"
+            f"another program runs on the hub (hash {program_hash:08x}, not {expected_hash:08x}); "
+            "stop it and open again"
         )
 
 

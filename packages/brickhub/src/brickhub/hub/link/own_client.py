@@ -1,6 +1,8 @@
-"""Link to a client program of a user's own: commands and answers are ``struct``s of the user's, without frames.
+"""Link to a client program of a user's own: commands and answers are ``struct``s of the user's,
+without frames.
 
-The program waits for a command, acts, and answers; nothing is numbered, so that nothing can be repeated. It has no watchdog.
+The program waits for a command, acts, and answers; nothing is numbered, so that nothing can be
+repeated. It has no watchdog.
 """
 
 import contextlib
@@ -31,12 +33,14 @@ _TRACEBACK = b"Traceback"
 
 @dataclass(frozen=True)
 class OwnClient:
-    """A client program and its formats. Raises DescriptionError if there is no such file, or a format is none.
+    """A client program and its formats. Raises DescriptionError if there is no such file, or a
+    format is none.
 
     Attributes:
-        program: path of the program, which becomes absolute; a relative one is found as Python finds modules, beside the file
-            that names it or in the present folder.
-        commands, answer: ``struct`` formats of what it reads at a step, and of what it writes then, such as ``"!ff"``.
+        program: path of the program, which becomes absolute; a relative one is found as Python
+            finds modules, beside the file that names it or in the present folder. commands, answer:
+            ``struct`` formats of what it reads at a step, and of what it writes then, such as
+            ``"!ff"``.
     """
 
     program: str
@@ -44,25 +48,40 @@ class OwnClient:
     answer: str
 
     def __post_init__(self) -> None:
-        found = next((path for folder in ("", *sys.path) if (path := Path(folder, self.program)).is_file()), None)
+        found = next(
+            (path for folder in ("", *sys.path) if (path := Path(folder, self.program)).is_file()),
+            None,
+        )
         if found is None:
-            raise DescriptionError(f"there is no client program '{self.program}'; put it beside your task, or give its path")
+            raise DescriptionError(
+                f"there is no client program '{self.program}'; put it beside your task, or give "
+                "its path"
+            )
         object.__setattr__(self, "program", str(found.resolve()))
         for form in (self.commands, self.answer):
             try:
                 zeros = _zeros(form)
             except (struct.error, TypeError) as error:
-                raise DescriptionError(f"'{form}' is no struct format ({error}); give one such as '!f'") from None
+                raise DescriptionError(
+                    f"'{form}' is no struct format ({error}); give one such as '!f'"
+                ) from None
             if not zeros or any(isinstance(zero, bytes) for zero in zeros):
-                raise DescriptionError(f"the client's format '{form}' has no numbers or a text; give numbers only, such as '!f'")
+                raise DescriptionError(
+                    f"the client's format '{form}' has no numbers or a text; give numbers only, "
+                    "such as '!f'"
+                )
 
     def check(self, interface: Interface) -> None:
         """Raise DescriptionError unless the formats have a number for each command and channel."""
-        for form, numbers in ((self.commands, interface.commands), (self.answer, interface.channels)):
+        for form, numbers in (
+            (self.commands, interface.commands),
+            (self.answer, interface.channels),
+        ):
             if len(_zeros(form)) != len(numbers):
                 expected = ", ".join(number.name for number in numbers)
                 raise DescriptionError(
-                    f"the client's '{form}' is not a format for {len(numbers)} numbers ({expected}); correct it"
+                    f"the client's '{form}' is not a format for {len(numbers)} numbers "
+                    f"({expected}); correct it"
                 )
 
     def load(self) -> HubProgram:
@@ -70,15 +89,22 @@ class OwnClient:
         return load_program(Path(self.program))
 
     def encoded(self, values: Iterable[float]) -> bytes:
-        """The bytes of a command; whole numbers are rounded. Raises EncodingError if the format cannot hold the values."""
+        """The bytes of a command; whole numbers are rounded. Raises EncodingError if the format
+        cannot hold the values."""
         numbers = [float(value) for value in values]
         try:
             if any(map(math.isnan, numbers)):
                 raise ValueError("not a number")
             zeros = zip(numbers, _zeros(self.commands), strict=True)
-            return struct.pack(self.commands, *(round(number) if isinstance(zero, int) else number for number, zero in zeros))
+            return struct.pack(
+                self.commands,
+                *(round(number) if isinstance(zero, int) else number for number, zero in zeros),
+            )
         except (struct.error, ValueError, OverflowError) as error:
-            raise EncodingError(f"the client's commands '{self.commands}' cannot hold {numbers} ({error}); correct one") from None
+            raise EncodingError(
+                f"the client's commands '{self.commands}' cannot hold {numbers} ({error}); "
+                "correct one"
+            ) from None
 
 
 def _zeros(form: str) -> tuple[Any, ...]:
@@ -104,9 +130,10 @@ class _AnswerDecoder(FrameDecoder):
 
 
 class ClientLink(HubLink):
-    """A :class:`HubLink` to a client of one's own; further arguments as there. ``read`` sends zeros, or the values nearest to
-    zero, as such a client answers only a command. ``warns`` is whether it says, once, that there is no watchdog. Raises
-    ProgramError if the program cannot run on this hub, DescriptionError if its formats do not fit the interface."""
+    """A :class:`HubLink` to a client of one's own; further arguments as there. ``read`` sends
+    zeros, or the values nearest to zero, as such a client answers only a command. ``warns`` is
+    whether it says, once, that there is no watchdog. Raises ProgramError if the program cannot run
+    on this hub, DescriptionError if its formats do not fit the interface."""
 
     def __init__(
         self,
@@ -140,7 +167,11 @@ class ClientLink(HubLink):
     def _start_program(self) -> None:
         if self._warns:
             self._warns = False
-            _log.warning("%s has no watchdog: if the link breaks, motors may run on; switch the hub off then", self.program.name)
+            _log.warning(
+                "%s has no watchdog: if the link breaks, motors may run on; switch the hub "
+                "off then",
+                self.program.name,
+            )
         self._run_program()
         self._started_s = self.now_s()
         self.state = after(self.state, Cause.OPENED)
@@ -166,14 +197,20 @@ class ClientLink(HubLink):
             try:
                 yield
             except ProgramStoppedError:
-                raise ProgramStoppedError(f"{self.program.name} has ended; let it answer in a loop without end") from None
+                raise ProgramStoppedError(
+                    f"{self.program.name} has ended; let it answer in a loop without end"
+                ) from None
 
     def _require_no_more(self) -> None:
         if self._frames or self._answers.rest:
-            raise HubProtocolError(f"{self.program.name} sent more than an answer '{self._client.answer}'; correct one of them")
+            raise HubProtocolError(
+                f"{self.program.name} sent more than an answer '{self._client.answer}'; correct "
+                "one of them"
+            )
 
     def _receive(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
-        """The answer to a command, which is sent once only. Raises HubTimeoutError if none comes."""
+        """The answer to a command, which is sent once only. Raises HubTimeoutError if none
+        comes."""
         limit_s = longest_move_s + self._timeout_s
         answer = self._wait_for(lambda _: True, self._sent_s + limit_s - self.now_s())
         if not isinstance(answer, DataFrame):
@@ -185,5 +222,7 @@ class ClientLink(HubLink):
         self.statistics.record(round_trip_s, 0.0)
         values = tuple(map(float, struct.unpack(self._client.answer, answer.payload)))
         if not all(map(math.isfinite, values)):
-            raise HubProtocolError(f"{self.program.name} answers {list(values)}, which are not all numbers; correct it")
+            raise HubProtocolError(
+                f"{self.program.name} answers {list(values)}, which are not all numbers; correct it"
+            )
         return Reading(values, round(1000 * running_s), round_trip_s)

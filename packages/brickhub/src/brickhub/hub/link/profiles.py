@@ -1,7 +1,10 @@
-"""Profiles of Bluetooth links: what a connection does to messages between a computer and a hub, as a table.
+"""Profiles of Bluetooth links: what a connection does to messages between a computer and a hub, as
+a table.
 
-Computer and hub meet at connection events only. What is lost in one is sent again in the next one. Losses come in bursts, after
-E. N. Gilbert (1960), https://doi.org/10.1002/j.1538-7305.1960.tb03959.x: during one, ``BURST_LOSS`` of the events are lost.
+Computer and hub meet at connection events only. What is lost in one is sent again in the next one.
+Losses come in bursts, after E. N. Gilbert (1960),
+https://doi.org/10.1002/j.1538-7305.1960.tb03959.x: during one, ``BURST_LOSS`` of the events are
+lost.
 """
 
 from dataclasses import dataclass
@@ -11,7 +14,8 @@ from brickhub.errors import UnknownNameError, hint
 BURST_LOSS = 0.5
 """Share of lost events during a burst; an estimate, as is the duration of bursts."""
 PAUSE_MS = 500.0
-"""Time without a command after which the next one is late: labapart/gattlib#223 had it at 1 s and not below 0.5 s."""
+"""Time without a command after which the next one is late: labapart/gattlib#223 had it at 1 s and
+not below 0.5 s."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +24,8 @@ class LinkProfile:
 
     Attributes:
         interval_ms: connection interval, the time between two events; 0 for a link without delay.
-        jitter_ms: mean of the exponentially distributed time that a message takes within the computer.
+        jitter_ms: mean of the exponentially distributed time that a message takes within the
+            computer.
         loss: share of events in which a packet is lost, up to ``BURST_LOSS``.
         burst_ms: mean duration of a burst of losses.
         lost_notifications: share of the hub's notifications that never arrive.
@@ -40,9 +45,10 @@ PROFILES = {
     "linux": LinkProfile(45.0, 6.0, 0.01, 300.0, 0.0001, 250.0),
     "bad-room": LinkProfile(45.0, 6.0, 0.1, 300.0, 0.0002, 250.0),
 }
-"""Links by name. Intervals: about 15 ms on macOS; 30 to 50 ms on Linux (bluez/bluez#847), where the BricksRL paper's 11 Hz are
-exchanges of two intervals of 45 ms. A pause on Linux: up to 300 ms (labapart/gattlib#223). Notifications do get lost
-(pybricks/support#320), nobody has counted how many. The rest is estimated."""
+"""Links by name. Intervals: about 15 ms on macOS; 30 to 50 ms on Linux (bluez/bluez#847), where the
+BricksRL paper's 11 Hz are exchanges of two intervals of 45 ms. A pause on Linux: up to 300 ms
+(labapart/gattlib#223). Notifications do get lost (pybricks/support#320), nobody has counted how
+many. The rest is estimated."""
 DEFAULT_LINK = "linux"
 IDEAL = LinkProfile(0.0)
 """A link without delays and losses."""
@@ -51,5 +57,7 @@ IDEAL = LinkProfile(0.0)
 def profile(name: str) -> LinkProfile:
     """The profile of that name. Raises UnknownNameError if there is none."""
     if name not in PROFILES:
-        raise UnknownNameError(f"there is no link '{name}'{hint(name, PROFILES)}; choose {', '.join(PROFILES)}")
+        raise UnknownNameError(
+            f"there is no link '{name}'{hint(name, PROFILES)}; choose {', '.join(PROFILES)}"
+        )
     return PROFILES[name]

@@ -1,4 +1,5 @@
-"""Link to a robot, as everybody uses one who commands it: to the program on a hub, or to the devices of LEGO's kits."""
+"""Link to a robot, as everybody uses one who commands it: to the program on a hub, or to the
+devices of LEGO's kits."""
 
 import contextlib
 import threading
@@ -19,7 +20,8 @@ class Reading:
 
     Attributes:
         values: ``[n_channels]``, in channel order and units, rounded to float32.
-        hub_time_ms: the hub's clock when it read its sensors, since its program started; it does not wrap.
+        hub_time_ms: the hub's clock when it read its sensors, since its program started; it does
+            not wrap.
         round_trip_s: time from the first sending of the command to the first answer.
         age_s: age of the sensor values when the reading was returned; see ``timing.py``.
     """
@@ -31,8 +33,8 @@ class Reading:
 
 
 class RobotLink(ABC):
-    """Link to one robot. Use it as a context manager: leaving stops the robot. Methods raise as those of
-    :class:`~brickhub.hub.link.lockstep.HubLink`, which documents them.
+    """Link to one robot. Use it as a context manager: leaving stops the robot. Methods raise as
+    those of :class:`~brickhub.hub.link.lockstep.HubLink`, which documents them.
 
     Args:
         watchdog_s: time without a command after which the motors stop by themselves.
@@ -68,7 +70,8 @@ class RobotLink(ABC):
 
     @abstractmethod
     def emergency_stop(self) -> None:
-        """Stop the motors at once, from any thread. All later calls raise ``StoppedError`` until ``release``."""
+        """Stop the motors at once, from any thread. All later calls raise ``StoppedError`` until
+        ``release``."""
 
     def release(self) -> None:
         """End an emergency stop: ``open`` goes on."""
@@ -96,7 +99,12 @@ class RobotLink(ABC):
             raise
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
     def _check_halted(self) -> None:
@@ -112,11 +120,14 @@ class RobotLink(ABC):
 
     @contextlib.contextmanager
     def _fault(self) -> Iterator[None]:
-        """Set the state that the table has for an error raised inside; during an emergency stop raise StoppedError instead."""
+        """Set the state that the table has for an error raised inside; during an emergency stop
+        raise StoppedError instead."""
         try:
             yield
         except (HubError, StoppedError) as error:
-            self.state = after(self.state, Cause.HALTED if self._halted.is_set() else cause_of(error))
+            self.state = after(
+                self.state, Cause.HALTED if self._halted.is_set() else cause_of(error)
+            )
             if self._halted.is_set() and not isinstance(error, StoppedError):
                 raise stopped_error() from error
             raise

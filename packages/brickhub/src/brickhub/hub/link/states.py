@@ -36,7 +36,10 @@ class LinkState(enum.Enum):
 _ANY = frozenset(LinkState)
 _OPEN = frozenset({LinkState.READY, LinkState.ARMED})
 _CLOSED = frozenset({LinkState.DISCONNECTED, LinkState.FAULT})
-_WATCHDOG = "stops its motors after 0.4 s of silence; ends its program (at once during a step, else 10 s later) and advertises"
+_WATCHDOG = (
+    "stops its motors after 0.4 s of silence; ends its program (at once during a step, else "
+    "10 s later) and advertises"
+)
 _AT_ONCE = "stops its motors at once"
 
 
@@ -86,9 +89,17 @@ class Cause(enum.Enum):
         after=LinkState.READY,
     )
     STOPPED = Transition(
-        "`stop`, `close`, or the end of this program", "stops the program", _AT_ONCE, after=LinkState.DISCONNECTED
+        "`stop`, `close`, or the end of this program",
+        "stops the program",
+        _AT_ONCE,
+        after=LinkState.DISCONNECTED,
     )
-    HALTED = Transition("emergency stop", "stops the program; everything raises until `release`", _AT_ONCE, (StoppedError,))
+    HALTED = Transition(
+        "emergency stop",
+        "stops the program; everything raises until `release`",
+        _AT_ONCE,
+        (StoppedError,),
+    )
     NO_ANSWER = Transition(
         "no answer in time, or a write without acknowledgement",
         "gives up; `open` connects again if necessary",
@@ -99,7 +110,9 @@ class Cause(enum.Enum):
         "`open` searches for the same hub, with growing pauses, for 20 s",
         errors=(HubDisconnectedError,),
     )
-    BUSY = Transition("the hub stays busy", "has retried for 2 s; `open` starts again", errors=(HubBusyError,))
+    BUSY = Transition(
+        "the hub stays busy", "has retried for 2 s; `open` starts again", errors=(HubBusyError,)
+    )
     REFUSED = Transition(
         "the hub refuses a command, or sends an unknown answer",
         "`open` downloads the program again",
@@ -112,10 +125,14 @@ class Cause(enum.Enum):
         (HubProgramError,),
     )
     ENDED = Transition(
-        "the program was stopped on the hub, by its button", "`open` starts the program again", _AT_ONCE, (ProgramStoppedError,)
+        "the program was stopped on the hub, by its button",
+        "`open` starts the program again",
+        _AT_ONCE,
+        (ProgramStoppedError,),
     )
     SILENCE = Transition(
-        "the program ended because it had not heard from this computer, for 0.4 s during a step or 10 s more between steps",
+        "the program ended because it had not heard from this computer, for 0.4 s during a step "
+        "or 10 s more between steps",
         "`read` starts the program again; `act` does not",
         "has stopped its motors and advertises",
         (SilentHubError,),
@@ -126,7 +143,9 @@ class Cause(enum.Enum):
         "says what to do",
         errors=(HubNotFoundError, MediumUnavailableError),
     )
-    UNKNOWN = Transition("anything else that the transport reports", "`open` starts again", errors=(HubError,))
+    UNKNOWN = Transition(
+        "anything else that the transport reports", "`open` starts again", errors=(HubError,)
+    )
 
 
 _CAUSES = {error: cause for cause in Cause for error in cause.value.errors}
@@ -138,7 +157,8 @@ def cause_of(error: BricksError) -> Cause:
 
 
 def after(state: LinkState, cause: Cause) -> LinkState:
-    """Next state. Raises ValueError if the cause cannot occur in this state, which is a bug of ours."""
+    """Next state. Raises ValueError if the cause cannot occur in this state, which is a bug of
+    ours."""
     if state not in cause.value.before:
         raise ValueError(f"'{cause.value.event}' cannot come while the link is {state.value}")
     return cause.value.after
@@ -146,9 +166,18 @@ def after(state: LinkState, cause: Cause) -> LinkState:
 
 def markdown() -> str:
     """Table of transitions in Markdown, for the documentation."""
-    lines = ["| what happens | in state | then | the call raises | this computer | the hub |", "|---|---|---|---|---|---|"]
+    lines = [
+        "| what happens | in state | then | the call raises | this computer | the hub |",
+        "|---|---|---|---|---|---|",
+    ]
     for row in (cause.value for cause in Cause):
-        before = "any" if row.before == _ANY else ", ".join(state.value for state in LinkState if state in row.before)
+        before = (
+            "any"
+            if row.before == _ANY
+            else ", ".join(state.value for state in LinkState if state in row.before)
+        )
         error = f"`{row.errors[0].__name__}`" if row.errors else "-"
-        lines.append(f"| {row.event} | {before} | {row.after.value} | {error} | {row.host} | {row.hub} |")
+        lines.append(
+            f"| {row.event} | {before} | {row.after.value} | {error} | {row.host} | {row.hub} |"
+        )
     return "\n".join(lines) + "\n"

@@ -1,11 +1,11 @@
 """Streaming link: the hub sends observations continuously, and applies the latest command.
 
-In lock-step a step takes two connection intervals beyond its own time, during which the robot idles. Here steps have a
-fixed rate: ``act`` sends the command and returns at the end of its step, with the newest observation that the hub made
-under that command. Its age is in ``Reading.age_s``.
+In lock-step a step takes two connection intervals beyond its own time, during which the robot
+idles. Here steps have a fixed rate: ``act`` sends the command and returns at the end of its step,
+with the newest observation that the hub made under that command. Its age is in ``Reading.age_s``.
 
-The frame is sent at least three times within the time of the watchdog, as a keepalive; the hub ignores commands with a
-sequence number that it has seen.
+The frame is sent at least three times within the time of the watchdog, as a keepalive; the hub
+ignores commands with a sequence number that it has seen.
 """
 
 import math
@@ -30,19 +30,24 @@ _WAITS_PER_STEP = 100_000
 
 
 class StreamingLink(HubLink):
-    """A :class:`HubLink`, with the same arguments, whose hub sends observations by itself. Raises DescriptionError if a step of
-    this interface has no fixed time."""
+    """A :class:`HubLink`, with the same arguments, whose hub sends observations by itself. Raises
+    DescriptionError if a step of this interface has no fixed time."""
 
-    def __init__(self, transport: Transport, robot: Robot, interface: Interface, **options: Any) -> None:
+    def __init__(
+        self, transport: Transport, robot: Robot, interface: Interface, **options: Any
+    ) -> None:
         super().__init__(transport, robot, interface, **options)
         step_ms = interface.settle.fixed_ms
         if step_ms is None:
-            raise DescriptionError("a step that ends when its moves have ended cannot be streamed; omit streaming")
+            raise DescriptionError(
+                "a step that ends when its moves have ended cannot be streamed; omit streaming"
+            )
         self._step_s = step_ms / 1000
         self._due_s = -math.inf
 
     def act(self, values: Iterable[float]) -> Reading:
-        """Send a new command, and return at the end of the step with the newest observation made under it.
+        """Send a new command, and return at the end of the step with the newest observation made
+        under it.
 
         Steps start ``settle.time_ms`` apart, if the caller takes less time than that between them.
 
@@ -68,7 +73,8 @@ class StreamingLink(HubLink):
         self._write(control_frame(Down.STREAM, struct.pack("<H", PERIOD_MS)))
 
     def _is_answer(self, frame: Frame) -> bool:
-        """Whether a frame answers; observations under an earlier command are normal here, and not counted as stale."""
+        """Whether a frame answers; observations under an earlier command are normal here, and not
+        counted as stale."""
         if isinstance(frame, ControlFrame):
             return super()._is_answer(frame)
         return frame.seq == self._seq
@@ -87,7 +93,8 @@ class StreamingLink(HubLink):
             if now_s >= give_up_s:
                 break
             if now_s >= next_send_s:
-                if newest is None and next_send_s > started_s:  # the command was lost, or the request for observations
+                # the command was lost, or the request for observations
+                if newest is None and next_send_s > started_s:
                     self.statistics.resends += 1
                     self._request_stream()
                 self._write(frame)

@@ -1,15 +1,18 @@
 """Times of a link: the hub's clock, repetitions of a frame, and statistics of the exchanges.
 
-The clocks of hub and computer have different origins. Each exchange bounds their offset: the sensors were read after the
-command was sent and before the answer arrived. The offset is the midpoint of the tightest bounds of the recent exchanges; its
-error is at most half of their distance, about half of the link's shortest round trip. Older exchanges are dropped because
-crystals drift (50 ppm are 1 ms in 20 s).
+The clocks of hub and computer have different origins. Each exchange bounds their offset: the
+sensors were read after the command was sent and before the answer arrived. The offset is the
+midpoint of the tightest bounds of the recent exchanges; its error is at most half of their
+distance, about half of the link's shortest round trip. Older exchanges are dropped because crystals
+drift (50 ppm are 1 ms in 20 s).
 
-A hub stops its motors after hearing nothing from its host for the watchdog's time, and ends its program if that is in the middle
-of a step. So a step's frame is repeated as a keepalive: twice within the watchdog's time where the step ends before it, six times
-in a longer step, so that four in a row may get lost. Not more often, because a write takes two connection intervals until it is
-acknowledged, and an emergency stop and the next command have to wait for that. For the same reason none is sent when the answer
-is due. An answer is overdue after half of the watchdog's time, at least twice the 99th percentile of the round trips.
+A hub stops its motors after hearing nothing from its host for the watchdog's time, and ends its
+program if that is in the middle of a step. So a step's frame is repeated as a keepalive: twice
+within the watchdog's time where the step ends before it, six times in a longer step, so that four
+in a row may get lost. Not more often, because a write takes two connection intervals until it is
+acknowledged, and an emergency stop and the next command have to wait for that. For the same reason
+none is sent when the answer is due. An answer is overdue after half of the watchdog's time, at
+least twice the 99th percentile of the round trips.
 """
 
 import functools
@@ -33,12 +36,14 @@ class HubClock:
         self._upper_bounds_s: deque[float] = deque(maxlen=_RECENT)
 
     def unwrap(self, time_ms: int) -> int:
-        """Unwrap the hub's 16-bit clock; answers are never a whole wrap (65.5 s) apart unless the program ended."""
+        """Unwrap the hub's 16-bit clock; answers are never a whole wrap (65.5 s) apart unless the
+        program ended."""
         self._time_ms += (time_ms - self._time_ms) % _WRAP_MS
         return self._time_ms
 
     def compare(self, time_ms: int, not_before_s: float, arrived_s: float) -> None:
-        """Add the bounds of one exchange: ``time_ms`` is the hub's unwrapped clock, the others are this computer's."""
+        """Add the bounds of one exchange: ``time_ms`` is the hub's unwrapped clock, the others are
+        this computer's."""
         self._lower_bounds_s.append(not_before_s - time_ms / 1000)
         self._upper_bounds_s.append(arrived_s - time_ms / 1000)
 
@@ -52,7 +57,8 @@ class HubClock:
 
 
 def repeat_times_s(move_s: float | None, watchdog_s: float) -> Iterator[float]:
-    """Times at which a frame is repeated until its answer comes, counted from when it was sent; an infinite iterator.
+    """Times at which a frame is repeated until its answer comes, counted from when it was sent; an
+    infinite iterator.
 
     Args:
         move_s: time until the answer is due on the hub; ``None`` if unknown.
@@ -64,7 +70,9 @@ def repeat_times_s(move_s: float | None, watchdog_s: float) -> Iterator[float]:
         return itertools.accumulate(itertools.repeat(longest_s))
     count = int(move_s / longest_s)
     pause_s, overdue_s = move_s / (count + 1), watchdog_s / 2
-    return itertools.accumulate(itertools.chain([pause_s] * count, [pause_s + overdue_s], itertools.repeat(overdue_s)))
+    return itertools.accumulate(
+        itertools.chain([pause_s] * count, [pause_s + overdue_s], itertools.repeat(overdue_s))
+    )
 
 
 def percentile(values: Iterable[float], percent: float) -> float:
@@ -81,17 +89,19 @@ _recent = functools.partial(deque[float], maxlen=_RECENT_EXCHANGES)
 
 @dataclass
 class LinkStatistics:
-    """Counts since the link was made; percentiles are over the last 500 exchanges, and 0 before the first.
+    """Counts since the link was made; percentiles are over the last 500 exchanges, and 0 before the
+    first.
 
     Attributes:
         exchanges: commands and readings that were answered.
         resends: frames sent again because no answer came in time.
-        stale_answers: answers to another sequence number than the one waited for.
-        crc_errors, skipped_bytes: see ``FrameDecoder``.
+        stale_answers: answers to another sequence number than the one waited for. crc_errors,
+        skipped_bytes: see ``FrameDecoder``.
         watchdog_s: silence after which the hub stops its motors.
         round_trips_s: times from the first sending to the answer, including the commands' duration.
         ages_s: ages of the observations when they were returned.
-        delays_s: times from writing a frame to its acknowledgement, the round trips of the link itself, except after a pause.
+        delays_s: times from writing a frame to its acknowledgement, the round trips of the link
+            itself, except after a pause.
     """
 
     exchanges: int = 0

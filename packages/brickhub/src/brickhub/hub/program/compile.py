@@ -19,17 +19,22 @@ MAIN_MODULE = "__main__"
 
 
 def cross_compile(source: str, name: str) -> tuple[bytes | None, str]:
-    """The program as ``.mpy`` version 6, and what the compiler reports. ``name`` is the file name that tracebacks show. Raises
-    ProgramError if the compiler could not be run."""
+    """The program as ``.mpy`` version 6, and what the compiler reports. ``name`` is the file name
+    that tracebacks show. Raises ProgramError if the compiler could not be run."""
     try:
         process, mpy = mpy_cross_compile(name, source, extra_args=[_SMALL_INT_BITS])
     except OSError as error:
-        raise ProgramError(f"the compiler mpy-cross could not be run ({error}); reinstall mpy-cross-v6") from error
-    return mpy, process.stderr.decode("utf-8", "replace").strip() or f"mpy-cross ended with status {process.returncode}"
+        raise ProgramError(
+            f"the compiler mpy-cross could not be run ({error}); reinstall mpy-cross-v6"
+        ) from error
+    return mpy, process.stderr.decode(
+        "utf-8", "replace"
+    ).strip() or f"mpy-cross ended with status {process.returncode}"
 
 
 def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
-    """Compile a program as `cross_compile`. Raises ProgramError if it is not MicroPython, or the compiler could not be run."""
+    """Compile a program as `cross_compile`. Raises ProgramError if it is not MicroPython, or the
+    compiler could not be run."""
     mpy, report = cross_compile(source, name)
     if mpy is None:
         numbers = re.findall(r'File ".*", line (\d+)', report)
@@ -39,25 +44,40 @@ def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
 
 
 def compile_program(program: HubProgram) -> dict[str, bytes]:
-    """Compile a program and the modules beside it to ``.mpy``, by their names on the hub. Raises ProgramError if one of them is
-    not MicroPython, or the compiler could not be run."""
+    """Compile a program and the modules beside it to ``.mpy``, by their names on the hub. Raises
+    ProgramError if one of them is not MicroPython, or the compiler could not be run."""
     modules = {module.name: compile_mpy(module.source, module.file) for module in program.modules}
     return {MAIN_MODULE: compile_mpy(program.source, program.name), **modules}
 
 
 def program_blob(modules: Mapping[str, bytes], hub: AnyHub) -> bytes:
-    """Content of a hub's program area: ``<I length> name "\\0" mpy`` for each module, the program itself first. Raises
-    ProgramError if the content is larger than the program area.
+    """Content of a hub's program area: ``<I length> name "\\0" mpy`` for each module, the program
+    itself first. Raises ProgramError if the content is larger than the program area.
     """
-    blob = b"".join(struct.pack("<I", len(mpy)) + name.encode() + b"\0" + mpy for name, mpy in modules.items())
+    blob = b"".join(
+        struct.pack("<I", len(mpy)) + name.encode() + b"\0" + mpy for name, mpy in modules.items()
+    )
     max_bytes = hub.model.program_bytes
     if len(blob) > max_bytes:
-        raise ProgramError(f"the program has {len(blob)} bytes, the {hub.value} hub takes {max_bytes}; make it shorter")
+        raise ProgramError(
+            f"the program has {len(blob)} bytes, the {hub.value} hub takes {max_bytes}; make "
+            "it shorter"
+        )
     return blob
 
 
 U_PREFIXED = ("sys", "select", "struct", "math", "random", "json", "io", "errno")
-_PYBRICKS = ("hubs", "parameters", "pupdevices", "robotics", "tools", "messaging", "iodevices", "geometry", "experimental")
+_PYBRICKS = (
+    "hubs",
+    "parameters",
+    "pupdevices",
+    "robotics",
+    "tools",
+    "messaging",
+    "iodevices",
+    "geometry",
+    "experimental",
+)
 HUB_MODULES = frozenset(
     (
         *U_PREFIXED,
@@ -74,28 +94,49 @@ HUB_MODULES = frozenset(
 
 
 def check_program(program: HubProgram, hub: AnyHub) -> int:
-    """Size in bytes of a program on a hub. Raises ProgramError if the compiler refuses it, it is too large, imports a module that
-    is neither on the hub nor beside it, or reads a name that nothing sets."""
+    """Size in bytes of a program on a hub. Raises ProgramError if the compiler refuses it, it is
+    too large, imports a module that is neither on the hub nor beside it, or reads a name that
+    nothing sets."""
     size = len(program_blob(compile_program(program), hub))
     modules = HUB_MODULES | {module.name for module in program.modules}
-    for file, source in ((program.name, program.source), *((module.file, module.source) for module in program.modules)):
+    for file, source in (
+        (program.name, program.source),
+        *((module.file, module.source) for module in program.modules),
+    ):
         tree = parse(source, file)
         for name in imported_modules(tree):
             if name not in modules:
-                raise ProgramError(f"{file}: the hub has no module '{name}'{hint(name, modules)}; put it beside the program")
+                raise ProgramError(
+                    f"{file}: the hub has no module '{name}'{hint(name, modules)}; put it beside "
+                    "the program"
+                )
         top = symtable.symtable(ast.unparse(tree), file, "exec")  # as CPython reads it
-        known = {symbol.get_name() for symbol in top.get_symbols() if symbol.is_assigned() or symbol.is_imported()}
-        known |= {name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names} | set(dir(builtins))
+        known = {
+            symbol.get_name()
+            for symbol in top.get_symbols()
+            if symbol.is_assigned() or symbol.is_imported()
+        }
+        known |= {
+            name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names
+        } | set(dir(builtins))
         for name in sorted(set(_global_names(top)) - known):
-            line = next(node.lineno for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == name)
-            raise ProgramError(f"{file}, line {line}: nothing sets '{name}'; define it, or correct the name")
+            line = next(
+                node.lineno
+                for node in ast.walk(tree)
+                if isinstance(node, ast.Name) and node.id == name
+            )
+            raise ProgramError(
+                f"{file}, line {line}: nothing sets '{name}'; define it, or correct the name"
+            )
     return size
 
 
 def _global_names(table: symtable.SymbolTable) -> Iterator[str]:
     """Names that a scope, and those within, read from the top level of the program."""
     yield from (
-        s.get_name() for s in table.get_symbols() if s.is_referenced() and (s.is_global() or table.get_type() == "module")
+        s.get_name()
+        for s in table.get_symbols()
+        if s.is_referenced() and (s.is_global() or table.get_type() == "module")
     )
     for scope in table.get_children():
         yield from _global_names(scope)

@@ -1,7 +1,9 @@
-"""Generator of the MicroPython program for a robot and an interface, which are first checked against each other.
+"""Generator of the MicroPython program for a robot and an interface, which are first checked
+against each other.
 
-A program consists of a header comment, the constants of the wire, the robot's devices, ``start_moves`` and
-``read_channels``, and the loop from ``onboard/loop.py``, which is the same for every robot.
+A program consists of a header comment, the constants of the wire, the robot's devices,
+``start_moves`` and ``read_channels``, and the loop from ``onboard/loop.py``, which is the same for
+every robot.
 """
 
 import hashlib
@@ -22,22 +24,31 @@ _MAX_SETTLE_MS = 60_000
 
 
 def validate(robot: Robot, interface: Interface) -> None:
-    """Check that the robot has every device that the interface names and that all ranges fit the wire. Raises ProgramError if
-    this kind of hub is not supported, DescriptionError if robot and interface do not match."""
+    """Check that the robot has every device that the interface names and that all ranges fit the
+    wire. Raises ProgramError if this kind of hub is not supported, DescriptionError if robot and
+    interface do not match."""
     model = robot.hub.model
     if not model.runs_programs:
-        raise ProgramError(f"robot '{robot.name}': a {robot.hub.value} runs no programs; programs for it run on this computer")
+        raise ProgramError(
+            f"robot '{robot.name}': a {robot.hub.value} runs no programs; programs for it run on "
+            "this computer"
+        )
     if model.stdin_bytes == 0:
         raise ProgramError(
-            f"robot '{robot.name}': a {robot.hub.value} hub has neither standard input nor floating point numbers nor ustruct, "
+            f"robot '{robot.name}': a {robot.hub.value} hub has neither standard input nor "
+            "floating point numbers nor ustruct, "
             "and is not supported; choose a prime, essential, technic or city hub"
         )
     if len(interface.commands) > protocol.MAX_ACTIONS:
         raise DescriptionError(
-            f"{len(interface.commands)} commands do not fit one write of 20 bytes; use at most {protocol.MAX_ACTIONS}"
+            f"{len(interface.commands)} commands do not fit one write of 20 bytes; use at most "
+            f"{protocol.MAX_ACTIONS}"
         )
     if not interface.channels:
-        raise DescriptionError("the interface has no channels; name at least one, so that the hub has something to answer")
+        raise DescriptionError(
+            "the interface has no channels; name at least one, so that the hub has something "
+            "to answer"
+        )
     for numbers in (interface.commands, interface.channels):
         counts = Counter(number.name for number in numbers)
         for number in numbers:
@@ -45,7 +56,9 @@ def validate(robot: Robot, interface: Interface) -> None:
                 raise number.error(f" is named {counts[number.name]} times; name each once")
             low, high, largest = number.low, number.high, WIRE_MAX / number.scale
             if not -largest <= low < high <= largest:
-                raise number.error(f" ranges from {low} to {high}; give low < high within +-{largest:g}")
+                raise number.error(
+                    f" ranges from {low} to {high}; give low < high within +-{largest:g}"
+                )
             number.check(robot)
     _check_encoders(robot, interface)
     movers = dict[str, Command]()
@@ -53,20 +66,34 @@ def validate(robot: Robot, interface: Interface) -> None:
         for motor in command.motors(robot):
             other = movers.setdefault(motor, command)
             if other is not command and (command.call is None or command.call != other.call):
-                raise DescriptionError(f"motor '{motor}' is moved by the commands '{other.name}' and '{command.name}'; use one")
+                raise DescriptionError(
+                    f"motor '{motor}' is moved by the commands '{other.name}' and "
+                    f"'{command.name}'; use one"
+                )
         if interface.settle.fixed_ms is None and not command.ends:
-            raise DescriptionError(f"the command '{command.name}' goes on until the next step; let the step Wait, not UntilDone")
+            raise DescriptionError(
+                f"the command '{command.name}' goes on until the next step; let the step Wait, "
+                "not UntilDone"
+            )
     check_fields(type(interface.settle), vars(interface.settle))
     time_ms = interface.settle.longest_ms
     if not 0 < time_ms <= _MAX_SETTLE_MS:
-        raise DescriptionError(f"the step settles after {time_ms} ms; give 1 to {_MAX_SETTLE_MS} ms")
+        raise DescriptionError(
+            f"the step settles after {time_ms} ms; give 1 to {_MAX_SETTLE_MS} ms"
+        )
 
 
 def _check_encoders(robot: Robot, interface: Interface) -> None:
-    for part in (*interface.channels, *(command for command in interface.commands if command.needs_encoder)):
+    for part in (
+        *interface.channels,
+        *(command for command in interface.commands if command.needs_encoder),
+    ):
         for motor in robot.motors:
             if motor.name in part.devices(robot) and not motor.kind.model.has_encoder:
-                raise part.error(f" needs an encoder, and '{motor.name}' is a {motor.kind.value} motor; use RunDuty")
+                raise part.error(
+                    f" needs an encoder, and '{motor.name}' is a {motor.kind.value} motor; "
+                    "use RunDuty"
+                )
 
 
 WATCHDOG_MS = 400
@@ -76,7 +103,8 @@ END_MS = 10_000
 
 
 def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> HubProgram:
-    """Generate the program with which ``robot`` takes the commands and reports the channels of ``interface``.
+    """Generate the program with which ``robot`` takes the commands and reports the channels of
+    ``interface``.
 
     The hash is that of the text with a hash of zeros.
 
@@ -97,22 +125,34 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
         _onboard("moves")[1],
         loop,
     ]
-    text = _joined(_header(robot, interface), _robot_imports(robot, interface) + input_imports + loop_imports, parts)
+    text = _joined(
+        _header(robot, interface),
+        _robot_imports(robot, interface) + input_imports + loop_imports,
+        parts,
+    )
     program_hash = hashlib.sha256(text.encode()).digest()[:4]
     source = text.replace(_hash_line(bytes(4)), _hash_line(program_hash), 1)
     return HubProgram(source, int.from_bytes(program_hash, "little"), pipe)
 
 
 def generate_alone(
-    robot: Robot, interface: Interface, observed: Sequence[int], policy: str, origin: str, age_ms: int
+    robot: Robot,
+    interface: Interface,
+    observed: Sequence[int],
+    policy: str,
+    origin: str,
+    age_ms: int,
 ) -> HubProgram:
-    """Generate a program with which ``robot`` acts by itself, without a host, until the center button is pressed.
+    """Generate a program with which ``robot`` acts by itself, without a host, until the center
+    button is pressed.
 
     Args:
         observed: indices of the channels that the policy observes, in its order.
-        policy: MicroPython that defines ``act(observed)``: actions in -1..1 for the observed numbers, in their units.
+        policy: MicroPython that defines ``act(observed)``: actions in -1..1 for the observed
+            numbers, in their units.
         origin: what the policy is, for the header.
-        age_ms: age of an observation when its commands start, as over the link that the policy learned with.
+        age_ms: age of an observation when its commands start, as over the link that the policy
+            learned with.
 
     Raises:
         DescriptionError: robot and interface do not match.
@@ -120,7 +160,9 @@ def generate_alone(
     """
     validate(robot, interface)
     settle = interface.settle
-    spans = [((c.low + c.high) / 2 * c.scale, (c.high - c.low) / 2 * c.scale) for c in interface.commands]
+    spans = [
+        ((c.low + c.high) / 2 * c.scale, (c.high - c.low) / 2 * c.scale) for c in interface.commands
+    ]
     policy_imports, policy = _parted(policy)
     alone_imports, alone = _onboard("alone")
     constants = [
@@ -129,9 +171,21 @@ def generate_alone(
         f"AGE_MS = {age_ms}  # age of an observation when its commands start",
         f"SPANS = {tuple(spans)}  # middle and half of each command's range, times its scale",
     ]
-    parts = ["\n".join(constants) + "\n", *_joint_part(robot, interface), _devices(robot, interface)]
-    parts += [_start_moves(robot, interface), _observe(interface, observed), policy, _onboard("moves")[1], alone]
-    header = _header(robot, interface, f"It acts by itself, by {origin}, until the center button is pressed.")
+    parts = [
+        "\n".join(constants) + "\n",
+        *_joint_part(robot, interface),
+        _devices(robot, interface),
+    ]
+    parts += [
+        _start_moves(robot, interface),
+        _observe(interface, observed),
+        policy,
+        _onboard("moves")[1],
+        alone,
+    ]
+    header = _header(
+        robot, interface, f"It acts by itself, by {origin}, until the center button is pressed."
+    )
     imports = _robot_imports(robot, interface) + policy_imports + alone_imports
     return HubProgram(_joined(header, imports, parts), 0, says_hello=False)
 
@@ -159,7 +213,9 @@ def _parted(text: str) -> tuple[list[str], str]:
 
 def onboard_text(name: str) -> str:
     """The hub's part of a file in ``onboard``."""
-    text = resources.files(f"{__package__}.onboard").joinpath(f"{name}.py").read_text(encoding="utf-8")
+    text = (
+        resources.files(f"{__package__}.onboard").joinpath(f"{name}.py").read_text(encoding="utf-8")
+    )
     return text.split("# --- the hub's part ---\n", 1)[1]
 
 
@@ -175,17 +231,30 @@ def _hash_line(program_hash: bytes) -> str:
 def _header(robot: Robot, interface: Interface, end: str = "") -> str:
     settle = interface.settle
     answer = (
-        f"It answers when all moves have ended, or after {settle.longest_ms} ms, when it stops those that have not."
+        (
+            f"It answers when all moves have ended, or after {settle.longest_ms} ms, when it stops "
+            "those that have not."
+        )
         if settle.fixed_ms is None
         else f"It answers {settle.fixed_ms} ms after the commands started."
     )
     lines = [
-        f'Program of the robot "{robot.name}" for the {robot.hub.value} hub, written by BricksRL from the robot\'s description.',
+        (
+            f'Program of the robot "{robot.name}" for the {robot.hub.value} hub, written by '
+            "BricksRL "
+            "from the robot's description."
+        ),
         "Do not edit: it is written anew whenever the description changes.",
         "Commands, in the order of the action:",
-        *(f"  {command.name}: {command.description.format(command)}" for command in interface.commands),
+        *(
+            f"  {command.name}: {command.description.format(command)}"
+            for command in interface.commands
+        ),
         "Channels, in the order of the observation:",
-        *(f"  {channel.name}, {channel.low:g} to {channel.high:g} {channel.unit}" for channel in interface.channels),
+        *(
+            f"  {channel.name}, {channel.low:g} to {channel.high:g} {channel.unit}"
+            for channel in interface.channels
+        ),
         end or answer,
     ]
     return "".join(f"# {line}\n" for line in lines)
@@ -196,7 +265,9 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     names = {("pybricks.hubs", robot.hub.model.class_name)}
     names |= {("pybricks.pupdevices", motor.kind.model.class_name) for motor in motors}
     names |= {("pybricks.pupdevices", sensor.kind.value) for sensor in sensors}
-    names |= {pair for number in (*interface.commands, *interface.channels) for pair in number.imports}
+    names |= {
+        pair for number in (*interface.commands, *interface.channels) for pair in number.imports
+    }
     if motors or sensors:
         names.add(("pybricks.parameters", "Port"))
     if any(motor.direction is Direction.COUNTERCLOCKWISE for motor in motors):
@@ -204,15 +275,28 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     if robot.hub_sides != HUB_FLAT:
         names.add(("pybricks.parameters", "Axis"))
     modules = sorted({module for module, _ in names})
-    return [f"from {module} import {', '.join(sorted(name for origin, name in names if origin == module))}" for module in modules]
+    return [
+        (
+            f"from {module} import "
+            f"{', '.join(sorted(name for origin, name in names if origin == module))}"
+        )
+        for module in modules
+    ]
 
 
 def _constants(robot: Robot, interface: Interface, pipe: Pipe) -> str:
     wire = protocol.WireFormat(interface, robot)
     until_done = interface.settle.fixed_ms is None
-    sizes = ", ".join(f"{kind.name}: {protocol.CONTROL_OVERHEAD + protocol.DOWN_PAYLOAD_BYTES[kind]}" for kind in protocol.Down)
+    sizes = ", ".join(
+        f"{kind.name}: {protocol.CONTROL_OVERHEAD + protocol.DOWN_PAYLOAD_BYTES[kind]}"
+        for kind in protocol.Down
+    )
     lines = [
-        "# The wire, from the same definitions as on the host's side. Kinds of frames are ASCII letters.",
+        (
+            "# The wire, from the same definitions as on the host's side. Kinds of frames "
+            "are ASCII "
+            "letters."
+        ),
         f"MAGIC = 0x{protocol.MAGIC:02X}",
         f"CRC_POLYNOMIAL = 0x{protocol.CRC_POLYNOMIAL:X}",
         *(f"{kind.name} = {kind.value}  # '{chr(kind.value)}'" for kind in protocol.Down),
@@ -224,11 +308,18 @@ def _constants(robot: Robot, interface: Interface, pipe: Pipe) -> str:
         f"PIECE_BYTES = {protocol.NOTIFICATION_BYTES}  # what fits one notification",
         f"HELLO_HEAD = bytes([MAGIC, 0, {protocol.Up.HELLO.value}, {protocol.PROTOCOL_VERSION}])",
         f"BYE_HEAD = bytes([MAGIC, 0, {protocol.Up.BYE.value}])",
-        *([f"SLOT_BYTES = {protocol.APP_DATA_BYTES}  # of AppData"] if pipe is Pipe.APP_DATA else []),
+        *(
+            [f"SLOT_BYTES = {protocol.APP_DATA_BYTES}  # of AppData"]
+            if pipe is Pipe.APP_DATA
+            else []
+        ),
         _hash_line(bytes(4)),
         "",
         f"UNTIL_DONE = {until_done}  # answer when all moves have ended",
-        f"SETTLE_MS = {interface.settle.longest_ms}  # answer after this time {'at the latest' if until_done else 'in any case'}",
+        (
+            f"SETTLE_MS = {interface.settle.longest_ms}  # answer after this time "
+            f"{'at the latest' if until_done else 'in any case'}"
+        ),
         f"WATCHDOG_MS = {WATCHDOG_MS}  # silence that stops the motors",
         f"END_MS = {END_MS}  # further silence that ends the program",
     ]
@@ -237,28 +328,50 @@ def _constants(robot: Robot, interface: Interface, pipe: Pipe) -> str:
 
 def _motors(robot: Robot, interface: Interface) -> list[Motor]:
     """Motors that the interface commands or reads, in the robot's order."""
-    names = {name for part in (*interface.channels, *interface.commands) for name in part.devices(robot)}
+    names = {
+        name for part in (*interface.channels, *interface.commands) for name in part.devices(robot)
+    }
     return [motor for motor in robot.motors if motor.name in names]
 
 
 def _sensors(robot: Robot, interface: Interface) -> list[Sensor]:
-    """Sensors and lights of the interface, without duplicates, in the order of its channels and commands."""
-    names = [name for part in (*interface.channels, *interface.commands) for name in part.devices(robot)]
+    """Sensors and lights of the interface, without duplicates, in the order of its channels and
+    commands."""
+    names = [
+        name for part in (*interface.channels, *interface.commands) for name in part.devices(robot)
+    ]
     sensors = {sensor.name: sensor for sensor in robot.sensors}
     return [sensors[name] for name in dict.fromkeys(names) if name in sensors]
 
 
 def _joints(robot: Robot, interface: Interface) -> set[str]:
     """Names of the motors with a range that are commanded by an angle."""
-    commanded = {name for command in interface.commands if command.is_turn_by for name in command.motors(robot)}
-    return {motor.name for motor in robot.motors if motor.name in commanded and motor.range_deg is not None}
+    commanded = {
+        name
+        for command in interface.commands
+        if command.is_turn_by
+        for name in command.motors(robot)
+    }
+    return {
+        motor.name
+        for motor in robot.motors
+        if motor.name in commanded and motor.range_deg is not None
+    }
 
 
-_AXES = {"ahead": "Axis.X", "back": "-Axis.X", "left": "Axis.Y", "right": "-Axis.Y", "up": "Axis.Z", "down": "-Axis.Z"}
+_AXES = {
+    "ahead": "Axis.X",
+    "back": "-Axis.X",
+    "left": "Axis.Y",
+    "right": "-Axis.Y",
+    "up": "Axis.Z",
+    "down": "-Axis.Z",
+}
 
 
 def hub_line(robot: Robot) -> str:
-    """Statement that makes the hub, as it is mounted; needs ``Axis`` of ``pybricks.parameters`` unless it lies flat."""
+    """Statement that makes the hub, as it is mounted; needs ``Axis`` of ``pybricks.parameters``
+    unless it lies flat."""
     top, front = (_AXES[side] for side in robot.hub_sides)
     sides = "" if robot.hub_sides == HUB_FLAT else f"top_side={top}, front_side={front}"
     return f"hub = {robot.hub.model.class_name}({sides})"
@@ -272,8 +385,13 @@ def _devices(robot: Robot, interface: Interface) -> str:
     setups = dict.fromkeys(command.setup(robot) for command in interface.commands)
     setups |= dict.fromkeys(channel.setup(robot) for channel in interface.channels)
     lines += [line for setup in setups for line in setup]
-    lines += [f"sensor_{sensor.name} = {sensor.kind.value}(Port.{sensor.port})" for sensor in _sensors(robot, interface)]
-    movers = dict.fromkeys(command.mover for command in interface.commands if command.mover is not None)
+    lines += [
+        f"sensor_{sensor.name} = {sensor.kind.value}(Port.{sensor.port})"
+        for sensor in _sensors(robot, interface)
+    ]
+    movers = dict.fromkeys(
+        command.mover for command in interface.commands if command.mover is not None
+    )
     lines += ["", f"MOVERS = [{', '.join(movers)}]"]
     return "\n".join(lines) + "\n"
 
@@ -288,8 +406,14 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
     lines = [f"{variable} = {motor.kind.model.class_name}({', '.join(arguments)})"]
     if motor.zero_deg:
         lines.append(f"{variable}.reset_angle({_from_zero(motor, f'{variable}.angle()')})")
-    limits = {"speed": motor.speed_limit_deg_s, "acceleration": motor.acceleration_deg_s2, "torque": motor.torque_limit_mnm}
-    limit_arguments = ", ".join(f"{name}={value}" for name, value in limits.items() if value is not None)
+    limits = {
+        "speed": motor.speed_limit_deg_s,
+        "acceleration": motor.acceleration_deg_s2,
+        "torque": motor.torque_limit_mnm,
+    }
+    limit_arguments = ", ".join(
+        f"{name}={value}" for name, value in limits.items() if value is not None
+    )
     if limit_arguments:
         lines.append(f"{variable}.control.limits({limit_arguments})")
     if is_joint and motor.range_deg is not None:
@@ -298,7 +422,8 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
 
 
 def _from_zero(motor: Motor, angle: str) -> str:
-    """Expression of the angle relative to the calibrated zero, shifted by whole turns to be near the range."""
+    """Expression of the angle relative to the calibrated zero, shifted by whole turns to be near
+    the range."""
     if not motor.turn_deg.is_integer():
         return f"{angle} - {motor.zero_deg}"
     turn, middle = int(motor.turn_deg), sum(motor.range_deg or (0, 0)) // 2
@@ -324,7 +449,11 @@ def _start_moves(robot: Robot, interface: Interface) -> str:
 
 def _statements(channels: Sequence[Channel]) -> list[str]:
     """What has to be read before the channels, each once."""
-    return [f"    {line}" for line in dict.fromkeys(channel.statement for channel in channels) if line is not None]
+    return [
+        f"    {line}"
+        for line in dict.fromkeys(channel.statement for channel in channels)
+        if line is not None
+    ]
 
 
 def _observe(interface: Interface, observed: Sequence[int]) -> str:
@@ -353,7 +482,10 @@ def _read_channels(robot: Robot, interface: Interface) -> str:
         "    return ustruct.pack(",
         "        ANSWER_FORMAT,",
         "        time_ms,",
-        *(f"        {_wire(channel, robot)}({channel.expression} * {channel.scale})," for channel in interface.channels),
+        *(
+            f"        {_wire(channel, robot)}({channel.expression} * {channel.scale}),"
+            for channel in interface.channels
+        ),
         "    )",
     ]
     return "\n".join(lines) + "\n"

@@ -1,7 +1,9 @@
-"""Files that a program on a hub writes over its output, as ``motor.log.save`` does: found in it, and saved beside the program.
+"""Files that a program on a hub writes over its output, as ``motor.log.save`` does: found in it,
+and saved beside the program.
 
-A line ``PB_OF:NAME`` or ``_file_begin_ NAME`` begins one, ``PB_EOF`` or ``_file_end_`` ends it; what is between is its content.
-Programs come from others, so a name can lead neither out of the program's folder nor to something that a computer would run.
+A line ``PB_OF:NAME`` or ``_file_begin_ NAME`` begins one, ``PB_EOF`` or ``_file_end_`` ends it;
+what is between is its content. Programs come from others, so a name can lead neither out of the
+program's folder nor to something that a computer would run.
 """
 
 from collections.abc import Callable
@@ -24,7 +26,9 @@ _RUN_BY_A_COMPUTER = frozenset(
     )
 )  # fmt: skip
 """Endings of files that something runs, or takes its settings from."""
-_DEVICES_OF_WINDOWS = frozenset(("aux", "con", "nul", "prn", *(f"{name}{n}" for name in ("com", "lpt") for n in range(1, 10))))
+_DEVICES_OF_WINDOWS = frozenset(
+    ("aux", "con", "nul", "prn", *(f"{name}{n}" for name in ("com", "lpt") for n in range(1, 10)))
+)
 
 
 class ProgramFiles:
@@ -33,7 +37,8 @@ class ProgramFiles:
     Args:
         output: receives everything else, as it comes.
         folder: of the program; names of files are relative to it.
-        tell: called with a line about each file that is saved or refused; what was to be in a refused one is printed.
+        tell: called with a line about each file that is saved or refused; what was to be in a
+            refused one is printed.
     """
 
     def __init__(self, output: BinaryIO, folder: Path, tell: Callable[[str], object]) -> None:
@@ -112,7 +117,10 @@ class ProgramFiles:
             self._rows = 0
             return
         shown = repr(name[:80])
-        self._tell(f"the program's file {shown} was not saved, but printed ({problem}); choose a name such as log.csv")
+        self._tell(
+            f"the program's file {shown} was not saved, but printed ({problem}); choose a name "
+            "such as log.csv"
+        )
         self._output.write(line + b"\n")
 
     def _end_file(self) -> None:
@@ -129,7 +137,8 @@ def _may_be_marker(line: bytes) -> bool:
 
 
 def why_unsafe(name: str, folder: Path) -> str | None:
-    """Why a program may not write a file of that name beside it, in its ``folder``; ``None`` if it may."""
+    """Why a program may not write a file of that name beside it, in its ``folder``; ``None`` if it
+    may."""
     parts = PureWindowsPath(name).parts  # which knows both kinds of slashes, and letters of drives
     if not parts or not name.isprintable():
         return "it is no name"

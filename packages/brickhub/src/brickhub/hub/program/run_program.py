@@ -1,4 +1,5 @@
-"""User's program on a hub: its file and the modules beside it, its run with output and input, its traceback."""
+"""User's program on a hub: its file and the modules beside it, its run with output and input, its
+traceback."""
 
 import contextlib
 import hashlib
@@ -26,13 +27,18 @@ def read_program(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
-        raise ProgramError(f"cannot read the program '{path}' ({error.strerror}); give the path of a Python file") from error
+        raise ProgramError(
+            f"cannot read the program '{path}' ({error.strerror}); give the path of a Python file"
+        ) from error
     except UnicodeDecodeError as error:
-        raise ProgramError(f"the program '{path}' is no text in UTF-8 ({error.reason}); save it as UTF-8") from error
+        raise ProgramError(
+            f"the program '{path}' is no text in UTF-8 ({error.reason}); save it as UTF-8"
+        ) from error
 
 
 def check_time_limit(time_limit_s: float | None) -> None:
-    """Check a time limit in seconds; ``None`` for no limit. Raises ProgramError if the limit is not a positive finite number."""
+    """Check a time limit in seconds; ``None`` for no limit. Raises ProgramError if the limit is not
+    a positive finite number."""
     if time_limit_s is not None and not 0 < time_limit_s < math.inf:
         raise ProgramError(f"the time limit is {time_limit_s} s; give a number above zero, or none")
 
@@ -43,8 +49,8 @@ def time_limit_note(time_limit_s: float) -> str:
 
 
 def module_beside(path: Path, name: str) -> HubModule | None:
-    """The module ``name`` (such as ``parts.arm``) beside a program; ``None`` if there is none. Raises ProgramError if the file
-    cannot be read."""
+    """The module ``name`` (such as ``parts.arm``) beside a program; ``None`` if there is none.
+    Raises ProgramError if the file cannot be read."""
     stem = "/".join(name.split("."))
     for file in (f"{stem}.py", f"{stem}/__init__.py"):
         if (path.parent / file).is_file():
@@ -53,13 +59,15 @@ def module_beside(path: Path, name: str) -> HubModule | None:
 
 
 def folder_with_module(path: Path, name: str) -> Path | None:
-    """The nearest folder above a program's that has a module which it lacks; ``None`` if there is none."""
+    """The nearest folder above a program's that has a module which it lacks; ``None`` if there is
+    none."""
     above = path.resolve().parents[1:_MAX_FOLDERS_ABOVE]
     return next((folder for folder in above if module_beside(folder / path.name, name)), None)
 
 
 def load_program(path: Path) -> HubProgram:
-    """A program for a hub, with all modules beside it that it may import. Raises ProgramError if a file cannot be read."""
+    """A program for a hub, with all modules beside it that it may import. Raises ProgramError if a
+    file cannot be read."""
     main = read_program(path)
     modules: dict[str, HubModule] = {}
     sources = [main]
@@ -71,16 +79,22 @@ def load_program(path: Path) -> HubProgram:
                 sources.append(module.source)
     text = "\0".join([main, *(f"{module.name}\0{module.source}" for module in modules.values())])
     number = int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
-    return HubProgram(main, number, name=path.name, modules=tuple(modules.values()), says_hello=False)
+    return HubProgram(
+        main, number, name=path.name, modules=tuple(modules.values()), says_hello=False
+    )
 
 
 def imports(program: HubProgram, name: str) -> bool:
     """Whether a program or a module beside it imports a module of that name."""
-    return any(name in _imported(source) for source in (program.source, *(module.source for module in program.modules)))
+    return any(
+        name in _imported(source)
+        for source in (program.source, *(module.source for module in program.modules))
+    )
 
 
 def _imported(source: str) -> Iterator[str]:
-    """Names of modules in all import statements; empty for invalid source, which the hub's compiler rejects later."""
+    """Names of modules in all import statements; empty for invalid source, which the hub's compiler
+    rejects later."""
     with contextlib.suppress(SyntaxError, ValueError):
         yield from imported_modules(parse(source))
 
@@ -93,17 +107,24 @@ _HINTS = {
 
 
 def describe_traceback(text: str, source: str, name: str = MAIN_FILE) -> str:
-    """One line from the hub's output: the last exception, its line in ``source`` (file ``name``), and a remedy."""
+    """One line from the hub's output: the last exception, its line in ``source`` (file ``name``),
+    and a remedy."""
     text = text[text.rfind("Traceback (") :]
-    # The last line that names an exception: neither indented, nor the heading, nor the firmware's closing message.
-    errors = (line.strip() for line in reversed(text.splitlines()) if re.match(r"[A-Za-z_]\w*(:|$)", line))
+    # The last line that names an exception: neither indented, nor the heading, nor the firmware's
+    # closing message.
+    errors = (
+        line.strip() for line in reversed(text.splitlines()) if re.match(r"[A-Za-z_]\w*(:|$)", line)
+    )
     error = next(errors, "an unknown error")
     numbers = re.findall(rf'File "{re.escape(name)}", line (\d+)', text)
     lines = source.splitlines()
     where = ""
     if numbers and 1 <= int(numbers[-1]) <= len(lines):
         where = f" at line {numbers[-1]} ({lines[int(numbers[-1]) - 1].strip()})"
-    remedy = next((hint for key, hint in _HINTS.items() if key in error), "correct the cause, then call open()")
+    remedy = next(
+        (hint for key, hint in _HINTS.items() if key in error),
+        "correct the cause, then call open()",
+    )
     return f"the program on the hub raised {error}{where}; {remedy}"
 
 
@@ -132,11 +153,13 @@ def run_program(
         program: from :func:`~brickhub.hub.program.run_program.load_program`.
         stdout: receives the program's output as it comes.
         stderr: receives the traceback, or the message that the program was stopped.
-        stdin: input of the program, bytes, or text as if it were typed; read in a thread, and passed on as the hub accepts it.
+        stdin: input of the program, bytes, or text as if it were typed; read in a thread, and
+            passed on as the hub accepts it.
         time_limit_s: seconds after which the program is stopped.
 
     Returns:
-        Exit code: 1 if the program raised, `TIME_LIMIT_EXIT_CODE` if the time limit ended it, else 0.
+        Exit code: 1 if the program raised, `TIME_LIMIT_EXIT_CODE` if the time limit ended it, else
+        0.
 
     Raises:
         ProgramError: the program is invalid or too large for the hub, or the time limit is invalid.
@@ -186,7 +209,8 @@ def _pieces_of(stream: BinaryIO | TextIO | None) -> queue.SimpleQueue[bytes]:
 
 
 class Transcript:
-    """Separator of a program's output from the firmware's closing message: a hub writes both to the same stream.
+    """Separator of a program's output from the firmware's closing message: a hub writes both to the
+    same stream.
 
     A traceback that is followed by other output was printed by the program itself.
     """
@@ -208,7 +232,8 @@ class Transcript:
             self._line = self._line[len(partial) :]
 
     def end(self, *, is_stopped_by_us: bool = False) -> int:
-        """Flush at the end of the output; returns the exit code. ``is_stopped_by_us``: leave out that it was stopped."""
+        """Flush at the end of the output; returns the exit code. ``is_stopped_by_us``: leave out
+        that it was stopped."""
         if self._line:
             self._print_pending()
             self._print(self._line)
@@ -231,7 +256,11 @@ class Transcript:
         """True if a line continues the pending traceback: locations, then the error."""
         if self._pending[0] != _TRACEBACK_HEAD:
             return False
-        return text.startswith(_LOCATION) if len(self._pending) == 1 else self._pending[-1].startswith(_LOCATION)
+        return (
+            text.startswith(_LOCATION)
+            if len(self._pending) == 1
+            else self._pending[-1].startswith(_LOCATION)
+        )
 
     def _print_pending(self) -> None:
         self._print("".join(f"{line}\n" for line in self._pending).encode())

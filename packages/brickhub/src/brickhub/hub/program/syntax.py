@@ -10,7 +10,12 @@ import tokenize
 from collections.abc import Iterator
 from typing import Any
 
-TEXT = r'"""(?:\\.|[^\\])*?"""|' + r"'''(?:\\.|[^\\])*?'''|" + r'"(?:\\.|[^"\\\n])*"|' + r"'(?:\\.|[^'\\\n])*'|#[^\n]*"
+TEXT = (
+    r'"""(?:\\.|[^\\])*?"""|'
+    r"'''(?:\\.|[^\\])*?'''|"
+    r'"(?:\\.|[^"\\\n])*"|'
+    r"'(?:\\.|[^'\\\n])*'|#[^\n]*"
+)
 """Pattern of a string or a comment."""
 _FORMATTED = (
     r"(?<!\w)(?P<f>[fF])(?P<quote>[\"'])"
@@ -37,10 +42,12 @@ def deep_recursion() -> Iterator[None]:
 
 
 def parse(source: str, filename: str = "<unknown>", mode: str = "exec") -> Any:
-    """Syntax tree of a program, or of an expression (``mode="eval"``); its line numbers are those of the source.
+    """Syntax tree of a program, or of an expression (``mode="eval"``); its line numbers are those
+    of the source.
 
-    Accepts what the hub's compiler does: tabs among spaces, ``from a import b,``, numbers such as ``007``, a generator
-    expression among other arguments, and (CPython: from 3.12) the quotes of an f-string inside its braces.
+    Accepts what the hub's compiler does: tabs among spaces, ``from a import b,``, numbers such as
+    ``007``, a generator expression among other arguments, and (CPython: from 3.12) the quotes of an
+    f-string inside its braces.
 
     Raises:
         SyntaxError: CPython cannot read it.
@@ -51,7 +58,9 @@ def parse(source: str, filename: str = "<unknown>", mode: str = "exec") -> Any:
             return ast.parse(source, filename, mode)
         except SyntaxError as error:
             try:
-                return ast.parse(_with_parentheses(_HUB_ONLY.sub(_as_cpython, source)), filename, mode)
+                return ast.parse(
+                    _with_parentheses(_HUB_ONLY.sub(_as_cpython, source)), filename, mode
+                )
             except (SyntaxError, tokenize.TokenError):
                 raise error from None
 
@@ -64,12 +73,17 @@ def _as_cpython(match: re.Match[str]) -> str:
 
 
 def _with_parentheses(source: str) -> str:
-    """The program with parentheses around each generator expression that is one of several arguments."""
+    """The program with parentheses around each generator expression that is one of several
+    arguments."""
     starts = [0, *itertools.accumulate(map(len, io.StringIO(source)))]
     insertions: list[tuple[int, str]] = []
     brackets: list[list[list[tokenize.TokenInfo]]] = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        arguments = brackets.pop() if token.string in ")]}" and brackets and token.type == tokenize.OP else []
+        arguments = (
+            brackets.pop()
+            if token.string in ")]}" and brackets and token.type == tokenize.OP
+            else []
+        )
         if brackets and token.type == tokenize.OP and token.string == ",":
             brackets[-1].append([])
         elif brackets:
@@ -79,7 +93,10 @@ def _with_parentheses(source: str) -> str:
         for argument in arguments if token.string == ")" and len(arguments) > 1 else []:
             if any(part.string == "for" for part in argument):
                 (first_line, first), (last_line, last) = argument[0].start, argument[-1].end
-                insertions += (starts[first_line - 1] + first, "("), (starts[last_line - 1] + last, ")")
+                insertions += (
+                    (starts[first_line - 1] + first, "("),
+                    (starts[last_line - 1] + last, ")"),
+                )
     for offset, bracket in sorted(insertions, reverse=True):
         source = source[:offset] + bracket + source[offset:]
     return source

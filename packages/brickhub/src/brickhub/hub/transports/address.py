@@ -1,4 +1,5 @@
-"""Address of a hub: ``virtual``, ``ble``, ``ble:NAME``, ``ble:ADDRESS``, ``usb`` or ``usb:PORT``."""
+"""Address of a hub: ``virtual``, ``ble``, ``ble:NAME``, ``ble:ADDRESS``, ``usb`` or
+``usb:PORT``."""
 
 from __future__ import annotations
 
@@ -14,9 +15,13 @@ if TYPE_CHECKING:
 
 VIRTUAL = "virtual"
 _REAL = ("ble", "usb")
-_CHOICES = "'virtual', 'ble' or 'usb'; 'ble:NAME', 'ble:ADDRESS' or 'usb:PORT' where there are several"
+_CHOICES = (
+    "'virtual', 'ble' or 'usb'; 'ble:NAME', 'ble:ADDRESS' or 'usb:PORT' where there are several"
+)
 # Bluetooth device address, or the identifier that macOS uses instead.
-_BLE_ADDRESS = re.compile(r"([0-9A-F]{2}:){5}[0-9A-F]{2}|[0-9A-F]{8}(-[0-9A-F]{4}){3}-[0-9A-F]{12}", re.IGNORECASE)
+_BLE_ADDRESS = re.compile(
+    r"([0-9A-F]{2}:){5}[0-9A-F]{2}|[0-9A-F]{8}(-[0-9A-F]{4}){3}-[0-9A-F]{12}", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)
@@ -25,7 +30,8 @@ class HubAddress:
 
     Attributes:
         medium: ``"virtual"``, ``"ble"`` or ``"usb"``.
-        which: name or address of a hub over Bluetooth, or serial port; ``None`` for the only one in reach.
+        which: name or address of a hub over Bluetooth, or serial port; ``None`` for the only one in
+            reach.
     """
 
     medium: str
@@ -36,13 +42,16 @@ class HubAddress:
         return self.medium == VIRTUAL
 
     def transport(self) -> ProfileTransport:
-        """An unopened transport to the hub. Raises UnknownNameError if the hub is virtual, and needs a robot."""
+        """An unopened transport to the hub. Raises UnknownNameError if the hub is virtual, and
+        needs a robot."""
         if self.medium == "usb":
             from brickhub.hub.transports.usb import UsbTransport
 
             return UsbTransport(self.which)
         if self.is_virtual:
-            raise UnknownNameError("a virtual hub has no transport of its own; choose 'ble' or 'usb'")
+            raise UnknownNameError(
+                "a virtual hub has no transport of its own; choose 'ble' or 'usb'"
+            )
         from brickhub.hub.transports.ble import BleTransport
 
         if self.which is not None and _BLE_ADDRESS.fullmatch(self.which):
@@ -50,9 +59,13 @@ class HubAddress:
         return BleTransport(name=self.which)
 
     def radio(self) -> RealRadio:
-        """Bluetooth to devices of LEGO's kits; ``which`` is their connection card. Raises UnknownNameError for another medium."""
+        """Bluetooth to devices of LEGO's kits; ``which`` is their connection card. Raises
+        UnknownNameError for another medium."""
         if self.medium != "ble":
-            raise UnknownNameError(f"devices of LEGO's kits are reached over Bluetooth, not '{self.medium}'; choose 'ble'")
+            raise UnknownNameError(
+                f"devices of LEGO's kits are reached over Bluetooth, not '{self.medium}'; "
+                "choose 'ble'"
+            )
         return RealRadio(self.which)
 
 
@@ -62,5 +75,7 @@ def parse_hub(text: str) -> HubAddress:
     if medium == VIRTUAL and not colon:
         return HubAddress(VIRTUAL)
     if medium not in _REAL or (colon and not which):
-        raise UnknownNameError(f"there is no hub '{text}'{hint(medium, (VIRTUAL, *_REAL))}; choose {_CHOICES}")
+        raise UnknownNameError(
+            f"there is no hub '{text}'{hint(medium, (VIRTUAL, *_REAL))}; choose {_CHOICES}"
+        )
     return HubAddress(medium, which or None)

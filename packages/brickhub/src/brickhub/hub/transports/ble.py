@@ -1,4 +1,5 @@
-"""Bluetooth Low Energy: what this computer says of it, the search for hubs, and the transport to one."""
+"""Bluetooth Low Energy: what this computer says of it, the search for hubs, and the transport to
+one."""
 
 from __future__ import annotations
 
@@ -45,8 +46,14 @@ _REASONS = {
     "DENIED_BY_UNKNOWN": errors.Reason.DENIED,
 }
 _REMEDIES = {
-    "linux": f"see that Bluetooth's service runs ({_SERVICES}) and that you may use it (`brickhub doctor` tells)",
-    "darwin": "switch Bluetooth on, and allow the terminal to use it (System Settings, Privacy & Security, Bluetooth)",
+    "linux": (
+        f"see that Bluetooth's service runs ({_SERVICES}) and that you may use it (`brickhub "
+        "doctor` tells)"
+    ),
+    "darwin": (
+        "switch Bluetooth on, and allow the terminal to use it (System Settings, Privacy & "
+        "Security, Bluetooth)"
+    ),
     "win32": "switch Bluetooth on (Settings, Bluetooth & devices)",
 }
 
@@ -56,32 +63,47 @@ _RELEASE = "release the hub with `pb disconnect`, or end the service with `pb se
 
 
 def bluetooth_problem() -> tuple[errors.Reason, str] | None:
-    """Reason why Bluetooth is unavailable on Linux: adapter, switch or service. ``None`` if none is found."""
+    """Reason why Bluetooth is unavailable on Linux: adapter, switch or service. ``None`` if none is
+    found."""
     if sys.platform != "linux":
         return None
     if not (_BLUETOOTH_FOLDER.is_dir() and any(_BLUETOOTH_FOLDER.glob("hci*"))):
         return errors.Reason.NO_ADAPTER, "this computer has no Bluetooth adapter; plug one in"
     for switch in _RFKILL_FOLDER.glob("rfkill*"):
-        if _text(switch / "type") == "bluetooth" and "1" in (_text(switch / "soft"), _text(switch / "hard")):
+        if _text(switch / "type") == "bluetooth" and "1" in (
+            _text(switch / "soft"),
+            _text(switch / "hard"),
+        ):
             remedy = "run `rfkill unblock bluetooth`, or use the switch of this computer"
             return errors.Reason.SWITCHED_OFF, f"Bluetooth is switched off; {remedy}"
     if not _SYSTEM_BUS.exists() and "DBUS_SYSTEM_BUS_ADDRESS" not in os.environ:
-        return errors.Reason.NO_SERVICE, f"the system bus (D-Bus) does not run, which Bluetooth needs; start both: {_SERVICES}"
+        return (
+            errors.Reason.NO_SERVICE,
+            f"the system bus (D-Bus) does not run, which Bluetooth needs; start both: {_SERVICES}",
+        )
     return None
 
 
 def remedy(platform: str = sys.platform) -> str:
     """Remedy for Bluetooth that fails for an unknown reason."""
-    return _REMEDIES.get(platform, "switch this computer's Bluetooth on, and allow this program to use it")
+    return _REMEDIES.get(
+        platform, "switch this computer's Bluetooth on, and allow this program to use it"
+    )
 
 
 @contextmanager
 def bleak_errors(operation: str, default_error: type[errors.HubError]) -> Iterator[None]:
-    """Translate bleak's errors during ``operation`` (e.g. ``"connect to the hub"``) into our errors.
+    """Translate bleak's errors during ``operation`` (e.g. ``"connect to the hub"``) into our
+    errors.
 
     ``default_error`` is the type for errors that bleak does not specify further.
     """
-    from bleak.exc import BleakBluetoothNotAvailableError, BleakDeviceNotFoundError, BleakError, BleakGATTProtocolError
+    from bleak.exc import (
+        BleakBluetoothNotAvailableError,
+        BleakDeviceNotFoundError,
+        BleakError,
+        BleakGATTProtocolError,
+    )
 
     try:
         yield
@@ -92,19 +114,26 @@ def bleak_errors(operation: str, default_error: type[errors.HubError]) -> Iterat
     except BleakBluetoothNotAvailableError as error:
         raise no_bluetooth(operation, error) from error
     except BleakDeviceNotFoundError as error:
-        raise errors.HubNotFoundError(f"could not {operation}: it is not in reach any more; {_HUB_REMEDY}") from error
+        raise errors.HubNotFoundError(
+            f"could not {operation}: it is not in reach any more; {_HUB_REMEDY}"
+        ) from error
     except TimeoutError as error:
         raise errors.HubTimeoutError(f"could not {operation} in time; {_HUB_REMEDY}") from error
     except (BleakError, OSError, EOFError) as error:
         if default_error is errors.BluetoothUnavailableError:
             raise no_bluetooth(operation, error) from error
-        raise default_error(f"could not {operation} ({errors.message_of(error)}); {_HUB_REMEDY}") from error
+        raise default_error(
+            f"could not {operation} ({errors.message_of(error)}); {_HUB_REMEDY}"
+        ) from error
 
 
 def no_bluetooth(operation: str, error: BaseException) -> errors.BluetoothUnavailableError:
     """Error with the reason found on this computer, or else with bleak's."""
     name = getattr(getattr(error, "reason", None), "name", "")
-    reason, why = bluetooth_problem() or (_REASONS.get(name, errors.Reason.UNKNOWN), f"{errors.message_of(error)}; {remedy()}")
+    reason, why = bluetooth_problem() or (
+        _REASONS.get(name, errors.Reason.UNKNOWN),
+        f"{errors.message_of(error)}; {remedy()}",
+    )
     return errors.BluetoothUnavailableError(f"could not {operation}: {why}", reason)
 
 
@@ -152,18 +181,24 @@ _Seen: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
 
 
 def scan(timeout_s: float = 5.0, *, backend: BleBackend | None = None) -> list[FoundHub]:
-    """Advertising Pybricks hubs, found within ``timeout_s``, the strongest signal first. Raises BluetoothUnavailableError if
-    Bluetooth is not available on this computer."""
+    """Advertising Pybricks hubs, found within ``timeout_s``, the strongest signal first. Raises
+    BluetoothUnavailableError if Bluetooth is not available on this computer."""
     seen: _Seen = {}
     with contextlib.closing(EventLoopThread("bricksrl-scan")) as loop:
-        loop.run(_listen(seen, lambda: False, timeout_s, backend), timeout_s + 10.0, "look for hubs")
+        loop.run(
+            _listen(seen, lambda: False, timeout_s, backend), timeout_s + 10.0, "look for hubs"
+        )
     return sorted((hub for _, hub in seen.values()), key=lambda hub: -hub.rssi_dbm)
 
 
-async def find(name: str | None, address: str | None, timeout_s: float, backend: BleBackend | None) -> BLEDevice:
-    """Find the only hub in reach with this name, or with this address; without either, the only one.
+async def find(
+    name: str | None, address: str | None, timeout_s: float, backend: BleBackend | None
+) -> BLEDevice:
+    """Find the only hub in reach with this name, or with this address; without either, the only
+    one.
 
-    A hub that is still connected to this computer, because a program died, does not advertise, but is found too.
+    A hub that is still connected to this computer, because a program died, does not advertise, but
+    is found too.
 
     Raises:
         HubNotFoundError: the hub was not found.
@@ -183,23 +218,35 @@ async def find(name: str | None, address: str | None, timeout_s: float, backend:
         await _listen(seen, lambda: len(_matches(seen, name, None)) > 1, _OTHERS_S, backend)
     matches = _matches(seen, name, address)
     if len(matches) > 1:
-        raise errors.AmbiguousHubError(f"several hubs are in reach: {_listed(matches)}; say which one by its name or address")
+        raise errors.AmbiguousHubError(
+            f"several hubs are in reach: {_listed(matches)}; say which one by its name or address"
+        )
     if not matches:
         what = "no hub" if name is None and address is None else f"no hub '{name or address}'"
         others = f"; others are: {_listed(seen.values())}" if seen else ""
         is_served = service_is_running()
-        remedy = f"Pybricks' own background service runs, and may have it: {_RELEASE}" if is_served else _REMEDY
-        raise errors.HubNotFoundError(f"{what} with Pybricks was found within {timeout_s:g} s{others}; {remedy}")
+        remedy = (
+            f"Pybricks' own background service runs, and may have it: {_RELEASE}"
+            if is_served
+            else _REMEDY
+        )
+        raise errors.HubNotFoundError(
+            f"{what} with Pybricks was found within {timeout_s:g} s{others}; {remedy}"
+        )
     device, hub = matches[0]
     _log.info("found the hub '%s' (%s)", hub.name, hub.address)
     return device
 
 
-async def _listen(seen: _Seen, is_enough: Callable[[], bool], timeout_s: float, backend: BleBackend | None) -> None:
+async def _listen(
+    seen: _Seen, is_enough: Callable[[], bool], timeout_s: float, backend: BleBackend | None
+) -> None:
     """Add advertising hubs until ``is_enough()`` or the timeout."""
     from bleak import BleakScanner
 
-    scanner = BleakScanner(service_uuids=[SERVICE_UUID], backend=backend.scanner if backend else None)
+    scanner = BleakScanner(
+        service_uuids=[SERVICE_UUID], backend=backend.scanner if backend else None
+    )
     with bleak_errors("look for hubs", errors.BluetoothUnavailableError):
         async with scanner:
             with contextlib.suppress(TimeoutError):
@@ -222,17 +269,21 @@ async def _still_connected(backend: BleBackend | None) -> list[BLEDevice]:
         return []
 
 
-def _matches(seen: _Seen, name: str | None, address: str | None) -> list[tuple[BLEDevice, FoundHub]]:
+def _matches(
+    seen: _Seen, name: str | None, address: str | None
+) -> list[tuple[BLEDevice, FoundHub]]:
     return [
         (device, hub)
         for device, hub in seen.values()
-        if (name is None or hub.name == name) and (address is None or hub.address.casefold() == address.casefold())
+        if (name is None or hub.name == name)
+        and (address is None or hub.address.casefold() == address.casefold())
     ]
 
 
 def _found_hub(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
     name, kind = advertisement.local_name or device.name or "", None
-    with contextlib.suppress(errors.HubProtocolError):  # it does not say, or is another device with Pybricks' service
+    # it does not say, or is another device with Pybricks' service
+    with contextlib.suppress(errors.HubProtocolError):
         kind = parse_hub_kind((advertisement.service_data or {}).get(PNP_ID_UUID, b""), name)
     return FoundHub(name, device.address, advertisement.rssi, kind)
 
@@ -251,14 +302,23 @@ class BleTransport(ProfileTransport):
     """
 
     def __init__(
-        self, name: str | None = None, address: str | None = None, *, backend: BleBackend | None = None, **options: Any
+        self,
+        name: str | None = None,
+        address: str | None = None,
+        *,
+        backend: BleBackend | None = None,
+        **options: Any,
     ) -> None:
         super().__init__(**options)
         self._name, self._address = name, address
         self._backend = backend
 
     async def _find(self, timeout_s: float) -> Port:
-        name, address = (self._name, self._address) if self._first_hub is None else (None, self._first_hub.address)
+        name, address = (
+            (self._name, self._address)
+            if self._first_hub is None
+            else (None, self._first_hub.address)
+        )
         device = await find(name, address, timeout_s, self._backend)
         return BlePort(device, self._backend.client if self._backend else None, timeout_s)
 
@@ -268,7 +328,9 @@ class BlePort:
 
     silence = "switch it off and on, and bring it near"
 
-    def __init__(self, device: BLEDevice, client_backend: type[BaseBleakClient] | None, timeout_s: float) -> None:
+    def __init__(
+        self, device: BLEDevice, client_backend: type[BaseBleakClient] | None, timeout_s: float
+    ) -> None:
         from bleak import BleakClient
 
         def on_disconnect(_: BleakClient) -> None:
@@ -288,7 +350,9 @@ class BlePort:
 
     async def subscribe(self) -> None:
         with self._errors():
-            await self._client.start_notify(profile.COMMAND_EVENT_UUID, lambda _, data: self._on_event(bytes(data)))
+            await self._client.start_notify(
+                profile.COMMAND_EVENT_UUID, lambda _, data: self._on_event(bytes(data))
+            )
 
     async def write(self, command: bytes, operation: str) -> None:
         with bleak_errors(operation, errors.HubDisconnectedError):
@@ -305,13 +369,18 @@ def socket_path() -> Path:
     """The socket of Pybricks' background service (``pb_core/paths.py`` of pybricks-core 1.0)."""
     given = os.environ.get("PB_RUNTIME_DIR")
     runtime = os.environ.get("XDG_RUNTIME_DIR") if sys.platform == "linux" else None
-    own = Path(runtime) / "pybricks" if runtime else Path(tempfile.gettempdir()) / f"pybricks-{os.getuid()}"
+    own = (
+        Path(runtime) / "pybricks"
+        if runtime
+        else Path(tempfile.gettempdir()) / f"pybricks-{os.getuid()}"
+    )
     return (Path(given) if given else own) / "pb-service.sock"
 
 
 def service_is_running() -> bool:
-    """Whether Pybricks' background service (``pybricks-service``, 2026) of this user answers, which keeps the link to a hub after
-    its programs have ended; never on Windows, where it has a named pipe."""
+    """Whether Pybricks' background service (``pybricks-service``, 2026) of this user answers, which
+    keeps the link to a hub after its programs have ended; never on Windows, where it has a named
+    pipe."""
     if not hasattr(socket, "AF_UNIX"):
         return False
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:

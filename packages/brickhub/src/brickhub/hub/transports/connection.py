@@ -1,4 +1,5 @@
-"""Connection to one hub, over Bluetooth or USB: commands with timeouts, status, and the program's output.
+"""Connection to one hub, over Bluetooth or USB: commands with timeouts, status, and the program's
+output.
 
 All methods of a connection run in the event loop's thread.
 """
@@ -10,16 +11,25 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from brickhub.errors import HubBusyError, HubDisconnectedError, HubError, HubProtocolError, HubTimeoutError, ProgramStoppedError
+from brickhub.errors import (
+    HubBusyError,
+    HubDisconnectedError,
+    HubError,
+    HubProtocolError,
+    HubTimeoutError,
+    ProgramStoppedError,
+)
 from brickhub.hub.transports import profile
 from brickhub.hub.transports.profile import PybricksCommand, Status, StatusReport
 from brickhub.robot import HubKind
 
 
 class Output:
-    """Standard output of a program, and its end: after that the rest can be read, and then reading raises its reason.
+    """Standard output of a program, and its end: after that the rest can be read, and then reading
+    raises its reason.
 
-    A reader waits in its own thread; through that of the event loop, each exchange takes milliseconds longer on a busy computer.
+    A reader waits in its own thread; through that of the event loop, each exchange takes
+    milliseconds longer on a busy computer.
     """
 
     def __init__(self) -> None:
@@ -57,8 +67,8 @@ class Output:
             raise self._end(self._reason)
 
     def read(self, timeout_s: float) -> bytes:
-        """All unread output, as soon as there is some; ``b""`` if none came in time. Raises HubError if the program or the link
-        has ended, and all was read."""
+        """All unread output, as soon as there is some; ``b""`` if none came in time. Raises
+        HubError if the program or the link has ended, and all was read."""
         with self._changed:
             self._changed.wait_for(lambda: self._data or self._end is not None, timeout_s)
             if not self._data:
@@ -92,7 +102,8 @@ class Port(Protocol):
     silence: str
 
     async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
-        """Connect. After ``subscribe``, each event goes to ``on_event``; the reason of a lost link goes to ``on_loss``."""
+        """Connect. After ``subscribe``, each event goes to ``on_event``; the reason of a lost link
+        goes to ``on_loss``."""
 
     async def read(self, characteristic: str) -> bytes:
         """Value of a characteristic, by its UUID."""
@@ -101,7 +112,8 @@ class Port(Protocol):
         """Subscribe to the hub's events."""
 
     async def write(self, command: bytes, operation: str) -> None:
-        """Write a command and wait for its acknowledgement; ``operation`` describes it in error messages."""
+        """Write a command and wait for its acknowledgement; ``operation`` describes it in error
+        messages."""
 
     async def close(self) -> None:
         """Disconnect."""
@@ -112,11 +124,9 @@ class HubIdentity:
     """Identity that a connected hub reports.
 
     Attributes:
-        name, address: advertised name and address; on macOS the address is valid on this computer only.
-        kind: kind of hub.
-        firmware: version of Pybricks, e.g. ``"4.0.1"``.
-        profile_version: version of the Pybricks Profile, e.g. ``(1, 5)``.
-        capabilities: sizes and features.
+        name, address: advertised name and address; on macOS the address is valid on this computer
+        only. kind: kind of hub. firmware: version of Pybricks, e.g. ``"4.0.1"``. profile_version:
+        version of the Pybricks Profile, e.g. ``(1, 5)``. capabilities: sizes and features.
     """
 
     name: str
@@ -162,7 +172,8 @@ class HubConnection:
         return self.is_connected and Status.USER_PROGRAM_RUNNING in self.status.flags
 
     async def connect(self) -> None:
-        """Connect, identify the hub, and subscribe to its reports. Raises a subclass of HubError with the reason."""
+        """Connect, identify the hub, and subscribe to its reports. Raises a subclass of HubError
+        with the reason."""
         self._loss = None
         try:
             async with asyncio.timeout(self._connect_timeout_s):
@@ -170,13 +181,17 @@ class HubConnection:
                 self.identity = await self._identify()
                 await self._port.subscribe()
                 if not await self._wait_for(lambda: self._reports > 0, _FIRST_STATUS_S):
-                    raise HubTimeoutError("the hub does not report its status; switch it off and on")
+                    raise HubTimeoutError(
+                        "the hub does not report its status; switch it off and on"
+                    )
                 self._check_connected()
         except TimeoutError as error:
             await self.disconnect()
             if isinstance(error, HubError):
                 raise
-            raise HubTimeoutError(f"the hub did not answer while connecting; {self._port.silence}") from None
+            raise HubTimeoutError(
+                f"the hub did not answer while connecting; {self._port.silence}"
+            ) from None
         except BaseException:
             await self.disconnect()
             raise
@@ -187,7 +202,8 @@ class HubConnection:
         try:
             async with asyncio.timeout(self._answer_timeout_s):
                 await self._port.close()
-        except Exception as error:  # noqa: BLE001  a backend may raise anything; the hub notices by itself
+        except Exception as error:  # noqa: BLE001
+            # a backend may raise anything; the hub notices by itself
             _log.debug("disconnecting from the hub: %s", error)
 
     async def command(self, data: bytes, operation: str) -> None:
@@ -196,7 +212,8 @@ class HubConnection:
         Raises:
             HubBusyError: the hub stayed busy.
             HubRefusedError: the hub refused the command.
-            HubTimeoutError: the hub did not acknowledge it; the link is dropped, since its state is unknown.
+            HubTimeoutError: the hub did not acknowledge it; the link is dropped, since its state is
+                unknown.
             HubDisconnectedError: the link is broken.
         """
         loop = asyncio.get_running_loop()
@@ -222,10 +239,13 @@ class HubConnection:
         """
         capabilities = self.identity.capabilities
         if not capabilities.features & profile.Feature.MPY_V6:
-            raise HubProtocolError("the hub's firmware cannot run our programs; update it on code.pybricks.com")
+            raise HubProtocolError(
+                "the hub's firmware cannot run our programs; update it on code.pybricks.com"
+            )
         if len(blob) > capabilities.max_program_bytes:
             raise HubProtocolError(
-                f"the program has {len(blob)} bytes, the hub takes {capabilities.max_program_bytes}; use a larger hub"
+                f"the program has {len(blob)} bytes, the hub takes "
+                f"{capabilities.max_program_bytes}; use a larger hub"
             )
         for command in profile.download(blob, capabilities.max_write_bytes):
             await self.command(command, "write the program onto the hub")
@@ -240,11 +260,16 @@ class HubConnection:
         if self._end_timer is not None:
             await asyncio.sleep(_OUTPUT_GRACE_S)
         self.output.begin()
-        await self.command(bytes((PybricksCommand.START_USER_PROGRAM, *slot)), "write the command that starts the program")
+        await self.command(
+            bytes((PybricksCommand.START_USER_PROGRAM, *slot)),
+            "write the command that starts the program",
+        )
         self._is_running_expected = True
         # The first report from now on may still be from before the start; the second one is not.
         reports = self._reports
-        await self._wait_for(lambda: self.is_running or self._reports >= reports + 2, self._answer_timeout_s)
+        await self._wait_for(
+            lambda: self.is_running or self._reports >= reports + 2, self._answer_timeout_s
+        )
         self._check_connected()
         if not self.is_running:
             self._end_program()
@@ -257,7 +282,9 @@ class HubConnection:
             HubError: see ``command``.
         """
         self._is_running_expected = False
-        await self.command(bytes((PybricksCommand.STOP_USER_PROGRAM,)), "write the command that stops the program")
+        await self.command(
+            bytes((PybricksCommand.STOP_USER_PROGRAM,)), "write the command that stops the program"
+        )
         if not await self._wait_for(lambda: not self.is_running, self._answer_timeout_s):
             raise HubTimeoutError("the program on the hub does not stop; press the hub's button")
         self.output.end(ProgramStoppedError, "the program on the hub was stopped; start it again")
@@ -272,16 +299,29 @@ class HubConnection:
         version = profile.parse_version(await self._port.read(profile.PROFILE_VERSION_UUID))
         if version > profile.NEWEST_PROFILE:
             newest = ".".join(map(str, profile.NEWEST_PROFILE))
-            _log.warning("the hub speaks Pybricks Profile %d.%d, newer than the known %s; update brickhub", *version, newest)
+            _log.warning(
+                "the hub speaks Pybricks Profile %d.%d, newer than the known %s; update brickhub",
+                *version,
+                newest,
+            )
         if version < profile.OLDEST_PROFILE:
-            raise HubProtocolError(f"the hub speaks Pybricks Profile {version[0]}.{version[1]}; update it on code.pybricks.com")
+            raise HubProtocolError(
+                f"the hub speaks Pybricks Profile {version[0]}.{version[1]}; update it on "
+                "code.pybricks.com"
+            )
         return HubIdentity(
             name=self._port.name,
             address=self._port.address,
-            kind=profile.parse_hub_kind(await self._port.read(profile.PNP_ID_UUID), self._port.name),
-            firmware=(await self._port.read(profile.FIRMWARE_REVISION_UUID)).decode("utf-8", "replace"),
+            kind=profile.parse_hub_kind(
+                await self._port.read(profile.PNP_ID_UUID), self._port.name
+            ),
+            firmware=(await self._port.read(profile.FIRMWARE_REVISION_UUID)).decode(
+                "utf-8", "replace"
+            ),
             profile_version=version,
-            capabilities=profile.parse_capabilities(await self._port.read(profile.CAPABILITIES_UUID)),
+            capabilities=profile.parse_capabilities(
+                await self._port.read(profile.CAPABILITIES_UUID)
+            ),
         )
 
     async def _write(self, data: bytes, operation: str) -> None:
@@ -300,7 +340,8 @@ class HubConnection:
             self._check_connected()
             self._lose("it did not acknowledge a command")
             raise HubTimeoutError(
-                f"could not {operation}: the hub did not acknowledge it within {self._answer_timeout_s:g} s; open the link again"
+                f"could not {operation}: the hub did not acknowledge it within "
+                f"{self._answer_timeout_s:g} s; open the link again"
             ) from None
 
     async def _wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
@@ -358,7 +399,9 @@ class HubConnection:
         self._loss = reason
         if self._end_timer is not None:
             self._end_timer.cancel()
-        self.output.end(HubDisconnectedError, f"the link to the hub is lost ({reason}); open it again")
+        self.output.end(
+            HubDisconnectedError, f"the link to the hub is lost ({reason}); open it again"
+        )
         if self._write_timeout is not None and not self._write_timeout.expired():
             self._write_timeout.reschedule(0)  # wake up the pending write
         self._changed.set()

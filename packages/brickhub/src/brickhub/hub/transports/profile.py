@@ -1,6 +1,8 @@
-"""Pybricks Profile as enums and pure functions: the protocol between a host and a hub's firmware over Bluetooth.
+"""Pybricks Profile as enums and pure functions: the protocol between a host and a hub's firmware
+over Bluetooth.
 
-Versions 1.3 to 1.7. Commands are written, with response, to one characteristic; events are notified by the same one.
+Versions 1.3 to 1.7. Commands are written, with response, to one characteristic; events are notified
+by the same one.
 """
 
 import enum
@@ -29,9 +31,11 @@ STATUS_PERIOD_S = 0.5
 """Period of a hub's status reports; changes are reported at once."""
 
 OLDEST_PROFILE, NEWEST_PROFILE = (1, 3), (1, 7)
-"""Versions of the profile that this module was written for. A newer one adds to them, by its promise."""
+"""Versions of the profile that this module was written for. A newer one adds to them, by its
+promise."""
 _PEAK_PREFIX = "Peak-"
-"""Begins the names of PeakHubs, of Sciurus Robotics, which run programs for a Prime hub (``sciro.hubs``, scirodev 0.7.7)."""
+"""Begins the names of PeakHubs, of Sciurus Robotics, which run programs for a Prime hub
+(``sciro.hubs``, scirodev 0.7.7)."""
 _KINDS = {kind.model.product_id: kind for kind in HubKind}
 _STATUS_REPORT = struct.Struct("<IxB")
 """Flags, the program's id, and the slot."""
@@ -52,7 +56,8 @@ class PybricksCommand(enum.IntEnum):
     """Followed by u32 offset and a piece of the program."""
     REBOOT_TO_UPDATE_MODE = 5
     WRITE_STDIN = 6
-    """Followed by bytes for the program. Refused as a whole, as BUSY, if they do not fit its buffer."""
+    """Followed by bytes for the program. Refused as a whole, as BUSY, if they do not fit its
+    buffer."""
     WRITE_APP_DATA = 7
     """Followed by u16 offset and bytes, which overwrite the buffer: the latest value, no queue."""
 
@@ -128,65 +133,95 @@ class StatusReport:
 
 
 def parse_event(data: bytes) -> StatusReport | bytes | None:
-    """Event in a notification: a report, or output of the program (standard output, at most 19 bytes, or AppData); ``None`` for
-    an unknown event. Raises HubProtocolError if the notification is truncated."""
+    """Event in a notification: a report, or output of the program (standard output, at most 19
+    bytes, or AppData); ``None`` for an unknown event. Raises HubProtocolError if the notification
+    is truncated."""
     if not data:
-        raise HubProtocolError("a notification of the hub is empty; update its firmware on code.pybricks.com")
+        raise HubProtocolError(
+            "a notification of the hub is empty; update its firmware on code.pybricks.com"
+        )
     kind, payload = data[0], data[1:]
     if kind in (Event.WRITE_STDOUT, Event.WRITE_APP_DATA):
         return payload
     if kind != Event.STATUS_REPORT:
         return None
     if len(payload) < _STATUS_REPORT.size - 2:
-        raise HubProtocolError(f"a status report of the hub has {len(payload)} bytes; update its firmware on code.pybricks.com")
+        raise HubProtocolError(
+            f"a status report of the hub has {len(payload)} bytes; update its firmware on "
+            "code.pybricks.com"
+        )
     flags, slot = _STATUS_REPORT.unpack_from(payload + bytes(2))  # older versions end before them
     return StatusReport(Status(flags), slot)
 
 
 def parse_capabilities(data: bytes) -> Capabilities:
-    """Parse the value of the capabilities characteristic. Raises HubProtocolError if the value is too short."""
+    """Parse the value of the capabilities characteristic. Raises HubProtocolError if the value is
+    too short."""
     if len(data) < _CAPABILITIES.size - 1:
-        raise HubProtocolError(f"the hub's capabilities have {len(data)} bytes; update its firmware on code.pybricks.com")
+        raise HubProtocolError(
+            f"the hub's capabilities have {len(data)} bytes; update its firmware on "
+            "code.pybricks.com"
+        )
     max_write, features, max_program, slots = _CAPABILITIES.unpack_from(data + b"\0")
     return Capabilities(max_write, Feature(features), max_program, slots)
 
 
 def parse_version(data: bytes) -> tuple[int, int]:
-    """Major and minor version from the profile version characteristic, e.g. ``b"1.5.0"``. Raises HubProtocolError if the value is
-    no version."""
+    """Major and minor version from the profile version characteristic, e.g. ``b"1.5.0"``. Raises
+    HubProtocolError if the value is no version."""
     match = re.match(rb"(\d+)\.(\d+)", data)
     if match is None:
-        raise HubProtocolError(f"the hub's profile version is {data!r}; update its firmware on code.pybricks.com")
+        raise HubProtocolError(
+            f"the hub's profile version is {data!r}; update its firmware on code.pybricks.com"
+        )
     return int(match[1]), int(match[2])
 
 
 def parse_hub_kind(pnp_id: bytes, name: str = "") -> HubKind:
-    """Kind of hub from its plug-and-play id, or its name. Raises HubProtocolError if neither is that of a known hub."""
+    """Kind of hub from its plug-and-play id, or its name. Raises HubProtocolError if neither is
+    that of a known hub."""
     if name.startswith(_PEAK_PREFIX):
         return HubKind.PRIME
     try:
         _, vendor, product, _ = struct.unpack("<BHHH", pnp_id)
     except struct.error:
-        raise HubProtocolError(f"the hub's product id is {pnp_id.hex()}; choose another device") from None
+        raise HubProtocolError(
+            f"the hub's product id is {pnp_id.hex()}; choose another device"
+        ) from None
     if vendor != LEGO_COMPANY_ID or product not in _KINDS:
-        raise HubProtocolError(f"the device is product 0x{product:02x} of company 0x{vendor:04x}, not a LEGO hub; choose another")
+        raise HubProtocolError(
+            f"the device is product 0x{product:02x} of company 0x{vendor:04x}, not a LEGO hub; "
+            "choose another"
+        )
     return _KINDS[product]
 
 
 def download(blob: bytes, max_write_bytes: int) -> Iterator[bytes]:
-    """Commands that download a program to the hub, in order; the program is invalid until the last one."""
+    """Commands that download a program to the hub, in order; the program is invalid until the last
+    one."""
     yield _DATA_HEAD.pack(PybricksCommand.WRITE_USER_PROGRAM_META, 0)
     piece_bytes = max_write_bytes - _DATA_HEAD.size
     for offset in range(0, len(blob), piece_bytes):
-        yield _DATA_HEAD.pack(PybricksCommand.WRITE_USER_RAM, offset) + blob[offset : offset + piece_bytes]
+        yield (
+            _DATA_HEAD.pack(PybricksCommand.WRITE_USER_RAM, offset)
+            + blob[offset : offset + piece_bytes]
+        )
     yield _DATA_HEAD.pack(PybricksCommand.WRITE_USER_PROGRAM_META, len(blob))
 
 
 def refusal(operation: str, code: int) -> HubError:
     """Error for a refused command ``operation``, from its error code."""
     if code == CommandError.BUSY:
-        return HubBusyError(f"could not {operation}: the hub is busy; stop its program, or wait until it reads its input")
-    name = CommandError(code).name.lower().replace("_", " ") if code in set(CommandError) else "unknown"
+        return HubBusyError(
+            f"could not {operation}: the hub is busy; stop its program, or wait until it reads "
+            "its input"
+        )
+    name = (
+        CommandError(code).name.lower().replace("_", " ")
+        if code in set(CommandError)
+        else "unknown"
+    )
     return HubRefusedError(
-        f"could not {operation}: the hub refused it (error 0x{code:02x}, {name}); update its firmware on code.pybricks.com"
+        f"could not {operation}: the hub refused it (error 0x{code:02x}, {name}); update its "
+        "firmware on code.pybricks.com"
     )

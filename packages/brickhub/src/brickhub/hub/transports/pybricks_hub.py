@@ -1,7 +1,8 @@
 """Transport to a real hub, independent of the medium: common part of Bluetooth and USB.
 
-A hub keeps its program. The program that this computer downloaded last is recorded, and started without a download if it
-is the wanted one; its HELLO confirms it. An unknown program is never started, because it might move the robot.
+A hub keeps its program. The program that this computer downloaded last is recorded, and started
+without a download if it is the wanted one; its HELLO confirms it. An unknown program is never
+started, because it might move the robot.
 """
 
 import asyncio
@@ -49,20 +50,27 @@ class EventLoopThread:
             future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
         except RuntimeError:
             coroutine.close()
-            raise errors.HubError(f"could not {operation}: the link is closed; open it again") from None
+            raise errors.HubError(
+                f"could not {operation}: the link is closed; open it again"
+            ) from None
         try:
             return future.result(timeout_s)
         except concurrent.futures.CancelledError:
-            raise errors.HubError(f"could not {operation}: the link was closed meanwhile; open it again") from None
+            raise errors.HubError(
+                f"could not {operation}: the link was closed meanwhile; open it again"
+            ) from None
         except concurrent.futures.TimeoutError:
             if future.done():
                 raise
-            raise errors.HubTimeoutError(f"could not {operation} within {timeout_s:g} s; switch the hub off and on") from None
+            raise errors.HubTimeoutError(
+                f"could not {operation} within {timeout_s:g} s; switch the hub off and on"
+            ) from None
         finally:
             future.cancel()
 
     def close(self) -> None:
-        """Cancel all coroutines and end the thread; one that does not end is left behind as a daemon."""
+        """Cancel all coroutines and end the thread; one that does not end is left behind as a
+        daemon."""
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(2 * _THREAD_END_S)
@@ -95,13 +103,16 @@ class ProfileTransport(ABC):
     """A :class:`~brickhub.hub.transport.Transport` to a hub that runs Pybricks.
 
     Args:
-        timeout_s: time limit to find and connect the hub. A hub whose link was lost can be found again after its program
-            has ended, ten seconds later.
+        timeout_s: time limit to find and connect the hub. A hub whose link was lost can be found
+            again after its program has ended, ten seconds later.
         answer_timeout_s: time limit for the acknowledgement of a command.
-        record: file that records which program is on which hub; ``None`` for the file in the user's cache.
+        record: file that records which program is on which hub; ``None`` for the file in the user's
+            cache.
     """
 
-    def __init__(self, *, timeout_s: float = 20.0, answer_timeout_s: float = 2.0, record: Path | None = None) -> None:
+    def __init__(
+        self, *, timeout_s: float = 20.0, answer_timeout_s: float = 2.0, record: Path | None = None
+    ) -> None:
         self._timeout_s = timeout_s
         self._answer_timeout_s = answer_timeout_s
         self._record = record or user_cache() / "programs.json"
@@ -141,7 +152,8 @@ class ProfileTransport(ABC):
         self._run(self._connected(), self._timeout_s, "connect to the hub")
 
     def start(self, program: HubProgram) -> None:
-        """Download the program to the hub, unless it is there already, and start it. Reconnects after a loss.
+        """Download the program to the hub, unless it is there already, and start it. Reconnects
+        after a loss.
 
         Raises:
             ProgramError: the program is invalid or too large for the hub.
@@ -151,7 +163,11 @@ class ProfileTransport(ABC):
         if self._loop is None:
             self.open()
         self._pipe = program.pipe
-        self._run(self._start(program, modules), self._timeout_s + _DOWNLOAD_S, "start the program on the hub")
+        self._run(
+            self._start(program, modules),
+            self._timeout_s + _DOWNLOAD_S,
+            "start the program on the hub",
+        )
 
     def write(self, data: bytes) -> None:
         """Write to the program; waits, with a timeout, while its buffer is full.
@@ -163,15 +179,25 @@ class ProfileTransport(ABC):
             HubError: no program runs, or the data has more than 20 bytes.
         """
         if len(data) > WRITE_BYTES:
-            raise errors.HubError(f"{len(data)} bytes in one write; a hub takes {WRITE_BYTES} at most, split them")
+            raise errors.HubError(
+                f"{len(data)} bytes in one write; a hub takes {WRITE_BYTES} at most, split them"
+            )
         connection = self._require_connection()
         connection.output.check()
         if self._pipe is Pipe.APP_DATA:
             offset = bytes(2)
-            packet = bytes((PybricksCommand.WRITE_APP_DATA,)) + offset + app_data_slot(next(self._counts), data)
+            packet = (
+                bytes((PybricksCommand.WRITE_APP_DATA,))
+                + offset
+                + app_data_slot(next(self._counts), data)
+            )
         else:
             packet = bytes((PybricksCommand.WRITE_STDIN,)) + data
-        self._run(connection.command(packet, "write to the program"), 2 * self._answer_timeout_s, "write to the program")
+        self._run(
+            connection.command(packet, "write to the program"),
+            2 * self._answer_timeout_s,
+            "write to the program",
+        )
 
     def read(self, timeout_s: float) -> bytes:
         """Next output of the program; ``b""`` if none came in time.
@@ -183,15 +209,16 @@ class ProfileTransport(ABC):
         return self._require_connection().output.read(timeout_s)
 
     def stop(self) -> None:
-        """Stop the program, and with it the motors. If the link is lost, the hub does so by itself. Raises HubError if the hub
-        does not answer, or does not stop."""
+        """Stop the program, and with it the motors. If the link is lost, the hub does so by itself.
+        Raises HubError if the hub does not answer, or does not stop."""
         connection = self._connection
         if connection is None or not connection.is_connected:
             return
         self._run(connection.stop_program(), 3 * self._answer_timeout_s, "stop the program")
 
     def close(self) -> None:
-        """Stop the program and disconnect. May be called in any state and repeatedly; failures are logged."""
+        """Stop the program and disconnect. May be called in any state and repeatedly; failures are
+        logged."""
         loop, self._loop = self._loop, None
         connection, self._connection = self._connection, None
         if loop is None:
@@ -199,14 +226,19 @@ class ProfileTransport(ABC):
         atexit.unregister(self.close)
         try:
             if connection is not None:
-                loop.run(self._close(connection), 4 * self._answer_timeout_s + _GRACE_S, "disconnect from the hub")
+                loop.run(
+                    self._close(connection),
+                    4 * self._answer_timeout_s + _GRACE_S,
+                    "disconnect from the hub",
+                )
         except errors.HubError as error:
             _log.warning("%s", error)
         finally:
             loop.close()
 
     def now_s(self) -> float:
-        return time.perf_counter()  # which, unlike the monotonic clock of Windows, tells milliseconds
+        # which, unlike the monotonic clock of Windows, tells milliseconds
+        return time.perf_counter()
 
     # ---- in the thread of the event loop
 
@@ -223,7 +255,12 @@ class ProfileTransport(ABC):
         while True:
             try:
                 self._connection = await self._connect(deadline_s - loop.time())
-            except (errors.AmbiguousHubError, errors.HubTakenError, errors.MediumUnavailableError, errors.HubProtocolError):
+            except (
+                errors.AmbiguousHubError,
+                errors.HubTakenError,
+                errors.MediumUnavailableError,
+                errors.HubProtocolError,
+            ):
                 raise
             except errors.HubError as error:
                 if loop.time() + pause_s >= deadline_s:
@@ -241,15 +278,25 @@ class ProfileTransport(ABC):
     async def _connect(self, timeout_s: float) -> HubConnection:
         port = await self._find(timeout_s)
         connect_timeout_s = min(timeout_s, _LONGEST_CONNECT_S)
-        connection = HubConnection(port, answer_timeout_s=self._answer_timeout_s, connect_timeout_s=connect_timeout_s)
+        connection = HubConnection(
+            port, answer_timeout_s=self._answer_timeout_s, connect_timeout_s=connect_timeout_s
+        )
         await connection.connect()
         self._first_hub = identity = connection.identity
-        _log.info("connected to the %s hub '%s', firmware %s", identity.kind.value, identity.name, identity.firmware)
+        _log.info(
+            "connected to the %s hub '%s', firmware %s",
+            identity.kind.value,
+            identity.name,
+            identity.firmware,
+        )
         return connection
 
     async def _start(self, program: HubProgram, modules: dict[str, bytes]) -> None:
         connection = await self._connected()
-        kind, location = connection.identity.kind, f"{connection.identity.address} slot {connection.status.slot}"
+        kind, location = (
+            connection.identity.kind,
+            f"{connection.identity.address} slot {connection.status.slot}",
+        )
         if kind.model.stdin_bytes == 0 and program.says_hello:
             raise errors.HubProtocolError("a Move Hub cannot run our programs; use another hub")
         blob = program_blob(modules, kind)
@@ -271,7 +318,8 @@ class ProfileTransport(ABC):
             await connection.disconnect()
 
     def _stored_programs(self) -> dict[str, object]:
-        """Hashes of the programs that this computer downloaded last, by address and slot of the hub."""
+        """Hashes of the programs that this computer downloaded last, by address and slot of the
+        hub."""
         try:
             hashes = json.loads(self._record.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):
@@ -280,7 +328,10 @@ class ProfileTransport(ABC):
 
     def _note_program(self, location: str, program_hash: int | None) -> None:
         try:
-            write_durably(self._record, json.dumps({**self._stored_programs(), location: program_hash}).encode())
+            write_durably(
+                self._record,
+                json.dumps({**self._stored_programs(), location: program_hash}).encode(),
+            )
         except OSError as error:
             _log.debug("cannot note which program is on the hub: %s", error)
 
@@ -299,7 +350,8 @@ class ProfileTransport(ABC):
 
 
 async def _start_stored_program(connection: HubConnection, program: HubProgram) -> bool:
-    """Start the program that is on the hub; True if it is the expected one, else it is stopped again."""
+    """Start the program that is on the hub; True if it is the expected one, else it is stopped
+    again."""
     hello = control_frame(Up.HELLO, hello_payload(program.hash))
     try:
         await connection.start_program()

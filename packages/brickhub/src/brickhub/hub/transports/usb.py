@@ -1,14 +1,16 @@
 """USB: framing, and the transport to a hub with Pybricks 4.1 on a serial port.
 
 Frames are the variant of Consistent Overhead Byte Stuffing (COBS) of SPIKE and Pybricks hubs
-(https://lego.github.io/spike-prime-docs/encoding.html). A message is split into blocks at its bytes 0, 1 and 2, which are
-removed; a code before each block gives its length (including the code) and the byte that ended it:
-``byte * 84 + length + 2``; 255 stands for 84 bytes that none of them ended. Then every byte is XORed with 3, so that no 1,
-2 or 3 is left, and 2 ends the frame. A leading 1 (for messages of high priority) is ignored here.
+(https://lego.github.io/spike-prime-docs/encoding.html). A message is split into blocks at its bytes
+0, 1 and 2, which are removed; a code before each block gives its length (including the code) and
+the byte that ended it: ``byte * 84 + length + 2``; 255 stands for 84 bytes that none of them ended.
+Then every byte is XORed with 3, so that no 1, 2 or 3 is left, and 2 ends the frame. A leading 1
+(for messages of high priority) is ignored here.
 
-Message, host to hub: ``1 on`` subscribes to events, ``2 tag command`` is a command of the profile, ``3 service u16`` reads
-a characteristic. Hub to host: ``1 tag u32`` is a command's error code (0 for none), ``2 event`` an event,
-``3 service u16 value`` a characteristic. Source: ``lib/pbio/include/pbio/protocol.h`` of the firmware.
+Message, host to hub: ``1 on`` subscribes to events, ``2 tag command`` is a command of the profile,
+``3 service u16`` reads a characteristic. Hub to host: ``1 tag u32`` is a command's error code (0
+for none), ``2 event`` an event, ``3 service u16 value`` a characteristic. Source:
+``lib/pbio/include/pbio/protocol.h`` of the firmware.
 """
 
 import asyncio
@@ -53,7 +55,8 @@ def encode_cobs(message: bytes) -> bytes:
 
 
 def decode_cobs(frame: bytes) -> bytes:
-    """Decode a frame, given without its end, into a message. Raises HubProtocolError if the frame is invalid."""
+    """Decode a frame, given without its end, into a message. Raises HubProtocolError if the frame
+    is invalid."""
     data = bytes(byte ^ _XOR for byte in frame.removeprefix(bytes((_HIGH_PRIORITY,))))
     out = bytearray()
     position = 0
@@ -74,13 +77,16 @@ def _parse_code(code: int) -> tuple[int | None, int]:
     if code == _FULL:
         return None, _BLOCK_BYTES + 1
     if code <= _CODE_OFFSET:
-        raise errors.HubProtocolError("a frame over USB has a code that cannot be; plug the hub in again")
+        raise errors.HubProtocolError(
+            "a frame over USB has a code that cannot be; plug the hub in again"
+        )
     delimiter, size = divmod(code - _CODE_OFFSET - 1, _BLOCK_BYTES)
     return delimiter, size + 1
 
 
 class Framer:
-    """Splitter of a stream into frames. Overlong input is dropped up to the next end. ``damaged``: number of invalid frames."""
+    """Splitter of a stream into frames. Overlong input is dropped up to the next end. ``damaged``:
+    number of invalid frames."""
 
     def __init__(self, longest_bytes: int = 2048) -> None:
         self.damaged = 0
@@ -94,7 +100,9 @@ class Framer:
         for frame in ended:
             try:
                 if len(frame) > self._longest_bytes:
-                    raise errors.HubProtocolError("a frame over USB is too long; plug the hub in again")
+                    raise errors.HubProtocolError(
+                        "a frame over USB is too long; plug the hub in again"
+                    )
                 if message := decode_cobs(frame):
                     messages.append(message)
             except errors.HubProtocolError:
@@ -108,7 +116,8 @@ _PRODUCTS = {0x0009: 0x81, 0x0010: 0x81, 0x000D: 0x83}
 """USB product to Pybricks product: SPIKE Prime, Robot Inventor, SPIKE Essential."""
 _READ_S = 0.05
 _PLUGGED_IN_S = 6.0
-"""Time limit to find and connect a hub for the first time; one that does not answer says so within it."""
+"""Time limit to find and connect a hub for the first time; one that does not answer says so within
+it."""
 _SUBSCRIBE, _COMMAND, _READ = 1, 2, 3
 _RESPONSE, _EVENT, _VALUE = 1, 2, 3
 _STANDARD, _PYBRICKS = 1, 2
@@ -166,7 +175,8 @@ class UsbTransport(ProfileTransport):
     """A :class:`~brickhub.hub.transport.Transport` over USB.
 
     Args:
-        port: serial port, such as ``/dev/ttyACM0`` or ``COM3``; without one there must be a single hub.
+        port: serial port, such as ``/dev/ttyACM0`` or ``COM3``; without one there must be a single
+            hub.
         open_serial: opens a serial port; by default with pyserial.
         find_hubs: lists the connected hubs.
         options: see :class:`ProfileTransport`.
@@ -186,11 +196,20 @@ class UsbTransport(ProfileTransport):
         self._find_hubs = find_hubs
 
     def _search_s(self) -> float:
-        """A hub that is plugged in is there within a second; only one that was lost is waited for."""
-        return super()._search_s() if self._first_hub is not None else min(super()._search_s(), _PLUGGED_IN_S)
+        """A hub that is plugged in is there within a second; only one that was lost is waited
+        for."""
+        return (
+            super()._search_s()
+            if self._first_hub is not None
+            else min(super()._search_s(), _PLUGGED_IN_S)
+        )
 
     async def _find(self, timeout_s: float) -> Port:
-        hubs, port, first = await asyncio.to_thread(self._find_hubs), self._serial_port, self._first_hub
+        hubs, port, first = (
+            await asyncio.to_thread(self._find_hubs),
+            self._serial_port,
+            self._first_hub,
+        )
         if first is not None:  # it may be at another port after it was plugged in again
             hubs = [hub for hub in hubs if hub.address == first.address]
         elif port is not None:
@@ -199,20 +218,25 @@ class UsbTransport(ProfileTransport):
             hubs = [UsbHub(port, port)]
         if not hubs:
             raise errors.HubNotFoundError(
-                "no hub with Pybricks 4.1 is on USB; plug it in and switch it on, or name its serial port"
+                "no hub with Pybricks 4.1 is on USB; plug it in and switch it on, or name its "
+                "serial port"
             )
         if len(hubs) > 1:
             ports = ", ".join(hub.device for hub in hubs)
-            raise errors.AmbiguousHubError(f"several hubs are on USB: {ports}; say which one by its port")
+            raise errors.AmbiguousHubError(
+                f"several hubs are on USB: {ports}; say which one by its port"
+            )
         return UsbPort(hubs[0], self._open_serial)
 
 
 class UsbPort:
-    """Pybricks Profile over a serial port. Reads run in a separate thread; writes, which have a timeout, do not: at the end of
-    this program, when the hub is stopped, Python starts no more work in other threads."""
+    """Pybricks Profile over a serial port. Reads run in a separate thread; writes, which have a
+    timeout, do not: at the end of this program, when the hub is stopped, Python starts no more work
+    in other threads."""
 
     silence = (
-        "it has LEGO's own firmware, or Pybricks before 4.1, which do not answer over USB: install Pybricks with "
+        "it has LEGO's own firmware, or Pybricks before 4.1, which do not answer over USB: "
+        "install Pybricks with "
         "https://code.pybricks.com, or else plug it in again"
     )
 
@@ -231,10 +255,14 @@ class UsbPort:
         self._on_event, self._on_loss = on_event, on_loss
         with _serial_errors(f"open the serial port {self._hub.device}"):
             self._serial = await asyncio.to_thread(self._open_serial, self._hub.device)
-        self._reader = threading.Thread(target=self._read_loop, args=(self._serial,), name="bricksrl-usb", daemon=True)
+        self._reader = threading.Thread(
+            target=self._read_loop, args=(self._serial,), name="bricksrl-usb", daemon=True
+        )
         self._reader.start()
         await self._send(b"")  # ends a partial frame that another program left
-        self.name = (await self.read(profile.DEVICE_NAME_UUID)).decode("utf-8", "replace") or self._hub.device
+        self.name = (await self.read(profile.DEVICE_NAME_UUID)).decode(
+            "utf-8", "replace"
+        ) or self._hub.device
 
     async def read(self, characteristic: str) -> bytes:
         selector = _CHARACTERISTICS[characteristic]
@@ -325,6 +353,8 @@ def _serial_errors(operation: str) -> Iterator[None]:
         why = errors.message_of(error)
         if error.errno in (errno.EACCES, errno.EPERM):
             remedy = "allow it: on Linux, join the group dialout and log in again"
-            raise errors.UsbUnavailableError(f"could not {operation} ({why}); {remedy}", errors.Reason.DENIED) from error
+            raise errors.UsbUnavailableError(
+                f"could not {operation} ({why}); {remedy}", errors.Reason.DENIED
+            ) from error
         remedy = "plug the hub in, switch it on, and close other programs that use it"
         raise errors.HubDisconnectedError(f"could not {operation} ({why}); {remedy}") from error

@@ -1,4 +1,5 @@
-"""Angles as the firmware stores them: whole turns of a motor plus millidegrees (``pbio/angle.c``, v4).
+"""Angles as the firmware stores them: whole turns of a motor plus millidegrees (``pbio/angle.c``,
+v4).
 
 The two parts may differ in sign; they are rounded and halved separately.
 """

@@ -1,4 +1,5 @@
-"""Position and speed controller: PID along a trajectory, with anti-windup, stall detection and completion.
+"""Position and speed controller: PID along a trajectory, with anti-windup, stall detection and
+completion.
 
 Its log is that of ``pbio/logger.c``, v4.
 """
@@ -9,7 +10,12 @@ from typing import NamedTuple
 
 from brickhub.virtual.firmware import trajectory as trajectories
 from brickhub.virtual.firmware.settings import ControlSettings
-from brickhub.virtual.firmware.trajectory import FOREVER_MS, Trajectory, TrajectoryCommand, TrajectoryReference
+from brickhub.virtual.firmware.trajectory import (
+    FOREVER_MS,
+    Trajectory,
+    TrajectoryCommand,
+    TrajectoryReference,
+)
 
 LOOPS_PER_S = 200
 _FOREVER = FOREVER_MS * 10
@@ -36,7 +42,8 @@ class PositionIntegrator:
         self.running = not self.running
 
     def update(self, error: int, target_error: int) -> int:
-        """Add the error of one control step, unless it winds up, and return the integral (mdeg s)."""
+        """Add the error of one control step, unless it winds up, and return the integral (mdeg
+        s)."""
         s, integral = self._settings, self.integral
         change = trunc(error / LOOPS_PER_S)
         shrinks = abs(integral + change) < abs(integral)
@@ -49,7 +56,9 @@ class PositionIntegrator:
                 shrinks = abs(integral + change) < abs(integral)
         if shrinks or s.integral_deadzone <= abs(target_error) <= s.saturation_error * 2:
             integral, limit = integral + change, s.max_integral
-            self.integral = integral = limit if integral > limit else -limit if integral < -limit else integral
+            self.integral = integral = (
+                limit if integral > limit else -limit if integral < -limit else integral
+            )
         return integral
 
     def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
@@ -81,7 +90,9 @@ class SpeedIntegrator:
         self.running = not self.running
 
     def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
-        return not self.running and _stalls(self._settings, self.pause_began, time, speed, reference_speed)
+        return not self.running and _stalls(
+            self._settings, self.pause_began, time, speed, reference_speed
+        )
 
 
 def _stalls(s: ControlSettings, since: int, time: int, speed: int, reference_speed: int) -> bool:
@@ -104,7 +115,12 @@ class Logger:
     def start(self, time_ms: int, capacity: int, down_sample: int) -> None:
         """Start anew: record one of ``down_sample`` rows, up to ``capacity`` of them."""
         self.rows = []
-        self._start_ms, self._capacity, self._down_sample, self._skipped = time_ms, capacity, down_sample, 0
+        self._start_ms, self._capacity, self._down_sample, self._skipped = (
+            time_ms,
+            capacity,
+            down_sample,
+            0,
+        )
         self.is_active = True
 
     def add(self, time_ms: int, *values: int) -> None:
@@ -140,7 +156,11 @@ class OnCompletion(enum.Enum):
     @property
     def passive(self) -> "OnCompletion":
         """Coast or brake, without the smart variant."""
-        return OnCompletion.COAST if self in (OnCompletion.COAST, OnCompletion.COAST_SMART) else OnCompletion.BRAKE
+        return (
+            OnCompletion.COAST
+            if self in (OnCompletion.COAST, OnCompletion.COAST_SMART)
+            else OnCompletion.BRAKE
+        )
 
 
 class ControlType(enum.Enum):
@@ -159,8 +179,8 @@ class State(NamedTuple):
 
 
 Action = tuple[int, int, int, OnCompletion | None, bool]
-"""Output of a controller: torque (uNm), speed and acceleration of the reference, passive stop or ``None``, and whether it is
-saturated."""
+"""Output of a controller: torque (uNm), speed and acceleration of the reference, passive stop or
+``None``, and whether it is saturated."""
 
 ACTUATIONS = {OnCompletion.COAST: 0, OnCompletion.BRAKE: 1, None: 3}
 """Codes of a log, as in the firmware; 2 is a voltage, 3 a torque."""
@@ -175,7 +195,8 @@ class Controller:
     """Follows one command at a time; times are control ticks, quantities control units.
 
     Attributes:
-        torque_limit: limit of the current command (uNm); that of a single motor includes the feedforward.
+        torque_limit: limit of the current command (uNm); that of a single motor includes the
+            feedforward.
         is_done: whether the command is complete, or there is none.
     """
 
@@ -222,36 +243,64 @@ class Controller:
     # ---- commands
 
     def start_position(
-        self, time: int, state: State, target: int, speed: int, then: OnCompletion, allow_shift: bool = True
+        self,
+        time: int,
+        state: State,
+        target: int,
+        speed: int,
+        then: OnCompletion,
+        allow_shift: bool = True,
     ) -> None:
-        """Run to a position; speed 0 is the default speed. Raises ValueError for a move that is too long."""
-        start = self.reference(time, state) if self.is_active else TrajectoryReference(time, state.position, state.speed, 0)
+        """Run to a position; speed 0 is the default speed. Raises ValueError for a move that is too
+        long."""
+        start = (
+            self.reference(time, state)
+            if self.is_active
+            else TrajectoryReference(time, state.position, state.speed, 0)
+        )
         command = self._command(start, speed or self.settings.default_speed, then, end=target)
         new = trajectories.to_angle(command)
         if self.type is _POSITION and allow_shift and new.a0 == start.acceleration:
-            # Start where the current phase began, so that commands in a tight loop do not accumulate rounding errors.
-            # The firmware compares deg/s2 with mdeg/s2, so this applies only if neither accelerates.
-            new = trajectories.to_angle(_from_vertex(command, self.trajectory.last_vertex(start.time)))
+            # Start where the current phase began, so that commands in a tight loop do not
+            # accumulate rounding errors. The firmware compares deg/s2 with mdeg/s2, so this applies
+            # only if neither accelerates.
+            new = trajectories.to_angle(
+                _from_vertex(command, self.trajectory.last_vertex(start.time))
+            )
         self._follow(_POSITION, new, time, then)
 
     def start_relative(
-        self, time: int, state: State, distance: int, speed: int, then: OnCompletion, allow_shift: bool = True
+        self,
+        time: int,
+        state: State,
+        distance: int,
+        speed: int,
+        then: OnCompletion,
+        allow_shift: bool = True,
     ) -> None:
-        """Run by a distance (control units), from the reference if active, else from the measured position."""
+        """Run by a distance (control units), from the reference if active, else from the measured
+        position."""
         if self.is_active:
             origin = self.reference(time, state).position
         else:
             origin = state.position
             end = self.trajectory.end.position
-            if self.on_completion.is_smart and abs(end - origin) < self.settings.position_tolerance * 2:
+            if (
+                self.on_completion.is_smart
+                and abs(end - origin) < self.settings.position_tolerance * 2
+            ):
                 origin = end
         self.start_position(time, state, origin + distance, speed, then, allow_shift)
 
     def start_hold(self, time: int, position: int) -> None:
         """Hold a position, without a ramp to it."""
-        self._follow(_POSITION, Trajectory(self._trajectory_time(time), position), time, OnCompletion.HOLD)
+        self._follow(
+            _POSITION, Trajectory(self._trajectory_time(time), position), time, OnCompletion.HOLD
+        )
 
-    def start_timed(self, time: int, state: State, duration: int, speed: int, then: OnCompletion) -> None:
+    def start_timed(
+        self, time: int, state: State, duration: int, speed: int, then: OnCompletion
+    ) -> None:
         """Run at a speed (control units) for a duration in ticks."""
         if then.is_smart:
             then = then.passive
@@ -267,25 +316,46 @@ class Controller:
     def start_forever(self, time: int, state: State, speed: int) -> None:
         self.start_timed(time, state, _FOREVER, speed, OnCompletion.CONTINUE)
 
-    def start_until_stalled(self, time: int, state: State, speed: int, torque_limit: int, then: OnCompletion) -> None:
+    def start_until_stalled(
+        self, time: int, state: State, speed: int, torque_limit: int, then: OnCompletion
+    ) -> None:
         """Run until stalled, with a torque limit (uNm) for this run only.
 
-        It starts as an endless run, whose integral it continues, but not that of another run until stalled.
+        It starts as an endless run, whose integral it continues, but not that of another run until
+        stalled.
         """
         self.start_forever(time, state, speed)
         self.on_completion, self._acts_when_done = then, False
         self._until_stalled = True
         self.torque_limit = torque_limit
 
-    def _command(self, start: TrajectoryReference, speed: int, then: OnCompletion, **goal: int) -> TrajectoryCommand:
+    def _command(
+        self, start: TrajectoryReference, speed: int, then: OnCompletion, **goal: int
+    ) -> TrajectoryCommand:
         s = self.settings
         limits = s.max_speed, s.acceleration, s.deceleration
-        return TrajectoryCommand(start.time, start.position, start.speed, speed, *limits, then is OnCompletion.CONTINUE, **goal)
+        return TrajectoryCommand(
+            start.time,
+            start.position,
+            start.speed,
+            speed,
+            *limits,
+            then is OnCompletion.CONTINUE,
+            **goal,
+        )
 
     # ---- the loop
 
-    def update(self, time: int, position: int, speed: int, speed_estimate: int, paused_by_other: bool = False) -> Action:
-        """One control step. Inlined, because most of a virtual robot's computing time is spent here.
+    def update(
+        self,
+        time: int,
+        position: int,
+        speed: int,
+        speed_estimate: int,
+        paused_by_other: bool = False,
+    ) -> Action:
+        """One control step. Inlined, because most of a virtual robot's computing time is spent
+        here.
 
         Args:
             position, speed: measured, mdeg and mdeg/s.
@@ -313,7 +383,9 @@ class Controller:
         if integral:
             torque += trunc(integral * s.ki / 1000)
         torque = limit if torque > limit else -limit if torque < -limit else torque
-        at_limit = abs(proportional) >= limit and self._is_winding_up(proportional, speed, reference_speed, acceleration)
+        at_limit = abs(proportional) >= limit and self._is_winding_up(
+            proportional, speed, reference_speed, acceleration
+        )
         if integrator.running is (at_limit or paused_by_other):
             integrator.toggle(time, error)
         self._stalled = integrator.is_stalled(time, speed, reference_speed)
@@ -321,9 +393,17 @@ class Controller:
         if self.log.is_active:
             derivative = trunc(s.kd * (reference_speed - speed_estimate) / 1000)
             terms = proportional, trunc(integral * s.ki / 1000), derivative
-            self._terms = reference_time, reference + used_error - error, reference_speed, *terms, int(at_limit)
+            self._terms = (
+                reference_time,
+                reference + used_error - error,
+                reference_speed,
+                *terms,
+                int(at_limit),
+            )
         action = torque, reference_speed, acceleration, None, at_limit
-        self.is_done = reference_time >= end_time and self._has_arrived(end_position - position, end_speed, speed)
+        self.is_done = reference_time >= end_time and self._has_arrived(
+            end_position - position, end_speed, speed
+        )
         if self.type is _TIMED and not self.is_done:
             self.is_done = self._stalled if self._until_stalled else self.trajectory.t3 >= _FOREVER
         if not self.is_done or self._acts_when_done:
@@ -336,7 +416,9 @@ class Controller:
             return 0, reference_speed, acceleration, then.passive, at_limit
         return action
 
-    def log_row(self, time_ms: int, state: State, torque: int, passive: OnCompletion | None) -> None:
+    def log_row(
+        self, time_ms: int, state: State, torque: int, passive: OnCompletion | None
+    ) -> None:
         """Log the last :meth:`update` and its outcome."""
         s = self.settings
         reference_time, reference, reference_speed, *terms, at_limit = self._terms
@@ -350,11 +432,15 @@ class Controller:
     def _trajectory_time(self, time: int) -> int:
         return self._position.trajectory_time(time) if self.type is _POSITION else time
 
-    def _follow(self, new: ControlType, trajectory: Trajectory, time: int, then: OnCompletion) -> None:
+    def _follow(
+        self, new: ControlType, trajectory: Trajectory, time: int, then: OnCompletion
+    ) -> None:
         self.trajectory = trajectory
         self._is_fast = abs(trajectory.wu) * 100 >= self.settings.kp_low_speed
         self.on_completion = then
-        self._acts_when_done = then.is_active and (new is _POSITION or then is OnCompletion.CONTINUE)
+        self._acts_when_done = then.is_active and (
+            new is _POSITION or then is OnCompletion.CONTINUE
+        )
         self.torque_limit = self.settings.max_torque
         self.is_done = False
         if self.type is new and not self._until_stalled:
@@ -373,7 +459,9 @@ class Controller:
         if target_error < near:
             return s.kp
         error, low = abs(error), s.kp * s.kp_low_pct // 100
-        piecewise = low if error <= s.kp_low_error else s.kp - s.kp_low_error * (s.kp - low) // error
+        piecewise = (
+            low if error <= s.kp_low_error else s.kp - s.kp_low_error * (s.kp - low) // error
+        )
         far = near * 100 // s.kp_low_pct
         if target_error > far:
             return max(piecewise, low)
@@ -381,8 +469,11 @@ class Controller:
         product = (s.kp * (100 - s.kp_low_pct) * (far - target_error) + 2**31) % 2**32 - 2**31
         return max(piecewise, low + trunc(trunc(product / (far - near)) / 100))
 
-    def _is_winding_up(self, proportional: int, speed: int, reference_speed: int, acceleration: int) -> bool:
-        """Whether the proportional part alone exceeds the torque limit, and the reference will not reduce it."""
+    def _is_winding_up(
+        self, proportional: int, speed: int, reference_speed: int, acceleration: int
+    ) -> bool:
+        """Whether the proportional part alone exceeds the torque limit, and the reference will not
+        reduce it."""
         s = self.settings
         margin = trunc(abs(speed) / LOOPS_PER_S) * 2
         if abs(proportional) < self.torque_limit + trunc(s.kp * margin / 1000):
@@ -403,4 +494,6 @@ class Controller:
 
 def _from_vertex(command: TrajectoryCommand, vertex: TrajectoryReference) -> TrajectoryCommand:
     duration = command.duration + command.time - vertex.time if command.duration else 0
-    return command._replace(time=vertex.time, position=vertex.position, speed=vertex.speed, duration=duration)
+    return command._replace(
+        time=vertex.time, position=vertex.position, speed=vertex.speed, duration=duration
+    )

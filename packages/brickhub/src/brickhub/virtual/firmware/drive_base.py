@@ -10,11 +10,25 @@ from operator import add, sub
 
 from brickhub.virtual.body import Body
 from brickhub.virtual.firmware import RefusedError, UnavailableError
-from brickhub.virtual.firmware.angle import Angle, difference, from_unit, mean, single, to_mdeg, to_unit, to_unit_float
+from brickhub.virtual.firmware.angle import (
+    Angle,
+    difference,
+    from_unit,
+    mean,
+    single,
+    to_mdeg,
+    to_unit,
+    to_unit_float,
+)
 from brickhub.virtual.firmware.control import Controller, ControlType, OnCompletion, State
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.firmware.settings import drive_base_settings
-from brickhub.virtual.firmware.trajectory import INT32_MAX, TURN_MDEG, validate_acceleration, validate_speed
+from brickhub.virtual.firmware.trajectory import (
+    INT32_MAX,
+    TURN_MDEG,
+    validate_acceleration,
+    validate_speed,
+)
 
 _Vector = tuple[float, float, float]
 _TURN_MDEG_OVER_PI = 114_592
@@ -32,7 +46,11 @@ class GyroHeading:
 
     def __init__(self, body: Body) -> None:
         self._body = body
-        self.frame: tuple[_Vector, _Vector, _Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        self.frame: tuple[_Vector, _Vector, _Vector] = (
+            (1.0, 0.0, 0.0),
+            (0.0, 1.0, 0.0),
+            (0.0, 0.0, 1.0),
+        )
         self.turn_deg = 360.0
         self._gyro_deg: _Vector = (360.0, 360.0, 360.0)
         self._yaw_deg = 0.0
@@ -55,7 +73,9 @@ class GyroHeading:
 
     def rate_deg_s(self) -> float:
         """Angular velocity about the robot's vertical axis, clockwise."""
-        return -sum(rate * axis[2] for rate, axis in zip(self.rates_deg_s(), self.frame, strict=True))
+        return -sum(
+            rate * axis[2] for rate, axis in zip(self.rates_deg_s(), self.frame, strict=True)
+        )
 
     def rates_deg_s(self, *, calibrated: bool = True) -> _Vector:
         """Angular velocity in the frame of the hub."""
@@ -69,12 +89,17 @@ class GyroHeading:
         return x * scale_x / 360.0, y * scale_y / 360.0, z * scale_z / 360.0
 
     def yaw_deg(self) -> float:
-        """Rotation about the vertical since the hub was switched on, without the correction of the heading."""
-        scale = sum(axis[2] ** 2 * 360.0 / scale for axis, scale in zip(self.frame, self._gyro_deg, strict=True))
+        """Rotation about the vertical since the hub was switched on, without the correction of the
+        heading."""
+        scale = sum(
+            axis[2] ** 2 * 360.0 / scale
+            for axis, scale in zip(self.frame, self._gyro_deg, strict=True)
+        )
         return self._body.heading_deg() * scale + self._yaw_deg
 
     def calibrate(self, gyro_deg: _Vector) -> None:
-        """Set the reading of the gyroscope for a whole turn about each axis of the hub; earlier rotation stays."""
+        """Set the reading of the gyroscope for a whole turn about each axis of the hub; earlier
+        rotation stays."""
         yaw_deg, rotation_deg = self.yaw_deg(), self.rotation_deg(calibrated=True)
         self._gyro_deg = gyro_deg
         self._yaw_deg += yaw_deg - self.yaw_deg()
@@ -93,15 +118,22 @@ class DriveBaseControl:
     """Distances in mm, headings in degrees (clockwise positive).
 
     Attributes:
-        left, right: the motors.
-        distance, heading: controllers of the mean of both motors, and of the left motor's lead over it.
+        left, right: the motors. distance, heading: controllers of the mean of both motors, and of
+        the left motor's lead over it.
 
     Raises:
         ValueError: the geometry is out of range, both motors are the same, or their gears differ.
         OSError: EBUSY, a motor belongs to another drive base; ENODEV, it is closed.
     """
 
-    def __init__(self, left: Servo, right: Servo, wheel_diameter_um: int, axle_track_um: int, heading: GyroHeading) -> None:
+    def __init__(
+        self,
+        left: Servo,
+        right: Servo,
+        wheel_diameter_um: int,
+        axle_track_um: int,
+        heading: GyroHeading,
+    ) -> None:
         steps = left.settings.steps_per_unit
         if left is right or steps != right.settings.steps_per_unit:
             raise RefusedError("a drive base needs two motors with the same gears")
@@ -116,7 +148,9 @@ class DriveBaseControl:
         self._paused = self._uses_gyro = False
         self._set_zero((0, 0), (0, 0))
         self.stop(OnCompletion.COAST)
-        too_large = steps > INT32_MAX // _TURN_MDEG_OVER_PI or steps > INT32_MAX // max(axle_track_um, 1)
+        too_large = steps > INT32_MAX // _TURN_MDEG_OVER_PI or steps > INT32_MAX // max(
+            axle_track_um, 1
+        )
         if wheel_diameter_um < 1000 or axle_track_um < 1000 or too_large:
             raise RefusedError("the wheel diameter or the axle track is out of range")
         heading_settings.steps_per_unit = steps * axle_track_um // wheel_diameter_um
@@ -141,7 +175,8 @@ class DriveBaseControl:
         self._drive_relative(distance_mm, 0, then)
 
     def curve(self, radius_mm: int, angle_deg: int, then: OnCompletion) -> None:
-        """Turn by an angle along an arc; radius 0 turns in place, a negative radius drives backwards."""
+        """Turn by an angle along an arc; radius 0 turns in place, a negative radius drives
+        backwards."""
         length_mm = trunc(10 * abs(angle_deg) * radius_mm / 573)
         self._drive_relative(length_mm, -angle_deg if radius_mm < 0 else angle_deg, then)
 
@@ -149,14 +184,24 @@ class DriveBaseControl:
         """Turn in place by an angle."""
         distance = angle_deg * self.heading.settings.steps_per_unit
         start = self.heading.start_relative
-        self._turn(lambda time, state: start(time, state, distance, 0, then, allow_shift=False), then)
+        self._turn(
+            lambda time, state: start(time, state, distance, 0, then, allow_shift=False), then
+        )
 
     def turn_to(self, angle_deg: int, then: OnCompletion) -> None:
         """Turn in place to a heading modulo 360 degrees, the shorter way."""
         heading = self.heading
         remaining = angle_deg - to_unit(self._angles()[1], heading.settings.steps_per_unit)
-        turns = -(-(remaining - 180) // 360) if remaining > 180 else -(-(-180 - remaining) // 360) if remaining < -180 else 0
-        target = (angle_deg - 360 * turns if remaining > 0 else angle_deg + 360 * turns) * heading.settings.steps_per_unit
+        turns = (
+            -(-(remaining - 180) // 360)
+            if remaining > 180
+            else -(-(-180 - remaining) // 360)
+            if remaining < -180
+            else 0
+        )
+        target = (
+            angle_deg - 360 * turns if remaining > 0 else angle_deg + 360 * turns
+        ) * heading.settings.steps_per_unit
         self._turn(lambda time, state: heading.start_position(time, state, target, 0, then), then)
 
     def _turn(self, start: Callable[[int, State], None], then: OnCompletion) -> None:
@@ -166,15 +211,20 @@ class DriveBaseControl:
         start(time, heading)
         self.distance.trajectory.stretch(self.heading.trajectory)
 
-    def arc(self, radius_mm: int, distance_mm: int | None, angle_deg: int, then: OnCompletion) -> None:
-        """Drive a distance, or turn by an angle, along an arc, to the right for a positive radius; negative ones drive backwards.
-        Raises RefusedError for a radius under 10 mm."""
+    def arc(
+        self, radius_mm: int, distance_mm: int | None, angle_deg: int, then: OnCompletion
+    ) -> None:
+        """Drive a distance, or turn by an angle, along an arc, to the right for a positive radius;
+        negative ones drive backwards. Raises RefusedError for a radius under 10 mm."""
         if abs(radius_mm) < _MIN_RADIUS_MM:
             raise RefusedError("the radius of an arc is too small")
         if distance_mm is None:
             distance_mm, goes_right = trunc(10 * angle_deg * abs(radius_mm) / 573), radius_mm >= 0
         else:
-            angle_deg, goes_right = abs(distance_mm) * 573 // abs(radius_mm) // 10, (radius_mm < 0) == (distance_mm < 0)
+            angle_deg, goes_right = (
+                abs(distance_mm) * 573 // abs(radius_mm) // 10,
+                (radius_mm < 0) == (distance_mm < 0),
+            )
         self._drive_relative(distance_mm, angle_deg if goes_right else -angle_deg, then)
 
     def drive(self, speed_mm_s: int, turn_rate_deg_s: int) -> None:
@@ -213,7 +263,8 @@ class DriveBaseControl:
             self._gyro.set_angle(float(angle_deg))
 
     def use_gyro(self, use: bool) -> None:
-        """Take the heading from the hub's gyroscope or from the wheels; each has its own zero. A change stops a running move."""
+        """Take the heading from the hub's gyroscope or from the wheels; each has its own zero. A
+        change stops a running move."""
         if use is not self._uses_gyro:
             self.stop(OnCompletion.COAST)
             self._uses_gyro = use
@@ -221,24 +272,43 @@ class DriveBaseControl:
     @property
     def needs_gyro(self) -> bool:
         """Whether a move or hold uses the gyroscope, whose heading must not be set then."""
-        return self._uses_gyro and self.is_open and (self.distance.is_active or self.heading.is_active)
+        return (
+            self._uses_gyro and self.is_open and (self.distance.is_active or self.heading.is_active)
+        )
 
     @property
     def turns_by_gyro(self) -> bool:
         """Whether the current move ends only after the gyroscope has turned."""
         remaining = self.heading.trajectory.end.position - self._measured()[1].position
-        return self._uses_gyro and self.heading.is_active and abs(remaining) > self.heading.settings.position_tolerance
+        return (
+            self._uses_gyro
+            and self.heading.is_active
+            and abs(remaining) > self.heading.settings.position_tolerance
+        )
 
-    def set_settings(self, speed: int, acceleration: tuple[int, int], turn_rate: int, turn_acceleration: tuple[int, int]) -> None:
-        """Set the defaults of moves; accelerations as (up, down). Raises ValueError, without a change, for one out of range."""
-        pairs = ((self.distance.settings, speed, acceleration), (self.heading.settings, turn_rate, turn_acceleration))
+    def set_settings(
+        self,
+        speed: int,
+        acceleration: tuple[int, int],
+        turn_rate: int,
+        turn_acceleration: tuple[int, int],
+    ) -> None:
+        """Set the defaults of moves; accelerations as (up, down). Raises ValueError, without a
+        change, for one out of range."""
+        pairs = (
+            (self.distance.settings, speed, acceleration),
+            (self.heading.settings, turn_rate, turn_acceleration),
+        )
         for settings, rate, (up, down) in pairs:
             validate_speed(settings.steps_per_unit, rate)
             validate_acceleration(settings.steps_per_unit, up)
             validate_acceleration(settings.steps_per_unit, down)
         for settings, rate, (up, down) in pairs:
             settings.default_speed = min(settings.from_unit(rate), settings.max_speed)
-            settings.acceleration, settings.deceleration = settings.from_unit(up), settings.from_unit(down)
+            settings.acceleration, settings.deceleration = (
+                settings.from_unit(up),
+                settings.from_unit(down),
+            )
 
     # ---- state
 
@@ -289,8 +359,12 @@ class DriveBaseControl:
             if end is not None:
                 self.stop(end)
                 return
-        self.left.actuate(torque + turn_torque, speed + turn_speed, acceleration + turn_acceleration)
-        self.right.actuate(torque - turn_torque, speed - turn_speed, acceleration - turn_acceleration)
+        self.left.actuate(
+            torque + turn_torque, speed + turn_speed, acceleration + turn_acceleration
+        )
+        self.right.actuate(
+            torque - turn_torque, speed - turn_speed, acceleration - turn_acceleration
+        )
 
     def _angles(self) -> tuple[Angle, Angle]:
         """Distance and heading as the firmware stores them."""
@@ -312,7 +386,8 @@ class DriveBaseControl:
         self._distance_zero_mdeg, self._heading_zero_mdeg = to_mdeg(distance), to_mdeg(heading)
 
     def _measured(self) -> tuple[State, State]:
-        """Distance and heading. The gyroscope gives only position and speed of the heading; the estimates are the motors'."""
+        """Distance and heading. The gyroscope gives only position and speed of the heading; the
+        estimates are the motors'."""
         right_position, left, right = self.right.position(), self.left.observer, self.right.observer
         position, is_odd = divmod(self.left.position() + right_position, 2)
         if is_odd:
@@ -321,7 +396,10 @@ class DriveBaseControl:
         estimate = trunc((left.speed + right.speed) / 2)
         angle = trunc((left.angle + right.angle) / 2)
         distance_zero, heading_zero = self._distance_zero_mdeg, self._heading_zero_mdeg
-        lead, lead_estimate = position - right_position - heading_zero, angle - right.angle - heading_zero
+        lead, lead_estimate = (
+            position - right_position - heading_zero,
+            angle - right.angle - heading_zero,
+        )
         turn_rate = speed - right.measured_speed
         if self._uses_gyro:
             gyro, steps = self._gyro, self.heading.settings.steps_per_unit
@@ -334,14 +412,18 @@ class DriveBaseControl:
             raise UnavailableError(errno.ENODEV, "a motor of the drive base is closed")
 
     def _begin(self) -> tuple[State, State]:
-        """Take over both motors and return their state. Raises OSError (ENODEV) if one is closed."""
+        """Take over both motors and return their state. Raises OSError (ENODEV) if one is
+        closed."""
         self._check_open()
         self.left.control.stop()
         self.right.control.stop()
         return self._measured()
 
     def _drive_relative(self, distance_mm: int, angle_deg: int, then: OnCompletion) -> None:
-        length, turn = distance_mm * self.distance.settings.steps_per_unit, angle_deg * self.heading.settings.steps_per_unit
+        length, turn = (
+            distance_mm * self.distance.settings.steps_per_unit,
+            angle_deg * self.heading.settings.steps_per_unit,
+        )
         distance, heading, time = *self._begin(), self._clock.time_ticks
         self.distance.start_relative(time, distance, length, 0, then, allow_shift=False)
         self.heading.start_relative(time, heading, turn, 0, then, allow_shift=False)

@@ -1,8 +1,9 @@
-"""Motor models of the firmware, discrete linear systems with friction in steps of 5 ms, and the observer, whose model tracks the
-measured angle.
+"""Motor models of the firmware, discrete linear systems with friction in steps of 5 ms, and the
+observer, whose model tracks the measured angle.
 
-Figures: motor curves measured by Pybricks, as stored in the firmware (``servo_settings.c``, v4). Each entry is a denominator:
-``PRESCALE[column] * value / entry`` is the contribution of a column to the next state.
+Figures: motor curves measured by Pybricks, as stored in the firmware (``servo_settings.c``, v4).
+Each entry is a denominator: ``PRESCALE[column] * value / entry`` is the contribution of a column to
+the next state.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ _STALL_RATIO_PCT = 75
 
 @dataclass(frozen=True, slots=True)
 class ObserverModel:
-    """Rows (angle, speed, current) by columns (speed, current, voltage, torque), then the inverse relations."""
+    """Rows (angle, speed, current) by columns (speed, current, voltage, torque), then the inverse
+    relations."""
 
     angle: tuple[int, int, int, int]
     speed: tuple[int, int, int, int]
@@ -56,8 +58,11 @@ class ObserverModel:
     def torque_unm(self, voltage_mv: int) -> int:
         return trunc(PRESCALE_VOLTAGE * _clamp(voltage_mv, MAX_VOLTAGE_MV) / self.torque_by_voltage)
 
-    def drive_mv(self, torque_unm: int, speed: int, acceleration: int, limit_unm: int = MAX_TORQUE_UNM) -> int:
-        """Voltage for a torque plus the feedforward of a reference; their sum is limited, to at most MAX_TORQUE_UNM."""
+    def drive_mv(
+        self, torque_unm: int, speed: int, acceleration: int, limit_unm: int = MAX_TORQUE_UNM
+    ) -> int:
+        """Voltage for a torque plus the feedforward of a reference; their sum is limited, to at
+        most MAX_TORQUE_UNM."""
         torque = torque_unm + self.feedforward_unm(speed, acceleration)
         torque = limit_unm if torque > limit_unm else -limit_unm if torque < -limit_unm else torque
         return trunc(PRESCALE_TORQUE * torque / self.voltage_by_torque)
@@ -75,7 +80,11 @@ class ObserverModel:
             if not -MAX_ACCELERATION <= acceleration <= MAX_ACCELERATION:
                 acceleration = _clamp(acceleration, MAX_ACCELERATION)
             forward += trunc(PRESCALE_ACCELERATION * acceleration / self.torque_by_acceleration)
-        return forward if -MAX_TORQUE_UNM <= forward <= MAX_TORQUE_UNM else _clamp(forward, MAX_TORQUE_UNM)
+        return (
+            forward
+            if -MAX_TORQUE_UNM <= forward <= MAX_TORQUE_UNM
+            else _clamp(forward, MAX_TORQUE_UNM)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,31 +111,38 @@ def _clamp(value: int, limit: int) -> int:
 
 _TYPES = {
     "spike-small": MotorType(ObserverModel(
-        (179217, 1950303, 5654927, -425928), (956, 7666, 11702, -1085), (-249247, -9356019, 349105, 383927),
+        (179217, 1950303, 5654927, -425928), (956, 7666, 11702, -1085),
+        (-249247, -9356019, 349105, 383927),
         22334, 17203, 12282, 35129, 9182,
     ), 620, 30, 11, 150, max_voltage_mv=6000),
     "spike-medium": MotorType(ObserverModel(
-        (177194, 2407354, 7431528, -919183), (934, 8311, 14444, -2332), (-165023, 1058029, 225610, 629020),
+        (177194, 2407354, 7431528, -919183), (934, 8311, 14444, -2332),
+        (-165023, 1058029, 225610, 629020),
         47606, 8071, 5903, 16163, 21413,
     ), 1000, 45, 11, 150),
     "spike-large": MotorType(ObserverModel(
-        (174943, 8368268, 13442903, -3690545), (904, 26508, 25105, -9310), (-58045, 396164, 86900, 975141),
+        (174943, 8368268, 13442903, -3690545), (904, 26508, 25105, -9310),
+        (-58045, 396164, 86900, 975141),
         133763, 2872, 1919, 3997, 23239,
     ), 1000, 45, 11, 150),
     "technic-l": MotorType(ObserverModel(
-        (175977, 5728019, 6164994, -1377701), (912, 22787, 12888, -3482), (-159828, -44152415, 142828, 794862),
+        (175977, 5728019, 6164994, -1377701), (912, 22787, 12888, -3482),
+        (-159828, -44152415, 142828, 794862),
         62889, 6110, 6837, 10751, 26430,
     ), 1500, 45, 20, 250),
     "technic-xl": MotorType(ObserverModel(
-        (176559, 8098298, 5471477, -1282598), (916, 35736, 12148, -3244), (-175173, -7606150, 156891, 729279),
+        (176559, 8098298, 5471477, -1282598), (916, 35736, 12148, -3244),
+        (-175173, -7606150, 156891, 729279),
         55617, 6908, 7713, 11578, 12893,
     ), 1500, 45, 20, 250),
     "interactive": MotorType(ObserverModel(
-        (179110, 7311289, 4603893, -728461), (941, 35750, 10967, -1850), (-316164, -12014584, 355664, 668004),
+        (179110, 7311289, 4603893, -728461), (941, 35750, 10967, -1850),
+        (-316164, -12014584, 355664, 668004),
         32225, 11923, 10599, 20588, 11227,
     ), 1200, 45, 12, 0),
     "move-hub": MotorType(ObserverModel(
-        (176283, 7437051, 5022928, -966059), (913, 32807, 11156, -2442), (-202833, -8118383, 157720, 636829),
+        (176283, 7437051, 5022928, -966059), (913, 32807, 11156, -2442),
+        (-202833, -8118383, 157720, 636829),
         45536, 8438, 10851, 15357, 24835,
     ), 1500, 45, 20, 250),
 }  # fmt: skip
@@ -136,9 +152,10 @@ MOTOR_TYPES = {kind: _TYPES[kind.model.like or kind.value] for kind in MotorKind
 class ObserverSettings(NamedTuple):
     """Settings that a program may tune, in the firmware's order (``pbio_observer_settings_t``).
 
-    A motor stalls while it is slower than ``stall_speed`` (mdeg/s) and the feedback exceeds ``stall_ratio_pct`` of a voltage
-    above ``negligible_mv``; after ``stall_time`` (ticks of 0.1 ms) it counts as stalled. The feedback has ``gain_low`` (mV/deg)
-    up to ``gain_threshold`` (mdeg) and ``gain_high`` beyond. Friction decreases to 0 below ``friction_cutoff`` (mdeg/s).
+    A motor stalls while it is slower than ``stall_speed`` (mdeg/s) and the feedback exceeds
+    ``stall_ratio_pct`` of a voltage above ``negligible_mv``; after ``stall_time`` (ticks of 0.1 ms)
+    it counts as stalled. The feedback has ``gain_low`` (mV/deg) up to ``gain_threshold`` (mdeg) and
+    ``gain_high`` beyond. Friction decreases to 0 below ``friction_cutoff`` (mdeg/s).
     """
 
     stall_speed: int
@@ -155,17 +172,24 @@ class Observer:
     """Estimates angle and speed of a motor; detects stalls while no controller runs.
 
     Attributes:
-        angle, speed, current: state of the model, mdeg, mdeg/s and 0.1 mA.
-        history: angles measured at the last steps, mdeg.
-        measured_speed: mean of the measured speed over 100 ms, mdeg/s.
-        stalled_since: time of the first of the steps in which the motor stalls; after the stall time it counts as stalled.
+        angle, speed, current: state of the model, mdeg, mdeg/s and 0.1 mA. history: angles measured
+        at the last steps, mdeg. measured_speed: mean of the measured speed over 100 ms, mdeg/s.
+        stalled_since: time of the first of the steps in which the motor stalls; after the stall
+        time it counts as stalled.
     """
 
     def __init__(self, motor: MotorType, settings: ControlSettings) -> None:
         model = motor.model
-        gain, negligible_mv = motor.observer_gain, trunc(model.voltage_mv(model.friction_unm) * 5 / 2)
+        gain, negligible_mv = (
+            motor.observer_gain,
+            trunc(model.voltage_mv(model.friction_unm) * 5 / 2),
+        )
         stall = (settings.stall_speed, settings.stall_time, negligible_mv, _STALL_RATIO_PCT)
-        self.tune(ObserverSettings(*stall, gain, gain * _HIGH_GAIN_FACTOR, _GAIN_THRESHOLD_MDEG, _FRICTION_CUTOFF))
+        self.tune(
+            ObserverSettings(
+                *stall, gain, gain * _HIGH_GAIN_FACTOR, _GAIN_THRESHOLD_MDEG, _FRICTION_CUTOFF
+            )
+        )
         self._rows = *model.angle[:3], *model.speed[:3], *model.current[:3]
         self._friction_unm = model.friction_unm
         self._friction_columns = model.angle[3], model.speed[3], model.current[3]
@@ -175,7 +199,8 @@ class Observer:
         self.reset(0)
 
     def reset(self, angle: int) -> None:
-        """Restart at rest at a measured angle (mdeg). As in the firmware, the measured speed stays until the next step."""
+        """Restart at rest at a measured angle (mdeg). As in the firmware, the measured speed stays
+        until the next step."""
         self.angle, self.speed, self.current = angle, 0, 0
         self.stalled_since: int | None = None
         self.history.clear()
@@ -184,7 +209,14 @@ class Observer:
     def tune(self, settings: ObserverSettings) -> None:
         """Use these settings from now on."""
         self.settings = settings
-        self._stall_speed, self._stall_time, self._negligible_mv, self._stall_ratio_pct, *gains, cutoff = settings
+        (
+            self._stall_speed,
+            self._stall_time,
+            self._negligible_mv,
+            self._stall_ratio_pct,
+            *gains,
+            cutoff,
+        ) = settings
         self._gain, self._high_gain, self._threshold = gains
         self._friction_cutoff = max(cutoff, 1)
 
@@ -214,7 +246,13 @@ class Observer:
         else:
             self.stalled_since = None
         voltage = voltage_mv + feedback
-        voltage = MAX_VOLTAGE_MV if voltage > MAX_VOLTAGE_MV else -MAX_VOLTAGE_MV if voltage < -MAX_VOLTAGE_MV else voltage
+        voltage = (
+            MAX_VOLTAGE_MV
+            if voltage > MAX_VOLTAGE_MV
+            else -MAX_VOLTAGE_MV
+            if voltage < -MAX_VOLTAGE_MV
+            else voltage
+        )
         cutoff = self._friction_cutoff
         if -cutoff <= speed <= cutoff:
             slip, friction, drop = self._friction(trunc(abs(speed) * self._friction_unm / cutoff))
@@ -222,15 +260,31 @@ class Observer:
             slip, friction, drop = self._full_friction
         if speed < 0:
             slip, friction, drop = -slip, -friction, -drop
-        ps, pc, pv = PRESCALE_SPEED * speed, PRESCALE_CURRENT * self.current, PRESCALE_VOLTAGE * voltage
+        ps, pc, pv = (
+            PRESCALE_SPEED * speed,
+            PRESCALE_CURRENT * self.current,
+            PRESCALE_VOLTAGE * voltage,
+        )
         a0, a1, a2, s0, s1, s2, c0, c1, c2 = self._rows
         self.angle += trunc(ps / a0) + trunc(pc / a1) + trunc(pv / a2) + slip
         next_speed = trunc(ps / s0) + trunc(pc / s1) + trunc(pv / s2) + friction
         current = trunc(ps / c0) + trunc(pc / c1) + trunc(pv / c2) + drop
         if (speed < 0) is not (next_speed < 0):
             next_speed -= friction  # friction brakes to rest, not beyond
-        self.speed = MAX_SPEED if next_speed > MAX_SPEED else -MAX_SPEED if next_speed < -MAX_SPEED else next_speed
-        self.current = MAX_CURRENT if current > MAX_CURRENT else -MAX_CURRENT if current < -MAX_CURRENT else current
+        self.speed = (
+            MAX_SPEED
+            if next_speed > MAX_SPEED
+            else -MAX_SPEED
+            if next_speed < -MAX_SPEED
+            else next_speed
+        )
+        self.current = (
+            MAX_CURRENT
+            if current > MAX_CURRENT
+            else -MAX_CURRENT
+            if current < -MAX_CURRENT
+            else current
+        )
 
     def _friction(self, torque_unm: int) -> tuple[int, int, int]:
         """Changes of angle, speed and current by a torque against the motion."""
@@ -239,7 +293,8 @@ class Observer:
         return trunc(torque / angle), trunc(torque / speed), trunc(torque / current)
 
     def window_speed(self, window_ms: int) -> int:
-        """Mean measured speed over a window, mdeg/s. Raises ValueError for one shorter than a tick or longer than 300 ms."""
+        """Mean measured speed over a window, mdeg/s. Raises ValueError for one shorter than a tick
+        or longer than 300 ms."""
         ticks = (window_ms + 2) // 5 & 0xFF  # in eight bits
         if not 1 <= ticks <= _HISTORY:
             raise RefusedError("the window is out of range")

@@ -34,13 +34,13 @@ class Parent(Protocol):
 class Servo:
     """One motor port. Angles and speeds are whole degrees at the gear train's output.
 
-    Until :meth:`setup` the motor only coasts. Refused commands raise ValueError for a bad value, OSError with EBUSY, or with
-    ENODEV if it is not in use.
+    Until :meth:`setup` the motor only coasts. Refused commands raise ValueError for a bad value,
+    OSError with EBUSY, or with ENODEV if it is not in use.
 
     Attributes:
         is_plain: whether it lacks a rotation sensor.
-        is_taken: whether it must be closed before the next :meth:`setup`. A setup that is refused for this still ends the
-            control loop, and the motor keeps its voltage.
+        is_taken: whether it must be closed before the next :meth:`setup`. A setup that is refused
+            for this still ends the control loop, and the motor keeps its voltage.
         direction: 1 if the angle increases when the shaft turns clockwise, else -1.
         voltage_mv: present voltage; ``None`` while it coasts.
         driven_ms: time at which it began to coast; ``None`` before its first voltage.
@@ -67,7 +67,8 @@ class Servo:
 
     @property
     def is_open(self) -> bool:
-        """Whether it takes commands. Its control loop runs, also after :meth:`close`, until something first asks this."""
+        """Whether it takes commands. Its control loop runs, also after :meth:`close`, until
+        something first asks this."""
         self._is_updated = self._is_updated and self.is_taken
         return self._is_updated
 
@@ -77,12 +78,17 @@ class Servo:
             raise RefusedError("the voltage limit is out of range")
         self.max_voltage_mv = value_mv
 
-    def setup(self, direction: Direction, gear_ratio_milli: int, reset_angle: bool, profile_deg: int) -> None:
-        """Take the motor into use; ``gear_ratio_milli`` is 1000 times the motor's turns for one of the output. Raises OSError
-        (EBUSY) if it is in use, ValueError if the gear ratio or the profile is out of range."""
+    def setup(
+        self, direction: Direction, gear_ratio_milli: int, reset_angle: bool, profile_deg: int
+    ) -> None:
+        """Take the motor into use; ``gear_ratio_milli`` is 1000 times the motor's turns for one of
+        the output. Raises OSError (EBUSY) if it is in use, ValueError if the gear ratio or the
+        profile is out of range."""
         self._is_updated = False
         if reset_angle:
-            self._set_zero(difference(split(self.body.angle_mdeg(self.port)), (0, self._absolute_mdeg())))
+            self._set_zero(
+                difference(split(self.body.angle_mdeg(self.port)), (0, self._absolute_mdeg()))
+            )
         if self.is_taken:
             raise UnavailableError(errno.EBUSY, "the motor is in use already")
         self.set_voltage(None)
@@ -91,7 +97,10 @@ class Servo:
         self.max_voltage_mv = self.type.max_voltage_mv
         self.control.reset()
         self.control = Controller(servo_settings(self.type, gear_ratio_milli, profile_deg))
-        measured_speed, self.observer = self.observer.measured_speed, Observer(self.type, self.settings)
+        measured_speed, self.observer = (
+            self.observer.measured_speed,
+            Observer(self.type, self.settings),
+        )
         self.observer.measured_speed = measured_speed  # until the next step
         self.observer.reset(self.position())
         self._is_updated = True
@@ -144,8 +153,9 @@ class Servo:
         return self._load_mnm(self.position())
 
     def observed(self) -> tuple[float | None, int | None, int | None, int | None]:
-        """Angle (deg), mean speed over 100 ms (deg/s), load (mNm) and voltage (mV, ``None`` while it coasts) of the last control
-        step, for a log: nothing is measured. Angle, speed and load are ``None`` without a control loop."""
+        """Angle (deg), mean speed over 100 ms (deg/s), load (mNm) and voltage (mV, ``None`` while
+        it coasts) of the last control step, for a log: nothing is measured. Angle, speed and load
+        are ``None`` without a control loop."""
         if not self._is_updated:
             return None, None, None, self.voltage_mv
         position = self.observer.history[-1]
@@ -173,7 +183,12 @@ class Servo:
             turns, mdeg = 0, self._absolute_mdeg() * self.direction
         else:
             turns, mdeg = from_unit(angle_deg, self.settings.steps_per_unit)
-        self._set_zero(difference(split(self.body.angle_mdeg(self.port)), (turns * self.direction, mdeg * self.direction)))
+        self._set_zero(
+            difference(
+                split(self.body.angle_mdeg(self.port)),
+                (turns * self.direction, mdeg * self.direction),
+            )
+        )
         self.observer.reset(to_mdeg((turns, mdeg)))
         if was_active:
             self.stop(then)
@@ -199,7 +214,11 @@ class Servo:
         if then.is_active:
             state = self.state()
             is_active = self.control.is_active
-            target = self.control.reference(self.clock.time_ticks, state).position if is_active else state.position
+            target = (
+                self.control.reference(self.clock.time_ticks, state).position
+                if is_active
+                else state.position
+            )
             self.track_target(self.settings.position_to_unit(target))
             return
         self.control.stop()
@@ -207,14 +226,25 @@ class Servo:
 
     def run(self, speed: int) -> None:
         self._take_over()
-        self.control.start_forever(self.clock.time_ticks, self.state(), self.settings.from_unit(speed))
+        self.control.start_forever(
+            self.clock.time_ticks, self.state(), self.settings.from_unit(speed)
+        )
 
     def run_time(self, speed: int, time_ms: int, then: OnCompletion) -> None:
         self._take_over()
-        self.control.start_timed(self.clock.time_ticks, self.state(), time_ms * 10, self.settings.from_unit(speed), then)
+        self.control.start_timed(
+            self.clock.time_ticks, self.state(), time_ms * 10, self.settings.from_unit(speed), then
+        )
 
-    def run_until_stalled(self, speed: int, then: OnCompletion, duty_limit_pct: int | None, limit_unm: int | None = None) -> None:
-        """Run with a limit as a duty or a torque, or the motor's own. Raises RefusedError for ``CONTINUE``."""
+    def run_until_stalled(
+        self,
+        speed: int,
+        then: OnCompletion,
+        duty_limit_pct: int | None,
+        limit_unm: int | None = None,
+    ) -> None:
+        """Run with a limit as a duty or a torque, or the motor's own. Raises RefusedError for
+        ``CONTINUE``."""
         if then is OnCompletion.CONTINUE:
             raise RefusedError("a stalled motor cannot continue")
         limit = self.settings.max_torque if limit_unm is None else limit_unm
@@ -231,7 +261,9 @@ class Servo:
         self._take_over()
         s = self.settings
         distance = ((speed > 0) - (speed < 0)) * angle * s.steps_per_unit
-        self.control.start_relative(self.clock.time_ticks, self.state(), distance, s.from_unit(speed), then)
+        self.control.start_relative(
+            self.clock.time_ticks, self.state(), distance, s.from_unit(speed), then
+        )
 
     def run_target(self, speed: int, target: int, then: OnCompletion) -> None:
         """Run to an angle at the magnitude of the speed; at speed 0 the motor stays."""
@@ -240,7 +272,9 @@ class Servo:
             return
         self._take_over()
         s = self.settings
-        self.control.start_position(self.clock.time_ticks, self.state(), target * s.steps_per_unit, s.from_unit(speed), then)
+        self.control.start_position(
+            self.clock.time_ticks, self.state(), target * s.steps_per_unit, s.from_unit(speed), then
+        )
 
     def track_target(self, target: int) -> None:
         self._take_over()
@@ -252,11 +286,16 @@ class Servo:
         """One control step: controller, voltage, observer."""
         if not self._is_updated:
             return
-        time, position = self.clock.time_ms * 10, (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self.direction
+        time, position = (
+            self.clock.time_ms * 10,
+            (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self.direction,
+        )
         control, observer = self.control, self.observer
         torque = speed = acceleration = 0
         if control.type is not _NONE:
-            torque, speed, acceleration, passive, _ = control.update(time, position, observer.measured_speed, observer.speed)
+            torque, speed, acceleration, passive, _ = control.update(
+                time, position, observer.measured_speed, observer.speed
+            )
             if passive is None:
                 self.set_voltage(self._drive_mv(torque, speed, acceleration, control.torque_limit))
             else:
@@ -280,7 +319,9 @@ class Servo:
             self.body.set_voltage(self.port, None)
             return
         limit = self.max_voltage_mv
-        self.voltage_mv = voltage_mv = limit if voltage_mv > limit else -limit if voltage_mv < -limit else voltage_mv
+        self.voltage_mv = voltage_mv = (
+            limit if voltage_mv > limit else -limit if voltage_mv < -limit else voltage_mv
+        )
         self.body.set_voltage(self.port, voltage_mv * self.direction)
 
     def _log_row(self, position: int, feedback_unm: int, feedforward_unm: int) -> None:
@@ -290,7 +331,9 @@ class Servo:
         estimated = s.position_to_unit(observer.angle), s.to_unit(observer.speed)
         torques = feedback_unm, feedforward_unm, observer.feedback_mv(position)
         time_ms, time_ticks = self.clock.time_ms, self.clock.time_ticks
-        self.log.add(time_ms, time_ticks, *measured, actuation, self.voltage_mv or 0, *estimated, *torques)
+        self.log.add(
+            time_ms, time_ticks, *measured, actuation, self.voltage_mv or 0, *estimated, *torques
+        )
 
     def _take_over(self) -> None:
         self.check_open()

@@ -1,4 +1,5 @@
-"""Settings of a controller, stored in control units, read and set in the program's units (deg or mm)."""
+"""Settings of a controller, stored in control units, read and set in the program's units (deg or
+mm)."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -12,7 +13,8 @@ from brickhub.virtual.firmware.trajectory import INT32_MAX, validate_acceleratio
 
 @dataclass(slots=True)
 class ControlSettings:
-    """Limits, gains and tolerances; ``steps_per_unit`` control steps (mdeg) make one unit of the program.
+    """Limits, gains and tolerances; ``steps_per_unit`` control steps (mdeg) make one unit of the
+    program.
 
     Attributes:
         saturation_error: position error at which the proportional part alone saturates.
@@ -50,7 +52,8 @@ class ControlSettings:
         return trunc(value / self.steps_per_unit)
 
     def position_to_unit(self, position: int) -> int:
-        """A position in the program's units: whole turns truncated, the rest rounded, as in the firmware."""
+        """A position in the program's units: whole turns truncated, the rest rounded, as in the
+        firmware."""
         return to_unit(split(position), self.steps_per_unit)
 
     def from_unit(self, value: int) -> int:
@@ -58,25 +61,35 @@ class ControlSettings:
 
     def limits(self) -> tuple[int, int, int, int]:
         """Speed, acceleration and deceleration in the program's units, torque in mNm."""
-        acceleration, deceleration = self.to_unit(self.acceleration), self.to_unit(self.deceleration)
+        acceleration, deceleration = (
+            self.to_unit(self.acceleration),
+            self.to_unit(self.deceleration),
+        )
         return self.to_unit(self.max_speed), acceleration, deceleration, self.max_torque // 1000
 
     def set_limits(self, speed: int, acceleration: int, deceleration: int, torque_mnm: int) -> None:
-        """Set what :meth:`limits` returns. Raises ValueError for a value out of range; if only the torque is, the others are
-        set."""
+        """Set what :meth:`limits` returns. Raises ValueError for a value out of range; if only the
+        torque is, the others are set."""
         validate_speed(self.steps_per_unit, speed)
         validate_acceleration(self.steps_per_unit, acceleration)
         validate_acceleration(self.steps_per_unit, deceleration)
         self.max_speed = self.from_unit(speed)
-        self.acceleration, self.deceleration = self.from_unit(acceleration), self.from_unit(deceleration)
+        self.acceleration, self.deceleration = (
+            self.from_unit(acceleration),
+            self.from_unit(deceleration),
+        )
         if not 1 <= torque_mnm <= MAX_TORQUE_UNM // 1000:
             raise RefusedError("the torque limit is out of range")
         self.max_torque = torque_mnm * 1000
         self.__post_init__()
 
     def group(self, name: str) -> tuple[int, ...]:
-        """Settings of one of ``_GROUPS``, as a program sees them: gains in control units, times in ms."""
-        return tuple(trunc(getattr(self, setting) / self._steps(kind)) for setting, kind in _GROUPS[name].items())
+        """Settings of one of ``_GROUPS``, as a program sees them: gains in control units, times in
+        ms."""
+        return tuple(
+            trunc(getattr(self, setting) / self._steps(kind))
+            for setting, kind in _GROUPS[name].items()
+        )
 
     def set_group(self, name: str, values: Iterable[int]) -> None:
         """Set what :meth:`group` returns. Raises ValueError for a value out of range."""
@@ -87,7 +100,13 @@ class ControlSettings:
             elif kind in ("gain", "position") and not 0 <= value <= INT32_MAX // self._steps(kind):
                 raise RefusedError(f"the {kind} is out of range")
         for setting, kind, value in rows:
-            setattr(self, setting, self.from_unit(value) if kind in ("speed", "position") else value * self._steps(kind))
+            setattr(
+                self,
+                setting,
+                self.from_unit(value)
+                if kind in ("speed", "position")
+                else value * self._steps(kind),
+            )
         self.__post_init__()
 
     def _steps(self, kind: str) -> int:
@@ -96,7 +115,13 @@ class ControlSettings:
 
 
 _GROUPS = {
-    "pid": {"kp": "gain", "ki": "gain", "kd": "gain", "integral_deadzone": "position", "integral_rate": "speed"},
+    "pid": {
+        "kp": "gain",
+        "ki": "gain",
+        "kd": "gain",
+        "integral_deadzone": "position",
+        "integral_rate": "speed",
+    },
     "target_tolerances": {"speed_tolerance": "speed", "position_tolerance": "position"},
     "stall_tolerances": {"stall_speed": "speed", "stall_time": "time"},
 }
@@ -109,7 +134,8 @@ def divide_by_gain(torque: int, gain: int) -> int:
 
 
 def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) -> ControlSettings:
-    """The firmware's settings of a single motor. Raises ValueError for a gear ratio under 1/1000 or a profile under 5 degrees."""
+    """The firmware's settings of a single motor. Raises ValueError for a gear ratio under 1/1000 or
+    a profile under 5 degrees."""
     precision_deg = profile_deg or motor.precision_deg
     if gear_ratio_milli < 1 or precision_deg < 5:
         raise RefusedError("the gear ratio or the profile is out of range")
@@ -138,13 +164,18 @@ def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) ->
     )
 
 
-def drive_base_settings(left: ControlSettings, right: ControlSettings) -> tuple[ControlSettings, ControlSettings]:
-    """Settings of the distance and the heading controller, by the weaker motor; the caller sets ``steps_per_unit``."""
+def drive_base_settings(
+    left: ControlSettings, right: ControlSettings
+) -> tuple[ControlSettings, ControlSettings]:
+    """Settings of the distance and the heading controller, by the weaker motor; the caller sets
+    ``steps_per_unit``."""
 
     def of_both(choose: Callable[[int, int], int], *names: str) -> dict[str, int]:
         return {name: choose(getattr(left, name), getattr(right, name)) for name in names}
 
-    weaker = of_both(min, "max_speed", "kd", "integral_rate", "speed_tolerance", "stall_speed", "stall_time")
+    weaker = of_both(
+        min, "max_speed", "kd", "integral_rate", "speed_tolerance", "stall_speed", "stall_time"
+    )
     weaker |= of_both(max, "integral_deadzone", "smart_hold_time")
     kp = min(left.kp, right.kp) * min(left.kp_low_pct, right.kp_low_pct) // 100
     max_torque = min(left.max_torque, right.max_torque)
@@ -165,6 +196,7 @@ def drive_base_settings(left: ControlSettings, right: ControlSettings) -> tuple[
             position_tolerance=divide_by_gain(max_torque, kp),
         )
 
-    # Default speed: 40 % of the maximum ahead, 33 % in turns. Twice the torque, so that a saturated heading wins.
+    # Default speed: 40 % of the maximum ahead, 33 % in turns. Twice the torque, so that a saturated
+    # heading wins.
     max_speed = weaker["max_speed"]
     return settings(max_speed * 10 // 25, max_torque), settings(max_speed // 3, max_torque * 2)

@@ -1,6 +1,7 @@
 """Reference trajectories: speed up, cruise, slow down, each with constant acceleration.
 
-Speeds inside this module are in ddeg/s and accelerations in deg/s2, for the same rounding as in the firmware.
+Speeds inside this module are in ddeg/s and accelerations in deg/s2, for the same rounding as in the
+firmware.
 """
 
 import math
@@ -53,7 +54,23 @@ class Trajectory:
     ``wu`` is the requested speed, whether reached or not.
     """
 
-    __slots__ = ("a0", "a2", "end", "position", "t1", "t2", "t3", "th1", "th2", "th3", "time", "w0", "w1", "w3", "wu")
+    __slots__ = (
+        "a0",
+        "a2",
+        "end",
+        "position",
+        "t1",
+        "t2",
+        "t3",
+        "th1",
+        "th2",
+        "th3",
+        "time",
+        "w0",
+        "w1",
+        "w3",
+        "wu",
+    )
 
     def __init__(self, time: int, position: int) -> None:
         """A constant trajectory."""
@@ -80,7 +97,8 @@ class Trajectory:
         return TrajectoryReference(time, *self.at(time))
 
     def at(self, time: int) -> tuple[int, int, int]:
-        """Position, speed and acceleration at a time, without the cost of a :class:`TrajectoryReference`."""
+        """Position, speed and acceleration at a time, without the cost of a
+        :class:`TrajectoryReference`."""
         t = time - self.time
         if t < self.t1 or t == self.t1 == 0:
             a = self.a0
@@ -102,7 +120,8 @@ class Trajectory:
         return self.position + self.th3 + trunc(w * (t - self.t3) / 100), w * 100, 0
 
     def stretch(self, leader: "Trajectory") -> None:
-        """Cover the same angle with the phases of a longer trajectory, so that both end together."""
+        """Cover the same angle with the phases of a longer trajectory, so that both end
+        together."""
         self.t1, self.t2, self.t3 = leader.t1, leader.t2, leader.t3
         if self.t3 == 0:
             self.end = self._endpoint()
@@ -111,11 +130,17 @@ class Trajectory:
         angle = 2 * self.th3 - _angle(self.w0, self.t1) - _angle(self.w3, braking)
         duration = self.t3 + self.t2 - self.t1
         # An angle that would overflow 32 bits loses digits first, as in the firmware.
-        self.w1 = trunc(angle * 100 / duration) if abs(angle) < INT32_MAX // 100 else trunc(angle / duration) * 100
+        self.w1 = (
+            trunc(angle * 100 / duration)
+            if abs(angle) < INT32_MAX // 100
+            else trunc(angle / duration) * 100
+        )
         self.a0 = trunc((self.w1 - self.w0) * 1000 / self.t1) if self.t1 else 0
         self.a2 = trunc((self.w3 - self.w1) * 1000 / braking) if braking else 0
         self.w3 = 0 if braking else self.w1
-        self.th1 = _angle(self.w0, self.t1) + trunc(_angle(_speed_gain(self.a0, self.t1), self.t1) / 2)
+        self.th1 = _angle(self.w0, self.t1) + trunc(
+            _angle(_speed_gain(self.a0, self.t1), self.t1) / 2
+        )
         self.th2 = self.th1 + _angle(self.w1, self.t2 - self.t1)
         self.end = self._endpoint()
 
@@ -132,29 +157,40 @@ class Trajectory:
 
 
 def to_angle(command: TrajectoryCommand) -> Trajectory:
-    """The trajectory that ends at ``command.end``; the sign of the target speed is ignored. Raises ValueError if the angle or its
-    duration is too long, InfeasibleMoveError if rounding leaves no trajectory."""
+    """The trajectory that ends at ``command.end``; the sign of the target speed is ignored. Raises
+    ValueError if the angle or its duration is too long, InfeasibleMoveError if rounding leaves no
+    trajectory."""
     distance = command.end - command.position
     if (abs(distance) - 1) // TURN_MDEG >= _TURNS_MAX:
         raise RefusedError("the angle is too large for one move")
     if command.target_speed == 0 or distance == 0:
         return Trajectory(command.time, command.position)
-    return _built(command._replace(end=command.position + abs(distance)), distance < 0, _forward_angle)
+    return _built(
+        command._replace(end=command.position + abs(distance)), distance < 0, _forward_angle
+    )
 
 
 def for_time(command: TrajectoryCommand) -> Trajectory:
-    """The trajectory that lasts ``command.duration``. Raises ValueError if that is too long, InfeasibleMoveError if rounding
-    leaves no trajectory, as with almost equal accelerations."""
+    """The trajectory that lasts ``command.duration``. Raises ValueError if that is too long,
+    InfeasibleMoveError if rounding leaves no trajectory, as with almost equal accelerations."""
     if command.duration == 0:
         return Trajectory(command.time, command.position)
     return _built(command, command.target_speed < 0, _forward_time)
 
 
-def _built(command: TrajectoryCommand, backward: bool, build: Callable[[TrajectoryCommand], Trajectory]) -> Trajectory:
+def _built(
+    command: TrajectoryCommand, backward: bool, build: Callable[[TrajectoryCommand], Trajectory]
+) -> Trajectory:
     """The trajectory of a command, built forward."""
     speed = -command.speed if backward else command.speed
-    trajectory = build(command._replace(target_speed=min(abs(command.target_speed), command.max_speed), speed=speed))
-    angles_are_ordered = build is _forward_time or trajectory.th1 <= trajectory.th2 <= trajectory.th3
+    trajectory = build(
+        command._replace(
+            target_speed=min(abs(command.target_speed), command.max_speed), speed=speed
+        )
+    )
+    angles_are_ordered = (
+        build is _forward_time or trajectory.th1 <= trajectory.th2 <= trajectory.th3
+    )
     if not (0 <= trajectory.t1 <= trajectory.t2 <= trajectory.t3 and angles_are_ordered):
         raise InfeasibleMoveError("the phases of the move are not in order")
     if backward:
@@ -171,7 +207,10 @@ def validate_speed(steps_per_unit: int, speed: int) -> None:
 
 def validate_acceleration(steps_per_unit: int, acceleration: int) -> None:
     """Raise ValueError for an acceleration limit that the firmware refuses."""
-    low, high = _ACCELERATION_MIN * 1000 // steps_per_unit, _ACCELERATION_MAX * 1000 // steps_per_unit
+    low, high = (
+        _ACCELERATION_MIN * 1000 // steps_per_unit,
+        _ACCELERATION_MAX * 1000 // steps_per_unit,
+    )
     if not low <= acceleration <= high:
         raise RefusedError("the acceleration limit is out of range")
 
@@ -205,7 +244,9 @@ def _start(command: TrajectoryCommand) -> tuple[Trajectory, int, int, int]:
     target, trajectory.w0 = (max(-_SPEED_MAX, min(_SPEED_MAX, speed)) for speed in speeds)
     trajectory.wu, trajectory.w3 = target, target if command.keep_running else 0
     rates = (trunc(rate / 1000) for rate in (command.acceleration, command.deceleration))
-    acceleration, deceleration = (max(_ACCELERATION_MIN, min(_ACCELERATION_MAX, rate)) for rate in rates)
+    acceleration, deceleration = (
+        max(_ACCELERATION_MIN, min(_ACCELERATION_MAX, rate)) for rate in rates
+    )
     return trajectory, target, acceleration, deceleration
 
 

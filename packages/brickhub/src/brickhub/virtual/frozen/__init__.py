@@ -1,4 +1,5 @@
-"""Modules that are frozen into the firmware, written anew: MicroPython that the virtual hub runs where a program imports it."""
+"""Modules that are frozen into the firmware, written anew: MicroPython that the virtual hub runs
+where a program imports it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +14,8 @@ class FrozenModule:
     """Module of the firmware that is itself a program.
 
     Attributes:
-        name: by which a program imports it; its file here has the name without the first underscore.
+        name: by which a program imports it; its file here has the name without the first
+            underscore.
         is_on: whether the firmware of a kind of hub has it.
     """
 

@@ -1,4 +1,5 @@
-"""MicroPython: watches the ports until the program is stopped. The hub tells an app what is plugged in; here nobody listens."""
+"""MicroPython: watches the ports until the program is stopped. The hub tells an app what is plugged
+in; here nobody listens."""
 
 # mypy: ignore-errors
 # --- the hub's part ---

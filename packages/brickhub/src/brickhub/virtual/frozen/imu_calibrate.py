@@ -1,4 +1,5 @@
-"""MicroPython: calibrates the IMU of a hub that a person rolls over its sides, and stores the result in ``hub.imu.settings``."""
+"""MicroPython: calibrates the IMU of a hub that a person rolls over its sides, and stores the
+result in ``hub.imu.settings``."""
 
 # mypy: ignore-errors
 # --- the hub's part ---
@@ -55,7 +56,8 @@ def rotations():
 
 
 def roll(axis, side):
-    """Wait for the hub to lie on its next side, and measure there. Returns the angle that it was rolled by."""
+    """Wait for the hub to lie on its next side, and measure there. Returns the angle that it was
+    rolled by."""
     global bias
     print("Roll it towards you, without lifting the hub up!")
     start = hub.imu.rotation(axis, calibrated=False)
@@ -86,7 +88,13 @@ def roll(axis, side):
 
 scales = []
 for axis, name, start, sides in TURNS:
-    print("\nGoing to calibrate " + name + "\n- Put the hub on the table in front of you.\n" + start + "\n")
+    print(
+        "\nGoing to calibrate "
+        + name
+        + "\n- Put the hub on the table in front of you.\n"
+        + start
+        + "\n"
+    )
     while not (hub.imu.stationary() and hub.imu.up() == sides[0]):
         wait(10)
     signal(500)

@@ -1,7 +1,7 @@
 """Classes of a hub and attributes of its types.
 
-Classes have single inheritance, no attribute hooks, no descriptors, ``super()`` without ``object``; attributes are restricted to
-those that exist on a hub.
+Classes have single inheritance, no attribute hooks, no descriptors, ``super()`` without ``object``;
+attributes are restricted to those that exist on a hub.
 """
 
 import builtins
@@ -11,23 +11,48 @@ from types import BuiltinFunctionType, FunctionType, GeneratorType, MethodType, 
 from typing import Any
 
 from brickhub.virtual.micropython.containers import HubDict, HubSet
-from brickhub.virtual.micropython.exceptions import CATCHABLE, FIRMWARE, HubOSError, SwitchedOff, function_name, is_native
+from brickhub.virtual.micropython.exceptions import (
+    CATCHABLE,
+    FIRMWARE,
+    HubOSError,
+    SwitchedOff,
+    function_name,
+    is_native,
+)
 from brickhub.virtual.micropython.iterables import is_dropped
 from brickhub.virtual.micropython.streams import BytesIO, HubBytearray
 from brickhub.virtual.micropython.text import type_name
 
 _MIRRORED = {"__lt__": "__gt__", "__gt__": "__lt__", "__le__": "__ge__", "__ge__": "__le__"}
 _UNUSED = (
-    *("__setattr__", "__delattr__", "__getattribute__", "__del__", "__get__", "__set__", "__delete__", "__set_name__"),
+    *(
+        "__setattr__",
+        "__delattr__",
+        "__getattribute__",
+        "__del__",
+        "__get__",
+        "__set__",
+        "__delete__",
+        "__set_name__",
+    ),
     *("__iand__", "__ior__", "__ixor__", "__missing__"),
 )
 _MADE_BY_CPYTHON = (
-    *("__dict__", "__weakref__", "__doc__", "__module__", "__qualname__", "__slotnames__", "__annotations__"),
+    *(
+        "__dict__",
+        "__weakref__",
+        "__doc__",
+        "__module__",
+        "__qualname__",
+        "__slotnames__",
+        "__annotations__",
+    ),
     *("__firstlineno__", "__static_attributes__"),  # since Python 3.13
     *("__annotate__", "__annotate_func__", "__annotations_cache__"),  # since Python 3.14
 )
 _SEQUENCE_TEXT = (
-    "count endswith find format index isalpha isdigit islower isspace isupper join lower lstrip replace rfind rindex rsplit "
+    "count endswith find format index isalpha isdigit islower isspace isupper join lower lstrip "
+    "replace rfind rindex rsplit "
     "rstrip split startswith strip upper"
 )
 _PRESENT: dict[type, str] = {
@@ -48,11 +73,13 @@ _PRESENT: dict[type, str] = {
     list: "append clear copy count extend index insert pop remove reverse sort",
     tuple: "count index",
     HubDict: "clear copy fromkeys get items keys pop popitem setdefault update values",
-    HubSet: "add clear copy difference difference_update discard intersection intersection_update isdisjoint issubset issuperset "
+    HubSet: "add clear copy difference difference_update discard intersection "
+    "intersection_update isdisjoint issubset issuperset "
     "pop remove symmetric_difference symmetric_difference_update union update",
 }
 _HIDDEN = {
-    kind: frozenset(name for name in dir(kind) if not name.startswith("__")) - frozenset(names.split())
+    kind: frozenset(name for name in dir(kind) if not name.startswith("__"))
+    - frozenset(names.split())
     for kind, names in _PRESENT.items()
 }
 _SPECIAL: dict[type, tuple[str, ...]] = {
@@ -70,12 +97,27 @@ _OF_MODULES = frozenset(["__builtins__", *vars(ModuleType("")).keys() - {"__name
 _HIDDEN_NAMES = _FIRST_ARGUMENT.union(*_HIDDEN.values())
 _WITH_KEYWORDS = frozenset(["sort", "update", "sorted", "max", "min"])
 _KINDS_WITHOUT_KEYWORDS = frozenset(
-    [bool, HubBytearray, complex, enumerate, HubSet, list, map, range, reversed, slice, tuple, type, zip]
+    [
+        bool,
+        HubBytearray,
+        complex,
+        enumerate,
+        HubSet,
+        list,
+        map,
+        range,
+        reversed,
+        slice,
+        tuple,
+        type,
+        zip,
+    ]
 )
 
 
 def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any:
-    """Implementation of the ``class`` statement. Raises NotImplementedError if there are several bases."""
+    """Implementation of the ``class`` statement. Raises NotImplementedError if there are several
+    bases."""
     if len(bases) > 1:
         raise NotImplementedError("multiple inheritance not supported")
     cls = builtins.__build_class__(body, class_name, *bases, **keywords)
@@ -86,7 +128,9 @@ def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any
         if isinstance(value, FunctionType) and value.__module__.startswith(FIRMWARE):
             setattr(cls, name, staticmethod(value))  # builtins do not become methods
     for method, mirrored in _MIRRORED.items():
-        if getattr(cls, mirrored) is not getattr(object, mirrored) and getattr(cls, method) is getattr(object, method):
+        if getattr(cls, mirrored) is not getattr(object, mirrored) and getattr(
+            cls, method
+        ) is getattr(object, method):
             setattr(cls, method, _refusal(method))
     if cls.__init__ is object.__init__ and cls.__new__ is object.__new__:
         cls.__init__ = lambda self, *args, **kwargs: None  # ignores all arguments on a hub
@@ -96,13 +140,16 @@ def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any
 def _refusal(method: str) -> Callable[[Any, Any], Any]:
     """A missing comparison; unlike CPython, a hub does not try the reflected one.
 
-    If the other operand's class is a base class, CPython asks this one first, although it is second in the program.
+    If the other operand's class is a base class, CPython asks this one first, although it is second
+    in the program.
     """
 
     def refuse(self: Any, other: Any) -> Any:
         if isinstance(self, type(other)) and type(self) is not type(other):
             return NotImplemented
-        raise TypeError(f"unsupported types for {method}: '{type(self).__name__}', '{type(other).__name__}'")
+        raise TypeError(
+            f"unsupported types for {method}: '{type(self).__name__}', '{type(other).__name__}'"
+        )
 
     return refuse
 
@@ -127,10 +174,17 @@ class HubSuper(super):
     """``super()`` over the program's and native classes; ``object`` has no methods."""
 
     def __getattribute__(self, name: str) -> Any:
-        instance, owner = super().__getattribute__("__self__"), super().__getattribute__("__thisclass__")
+        instance, owner = (
+            super().__getattribute__("__self__"),
+            super().__getattribute__("__thisclass__"),
+        )
         ancestors = (instance if isinstance(instance, type) else type(instance)).__mro__
         for kind in ancestors[ancestors.index(owner) + 1 : -1]:
-            if defines(kind, name) or (is_native(kind) and name in kind.__dict__ and (name == "__init__" or name[:2] != "__")):
+            if defines(kind, name) or (
+                is_native(kind)
+                and name in kind.__dict__
+                and (name == "__init__" or name[:2] != "__")
+            ):
                 return super().__getattribute__(name)
         raise AttributeError(f"'super' object has no attribute '{name}'")
 
@@ -140,7 +194,8 @@ HubStaticMethod.__name__ = HubStaticMethod.__qualname__ = "staticmethod"
 
 
 def may_be_hidden(name: str) -> bool:
-    """Whether :func:`visible_attribute` has to look for an attribute, as some type has it only on CPython."""
+    """Whether :func:`visible_attribute` has to look for an attribute, as some type has it only on
+    CPython."""
     return name in _HIDDEN_NAMES or (name.startswith("__") and name.endswith("__"))
 
 
@@ -155,7 +210,9 @@ def visible_attribute(value: Any, name: str) -> Any:
         return getattr(value, name)
     if owner is not value and any(defines(kind, "__getattr__") for kind in owner.__mro__):
         return value.__getattr__(name)
-    subject = f"type object '{type_name(owner)}'" if owner is value else f"'{type_name(owner)}' object"
+    subject = (
+        f"type object '{type_name(owner)}'" if owner is value else f"'{type_name(owner)}' object"
+    )
     raise AttributeError(f"{subject} has no attribute '{name}'")
 
 
@@ -165,12 +222,15 @@ def _is_visible(value: Any, owner: type, name: str) -> bool:
     if owner is not value and name in getattr(value, "__dict__", ()):
         return name not in _OF_MODULES
     if name.startswith("__") and name.endswith("__"):
-        return hasattr(value, name) and any(name in _SPECIAL.get(kind, ()) for kind in owner.__mro__)
+        return hasattr(value, name) and any(
+            name in _SPECIAL.get(kind, ()) for kind in owner.__mro__
+        )
     return not any(name in _HIDDEN.get(kind, ()) for kind in owner.__mro__)
 
 
 def store_attribute(value: Any, owner: Any, name: str) -> None:
-    """``owner.name = value``; fails for functions, modules, types and firmware objects. Raises AttributeError as on the hub."""
+    """``owner.name = value``; fails for functions, modules, types and firmware objects. Raises
+    AttributeError as on the hub."""
     kind = type(owner)
     is_closed = (
         kind is FunctionType
@@ -192,17 +252,25 @@ def directory(value: Any) -> list[str]:
     kind = value if isinstance(value, type) else type(value)
     if any("__dir__" in base.__dict__ for base in kind.__mro__[:-1]) and kind is not value:
         return list(value.__dir__())
-    names = {name for name in dir(value) if not name.startswith("_") and name not in _HIDDEN.get(kind, ())}
+    names = {
+        name
+        for name in dir(value)
+        if not name.startswith("_") and name not in _HIDDEN.get(kind, ())
+    }
     for base in kind.__mro__:
         if not is_native(base):
             names |= {name for name in base.__dict__ if defines(base, name)} | {*_CLASS_ATTRIBUTES}
-            names |= getattr(value, "__dict__", {}).keys() if base is kind and value is not kind else set()
+            names |= (
+                getattr(value, "__dict__", {}).keys()
+                if base is kind and value is not kind
+                else set()
+            )
     return sorted(name for name in names if "@" not in name)
 
 
 def with_keywords(function: Any) -> Any:
-    """A callable that refuses wrong keyword arguments as on a hub. Few builtins accept any; the firmware's functions look for
-    those that they require first (``mp_arg_parse_all``)."""
+    """A callable that refuses wrong keyword arguments as on a hub. Few builtins accept any; the
+    firmware's functions look for those that they require first (``mp_arg_parse_all``)."""
     is_class = isinstance(function, type)
     if is_class and function in _KINDS_WITHOUT_KEYWORDS:
         return _without_keywords(function)
@@ -218,7 +286,11 @@ def with_keywords(function: Any) -> Any:
     first = max(code.co_posonlyargcount, bound)
     if first == code.co_argcount and not (code.co_kwonlyargcount or flags & inspect.CO_VARKEYWORDS):
         return _without_keywords(function)
-    if flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS) or code.co_posonlyargcount or code.co_kwonlyargcount:
+    if (
+        flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS)
+        or code.co_posonlyargcount
+        or code.co_kwonlyargcount
+    ):
         return function
     names, optional = code.co_varnames[bound : code.co_argcount], len(called.__defaults__ or ())
 
@@ -247,7 +319,8 @@ def _without_keywords(function: Any) -> Any:
 
 
 class Manager:
-    """Context manager of a ``with`` statement as on a hub: a pair of attributes, which see no traceback.
+    """Context manager of a ``with`` statement as on a hub: a pair of attributes, which see no
+    traceback.
 
     Args:
         value: the value of the expression.
@@ -255,13 +328,18 @@ class Manager:
     """
 
     def __init__(self, value: Any, reword: Callable[[BaseException], BaseException]) -> None:
-        self._exit, self._enter = visible_attribute(value, "__exit__"), visible_attribute(value, "__enter__")
+        self._exit, self._enter = (
+            visible_attribute(value, "__exit__"),
+            visible_attribute(value, "__enter__"),
+        )
         self._reword = reword
 
     def __enter__(self) -> Any:
         return self._enter()
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: object) -> Any:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: object
+    ) -> Any:
         if isinstance(error, SwitchedOff) or (isinstance(error, GeneratorExit) and is_dropped()):
             return None
         if error is None or isinstance(error, CATCHABLE):
@@ -270,6 +348,15 @@ class Manager:
         return None
 
 
-ATTRIBUTE_FUNCTIONS: dict[str, Any] = {"@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords}
-ATTRIBUTE_FUNCTIONS |= {"@with": Manager, "super": HubSuper, "staticmethod": HubStaticMethod, "__build_class__": build_class}
+ATTRIBUTE_FUNCTIONS: dict[str, Any] = {
+    "@attr": visible_attribute,
+    "@store": store_attribute,
+    "@keywords": with_keywords,
+}
+ATTRIBUTE_FUNCTIONS |= {
+    "@with": Manager,
+    "super": HubSuper,
+    "staticmethod": HubStaticMethod,
+    "__build_class__": build_class,
+}
 """Functions and classes by their names in the transformed program."""

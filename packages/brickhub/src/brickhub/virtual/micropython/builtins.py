@@ -40,24 +40,49 @@ def builtin_names(
     hooks: Mapping[str, Callable[..., Any]],
     missing_builtins: Collection[str],
 ) -> dict[str, Any]:
-    """Builtin names for a program without ``missing_builtins``. ``namespaces``: globals of its modules. ``find_module`` raises
-    ImportError."""
+    """Builtin names for a program without ``missing_builtins``. ``namespaces``: globals of its
+    modules. ``find_module`` raises ImportError."""
     result: dict[str, Any] = {name: getattr(builtins, name) for name in (*_UNCHANGED, *EXCEPTIONS)}
     result.update(
-        {**operators(namespaces), **hooks, **attributes.ATTRIBUTE_FUNCTIONS, **_FUNCTIONS, **_stream_functions(console)}
+        {
+            **operators(namespaces),
+            **hooks,
+            **attributes.ATTRIBUTE_FUNCTIONS,
+            **_FUNCTIONS,
+            **_stream_functions(console),
+        }
     )
-    result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "dict": HubDict, "set": HubSet})
-    result.update({"bytearray": HubBytearray, "sorted": sorted_list, "repr": representation, "@del": _delete_global})
+    result.update(
+        {"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "dict": HubDict, "set": HubSet}
+    )
+    result.update(
+        {
+            "bytearray": HubBytearray,
+            "sorted": sorted_list,
+            "repr": representation,
+            "@del": _delete_global,
+        }
+    )
     result.update(_number_functions(result["@n"], result["@pow"]))
     present = {name: value for name, value in result.items() if name not in missing_builtins}
-    builtins_module = module("builtins", {name: value for name, value in present.items() if "@" not in name})
+    builtins_module = module(
+        "builtins", {name: value for name, value in present.items() if "@" not in name}
+    )
 
-    def find(name: str, globals: object = None, locals: object = None, fromlist: object = (), level: int = 0) -> ModuleType:
+    def find(
+        name: str,
+        globals: object = None,
+        locals: object = None,
+        fromlist: object = (),
+        level: int = 0,
+    ) -> ModuleType:
         if level:
             raise NotImplementedError("relative import")
         found = builtins_module if name == "builtins" else find_module(name)
         if fromlist == ("*",):  # a hub does not know `__all__`
-            return module(name, {key: value for key, value in vars(found).items() if not key.startswith("_")})
+            return module(
+                name, {key: value for key, value in vars(found).items() if not key.startswith("_")}
+            )
         return found
 
     present["__import__"] = builtins_module.__dict__["__import__"] = find
@@ -69,7 +94,9 @@ def _named(*functions: Callable[..., Any]) -> dict[str, Any]:
     return {function.__name__.rstrip("_"): function for function in functions}
 
 
-def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any], Any]) -> dict[str, Any]:
+def _number_functions(
+    normalize: Callable[[Any], Any], power: Callable[[Any, Any], Any]
+) -> dict[str, Any]:
     def sum_(values: Iterable[Any], start: Any = 0, /) -> Any:
         for value in values:
             start = normalize(start + value)
@@ -115,7 +142,9 @@ def oct_(value: Any, /) -> str:
 
 
 def map_(function: Any, *values: Iterable[Any]) -> Any:
-    return map(CONVERSIONS.get(function, function) if isinstance(function, type) else function, *values)
+    return map(
+        CONVERSIONS.get(function, function) if isinstance(function, type) else function, *values
+    )
 
 
 def next_(values: Any, /) -> Any:
@@ -145,7 +174,8 @@ def _stream_functions(console: Console) -> dict[str, Any]:
         write_text(file, end)
 
     def input_(prompt: object = "", /) -> str:
-        """A line of the hub's editor, which echoes, deletes backwards, and knows no characters outside ASCII."""
+        """A line of the hub's editor, which echoes, deletes backwards, and knows no characters
+        outside ASCII."""
         console.write(cooked(text(prompt).encode()))
         line = ""
         while (key := console.read(1).decode("latin-1")) != _ENTER:
@@ -177,7 +207,9 @@ def hash_(value: Any, /) -> int:
     value_hash = hash_of(value)
     if value_hash is not None:
         return value_hash
-    address = id(value.__self__) ^ id(value.__func__) if isinstance(value, MethodType) else id(value)
+    address = (
+        id(value.__self__) ^ id(value.__func__) if isinstance(value, MethodType) else id(value)
+    )
     return address >> 4 & SMALL_MAX
 
 
@@ -192,7 +224,11 @@ def _delete_global(name: str) -> None:
 def getattr_(value: Any, name: str, *default: Any) -> Any:
     _expect_text(name)
     try:
-        return attributes.visible_attribute(value, name) if attributes.may_be_hidden(name) else getattr(value, name)
+        return (
+            attributes.visible_attribute(value, name)
+            if attributes.may_be_hidden(name)
+            else getattr(value, name)
+        )
     except AttributeError:
         if default:
             return default[0]
@@ -201,7 +237,11 @@ def getattr_(value: Any, name: str, *default: Any) -> Any:
 
 def dir_(*values: Any) -> list[str]:
     if not values:
-        return sorted(name for name in _namespace(sys._getframe(1)) if "@" not in name and name != "__builtins__")
+        return sorted(
+            name
+            for name in _namespace(sys._getframe(1))
+            if "@" not in name and name != "__builtins__"
+        )
     return attributes.directory(values[0])
 
 
@@ -230,8 +270,11 @@ def _without_int(kinds: Any) -> Any:
 
 
 def _namespace(frame: FrameType) -> Any:
-    """Names of the module or class around a frame; on a hub the locals of a function have no names."""
-    is_class = not frame.f_code.co_flags & inspect.CO_OPTIMIZED and frame.f_code.co_name != "<module>"
+    """Names of the module or class around a frame; on a hub the locals of a function have no
+    names."""
+    is_class = (
+        not frame.f_code.co_flags & inspect.CO_OPTIMIZED and frame.f_code.co_name != "<module>"
+    )
     return frame.f_locals if is_class else frame.f_globals
 
 
@@ -274,6 +317,22 @@ def locals_() -> Any:
 
 
 _FUNCTIONS = _named(
-    *(bin_, hex_, oct_, map_, next_, iter_, open_, id_, hash_, getattr_, dir_, hasattr_, isinstance_, issubclass_, setattr_),
+    *(
+        bin_,
+        hex_,
+        oct_,
+        map_,
+        next_,
+        iter_,
+        open_,
+        id_,
+        hash_,
+        getattr_,
+        dir_,
+        hasattr_,
+        isinstance_,
+        issubclass_,
+        setattr_,
+    ),
     *(eval_, exec_, globals_, locals_),
 )

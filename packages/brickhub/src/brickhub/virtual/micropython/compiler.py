@@ -18,7 +18,9 @@ _Function = ast.FunctionDef | ast.AsyncFunctionDef
 _Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 STRING = "<string>"
 """File name of what ``eval`` and ``exec`` compile."""
-_LEADING_ZERO = re.compile(rf"{TEXT}|(?<![\w.])(?P<number>0[0-9_]*[1-9][0-9_]*)(?![\w.])", re.DOTALL)
+_LEADING_ZERO = re.compile(
+    rf"{TEXT}|(?<![\w.])(?P<number>0[0-9_]*[1-9][0-9_]*)(?![\w.])", re.DOTALL
+)
 _HEADER_BYTES = 4
 _TEXT, _INTEGER, _FLOAT, _TUPLE = (5, 6), 7, 8, 10
 _WITHOUT_DATA = 4
@@ -49,10 +51,11 @@ class _Scope:
 class _Loser(ast.NodeTransformer):
     """Loses assignments ``name := value`` in comprehensions, as a hub mostly does within functions.
 
-    The hub's compiler stores the value under the number of the function's variable, but among the variables of the comprehension,
-    which is a function of its own: the function's variable stays as it was. It changes where both numbers are the same: the
-    comprehension reads the name, and all other variables of the function. At the top level, and for names that the function
-    declares global or nonlocal, the value is always kept. The name remains a variable of the function.
+    The hub's compiler stores the value under the number of the function's variable, but among the
+    variables of the comprehension, which is a function of its own: the function's variable stays as
+    it was. It changes where both numbers are the same: the comprehension reads the name, and all
+    other variables of the function. At the top level, and for names that the function declares
+    global or nonlocal, the value is always kept. The name remains a variable of the function.
     """
 
     def __init__(self) -> None:
@@ -61,7 +64,9 @@ class _Loser(ast.NodeTransformer):
     def visit_FunctionDef(self, node: _Function) -> ast.AST:
         for part in (*node.decorator_list, node.args):
             self.visit(part)
-        declarations = (part for part in ast.walk(node) if isinstance(part, ast.Global | ast.Nonlocal))
+        declarations = (
+            part for part in ast.walk(node) if isinstance(part, ast.Global | ast.Nonlocal)
+        )
         declared = {name for part in declarations for name in part.names}
         is_inner = any(not scope.keeps for scope in self._scopes)
         arguments = {part.arg for part in ast.walk(node.args) if isinstance(part, ast.arg)}
@@ -70,7 +75,9 @@ class _Loser(ast.NodeTransformer):
         node.body = [self.visit(statement) for statement in node.body]
         for name in sorted(self._scopes.pop().lost):
             assign = ast.Assign([ast.Name(name, ast.Store())], ast.Constant(None))
-            node.body.insert(0, ast.copy_location(ast.If(ast.Constant(False), [assign], []), node.body[0]))
+            node.body.insert(
+                0, ast.copy_location(ast.If(ast.Constant(False), [assign], []), node.body[0])
+            )
         return node
 
     visit_AsyncFunctionDef = visit_FunctionDef
@@ -93,7 +100,12 @@ class _Loser(ast.NodeTransformer):
         first.iter = self.visit(first.iter)
         iterable, first.iter = first.iter, ast.Constant(None)  # computed in the scope around
         names = [part for part in ast.walk(node) if isinstance(part, ast.Name)]
-        own = {name.id for generator in node.generators for name in ast.walk(generator.target) if isinstance(name, ast.Name)}
+        own = {
+            name.id
+            for generator in node.generators
+            for name in ast.walk(generator.target)
+            if isinstance(name, ast.Name)
+        }
         reads = {name.id for name in names if isinstance(name.ctx, ast.Load)} - own
         self._scopes.append(_Scope(keeps=False, reads=reads))
         self.generic_visit(node)
@@ -124,18 +136,24 @@ def _assigned(nodes: Collection[ast.AST]) -> Iterator[str]:
         elif isinstance(node, ast.ExceptHandler | _Function | ast.ClassDef) and node.name:
             yield node.name
         if isinstance(node, _Comprehension):
-            yield from (part.target.id for part in ast.walk(node) if isinstance(part, ast.NamedExpr))
+            yield from (
+                part.target.id for part in ast.walk(node) if isinstance(part, ast.NamedExpr)
+            )
         elif not isinstance(node, _Function | ast.ClassDef | ast.Lambda):
             yield from _assigned(list(ast.iter_child_nodes(node)))
 
 
 @functools.lru_cache(maxsize=64)
 def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
-    """Code of a program, or of an expression (``mode="eval"``). Raises SyntaxError if the hub's compiler refuses it,
-    OverflowError if a constant needs more than 31 bits."""
+    """Code of a program, or of an expression (``mode="eval"``). Raises SyntaxError if the hub's
+    compiler refuses it, OverflowError if a constant needs more than 31 bits."""
     constants = list(_constants(_compile_for_hub(source, filename)))
-    if any(kind == _INTEGER and (len(value) > _MAX_DIGITS or abs(int(value)) > SMALL_MAX) for kind, value in constants):
-        raise OverflowError("long int not supported in this build")  # a hub reads the digits before the sign
+    if any(
+        kind == _INTEGER and (len(value) > _MAX_DIGITS or abs(int(value)) > SMALL_MAX)
+        for kind, value in constants
+    ):
+        # a hub reads the digits before the sign
+        raise OverflowError("long int not supported in this build")
     # what `eval` and `exec` compile on the hub has no text of constants
     floats = [value.decode() for kind, value in constants if kind == _FLOAT and filename != STRING]
     with deep_recursion(), warnings.catch_warnings():
@@ -144,18 +162,28 @@ def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
         tree = parse(source, filename, mode)
         if any(isinstance(node, ast.NamedExpr) for node in ast.walk(tree)):
             _Loser().visit(tree)
-        code = compile(transform(tree, _recursive_names(tree), floats), filename, mode, dont_inherit=True)
-    classes = {node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef)} - {""}
-    mangled = re.compile(f"_(?:{'|'.join(sorted(classes))})(__\\w+)") if classes and "__" in source else None
+        code = compile(
+            transform(tree, _recursive_names(tree), floats), filename, mode, dont_inherit=True
+        )
+    classes = {
+        node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
+    } - {""}
+    mangled = (
+        re.compile(f"_(?:{'|'.join(sorted(classes))})(__\\w+)")
+        if classes and "__" in source
+        else None
+    )
     return _with_names_of_hub(code, mangled, frozenset(re.findall(r"\w+", source)))
 
 
 def compile_string(source: str, mode: str = "exec") -> CodeType:
-    """Code of what ``exec`` or ``eval`` (``mode="eval"``) get, from the compiler on the hub itself, which is stricter than
-    mpy-cross. Raises as `compile_source`."""
+    """Code of what ``exec`` or ``eval`` (``mode="eval"``) get, from the compiler on the hub itself,
+    which is stricter than mpy-cross. Raises as `compile_source`."""
     numbers = (match["number"] for match in _LEADING_ZERO.finditer(source))
     if number := next(filter(None, numbers), None):
-        raise _at_line(1, SyntaxError(f"invalid syntax for integer with base 0: '{number.replace('_', '')}'"))
+        raise _at_line(
+            1, SyntaxError(f"invalid syntax for integer with base 0: '{number.replace('_', '')}'")
+        )
     if mode == "eval" and source[:1] in (" ", "\t"):
         raise _at_line(1, IndentationError("unexpected indent"))
     if mode == "eval" and source[:1] in ("\n", "\r"):
@@ -171,8 +199,12 @@ def compile_string(source: str, mode: str = "exec") -> CodeType:
     nodes = list(ast.walk(parse(source, STRING, mode)))
     if texts := [node for node in nodes if isinstance(node, ast.JoinedStr)]:  # f-strings
         raise _at_line(texts[0].lineno, SyntaxError("invalid syntax"))
-    if any(isinstance(node, ast.Constant) and type(node.value) is int and node.value > SMALL_MAX for node in nodes):
-        raise OverflowError("long int not supported in this build")  # the digits of -1073741824 are read before the sign
+    if any(
+        isinstance(node, ast.Constant) and type(node.value) is int and node.value > SMALL_MAX
+        for node in nodes
+    ):
+        # the digits of -1073741824 are read before the sign
+        raise OverflowError("long int not supported in this build")
     return code
 
 
@@ -182,10 +214,15 @@ def _at_line(line: int, error: SyntaxError) -> SyntaxError:
 
 
 def _recursive_names(tree: ast.AST) -> set[str]:
-    """Names of functions that may call themselves, directly or through others; those of methods begin with a point."""
-    methods = {part for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for part in node.body}
+    """Names of functions that may call themselves, directly or through others; those of methods
+    begin with a point."""
+    methods = {
+        part for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for part in node.body
+    }
     functions = [node for node in ast.walk(tree) if isinstance(node, _Function)]
-    names = [f".{function.name}" if function in methods else function.name for function in functions]
+    names = [
+        f".{function.name}" if function in methods else function.name for function in functions
+    ]
     calls: dict[str, set[str]] = {name: set() for name in names}
     for name, function in zip(names, functions, strict=True):
         called = {called_name(node) for node in ast.walk(function) if isinstance(node, ast.Call)}
@@ -197,10 +234,15 @@ def _recursive_names(tree: ast.AST) -> set[str]:
     return {name for name, reached in calls.items() if name in reached}
 
 
-def _with_names_of_hub(code: CodeType, mangled: re.Pattern[str] | None, words: frozenset[str]) -> CodeType:
-    """Name comprehensions, which `transform` makes generators, as a hub does, and undo name mangling, which it does not
-    have, of names that are not among the ``words`` of the source."""
-    constants = tuple(_with_names_of_hub(c, mangled, words) if isinstance(c, CodeType) else c for c in code.co_consts)
+def _with_names_of_hub(
+    code: CodeType, mangled: re.Pattern[str] | None, words: frozenset[str]
+) -> CodeType:
+    """Name comprehensions, which `transform` makes generators, as a hub does, and undo name
+    mangling, which it does not have, of names that are not among the ``words`` of the source."""
+    constants = tuple(
+        _with_names_of_hub(c, mangled, words) if isinstance(c, CodeType) else c
+        for c in code.co_consts
+    )
     names_of_hub = (f"<{name[1:]}>" for name in COMPREHENSIONS if name in code.co_names)
     code = code.replace(co_consts=constants, co_name=next(names_of_hub, code.co_name))
     if mangled is None:
@@ -208,7 +250,9 @@ def _with_names_of_hub(code: CodeType, mangled: re.Pattern[str] | None, words: f
 
     def demangled(names: tuple[str, ...]) -> tuple[str, ...]:
         matches = [None if name in words else mangled.fullmatch(name) for name in names]
-        return tuple(match[1] if match else name for name, match in zip(names, matches, strict=True))
+        return tuple(
+            match[1] if match else name for name, match in zip(names, matches, strict=True)
+        )
 
     names: dict[str, Any] = {kind: demangled(getattr(code, kind)) for kind in _KINDS_OF_NAMES}
     return code.replace(**names)
@@ -229,7 +273,8 @@ def _compile_for_hub(source: str, filename: str) -> bytes:
 def _constants(mpy: bytes) -> Iterator[tuple[int, bytes]]:
     """Kinds and text of the constants of a compiled program.
 
-    Format: version 6 of ``.mpy``, ``py/persistentcode.c``. Numbers are decimal; small integers outside of tuples are in the code.
+    Format: version 6 of ``.mpy``, ``py/persistentcode.c``. Numbers are decimal; small integers
+    outside of tuples are in the code.
     """
     position = _HEADER_BYTES
 

@@ -1,7 +1,8 @@
 """Dicts and sets in the order of a hub's open hash tables.
 
-Source: ``py/map.c``, ``py/qstr.c``, ``py/obj{dict,set,tuple}.c`` of MicroPython 1.26, with Pybricks' 2-byte string hashes. Values
-that are hashed by address there (objects, functions, ``None``) are in insertion order here.
+Source: ``py/map.c``, ``py/qstr.c``, ``py/obj{dict,set,tuple}.c`` of MicroPython 1.26, with
+Pybricks' 2-byte string hashes. Values that are hashed by address there (objects, functions,
+``None``) are in insertion order here.
 """
 
 from __future__ import annotations
@@ -15,7 +16,34 @@ from typing import Any, Self
 from brickhub.virtual.micropython.memory import check_allocation
 
 _SIZES = (
-    *(0, 2, 4, 6, 8, 10, 12, 17, 23, 29, 37, 47, 59, 73, 97, 127, 167, 223, 293, 389, 521, 691, 919, 1223, 1627, 2161),
+    *(
+        0,
+        2,
+        4,
+        6,
+        8,
+        10,
+        12,
+        17,
+        23,
+        29,
+        37,
+        47,
+        59,
+        73,
+        97,
+        127,
+        167,
+        223,
+        293,
+        389,
+        521,
+        691,
+        919,
+        1223,
+        1627,
+        2161,
+    ),
     *(3229, 4831, 7243, 10861, 16273, 24407, 36607, 54907),
 )
 
@@ -32,7 +60,8 @@ _FREE, _DELETED = _Mark(), _Mark()
 
 
 def hash_of(value: Any) -> int | None:
-    """``hash(value)`` on a hub; ``None`` if it is the address. Raises TypeError if the value is unhashable."""
+    """``hash(value)`` on a hub; ``None`` if it is the address. Raises TypeError if the value is
+    unhashable."""
     kind = type(value)
     if getattr(kind, "hash_is_address", False):
         return None
@@ -75,7 +104,8 @@ def _float_hash(value: float) -> int:
 
 
 class HashTable:
-    """Keys in slots. The owner knows which keys exist, and adds none twice. ``size``: initial number of slots."""
+    """Keys in slots. The owner knows which keys exist, and adds none twice. ``size``: initial
+    number of slots."""
 
     __slots__ = ("_added", "_hashes", "slots")
 
@@ -98,7 +128,9 @@ class HashTable:
             if isinstance(slots[index], _Mark):
                 slots[index], self._hashes[index] = key, hash_
                 return
-        entries = [pair for pair in zip(slots, self._hashes, strict=True) if not isinstance(pair[0], _Mark)]
+        entries = [
+            pair for pair in zip(slots, self._hashes, strict=True) if not isinstance(pair[0], _Mark)
+        ]
         required = size + 1
         size = next((size for size in _SIZES if size >= required), required + required // 2 | 1)
         check_allocation(_SLOT_BYTES * size)
@@ -108,13 +140,18 @@ class HashTable:
 
     def remove(self, key: Any) -> None:
         """Remove an existing key."""
-        index = next(index for index, other in enumerate(self.slots) if other is key or other == key)
+        index = next(
+            index for index, other in enumerate(self.slots) if other is key or other == key
+        )
         after = self.slots[(index + 1) % len(self.slots)]
         self.slots[index] = _FREE if after is _FREE else _DELETED
 
     def drop_first(self) -> Any:
-        """Remove the first key as ``popitem`` does: its slot counts as used until the table grows."""
-        index, key = next((index, key) for index, key in enumerate(self.slots) if not isinstance(key, _Mark))
+        """Remove the first key as ``popitem`` does: its slot counts as used until the table
+        grows."""
+        index, key = next(
+            (index, key) for index, key in enumerate(self.slots) if not isinstance(key, _Mark)
+        )
         self.slots[index] = _DELETED
         return key
 
@@ -225,7 +262,9 @@ class HubDict(_Slotted, dict[Any, Any]):
 
     @classmethod
     def fromkeys(cls, keys: Iterable[Any], value: Any = None, /) -> HubDict:
-        return HubDict.sized(len(keys) if isinstance(keys, Sized) else 0, ((key, value) for key in keys))
+        return HubDict.sized(
+            len(keys) if isinstance(keys, Sized) else 0, ((key, value) for key in keys)
+        )
 
     def pop(self, key: Any, default: Any = _MISSING, /) -> Any:
         if key not in self:
@@ -245,7 +284,9 @@ class HubDict(_Slotted, dict[Any, Any]):
         return self[key]
 
     def update(self, other: Any = (), /, **named: Any) -> None:
-        for values in itertools.chain(other.items() if type(other) is HubDict else other, named.items()):
+        for values in itertools.chain(
+            other.items() if type(other) is HubDict else other, named.items()
+        ):
             pair = list(values)
             if len(pair) != 2:
                 raise ValueError("dict update sequence has wrong length")
@@ -347,7 +388,8 @@ class HubSet(_Slotted, set[Any]):
             else:
                 self.add(value)
 
-    def intersection_update(self, other: Iterable[Any], /) -> None:  # type: ignore[override]  # one, on a hub
+    # one, on a hub
+    def intersection_update(self, other: Iterable[Any], /) -> None:  # type: ignore[override]
         common = self.intersection(other)
         set.intersection_update(self, common)
         self._table = common._table
@@ -367,7 +409,8 @@ class HubSet(_Slotted, set[Any]):
         result.symmetric_difference_update(other)
         return result
 
-    def intersection(self, other: Iterable[Any], /) -> HubSet:  # type: ignore[override]  # one, on a hub
+    # one, on a hub
+    def intersection(self, other: Iterable[Any], /) -> HubSet:  # type: ignore[override]
         return self.copy() if other is self else HubSet(value for value in other if value in self)
 
     __or__, __ior__ = _operator("union"), _operator("update")
@@ -376,5 +419,10 @@ class HubSet(_Slotted, set[Any]):
     __and__, __iand__ = _operator("intersection"), _operator("intersection_update")
 
 
-for _kind, _name in ((HubDict, "dict"), (HubSet, "set"), (DictView, "dict_view"), (TableIterator, "iterator")):
+for _kind, _name in (
+    (HubDict, "dict"),
+    (HubSet, "set"),
+    (DictView, "dict_view"),
+    (TableIterator, "iterator"),
+):
     _kind.__name__ = _kind.__qualname__ = _name

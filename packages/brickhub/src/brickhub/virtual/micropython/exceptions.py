@@ -6,7 +6,14 @@ import errno
 import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
-from types import BuiltinFunctionType, FrameType, FunctionType, MethodType, ModuleType, TracebackType
+from types import (
+    BuiltinFunctionType,
+    FrameType,
+    FunctionType,
+    MethodType,
+    ModuleType,
+    TracebackType,
+)
 from typing import Any, TypeGuard
 
 from greenlet import GreenletExit
@@ -24,22 +31,38 @@ EXCEPTIONS = """
 """Exceptions common to hub and CPython; ``OSError`` is replaced."""
 ERROR_NAMES = {
     getattr(errno, name): name
-    for name in ("EPERM", "EIO", "EBUSY", "ENODEV", "EINVAL", "EOPNOTSUPP", "EAGAIN", "ETIMEDOUT", "ECANCELED")
+    for name in (
+        "EPERM",
+        "EIO",
+        "EBUSY",
+        "ENODEV",
+        "EINVAL",
+        "EOPNOTSUPP",
+        "EAGAIN",
+        "ETIMEDOUT",
+        "ECANCELED",
+    )
 }
 CATCHABLE = (Exception, SystemExit, KeyboardInterrupt, GeneratorExit)
 """What a program can catch: not what stops it from outside."""
 _OPERATORS = {
-    "+": "__add__", "-": "__sub__", "*": "__mul__", "/": "__truediv__", "//": "__floordiv__", "%": "__mod__",
-    "** or pow()": "__pow__", "<<": "__lshift__", ">>": "__rshift__", "&": "__and__", "|": "__or__", "^": "__xor__",
-    "@": "__matmul__", "<": "__lt__", "<=": "__le__", ">": "__gt__", ">=": "__ge__", "+=": "__add__", "-=": "__sub__",
+    "+": "__add__", "-": "__sub__", "*": "__mul__", "/": "__truediv__", "//": "__floordiv__",
+    "%": "__mod__",
+    "** or pow()": "__pow__", "<<": "__lshift__", ">>": "__rshift__", "&": "__and__", "|": "__or__",
+    "^": "__xor__",
+    "@": "__matmul__", "<": "__lt__", "<=": "__le__", ">": "__gt__", ">=": "__ge__",
+    "+=": "__add__", "-=": "__sub__",
     "&=": "__and__", "|=": "__or__", "^=": "__xor__", "divmod()": "__divmod__",
 }  # fmt: skip
 _UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
 _CLASS_NAMES = (
-    (r"\bbuiltin_function_or_method\b", "function"), (r"(?<!attribute ')\b\w+_iterator\b", "iterator"),
-    (r"\b\w+_reverseiterator\b", "reversed"), (r"(?<=['\"])ellipsis(?=['\"])|(?<=convert )ellipsis(?= to)", ""),
+    (r"\bbuiltin_function_or_method\b", "function"), (r"(?<!attribute ')\b\w+_iterator\b",
+     "iterator"),
+    (r"\b\w+_reverseiterator\b", "reversed"),
+    (r"(?<=['\"])ellipsis(?=['\"])|(?<=convert )ellipsis(?= to)", ""),
     (r"^byte(?= indices)", "bytes"),
-    (r"(?<!attribute )(?<!argument )(['\"])method(?=['\"])", r"\1bound_method"), (r"(?<=convert )method(?= to)", "bound_method"),
+    (r"(?<!attribute )(?<!argument )(['\"])method(?=['\"])", r"\1bound_method"),
+    (r"(?<=convert )method(?= to)", "bound_method"),
 )  # fmt: skip
 """Names of classes that differ on a hub."""
 _COMPARISONS = ("<", "<=", ">", ">=")
@@ -49,8 +72,9 @@ _FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType)
 
 
 class HostStop(BaseException):
-    """Ends a program past its exception handlers and reaches the caller; derive the host's own ends from it. Whatever else is
-    raised while a program runs is an error of the program, but for a failing scene and a film that cannot be written."""
+    """Ends a program past its exception handlers and reaches the caller; derive the host's own ends
+    from it. Whatever else is raised while a program runs is an error of the program, but for a
+    failing scene and a film that cannot be written."""
 
 
 class SwitchedOff(HostStop):
@@ -65,10 +89,13 @@ ProgramInterrupt.__name__ = "KeyboardInterrupt"
 
 
 def is_program_error(error: BaseException) -> bool:
-    """Whether the program raised it, not an external stop, a failing scene or a film that cannot be written."""
+    """Whether the program raised it, not an external stop, a failing scene or a film that cannot be
+    written."""
     if isinstance(error, ProgramInterrupt):
         return True
-    return not isinstance(error, HostStop | SceneError | WriteError | KeyboardInterrupt | GreenletExit)
+    return not isinstance(
+        error, HostStop | SceneError | WriteError | KeyboardInterrupt | GreenletExit
+    )
 
 
 class HubOSError(OSError):
@@ -86,11 +113,15 @@ HubOSError.__name__ = HubOSError.__qualname__ = "OSError"
 
 
 def _types(operator: str, left: str, right: str) -> str:
-    """Refusal of two operands; a truth value refuses as the number that it is, but not on the right of a comparison."""
+    """Refusal of two operands; a truth value refuses as the number that it is, but not on the right
+    of a comparison."""
     left = "int" if left == "bool" else left
     right = "int" if right == "bool" and operator not in _COMPARISONS else right
     is_nameless = left == "int" and right in ("float", "complex") and operator in ("&=", "|=", "^=")
-    return f"unsupported types for {'' if is_nameless else _OPERATORS.get(operator, operator)}: '{left}', '{right}'"
+    return (
+        f"unsupported types for {'' if is_nameless else _OPERATORS.get(operator, operator)}: "
+        f"'{left}', '{right}'"
+    )
 
 
 def _argument_count(name: str, arguments: str) -> int:
@@ -99,115 +130,321 @@ def _argument_count(name: str, arguments: str) -> int:
 
 
 _RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], str]], ...] = (
-    (AttributeError, r"(?:partially initialized )?module '.*' has no attribute '(\w+)'.*",
-     r"'module' object has no attribute '\1'"),
-    (TypeError, r"'\w+' is an invalid keyword argument for sort\(\)", "extra keyword arguments given"),
-    (TypeError, r".*takes no keyword arguments|.*positional-only arguments passed as keyword.*",
-     "function doesn't take keyword arguments"),
-    (TypeError,
-     r".*(?:argument|Value) after \* must be an iterable, not (.*)|argument of type '(.*)' is not (?:a container or )?iterable",
-     r"'\1\2' object isn't iterable"),
-    (TypeError, r"cannot unpack non-iterable (.*) object|can't extend bytearray with (.*)", r"'\1\2' object isn't iterable"),
+    (
+        AttributeError,
+        r"(?:partially initialized )?module '.*' has no attribute '(\w+)'.*",
+        r"'module' object has no attribute '\1'",
+    ),
+    (
+        TypeError,
+        r"'\w+' is an invalid keyword argument for sort\(\)",
+        "extra keyword arguments given",
+    ),
+    (
+        TypeError,
+        r".*takes no keyword arguments|.*positional-only arguments passed as keyword.*",
+        "function doesn't take keyword arguments",
+    ),
+    (
+        TypeError,
+        (
+            r".*(?:argument|Value) after \* must be an iterable, not (.*)|argument of type "
+            r"'(.*)' is "
+            r"not (?:a container or )?iterable"
+        ),
+        r"'\1\2' object isn't iterable",
+    ),
+    (
+        TypeError,
+        r"cannot unpack non-iterable (.*) object|can't extend bytearray with (.*)",
+        r"'\1\2' object isn't iterable",
+    ),
     (TypeError, r"must be real number, not (.*)", r"can't convert \1 to float"),
-    (TypeError, r"slice indices must be integers or None .*", "can't convert float to int"),  # mostly `values[len(values) / 2 :]`
-    (TypeError, r"complex\(\) (?:first )?argument must be a string or a number, not '?(\w*)'?", r"can't convert \1 to complex"),
+    # mostly `values[len(values) / 2 :]`
+    (TypeError, r"slice indices must be integers or None .*", "can't convert float to int"),
+    (
+        TypeError,
+        r"complex\(\) (?:first )?argument must be a string or a number, not '?(\w*)'?",
+        r"can't convert \1 to complex",
+    ),
     (ValueError, r"complex\(\) arg is a malformed string", "invalid syntax for number"),
     (TypeError, r"cannot create ('.*' instances)", r"can't create \1"),
-    (TypeError, r"object\(\) takes no arguments", "function takes 0 positional arguments but 1 were given"),
-    (TypeError, r"map\(\) must have at least two arguments\.", "function missing 1 required positional arguments"),
-    (TypeError, r"(?:encoding|errors) without a string argument|bytes\(\) takes at most 3 .*", "wrong number of arguments"),
+    (
+        TypeError,
+        r"object\(\) takes no arguments",
+        "function takes 0 positional arguments but 1 were given",
+    ),
+    (
+        TypeError,
+        r"map\(\) must have at least two arguments\.",
+        "function missing 1 required positional arguments",
+    ),
+    (
+        TypeError,
+        r"(?:encoding|errors) without a string argument|bytes\(\) takes at most 3 .*",
+        "wrong number of arguments",
+    ),
     (TypeError, r"type\(\) (takes 1 or 3 arguments)", r"type \1"),
-    (TypeError, r"\w+\(\) argument \d+ must be str, not (\w+)|ord\(\) expected string of length 1, but (\w+) found",
-     r"can't convert '\1\2' object to str implicitly"),
-    (TypeError, r"'in <string>' requires string as left operand, not (.*)", r"can't convert '\1' object to str implicitly"),
+    (
+        TypeError,
+        (
+            r"\w+\(\) argument \d+ must be str, not (\w+)|ord\(\) expected string of length 1, but "
+            r"(\w+) found"
+        ),
+        r"can't convert '\1\2' object to str implicitly",
+    ),
+    (
+        TypeError,
+        r"'in <string>' requires string as left operand, not (.*)",
+        r"can't convert '\1' object to str implicitly",
+    ),
     (ValueError, r"slice step cannot be zero", "slice step can't be zero"),
-    (ValueError, r"Single '}' encountered in format string", "single '}' encountered in format string"),
-    (ValueError, r"Single '{' encountered in format string|unmatched '{' in format spec|expected '}' before end of string",
-     "unmatched '{' in format"),
+    (
+        ValueError,
+        r"Single '}' encountered in format string",
+        "single '}' encountered in format string",
+    ),
+    (
+        ValueError,
+        (
+            r"Single '{' encountered in format string|unmatched '{' in format spec|expected '}' "
+            r"before end of string"
+        ),
+        "unmatched '{' in format",
+    ),
     (ZeroDivisionError, r".*(zero|modulo|negative power|divmod).*", "divide by zero"),
     (UnboundLocalError, r".*", "local variable referenced before assignment"),
     (RuntimeError, r"No active exception to reraise", "no active exception to reraise"),
     (NameError, r"name '(.*)' is not defined", r"name '\1' isn't defined"),
     (NameError, r"cannot access free variable.*", "local variable referenced before assignment"),
-    (TypeError, r"unsupported operand type\(s\) for (.*): '(.*)' and '(.*)'", lambda m: _types(m[1], m[2], m[3])),
-    (TypeError, r"'(.*)' not supported between instances of '(.*)' and '(.*)'", lambda m: _types(m[1], m[2], m[3])),
-    (TypeError, r"can only concatenate (.*) \(not \"(.*)\"\) to .*", lambda m: _types("+", m[1], m[2])),
+    (
+        TypeError,
+        r"unsupported operand type\(s\) for (.*): '(.*)' and '(.*)'",
+        lambda m: _types(m[1], m[2], m[3]),
+    ),
+    (
+        TypeError,
+        r"'(.*)' not supported between instances of '(.*)' and '(.*)'",
+        lambda m: _types(m[1], m[2], m[3]),
+    ),
+    (
+        TypeError,
+        r"can only concatenate (.*) \(not \"(.*)\"\) to .*",
+        lambda m: _types("+", m[1], m[2]),
+    ),
     (TypeError, r"can't concat (.*) to bytes", lambda m: _types("+", "bytes", m[1])),
-    (TypeError, r"bad operand type for (?:unary )?(.*): '(.*)'", lambda m: f"unsupported type for {_UNARY[m[1]]}: '{m[2]}'"),
-    (TypeError, r"(.*) indices must be integers or slices, not (.*)", r"\1 indices must be integers, not \2"),
-    (TypeError, r"string indices must be integers, not '(.*)'", r"string indices must be integers, not \1"),
+    (
+        TypeError,
+        r"bad operand type for (?:unary )?(.*): '(.*)'",
+        lambda m: f"unsupported type for {_UNARY[m[1]]}: '{m[2]}'",
+    ),
+    (
+        TypeError,
+        r"(.*) indices must be integers or slices, not (.*)",
+        r"\1 indices must be integers, not \2",
+    ),
+    (
+        TypeError,
+        r"string indices must be integers, not '(.*)'",
+        r"string indices must be integers, not \1",
+    ),
     (TypeError, r"cannot convert ('.*' object) to bytes(?:array)?", r"\1 isn't iterable"),
     (TypeError, r"'(.*)' object is not reversible", r"object of type '\1' has no len()"),
     (TypeError, r"type '.*' is not subscriptable", "'type' object isn't subscriptable"),
-    (TypeError, r"('.*' object) is not (callable|iterable|subscriptable|an iterator)", r"\1 isn't \2"),
+    (
+        TypeError,
+        r"('.*' object) is not (callable|iterable|subscriptable|an iterator)",
+        r"\1 isn't \2",
+    ),
     (TypeError, r"('.*' object) does(?: not|n't) support item (.*)", r"\1 doesn't support item \2"),
-    (TypeError, r"(?:cannot use .* \()?unhashable type: '(.*?)'\)?", r"unsupported type for __hash__: '\1'"),
-    (IndexError, r"(list) assignment index out of range|pop index out of range", "list index out of range"),
+    (
+        TypeError,
+        r"(?:cannot use .* \()?unhashable type: '(.*?)'\)?",
+        r"unsupported type for __hash__: '\1'",
+    ),
+    (
+        IndexError,
+        r"(list) assignment index out of range|pop index out of range",
+        "list index out of range",
+    ),
     (IndexError, r"range object index out of range", "range index out of range"),
     (IndexError, r"Matrix index out of range", "index out of range"),
     (IndexError, r"index out of bounds on dimension 1", "memoryview index out of range"),
-    (TypeError, r"cannot modify read-only memory", "'memoryview' object doesn't support item assignment"),
+    (
+        TypeError,
+        r"cannot modify read-only memory",
+        "'memoryview' object doesn't support item assignment",
+    ),
     (TypeError, r"cannot delete memory", "'memoryview' object doesn't support item deletion"),
-    (TypeError, r"memoryview: a bytes-like object is required, .*|can't concat .* to bytearray|decoding to str: .*",
-     "object with buffer protocol required"),
+    (
+        TypeError,
+        (
+            r"memoryview: a bytes-like object is required, .*|can't concat .* to "
+            r"bytearray|decoding "
+            r"to str: .*"
+        ),
+        "object with buffer protocol required",
+    ),
     (IndexError, r"index out of range", "bytes index out of range"),
     (IndexError, r"Replacement index \d+ out of range.*", "tuple index out of range"),
-    (ValueError, r"not enough values to unpack \(expected .*, got (.*)\)", r"need more than \1 values to unpack"),
-    (ValueError, r"list.remove\(x\): x not in list|.* is not in list|tuple.index.*", "object not in sequence"),
-    (ValueError, r"(?:max|min)\(\) (?:iterable argument is empty|arg is an empty sequence)", "arg is an empty sequence"),
+    (
+        ValueError,
+        r"not enough values to unpack \(expected .*, got (.*)\)",
+        r"need more than \1 values to unpack",
+    ),
+    (
+        ValueError,
+        r"list.remove\(x\): x not in list|.* is not in list|tuple.index.*",
+        "object not in sequence",
+    ),
+    (
+        ValueError,
+        r"(?:max|min)\(\) (?:iterable argument is empty|arg is an empty sequence)",
+        "arg is an empty sequence",
+    ),
     (ValueError, r"bytes? must be in range\(0, 256\)", "bytes value out of range"),
     (ValueError, r"range\(\) arg 3 must not be zero", "zero step"),
     (ValueError, r"negative count", ""),
-    (TypeError, r"is(?:instance|subclass)\(\) arg 2 must be .*", "issubclass() arg 2 must be a class or a tuple of classes"),
-    (TypeError, r"\w+(?: expected|\(\) takes) at least (\d+) arguments?(?:, got | \()(\d+)(?: given\))?",
-     lambda m: f"function missing {int(m[1]) - int(m[2])} required positional arguments"),
-    (TypeError, r"(?!function )(\w+)(?: expected|\(\) takes) at most (\d+) arguments?(?:, got | \()(\d+)(?: given\))?",
-     lambda m: f"function expected at most {_argument_count(m[1], m[2])} arguments, got {_argument_count(m[1], m[3])}"),
-    (TypeError, r"(\w+) expected (\d+) arguments?, got (\d+)",
-     lambda m: f"function takes {_argument_count(m[1], m[2])} positional arguments but {_argument_count(m[1], m[3])} were given"),
-    (TypeError, r"Hub(?:Dict|Set|Bytearray)\.\w+\(\) takes from \d+ to (\d+) positional arguments but (\d+) were given",
-     r"function expected at most \1 arguments, got \2"),
-    (TypeError, r"Hub(?:Dict|Set|Bytearray)\.\w+\(\) takes (\d+) positional arguments? but (\d+) were given",
-     r"function takes \1 positional arguments but \2 were given"),
-    (TypeError, r"HubDict\.(?:pop|setdefault|fromkeys)\(\) missing 1 required positional argument: .*",
-     "function missing 1 required positional arguments"),
-    (TypeError, r"Hub(?:Set|Bytearray)\.\w+\(\) missing 1 required positional argument: .*",
-     "function takes 2 positional arguments but 1 were given"),
-    (TypeError, r"sequence item \d+: expected .*", "join expects a list of str/bytes objects consistent with self object"),
-    (TypeError, r"'(.*)' object cannot be interpreted as an integer|argument should be integer or None, not '(.*)'",
-     r"can't convert \1\2 to int"),
-    (TypeError, r"a(?: bytes-like object is required|rgument should be integer or bytes-like object), not 'str'",
-     "can't convert 'str' object to bytes implicitly"),
-    (TypeError, r"a(?: bytes-like object is required|rgument should be integer or bytes-like object), not '(.*)'",
-     r"can't convert '\1' object to str implicitly"),
-    (TypeError, r"(?:\w+ first arg )?must be (?:str|bytes)(?: or None| or a tuple of (?:str|bytes))?, not (.*)",
-     r"can't convert '\1' object to str implicitly"),
-    (TypeError, r"(\w+)\(\) takes exactly one argument \((\d+) given\)",
-     r"function takes 1 positional arguments but \2 were given"),
-    (TypeError, r"\w+\.\w+\(\) takes exactly one argument \((\d+) given\)",
-     lambda m: f"function takes 2 positional arguments but {int(m[1]) + 1} were given"),
-    (TypeError, r"\w+\.\w+\(\) takes no arguments \((\d+) given\)",
-     lambda m: f"function takes 1 positional arguments but {int(m[1]) + 1} were given"),
+    (
+        TypeError,
+        r"is(?:instance|subclass)\(\) arg 2 must be .*",
+        "issubclass() arg 2 must be a class or a tuple of classes",
+    ),
+    (
+        TypeError,
+        r"\w+(?: expected|\(\) takes) at least (\d+) arguments?(?:, got | \()(\d+)(?: given\))?",
+        lambda m: f"function missing {int(m[1]) - int(m[2])} required positional arguments",
+    ),
+    (
+        TypeError,
+        (
+            r"(?!function )(\w+)(?: expected|\(\) takes) at most (\d+) arguments?(?:, got | "
+            r"\()(\d+)(?: given\))?"
+        ),
+        lambda m: (
+            f"function expected at most {_argument_count(m[1], m[2])} arguments, got "
+            f"{_argument_count(m[1], m[3])}"
+        ),
+    ),
+    (
+        TypeError,
+        r"(\w+) expected (\d+) arguments?, got (\d+)",
+        lambda m: (
+            f"function takes {_argument_count(m[1], m[2])} positional arguments but "
+            f"{_argument_count(m[1], m[3])} were given"
+        ),
+    ),
+    (
+        TypeError,
+        (
+            r"Hub(?:Dict|Set|Bytearray)\.\w+\(\) takes from \d+ to (\d+) positional arguments but "
+            r"(\d+) were given"
+        ),
+        r"function expected at most \1 arguments, got \2",
+    ),
+    (
+        TypeError,
+        (
+            r"Hub(?:Dict|Set|Bytearray)\.\w+\(\) takes (\d+) positional arguments? but (\d+) "
+            r"were given"
+        ),
+        r"function takes \1 positional arguments but \2 were given",
+    ),
+    (
+        TypeError,
+        r"HubDict\.(?:pop|setdefault|fromkeys)\(\) missing 1 required positional argument: .*",
+        "function missing 1 required positional arguments",
+    ),
+    (
+        TypeError,
+        r"Hub(?:Set|Bytearray)\.\w+\(\) missing 1 required positional argument: .*",
+        "function takes 2 positional arguments but 1 were given",
+    ),
+    (
+        TypeError,
+        r"sequence item \d+: expected .*",
+        "join expects a list of str/bytes objects consistent with self object",
+    ),
+    (
+        TypeError,
+        (
+            r"'(.*)' object cannot be interpreted as an integer|argument should be integer "
+            r"or None, "
+            r"not '(.*)'"
+        ),
+        r"can't convert \1\2 to int",
+    ),
+    (
+        TypeError,
+        (
+            r"a(?: bytes-like object is required|rgument should be integer or bytes-like object), "
+            r"not 'str'"
+        ),
+        "can't convert 'str' object to bytes implicitly",
+    ),
+    (
+        TypeError,
+        (
+            r"a(?: bytes-like object is required|rgument should be integer or bytes-like object), "
+            r"not '(.*)'"
+        ),
+        r"can't convert '\1' object to str implicitly",
+    ),
+    (
+        TypeError,
+        (
+            r"(?:\w+ first arg )?must be (?:str|bytes)(?: or None| or a tuple of (?:str|bytes))?, "
+            r"not (.*)"
+        ),
+        r"can't convert '\1' object to str implicitly",
+    ),
+    (
+        TypeError,
+        r"(\w+)\(\) takes exactly one argument \((\d+) given\)",
+        r"function takes 1 positional arguments but \2 were given",
+    ),
+    (
+        TypeError,
+        r"\w+\.\w+\(\) takes exactly one argument \((\d+) given\)",
+        lambda m: f"function takes 2 positional arguments but {int(m[1]) + 1} were given",
+    ),
+    (
+        TypeError,
+        r"\w+\.\w+\(\) takes no arguments \((\d+) given\)",
+        lambda m: f"function takes 1 positional arguments but {int(m[1]) + 1} were given",
+    ),
     (ImportError, r"cannot import name '(.*?)' .*", r"can't import name \1"),
     (RecursionError, r".*", "maximum recursion depth exceeded"),
-)  # fmt: skip
-"""Classes of errors, the whole message of CPython, and the hub's, a template or a function of the match."""
+)
+"""Classes of errors, the whole message of CPython, and the hub's, a template or a function of the
+match."""
 
 
 def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> BaseException:
-    """Replace CPython's message by the hub's; ``namespaces`` are the globals of the program's modules. Returns the error."""
+    """Replace CPython's message by the hub's; ``namespaces`` are the globals of the program's
+    modules. Returns the error."""
     for trace in _traces(error)[-1:]:
         code, position = trace.tb_frame.f_code.co_code, trace.tb_lasti
-        if "@n" in trace.tb_frame.f_builtins and code[position] == _RAISE and code[position + 1] > 0:
+        if (
+            "@n" in trace.tb_frame.f_builtins
+            and code[position] == _RAISE
+            and code[position + 1] > 0
+        ):
             return error  # from a `raise` with an exception in the program
     if isinstance(error, UnicodeError):
         error.args = ()
-    if len(error.args) != 1 or not isinstance(error.args[0], str) or not isinstance(error, Exception):
+    if (
+        len(error.args) != 1
+        or not isinstance(error.args[0], str)
+        or not isinstance(error, Exception)
+    ):
         return error
     message = error.args[0]
     if isinstance(error, TypeError):
         message = re.sub(
-            r"(?<!argument ')(?<=['\"])function(?=['\"])|(?<=convert )function(?= to)", lambda m: _operand_name(error), message
+            r"(?<!argument ')(?<=['\"])function(?=['\"])|(?<=convert )function(?= to)",
+            lambda m: _operand_name(error),
+            message,
         )
     for pattern, name in _CLASS_NAMES if isinstance(error, TypeError | AttributeError) else ():
         message = re.sub(pattern, name, message)
@@ -221,7 +458,9 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
     if isinstance(error, TypeError) and "()" in message:
         message = _call_message(message, namespaces, error)
     if isinstance(error, AttributeError) and isinstance(error.obj, _FUNCTIONS):
-        message = re.sub(r"^'\w+'(?= object has no attribute)", f"'{function_name(error.obj)}'", message)
+        message = re.sub(
+            r"^'\w+'(?= object has no attribute)", f"'{function_name(error.obj)}'", message
+        )
     if message != error.args[0]:
         error.args = (message,)
     return error
@@ -234,8 +473,15 @@ def function_name(function: object) -> str:
         return "bound_method" if is_bound else "function"
     if function.__closure__ and is_own(function):
         return "closure"
-    is_method = "." in function.__qualname__.rsplit("<locals>.", maxsplit=1)[-1]  # where it was looked for first
-    return "bound_method" if is_method else "generator" if function.__code__.co_flags & inspect.CO_GENERATOR else "function"
+    # where it was looked for first
+    is_method = "." in function.__qualname__.rsplit("<locals>.", maxsplit=1)[-1]
+    return (
+        "bound_method"
+        if is_method
+        else "generator"
+        if function.__code__.co_flags & inspect.CO_GENERATOR
+        else "function"
+    )
 
 
 def _traces(error: BaseException) -> list[TracebackType]:
@@ -248,14 +494,21 @@ def _traces(error: BaseException) -> list[TracebackType]:
 
 
 def _operand_name(error: BaseException) -> str:
-    """Name of the class of the only function of the program in the line that failed, if it has one."""
+    """Name of the class of the only function of the program in the line that failed, if it has
+    one."""
     names = {"function"}
     for trace in _traces(error):
         frame = trace.tb_frame
         if "@n" in frame.f_builtins:
             values = {**frame.f_globals, **frame.f_locals}
-            steps = (step for step in dis.get_instructions(frame.f_code) if step.offset <= trace.tb_lasti)
-            loaded = (values.get(step.argval) for step in steps if step.positions and step.positions.lineno == trace.tb_lineno)
+            steps = (
+                step for step in dis.get_instructions(frame.f_code) if step.offset <= trace.tb_lasti
+            )
+            loaded = (
+                values.get(step.argval)
+                for step in steps
+                if step.positions and step.positions.lineno == trace.tb_lineno
+            )
             names = {function_name(value) for value in loaded if is_own(value)}
     return names.pop() if len(names) == 1 else "function"
 
@@ -265,8 +518,11 @@ def local_values(frame: FrameType) -> list[Any]:
     return [*frame.f_locals.values()] if frame.f_code.co_flags & inspect.CO_OPTIMIZED else []
 
 
-def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], error: BaseException) -> str:
-    """Message for a call with wrong arguments, which differs between program and firmware functions."""
+def _call_message(
+    message: str, namespaces: Sequence[Mapping[str, object]], error: BaseException
+) -> str:
+    """Message for a call with wrong arguments, which differs between program and firmware
+    functions."""
     match = re.fullmatch(r"(.*?)\(\) (.*?)(?:\. Did you mean '\w+'\?)?", message)
     if match is None:
         return message
@@ -276,22 +532,35 @@ def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], erro
     if function is None:  # a lambda or an inner function
         values = [value for trace in traces for value in local_values(trace.tb_frame)]
         values += [value for names in namespaces for value in names.values()]
-        function = next((value for value in values if is_own(value) and value.__qualname__ == name), None)
+        function = next(
+            (value for value in values if is_own(value) and value.__qualname__ == name), None
+        )
     if multiple := re.fullmatch(r"got multiple values for (?:keyword )?argument '(.*)'", problem):
         return f"function got multiple values for argument '{multiple[1]}'"
     if function is None:
-        if name.endswith("<lambda>") and (given := re.match(r"takes (\d+) positional .* but (\d+) w", problem)):
+        if name.endswith("<lambda>") and (
+            given := re.match(r"takes (\d+) positional .* but (\d+) w", problem)
+        ):
             label = "function" if "_module." in name else "<lambda>()"
             return f"{label} takes {given[1]} positional arguments but {given[2]} were given"
         of_language = _language_call_message(name, problem, traces[-1].tb_frame) if traces else None
-        return of_language or _builtin_call_message(problem, name.startswith("tools_module")) or message
+        return (
+            of_language
+            or _builtin_call_message(problem, name.startswith("tools_module"))
+            or message
+        )
     if keyword := re.fullmatch(r"got an unexpected keyword argument '(.*)'", problem):
         return f"unexpected keyword argument '{keyword[1]}'"
     code = function.__code__
-    # With a keyword, in the call or in the function, the firmware looks for each argument separately.
+    # With a keyword, in the call or in the function, the firmware looks for each argument
+    # separately.
     checks_each = bool(function.__kwdefaults__)
     for trace in traces[-1:]:
-        steps = [step.opname for step in dis.get_instructions(trace.tb_frame.f_code) if step.offset <= trace.tb_lasti]
+        steps = [
+            step.opname
+            for step in dis.get_instructions(trace.tb_frame.f_code)
+            if step.offset <= trace.tb_lasti
+        ]
         checks_each |= any("KW" in step for step in steps[-3:])
     if missing := re.match(r"missing \d+ required keyword-only arguments?: '(\w+)'", problem):
         one = f"function missing required keyword argument '{missing[1]}'"
@@ -300,24 +569,43 @@ def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], erro
     total = code.co_argcount + cells
     required = total - len(function.__defaults__ or ())
     if given := re.search(r"but (\d+) (?:positional arguments? .*)?(?:was|were) given", problem):
-        return f"{function.__name__}() takes {total} positional arguments but {int(given[1]) + cells} were given"
+        return (
+            f"{function.__name__}() takes {total} positional arguments but "
+            f"{int(given[1]) + cells} were given"
+        )
     if missing := re.match(r"missing (\d+) required positional arguments?: .*?'(\w+)'$", problem):
         if checks_each:
-            return f"function missing required positional argument #{code.co_varnames.index(missing[2]) + cells}"
-        return f"{function.__name__}() takes {required} positional arguments but {required - int(missing[1])} were given"
+            return (
+                "function missing required positional argument "
+                f"#{code.co_varnames.index(missing[2]) + cells}"
+            )
+        return (
+            f"{function.__name__}() takes {required} positional arguments but "
+            f"{required - int(missing[1])} were given"
+        )
     return message
 
 
 def _language_call_message(name: str, problem: str, frame: FrameType) -> str | None:
-    """Message for a wrong number of arguments of a builtin or of a module of the language, which are not named."""
+    """Message for a wrong number of arguments of a builtin or of a module of the language, which
+    are not named."""
     values = [*frame.f_globals.values(), *frame.f_locals.values()]
     modules = [value for value in values if isinstance(value, ModuleType)]
-    values += [*frame.f_builtins.values(), *(value for module in modules for value in vars(module).values())]
-    function: Any = next((value for value in values if getattr(value, "__qualname__", None) == name), None)
+    values += [
+        *frame.f_builtins.values(),
+        *(value for module in modules for value in vars(module).values()),
+    ]
+    function: Any = next(
+        (value for value in values if getattr(value, "__qualname__", None) == name), None
+    )
     own = isinstance(function, MethodType)
     function = function.__func__ if own else function
     numbers = [int(number) for number in re.findall(r"\d+", problem)]
-    if not isinstance(function, FunctionType) or not function.__module__.startswith(_LANGUAGE) or not numbers:
+    if (
+        not isinstance(function, FunctionType)
+        or not function.__module__.startswith(_LANGUAGE)
+        or not numbers
+    ):
         return None
     total = function.__code__.co_argcount - own
     required = total - len(function.__defaults__ or ())
@@ -335,7 +623,9 @@ def _builtin_call_message(problem: str, is_module_function: bool) -> str | None:
         return f"'{missing[1]}' argument required"
     if "unexpected keyword" in problem or "takes no keyword" in problem:
         return "extra keyword arguments given"
-    given = re.fullmatch(r"takes (?:from \d+ to )?(\d+) positional arguments? but (\d+) (?:was|were) given", problem)
+    given = re.fullmatch(
+        r"takes (?:from \d+ to )?(\d+) positional arguments? but (\d+) (?:was|were) given", problem
+    )
     if given and given[1] == "1" and "from" not in problem and not is_module_function:
         return f"function takes 1 positional arguments but {given[2]} were given"
     return "extra positional arguments given" if given else None

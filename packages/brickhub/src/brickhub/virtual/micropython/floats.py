@@ -1,7 +1,9 @@
-"""Floats of a hub in single precision: their parsing, their text, their conversion to 31-bit integers.
+"""Floats of a hub in single precision: their parsing, their text, their conversion to 31-bit
+integers.
 
-Text goes by MicroPython 1.26 (``py/formatfloat.c``): digits are computed in single precision, read back, and searched nearby for
-ones that read back as the same float, so the last digits may differ from CPython's.
+Text goes by MicroPython 1.26 (``py/formatfloat.c``): digits are computed in single precision, read
+back, and searched nearby for ones that read back as the same float, so the last digits may differ
+from CPython's.
 """
 
 import math
@@ -53,7 +55,8 @@ def int_from_float(value: float) -> int:
 
 
 def scaled(x: float, exponent: int) -> float:
-    """``x * 10**exponent`` with single precision errors: by a power of two in the bits, then by one of five."""
+    """``x * 10**exponent`` with single precision errors: by a power of two in the bits, then by one
+    of five."""
     if exponent == 0 or x == 0:
         return x
     (bits,) = _BITS.unpack(_SINGLE.pack(x))
@@ -62,7 +65,9 @@ def scaled(x: float, exponent: int) -> float:
     if -_EXACT_POWERS_OF_FIVE <= exponent < 0:
         return to_single(x / 5.0**-exponent)
     power = _ROUGH_POWERS.get(exponent)
-    return to_single(x * (to_single(5.0 ** min(exponent, _INFINITE_POWER)) if power is None else power))
+    return to_single(
+        x * (to_single(5.0 ** min(exponent, _INFINITE_POWER)) if power is None else power)
+    )
 
 
 def read_digits(digits: int, exponent: int) -> float:
@@ -73,8 +78,8 @@ def read_digits(digits: int, exponent: int) -> float:
 
 
 def read_float(text: str) -> float:
-    """Parse a float as a hub does: digits that fit into 32 bits, then :func:`scaled`. Raises ValueError if the text is not a
-    number."""
+    """Parse a float as a hub does: digits that fit into 32 bits, then :func:`scaled`. Raises
+    ValueError if the text is not a number."""
     value = float(text)
     unsigned = text.strip().lstrip("+-").replace("_", "")
     match = _DECIMAL.fullmatch(unsigned)
@@ -91,7 +96,8 @@ def read_float(text: str) -> float:
 
 
 def read_constant(value: float, texts: Collection[str]) -> float:
-    """The float that a hub reads for a constant from a compiled program, whose floats are the ``texts``."""
+    """The float that a hub reads for a constant from a compiled program, whose floats are the
+    ``texts``."""
     text = min(texts, key=lambda text: abs(float(text) - value), default="nan")
     # The text differs by the rounding of the compiler.
     return read_float(text if math.isclose(float(text), value, rel_tol=1e-14) else repr(value))
@@ -113,12 +119,17 @@ def format_float(x: float, code: str, precision: int | None, sign: str = "") -> 
     """
     if math.copysign(1, x) < 0 and not math.isnan(x):
         x, sign = -x, "-"
-    text = f"{x:g}" if not math.isfinite(x) else _unsigned(x, code.lower(), precision, _BUFFER_CHARS - len(sign))
+    text = (
+        f"{x:g}"
+        if not math.isfinite(x)
+        else _unsigned(x, code.lower(), precision, _BUFFER_CHARS - len(sign))
+    )
     return sign + (text.upper() if code.isupper() else text)
 
 
 def _unsigned(x: float, kind: str, precision: int | None, width: int) -> str:
-    """A positive number formatted by ``%e``, ``%f`` or ``%g`` (``kind``), in a buffer of ``width`` characters."""
+    """A positive number formatted by ``%e``, ``%f`` or ``%g`` (``kind``), in a buffer of ``width``
+    characters."""
     exponent = _exponent(x)
     count = _MAX_DIGITS if precision is None else precision
     max_exponent = _REPR_EXPONENT if precision is None else min(count, width - 3)
@@ -151,12 +162,23 @@ def _unsigned(x: float, kind: str, precision: int | None, width: int) -> str:
         mantissa, is_exact = _search(x, kind, digits, shift)
         if is_exact:
             break
-    return _written(mantissa, kind, digits, point, lead, zeros + max_digits - digits, exponent, max_exponent)
+    return _written(
+        mantissa, kind, digits, point, lead, zeros + max_digits - digits, exponent, max_exponent
+    )
 
 
-def _written(mantissa: int, kind: str, digits: int, point: int, lead: str, zeros: int, exponent: int, max_exponent: int) -> str:
-    """So many digits with a point after the one at index ``point``, a prefix, zeros behind, and the exponent of the first digit,
-    for which ``g`` writes zeros up to ``max_exponent``."""
+def _written(
+    mantissa: int,
+    kind: str,
+    digits: int,
+    point: int,
+    lead: str,
+    zeros: int,
+    exponent: int,
+    max_exponent: int,
+) -> str:
+    """So many digits with a point after the one at index ``point``, a prefix, zeros behind, and the
+    exponent of the first digit, for which ``g`` writes zeros up to ``max_exponent``."""
     if mantissa >= 10**digits and kind == "f":
         digits, point = digits + 1, point + 1
     elif mantissa >= 10**digits:
@@ -198,11 +220,14 @@ def _exponent(x: float) -> int:
 
 
 def _search(x: float, kind: str, digits: int, shift: int) -> tuple[int, bool]:
-    """The mantissa that reads back as ``x`` or nearest to it, with the decimal exponent ``-shift``, and whether it does."""
+    """The mantissa that reads back as ``x`` or nearest to it, with the decimal exponent ``-shift``,
+    and whether it does."""
 
     def difference_of(mantissa: int) -> float:
         carries = mantissa >= 10**digits and kind != "f"
-        return to_single(read_digits(*((mantissa // 10, 1 - shift) if carries else (mantissa, -shift))) - x)
+        return to_single(
+            read_digits(*((mantissa // 10, 1 - shift) if carries else (mantissa, -shift))) - x
+        )
 
     extra = digits - _SAFE_DIGITS
     first = 1

@@ -1,7 +1,8 @@
 """Iterables of a hub: collecting their items, generators, and sorting.
 
-Functions that collect items refuse more than fit on any hub. A generator that a program drops in the middle just stays there,
-where CPython closes it. Sorting is a quicksort (``py/objlist.c`` of MicroPython 1.26), which changes the order of equal elements.
+Functions that collect items refuse more than fit on any hub. A generator that a program drops in
+the middle just stays there, where CPython closes it. Sorting is a quicksort (``py/objlist.c`` of
+MicroPython 1.26), which changes the order of equal elements.
 """
 
 import sys
@@ -25,7 +26,8 @@ def _to_bytes(values: Any) -> Any:
 
 
 def _star(values: Any) -> Any:
-    """Arguments ``*values``, whose number the hub asks for first, as it makes room for them and the function."""
+    """Arguments ``*values``, whose number the hub asks for first, as it makes room for them and the
+    function."""
     if isinstance(values, list | tuple | str | bytes | dict):
         return values
     if isinstance(values, range):
@@ -35,7 +37,11 @@ def _star(values: Any) -> Any:
 
 def _extend(owner: Any, values: Any) -> Any:
     """``owner.extend(values)``."""
-    if not isinstance(owner, list) or type(owner).extend is not list.extend or isinstance(values, list | tuple):
+    if (
+        not isinstance(owner, list)
+        or type(owner).extend is not list.extend
+        or isinstance(values, list | tuple)
+    ):
         return owner.extend(values)
     return extend(owner, values)
 
@@ -92,7 +98,13 @@ def is_dropped() -> bool:
     return not _ending.calls and isinstance(sys.exc_info()[1], GeneratorExit)
 
 
-ITERABLE_FUNCTIONS = {"@star": _star, "@extend": _extend, "@join": _join, "@close": close, "@throw": _throw}
+ITERABLE_FUNCTIONS = {
+    "@star": _star,
+    "@extend": _extend,
+    "@join": _join,
+    "@close": close,
+    "@throw": _throw,
+}
 """Functions by their names in the transformed program."""
 ITERABLE_CONVERSIONS: dict[Any, Callable[..., Any]] = {
     list: items_of,
@@ -120,7 +132,9 @@ def sorted_list(values: Iterable[Any], /, *args: Any, **kwargs: Any) -> list[Any
     return items
 
 
-def _sort(items: list[Any], *, key: Callable[[Any], Any] | None = None, reverse: Any = False) -> None:
+def _sort(
+    items: list[Any], *, key: Callable[[Any], Any] | None = None, reverse: Any = False
+) -> None:
     kinds = set(map(type, items))
     if key is None and kinds in ({int}, {str}):  # equal elements are the same in every respect
         items.sort(reverse=bool(reverse))
@@ -138,8 +152,11 @@ def _is_less(a: Any, b: Any) -> Any:
     return len(a) < len(b)
 
 
-def _quicksort(items: list[Any], first: int, last: int, key: Callable[[Any], Any], is_less: bool) -> None:
-    """Sort ``items[first:last + 1]`` so that ``<`` gives ``is_less``; keys are computed for each comparison."""
+def _quicksort(
+    items: list[Any], first: int, last: int, key: Callable[[Any], Any], is_less: bool
+) -> None:
+    """Sort ``items[first:last + 1]`` so that ``<`` gives ``is_less``; keys are computed for each
+    comparison."""
     while first < last:
         pivot = key(items[last])
         low, high = first, last - 1

@@ -1,8 +1,9 @@
-"""Memory of a hub: whether a program's objects fit into its heap, and how deep its functions can call each other.
+"""Memory of a hub: whether a program's objects fit into its heap, and how deep its functions can
+call each other.
 
-Sizes of objects are those of MicroPython 1.26 on 32 bits (``py/gc.c``, ``py/obj*.c``), without the program itself and
-fragmentation: a program that runs out of memory here does so on a hub, a little earlier. The stack goes by the firmware (Pybricks
-4.1: ``_common/micropython.c``, ``py/objfun.c``).
+Sizes of objects are those of MicroPython 1.26 on 32 bits (``py/gc.c``, ``py/obj*.c``), without the
+program itself and fragmentation: a program that runs out of memory here does so on a hub, a little
+earlier. The stack goes by the firmware (Pybricks 4.1: ``_common/micropython.c``, ``py/objfun.c``).
 """
 
 import gc
@@ -21,7 +22,8 @@ BLOCK_BYTES = 16
 """Bytes of a block of MicroPython's heap."""
 _REFERENCE_BYTES = 4
 _TABLES_SHARE = 12 / 524
-"""Share of the garbage collector's tables: 1 byte for each 4 blocks, 1 for each 8 (``gc_setup_area``)."""
+"""Share of the garbage collector's tables: 1 byte for each 4 blocks, 1 for each 8
+(``gc_setup_area``)."""
 _OBJECT = 2 * BLOCK_BYTES
 """Object of the firmware, such as a motor; an estimate."""
 _LONG_BYTES = 256
@@ -48,7 +50,8 @@ def items_of(values: Iterable[Any], *, item_bytes: int = _REFERENCE_BYTES) -> li
 
 
 def extend(items: list[Any], values: Iterable[Any], item_bytes: int = _REFERENCE_BYTES) -> None:
-    """Append an iterable's items one by one. Raises MemoryError if there are more than fit on any hub."""
+    """Append an iterable's items one by one. Raises MemoryError if there are more than fit on any
+    hub."""
     items.extend(itertools.islice(values, MOST_BYTES // item_bytes + 1))
     check_allocation(item_bytes * len(items))
 
@@ -67,7 +70,8 @@ class Heap:
         self._used_bytes, self._interval = 0, 1
 
     def statistics(self) -> tuple[int, int]:
-        """Bytes of all objects that the program can reach, and of the rest, negative if they do not fit."""
+        """Bytes of all objects that the program can reach, and of the rest, negative if they do not
+        fit."""
         roots: list[Any] = [*self.namespaces]
         frame: FrameType | None = sys._getframe()
         while frame is not None:
@@ -77,7 +81,8 @@ class Heap:
         used_bytes, seen = 0, set[int]()
         while roots:
             value = roots.pop()
-            if value is None or isinstance(value, int) or id(value) in seen:  # a hub's integers are in their references
+            # a hub's integers are in their references
+            if value is None or isinstance(value, int) or id(value) in seen:
                 continue
             seen.add(id(value))
             size, parts = _size_and_parts(value)
@@ -86,8 +91,8 @@ class Heap:
         return used_bytes, self.size_bytes - used_bytes
 
     def check(self) -> int:
-        """The number of branches until the next check: the earlier, the faster the program grows. Raises MemoryError if the
-        objects do not fit."""
+        """The number of branches until the next check: the earlier, the faster the program grows.
+        Raises MemoryError if the objects do not fit."""
         used_bytes, free_bytes = self.statistics()
         growth, self._used_bytes = max(0, used_bytes - self._used_bytes), used_bytes
         branch_bytes = growth // self._interval
@@ -112,8 +117,11 @@ def _size_and_parts(value: Any) -> tuple[int, Iterable[Any]]:
         case tuple():
             return _blocks(8 + 4 * len(value)), value
         case dict():
-            names = [name for name in value if not (isinstance(name, str) and name.startswith("__"))]
-            parts = [name for name in names if not isinstance(name, str)]  # most texts are in the table of names
+            names = [
+                name for name in value if not (isinstance(name, str) and name.startswith("__"))
+            ]
+            # most texts are in the table of names
+            parts = [name for name in names if not isinstance(name, str)]
             return BLOCK_BYTES + _blocks(8 * len(names)), [*parts, *(value[name] for name in names)]
         case set() | frozenset():
             return BLOCK_BYTES + _blocks(4 * len(value)), value
@@ -128,7 +136,9 @@ def _size_and_parts(value: Any) -> tuple[int, Iterable[Any]]:
             return BLOCK_BYTES, (value.__self__,)
         case GeneratorType() | CoroutineType():
             code = value.gi_code if isinstance(value, GeneratorType) else value.cr_code
-            return BLOCK_BYTES + _blocks(4 * (code.co_nlocals + code.co_stacksize)), gc.get_referents(value)
+            return BLOCK_BYTES + _blocks(
+                4 * (code.co_nlocals + code.co_stacksize)
+            ), gc.get_referents(value)
         case type() if not is_native(value):
             return BLOCK_BYTES, (dict(value.__dict__),)
         case _ if not is_native(type(value)) and hasattr(value, "__dict__"):
@@ -153,8 +163,8 @@ def most_nested_calls(hub: AnyHub) -> int:
 
 
 def check_of_calls(most: int) -> Callable[[Any], Any]:
-    """A function that returns its argument, which is called next. It raises RuntimeError if that is a function of the program
-    and ``most`` calls are nested already."""
+    """A function that returns its argument, which is called next. It raises RuntimeError if that is
+    a function of the program and ``most`` calls are nested already."""
 
     def callee(function: Any) -> Any:
         if is_own(getattr(function, "__func__", function)):

@@ -24,7 +24,11 @@ _HALF_INFINITE = 65520.0
 """Least float that is infinite in 16 bits."""
 
 
-def module(module_name: str, names: Mapping[str, Any] = MappingProxyType({}), *functions: Callable[..., Any]) -> ModuleType:
+def module(
+    module_name: str,
+    names: Mapping[str, Any] = MappingProxyType({}),
+    *functions: Callable[..., Any],
+) -> ModuleType:
     """A module with these names, and with functions by their own; ours may end with ``_``."""
     result = ModuleType(module_name)
     result.__dict__.clear()
@@ -43,7 +47,9 @@ def math_module() -> ModuleType:
 
         def call(*args: Any) -> float:
             if len(args) != count:
-                raise TypeError(f"function takes {count} positional arguments but {len(args)} were given")
+                raise TypeError(
+                    f"function takes {count} positional arguments but {len(args)} were given"
+                )
             values = [_as_float(value) for value in args]
             try:
                 result = to_single(function(*values))
@@ -79,7 +85,18 @@ def math_module() -> ModuleType:
 
     names: dict[str, Any] = {
         name: rounded(getattr(math, name))
-        for name in ["sin", "asin", "cos", "acos", "tan", "atan", "exp", "sqrt", "fabs", *_BINARY_FUNCTIONS]
+        for name in [
+            "sin",
+            "asin",
+            "cos",
+            "acos",
+            "tan",
+            "atan",
+            "exp",
+            "sqrt",
+            "fabs",
+            *_BINARY_FUNCTIONS,
+        ]
     }
     names |= {name: test(getattr(math, name)) for name in ("isfinite", "isinf", "isnan")}
     names["degrees"] = lambda x, /: to_single(_as_float(x) * _DEGREES)
@@ -161,7 +178,16 @@ def random_module(clock_us: int) -> ModuleType:
         expect_int(0 if a is None else a)
         source.seed(clock_us if a is None else a)
 
-    return module("random", {"random": source.fraction}, getrandbits, randrange, randint, choice, uniform, seed)
+    return module(
+        "random",
+        {"random": source.fraction},
+        getrandbits,
+        randrange,
+        randint,
+        choice,
+        uniform,
+        seed,
+    )
 
 
 class _Layout:
@@ -180,7 +206,10 @@ class _Layout:
         self.struct = struct.Struct(order + codes)
         check_allocation(self.struct.size)
         self.codes = [
-            code for count, code in _CODES.findall(codes) for _ in range(1 if code in "sx" else int(count or 1)) if code != "x"
+            code
+            for count, code in _CODES.findall(codes)
+            for _ in range(1 if code in "sx" else int(count or 1))
+            if code != "x"
         ]
         self.is_wide = bool(_WIDE & set(self.codes))
 
@@ -196,7 +225,11 @@ class _Layout:
             return as_bytes(value)
         if code in "efd":
             number = to_single(_as_float(value))
-            return math.copysign(math.inf, number) if code == "e" and abs(number) >= _HALF_INFINITE else number
+            return (
+                math.copysign(math.inf, number)
+                if code == "e" and abs(number) >= _HALF_INFINITE
+                else number
+            )
         if isinstance(value, float) or not isinstance(value, int):
             raise TypeError(f"can't convert {type(value).__name__} to int")
         bits = 8 * struct.calcsize("=" + code)
@@ -206,7 +239,9 @@ class _Layout:
     def checked(self, values: tuple[Any, ...]) -> tuple[Any, ...]:
         if not self.is_wide:
             return values
-        return tuple(small(v) if type(v) is int else to_single(v) if type(v) is float else v for v in values)
+        return tuple(
+            small(v) if type(v) is int else to_single(v) if type(v) is float else v for v in values
+        )
 
 
 def struct_module() -> ModuleType:

@@ -13,11 +13,31 @@ from typing import Any
 
 from brickhub.virtual.micropython.containers import HubDict, HubSet
 from brickhub.virtual.micropython.exceptions import CATCHABLE, SwitchedOff, is_native, reword
-from brickhub.virtual.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
-from brickhub.virtual.micropython.iterables import ITERABLE_CONVERSIONS, ITERABLE_FUNCTIONS, add_in_place, is_dropped, sort
+from brickhub.virtual.micropython.floats import (
+    SMALL_MAX,
+    SMALL_MIN,
+    int_from_float,
+    read_float,
+    to_single,
+)
+from brickhub.virtual.micropython.iterables import (
+    ITERABLE_CONVERSIONS,
+    ITERABLE_FUNCTIONS,
+    add_in_place,
+    is_dropped,
+    sort,
+)
 from brickhub.virtual.micropython.memory import check_allocation
 from brickhub.virtual.micropython.streams import HubBytearray, as_bytes
-from brickhub.virtual.micropython.text import format_text, format_value, percent, representation, text, to_number, type_name
+from brickhub.virtual.micropython.text import (
+    format_text,
+    format_value,
+    percent,
+    representation,
+    text,
+    to_number,
+    type_name,
+)
 
 _EXACT_INT_MAX = 2**24
 _BASES = {"0b": 2, "0o": 8, "0x": 16}
@@ -35,7 +55,8 @@ _CHECKED_ITEMS = 256
 
 
 def _check_length(kind: type, length: int) -> None:
-    check_allocation(length * _ITEM_BYTES[kind] + (kind in (str, bytes)))  # these end with a zero byte
+    # these end with a zero byte
+    check_allocation(length * _ITEM_BYTES[kind] + (kind in (str, bytes)))
 
 
 def small(value: int) -> int:
@@ -46,7 +67,8 @@ def small(value: int) -> int:
 
 
 def normalizer() -> Callable[[Any], Any]:
-    """A function that rounds floats and checks integers; one per program, as it keeps a scratch cell."""
+    """A function that rounds floats and checks integers; one per program, as it keeps a scratch
+    cell."""
     cell = memoryview(bytearray(4)).cast("f")
 
     def normalize(value: Any) -> Any:
@@ -71,7 +93,11 @@ def normalizer() -> Callable[[Any], Any]:
 
 def _single_int(value: Any) -> Any:
     """Integers become floats in operations with floats; large ones lose digits."""
-    return to_single(value) if type(value) is int and not -_EXACT_INT_MAX <= value <= _EXACT_INT_MAX else value
+    return (
+        to_single(value)
+        if type(value) is int and not -_EXACT_INT_MAX <= value <= _EXACT_INT_MAX
+        else value
+    )
 
 
 def _operands(a: Any, b: Any) -> tuple[Any, Any]:
@@ -105,7 +131,9 @@ def to_int(*args: Any) -> Any:
         if base == 0:
             base = _BASES.get(digits[:2].lower(), 10)
             digits = digits if base == 10 else digits[2:]
-        raise ValueError(f"invalid syntax for integer with base {base}: {representation(digits)}") from None
+        raise ValueError(
+            f"invalid syntax for integer with base {base}: {representation(digits)}"
+        ) from None
     except TypeError:
         raise TypeError(f"can't convert {type(args[0]).__name__} to int") from None
     if abs(value) > SMALL_MAX:  # digits are read before the sign
@@ -170,10 +198,14 @@ def _ascii_method(name: str) -> Callable[..., Any]:
                 raise NotImplementedError("rsplit(None,n)")
             if name.endswith("strip") and args and not isinstance(args[0], type(value)):
                 wanted = "bytes" if isinstance(args[0], str) else "str"
-                raise TypeError(f"can't convert '{type(args[0]).__name__}' object to {wanted} implicitly")
+                raise TypeError(
+                    f"can't convert '{type(args[0]).__name__}' object to {wanted} implicitly"
+                )
         if not isinstance(value, str) or value.isascii():
             return getattr(value, name)(*args, **kwargs)
-        result = method(value.encode(), *(arg.encode() if isinstance(arg, str) else arg for arg in args))
+        result = method(
+            value.encode(), *(arg.encode() if isinstance(arg, str) else arg for arg in args)
+        )
         if isinstance(result, list):
             return [part.decode() for part in result]
         return result.decode(errors="replace") if isinstance(result, bytes) else result
@@ -182,8 +214,8 @@ def _ascii_method(name: str) -> Callable[..., Any]:
 
 
 def _contains(item: Any, container: Any) -> bool:
-    """``item in container``; bytes have text in them, and nothing that is neither data nor a byte. A number in a number is an
-    operation."""
+    """``item in container``; bytes have text in them, and nothing that is neither data nor a byte.
+    A number in a number is an operation."""
     if isinstance(container, bytes):
         return _is_part(item, container)
     if isinstance(container, memoryview) and isinstance(item, int | float):
@@ -192,7 +224,10 @@ def _contains(item: Any, container: Any) -> bool:
         raise TypeError(f"unsupported types for : 'int', '{type(container).__name__}'")
     if type(container) is bool or (type(item) is bool and type(container) is int):
         if isinstance(item, int | float | complex):
-            raise TypeError(f"unsupported types for __contains__: 'int', '{type(item).__name__.replace('bool', 'int')}'")
+            raise TypeError(
+                "unsupported types for __contains__: 'int', "
+                f"'{type(item).__name__.replace('bool', 'int')}'"
+            )
         container = int(container)
     return item in container
 
@@ -207,7 +242,9 @@ def _ordered(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """A comparison in which bytes come before or after text, as its bytes do."""
 
     def compare(a: Any, b: Any) -> Any:
-        return operation(a, b.encode() if isinstance(a, bytes | bytearray) and isinstance(b, str) else b)
+        return operation(
+            a, b.encode() if isinstance(a, bytes | bytearray) and isinstance(b, str) else b
+        )
 
     return compare
 
@@ -219,7 +256,11 @@ def _to_slice(*args: Any) -> Any:
 
 def _stepped(container: Any, start: Any, stop: Any, step: Any) -> Any:
     """``container[start:stop:step]``; only lists support a step."""
-    if step is not None and step != 1 and isinstance(container, str | bytes | bytearray | memoryview | tuple):
+    if (
+        step is not None
+        and step != 1
+        and isinstance(container, str | bytes | bytearray | memoryview | tuple)
+    ):
         raise NotImplementedError("only slices with step=1 (aka None) are supported")
     return container[start:stop:step]
 
@@ -256,7 +297,9 @@ def _product(a: Any, b: Any) -> Any:
     except TypeError as error:
         if not str(error).startswith("can't multiply sequence"):
             raise
-    raise TypeError(f"unsupported operand type(s) for *: '{type(a).__name__}' and '{type(b).__name__}'")
+    raise TypeError(
+        f"unsupported operand type(s) for *: '{type(a).__name__}' and '{type(b).__name__}'"
+    )
 
 
 def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
@@ -269,7 +312,10 @@ def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
         if type(a) is bool and type(b) is bool:
             return int(operation(a, b))
         if isinstance(a, dict | type) or isinstance(b, type):
-            raise TypeError(f"unsupported operand type(s) for {symbol}: '{type(a).__name__}' and '{type(b).__name__}'")
+            raise TypeError(
+                f"unsupported operand type(s) for {symbol}: '{type(a).__name__}' and "
+                f"'{type(b).__name__}'"
+            )
         return operation(a, b)
 
     return operate
@@ -306,7 +352,9 @@ CONVERSIONS: dict[Any, Callable[..., Any]] = {
     int: to_int,
     float: to_float,
     slice: _to_slice,
-    str: lambda *args: text(args[0]) if len(args) == 1 else as_bytes(args[0]).decode() if args else "",
+    str: lambda *args: (
+        text(args[0]) if len(args) == 1 else as_bytes(args[0]).decode() if args else ""
+    ),
 }
 """Calls of builtin classes as on a hub."""
 
@@ -322,13 +370,24 @@ def _convert(kind: Any, *args: Any, **kwargs: Any) -> Any:
 
 _FUNCTIONS: dict[str, Any] = {f"@{name}": _ascii_method(name) for name in ASCII_METHODS}
 _FUNCTIONS |= {"@convert": _convert, "@sort": sort, "@f": _f_string}
-_FUNCTIONS |= {"@format": _format, "@in": _contains, "@to_bytes": _to_bytes, "@from_bytes": _from_bytes}
+_FUNCTIONS |= {
+    "@format": _format,
+    "@in": _contains,
+    "@to_bytes": _to_bytes,
+    "@from_bytes": _from_bytes,
+}
 _FUNCTIONS |= {f"@{name}": _ordered(getattr(operator, name)) for name in ("lt", "le", "gt", "ge")}
-_FUNCTIONS |= {"@sub": _subscriptable, "@stepped": _stepped, "@sliced": _sliced, "@setslice": _set_slice}
+_FUNCTIONS |= {
+    "@sub": _subscriptable,
+    "@stepped": _stepped,
+    "@sliced": _sliced,
+    "@setslice": _set_slice,
+}
 
 
 def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
-    """Functions for the transformed program, by names that programs cannot write. ``namespaces``: globals of its modules."""
+    """Functions for the transformed program, by names that programs cannot write. ``namespaces``:
+    globals of its modules."""
     normalize = normalizer()
 
     def divide(a: Any, b: Any) -> Any:
@@ -344,7 +403,9 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         if isinstance(a, str | bytes):
             return percent(a, b)
         if isinstance(a, bytearray):
-            raise TypeError(f"unsupported operand type(s) for %: 'bytearray' and '{type(b).__name__}'")
+            raise TypeError(
+                f"unsupported operand type(s) for %: 'bytearray' and '{type(b).__name__}'"
+            )
         a, b = _operands(a, b)
         return normalize(a % b)
 
@@ -362,13 +423,25 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         a -= b
         return normalize(a)
 
-    arithmetic = {"@n": normalize, "@div": divide, "@floordiv": floor_divide, "@mod": modulo, "@pow": power}
-    arithmetic |= {"@mul": lambda a, b: normalize(_product(a, b)), "@iadd": lambda a, b: normalize(add_in_place(a, b))}
+    arithmetic = {
+        "@n": normalize,
+        "@div": divide,
+        "@floordiv": floor_divide,
+        "@mod": modulo,
+        "@pow": power,
+    }
+    arithmetic |= {
+        "@mul": lambda a, b: normalize(_product(a, b)),
+        "@iadd": lambda a, b: normalize(add_in_place(a, b)),
+    }
     bits = ("and_", "or_", "xor", "iand", "ior", "ixor")
     bitwise = {f"@{name.rstrip('_')}": _bitwise(getattr(operator, name)) for name in bits}
     displays = {
-        # `{key: value, ...}` with as many slots as keys; in pairs the value is first, as a hub computes it first
-        "@dict": lambda *parts: HubDict.sized(len(parts) // 2, zip(parts[1::2], parts[::2], strict=True)),
+        # `{key: value, ...}` with as many slots as keys; in pairs the value is first, as a hub
+        # computes it first
+        "@dict": lambda *parts: HubDict.sized(
+            len(parts) // 2, zip(parts[1::2], parts[::2], strict=True)
+        ),
         "@dictof": lambda pairs: HubDict.sized(0, ((key, value) for value, key in pairs)),
         "@set": lambda *values: HubSet.sized(len(values), values),
         "@setof": HubSet,
@@ -380,4 +453,12 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         "@ends": lambda: not (isinstance(sys.exc_info()[1], SwitchedOff) or is_dropped()),
         "@reword": lambda error: reword(error, namespaces),
     }
-    return {**_FUNCTIONS, **ITERABLE_FUNCTIONS, **arithmetic, "@isub": subtract_in_place, **bitwise, **displays, **errors}
+    return {
+        **_FUNCTIONS,
+        **ITERABLE_FUNCTIONS,
+        **arithmetic,
+        "@isub": subtract_in_place,
+        **bitwise,
+        **displays,
+        **errors,
+    }

@@ -1,6 +1,8 @@
-"""Bytes and streams of a hub: ``bytearray``, which keeps the last eight bits of numbers, and ``BytesIO`` and ``StringIO``.
+"""Bytes and streams of a hub: ``bytearray``, which keeps the last eight bits of numbers, and
+``BytesIO`` and ``StringIO``.
 
-Both hold bytes, and accept text and bytes. Source: ``py/objarray.c`` and ``py/binary.c`` of MicroPython 1.26.
+Both hold bytes, and accept text and bytes. Source: ``py/objarray.c`` and ``py/binary.c`` of
+MicroPython 1.26.
 """
 
 import errno
@@ -36,7 +38,9 @@ class HubBytearray(bytearray):
         super().__init__(_low_bytes(source), *encoding)
 
     def __setitem__(self, index: Any, value: Any) -> None:
-        super().__setitem__(index, value if isinstance(index, slice) else operator.index(value) & 0xFF)
+        super().__setitem__(
+            index, value if isinstance(index, slice) else operator.index(value) & 0xFF
+        )
 
     def __getitem__(self, index: Any) -> Any:
         item = super().__getitem__(index)
@@ -48,7 +52,9 @@ class HubBytearray(bytearray):
     def __contains__(self, item: Any) -> bool:
         if isinstance(item, int | float):
             raise NotImplementedError
-        return isinstance(item, str | bytes | bytearray | memoryview) and super().__contains__(_buffer(item))
+        return isinstance(item, str | bytes | bytearray | memoryview) and super().__contains__(
+            _buffer(item)
+        )
 
     def __mul__(self, other: Any) -> Any:
         return NotImplemented
@@ -73,8 +79,8 @@ HubBytearray.__name__ = HubBytearray.__qualname__ = "bytearray"
 
 
 class Console(Protocol):
-    """Byte streams between a program and its host. ``print`` writes ``\\r\\n`` for ``\\n``. ``inbox``: AppData of the host, of a
-    size that the program sets."""
+    """Byte streams between a program and its host. ``print`` writes ``\\r\\n`` for ``\\n``.
+    ``inbox``: AppData of the host, of a size that the program sets."""
 
     inbox: bytearray
 
@@ -101,7 +107,8 @@ def as_bytes(value: Any) -> bytes:
 
 
 def part_of(data: Any, *part: int) -> bytes:
-    """Bytes of a buffer or text: all, the first ``(count,)`` or, after a start, ``(start, count)``."""
+    """Bytes of a buffer or text: all, the first ``(count,)`` or, after a start, ``(start,
+    count)``."""
     content = as_bytes(data)
     start, count = part if len(part) > 1 else (0, *(part or (-1,)))
     return content[start:] if count < 0 else content[start : start + count]
@@ -118,11 +125,13 @@ class IOBase:
 def write_text(stream: Any, piece: str) -> None:
     """Write to a stream, as ``print`` does. Raises HubOSError if it is none."""
     if isinstance(stream, Stream):
-        stream.write(piece)  # type: ignore[attr-defined]  # those that lack it have no file number 1
+        # those that lack it have no file number 1
+        stream.write(piece)  # type: ignore[attr-defined]
     elif not isinstance(stream, IOBase):
         raise HubOSError("stream operation not supported")
     elif piece:
-        stream.write(HubBytearray(piece.encode()))  # type: ignore[attr-defined]  # a program's method
+        # a program's method
+        stream.write(HubBytearray(piece.encode()))  # type: ignore[attr-defined]
 
 
 class BytesIO(Stream, io.BytesIO):

@@ -1,6 +1,7 @@
 """Modules ``sys``, ``select``, ``io``, ``json``, ``errno``, ``gc`` and ``micropython`` of a hub.
 
-JSON is read as in ``extmod/modjson.c`` of MicroPython 1.26: commas and colons are spaces, any bracket closes.
+JSON is read as in ``extmod/modjson.c`` of MicroPython 1.26: commas and colons are spaces, any
+bracket closes.
 """
 
 import errno
@@ -42,7 +43,8 @@ _FOREVER_MS = 1000  # polling interval
 
 
 def read_json(source: str) -> Any:
-    """Parse JSON. Raises ValueError as on the hub, OverflowError if a number needs more than 31 bits."""
+    """Parse JSON. Raises ValueError as on the hub, OverflowError if a number needs more than 31
+    bits."""
     parents: list[Any] = []
     top: Any = None
     key: Any = _NO_KEY
@@ -100,7 +102,8 @@ def _unescaped(escape: re.Match[str]) -> str:
 
 
 class Terminal:
-    """Standard streams of a program: its console, what is called before it reads, and the byte that interrupts it.
+    """Standard streams of a program: its console, what is called before it reads, and the byte that
+    interrupts it.
 
     ``kbd_intr(-1)`` lets no byte interrupt.
     """
@@ -135,7 +138,8 @@ class FileIO(Stream):
         pass
 
     def events(self) -> int:
-        # Standard output is never ready: programs register standard input without a mask and rely on it.
+        # Standard output is never ready: programs register standard input without a mask and rely
+        # on it.
         return _POLLIN if self._terminal.console.available() else 0
 
     def read(self, size: int = -1) -> Any:
@@ -173,7 +177,8 @@ class FileIO(Stream):
 
 
 class TextIOWrapper(FileIO):
-    """Standard input or output as text; ``buffer`` is the byte stream. The Enter key, CR, is read as LF."""
+    """Standard input or output as text; ``buffer`` is the byte stream. The Enter key, CR, is read
+    as LF."""
 
     def __init__(self, number: int, terminal: Terminal) -> None:
         super().__init__(number, terminal)
@@ -206,7 +211,8 @@ class TextIOWrapper(FileIO):
 
 
 class Poll:
-    """``select.poll()``; ``advance`` lets simulated time pass until possible input, and returns the ms that passed."""
+    """``select.poll()``; ``advance`` lets simulated time pass until possible input, and returns the
+    ms that passed."""
 
     def __init__(self, advance: Callable[[int], int], tick: Callable[[], None]) -> None:
         self._advance, self._tick = advance, tick
@@ -226,7 +232,14 @@ class Poll:
     def poll(self, timeout: int = -1, flags: int = 0) -> list[tuple[FileIO, int]]:
         self._tick()
         streams = self._streams.values()
-        while not (ready := [(stream, now) for stream, mask in streams if (now := stream.events() & mask)]) and timeout:
+        while (
+            not (
+                ready := [
+                    (stream, now) for stream, mask in streams if (now := stream.events() & mask)
+                ]
+            )
+            and timeout
+        ):
             if timeout < 0:
                 self._advance(_FOREVER_MS)
             else:
@@ -253,7 +266,12 @@ def sys_module(terminal: Terminal, build: str, machine: str) -> ModuleType:
     stdout = TextIOWrapper(1, terminal)
 
     def print_exception(error: object, file: Any = stdout) -> None:
-        write_text(file, format_traceback(error, "") if isinstance(error, BaseException) else f"{representation(error)}\n")
+        write_text(
+            file,
+            format_traceback(error, "")
+            if isinstance(error, BaseException)
+            else f"{representation(error)}\n",
+        )
 
     names: dict[str, Any] = {
         "stdin": TextIOWrapper(0, terminal),
@@ -272,7 +290,9 @@ def sys_module(terminal: Terminal, build: str, machine: str) -> ModuleType:
 def select_module(advance: Callable[[int], int], tick: Callable[[], None]) -> ModuleType:
     flags = {"POLLIN": _POLLIN, "POLLOUT": _POLLOUT, "POLLERR": _POLLERR, "POLLHUP": _POLLHUP}
 
-    def select(readers: Any, writers: Any, others: Any, timeout: float | None = None, /) -> tuple[list[FileIO], ...]:
+    def select(
+        readers: Any, writers: Any, others: Any, timeout: float | None = None, /
+    ) -> tuple[list[FileIO], ...]:
         """Streams that can be read, be written, or failed; ``timeout`` in seconds."""
         poll, masks = Poll(advance, tick), (_POLLIN, _POLLOUT, _POLLERR | _POLLHUP)
         masks_by_stream: dict[FileIO, int] = {}
@@ -315,15 +335,22 @@ def micropython_module(terminal: Terminal, memory: Callable[[], tuple[int, int]]
         lines = (
             f"stack: 0 out of {_STACK_BYTES}",
             f"GC: total: {used_bytes + free_bytes}, used: {used_bytes}, free: {free_bytes}",
-            f" No. of 1-blocks: 0, 2-blocks: 0, max blk sz: 0, max free sz: {free_bytes // BLOCK_BYTES}",
+            (
+                " No. of 1-blocks: 0, 2-blocks: 0, max blk sz: 0, max free sz: "
+                f"{free_bytes // BLOCK_BYTES}"
+            ),
         )
         terminal.console.write(cooked("".join(f"{line}\n" for line in lines).encode()))
 
     def qstr_info(verbose: Any = None) -> None:
-        terminal.console.write(cooked(b"qstr pool: n_pool=0, n_qstr=0, n_str_data_bytes=0, n_total_bytes=0\n"))
+        terminal.console.write(
+            cooked(b"qstr pool: n_pool=0, n_qstr=0, n_str_data_bytes=0, n_total_bytes=0\n")
+        )
 
     names = {"const": lambda value: value, "stack_use": lambda: 0}
-    return module("micropython", names, mem_info, qstr_info, kbd_intr, opt_level, heap_lock, heap_unlock)
+    return module(
+        "micropython", names, mem_info, qstr_info, kbd_intr, opt_level, heap_lock, heap_unlock
+    )
 
 
 def gc_module(memory: Callable[[], tuple[int, int]]) -> ModuleType:
@@ -335,13 +362,26 @@ def gc_module(memory: Callable[[], tuple[int, int]]) -> ModuleType:
         (state["limit"],) = size
         return None
 
-    names: dict[str, Any] = {"enable": lambda: state.update(on=True), "disable": lambda: state.update(on=False)}
-    names |= {"isenabled": lambda: state["on"], "mem_alloc": lambda: memory()[0], "mem_free": lambda: memory()[1]}
+    names: dict[str, Any] = {
+        "enable": lambda: state.update(on=True),
+        "disable": lambda: state.update(on=False),
+    }
+    names |= {
+        "isenabled": lambda: state["on"],
+        "mem_alloc": lambda: memory()[0],
+        "mem_free": lambda: memory()[1],
+    }
     return module("gc", {**names, "collect": lambda: None}, threshold)
 
 
 def errno_module() -> ModuleType:
-    return module("errno", {**{name: code for code, name in ERROR_NAMES.items()}, "errorcode": HubDict.in_order(ERROR_NAMES)})
+    return module(
+        "errno",
+        {
+            **{name: code for code, name in ERROR_NAMES.items()},
+            "errorcode": HubDict.in_order(ERROR_NAMES),
+        },
+    )
 
 
 def json_module() -> ModuleType:
@@ -350,8 +390,17 @@ def json_module() -> ModuleType:
 
         def write(value: Any) -> str:
             if isinstance(value, dict):
-                names = (write(name) if isinstance(name, str) else f'"{write(name)}"' for name in value)
-                return "{" + item.join(name + key + write(part) for name, part in zip(names, value.values(), strict=True)) + "}"
+                names = (
+                    write(name) if isinstance(name, str) else f'"{write(name)}"' for name in value
+                )
+                return (
+                    "{"
+                    + item.join(
+                        name + key + write(part)
+                        for name, part in zip(names, value.values(), strict=True)
+                    )
+                    + "}"
+                )
             if isinstance(value, list | tuple):
                 return "[" + item.join(map(write, value)) + "]"
             if value is None or isinstance(value, bool):

@@ -25,7 +25,10 @@ _REVERSED: list[type] = [reversed, type(reversed([]))]
 _TYPE_NAMES: dict[type, str] = {
     **dict.fromkeys(_ITERATORS, "iterator"),
     **dict.fromkeys(_REVERSED, "reversed"),
-    **dict.fromkeys((types.BuiltinFunctionType, types.MethodDescriptorType, types.WrapperDescriptorType), "function"),
+    **dict.fromkeys(
+        (types.BuiltinFunctionType, types.MethodDescriptorType, types.WrapperDescriptorType),
+        "function",
+    ),
     types.MethodType: "bound_method",
 }
 _COPIES: dict[type, Callable[[Any], Any]] = {
@@ -37,7 +40,8 @@ _COPIES: dict[type, Callable[[Any], Any]] = {
 _PRIVATE = (type, types.FunctionType, types.ModuleType)
 _DEFAULT_PRECISION = 6
 _SPEC = re.compile(
-    r"(?:(?P<fill>[^<>=^\x80-\U0010ffff])?(?P<align>[<>=^]))?(?P<sign>[-+ ])?(?P<prefix>#?)(?P<zero>0)?(?P<width>\d+)?"
+    r"(?:(?P<fill>[^<>=^\x80-\U0010ffff])?(?P<align>[<>=^]))?(?P<sign>[-+ "
+    r"])?(?P<prefix>#?)(?P<zero>0)?(?P<width>\d+)?"
     r"(?P<separator>[,_])?(?:\.(?P<precision>\d+)?)?(?P<code>[bcdeEfFgGnosxX%])?",
     re.DOTALL,
 )
@@ -45,7 +49,9 @@ _parsed = functools.lru_cache(maxsize=256)(_SPEC.fullmatch)
 _INTEGER_CODES = ("", *"bcdnoxX")
 _FLOAT_CODES = ("", *"eEfFgGn%")
 _PERCENT = re.compile(
-    r"%(?:\((?P<key>[^)]*)\))?(?P<flags>[-+ #0]*)(?P<width>\*|\d+)?(?:\.(?P<precision>\*|\d+))?(?P<code>.)?", re.DOTALL
+    r"%(?:\((?P<key>[^)]*)\))?(?P<flags>[-+ "
+    r"#0]*)(?P<width>\*|\d+)?(?:\.(?P<precision>\*|\d+))?(?P<code>.)?",
+    re.DOTALL,
 )
 
 
@@ -60,15 +66,25 @@ def text(value: Any) -> str:
         return float_text(value)
     if isinstance(value, BaseException) and kind.__str__ in _PLAIN:
         return _exception_text(value)
-    if kind.__str__ is not object.__str__ and kind not in _REPRESENTATIONS and not isinstance(value, _PRIVATE):
+    if (
+        kind.__str__ is not object.__str__
+        and kind not in _REPRESENTATIONS
+        and not isinstance(value, _PRIVATE)
+    ):
         return _returned(kind.__str__(value))
     native = _native_base(value)  # goes before the ``__repr__`` of a subclass
-    return representation(value) if native is None else _REPRESENTATIONS[native](_COPIES[native](value))
+    return (
+        representation(value)
+        if native is None
+        else _REPRESENTATIONS[native](_COPIES[native](value))
+    )
 
 
 def _native_base(value: object) -> Any:
     """The native class of which the object's class is a program's subclass."""
-    return next((base for base in _COPIES if type(value) is not base and isinstance(value, base)), None)
+    return next(
+        (base for base in _COPIES if type(value) is not base and isinstance(value, base)), None
+    )
 
 
 def _returned(result: Any) -> str:
@@ -84,10 +100,14 @@ def representation(value: object) -> str:
     if isinstance(value, BaseException) and kind.__repr__ is BaseException.__repr__:
         return f"{class_name(kind)}{representation(value.args)}"
     if isinstance(value, type):
-        return repr(value) if kind.__repr__ is not type.__repr__ else f"<class '{type_name(value)}'>"
+        return (
+            repr(value) if kind.__repr__ is not type.__repr__ else f"<class '{type_name(value)}'>"
+        )
     if kind.__repr__ is object.__repr__:
         is_native = kind.__module__.startswith(FIRMWARE)
-        return f"<{kind.__name__}>" if is_native else f"<{kind.__name__} object at {_address(value)}>"
+        return (
+            f"<{kind.__name__}>" if is_native else f"<{kind.__name__} object at {_address(value)}>"
+        )
     native = _native_base(value)
     if native is None or kind.__repr__ is not native.__repr__:
         return _returned(kind.__repr__(value))
@@ -96,7 +116,11 @@ def representation(value: object) -> str:
 
 def type_name(kind: type) -> str:
     """Name of a class on a hub."""
-    return class_name(kind) if issubclass(kind, BaseException) else _TYPE_NAMES.get(kind, kind.__name__)
+    return (
+        class_name(kind)
+        if issubclass(kind, BaseException)
+        else _TYPE_NAMES.get(kind, kind.__name__)
+    )
 
 
 def _address(value: object) -> str:
@@ -111,7 +135,9 @@ def format_traceback(error: BaseException, filename: str) -> str:
     lines = []
     for frame, line in traceback.walk_tb(error.__traceback__):
         if "@n" in frame.f_builtins:
-            lines.append(f'  File "{frame.f_code.co_filename}", line {line}, in {frame.f_code.co_name}')
+            lines.append(
+                f'  File "{frame.f_code.co_filename}", line {line}, in {frame.f_code.co_name}'
+            )
     if isinstance(error, SyntaxError) and error.lineno is not None:
         block = f", in {error.text}" if error.text and error.offset is None else ""
         lines.append(f'  File "{error.filename or filename}", line {error.lineno}{block}')
@@ -124,8 +150,15 @@ def format_traceback(error: BaseException, filename: str) -> str:
 
 def _exception_text(error: BaseException) -> str:
     args = (error.msg,) if isinstance(error, SyntaxError) else error.args
-    if isinstance(error, OSError) and 0 < len(args) < 3 and type(args[0]) is int and args[0] in ERROR_NAMES:
-        return f"[Errno {args[0]}] {ERROR_NAMES[args[0]]}" + (f": {text(args[1])}" if len(args) == 2 else "")
+    if (
+        isinstance(error, OSError)
+        and 0 < len(args) < 3
+        and type(args[0]) is int
+        and args[0] in ERROR_NAMES
+    ):
+        return f"[Errno {args[0]}] {ERROR_NAMES[args[0]]}" + (
+            f": {text(args[1])}" if len(args) == 2 else ""
+        )
     return "" if not args else text(args[0]) if len(args) == 1 else representation(args)
 
 
@@ -154,7 +187,9 @@ def _joined(values: Iterable[object]) -> str:
 
 
 def _dict(value: Any) -> str:
-    return "{" + ", ".join(f"{representation(k)}: {representation(v)}" for k, v in value.items()) + "}"
+    return (
+        "{" + ", ".join(f"{representation(k)}: {representation(v)}" for k, v in value.items()) + "}"
+    )
 
 
 def _complex(value: complex) -> str:
@@ -181,30 +216,45 @@ _REPRESENTATIONS: dict[type, Callable[[Any], str]] = {
     list: lambda v: f"[{_joined(v)}]",
     tuple: lambda v: f"({_joined(v)},)" if len(v) == 1 else f"({_joined(v)})",
     HubDict: _dict,
-    dict: lambda v: _dict({name: value for name, value in v.items() if name not in ("__builtins__", "__doc__")}),
+    dict: lambda v: _dict(
+        {name: value for name, value in v.items() if name not in ("__builtins__", "__doc__")}
+    ),
     HubSet: lambda v: "{" + _joined(v) + "}" if v else "set()",
     range: lambda v: f"range({v.start}, {v.stop}" + (")" if v.step == 1 else f", {v.step})"),
     object: lambda v: "<object>",
     DictView: lambda v: f"dict_{v.kind}([{_joined(v)}])",
     types.GeneratorType: lambda v: f"<generator object '{v.__name__}' at {_address(v)}>",
-    types.FunctionType: lambda v: "<generator>" if v.__code__.co_flags & CO_GENERATOR else "<function>",
-    types.BuiltinFunctionType: lambda v: "<function>" if isinstance(v.__self__, types.ModuleType | None) else _method(v),
+    types.FunctionType: lambda v: (
+        "<generator>" if v.__code__.co_flags & CO_GENERATOR else "<function>"
+    ),
+    types.BuiltinFunctionType: lambda v: (
+        "<function>" if isinstance(v.__self__, types.ModuleType | None) else _method(v)
+    ),
     types.MethodType: _method,
-    **dict.fromkeys((zip, map, enumerate, *_REVERSED, *_ITERATORS), lambda v: f"<{type_name(type(v))}>"),
+    **dict.fromkeys(
+        (zip, map, enumerate, *_REVERSED, *_ITERATORS), lambda v: f"<{type_name(type(v))}>"
+    ),
     types.ModuleType: lambda v: f"<module '{v.__name__}'>",
     memoryview: lambda v: "<memoryview>",
 }
 
 
 def to_number(value: Any, kind: str) -> Any:
-    """A number; of an object, the result of ``__int__`` or ``__float__``. Raises TypeError if it is not a number."""
+    """A number; of an object, the result of ``__int__`` or ``__float__``. Raises TypeError if it is
+    not a number."""
     if isinstance(value, int | float):
         return value
     convert = getattr(type(value), f"__{kind}__", None)
     number = None if convert is None or isinstance(value, str | bytes) else convert(value)
     if type(number).__name__ == kind:
         return number
-    raise TypeError(*(() if kind == "int" and number is not None else (f"can't convert {type(value).__name__} to {kind}",)))
+    raise TypeError(
+        *(
+            ()
+            if kind == "int" and number is not None
+            else (f"can't convert {type(value).__name__} to {kind}",)
+        )
+    )
 
 
 def format_value(value: object, spec: str) -> str:
@@ -223,20 +273,29 @@ def format_value(value: object, spec: str) -> str:
     check_allocation(int(match["width"] or 0))
     padding = match["fill"] or match["zero"] or " ", align, int(match["width"] or 0)
     if isinstance(value, int) and code in _INTEGER_CODES:
-        return _format_integer(int(value), code, sign + match["prefix"], match["separator"] or "", *padding)
+        return _format_integer(
+            int(value), code, sign + match["prefix"], match["separator"] or "", *padding
+        )
     if isinstance(value, int | float) and code in _FLOAT_CODES:
         return _padded(_format_float(value, code or "g", sign, match["precision"]), *padding)
     if not is_number and align == "=":
         raise ValueError("'=' alignment not allowed in string format specifier")
     if is_number or code not in ("", "s"):
-        raise ValueError(f"unknown format code '{code}' for object of type '{type_name(type(value))}'")
+        raise ValueError(
+            f"unknown format code '{code}' for object of type '{type_name(type(value))}'"
+        )
     if not isinstance(value, str | bytes):
         raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
     characters = value if isinstance(value, str) else value.decode("latin-1")
-    return _padded(characters if match["precision"] is None else characters[: int(match["precision"])], *padding)
+    return _padded(
+        characters if match["precision"] is None else characters[: int(match["precision"])],
+        *padding,
+    )
 
 
-def _format_integer(value: int, code: str, flags: str, separator: str, fill: str, align: str, width: int) -> str:
+def _format_integer(
+    value: int, code: str, flags: str, separator: str, fill: str, align: str, width: int
+) -> str:
     if code == "c":
         return _padded(chr(value & 0xFF), fill, align, width)
     if code in ("b", "o", "x", "X"):  # in groups of four digits, whatever separates them
@@ -330,7 +389,10 @@ def percent(template: Any, values: object) -> Any:
             queue.clear()
             if not isinstance(values, dict):
                 raise TypeError("format needs a dict")
-        width, precision = (_given(next_value) if match[name] == "*" else match[name] for name in ("width", "precision"))
+        width, precision = (
+            _given(next_value) if match[name] == "*" else match[name]
+            for name in ("width", "precision")
+        )
         value = next_value() if key is None else values[key]  # type: ignore[index]
         return _format_argument(value, match, width or "", precision, is_bytes)
 
@@ -348,7 +410,9 @@ def _given(next_value: Callable[[], Any]) -> str:
     return str(max(0, number))
 
 
-def _format_argument(value: Any, match: re.Match[str], width: str, precision: str | None, is_bytes: bool) -> str:
+def _format_argument(
+    value: Any, match: re.Match[str], width: str, precision: str | None, is_bytes: bool
+) -> str:
     check_allocation(int(width or 0))
     code, flags = match["code"], match["flags"]
     limit = "" if precision is None else f".{precision}"
@@ -373,7 +437,9 @@ def _format_argument(value: Any, match: re.Match[str], width: str, precision: st
         formatted = format_float(to_single(to_number(value, "float")), code, digits, sign)
         align = "<" if "-" in flags else "=" if "0" in flags else ">"
         return _padded(formatted, "0" if "0" in flags else " ", align, int(width or 0))
-    raise ValueError(f"unsupported format character '{code}' (0x{ord(code):x}) at index {match.end() - 1}")
+    raise ValueError(
+        f"unsupported format character '{code}' (0x{ord(code):x}) at index {match.end() - 1}"
+    )
 
 
 def _format_int(value: Any, code: str, spec: str, flags: str) -> str:

@@ -1,7 +1,8 @@
 """Transformation of a hub program, so that CPython computes, formats and refuses as a hub.
 
-Line numbers stay. The names of the helpers, in ``operators.py`` and ``attributes.py``, contain an ``@``, which no program can
-write. ``async for`` and ``async with`` are expanded as by the hub's compiler, in a coroutine that is a generator.
+Line numbers stay. The names of the helpers, in ``operators.py`` and ``attributes.py``, contain an
+``@``, which no program can write. ``async for`` and ``async with`` are expanded as by the hub's
+compiler, in a coroutine that is a generator.
 """
 
 import ast
@@ -15,8 +16,10 @@ from brickhub.virtual.micropython.floats import SMALL_MAX, SMALL_MIN, read_const
 from brickhub.virtual.micropython.operators import ASCII_METHODS
 
 _FOLDED: dict[type[ast.operator], Callable[[int, int], int]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.FloorDiv: operator.floordiv,
-    ast.Mod: operator.mod, ast.Pow: operator.pow, ast.LShift: operator.lshift, ast.RShift: operator.rshift,
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
+    ast.FloorDiv: operator.floordiv,
+    ast.Mod: operator.mod, ast.Pow: operator.pow, ast.LShift: operator.lshift,
+    ast.RShift: operator.rshift,
     ast.BitOr: operator.or_, ast.BitAnd: operator.and_, ast.BitXor: operator.xor,
 }  # fmt: skip
 _SIGNS: dict[type[ast.unaryop], Callable[[int], int]] = {
@@ -25,23 +28,49 @@ _SIGNS: dict[type[ast.unaryop], Callable[[int], int]] = {
 _MAX_BITS = 4096
 """Limit of a folded power or shift: larger ones take time, and no result of that size fits."""
 _WRAPPED = (ast.Add, ast.Sub, ast.LShift)
-_ARITHMETIC = {ast.Mult: "@mul", ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
+_ARITHMETIC = {
+    ast.Mult: "@mul",
+    ast.Div: "@div",
+    ast.FloorDiv: "@floordiv",
+    ast.Mod: "@mod",
+    ast.Pow: "@pow",
+}
 _CALLED = {**_ARITHMETIC, ast.BitAnd: "@and", ast.BitOr: "@or", ast.BitXor: "@xor"}
-_IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.BitAnd: "@iand", ast.BitOr: "@ior", ast.BitXor: "@ixor"}
+_IN_PLACE = {
+    ast.Add: "@iadd",
+    ast.Sub: "@isub",
+    ast.BitAnd: "@iand",
+    ast.BitOr: "@ior",
+    ast.BitXor: "@ixor",
+}
 """Operators that can change a value in place on a hub; for others ``a *= b`` is ``a = a * b``."""
 _CONVERSIONS = ("int", "float", "str", "slice")
 _METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", "close", *ASCII_METHODS)
-_OF_ITERABLES = ("list", "tuple", "bytes")  # their helper takes one argument; others are refused as those of any function
+# their helper takes one argument; others are refused as those of any function
+_OF_ITERABLES = ("list", "tuple", "bytes")
 _ORDERS: dict[type[ast.cmpop], str] = {ast.Lt: "@lt", ast.LtE: "@le", ast.Gt: "@gt", ast.GtE: "@ge"}
-_GENERIC = ("list", "tuple", "dict", "set", "type", "enumerate", "map", "zip", "reversed")  # have items, such as list[int]
+# have items, such as list[int]
+_GENERIC = ("list", "tuple", "dict", "set", "type", "enumerate", "map", "zip", "reversed")
 _TAKE_MEMORY = (ast.Call, ast.List, ast.Tuple)
 _TOP_DOWN = (
-    *(ast.UnaryOp, ast.BinOp, ast.Expr, ast.Call, ast.Assign, ast.AnnAssign, ast.arg, ast.ClassDef, ast.FunctionDef),
+    *(
+        ast.UnaryOp,
+        ast.BinOp,
+        ast.Expr,
+        ast.Call,
+        ast.Assign,
+        ast.AnnAssign,
+        ast.arg,
+        ast.ClassDef,
+        ast.FunctionDef,
+    ),
     *(ast.AsyncFunctionDef, ast.GeneratorExp, ast.ListComp, ast.DictComp, ast.SetComp),
 )
-"""Nodes of which a part is looked at before it is transformed; of all others the parts come first."""
+"""Nodes of which a part is looked at before it is transformed; of all others the parts come
+first."""
 COMPREHENSIONS = ("@listcomp", "@dictcomp", "@setcomp")
-"""Functions that return their argument, an element; the hub's names of the functions that they are called in, after ``@``."""
+"""Functions that return their argument, an element; the hub's names of the functions that they are
+called in, after ``@``."""
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 # The hub's compiler keeps the iterator of `async for x in name` in the variable `name` itself.
 _FOR = """
@@ -78,7 +107,13 @@ finally:
 def called_name(node: ast.Call) -> str:
     """Name of the called function; that of a method begins with a point."""
     function = node.func
-    return function.id if isinstance(function, ast.Name) else f".{function.attr}" if isinstance(function, ast.Attribute) else ""
+    return (
+        function.id
+        if isinstance(function, ast.Name)
+        else f".{function.attr}"
+        if isinstance(function, ast.Attribute)
+        else ""
+    )
 
 
 def call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
@@ -87,7 +122,8 @@ def call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
 
 
 def fold(node: ast.expr) -> int | None:
-    """Constant folded by the hub's compiler, or ``None``; it runs on a PC, so only the result has to fit 31 bits."""
+    """Constant folded by the hub's compiler, or ``None``; it runs on a PC, so only the result has
+    to fit 31 bits."""
     if isinstance(node, ast.Constant):
         return node.value if type(node.value) is int else None
     if isinstance(node, ast.UnaryOp) and type(node.op) in _SIGNS:
@@ -98,9 +134,13 @@ def fold(node: ast.expr) -> int | None:
     kind, left, right = type(node.op), fold(node.left), fold(node.right)
     if left is None or right is None:
         return None
-    if (kind in (ast.FloorDiv, ast.Mod) and right == 0) or (kind in (ast.Pow, ast.LShift, ast.RShift) and right < 0):
+    if (kind in (ast.FloorDiv, ast.Mod) and right == 0) or (
+        kind in (ast.Pow, ast.LShift, ast.RShift) and right < 0
+    ):
         return None
-    if (kind is ast.Pow and left.bit_length() * right > _MAX_BITS) or (kind is ast.LShift and right > _MAX_BITS):
+    if (kind is ast.Pow and left.bit_length() * right > _MAX_BITS) or (
+        kind is ast.LShift and right > _MAX_BITS
+    ):
         return None
     return int(_FOLDED[kind](left, right))
 
@@ -108,8 +148,9 @@ def fold(node: ast.expr) -> int | None:
 def transform(
     tree: ast.Module | ast.Expression, recursive: Collection[str] = (), floats: Collection[str] = ()
 ) -> ast.Module | ast.Expression:
-    """The transformed program. ``recursive``: `called_name` of functions that may call themselves. ``floats``: text of the
-    compiled program's floats. Raises OverflowError if a constant needs more than 31 bits."""
+    """The transformed program. ``recursive``: `called_name` of functions that may call themselves.
+    ``floats``: text of the compiled program's floats. Raises OverflowError if a constant needs more
+    than 31 bits."""
     return ast.fix_missing_locations(_Transformer(recursive, floats).visit(tree))  # type: ignore[no-any-return]
 
 
@@ -121,11 +162,13 @@ class _Transformer(ast.NodeTransformer):
     def __init__(self, recursive: Collection[str], floats: Collection[str]) -> None:
         self._recursive, self._floats = recursive, floats
         self._private: dict[str, ast.expr] = {}
-        """Values of names such as ``_SPEED = const(100)``, which exist for the hub's compiler only."""
+        """Values of names such as ``_SPEED = const(100)``, which exist for the hub's compiler
+        only."""
         self._classes: set[str] = set()
         """Names of what ``type(...)`` returned."""
         self._globals: Collection[str] | None = None
-        """Names that the function or class around declares global; ``None`` outside of them, where all are."""
+        """Names that the function or class around declares global; ``None`` outside of them, where
+        all are."""
 
     def visit(self, node: ast.AST) -> Any:
         if not isinstance(node, _TOP_DOWN):
@@ -167,7 +210,10 @@ class _Transformer(ast.NodeTransformer):
         if isinstance(target, ast.Name):
             read: ast.expr = ast.Name(target.id, ast.Load())
             if kind is ast.Sub or (kind is ast.Add and isinstance(node.value, ast.Constant)):
-                return [node, ast.copy_location(ast.Assign([target], call("@n", read, at=node)), node)]
+                return [
+                    node,
+                    ast.copy_location(ast.Assign([target], call("@n", read, at=node)), node),
+                ]
             return ast.copy_location(ast.Assign([target], self._operate(read, node)), node)
         statements: list[ast.stmt] = [self._assign("@owner", target.value, node)]
         owner: ast.expr = ast.Name("@owner", ast.Load())
@@ -177,7 +223,10 @@ class _Transformer(ast.NodeTransformer):
         else:
             statements.append(self._assign("@index", target.slice, node))
             index = ast.Name("@index", ast.Load())
-            read, write = ast.Subscript(owner, index, ast.Load()), ast.Subscript(owner, index, ast.Store())
+            read, write = (
+                ast.Subscript(owner, index, ast.Load()),
+                ast.Subscript(owner, index, ast.Store()),
+            )
         assign = ast.copy_location(ast.Assign([write], self._operate(read, node)), node)
         return [*statements, self._store_statement(assign)]
 
@@ -195,7 +244,10 @@ class _Transformer(ast.NodeTransformer):
         if len(node.targets) > 1 or not isinstance(node.targets[0], ast.Attribute):
             return node
         target = node.targets[0]
-        return ast.copy_location(ast.Expr(call("@store", node.value, target.value, ast.Constant(target.attr), at=node)), node)
+        return ast.copy_location(
+            ast.Expr(call("@store", node.value, target.value, ast.Constant(target.attr), at=node)),
+            node,
+        )
 
     @staticmethod
     def _assign(name: str, value: ast.expr, at: ast.AST) -> ast.stmt:
@@ -204,10 +256,14 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
         function, is_recursive = node.func, called_name(node) in self._recursive
-        is_of_one = len(node.args) == 1 and not node.keywords and not isinstance(node.args[0], ast.Starred)
+        is_of_one = (
+            len(node.args) == 1 and not node.keywords and not isinstance(node.args[0], ast.Starred)
+        )
         methods = (*_METHODS, "extend", "join") if is_of_one and not is_recursive else _METHODS
         self.generic_visit(node)
-        if isinstance(function, ast.Name) and (function.id in _CONVERSIONS or (is_of_one and function.id in _OF_ITERABLES)):
+        if isinstance(function, ast.Name) and (
+            function.id in _CONVERSIONS or (is_of_one and function.id in _OF_ITERABLES)
+        ):
             return self._call_helper(node, "convert", function)
         if isinstance(function, ast.Attribute) and function.attr in methods:
             return self._call_helper(node, function.attr, function.value)
@@ -238,7 +294,9 @@ class _Transformer(ast.NodeTransformer):
         s = node.slice
         owner = node.value
         is_class = isinstance(owner, ast.Call) and called_name(owner) == "type"
-        if is_class or (isinstance(owner, ast.Name) and (owner.id in _GENERIC or owner.id in self._classes)):
+        if is_class or (
+            isinstance(owner, ast.Name) and (owner.id in _GENERIC or owner.id in self._classes)
+        ):
             node.value = call("@sub", node.value, at=node.value)
         if isinstance(node.ctx, ast.Load) and isinstance(s, ast.Slice) and s.step is not None:
             return call("@stepped", node.value, *_bounds(s), at=node)
@@ -246,36 +304,54 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST:
         target = node.targets[0]
-        if len(node.targets) == 1 and isinstance(target, ast.Name) and isinstance(node.value, ast.Call):
+        if (
+            len(node.targets) == 1
+            and isinstance(target, ast.Name)
+            and isinstance(node.value, ast.Call)
+        ):
             function = node.value.func
-            if isinstance(function, ast.Name) and function.id == "const" and node.value.args:  # a directive to the compiler
+            # a directive to the compiler
+            if isinstance(function, ast.Name) and function.id == "const" and node.value.args:
                 node.value = node.value.args[0]
                 if target.id.startswith("_"):
                     self._private[target.id] = self.visit(node.value)
                     return ast.copy_location(ast.Pass(), node)
-        if isinstance(target, ast.Name) and isinstance(node.value, ast.Call) and called_name(node.value) == "type":
+        if (
+            isinstance(target, ast.Name)
+            and isinstance(node.value, ast.Call)
+            and called_name(node.value) == "type"
+        ):
             self._classes.add(target.id)
         self.generic_visit(node)
-        if len(node.targets) == 1 and isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
+        if (
+            len(node.targets) == 1
+            and isinstance(target, ast.Subscript)
+            and isinstance(target.slice, ast.Slice)
+        ):
             store = call("@setslice", node.value, target.value, *_bounds(target.slice), at=node)
             return ast.copy_location(ast.Expr(store), node)
         return self._store_statement(node)
 
     def visit_Dict(self, node: ast.Dict) -> ast.expr:
         pairs = zip(node.values, node.keys, strict=True)
-        return call("@dict", *(part for pair in pairs for part in pair if part is not None), at=node)
+        return call(
+            "@dict", *(part for pair in pairs for part in pair if part is not None), at=node
+        )
 
     def visit_Set(self, node: ast.Set) -> ast.expr:
         return call("@set", *node.elts, at=node)
 
-    def visit_GeneratorExp(self, node: ast.GeneratorExp | ast.ListComp, branch: str = "@turn") -> ast.expr:
+    def visit_GeneratorExp(
+        self, node: ast.GeneratorExp | ast.ListComp, branch: str = "@turn"
+    ) -> ast.expr:
         """A loop: it branches after each element, and at each condition."""
         self.generic_visit(node)
         node.elt = call(branch, node.elt, at=node.elt)
         return node
 
     def visit_ListComp(self, node: ast.ListComp, element: str = "@listcomp") -> ast.expr:
-        """A function of its own as on a hub, which a list comprehension of CPython is no more from 3.12 on."""
+        """A function of its own as on a hub, which a list comprehension of CPython is no more from
+        3.12 on."""
         if any(isinstance(part, ast.Await) for part in ast.walk(node)):
             return self.visit_GeneratorExp(node)
         generator = ast.copy_location(ast.GeneratorExp(node.elt, node.generators), node)
@@ -283,7 +359,9 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_DictComp(self, node: ast.DictComp) -> ast.expr:
         pairs = ast.ListComp(ast.Tuple([node.value, node.key], ast.Load()), node.generators)
-        return call("@dictof", self.visit_ListComp(ast.copy_location(pairs, node), "@dictcomp"), at=node)
+        return call(
+            "@dictof", self.visit_ListComp(ast.copy_location(pairs, node), "@dictcomp"), at=node
+        )
 
     def visit_SetComp(self, node: ast.SetComp) -> ast.expr:
         elements = ast.copy_location(ast.ListComp(node.elt, node.generators), node)
@@ -296,37 +374,57 @@ class _Transformer(ast.NodeTransformer):
     def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
         if node.args.kwarg is not None:
             name = node.args.kwarg.arg
-            inner = ast.Lambda(ast.arguments([], [ast.arg(name)], None, [], [], None, []), node.body)
-            node.body = ast.copy_location(ast.Call(inner, [call("@named", ast.Name(name, ast.Load()), at=node)], []), node)
+            inner = ast.Lambda(
+                ast.arguments([], [ast.arg(name)], None, [], [], None, []), node.body
+            )
+            node.body = ast.copy_location(
+                ast.Call(inner, [call("@named", ast.Name(name, ast.Load()), at=node)], []), node
+            )
         return node
 
     def _convert_kwargs(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> list[ast.stmt]:
         """Conversion of ``**kwargs`` to a hub's dict."""
         names = [node.args.kwarg.arg] if node.args.kwarg else []
-        return [self._assign(name, call("@named", ast.Name(name, ast.Load()), at=node), node) for name in names]
+        return [
+            self._assign(name, call("@named", ast.Name(name, ast.Load()), at=node), node)
+            for name in names
+        ]
 
     def visit_Delete(self, node: ast.Delete) -> list[ast.stmt]:
         statements: list[ast.stmt] = []
         for target in node.targets:
-            if isinstance(target, ast.Name) and (self._globals is None or target.id in self._globals):
+            if isinstance(target, ast.Name) and (
+                self._globals is None or target.id in self._globals
+            ):
                 delete: ast.stmt = ast.Expr(call("@del", ast.Constant(target.id), at=node))
             else:
                 delete = ast.Delete([target])
             if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
-                target.value = call("@sliced", target.value, target.slice.step or ast.Constant(None), at=target)
+                target.value = call(
+                    "@sliced", target.value, target.slice.step or ast.Constant(None), at=target
+                )
             statements.append(ast.copy_location(delete, node))
         return statements
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
         left, operation, right = node.left, node.ops[0], node.comparators[0]
-        has_text = any(isinstance(part, ast.Constant) and isinstance(part.value, str | bytes) for part in (left, right))
+        has_text = any(
+            isinstance(part, ast.Constant) and isinstance(part.value, str | bytes)
+            for part in (left, right)
+        )
         if len(node.ops) == 1 and type(operation) in _ORDERS and has_text:
             return call(_ORDERS[type(operation)], left, right, at=node)
-        is_constant = isinstance(left, ast.Constant) or (isinstance(right, ast.Constant) and isinstance(right.value, bytes))
+        is_constant = isinstance(left, ast.Constant) or (
+            isinstance(right, ast.Constant) and isinstance(right.value, bytes)
+        )
         if len(node.ops) > 1 or not isinstance(operation, ast.In | ast.NotIn) or not is_constant:
             return node
         contains = call("@in", left, right, at=node)
-        return contains if isinstance(operation, ast.In) else ast.copy_location(ast.UnaryOp(ast.Not(), contains), node)
+        return (
+            contains
+            if isinstance(operation, ast.In)
+            else ast.copy_location(ast.UnaryOp(ast.Not(), contains), node)
+        )
 
     def visit_Import(self, node: ast.Import) -> ast.AST | list[ast.stmt]:
         """On a hub ``import a.b`` returns ``a.b``, and ``as`` looks for another ``b`` in it."""
@@ -353,7 +451,9 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
         """A program must not catch the exceptions that stop it from outside."""
-        if node.type is None or (isinstance(node.type, ast.Name) and node.type.id == "BaseException"):
+        if node.type is None or (
+            isinstance(node.type, ast.Name) and node.type.id == "BaseException"
+        ):
             node.type = ast.copy_location(ast.Name("@any", ast.Load()), node)
         if node.name is not None:
             reword = ast.Expr(call("@reword", ast.Name(node.name, ast.Load()), at=node))
@@ -361,15 +461,20 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_Try(self, node: ast.Try) -> ast.AST:
-        """Neither a hub that is switched off runs a ``finally``, nor a generator that is dropped."""
+        """Neither a hub that is switched off runs a ``finally``, nor a generator that is
+        dropped."""
         if node.finalbody:
             at = node.finalbody[0]
-            node.finalbody = [ast.copy_location(ast.If(call("@ends", at=at), node.finalbody, []), at)]
+            node.finalbody = [
+                ast.copy_location(ast.If(call("@ends", at=at), node.finalbody, []), at)
+            ]
         return node
 
     def visit_With(self, node: ast.With) -> ast.AST:
         for item in node.items:
-            item.context_expr = call("@with", item.context_expr, ast.Name("@reword", ast.Load()), at=item.context_expr)
+            item.context_expr = call(
+                "@with", item.context_expr, ast.Name("@reword", ast.Load()), at=item.context_expr
+            )
         return node
 
     def visit_If(self, node: ast.If | ast.IfExp) -> ast.AST:
@@ -390,10 +495,16 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_For(self, node: ast.For) -> ast.AST | list[ast.stmt]:
-        if not any(isinstance(part, _TAKE_MEMORY) for statement in node.body for part in ast.walk(statement)):
+        if not any(
+            isinstance(part, _TAKE_MEMORY)
+            for statement in node.body
+            for part in ast.walk(statement)
+        ):
             return node
         first = node.body[0]
-        node.body.insert(0, ast.copy_location(ast.Expr(call("@turn", ast.Constant(None), at=first)), first))
+        node.body.insert(
+            0, ast.copy_location(ast.Expr(call("@turn", ast.Constant(None), at=first)), first)
+        )
         branch = ast.Expr(call("@branch", ast.Constant(None), at=node))
         return [node, ast.copy_location(branch, node)]
 
@@ -403,7 +514,9 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
         """An annotation without a value only makes a name local."""
-        assign = ast.copy_location(ast.Assign([node.target], node.value or ast.Constant(None)), node)
+        assign = ast.copy_location(
+            ast.Assign([node.target], node.value or ast.Constant(None)), node
+        )
         if node.value is None:
             return ast.copy_location(ast.If(ast.Constant(False), [assign], []), node)
         self.generic_visit(assign)
@@ -413,7 +526,9 @@ class _Transformer(ast.NodeTransformer):
         # Without `@micropython.native` and the like, which are directives to the compiler.
         node.decorator_list = [d for d in node.decorator_list if ast.unparse(d) not in _EMITTERS]
         around = self._globals
-        self._globals = [name for part in ast.walk(node) if isinstance(part, ast.Global) for name in part.names]
+        self._globals = [
+            name for part in ast.walk(node) if isinstance(part, ast.Global) for name in part.names
+        ]
         self.generic_visit(node)
         self._globals = around
 
@@ -437,7 +552,9 @@ class _Transformer(ast.NodeTransformer):
         self._visit_scope(node)
         never = ast.If(ast.Constant(False), [ast.Expr(ast.Yield(None))], [])
         body = [never, *self._convert_kwargs(node), *node.body]
-        return ast.copy_location(ast.FunctionDef(node.name, node.args, body, node.decorator_list), node)
+        return ast.copy_location(
+            ast.FunctionDef(node.name, node.args, body, node.decorator_list), node
+        )
 
     def visit_AsyncFor(self, node: ast.AsyncFor) -> list[ast.stmt]:
         parts = {"VALUE": node.iter, "TARGET": node.target}
@@ -448,7 +565,13 @@ class _Transformer(ast.NodeTransformer):
         body = node.body
         for item in reversed(node.items):
             target = item.optional_vars or ast.Name("@unused", ast.Store())
-            body = _fill(_WITH, item.context_expr, {"VALUE": item.context_expr, "TARGET": target}, {"BODY": body}, {})
+            body = _fill(
+                _WITH,
+                item.context_expr,
+                {"VALUE": item.context_expr, "TARGET": target},
+                {"BODY": body},
+                {},
+            )
         return body
 
     def visit_Await(self, node: ast.Await) -> ast.expr:
@@ -456,14 +579,23 @@ class _Transformer(ast.NodeTransformer):
 
 
 def _fill(
-    template: str, at: ast.expr | ast.stmt, parts: dict[str, ast.expr], blocks: dict[str, list[ast.stmt]], names: dict[str, str]
+    template: str,
+    at: ast.expr | ast.stmt,
+    parts: dict[str, ast.expr],
+    blocks: dict[str, list[ast.stmt]],
+    names: dict[str, str],
 ) -> list[ast.stmt]:
     """Statements of a template at the place of a node, with transformed parts."""
     tree = ast.parse(template)
     for node in ast.walk(tree):
         if hasattr(node, "lineno"):
             ast.copy_location(node, at)
-    _Filler(parts, blocks, {"ANY": "@any", "ATTRIBUTE": "@attr", **names}, f"{at.lineno}.{at.col_offset}").visit(tree)
+    _Filler(
+        parts,
+        blocks,
+        {"ANY": "@any", "ATTRIBUTE": "@attr", **names},
+        f"{at.lineno}.{at.col_offset}",
+    ).visit(tree)
     return tree.body
 
 
@@ -471,7 +603,11 @@ class _Filler(ast.NodeTransformer):
     """Fills a template; other capital names become names that programs cannot write."""
 
     def __init__(
-        self, parts: dict[str, ast.expr], blocks: dict[str, list[ast.stmt]], names: dict[str, str], location: str
+        self,
+        parts: dict[str, ast.expr],
+        blocks: dict[str, list[ast.stmt]],
+        names: dict[str, str],
+        location: str,
     ) -> None:
         self._parts, self._blocks, self._names, self._location = parts, blocks, names, location
 
@@ -479,7 +615,11 @@ class _Filler(ast.NodeTransformer):
         return self._names.get(name) or (f"@{name}{self._location}" if name.isupper() else name)
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
-        return self._parts[node.id] if node.id in self._parts else ast.Name(self._name(node.id), node.ctx)
+        return (
+            self._parts[node.id]
+            if node.id in self._parts
+            else ast.Name(self._name(node.id), node.ctx)
+        )
 
     def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
         self.generic_visit(node)

@@ -33,12 +33,21 @@ def modules(machine: Machine, console: Console) -> Modules:
     machine.runs_program = True
     context = Context(machine, console, enumeration("Port", " ".join(hub.model.ports)))
     messaging = messaging_module(context)
-    parts = [hubs_module(context, hub.model), parameters_module(context), pupdevices_module(context), robotics_module(context)]
+    parts = [
+        hubs_module(context, hub.model),
+        parameters_module(context),
+        pupdevices_module(context),
+        robotics_module(context),
+    ]
     parts += [tools := tools_module(context, messaging.AppData), messaging]
-    parts += [iodevices_module(context), experimental_module(hub.model)] if hub.model.has_float else []
+    parts += (
+        [iodevices_module(context), experimental_module(hub.model)] if hub.model.has_float else []
+    )
     result = {f"pybricks.{part.__name__}": part for part in parts}
     firmware = machine.firmware
-    result["pybricks"] = module("pybricks", {"version": (f"{hub.value}hub", firmware.version, firmware.build)})
+    result["pybricks"] = module(
+        "pybricks", {"version": (f"{hub.value}hub", firmware.version, firmware.build)}
+    )
     if hub.model.has_float:
         result["pybricks.geometry"] = tools
     heap = Heap(hub.model)
@@ -46,7 +55,12 @@ def modules(machine: Machine, console: Console) -> Modules:
     language = [system.errno_module()]
     if hub.model.has_float:
         terminal = system.Terminal(console, machine.charge_call)
-        language += [math_module(), random_module(machine.time_ms * 1000), struct_module(), system.json_module()]
+        language += [
+            math_module(),
+            random_module(machine.time_ms * 1000),
+            struct_module(),
+            system.json_module(),
+        ]
         language += [module("io", {}, BytesIO, IOBase, StringIO), system.gc_module(heap.statistics)]
         language += [system.micropython_module(terminal, heap.statistics)]
         language += [system.select_module(machine.advance_to_alarm, machine.charge_call)]

@@ -19,12 +19,16 @@ def _explained(problem: str, *checks: str) -> str:
 
 
 _MESSAGES = {
-    errno.ENODEV: _explained(_NOT_CONNECTED, "the cables to each motor and sensor", "the port settings in your script"),
+    errno.ENODEV: _explained(
+        _NOT_CONNECTED, "the cables to each motor and sensor", "the port settings in your script"
+    ),
     errno.EOPNOTSUPP: _explained(
-        "The requested operation is not supported on this device", "the documentation for device compatibility"
+        "The requested operation is not supported on this device",
+        "the documentation for device compatibility",
     ),
     errno.EPERM: _explained(
-        "The requested operation is not valid in the current state", "the documentation for required conditions"
+        "The requested operation is not valid in the current state",
+        "the documentation for required conditions",
     ),
     errno.EAGAIN: "Try again later",
     errno.EBUSY: "Device or resource busy",
@@ -38,7 +42,8 @@ def os_error(code: int) -> HubOSError:
 
 
 def get_int(value: Any) -> int:
-    """An integer; floats are :func:`truncated`, as mostly in the firmware. Raises TypeError if it is not a number."""
+    """An integer; floats are :func:`truncated`, as mostly in the firmware. Raises TypeError if it
+    is not a number."""
     if type(value) is int:
         return value
     if isinstance(value, int | float):
@@ -47,7 +52,8 @@ def get_int(value: Any) -> int:
 
 
 def truncated(value: float) -> int:
-    """A number towards zero, as a hub's processor converts it: clamped to 32 bits, also infinity; 0 if it is not a number."""
+    """A number towards zero, as a hub's processor converts it: clamped to 32 bits, also infinity; 0
+    if it is not a number."""
     return int(max(_INT_MIN, min(_INT_MAX, value))) if value == value else 0
 
 

@@ -1,4 +1,5 @@
-"""Context of a program's Pybricks modules: its machine, console and run loop, and the classes that are bound to it."""
+"""Context of a program's Pybricks modules: its machine, console and run loop, and the classes that
+are bound to it."""
 
 import errno
 import functools
@@ -29,20 +30,34 @@ def _of_hub(error: Exception) -> Exception:
     """The firmware's error for one of the motor control."""
     if isinstance(error, UnavailableError):
         return os_error(error.errno or errno.EPERM)
-    return ValueError("Invalid argument") if isinstance(error, RefusedError) else RuntimeError("Unknown error")
+    return (
+        ValueError("Invalid argument")
+        if isinstance(error, RefusedError)
+        else RuntimeError("Unknown error")
+    )
 
 
 class Async:
-    """Awaitable of a method in the run loop; completes with a value when ``is_done``, or when another command replaces it."""
+    """Awaitable of a method in the run loop; completes with a value when ``is_done``, or when
+    another command replaces it."""
 
     __slots__ = ("_context", "_is_done", "_on_close", "_result", "_state")
 
     _NEW, _RUNNING, _CANCELLED, _DONE = range(4)
 
     def __init__(
-        self, context: "Context", is_done: Callable[[], bool], result: _Call | None = None, on_close: _Call | None = None
+        self,
+        context: "Context",
+        is_done: Callable[[], bool],
+        result: _Call | None = None,
+        on_close: _Call | None = None,
     ) -> None:
-        self._context, self._is_done, self._result, self._on_close = context, is_done, result, on_close
+        self._context, self._is_done, self._result, self._on_close = (
+            context,
+            is_done,
+            result,
+            on_close,
+        )
         self._state = self._NEW
 
     def __iter__(self) -> "Async":
@@ -72,10 +87,11 @@ class Context:
     Attributes:
         ports: the program's class ``Port``, with the ports of the hub.
         start_ms: simulated time at which the program began.
-        peripherals: wireless devices that the program looks for or is connected to; the hub holds only some.
+        peripherals: wireless devices that the program looks for or is connected to; the hub holds
+            only some.
         is_active: whether tasks run.
-        is_waiting: whether the task that has just yielded has been waiting since its last turn. Otherwise it only lets others
-            run, or has done something for which others may wait.
+        is_waiting: whether the task that has just yielded has been waiting since its last turn.
+            Otherwise it only lets others run, or has done something for which others may wait.
     """
 
     def __init__(self, machine: Machine, console: Console, ports: type[Any]) -> None:
@@ -105,13 +121,21 @@ class Context:
             raise RuntimeError("This can only be called before multitasking starts.")
 
     def finish(
-        self, is_done: Callable[[], bool], result: _Call | None = None, on_close: _Call | None = None, *, poll_ms: int = 0
+        self,
+        is_done: Callable[[], bool],
+        result: _Call | None = None,
+        on_close: _Call | None = None,
+        *,
+        poll_ms: int = 0,
     ) -> Any:
-        """Wait now, or return an awaitable. ``poll_ms``: time between checks; 0 for the next control loop."""
+        """Wait now, or return an awaitable. ``poll_ms``: time between checks; 0 for the next
+        control loop."""
         if self.is_active:
             return Async(self, is_done, result, on_close)
         while not is_done():
-            self.machine.advance(poll_ms or CONTROL_LOOP_MS - self.machine.time_ms % CONTROL_LOOP_MS)
+            self.machine.advance(
+                poll_ms or CONTROL_LOOP_MS - self.machine.time_ms % CONTROL_LOOP_MS
+            )
         return result() if result is not None else None
 
     def wait_until(self, end_ms: int) -> Any:
@@ -132,7 +156,8 @@ class Context:
 
 
 class Awaited:
-    """The current awaited command of a device; a new one replaces it and lets its awaiter continue."""
+    """The current awaited command of a device; a new one replaces it and lets its awaiter
+    continue."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -143,7 +168,9 @@ class Awaited:
             self._current._state = Async._CANCELLED
             self._current = None
 
-    def finish(self, is_done: Callable[[], bool], *callbacks: _Call | None, poll_ms: int = 0) -> Any:
+    def finish(
+        self, is_done: Callable[[], bool], *callbacks: _Call | None, poll_ms: int = 0
+    ) -> Any:
         """Cancel the previous command, then `Context.finish`."""
         self.cancel()
         outcome = self._context.finish(is_done, *callbacks, poll_ms=poll_ms)
@@ -155,8 +182,8 @@ class Awaited:
 class Native:
     """Object of the firmware, of a class that :func:`bind` made for one program.
 
-    A call of a public method takes no simulated time, but is counted to end busy loops; errors of the motor control become the
-    firmware's.
+    A call of a public method takes no simulated time, but is counted to end busy loops; errors of
+    the motor control become the firmware's.
     """
 
     _context: Context
@@ -181,9 +208,18 @@ def _counted(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def bind(context: Context, kind: type, *hidden: str) -> Any:
-    """A subclass for one program, whose objects know the machine, without the ``hidden`` attributes."""
-    names = {"_context": context, "_machine": context.machine, **{name: _Absent() for name in hidden}}
-    return type(kind.__name__, (kind,), {**names, "__qualname__": kind.__qualname__, "__module__": kind.__module__})
+    """A subclass for one program, whose objects know the machine, without the ``hidden``
+    attributes."""
+    names = {
+        "_context": context,
+        "_machine": context.machine,
+        **{name: _Absent() for name in hidden},
+    }
+    return type(
+        kind.__name__,
+        (kind,),
+        {**names, "__qualname__": kind.__qualname__, "__module__": kind.__module__},
+    )
 
 
 def classes(context: Context, kinds: Iterable[type]) -> dict[str, Any]:

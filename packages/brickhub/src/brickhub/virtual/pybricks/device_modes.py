@@ -1,9 +1,10 @@
 """Modes of LEGO's Powered Up devices: names, values, and what the devices send in them.
 
-Sources: messages of devices 37, 38, 46 and 47 in the firmware's ``test_lump.c``, and its list of modes in ``lego/device.h``
-(v4.0.1); the Raspberry Pi Build HAT's lists of 48 and 64; users' lists of 34 and 35, of 61 and 62 (of set 51515), and of 63. All
-motors with an absolute angle are taken to be alike. Raw colors are those from which the firmware computes saturation and value of
-``hsv()``. Unknown values, such as a calibration, are zero.
+Sources: messages of devices 37, 38, 46 and 47 in the firmware's ``test_lump.c``, and its list of
+modes in ``lego/device.h`` (v4.0.1); the Raspberry Pi Build HAT's lists of 48 and 64; users' lists
+of 34 and 35, of 61 and 62 (of set 51515), and of 63. All motors with an absolute angle are taken to
+be alike. Raw colors are those from which the firmware computes saturation and value of ``hsv()``.
+Unknown values, such as a calibration, are zero.
 """
 
 import colorsys
@@ -15,7 +16,15 @@ from dataclasses import dataclass
 from brickhub.robot import MotorKind, Sense, SensorKind, UltrasonicSensor
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.pybricks.parameters import nearest
-from brickhub.virtual.stimuli import Hsv, Sensed, brightness_pct, color, number, pitch_and_roll, reflection_pct
+from brickhub.virtual.stimuli import (
+    Hsv,
+    Sensed,
+    brightness_pct,
+    color,
+    number,
+    pitch_and_roll,
+    reflection_pct,
+)
 
 MAX_FORCE_MN = 10_000
 _MAX_TILT_DEG = 45
@@ -26,7 +35,8 @@ _ECHO_US_PER_MM, _MAX_ECHO_US = 2 / 0.343, 14_577
 _FORCE_RELEASED_RAW, _FORCE_MAX_RAW = 384, 701  # each sensor has its own, as CALIB reports
 _BOOST_FULL_RAW, _SPIKE_FULL_RAW = 440, 1024
 _LEGO_COLORS: Mapping[int, Hsv] = {
-    -1: (0, 0, 0), 0: (0, 0, 10), 3: (240, 100, 100), 4: (180, 100, 100), 5: (120, 100, 100), 7: (60, 100, 100), 9: (0, 100, 100),
+    -1: (0, 0, 0), 0: (0, 0, 10), 3: (240, 100, 100), 4: (180, 100, 100), 5: (120, 100, 100),
+    7: (60, 100, 100), 9: (0, 100, 100),
     10: (0, 0, 100),
 }  # fmt: skip
 
@@ -62,16 +72,22 @@ class Plug:
         return min(max(round(number(self._sensed(Sense.DISTANCE)) / 10), 0), 10)
 
     def raw_rgb(self, is_boost: bool) -> tuple[int, int, int]:
-        """Reflected light as a color sensor sends it: the BOOST sensor up to 440, that of SPIKE up to 1024."""
+        """Reflected light as a color sensor sends it: the BOOST sensor up to 440, that of SPIKE up
+        to 1024."""
         hue, saturation, value = self.color()
         raw_saturation = saturation if is_boost else 100 - math.sqrt(10_000 - 100 * saturation)
-        raw_value = 100 - math.sqrt(10_000 - 100 * value) if is_boost else 150 - math.sqrt(22_500 - 200 * value)
+        raw_value = (
+            100 - math.sqrt(10_000 - 100 * value)
+            if is_boost
+            else 150 - math.sqrt(22_500 - 200 * value)
+        )
         full = _BOOST_FULL_RAW if is_boost else _SPIKE_FULL_RAW
         red, green, blue = colorsys.hsv_to_rgb(hue / 360, raw_saturation / 100, raw_value / 100)
         return round(red * full), round(green * full), round(blue * full)
 
     def reflected_hsv(self, is_boost: bool) -> Hsv:
-        """Color that the firmware computes from the raw one, in eight bits (``get_hsv_reflected``, ``get_hsv_data``)."""
+        """Color that the firmware computes from the raw one, in eight bits (``get_hsv_reflected``,
+        ``get_hsv_data``)."""
         raw = self.raw_rgb(is_boost)
         if is_boost:
             hue, saturation, value = _hsv_of_bytes(*(1187 * channel // 2048 for channel in raw))
@@ -85,7 +101,8 @@ class Plug:
         return distance_mm if distance_mm < UltrasonicSensor.FARTHEST_MM else None
 
     def infrared_raw(self) -> int:
-        """Reflected infrared light: the more, the nearer (``pb_type_pupdevices_infraredsensor.c``)."""
+        """Reflected infrared light: the more, the nearer
+        (``pb_type_pupdevices_infraredsensor.c``)."""
         distance_pct = min(max(number(self._sensed(Sense.DISTANCE)), 1.0), 100.0)
         return min(round(1100 / distance_pct) - 10, _INFRARED_MAX_RAW)
 
@@ -107,10 +124,17 @@ class Plug:
 
     def speed_pct(self) -> int:
         """Mean speed of a motor since the last call, in % of its kind's maximum; at first 0."""
-        (time_ms, mdeg), self._last_sample = self._last_sample, (self.machine.time_ms, self.angle_mdeg())
+        (time_ms, mdeg), self._last_sample = (
+            self._last_sample,
+            (self.machine.time_ms, self.angle_mdeg()),
+        )
         elapsed_ms = self._last_sample[0] - time_ms
         max_deg_s = self.machine.servos[self.port].type.max_speed_deg_s
-        speed_pct = 100 * (self._last_sample[1] - mdeg) / (elapsed_ms * max_deg_s) if time_ms and elapsed_ms else 0
+        speed_pct = (
+            100 * (self._last_sample[1] - mdeg) / (elapsed_ms * max_deg_s)
+            if time_ms and elapsed_ms
+            else 0
+        )
         return max(-100, min(100, round(speed_pct)))
 
     def _sensed(self, sense: Sense) -> Sensed:
@@ -122,7 +146,8 @@ Read = Callable[[Plug], Iterable[int]]
 
 @dataclass(frozen=True)
 class DeviceMode:
-    """One mode: its name, number and type of values, whether it can be written, what is read (``None``: zeros)."""
+    """One mode: its name, number and type of values, whether it can be written, what is read
+    (``None``: zeros)."""
 
     name: str
     count: int
@@ -141,8 +166,8 @@ class DeviceModes:
 
     Attributes:
         modes: all of them, by number; none of a passive device, such as a light.
-        first_mode: name of the mode after plugging in (``pbio_port_lump_sync_thread``), of number ``first``: of motors, where
-            the firmware reads their angle.
+        first_mode: name of the mode after plugging in (``pbio_port_lump_sync_thread``), of number
+            ``first``: of motors, where the firmware reads their angle.
     """
 
     def __init__(self, *modes: DeviceMode, first: int = 0, stale_ms: int = 0) -> None:
@@ -150,7 +175,8 @@ class DeviceModes:
         self.first_mode = modes[first].name if modes else ""
 
     def stale_ms(self, mode: str) -> int:
-        """Time after a change to a mode until values are fresh (``lego_device_stale_data_delay``)."""
+        """Time after a change to a mode until values are fresh
+        (``lego_device_stale_data_delay``)."""
         return 0 if mode in ("LIGHT", "IR Tx") else self._stale_ms
 
 
@@ -160,8 +186,8 @@ def _lego_color(plug: Plug) -> Iterable[int]:
 
 
 def _hsv_of_bytes(red: int, green: int, blue: int) -> Hsv:
-    """Hue, saturation and value with the firmware's integers, low hues shifted to make yellow more accurate
-    (``pb_color_map_rgb_to_hsv``)."""
+    """Hue, saturation and value with the firmware's integers, low hues shifted to make yellow more
+    accurate (``pb_color_map_rgb_to_hsv``)."""
     largest = max(red, green, blue)
     chroma = largest - min(red, green, blue)
     if not chroma:
@@ -172,7 +198,15 @@ def _hsv_of_bytes(red: int, green: int, blue: int) -> Hsv:
         hue = math.trunc(60 * (blue - red) / chroma) + 120
     else:
         hue = math.trunc(60 * (red - green) / chroma) + 240
-    hue = (350 + 2 * (hue - 350)) % 360 if hue >= 350 else hue + 10 if hue < 40 else 50 + (hue - 40) // 2 if hue < 60 else hue
+    hue = (
+        (350 + 2 * (hue - 350)) % 360
+        if hue >= 350
+        else hue + 10
+        if hue < 40
+        else 50 + (hue - 40) // 2
+        if hue < 60
+        else hue
+    )
     return hue, 100 * chroma // largest if chroma else 0, 101 * largest // 256
 
 
@@ -192,7 +226,10 @@ def _echo_us(plug: Plug) -> Iterable[int]:
 
 
 def _force_raw(plug: Plug) -> Iterable[int]:
-    return (_FORCE_RELEASED_RAW + (_FORCE_MAX_RAW - _FORCE_RELEASED_RAW) * plug.force_mn() // MAX_FORCE_MN,)
+    return (
+        _FORCE_RELEASED_RAW
+        + (_FORCE_MAX_RAW - _FORCE_RELEASED_RAW) * plug.force_mn() // MAX_FORCE_MN,
+    )
 
 
 _8, _16, _32 = DataType
@@ -203,7 +240,13 @@ _ABSOLUTE_MOTOR = DeviceModes(
     _POWER,
     DeviceMode("SPEED", 1, _8, lambda plug: (plug.speed_pct(),), is_writable=True),
     DeviceMode("POS", 1, _32, lambda plug: (plug.angle_mdeg() // 1000,), is_writable=True),
-    DeviceMode("APOS", 1, _16, lambda plug: ((plug.angle_mdeg() // 1000 + 180) % 360 - 180,), is_writable=True),
+    DeviceMode(
+        "APOS",
+        1,
+        _16,
+        lambda plug: ((plug.angle_mdeg() // 1000 + 180) % 360 - 180,),
+        is_writable=True,
+    ),
     DeviceMode("CALIB", 2, _16, lambda plug: (0, plug.angle_mdeg() // 100 % 3600)),
     DeviceMode("STATS", 14, _16),
     first=4,
@@ -263,7 +306,9 @@ SENSOR_MODES: Mapping[SensorKind, DeviceModes] = {
         DeviceMode("FPEAK", 1, _8),
         DeviceMode("FRAW", 1, _16, _force_raw),
         DeviceMode("FPRAW", 1, _16),
-        DeviceMode("CALIB", 8, _16, lambda plug: (0, 0, _FORCE_RELEASED_RAW, 0, 0, 0, _FORCE_MAX_RAW)),
+        DeviceMode(
+            "CALIB", 8, _16, lambda plug: (0, 0, _FORCE_RELEASED_RAW, 0, 0, 0, _FORCE_MAX_RAW)
+        ),
     ),
     SensorKind.COLOR_LIGHT_MATRIX: DeviceModes(
         DeviceMode("LEV O", 1, _8, is_writable=True),
@@ -286,12 +331,16 @@ SENSOR_MODES: Mapping[SensorKind, DeviceModes] = {
 }
 _WITH_ENCODER = [kind for kind in MotorKind if kind.model.has_encoder]
 MODES: Mapping[int, DeviceModes] = {
-    **{kind.model.device_id: _ABSOLUTE_MOTOR if kind.model.is_absolute else _RELATIVE_MOTOR for kind in _WITH_ENCODER},
+    **{
+        kind.model.device_id: _ABSOLUTE_MOTOR if kind.model.is_absolute else _RELATIVE_MOTOR
+        for kind in _WITH_ENCODER
+    },
     **{kind.model.device_id: modes for kind, modes in SENSOR_MODES.items()},
 }
 """Modes by the number of the device."""
 
 
 def reports_angle(kind: MotorKind, mode: str | None) -> bool:
-    """Whether the firmware gets a motor's angle in its mode; ``None``: the mode after plugging in."""
+    """Whether the firmware gets a motor's angle in its mode; ``None``: the mode after plugging
+    in."""
     return kind.model.has_encoder and mode in (None, MODES[kind.model.device_id].first_mode)

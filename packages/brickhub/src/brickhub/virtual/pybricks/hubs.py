@@ -13,7 +13,14 @@ from brickhub.virtual.micropython.exceptions import SwitchedOff
 from brickhub.virtual.micropython.numbers import expect_int, module
 from brickhub.virtual.micropython.streams import as_bytes
 from brickhub.virtual.panel import STOP_BUTTON
-from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, get_text, percentage
+from brickhub.virtual.pybricks.arguments import (
+    expect,
+    expect_type,
+    get_array,
+    get_int,
+    get_text,
+    percentage,
+)
 from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind
 from brickhub.virtual.pybricks.imu import IMU, Accelerometer
 from brickhub.virtual.pybricks.matrix import Matrix
@@ -29,7 +36,8 @@ _MAX_FRAMES = 255
 _NOTE = re.compile(r"(?:R|([A-G])([#b]?)([0-9])?)(/)?(\d\d?)?(\.?)(_?)")
 _FORBIDDEN_NOTES = ("Cb", "B#", "E#", "Fb")
 _SEMITONES = {"C": 0, "D": 2, "E": 4, "F": 5, "G": 7, "A": 9, "B": 11}
-_LOWEST_OCTAVE_CHZ = (1635, 1732, 1835, 1945, 2060, 2183, 2312, 2450, 2596, 2750, 2914, 3087)  # C0 to B0
+# C0 to B0
+_LOWEST_OCTAVE_CHZ = (1635, 1732, 1835, 1945, 2060, 2183, 2312, 2450, 2596, 2750, 2914, 3087)
 _MOVED_MESSAGE = b"""Hub messaging has been moved. You should use:\r
 \r
 from pybricks.messaging import BLERadio\r
@@ -49,10 +57,17 @@ class ColorLight(Native):
         self._set_light(None, 0)
 
     def blink(self, color: Any, durations: Any) -> None:
-        durations_ms = [get_int(duration) for _, duration in zip(range(len(durations)), durations, strict=False)]
+        durations_ms = [
+            get_int(duration) for _, duration in zip(range(len(durations)), durations, strict=False)
+        ]
         expect(all(duration > 0 for duration in durations_ms))
         self._show(color)
-        self._play([(None if index % 2 else color, duration) for index, duration in enumerate(durations_ms)])
+        self._play(
+            [
+                (None if index % 2 else color, duration)
+                for index, duration in enumerate(durations_ms)
+            ]
+        )
 
     def animate(self, colors: Any, interval: Any) -> None:
         sequence = [color for _, color in zip(range(len(colors)), colors, strict=False)]
@@ -63,10 +78,14 @@ class ColorLight(Native):
 
     def _play(self, frames: list[tuple[Any, int]]) -> None:
         if frames:
-            self._machine.panel.animate("light", itertools.starmap(self._set_light, itertools.cycle(frames)))
+            self._machine.panel.animate(
+                "light", itertools.starmap(self._set_light, itertools.cycle(frames))
+            )
 
     def _set_light(self, color: Any, duration_ms: int) -> int:
-        self._machine.panel.change(light=(color.h, color.s, color.v) if color is not None and color.v > 0 else None)
+        self._machine.panel.change(
+            light=(color.h, color.s, color.v) if color is not None and color.v > 0 else None
+        )
         return duration_ms
 
     def _show(self, color: Any) -> None:
@@ -100,7 +119,11 @@ class LightMatrix(_Timed):
 
     def _turned(self, pixels: list[int]) -> list[int]:
         for _ in range(self._machine.panel.quarter_turns):
-            pixels = [pixels[(_SIZE - 1 - column) * _SIZE + row] for row in range(_SIZE) for column in range(_SIZE)]
+            pixels = [
+                pixels[(_SIZE - 1 - column) * _SIZE + row]
+                for row in range(_SIZE)
+                for column in range(_SIZE)
+            ]
         return pixels
 
     def icon(self, icon: Any) -> None:
@@ -125,7 +148,9 @@ class LightMatrix(_Timed):
             self._machine.panel.show([0] * _SIZE**2)
         if all(0 <= x < _SIZE for x in position):
             pixels = list(self._machine.panel.display)
-            pixels[self._turned([*range(_SIZE**2)]).index(position[0] * _SIZE + position[1])] = value
+            pixels[self._turned([*range(_SIZE**2)]).index(position[0] * _SIZE + position[1])] = (
+                value
+            )
             self._machine.panel.show(pixels, self._machine.panel.text)
 
     def on(self, brightness: Any = _MAX_BRIGHTNESS) -> None:
@@ -225,8 +250,8 @@ class Speaker(_Timed):
 
 
 def _parse_note(note: Any, bar_ms: int) -> tuple[int, int, int]:
-    """Frequency (Hz), duration of the sound and of the whole note (ms). Raises ValueError, with the firmware's message, for an
-    invalid note."""
+    """Frequency (Hz), duration of the sound and of the whole note (ms). Raises ValueError, with the
+    firmware's message, for an invalid note."""
     match = _NOTE.match(get_text(note))
     if match is None:
         raise ValueError("Missing note name A-G or R")
@@ -286,7 +311,8 @@ class System(Native):
         self._storage = bytearray(self._machine.robot.hub.model.storage_bytes)
 
     def set_stop_button(self, button: Any) -> None:
-        """Set the buttons; ``Button`` itself is none. A hub with one button takes it for anything that is true."""
+        """Set the buttons; ``Button`` itself is none. A hub with one button takes it for anything
+        that is true."""
         if len(self._machine.robot.hub.model.buttons) == 1:
             names = [STOP_BUTTON] if button else []
         else:
@@ -353,19 +379,30 @@ class _Hub:
 
 class _OrientedHub(_Hub):
     def __init__(
-        self, top_side: Any = Axis.Z, front_side: Any = Axis.X, broadcast_channel: Any = None, observe_channels: Any = ()
+        self,
+        top_side: Any = Axis.Z,
+        front_side: Any = Axis.X,
+        broadcast_channel: Any = None,
+        observe_channels: Any = (),
     ) -> None:
         super().__init__(broadcast_channel, observe_channels)
         self._parts["imu"]._orient(top_side, front_side)
 
 
 class _MoveHub(_OrientedHub):
-    def __init__(self, top_side: Any = 3, front_side: Any = 1, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
+    def __init__(
+        self,
+        top_side: Any = 3,
+        front_side: Any = 1,
+        broadcast_channel: Any = None,
+        observe_channels: Any = (),
+    ) -> None:
         super().__init__(top_side, front_side, broadcast_channel, observe_channels)
 
 
 def _as_module(name: str, part: Any) -> ModuleType:
-    """A module of the part's methods; those with an argument that can be left out take keywords too."""
+    """A module of the part's methods; those with an argument that can be left out take keywords
+    too."""
 
     def function(method: Callable[..., Any]) -> Callable[..., Any]:
         parameters = inspect.signature(method).parameters.values()
@@ -375,22 +412,37 @@ def _as_module(name: str, part: Any) -> ModuleType:
             if is_plain and kwargs:
                 raise TypeError("function doesn't take keyword arguments")
             if is_plain and len(args) != len(parameters):
-                raise TypeError(f"function takes {len(parameters)} positional arguments but {len(args)} were given")
+                raise TypeError(
+                    f"function takes {len(parameters)} positional arguments but {len(args)} "
+                    "were given"
+                )
             return method(*args, **kwargs)
 
         return call
 
-    return module(name, {key: function(getattr(part, key)) for key in dir(part) if not key.startswith("_")})
+    return module(
+        name, {key: function(getattr(part, key)) for key in dir(part) if not key.startswith("_")}
+    )
 
 
 def hubs_module(context: Context, model: HubModel) -> ModuleType:
-    kinds: dict[str, Any] = {"battery": Battery, "buttons": Keypad, "light": ColorLight, "system": System}
+    kinds: dict[str, Any] = {
+        "battery": Battery,
+        "buttons": Keypad,
+        "light": ColorLight,
+        "system": System,
+    }
     kinds |= {"charger": Charger} if model.is_rechargeable else {}
     kinds |= {"display": LightMatrix} if model.has_display else {}
     kinds |= {"speaker": Speaker} if model.has_speaker else {}
-    kinds |= {"imu": IMU} if model.has_imu else {"imu": Accelerometer} if model.has_accelerometer else {}
+    kinds |= (
+        {"imu": IMU} if model.has_imu else {"imu": Accelerometer} if model.has_accelerometer else {}
+    )
     parts = {name: bind(context, kind)() for name, kind in kinds.items()}
-    parts["battery"], parts["system"] = _as_module("battery", parts["battery"]), _as_module("", parts["system"])
+    parts["battery"], parts["system"] = (
+        _as_module("battery", parts["battery"]),
+        _as_module("", parts["system"]),
+    )
     if len(model.buttons) == 1:
         parts["button"] = parts["buttons"]  # older name
     base = _MoveHub if model.has_accelerometer else _OrientedHub if "imu" in parts else _Hub

@@ -77,7 +77,8 @@ def _dot(a: _Vector, b: _Vector) -> float:
 
 
 class IMU(Native):
-    """Gyroscope and accelerometer, in the robot's frame as defined by ``top_side`` and ``front_side``."""
+    """Gyroscope and accelerometer, in the robot's frame as defined by ``top_side`` and
+    ``front_side``."""
 
     def __init__(self) -> None:
         body = self._machine.body
@@ -87,8 +88,8 @@ class IMU(Native):
         self._orient(Axis.Z, Axis.X)
 
     def _orient(self, top_side: Any, front_side: Any) -> None:
-        """Set the directions of the hub's top and front in the robot's frame, and the heading to 0. Raises ValueError if they are
-        not at right angles."""
+        """Set the directions of the hub's top and front in the robot's frame, and the heading to 0.
+        Raises ValueError if they are not at right angles."""
         front, top = _axis(front_side), _axis(top_side)
         expect(not abs(_dot(front, top)) > 1e-3 and _dot(front, front) and _dot(top, top))
         front, top = (tuple(x / math.sqrt(_dot(v, v)) for x in v) for v in (front, top))  # type: ignore[assignment]
@@ -104,13 +105,17 @@ class IMU(Native):
     def _heading(self) -> GyroHeading:
         """Heading, once the bench has found its wheels."""
         if self._bench is not None:
-            self._bench.find_wheels({port: servo.direction for port, servo in self._machine.servos.items()})
+            self._bench.find_wheels(
+                {port: servo.direction for port, servo in self._machine.servos.items()}
+            )
         return self._machine.heading
 
     def tilt(self, calibrated: Any = True) -> tuple[float, float]:
         pitch, roll = self._machine.body.tilt_deg()
         if not (calibrated and self._is_aligned):
-            x, y, z = self._in_robot_frame(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
+            x, y, z = self._in_robot_frame(
+                self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2()
+            )
             pitch = math.atan2(-x, math.hypot(y, z)) * _DEG_PER_RAD
             roll = math.atan2(y + 0.0, z) * _DEG_PER_RAD  # -0.0 would change it by 360
         tilt = to_single(pitch), to_single(roll)
@@ -119,10 +124,15 @@ class IMU(Native):
         return tilt
 
     def up(self, calibrated: Any = True) -> Any:
-        return _side_up(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
+        return _side_up(
+            self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2()
+        )
 
     def acceleration(self, axis: Any = None, calibrated: Any = True) -> Any:
-        x, y, z = (round(part / _MM_S2_PER_STEP) * _MM_S2_PER_STEP for part in self._machine.body.acceleration_mm_s2())
+        x, y, z = (
+            round(part / _MM_S2_PER_STEP) * _MM_S2_PER_STEP
+            for part in self._machine.body.acceleration_mm_s2()
+        )
         force = self._in_robot_frame(self._corrected((x, y, z)) if calibrated else (x, y, z))
         return vector(*force) if axis is None else _project(force, axis)
 
@@ -142,7 +152,9 @@ class IMU(Native):
         self._heading.set_angle(get_number(angle))
 
     def rotation(self, axis: Any = None, calibrated: Any = True) -> float:
-        return _project(self._in_robot_frame(self._heading.rotation_deg(calibrated=bool(calibrated))), axis)
+        return _project(
+            self._in_robot_frame(self._heading.rotation_deg(calibrated=bool(calibrated))), axis
+        )
 
     def orientation(self) -> Any:
         pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
@@ -160,12 +172,14 @@ class IMU(Native):
         return True
 
     def stationary(self) -> bool:
-        """Whether the hub has been at rest for a second, its motors coasting. It rests while no motor drives it and it is not
-        seen to turn."""
+        """Whether the hub has been at rest for a second, its motors coasting. It rests while no
+        motor drives it and it is not seen to turn."""
         servos, limit = self._machine.servos.values(), self._settings["angular_velocity_threshold"]
         if any(abs(rate) >= limit for rate in self._machine.body.angular_velocity_deg_s()):
             self._turned_ms = self._machine.time_ms
-        moved_ms = [ms for ms in (self._turned_ms, *(servo.driven_ms for servo in servos)) if ms is not None]
+        moved_ms = [
+            ms for ms in (self._turned_ms, *(servo.driven_ms for servo in servos)) if ms is not None
+        ]
         rests = not moved_ms or self._machine.time_ms - max(moved_ms) >= _REST_MS
         return rests and all(servo.voltage_mv is None for servo in servos)
 
@@ -178,18 +192,32 @@ class IMU(Native):
         angular_velocity_scale: Any = None,
         acceleration_correction: Any = None,
     ) -> tuple[Any, ...] | None:
-        given = {name: value for name, value in locals().items() if name in _SETTINGS and value is not None}
+        given = {
+            name: value
+            for name, value in locals().items()
+            if name in _SETTINGS and value is not None
+        }
         if not given:
             values = self._settings.values()
-            return tuple(tuple(map(to_single, value)) if isinstance(value, tuple) else to_single(value) for value in values)
+            return tuple(
+                tuple(map(to_single, value)) if isinstance(value, tuple) else to_single(value)
+                for value in values
+            )
         for name, value in given.items():
             default, max_deviation = _SETTINGS[name]
             is_tuple = isinstance(default, tuple)
             if is_tuple and len(get_array(value)) != len(default):
-                raise ValueError(f"{name.replace('_', ' ').capitalize()} must be a {len(default)}-element tuple.")
+                raise ValueError(
+                    f"{name.replace('_', ' ').capitalize()} must be a {len(default)}-element tuple."
+                )
             numbers = tuple(map(get_number, value if is_tuple else (value,)))
             nominal = default if is_tuple else (default,)
-            expect(not any(abs(number - other) > max_deviation for number, other in zip(numbers, nominal, strict=True)))
+            expect(
+                not any(
+                    abs(number - other) > max_deviation
+                    for number, other in zip(numbers, nominal, strict=True)
+                )
+            )
             self._settings[name] = numbers if is_tuple else numbers[0]
         self._heading.turn_deg = self._settings["heading_correction"]
         if angular_velocity_scale is not None:
@@ -197,10 +225,14 @@ class IMU(Native):
         return None
 
     def _corrected(self, force: _Vector) -> _Vector:
-        """An acceleration, corrected by the readings for gravity along each axis that a program has set."""
+        """An acceleration, corrected by the readings for gravity along each axis that a program has
+        set."""
         limits = self._settings["acceleration_correction"]
         pairs = zip(force, limits[::2], limits[1::2], strict=True)
-        x, y, z = ((value - (up + down) / 2) * _GRAVITY_MM_S2 / ((up - down) / 2) for value, up, down in pairs)
+        x, y, z = (
+            (value - (up + down) / 2) * _GRAVITY_MM_S2 / ((up - down) / 2)
+            for value, up, down in pairs
+        )
         return x, y, z
 
     def _gravity_in_hub(self) -> _Vector:
@@ -223,8 +255,8 @@ class Accelerometer(Native):
         self._orient(3, 1)
 
     def _orient(self, top_side: Any, front_side: Any) -> None:
-        """Set the axes, 1 to 3 or negative, along which top and front of the hub are in the robot. Raises ValueError if they are
-        not at right angles."""
+        """Set the axes, 1 to 3 or negative, along which top and front of the hub are in the robot.
+        Raises ValueError if they are not at right angles."""
         top, front = get_int(top_side), get_int(front_side)
         axes = {abs(top), abs(front)}
         expect(len(axes) == 2 and axes <= {1, 2, 3})
@@ -250,7 +282,10 @@ class Accelerometer(Native):
         return [max(-128, min(127, math.floor(part * _COUNTS_PER_G / _G_MM_S2))) for part in force]
 
     def _in_robot_frame(self) -> list[int]:
-        values = {abs(axis): count if axis > 0 else -count for axis, count in zip(self._axes, self._counts(), strict=True)}
+        values = {
+            abs(axis): count if axis > 0 else -count
+            for axis, count in zip(self._axes, self._counts(), strict=True)
+        }
         return [values[axis] for axis in (1, 2, 3)]
 
 
@@ -262,7 +297,10 @@ def _atan2_deg(y: int, x: int) -> int:
         return 90 if y > 0 else -90
     ratio = abs(1024 * y) // abs(x)
     pairs = zip(_ARC_TANGENTS, _ARC_TANGENTS[1:], strict=False)
-    eighths = next((a + (ratio - r) * (b - a) // (s - r) for (r, a), (s, b) in pairs if ratio < s), _ARC_TANGENTS[-1][1])
+    eighths = next(
+        (a + (ratio - r) * (b - a) // (s - r) for (r, a), (s, b) in pairs if ratio < s),
+        _ARC_TANGENTS[-1][1],
+    )
     angle = eighths // 8 if (x > 0) == (y > 0) else -(eighths // 8)
     if x > 0:
         return angle

@@ -1,4 +1,5 @@
-"""``pybricks.iodevices``: plugged-in devices. UART: ``pb_type_uart_device.c`` and the hub's driver, v4."""
+"""``pybricks.iodevices``: plugged-in devices. UART: ``pb_type_uart_device.c`` and the hub's driver,
+v4."""
 
 import errno
 import math
@@ -12,14 +13,24 @@ from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.streams import HubBytearray
-from brickhub.virtual.pybricks.arguments import expect, get_array, get_exact_int, get_int, get_text, os_error
+from brickhub.virtual.pybricks.arguments import (
+    expect,
+    get_array,
+    get_exact_int,
+    get_int,
+    get_text,
+    os_error,
+)
 from brickhub.virtual.pybricks.context import Awaited, Context, Native, classes
 from brickhub.virtual.pybricks.device_modes import MODES, DeviceMode, DeviceModes, reports_angle
 from brickhub.virtual.pybricks.pupsensors import Device
 from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController
 
 _BITS_PER_BYTE = 10  # with start and stop bit
-_WARNING = b"Custom electronics may damage your LEGO hub. Proceed at your own risk.\r\nPress Y to proceed. Press N to cancel.\r\n"
+_WARNING = (
+    b"Custom electronics may damage your LEGO hub. Proceed at your own risk.\r\n"
+    b"Press Y to proceed. Press N to cancel.\r\n"
+)
 
 
 class PUPDevice(Device):
@@ -46,7 +57,11 @@ class PUPDevice(Device):
         device_mode = self._checked_mode(mode, "Invalid argument")
         self._release_motor(device_mode.name)
         name = device_mode.name.replace(" ", "_")
-        parts = [f"{name}_{part}" for part in range(device_mode.count)] if device_mode.count > 1 else [name]
+        parts = (
+            [f"{name}_{part}" for part in range(device_mode.count)]
+            if device_mode.count > 1
+            else [name]
+        )
         return self._measure(device_mode.name, lambda: device_mode.values(self._plug), *parts)
 
     def write(self, mode: Any, data: Any) -> Any:
@@ -64,7 +79,8 @@ class PUPDevice(Device):
         return self._write(device_mode.name)
 
     def _checked_mode(self, mode: Any, refusal: str) -> DeviceMode:
-        """A mode that the program names by its number. Raises OSError (EPERM) for a passive device."""
+        """A mode that the program names by its number. Raises OSError (EPERM) for a passive
+        device."""
         if not self._modes:
             raise os_error(errno.EPERM)
         number = get_exact_int(mode) & 0xFF
@@ -81,7 +97,9 @@ class PUPDevice(Device):
 
 def _device_id(machine: Machine, port: str) -> int | None:
     devices = (*machine.robot.motors, *machine.robot.sensors)
-    described_id = next((device.kind.model.device_id for device in devices if device.port == port), None)
+    described_id = next(
+        (device.kind.model.device_id for device in devices if device.port == port), None
+    )
     if described_id is not None or not isinstance(machine.body, FittedBench):
         return described_id
     plugged_in = machine.body.device(port)
@@ -96,7 +114,9 @@ class UARTDevice(Native):
     An abandoned transfer, such as a read that lost a race, keeps it busy until ``clear()``.
     """
 
-    def __init__(self, port: Any, baudrate: Any = 115200, timeout: Any = None, power_pin: Any = 0) -> None:
+    def __init__(
+        self, port: Any, baudrate: Any = 115200, timeout: Any = None, power_pin: Any = 0
+    ) -> None:
         self._timeout_ms = None if timeout is None else get_int(timeout)
         expect(self._timeout_ms is None or self._timeout_ms >= 1)
         self._context.port_letter(port)
@@ -150,7 +170,8 @@ class UARTDevice(Native):
         self._busy.clear()
 
     def _transfer(self, direction: str, duration_ms: float) -> Callable[[], bool]:
-        """Whether a transfer is done; it begins at the first call. Raises OSError: EBUSY, ETIMEDOUT."""
+        """Whether a transfer is done; it begins at the first call. Raises OSError: EBUSY,
+        ETIMEDOUT."""
         start_ms: int | None = None
 
         def is_done() -> bool:
@@ -173,4 +194,6 @@ class UARTDevice(Native):
 
 
 def iodevices_module(context: Context) -> ModuleType:
-    return module("iodevices", classes(context, (PUPDevice, UARTDevice, LWP3Device, XboxController)))
+    return module(
+        "iodevices", classes(context, (PUPDevice, UARTDevice, LWP3Device, XboxController))
+    )

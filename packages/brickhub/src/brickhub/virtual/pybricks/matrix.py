@@ -39,7 +39,10 @@ class Matrix:
         if isinstance(index, int):
             position = index + len(flat) if index < 0 else index
         elif len(get_array(index)) == 2:
-            row, column = (i + n if get_exact_int(i) < 0 else i for i, n in zip(index, (rows, columns), strict=True))
+            row, column = (
+                i + n if get_exact_int(i) < 0 else i
+                for i, n in zip(index, (rows, columns), strict=True)
+            )
             if 0 <= row < rows and 0 <= column < columns:
                 position = row * columns + column
         if not 0 <= position < len(flat):
@@ -91,7 +94,9 @@ class Matrix:
             return NotImplemented
         expect(self.shape == other.shape)
         pairs = zip(self._rows, other._rows, strict=True)
-        return _from_rows([[to_single(a + sign * b) for a, b in zip(x, y, strict=True)] for x, y in pairs])
+        return _from_rows(
+            [[to_single(a + sign * b) for a, b in zip(x, y, strict=True)] for x, y in pairs]
+        )
 
 
 def _from_rows(rows: list[list[float]]) -> Any:
@@ -122,7 +127,9 @@ def vector(*values: Any) -> Matrix:
     if len(values) not in (2, 3):
         missing = 2 - len(values)
         too_many = f"function expected at most 3 arguments, got {len(values)}"
-        raise TypeError(f"function missing {missing} required positional arguments" if missing > 0 else too_many)
+        raise TypeError(
+            f"function missing {missing} required positional arguments" if missing > 0 else too_many
+        )
     return Matrix([[x] for x in values])  # type: ignore[no-any-return]
 
 

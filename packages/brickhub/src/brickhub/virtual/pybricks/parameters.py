@@ -88,12 +88,14 @@ def _picture(rows: Sequence[int]) -> Any:
 def nearest(measured: Hsv, candidates: Sequence[Hsv]) -> int | None:
     """Index of the first nearest candidate, or ``None``.
 
-    Grays are compared by value and full colors by hue, independent of the distance to the surface. If a candidate is neither,
-    distances are in a double cone with black and white at the tips.
+    Grays are compared by value and full colors by hue, independent of the distance to the surface.
+    If a candidate is neither, distances are in a double cone with black and white at the tips.
     """
     is_ideal = all(candidate[:2] == _GRAY or candidate[1:] == _FULL for candidate in candidates)
     distance = _ideal_distance if is_ideal else _cone_distance
-    return min(range(len(candidates)), key=lambda i: distance(measured, candidates[i]), default=None)
+    return min(
+        range(len(candidates)), key=lambda i: distance(measured, candidates[i]), default=None
+    )
 
 
 def _ideal_distance(measured: Hsv, candidate: Hsv) -> int:
@@ -101,8 +103,16 @@ def _ideal_distance(measured: Hsv, candidate: Hsv) -> int:
     hue, saturation, value = measured
     looks_gray = saturation <= _MAX_GRAY_SATURATION_PCT or value <= _MAX_GRAY_VALUE_PCT
     if looks_gray:
-        return abs(candidate[2] - value) if candidate[:2] == _GRAY else _OTHER_KIND_DISTANCE + _hue_distance(candidate[0], hue)
-    return _hue_distance(candidate[0], hue) if candidate[1:] == _FULL else _OTHER_KIND_DISTANCE + abs(candidate[2] - value)
+        return (
+            abs(candidate[2] - value)
+            if candidate[:2] == _GRAY
+            else _OTHER_KIND_DISTANCE + _hue_distance(candidate[0], hue)
+        )
+    return (
+        _hue_distance(candidate[0], hue)
+        if candidate[1:] == _FULL
+        else _OTHER_KIND_DISTANCE + abs(candidate[2] - value)
+    )
 
 
 def _hue_distance(a: int, b: int) -> int:
@@ -111,7 +121,8 @@ def _hue_distance(a: int, b: int) -> int:
 
 
 def _cone_distance(a: Hsv, b: Hsv) -> int:
-    """Squared distance in a double cone, 20 000 high and wide. Negative values are below black, far from all colors."""
+    """Squared distance in a double cone, 20 000 high and wide. Negative values are below black, far
+    from all colors."""
     ax, ay, az = _in_cone(a)
     bx, by, bz = _in_cone(b)
     dx, dy = trunc((bx - ax) / 10_000), trunc((by - ay) / 10_000)
@@ -193,7 +204,11 @@ class Color:
         raise AttributeError(f"'Color' object has no attribute '{name}'")
 
     def __repr__(self) -> str:
-        return f"Color(h={self.h}, s={self.s}, v={self.v})" if self._name is None else f"Color.{self._name}"
+        return (
+            f"Color(h={self.h}, s={self.s}, v={self.v})"
+            if self._name is None
+            else f"Color.{self._name}"
+        )
 
     def __iter__(self) -> Iterator[int]:
         return iter((self.h, self.s, self.v))
@@ -216,7 +231,9 @@ class Color:
 
     def __truediv__(self, scale: Any) -> "Color":
         divisor = get_number(scale)
-        return Color(self.h, self.s, self.v / divisor if divisor else 100 * ((self.v > 0) - (self.v < 0)))
+        return Color(
+            self.h, self.s, self.v / divisor if divisor else 100 * ((self.v > 0) - (self.v < 0))
+        )
 
     __floordiv__ = __truediv__
 
@@ -280,14 +297,23 @@ class Axis:
 
 
 _Palette.__name__ = _Palette.__qualname__ = "Color"
-_NumberedAxis = type("Axis", (), {"X": 1, "Y": 2, "Z": 3})  # of a hub without floating-point numbers
+# of a hub without floating-point numbers
+_NumberedAxis = type("Axis", (), {"X": 1, "Y": 2, "Z": 3})
 
 
 def parameters_module(context: Context) -> ModuleType:
     hub = context.machine.robot.hub.model
     axis, button_names = (Axis, _BUTTONS) if hub.has_float else (_NumberedAxis, _REMOTE_BUTTONS)
     members = {name: getattr(Button, name) for name in button_names.split()}
-    button = type("Button", (), {"__repr__": lambda self: "Button", **members})()  # not a class but an object
-    names: dict[str, Any] = {"Axis": axis, "Button": button, "Color": _Palette(), "Direction": Direction}
-    names |= {"Port": context.ports, "Side": Side, "Stop": Stop} | ({"Icon": Icon()} if hub.has_display else {})
+    # not a class but an object
+    button = type("Button", (), {"__repr__": lambda self: "Button", **members})()
+    names: dict[str, Any] = {
+        "Axis": axis,
+        "Button": button,
+        "Color": _Palette(),
+        "Direction": Direction,
+    }
+    names |= {"Port": context.ports, "Side": Side, "Stop": Stop} | (
+        {"Icon": Icon()} if hub.has_display else {}
+    )
     return module("parameters", names)

@@ -17,8 +17,22 @@ from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, os_error, percentage
-from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind, classes, firmware_errors
+from brickhub.virtual.pybricks.arguments import (
+    expect,
+    expect_type,
+    get_array,
+    get_int,
+    os_error,
+    percentage,
+)
+from brickhub.virtual.pybricks.context import (
+    Awaited,
+    Context,
+    Native,
+    bind,
+    classes,
+    firmware_errors,
+)
 from brickhub.virtual.pybricks.device_modes import reports_angle
 from brickhub.virtual.pybricks.parameters import Direction, Stop
 from brickhub.virtual.pybricks.pupsensors import DEVICES, PFMotor
@@ -53,7 +67,9 @@ class Control(Native):
         self.scale = controller().settings.steps_per_unit
         self.log = Log(lambda: controller().log, context)
 
-    def limits(self, speed: Any = None, acceleration: Any = None, torque: Any = None) -> tuple[Any, ...] | None:
+    def limits(
+        self, speed: Any = None, acceleration: Any = None, torque: Any = None
+    ) -> tuple[Any, ...] | None:
         settings = self._controller().settings
         now_speed, up, down, now_torque = settings.limits()
         if speed is None and acceleration is None and torque is None:
@@ -63,7 +79,12 @@ class Control(Native):
         return None
 
     def pid(
-        self, kp: Any = None, ki: Any = None, kd: Any = None, integral_deadzone: Any = None, integral_rate: Any = None
+        self,
+        kp: Any = None,
+        ki: Any = None,
+        kd: Any = None,
+        integral_deadzone: Any = None,
+        integral_rate: Any = None,
     ) -> tuple[int, ...] | None:
         return self._get_or_set("pid", kp, ki, kd, integral_deadzone, integral_rate)
 
@@ -84,12 +105,16 @@ class Control(Native):
     # ---- of older versions, and still there
 
     def trajectory(self) -> tuple[int, ...] | None:
-        """Times (ms), angles (deg), speeds (deg/s) and accelerations (deg/s2) of the phases, while it is active."""
+        """Times (ms), angles (deg), speeds (deg/s) and accelerations (deg/s2) of the phases, while
+        it is active."""
         controller = self._controller()
         if not controller.is_active:
             return None
         t = controller.trajectory
-        times, angles = (trunc(x / 10) for x in (t.t1, t.t2, t.t3)), (trunc(x / 1000) for x in (t.th1, t.th2, t.th3))
+        times, angles = (
+            (trunc(x / 10) for x in (t.t1, t.t2, t.t3)),
+            (trunc(x / 1000) for x in (t.th1, t.th2, t.th3)),
+        )
         return 0, *times, 0, *angles, *(trunc(w / 10) for w in (t.w0, t.w1, t.w3)), t.a0, t.a2
 
     def done(self) -> bool:
@@ -114,7 +139,9 @@ class Log(Native):
         duration_ms = get_int(duration)
         if duration_ms < 0:
             raise MemoryError("memory allocation failed")
-        self._logger().start(self._machine.time_ticks // 10, duration_ms // CONTROL_LOOP_MS // step, step)
+        self._logger().start(
+            self._machine.time_ticks // 10, duration_ms // CONTROL_LOOP_MS // step, step
+        )
 
     def stop(self) -> None:
         self._logger().is_active = False
@@ -124,7 +151,11 @@ class Log(Native):
         logger.is_active = False
         if path is not None and not isinstance(path, str):
             raise TypeError(f"can't convert '{type(path).__name__}' object to str implicitly")
-        for line in (f"PB_OF:{path or 'log.txt'}", *(", ".join(map(str, row)) for row in logger.rows), "PB_EOF"):
+        for line in (
+            f"PB_OF:{path or 'log.txt'}",
+            *(", ".join(map(str, row)) for row in logger.rows),
+            "PB_EOF",
+        ):
             self._console.write(f"{line}\r\n".encode())
 
 
@@ -132,13 +163,15 @@ Log.__name__ = Log.__qualname__ = "Logger"
 
 
 class MotorModel(Native):
-    """State of the observer, at the motor's own shaft: gears do not count (``pb_type_motor_model.c``)."""
+    """State of the observer, at the motor's own shaft: gears do not count
+    (``pb_type_motor_model.c``)."""
 
     def __init__(self, observer: Callable[[], Observer], machine: Machine) -> None:
         self._observer, self._machine = observer, machine
 
     def state(self) -> tuple[float, float, float, bool]:
-        """Angle (deg), speed (deg/s), current (mA), and whether it stalls at this moment, however shortly."""
+        """Angle (deg), speed (deg/s), current (mA), and whether it stalls at this moment, however
+        shortly."""
         observer = self._observer()
         numbers = (observer.angle / 1000, observer.speed / 1000, observer.current / 10)
         return (*map(to_single, numbers), observer.stalled_since is not None)  # type: ignore[return-value]
@@ -160,7 +193,8 @@ def completion(then: Any) -> OnCompletion:
 
 
 def _gear_ratio_milli(gears: Any) -> int:
-    """1000 times the motor's turns for one of the output, from ``(12, 36)`` or ``((12, 20), (20, 40))``."""
+    """1000 times the motor's turns for one of the output, from ``(12, 36)`` or ``((12, 20), (20,
+    40))``."""
     trains = () if gears is None else get_array(gears)
     if trains and isinstance(trains[0], int) and isinstance(trains[-1], int):
         trains = (trains,)
@@ -183,7 +217,9 @@ class _BaseMotor(Native):
         self._letter = self._context.port_letter(port)
         expect_type(positive_direction, Direction)
         is_clockwise = positive_direction is Direction.CLOCKWISE
-        self._direction = MotorDirection.CLOCKWISE if is_clockwise else MotorDirection.COUNTERCLOCKWISE
+        self._direction = (
+            MotorDirection.CLOCKWISE if is_clockwise else MotorDirection.COUNTERCLOCKWISE
+        )
 
     def __repr__(self) -> str:
         direction = Direction.CLOCKWISE if self._servo.direction > 0 else Direction.COUNTERCLOCKWISE
@@ -236,11 +272,20 @@ class Motor(_BaseMotor):
         super().__init__(port, positive_direction)
         self._machine.plug_in(self._letter, "Motor")
         servo, mode = self._machine.servos.get(self._letter), self._machine.modes.get(self._letter)
-        if servo is None or servo.is_plain or not reports_angle(servo.kind, mode.name if mode else None):
+        if (
+            servo is None
+            or servo.is_plain
+            or not reports_angle(servo.kind, mode.name if mode else None)
+        ):
             raise os_error(errno.ENODEV)
         ratio = _gear_ratio_milli(gears)
         with firmware_errors():
-            servo.setup(self._direction, ratio, bool(reset_angle), 0 if profile is None else abs(get_int(profile)))
+            servo.setup(
+                self._direction,
+                ratio,
+                bool(reset_angle),
+                0 if profile is None else abs(get_int(profile)),
+            )
         self._servo = servo
         self._awaited = Awaited(self._context)
         self.control = Control(lambda: servo.control, self._context)
@@ -288,21 +333,28 @@ class Motor(_BaseMotor):
         self._servo.run_time(get_int(speed), max(0, get_int(time)), completion(then))
         return self._finish(ends_by_time=True) if wait else None
 
-    def run_angle(self, speed: Any, rotation_angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+    def run_angle(
+        self, speed: Any, rotation_angle: Any, then: Any = Stop.HOLD, wait: Any = True
+    ) -> Any:
         self._servo.run_angle(get_int(speed), get_int(rotation_angle), completion(then))
         return self._finish() if wait else None
 
-    def run_target(self, speed: Any, target_angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+    def run_target(
+        self, speed: Any, target_angle: Any, then: Any = Stop.HOLD, wait: Any = True
+    ) -> Any:
         self._servo.run_target(get_int(speed), get_int(target_angle), completion(then))
         return self._finish() if wait else None
 
     def run_until_stalled(self, speed: Any, then: Any = Stop.COAST, duty_limit: Any = None) -> Any:
         speed_deg_s, stop = get_int(speed), completion(then)
-        self._servo.run_until_stalled(speed_deg_s, stop, None if duty_limit is None else percentage(duty_limit))
+        self._servo.run_until_stalled(
+            speed_deg_s, stop, None if duty_limit is None else percentage(duty_limit)
+        )
         return self._finish(returns_angle=True)
 
     def _finish(self, returns_angle: bool = False, ends_by_time: bool = False) -> Any:
-        """Wait for the end of the move. Raises TwinError if the bench blocks it, so that it never ends."""
+        """Wait for the end of the move. Raises TwinError if the bench blocks it, so that it never
+        ends."""
         machine, angle_deg = self._machine, self._servo.angle_deg()
         since_ms = machine.time_ms
 
@@ -314,21 +366,31 @@ class Motor(_BaseMotor):
                 return True
             if self._servo.angle_deg() != angle_deg:
                 angle_deg, since_ms = self._servo.angle_deg(), machine.time_ms
-            elif machine.time_ms - since_ms > _STUCK_MS and not (ends_by_time or self._context.is_active or machine.pace):
+            elif machine.time_ms - since_ms > _STUCK_MS and not (
+                ends_by_time or self._context.is_active or machine.pace
+            ):
                 raise TwinError(
-                    f"the program waits for the motor on port {self._letter}, which has been blocked at {angle_deg} degrees for "
-                    f"{_STUCK_MS // 1000} s; give it other ends, such as --end-stop {self._letter}=-90..120"
+                    f"the program waits for the motor on port {self._letter}, which has been "
+                    f"blocked at {angle_deg} degrees for "
+                    f"{_STUCK_MS // 1000} s; give it other ends, such as --end-stop "
+                    f"{self._letter}=-90..120"
                 )
             return False
 
-        return self._awaited.finish(is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast)
+        return self._awaited.finish(
+            is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast
+        )
 
 
 _STUCK_MS = 60_000
-"""Simulated time after which a blocked motor, for which a program waits without an end, is taken for one that never arrives."""
+"""Simulated time after which a blocked motor, for which a program waits without an end, is taken
+for one that never arrives."""
 
 
 def pupdevices_module(context: Context) -> ModuleType:
     kinds = (Remote, TechnicMoveHub, DuploTrain, MarioHub, DCMotor, *DEVICES)
     hidden = () if context.machine.robot.hub.model.has_float else ("control", "log", "model")
-    return module("pupdevices", {"PFMotor": PFMotor, "Motor": bind(context, Motor, *hidden), **classes(context, kinds)})
+    return module(
+        "pupdevices",
+        {"PFMotor": PFMotor, "Motor": bind(context, Motor, *hidden), **classes(context, kinds)},
+    )

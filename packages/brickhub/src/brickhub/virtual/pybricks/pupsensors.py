@@ -7,7 +7,15 @@ from typing import Any
 from brickhub.robot import Sense, SensorKind
 from brickhub.virtual.machine import PortMode
 from brickhub.virtual.micropython.floats import to_single
-from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, get_number, os_error, truncated
+from brickhub.virtual.pybricks.arguments import (
+    expect,
+    expect_type,
+    get_array,
+    get_int,
+    get_number,
+    os_error,
+    truncated,
+)
 from brickhub.virtual.pybricks.context import Native
 from brickhub.virtual.pybricks.device_modes import MAX_FORCE_MN, SENSOR_MODES, DeviceModes, Plug
 from brickhub.virtual.pybricks.parameters import NAMED_COLORS, Color, Direction, nearest
@@ -24,8 +32,8 @@ _DELAY_MS = 10  # until what was written is done (lego_device_data_set_delay), i
 class Device(Native):
     """A device on a port.
 
-    Measurements depend on the mode. After a change of mode values are stale for some time, for which reads wait; meanwhile,
-    nobody can change it again.
+    Measurements depend on the mode. After a change of mode values are stale for some time, for
+    which reads wait; meanwhile, nobody can change it again.
     """
 
     _kind: SensorKind
@@ -38,7 +46,9 @@ class Device(Native):
         self._letter = self._context.port_letter(port)
         if not self._is_plugged_in():
             raise os_error(errno.ENODEV)
-        self._mode = self._machine.modes.setdefault(self._letter, PortMode(self._device_modes.first_mode))
+        self._mode = self._machine.modes.setdefault(
+            self._letter, PortMode(self._device_modes.first_mode)
+        )
         while not self._is_ready():
             self._machine.advance(_START_MS)
         self._plug = Plug(self._machine, self._letter)
@@ -50,13 +60,17 @@ class Device(Native):
         self._device_modes = SENSOR_MODES[self._kind]
         if self._machine.plug_in(self._letter, self._kind.value):
             return True
-        return self._kind in (sensor.kind for sensor in self._machine.robot.sensors if sensor.port == self._letter)
+        return self._kind in (
+            sensor.kind for sensor in self._machine.robot.sensors if sensor.port == self._letter
+        )
 
     def _measure(self, mode: str, get: Callable[[], Any], *quantities: str) -> Any:
-        """Value of ``get`` in a mode of the device; ``quantities`` are its parts' names in the log of the run."""
+        """Value of ``get`` in a mode of the device; ``quantities`` are its parts' names in the log
+        of the run."""
 
         def measured() -> Any:
-            if self._mode.name != mode:  # changed before the driver knew that another task asks for this one
+            # changed before the driver knew that another task asks for this one
+            if self._mode.name != mode:
                 raise os_error(errno.EPERM)
             value, log = get(), self._machine.log
             if log is not None:
@@ -75,11 +89,14 @@ class Device(Native):
     def _write(self, mode: str) -> Any:
         """Command without a visible effect; waits until it is done."""
         self._set_mode(mode)
-        self._mode.ready_ms = max(self._mode.ready_ms, self._told_ms() + _DELAYS_MS.get(mode, _DELAY_MS) + 1)
+        self._mode.ready_ms = max(
+            self._mode.ready_ms, self._told_ms() + _DELAYS_MS.get(mode, _DELAY_MS) + 1
+        )
         return self._finish(None)
 
     def _set_mode(self, mode: str) -> None:
-        """Begin a change of mode, unless it is in that mode. Raises OSError (EAGAIN) during another change or command."""
+        """Begin a change of mode, unless it is in that mode. Raises OSError (EAGAIN) during another
+        change or command."""
         state, machine = self._mode, self._machine
         if mode == state.name or (mode == state.previous and machine.body_ms <= state.changed_ms):
             return
@@ -89,8 +106,8 @@ class Device(Native):
         state.ready_ms = state.changed_ms + self._device_modes.stale_ms(mode) + 1
 
     def _told_ms(self) -> int:
-        """Time at which the device answers to what it is told now: in the next millisecond if the hub has done what is due in
-        this one, as before a program begins."""
+        """Time at which the device answers to what it is told now: in the next millisecond if the
+        hub has done what is due in this one, as before a program begins."""
         machine = self._machine
         return machine.time_ms + 1 if machine.time_ms == self._context.start_ms else machine.body_ms
 
@@ -99,7 +116,9 @@ class Device(Native):
 
     def _finish(self, result: Callable[[], Any] | None) -> Any:
         """Wait until the device is ready, or return an awaitable."""
-        return self._context.finish(self._is_ready, result, poll_ms=max(1, self._mode.ready_ms - self._machine.time_ms))
+        return self._context.finish(
+            self._is_ready, result, poll_ms=max(1, self._mode.ready_ms - self._machine.time_ms)
+        )
 
 
 def _reading(mode: str, get: Callable[[Any], Any], *quantities: str) -> Callable[..., Any]:
@@ -155,7 +174,9 @@ class UltrasonicSensor(Device):
         super().__init__(port)
         self.lights = LightArray(self, 4)
 
-    distance = _reading("DISTL", lambda self: self._machine.body.distance_mm(self._letter), "distance_mm")
+    distance = _reading(
+        "DISTL", lambda self: self._machine.body.distance_mm(self._letter), "distance_mm"
+    )
     presence = _reading("LISTN", lambda self: False, "presence")
     """Presence of another ultrasonic sensor: there is none."""
 
@@ -165,7 +186,9 @@ class _ColorDevice(Device):
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)
-        self._detectable: Any = tuple(NAMED_COLORS[name] for name in ("RED", "YELLOW", "GREEN", "BLUE", "WHITE", "NONE"))
+        self._detectable: Any = tuple(
+            NAMED_COLORS[name] for name in ("RED", "YELLOW", "GREEN", "BLUE", "WHITE", "NONE")
+        )
 
     def detectable_colors(self, colors: Any = None) -> Any:
         if colors is None:
@@ -177,21 +200,29 @@ class _ColorDevice(Device):
 
     def reflection(self) -> Any:
         full = 12 * 100 if self._is_boost else 3 * 1024
-        return self._measure("RGB I", lambda: sum(self._plug.raw_rgb(self._is_boost)) * 100 // full, "reflection_pct")
+        return self._measure(
+            "RGB I", lambda: sum(self._plug.raw_rgb(self._is_boost)) * 100 // full, "reflection_pct"
+        )
 
     def hsv(self, surface: Any = True) -> Any:
-        return self._measure("RGB I" if surface else "SHSV", lambda: Color(*self._seen(surface)), *_HSV)
+        return self._measure(
+            "RGB I" if surface else "SHSV", lambda: Color(*self._seen(surface)), *_HSV
+        )
 
     def color(self, surface: Any = True) -> Any:
         def detected() -> Any:
-            index = nearest(self._seen(surface), [(color.h, color.s, color.v) for color in self._detectable])
+            index = nearest(
+                self._seen(surface), [(color.h, color.s, color.v) for color in self._detectable]
+            )
             return None if index is None else self._detectable[index]
 
         return self._measure("RGB I" if surface else "SHSV", detected, "color")
 
     def _seen(self, surface: Any) -> Hsv:
         """Color of a surface in the sensor's light, or of the incoming light."""
-        return self._plug.reflected_hsv(self._is_boost) if surface else self._plug.color(Sense.AMBIENT)
+        return (
+            self._plug.reflected_hsv(self._is_boost) if surface else self._plug.color(Sense.AMBIENT)
+        )
 
 
 class ColorSensor(_ColorDevice):
@@ -204,7 +235,9 @@ class ColorSensor(_ColorDevice):
         super().__init__(port)
         self.lights = LightArray(self, 3)
 
-    ambient = _reading("SHSV", lambda self: to_single(round(self._plug.ambient_pct() * 10) / 100), "ambient_pct")
+    ambient = _reading(
+        "SHSV", lambda self: to_single(round(self._plug.ambient_pct() * 10) / 100), "ambient_pct"
+    )
     """Of what the sensor sends, tenths of a percent, the firmware makes a tenth."""
 
 
@@ -257,8 +290,12 @@ class InfraredSensor(Device):
         self._first_count = self._plug.passed()
 
     count = _reading("LPF2-COUNT", lambda self: self._plug.passed() - self._first_count, "count")
-    reflection = _reading("LPF2-CAL", lambda self: to_single(self._plug.infrared_raw() / 5), "reflection_pct")
-    distance = _reading("LPF2-CAL", lambda self: 1100 // (10 + self._plug.infrared_raw()), "distance_pct")
+    reflection = _reading(
+        "LPF2-CAL", lambda self: to_single(self._plug.infrared_raw() / 5), "reflection_pct"
+    )
+    distance = _reading(
+        "LPF2-CAL", lambda self: 1100 // (10 + self._plug.infrared_raw()), "distance_pct"
+    )
 
 
 class TiltSensor(Device):
@@ -297,9 +334,12 @@ class ColorLightMatrix(Device):
 
 
 class PFMotor(Native):
-    """Power Functions motor, commanded by a color and distance sensor with infrared light; without effect."""
+    """Power Functions motor, commanded by a color and distance sensor with infrared light; without
+    effect."""
 
-    def __init__(self, sensor: Any, channel: Any, color: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
+    def __init__(
+        self, sensor: Any, channel: Any, color: Any, positive_direction: Any = Direction.CLOCKWISE
+    ) -> None:
         expect_type(sensor, ColorDistanceSensor)
         expect(1 <= get_int(channel) <= 4)
         expect_type(color, Color)

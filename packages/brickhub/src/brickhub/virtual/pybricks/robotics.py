@@ -11,10 +11,25 @@ from brickhub.virtual.firmware.control import OnCompletion
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.pybricks.arguments import expect, expect_type, get_int, get_scaled, os_error, percentage, truncated
+from brickhub.virtual.pybricks.arguments import (
+    expect,
+    expect_type,
+    get_int,
+    get_scaled,
+    os_error,
+    percentage,
+    truncated,
+)
 from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind, firmware_errors
 from brickhub.virtual.pybricks.parameters import Stop
-from brickhub.virtual.pybricks.pupdevices import Control, Motor, acceleration_pair, acceleration_value, completion, magnitude
+from brickhub.virtual.pybricks.pupdevices import (
+    Control,
+    Motor,
+    acceleration_pair,
+    acceleration_value,
+    completion,
+    magnitude,
+)
 
 _MAX_DISTANCE_MM = 2**15 - 1
 _DEG_PER_RAD = 57.29578
@@ -29,7 +44,9 @@ _MAX_DRIVE_MOTORS = 5
 class DriveBase(Native):
     """Drive base of two motors: mm, degrees, clockwise positive."""
 
-    def __init__(self, left_motor: Any, right_motor: Any, wheel_diameter: Any, axle_track: Any) -> None:
+    def __init__(
+        self, left_motor: Any, right_motor: Any, wheel_diameter: Any, axle_track: Any
+    ) -> None:
         for motor in (left_motor, right_motor):
             expect_type(motor, Motor)
         sizes_um = get_scaled(wheel_diameter, 1000), get_scaled(axle_track, 1000)
@@ -46,7 +63,9 @@ class DriveBase(Native):
         self._base.straight(get_int(distance), completion(then))
         return self._finish() if wait else None
 
-    def turn(self, angle: Any, then: Any = Stop.HOLD, wait: Any = True, absolute: Any = False) -> Any:
+    def turn(
+        self, angle: Any, then: Any = Stop.HOLD, wait: Any = True, absolute: Any = False
+    ) -> Any:
         if absolute:
             self._base.turn_to(get_int(angle), completion(then))
         else:
@@ -54,8 +73,8 @@ class DriveBase(Native):
         return self._finish() if wait else None
 
     def move_by(self, dx: Any, dy: Any, then: Any = Stop.HOLD) -> Any:
-        """Turn the shorter way and drive to a point, x ahead of heading 0 and y to its left. Direction and distance are truncated
-        to whole degrees and mm."""
+        """Turn the shorter way and drive to a point, x ahead of heading 0 and y to its left.
+        Direction and distance are truncated to whole degrees and mm."""
         x, y = get_int(dx), get_int(dy)
         direction = truncated(to_single(math.atan2(y, x) * _DEG_PER_RAD))
         expect(max(abs(x), abs(y)) <= _MAX_DISTANCE_MM)
@@ -67,11 +86,20 @@ class DriveBase(Native):
         self._base.curve(get_int(radius), get_int(angle), completion(then))
         return self._finish() if wait else None
 
-    def arc(self, radius: Any, angle: Any = None, distance: Any = None, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+    def arc(
+        self,
+        radius: Any,
+        angle: Any = None,
+        distance: Any = None,
+        then: Any = Stop.HOLD,
+        wait: Any = True,
+    ) -> Any:
         radius_mm = get_int(radius)
         if (angle is None) == (distance is None):
             raise ValueError("Please specify distance or angle but not both.")
-        distance_mm, angle_deg = (None, get_int(angle)) if distance is None else (get_int(distance), 0)
+        distance_mm, angle_deg = (
+            (None, get_int(angle)) if distance is None else (get_int(distance), 0)
+        )
         self._base.arc(radius_mm, distance_mm, angle_deg, completion(then))
         return self._finish() if wait else None
 
@@ -95,7 +123,11 @@ class DriveBase(Native):
         return self._base.state()[0]
 
     def angle(self) -> float:
-        return to_single(self._base.angle_deg()) if self._machine.robot.hub.model.has_float else self._base.state()[2]
+        return (
+            to_single(self._base.angle_deg())
+            if self._machine.robot.hub.model.has_float
+            else self._base.state()[2]
+        )
 
     def state(self) -> tuple[int, int, int, int]:
         return self._base.state()
@@ -116,13 +148,25 @@ class DriveBase(Native):
         self._base.use_gyro(bool(use_gyro))
 
     def settings(
-        self, straight_speed: Any = None, straight_acceleration: Any = None, turn_rate: Any = None, turn_acceleration: Any = None
+        self,
+        straight_speed: Any = None,
+        straight_acceleration: Any = None,
+        turn_rate: Any = None,
+        turn_acceleration: Any = None,
     ) -> tuple[Any, ...] | None:
         distance, heading = self._base.distance.settings, self._base.heading.settings
         straight = distance.to_unit(distance.default_speed), *distance.limits()[1:3]
         turn = heading.to_unit(heading.default_speed), *heading.limits()[1:3]
-        if all(value is None for value in (straight_speed, straight_acceleration, turn_rate, turn_acceleration)):
-            return straight[0], acceleration_value(*straight[1:]), turn[0], acceleration_value(*turn[1:])
+        if all(
+            value is None
+            for value in (straight_speed, straight_acceleration, turn_rate, turn_acceleration)
+        ):
+            return (
+                straight[0],
+                acceleration_value(*straight[1:]),
+                turn[0],
+                acceleration_value(*turn[1:]),
+            )
         self._base.set_settings(
             magnitude(straight_speed, straight[0]),
             acceleration_pair(straight_acceleration, *straight[1:]),
@@ -137,9 +181,11 @@ class DriveBase(Native):
             self._base.stop(then)
 
     def _finish(self, *others: Callable[[], None]) -> Any:
-        """Wait for the started move, then start and wait for the ``others`` one by one. Raises TwinError for a turn by the
-        gyroscope of a hub that never turns."""
-        if self._base.turns_by_gyro and not getattr(self._machine.body, "turns_with_its_wheels", True):
+        """Wait for the started move, then start and wait for the ``others`` one by one. Raises
+        TwinError for a turn by the gyroscope of a hub that never turns."""
+        if self._base.turns_by_gyro and not getattr(
+            self._machine.body, "turns_with_its_wheels", True
+        ):
             raise TwinError(
                 "a turn by the gyroscope never ends on the bench, where the hub lies still; "
                 "take a robot that drives, such as --robot two-wheeler, or leave use_gyro(True) out"
@@ -160,7 +206,8 @@ class DriveBase(Native):
 
 
 class Car(Native):
-    """Finds the end stops of its steering at construction; the middle between them is straight ahead."""
+    """Finds the end stops of its steering at construction; the middle between them is straight
+    ahead."""
 
     def __init__(self, steer_motor: Any, drive_motors: Any, torque_limit: Any = 100) -> None:
         self._steer = _servo(steer_motor)
@@ -180,7 +227,9 @@ class Car(Native):
         self._steer.track_target(0)
 
     def steer(self, percentage: Any) -> None:
-        self._steer.track_target(int((self._max_angle - _BACKLASH_DEG) * _percentage(percentage) / 100))
+        self._steer.track_target(
+            int((self._max_angle - _BACKLASH_DEG) * _percentage(percentage) / 100)
+        )
 
     def drive_power(self, power: Any) -> None:
         power_pct = _percentage(power)
@@ -202,7 +251,9 @@ class Car(Native):
         servo.run_until_stalled(speed, OnCompletion.COAST, None, torque_unm)
         while not servo.is_done():
             if self._machine.time_ms - start_ms > _SEARCH_TIMEOUT_MS:
-                raise RuntimeError("The steering mechanism has no end stop. Did you build a car yet?")
+                raise RuntimeError(
+                    "The steering mechanism has no end stop. Did you build a car yet?"
+                )
             self._machine.advance(_POLL_MS)
         return servo.angle_deg()
 
@@ -220,4 +271,6 @@ def robotics_module(context: Context) -> ModuleType:
     model = context.machine.robot.hub.model
     hidden = [] if model.has_imu else ["use_gyro"]
     hidden += [] if model.has_float else ["distance_control", "heading_control", "move_by"]
-    return module("robotics", {"DriveBase": bind(context, DriveBase, *hidden), "Car": bind(context, Car)})
+    return module(
+        "robotics", {"DriveBase": bind(context, DriveBase, *hidden), "Car": bind(context, Car)}
+    )

@@ -107,7 +107,9 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
 
     def wait(time: Any) -> Any:
         # Infinity ends at once, as in the firmware's build for a computer; a hub waits for 24 days.
-        duration = time if type(time) is int else get_int(0 if time in (math.inf, -math.inf) else time)
+        duration = (
+            time if type(time) is int else get_int(0 if time in (math.inf, -math.inf) else time)
+        )
         if context.is_active and duration == 0:
             return context.yield_once()
         if not context.is_active and duration <= 0:
@@ -146,13 +148,22 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
             raise TypeError(f"function missing {2 - len(entries)} required positional arguments")
         return _menu(context, entries)
 
-    names = {"AppData": app_data, "StopWatch": bind(context, StopWatch), "multitask": bind(context, Task)}
-    names |= {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis} if hub.has_float else {}
-    return module("tools", names, wait, run_task, read_input_byte, *([hub_menu] if hub.has_display else []))
+    names = {
+        "AppData": app_data,
+        "StopWatch": bind(context, StopWatch),
+        "multitask": bind(context, Task),
+    }
+    names |= (
+        {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis} if hub.has_float else {}
+    )
+    return module(
+        "tools", names, wait, run_task, read_input_byte, *([hub_menu] if hub.has_display else [])
+    )
 
 
 def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
-    """The entry selected by the left, right and center buttons. Raises TwinError if nobody can press them."""
+    """The entry selected by the left, right and center buttons. Raises TwinError if nobody can
+    press them."""
     machine, display, panel = context.machine, bind(context, LightMatrix)(), context.machine.panel
     for entry in reversed(entries):
         display._show_symbol(entry)
@@ -162,7 +173,8 @@ def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
         while bool(down := panel.pressed(machine.time_ms)) is not pressed:
             if pressed and panel.is_unattended:
                 raise TwinError(
-                    'hub_menu waits for a button, and nobody presses one; choose with --press "right@1s" --press "center@2s"'
+                    "hub_menu waits for a button, and nobody presses one; choose with --press "
+                    '"right@1s" --press "center@2s"'
                 )
             machine.advance(1)
         return down
@@ -177,7 +189,9 @@ def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
             down = wait_for_buttons(pressed=True)
             if "center" in down:
                 break
-            selected = (selected + ("right" in down) - ("right" not in down and "left" in down)) % len(entries)
+            selected = (
+                selected + ("right" in down) - ("right" not in down and "left" in down)
+            ) % len(entries)
             display._show_symbol(entries[selected])
         wait_for_buttons(pressed=False)
     finally:

@@ -1,7 +1,9 @@
-"""Bluetooth: devices, messages between hubs, and AppData for the host (``pybricks.messaging`` of Pybricks 4).
+"""Bluetooth: devices, messages between hubs, and AppData for the host (``pybricks.messaging`` of
+Pybricks 4).
 
-Only a remote control and an Xbox controller can be near: searches for others time out. A virtual hub sends messages, but receives
-none. Names and errors: ``pybricks`` on PyPI, ``pb_type_iodevices_lwp3device.c``, ``pb_type_iodevices_xbox_controller.c``, v4.
+Only a remote control and an Xbox controller can be near: searches for others time out. A virtual
+hub sends messages, but receives none. Names and errors: ``pybricks`` on PyPI,
+``pb_type_iodevices_lwp3device.c``, ``pb_type_iodevices_xbox_controller.c``, v4.
 """
 
 import errno
@@ -12,14 +14,38 @@ from typing import Any
 from brickhub.robot.hardware import REMOTE_BUTTONS
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.streams import as_bytes
-from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_exact_int, get_int, get_text, os_error
+from brickhub.virtual.pybricks.arguments import (
+    expect,
+    expect_type,
+    get_array,
+    get_exact_int,
+    get_int,
+    get_text,
+    os_error,
+)
 from brickhub.virtual.pybricks.context import Context, Native, bind
 from brickhub.virtual.pybricks.parameters import Color, buttons
 from brickhub.virtual.pybricks.pupsensors import ColorLight
 
 _MAX_NAME_BYTES = 14
 _SEARCH_MS = 500  # until a switched-on device is found
-_XBOX_BUTTONS = ("a", "b", "", "x", "y", "", "lb", "rb", "", "", "view", "menu", "guide", "lj", "rj")
+_XBOX_BUTTONS = (
+    "a",
+    "b",
+    "",
+    "x",
+    "y",
+    "",
+    "lb",
+    "rb",
+    "",
+    "",
+    "view",
+    "menu",
+    "guide",
+    "lj",
+    "rj",
+)
 """By their bit."""
 _XBOX_EXTRAS = ("upload", "p1", "p2", "p3", "p4")
 _RUMBLE_MOTORS = 4
@@ -94,7 +120,8 @@ class Wireless(Native):
         return self._kind in self._machine.panel.near
 
     def _done(self) -> Any:
-        """A command that completes immediately. Raises OSError, ENODEV, while it is not connected."""
+        """A command that completes immediately. Raises OSError, ENODEV, while it is not
+        connected."""
         self._down()
         return self._context.done()
 
@@ -120,7 +147,9 @@ class _Buttons(Native):
 
     def pressed(self) -> Any:
         down = self._device._down()
-        return buttons([name for name in self._names if name in down], self._machine.robot.hub.model)
+        return buttons(
+            [name for name in self._names if name in down], self._machine.robot.hub.model
+        )
 
 
 class LWP3Device(Wireless):
@@ -159,8 +188,12 @@ class Remote(Wireless):
         super().__init__(name, timeout, connect)
 
     def _is_near(self) -> bool:
-        """Whether one of that name is near; before a program has named it, it has the name that is looked for."""
-        return super()._is_near() and self._wanted in (None, self._machine.panel.remote_name or self._wanted)
+        """Whether one of that name is near; before a program has named it, it has the name that is
+        looked for."""
+        return super()._is_near() and self._wanted in (
+            None,
+            self._machine.panel.remote_name or self._wanted,
+        )
 
     def name(self, *name: Any) -> Any:
         panel = self._machine.panel
@@ -179,7 +212,11 @@ class TechnicMoveHub(Wireless):
 
 
 class DuploTrain(Wireless):
-    drive, headlights, sound = _unavailable("drive"), _unavailable("headlights"), _unavailable("sound")
+    drive, headlights, sound = (
+        _unavailable("drive"),
+        _unavailable("headlights"),
+        _unavailable("sound"),
+    )
     speed, color = _unavailable("speed"), _unavailable("color")
 
 
@@ -197,9 +234,17 @@ class XboxController(Wireless):
     _kind = "xbox"
     _pause_ms = 2000
 
-    def __init__(self, joystick_deadzone: Any = 10, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
+    def __init__(
+        self,
+        joystick_deadzone: Any = 10,
+        name: Any = None,
+        timeout: Any = 10000,
+        connect: Any = True,
+    ) -> None:
         get_int(joystick_deadzone)
-        self.buttons = _Buttons(self, (*filter(None, _XBOX_BUTTONS), *_XBOX_EXTRAS, "up", "right", "down", "left"))
+        self.buttons = _Buttons(
+            self, (*filter(None, _XBOX_BUTTONS), *_XBOX_EXTRAS, "up", "right", "down", "left")
+        )
         super().__init__(name, timeout, connect)
 
     def name(self, name: Any = None) -> str:
@@ -235,7 +280,9 @@ class XboxController(Wireless):
         down = self._down()
         return 100 * ("left_trigger" in down), 100 * ("right_trigger" in down)
 
-    def rumble(self, power: Any = 100, duration: Any = 200, count: Any = 1, delay: Any = 100) -> Any:
+    def rumble(
+        self, power: Any = 100, duration: Any = 200, count: Any = 1, delay: Any = 100
+    ) -> Any:
         powers = power if isinstance(power, list | tuple) else (power,) * _RUMBLE_MOTORS
         if len(powers) != _RUMBLE_MOTORS:
             raise ValueError(f"expected 1 number or tuple of {_RUMBLE_MOTORS} values")
@@ -246,23 +293,39 @@ class XboxController(Wireless):
 
 def _stick(down: frozenset[str], side: str, limit: int) -> tuple[int, int]:
     """Position of a stick of the Xbox controller: to the right, and up."""
-    left, right, back, ahead = (f"joystick_{side}_{direction}" in down for direction in ("left", "right", "down", "up"))
+    left, right, back, ahead = (
+        f"joystick_{side}_{direction}" in down for direction in ("left", "right", "down", "up")
+    )
     return limit * (right - left), limit * (ahead - back)
 
 
 def _dpad(down: frozenset[str]) -> int:
     """Direction of the pad: 0 for none, 1 for up, then clockwise."""
     x, y = ("right" in down) - ("left" in down), ("up" in down) - ("down" in down)
-    return {(0, 1): 1, (1, 1): 2, (1, 0): 3, (1, -1): 4, (0, -1): 5, (-1, -1): 6, (-1, 0): 7, (-1, 1): 8}.get((x, y), 0)
+    return {
+        (0, 1): 1,
+        (1, 1): 2,
+        (1, 0): 3,
+        (1, -1): 4,
+        (0, -1): 5,
+        (-1, -1): 6,
+        (-1, 0): 7,
+        (-1, 1): 8,
+    }.get((x, y), 0)
 
 
 class Radio(Native):
     """``hub.ble`` and ``pybricks.messaging.BLERadio``; channels 0 to 255."""
 
     def __init__(self, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
-        if broadcast_channel is not None and not 0 <= get_exact_int(broadcast_channel) <= _LAST_CHANNEL:
+        if (
+            broadcast_channel is not None
+            and not 0 <= get_exact_int(broadcast_channel) <= _LAST_CHANNEL
+        ):
             raise ValueError("Broadcast channel must be 0 to 255 or None")
-        channels = [get_exact_int(observe_channels[index]) for index in range(len(observe_channels))]
+        channels = [
+            get_exact_int(observe_channels[index]) for index in range(len(observe_channels))
+        ]
         if not all(0 <= channel <= _LAST_CHANNEL for channel in channels):
             raise ValueError("observe channel must be 0 to 255")
         self._broadcast_channel, self._observed = broadcast_channel, frozenset(channels)
@@ -310,10 +373,13 @@ class BLERadio(Radio):
 
 
 class HubNetwork:
-    """Network of hubs, of Pybricks 4.1, which is not played: its messages are not documented yet."""
+    """Network of hubs, of Pybricks 4.1, which is not played: its messages are not documented
+    yet."""
 
     def __init__(self, *values: Any, **options: Any) -> None:
-        raise NotImplementedError("the virtual hub does not play HubNetwork; use BLERadio, or a real hub")
+        raise NotImplementedError(
+            "the virtual hub does not play HubNetwork; use BLERadio, or a real hub"
+        )
 
 
 def _payload(data: Any) -> bytes:

@@ -17,13 +17,16 @@ from bricksrl.envs.vision.image_networks import shift_images
 
 
 class MirrorRows(Transform):  # type: ignore[misc]
-    """Mirrors each row of a batch with a probability of 1/2: on a symmetric robot a mirrored step is a step too.
-    ``observation``: of the layout's vector, in physical units."""
+    """Mirrors each row of a batch with a probability of 1/2: on a symmetric robot a mirrored step
+    is a step too. ``observation``: of the layout's vector, in physical units."""
 
     def __init__(self, layout: ObservationLayout, observation: Mirror, action: Mirror) -> None:
         super().__init__()
         self.key, self.observation, self.action = layout.keys[0], observation, action
-        self.scale, self.offset = torch.tensor(layout.scale or (1.0,)), torch.tensor(layout.offset or (0.0,))
+        self.scale, self.offset = (
+            torch.tensor(layout.scale or (1.0,)),
+            torch.tensor(layout.offset or (0.0,)),
+        )
 
     def forward(self, batch: TensorDictBase) -> TensorDictBase:
         """The batch, with new tensors for what is mirrored."""
@@ -47,7 +50,9 @@ class ShiftImages(Transform):  # type: ignore[misc]
     def forward(self, batch: TensorDictBase) -> TensorDictBase:
         for image in self.images:
             for part in (batch, batch["next"]):
-                part[image.key] = shift_images(part[image.key], self.most_px, image.is_channels_last)
+                part[image.key] = shift_images(
+                    part[image.key], self.most_px, image.is_channels_last
+                )
         return batch
 
 
@@ -63,9 +68,12 @@ def augmentations(env: EnvBase, settings: OffPolicySettings) -> Iterator[Transfo
             yield MirrorRows(layout, seen, action)
 
 
-def behind_transforms(mirror: Mirror, names: Sequence[str], layout: ObservationLayout) -> Mirror | None:
-    """The mirror of entries with ``names`` for what transforms make of them: the n-th number of an entry changes places with the
-    n-th of its image, as in frames that follow one another. ``None`` where a number has no image, or an unknown scale."""
+def behind_transforms(
+    mirror: Mirror, names: Sequence[str], layout: ObservationLayout
+) -> Mirror | None:
+    """The mirror of entries with ``names`` for what transforms make of them: the n-th number of an
+    entry changes places with the n-th of its image, as in frames that follow one another. ``None``
+    where a number has no image, or an unknown scale."""
     numbers, is_own = defaultdict[str, list[int]](list), layout.names == tuple(names)
     for index, name in enumerate(layout.names):
         numbers[name].append(index)

@@ -1,7 +1,7 @@
 """Replay buffer of transitions, with successor links for hindsight relabelling and n-step returns.
 
-Reward and termination are pure functions of the observation, and goals do not affect motion, so goals can be replaced afterwards
-(hindsight, Andrychowicz et al., 2017).
+Reward and termination are pure functions of the observation, and goals do not affect motion, so
+goals can be replaced afterwards (hindsight, Andrychowicz et al., 2017).
 """
 
 from collections.abc import Sequence
@@ -24,12 +24,13 @@ HORIZON = 4
 
 
 class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
-    """Uniform replay of ``capacity`` transitions with observations of ``keys``; the oldest are overwritten first.
+    """Uniform replay of ``capacity`` transitions with observations of ``keys``; the oldest are
+    overwritten first.
 
-    Transitions are in the computer's memory, or with ``memory_mapped`` in a temporary file: a graphics card seldom has room for
-    all. Samples are moved to ``device``.
-    ``n_step``: steps whose rewards are summed with discount ``gamma``; "steps_to_next_obs" is their actual number. ``goals``:
-    relabelling of each batch. Where a batch needs what followed, successors are linked.
+    Transitions are in the computer's memory, or with ``memory_mapped`` in a temporary file: a
+    graphics card seldom has room for all. Samples are moved to ``device``. ``n_step``: steps whose
+    rewards are summed with discount ``gamma``; "steps_to_next_obs" is their actual number.
+    ``goals``: relabelling of each batch. Where a batch needs what followed, successors are linked.
     """
 
     def __init__(
@@ -44,7 +45,11 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         n_step: int = 1,
         goals: GoalRelabelling | None = None,
     ) -> None:
-        super().__init__(storage=LazyMemmapStorage(capacity) if memory_mapped else LazyTensorStorage(capacity, device="cpu"))
+        super().__init__(
+            storage=LazyMemmapStorage(capacity)
+            if memory_mapped
+            else LazyTensorStorage(capacity, device="cpu")
+        )
         self._rows, self._observed, self._sampled_to = batch_size, keys, torch.device(device)
         self._gamma, self._n_step, self._goals = gamma, n_step, goals
         self._keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
@@ -72,15 +77,18 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         return self
 
     def extend(self, frames: TensorDictBase, *, robot: int | None = 0, **_: Any) -> Tensor:
-        """Store transitions ``[time]`` or ``[copies, time]`` that continue the last ones of each copy of this robot, unless the
-        link was lost; of no robot: without links. Returns indices. Raises DescriptionError if they do not fit."""
+        """Store transitions ``[time]`` or ``[copies, time]`` that continue the last ones of each
+        copy of this robot, unless the link was lost; of no robot: without links. Returns indices.
+        Raises DescriptionError if they do not fit."""
         lost = lost_links(frames)
         rows = with_outcome(frames.select(*self._keys), lost)
         if not len(rows):
             self.end_episodes(robot)
             return torch.empty(0, dtype=torch.int64)
         if len(rows) > self._none:
-            message = f"{len(rows)} transitions at once do not fit into a replay buffer of {self._none}"
+            message = (
+                f"{len(rows)} transitions at once do not fit into a replay buffer of {self._none}"
+            )
             raise DescriptionError(f"{message}; give buffer_size {len(rows)} or more")
         index: Tensor = super().extend(rows.to("cpu"))
         if self._has_links and robot is not None:
@@ -91,11 +99,13 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         return index
 
     def _link(self, indices: Tensor, done: Tensor, robot: int) -> None:
-        """Link successive transitions, stored at ``indices`` ``[copies, time]``, to each other and to the robot's last ones."""
+        """Link successive transitions, stored at ``indices`` ``[copies, time]``, to each other and
+        to the robot's last ones."""
         last = self._last.get(robot)
         if last is not None and len(last) == len(indices):
             self._successor[last] = indices[:, 0]
-        self._successor[indices] = self._none  # afterwards, as the last ones may have been overwritten
+        # afterwards, as the last ones may have been overwritten
+        self._successor[indices] = self._none
         if indices.shape[1] > 1:
             self._successor[indices[:, :-1]] = torch.where(done[:, :-1], self._none, indices[:, 1:])
         for other, ends in self._last.items():  # overwritten transitions have no successor
@@ -114,28 +124,40 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         for ended in list(self._last) if robot is None else [robot]:
             self._last.pop(ended, None)
 
-    def sample(self, batch_size: int | None = None, *, batches: int = 0, **_: Any) -> TensorDictBase:
-        """Uniformly drawn transitions, relabelled, summed over n steps, transformed; ``batches`` equal ones, if given."""
+    def sample(
+        self, batch_size: int | None = None, *, batches: int = 0, **_: Any
+    ) -> TensorDictBase:
+        """Uniformly drawn transitions, relabelled, summed over n steps, transformed; ``batches``
+        equal ones, if given."""
         batch = super().sample(batch_size or self._rows)
         index = batch.pop("index")
         if self._goals is not None or self._n_step > 1:
-            batch = self._augmented(batch, index, len(index) // batches if batches else min(self._rows, len(index)))
+            batch = self._augmented(
+                batch, index, len(index) // batches if batches else min(self._rows, len(index))
+            )
         for transform in self._augment:
             batch = transform(batch)
         return batch.to(self._sampled_to)
 
     def _augmented(self, batch: TensorDictBase, index: Tensor, size: int) -> TensorDictBase:
-        """Rows ``[batch]``, which may be several batches of ``size``, relabelled and summed over n steps."""
+        """Rows ``[batch]``, which may be several batches of ``size``, relabelled and summed over n
+        steps."""
         chain, known = [index], [torch.ones_like(index, dtype=torch.bool)]
         for _ in range(1, self._n_step):
             chain.append(self._successor[chain[-1]])
             known.append(chain[-1] != self._none)
-        rows = batch[None] if self._n_step == 1 else self._storage.get(torch.stack(chain).clamp_max(len(self) - 1))
+        rows = (
+            batch[None]
+            if self._n_step == 1
+            else self._storage.get(torch.stack(chain).clamp_max(len(self) - 1))
+        )
         if self._goals is not None:
             self._relabel(self._goals, rows, index, size)
         return batch if self._n_step == 1 else self._summed(rows, torch.stack(known))
 
-    def _relabel(self, goals: GoalRelabelling, rows: TensorDictBase, index: Tensor, size: int) -> None:
+    def _relabel(
+        self, goals: GoalRelabelling, rows: TensorDictBase, index: Tensor, size: int
+    ) -> None:
         """Relabel shares of each batch in rows ``[n, batches * size]``."""
         count = len(index) // size
         in_hindsight = round(size * goals.hindsight)
@@ -145,11 +167,19 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         new = [goals.draw(count, end - in_hindsight, device=index.device)]
         if in_hindsight:
             reached = [reached for _, reached in goals.layout.goals]
-            new.insert(0, self._observed_later(index[: count * size].view(count, size)[:, :in_hindsight])[..., reached])
-        goals.relabel(rows[:, : count * size].view(len(rows), count, size)[:, :, :end], torch.cat(new, 1))
+            new.insert(
+                0,
+                self._observed_later(index[: count * size].view(count, size)[:, :in_hindsight])[
+                    ..., reached
+                ],
+            )
+        goals.relabel(
+            rows[:, : count * size].view(len(rows), count, size)[:, :, :end], torch.cat(new, 1)
+        )
 
     def _observed_later(self, index: Tensor) -> Tensor:
-        """For each index an observation up to `HORIZON` steps later, or its own outcome if the episode ends before."""
+        """For each index an observation up to `HORIZON` steps later, or its own outcome if the
+        episode ends before."""
         steps, later = torch.randint(1, HORIZON + 1, index.shape, device=index.device), index
         for step in range(1, HORIZON + 1):
             later = torch.where(steps >= step, self._successor[later], later)
@@ -167,15 +197,22 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         steps = counted.sum(0)
         last = rows[steps - 1, torch.arange(rows.shape[1], device=known.device)]["next"]
         # TorchRL's losses read the count beside "next"; some keep only "next" and read it there
-        after = last.clone().update({"reward": reward[:, None], "steps_to_next_obs": steps[:, None]})
+        after = last.clone().update(
+            {"reward": reward[:, None], "steps_to_next_obs": steps[:, None]}
+        )
         return rows[0].clone().update({"next": after, "steps_to_next_obs": steps[:, None]})
 
     def links(self) -> dict[str, Any]:
         """Successor links, for a checkpoint."""
-        return {"successor": self._successor[: len(self)].clone(), "last": self._last.get(0)} if self._has_links else {}
+        return (
+            {"successor": self._successor[: len(self)].clone(), "last": self._last.get(0)}
+            if self._has_links
+            else {}
+        )
 
     def load_links(self, state: dict[str, Any]) -> None:
-        """Inverse of `links`, after the transitions are loaded. Raises ValueError or KeyError for another state."""
+        """Inverse of `links`, after the transitions are loaded. Raises ValueError or KeyError for
+        another state."""
         if not self._has_links:
             return
         last = state["last"]
@@ -186,7 +223,9 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         self._last = {} if last is None else {0: last.cpu()}
 
 
-def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.device | str) -> TransitionReplayBuffer:
+def make_replay_buffer(
+    env: EnvBase, settings: OffPolicySettings, device: torch.device | str
+) -> TransitionReplayBuffer:
     """The replay buffer of the settings for an environment."""
     layout, goals = layout_of(env), relabelling(env, settings.hindsight, settings.new_goals)
     args = (settings.buffer_size, settings.batch_size, layout.keys, settings.memory_mapped, device)

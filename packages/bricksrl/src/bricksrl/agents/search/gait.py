@@ -1,8 +1,10 @@
-"""Policy search: the few numbers of a structured policy, tried on the robot, proposed by Bayesian optimisation.
+"""Policy search: the few numbers of a structured policy, tried on the robot, proposed by Bayesian
+optimisation.
 
-A trial acts by one set of numbers for some steps, without a reset; its score is the mean reward once the robot has settled. A
-Gaussian process (Rasmussen and Williams, 2006) learns the score from the trials, and the next numbers are those where the score
-may be highest (upper confidence bound, Srinivas et al., 2010).
+A trial acts by one set of numbers for some steps, without a reset; its score is the mean reward
+once the robot has settled. A Gaussian process (Rasmussen and Williams, 2006) learns the score from
+the trials, and the next numbers are those where the score may be highest (upper confidence bound,
+Srinivas et al., 2010).
 """
 
 import math
@@ -29,11 +31,14 @@ from bricksrl.envs.transforms import keeps_vectors, layout_of, steps_of
 from bricksrl.errors import CheckpointError, DescriptionError, counted
 
 CANDIDATES = 2000
-"""Numbers among which the next ones are chosen: as many drawn anywhere, and as many near the best known."""
+"""Numbers among which the next ones are chosen: as many drawn anywhere, and as many near the best
+known."""
 NEAR = 0.2
-"""Standard deviation of the latter, as a share of half the range; of an angle that wraps, in radians."""
+"""Standard deviation of the latter, as a share of half the range; of an angle that wraps, in
+radians."""
 REACH, LEVEL = 0.3, 0.5
-"""Of what is peculiar to a later world: its lengths as a share of those that all worlds share; its level, of the amplitude."""
+"""Of what is peculiar to a later world: its lengths as a share of those that all worlds share; its
+level, of the amplitude."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,8 @@ class GaitSettings:
     """Settings of policy search."""
 
     structure: Annotated[str, NotCode(tuple(STRUCTURES))] = ""
-    """oscillators (legs held at phases), linear (feedback), or FILE.py:NAME; by default oscillators where there are legs."""
+    """oscillators (legs held at phases), linear (feedback), or FILE.py:NAME; by default oscillators
+    where there are legs."""
     trial_steps: Annotated[int, Range(1)] = 10
     """Steps of a trial."""
     settle_steps: Annotated[int, NotNegative] = 3
@@ -51,27 +57,34 @@ class GaitSettings:
     optimism: Annotated[float, NotNegative] = 2.0
     """Standard deviations by which an unknown score is taken to be better than expected."""
     caution: Annotated[float, NotNegative] = 0.3
-    """Standard deviations by which other numbers must be better than the best known to replace them."""
+    """Standard deviations by which other numbers must be better than the best known to replace
+    them."""
     tilt_deg: Annotated[float, Positive] = 35.0
-    """Pitch or roll that ends a trial at once; it then scores no more than the worst trial, as one that ends without success."""
+    """Pitch or roll that ends a trial at once; it then scores no more than the worst trial, as one
+    that ends without success."""
 
     def __post_init__(self) -> None:
         check_fields(type(self), vars(self))
         if self.settle_steps >= self.trial_steps:
-            raise DescriptionError(f"settle_steps is {self.settle_steps}; give fewer than the {self.trial_steps} of a trial")
+            raise DescriptionError(
+                f"settle_steps is {self.settle_steps}; give fewer than the {self.trial_steps} "
+                "of a trial"
+            )
 
 
 class Posterior:
-    """A Gaussian process given scores ``[k]`` of points ``[k, p, 2]``, see `embedded`; its scales are the most probable ones.
+    """A Gaussian process given scores ``[k]`` of points ``[k, p, 2]``, see `embedded`; its scales
+    are the most probable ones.
 
-    The kernel is the squared exponential of the distance, for angles the periodic kernel (MacKay, 1998). All ``worlds`` ``[k]``
-    share the process of the first one, 0; a later one has a level and a process of its own on top, which varies faster. The
-    present world is that of the last score. The scales are log-normal beforehand, for scores of variance 1.
+    The kernel is the squared exponential of the distance, for angles the periodic kernel (MacKay,
+    1998). All ``worlds`` ``[k]`` share the process of the first one, 0; a later one has a level and
+    a process of its own on top, which varies faster. The present world is that of the last score.
+    The scales are log-normal beforehand, for scores of variance 1.
     """
 
     MEDIAN = (1.7, 0.2, 1.0, 0.3)
-    """Beforehand: length (of half a range, or in radians), what is peculiar to a world as a share of the amplitude, amplitude,
-    and standard deviation of the noise."""
+    """Beforehand: length (of half a range, or in radians), what is peculiar to a world as a share
+    of the amplitude, amplitude, and standard deviation of the noise."""
     SPREAD = 0.5
     """Standard deviation of their logarithms."""
 
@@ -104,7 +117,9 @@ class Posterior:
         a, b = ((points / lengths).flatten(1) for points in (a, b))
         near = (-torch.cdist(a, b, compute_mode="donot_use_mm_for_euclid_dist").square() / 2).exp()
         own = (a_world[:, None] == b_world) & (b_world > 0)
-        covariance: Tensor = amplitude**2 * (near + own * (LEVEL**2 + peculiar**2 * near ** (1.0 / REACH**2)))
+        covariance: Tensor = amplitude**2 * (
+            near + own * (LEVEL**2 + peculiar**2 * near ** (1.0 / REACH**2))
+        )
         return covariance
 
     def _factorise(self) -> None:
@@ -121,33 +136,42 @@ class Posterior:
 
     @torch.no_grad()
     def at(self, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean and standard deviation ``[c]`` of the score in the present world at points ``[c, p, 2]``, without noise."""
+        """Mean and standard deviation ``[c]`` of the score in the present world at points ``[c, p,
+        2]``, without noise."""
         here = self.worlds[-1:]
         kernel = self._kernel(points, self.points, here, self.worlds)
         known = torch.linalg.solve_triangular(self._root, kernel.T, upper=False).square().sum(0)
-        deviation = (self._kernel(points[:1], points[:1], here, here) - known).clamp_min(1e-12).sqrt()[0]
+        deviation = (
+            (self._kernel(points[:1], points[:1], here, here) - known).clamp_min(1e-12).sqrt()[0]
+        )
         return self.mean + self.unit * (kernel @ self._weights), self.unit * deviation
 
     @torch.no_grad()
     def gain(self, point: Tensor, other: Tensor) -> tuple[float, float]:
-        """Mean and standard deviation of the score of ``point`` ``[p, 2]`` less that of the ``other``."""
+        """Mean and standard deviation of the score of ``point`` ``[p, 2]`` less that of the
+        ``other``."""
         both, here = torch.stack((point, other)), self.worlds[-1:]
         kernel = self._kernel(both, self.points, here, self.worlds)
         half = torch.linalg.solve_triangular(self._root, kernel.T, upper=False)
-        covariance, sign = self._kernel(both, both, here, here) - half.T @ half, torch.tensor([1.0, -1.0]).double()
+        covariance, sign = (
+            self._kernel(both, both, here, here) - half.T @ half,
+            torch.tensor([1.0, -1.0]).double(),
+        )
         deviation = (sign @ covariance @ sign).clamp_min(0).sqrt()
         return float(self.unit * (sign @ kernel @ self._weights)), float(self.unit * deviation)
 
 
 @dataclass(kw_only=True)
 class PolicySearch(Learner):
-    """A learner that searches the numbers of ``actor``'s structure, on one robot or on copies that try the same.
+    """A learner that searches the numbers of ``actor``'s structure, on one robot or on copies that
+    try the same.
 
     Attributes:
         start: numbers ``[s, p]`` of the first trials.
         tilts: indices of pitch and roll in the observation.
-        succeeds: success of an episode that ends with these observations ``[*batch, 1, n]``; others end in a fall or the like.
-        numbers, scores, worlds: of the trials so far, ``[k, p]``, ``[k]`` and ``[k]``.
+        succeeds: success of an episode that ends with these observations ``[*batch, 1, n]``; others
+        end in a fall or the like. numbers, scores, worlds: of the trials so far, ``[k, p]``,
+        ``[k]`` and ``[k]``.
     """
 
     actor: StructuredActor
@@ -163,31 +187,44 @@ class PolicySearch(Learner):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.numbers, self.scores, self.worlds = self.start[:0], self.start[:0, 0], self.start[:0, 0].long()
+        self.numbers, self.scores, self.worlds = (
+            self.start[:0],
+            self.start[:0, 0],
+            self.start[:0, 0].long(),
+        )
         self.actor.trial.copy_(self.start[0])
 
     def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
-        """Add frames ``[time]`` or ``[copies, time]`` to the trial; the reward is the mean over the copies."""
+        """Add frames ``[time]`` or ``[copies, time]`` to the trial; the reward is the mean over the
+        copies."""
         if (lost := lost_links(frames)) is not None and bool(lost.any()):
             self.end_episodes()
             return
         for frame in frames.unbind(-1):
             self.rewards.append(float(frame["next", "reward"].mean()))
-            observation, ended = frame["next", "observation"], bool(frame["next", "terminated"].any())
+            observation, ended = (
+                frame["next", "observation"],
+                bool(frame["next", "terminated"].any()),
+            )
             tilts = observation[..., self.tilts].abs() > self.settings.tilt_deg
-            if bool(tilts.any()) or (ended and not bool(self.succeeds(observation[..., None, :]).all())):
+            if bool(tilts.any()) or (
+                ended and not bool(self.succeeds(observation[..., None, :]).all())
+            ):
                 self._score(math.inf if not len(self.scores) else float(self.scores.min()))
             elif ended or len(self.rewards) == self.settings.trial_steps:
                 self._score(math.inf)
 
     def _score(self, highest: float) -> None:
-        """End the trial, with a score of at most the ``highest``: a mean with less weight towards both ends (Bartlett's window),
-        as the reward goes up and down with each stride."""
+        """End the trial, with a score of at most the ``highest``: a mean with less weight towards
+        both ends (Bartlett's window), as the reward goes up and down with each stride."""
         counted = torch.tensor(self.rewards[self.settings.settle_steps :] or self.rewards)
         places = torch.arange(1.0, len(counted) + 1)
         weights = torch.minimum(places, places.flip(0))
         score = ((counted * weights).sum() / weights.sum()).clamp_max(highest)[None].to(self.scores)
-        self.numbers, self.scores = torch.cat((self.numbers, self.actor.trial[None])), torch.cat((self.scores, score))
+        self.numbers, self.scores = (
+            torch.cat((self.numbers, self.actor.trial[None])),
+            torch.cat((self.scores, score)),
+        )
         self.worlds = torch.cat((self.worlds, torch.tensor([self.world])))
         self.end_episodes()
 
@@ -196,7 +233,8 @@ class PolicySearch(Learner):
         self.rewards = []
 
     def begin_elsewhere(self) -> None:
-        """Go on in another world: the trials so far tell what may be good there, and the best known is tried first."""
+        """Go on in another world: the trials so far tell what may be good there, and the best known
+        is tried first."""
         super().begin_elsewhere()
         self.world, self.start = self.world + 1, self.actor.best[None].clone()
         self.actor.trial.copy_(self.actor.best)
@@ -211,7 +249,9 @@ class PolicySearch(Learner):
         posterior = Posterior(points, self.scores, self.worlds)
         means, _ = posterior.at(points[here])
         likeliest = self.numbers[here][means.argmax()]
-        gain, deviation = posterior.gain(*embedded(torch.stack((likeliest, self.actor.best)), entries))
+        gain, deviation = posterior.gain(
+            *embedded(torch.stack((likeliest, self.actor.best)), entries)
+        )
         if self.updates == 1 or gain > self.settings.caution * deviation:
             self.actor.best.copy_(likeliest)
         tried = int(here.sum())
@@ -220,7 +260,9 @@ class PolicySearch(Learner):
         else:
             candidates = self._candidates(entries, likeliest)
             means, deviations = posterior.at(embedded(candidates, entries))
-            self.actor.trial.copy_(candidates[(means + self.settings.optimism * deviations).argmax()])
+            self.actor.trial.copy_(
+                candidates[(means + self.settings.optimism * deviations).argmax()]
+            )
         best, _ = posterior.at(embedded(self.actor.best[None], entries))
         return {"trial_reward": self.scores[-1], "best_reward": best[0], "noise": posterior.noise}
 
@@ -230,31 +272,46 @@ class PolicySearch(Learner):
         anywhere = low + torch.rand(CANDIDATES, len(entries)) * (high - low)
         nearby = near + torch.randn(CANDIDATES, len(entries)) * NEAR * (high - low)
         wraps = torch.tensor([entry.wraps for entry in entries])
-        nearby = torch.where(wraps, low + torch.remainder(nearby - low, high - low), nearby.clamp(low, high))
+        nearby = torch.where(
+            wraps, low + torch.remainder(nearby - low, high - low), nearby.clamp(low, high)
+        )
         return torch.cat((anywhere, nearby))
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that learning changes."""
-        search = {"start": self.start, "numbers": self.numbers, "scores": self.scores, "worlds": self.worlds}
+        search = {
+            "start": self.start,
+            "numbers": self.numbers,
+            "scores": self.scores,
+            "worlds": self.worlds,
+        }
         return {**super().state_dict(), "search": search, "world": self.world}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore `state_dict`. Raises CheckpointError if the state is of another algorithm or structure."""
+        """Restore `state_dict`. Raises CheckpointError if the state is of another algorithm or
+        structure."""
         super().load_state_dict(state)
         try:
             search, self.world = state["search"], int(state["world"])
-            self.start, self.numbers, self.scores, self.worlds = (search[n] for n in ("start", "numbers", "scores", "worlds"))
+            self.start, self.numbers, self.scores, self.worlds = (
+                search[n] for n in ("start", "numbers", "scores", "worlds")
+            )
         except (LookupError, TypeError):
-            raise CheckpointError("the checkpoint has no trials; resume with the agent that it had") from None
+            raise CheckpointError(
+                "the checkpoint has no trials; resume with the agent that it had"
+            ) from None
 
 
 def bounds(entries: tuple[Entry, ...]) -> tuple[Tensor, Tensor]:
     """Lowest and highest numbers ``[p]``."""
-    return torch.tensor([entry.low for entry in entries]), torch.tensor([entry.high for entry in entries])
+    return torch.tensor([entry.low for entry in entries]), torch.tensor(
+        [entry.high for entry in entries]
+    )
 
 
 def embedded(numbers: Tensor, entries: tuple[Entry, ...]) -> Tensor:
-    """Numbers ``[c, p]`` as points ``[c, p, 2]``, float64: an angle that wraps on the unit circle, others in -1..1."""
+    """Numbers ``[c, p]`` as points ``[c, p, 2]``, float64: an angle that wraps on the unit circle,
+    others in -1..1."""
     low, high = bounds(entries)
     share = (2 * (numbers - low) / (high - low) - 1).double()
     wraps = torch.tensor([entry.wraps for entry in entries])
@@ -263,19 +320,31 @@ def embedded(numbers: Tensor, entries: tuple[Entry, ...]) -> Tensor:
 
 
 def build(env: EnvBase, settings: GaitSettings, device: torch.device | str = "cpu") -> PolicySearch:
-    """Policy search for an environment. The first trials are drawn from torch's global generator."""
+    """Policy search for an environment. The first trials are drawn from torch's global
+    generator."""
     structure = make_structure(env, settings.structure)
     low, high = bounds(structure.numbers)
     seed = int(torch.randint(2**31, ()))
-    spread = torch.quasirandom.SobolEngine(len(low), scramble=True, seed=seed).draw(settings.random_trials)
+    spread = torch.quasirandom.SobolEngine(len(low), scramble=True, seed=seed).draw(
+        settings.random_trials
+    )
     actor = StructuredActor(structure, (low + high) / 2).to(device)
     policy = TensorDictModule(actor, in_keys=["observation"], out_keys=["action"])
     places, task = layout_of(env).places, interface_of(env).task
     if task is not None and settings.trial_steps > task.max_steps // steps_of(env):
         steps = counted(task.max_steps // steps_of(env), "step")
-        raise DescriptionError(f"no trial of {settings.trial_steps} steps ends in an episode of {steps}; give fewer trial_steps")
+        raise DescriptionError(
+            f"no trial of {settings.trial_steps} steps ends in an episode of {steps}; give fewer "
+            "trial_steps"
+        )
     tilts = [places[name] for name in ("pitch", "roll") if name in places]
     succeeds = never if task is None or not keeps_vectors(env) else task.success
     start = low + spread * (high - low)
-    parts: dict[str, Any] = {"actor": actor, "settings": settings, "start": start, "tilts": tilts, "succeeds": succeeds}
+    parts: dict[str, Any] = {
+        "actor": actor,
+        "settings": settings,
+        "start": start,
+        "tilts": tilts,
+        "succeeds": succeeds,
+    }
     return PolicySearch(policy=policy, on_policy=True, updates_per_step=0.0, **parts)

@@ -1,7 +1,8 @@
 """Structured policies: a few bounded numbers decide how a robot acts on what it observes.
 
-A structure is an ``nn.Module`` with ``numbers``, an `Entry` each, and ``forward(observation, numbers)``, which gives actions;
-what is beyond -1..1 is clamped. A user's own is a function from an environment to such a module.
+A structure is an ``nn.Module`` with ``numbers``, an `Entry` each, and ``forward(observation,
+numbers)``, which gives actions; what is beyond -1..1 is clamped. A user's own is a function from an
+environment to such a module.
 """
 
 import itertools
@@ -32,35 +33,55 @@ class Structure(Protocol):
     numbers: tuple[Entry, ...]
 
     def __call__(self, observation: Tensor, numbers: Tensor) -> Tensor:
-        """Actions ``[*batch, m]`` on observations ``[*batch, n]`` by numbers ``[*batch, p]`` in their units."""
+        """Actions ``[*batch, m]`` on observations ``[*batch, n]`` by numbers ``[*batch, p]`` in
+        their units."""
 
 
 class Oscillators(nn.Module):
-    """Legs that turn endlessly, each held at its phase: a central pattern generator (Ijspeert, 2008) without states of its own.
+    """Legs that turn endlessly, each held at its phase: a central pattern generator (Ijspeert,
+    2008) without states of its own.
 
-    All legs turn at one speed, a share of the largest; one that is ahead of its phase is commanded to fall back to it within the
-    step. The legs of one side lag behind their mirror images by half a turn (a symmetrical gait, Hildebrand, 1965), so that a
-    robot of ``k`` mirrored pairs has ``k`` numbers, and walks straight: how far it turns shows in no trial of a few steps.
+    All legs turn at one speed, a share of the largest; one that is ahead of its phase is commanded
+    to fall back to it within the step. The legs of one side lag behind their mirror images by half
+    a turn (a symmetrical gait, Hildebrand, 1965), so that a robot of ``k`` mirrored pairs has ``k``
+    numbers, and walks straight: how far it turns shows in no trial of a few steps.
 
     Args:
         legs: of each leg the index of its angle, that of its action, and the factor of both.
         numbers: the speed, then the phases.
-        lags: of each leg half a turn or none, in degrees, then the phases that add to it, 1 or 0 ``[legs, 1 + phases]``.
-        actions_per_deg: change of an action that turns its leg one degree further in a step ``[legs]``.
+        lags: of each leg half a turn or none, in degrees, then the phases that add to it, 1 or 0
+            ``[legs, 1 + phases]``.
+        actions_per_deg: change of an action that turns its leg one degree further in a step
+            ``[legs]``.
     """
 
     def __init__(
-        self, legs: list[tuple[int, int, int]], numbers: tuple[Entry, ...], lags: Tensor, actions_per_deg: Tensor, size: int
+        self,
+        legs: list[tuple[int, int, int]],
+        numbers: tuple[Entry, ...],
+        lags: Tensor,
+        actions_per_deg: Tensor,
+        size: int,
     ) -> None:
         super().__init__()
         self.numbers, self.size = numbers, size
-        self.angles, self.actions, self.signs = (nn.Buffer(column, persistent=False) for column in torch.tensor(legs).T)
-        self.lags, self.gains = nn.Buffer(lags, persistent=False), nn.Buffer(actions_per_deg, persistent=False)
+        self.angles, self.actions, self.signs = (
+            nn.Buffer(column, persistent=False) for column in torch.tensor(legs).T
+        )
+        self.lags, self.gains = (
+            nn.Buffer(lags, persistent=False),
+            nn.Buffer(actions_per_deg, persistent=False),
+        )
 
     def forward(self, observation: Tensor, numbers: Tensor) -> Tensor:
         error_rad = (observation[..., self.angles] * self.signs - self._phases(numbers)).deg2rad()
-        mean_rad = torch.atan2(error_rad.sin().mean(-1, keepdim=True), error_rad.cos().mean(-1, keepdim=True))
-        ahead_deg = torch.remainder((error_rad - mean_rad).rad2deg() + TURN_DEG / 2, TURN_DEG) - TURN_DEG / 2
+        mean_rad = torch.atan2(
+            error_rad.sin().mean(-1, keepdim=True), error_rad.cos().mean(-1, keepdim=True)
+        )
+        ahead_deg = (
+            torch.remainder((error_rad - mean_rad).rad2deg() + TURN_DEG / 2, TURN_DEG)
+            - TURN_DEG / 2
+        )
         turns = self.signs * (numbers[..., :1] - ahead_deg * self.gains).clamp(-1.0, 1.0)
         return turns.new_zeros(*turns.shape[:-1], self.size).index_copy(-1, self.actions, turns)
 
@@ -71,12 +92,27 @@ class Oscillators(nn.Module):
     def hub_source(self, numbers: Tensor) -> str:
         """MicroPython that acts by these numbers ``[p]``: ``act(observed)``, as `forward`."""
         phases = self._phases(numbers).tolist()
-        rows = zip(self.angles.tolist(), self.actions.tolist(), self.signs.tolist(), phases, self.gains.tolist(), strict=True)
-        legs = "".join(f"    ({a}, {b}, {sign}, {phase:.5g}, {gain:.5g}),\n" for a, b, sign, phase, gain in rows)
-        return f"SPEED = {float(numbers[0]):.5g}\nSIZE = {self.size}\nLEGS = (  # {_LEG}\n{legs})\n{_HUB_SOURCE}"
+        rows = zip(
+            self.angles.tolist(),
+            self.actions.tolist(),
+            self.signs.tolist(),
+            phases,
+            self.gains.tolist(),
+            strict=True,
+        )
+        legs = "".join(
+            f"    ({a}, {b}, {sign}, {phase:.5g}, {gain:.5g}),\n"
+            for a, b, sign, phase, gain in rows
+        )
+        return (
+            f"SPEED = {float(numbers[0]):.5g}\nSIZE = {self.size}\nLEGS = (  # {_LEG}\n"
+            f"{legs})\n{_HUB_SOURCE}"
+        )
 
 
-_NO_LEGS = "oscillators need motors that turn endlessly and whose angles are observed; choose linear"
+_NO_LEGS = (
+    "oscillators need motors that turn endlessly and whose angles are observed; choose linear"
+)
 _LEG = "index of the angle, index of the action, sign of both, phase (deg), action for a degree"
 _HUB_SOURCE = '''
 import umath
@@ -91,21 +127,27 @@ def act(observed):
         ahead = (umath.degrees(error - mean) + 180) % 360 - 180
         actions[action] = sign * max(-1.0, min(1.0, SPEED - ahead * gain))
     return actions
-'''
+'''  # noqa: E501
 
 
 def oscillators(env: EnvBase) -> Oscillators:
-    """Oscillators for the legs of an environment's robot. Raises DescriptionError if it has fewer than two motors that turn
-    endlessly and whose angles are observed."""
+    """Oscillators for the legs of an environment's robot. Raises DescriptionError if it has fewer
+    than two motors that turn endlessly and whose angles are observed."""
     task, layout = interface_of(env).task, layout_of(env)
     legs: dict[str, tuple[int, int, float]] = {}  # angle, action and degrees of an action, by motor
     if task is None or layout.keys != ["observation"] or not keeps_actions(env):
         raise DescriptionError(_NO_LEGS)
     angles = {name: index for name, index in layout.places.items() if layout.wraps[index]}
     for action, command in enumerate(task.interface.commands):
-        unit_s = {"deg": float(command.is_turn_by), "deg/s": 1.0 / task.rate_hz}.get(command.unit, 0.0) * steps_of(env)
+        unit_s = {"deg": float(command.is_turn_by), "deg/s": 1.0 / task.rate_hz}.get(
+            command.unit, 0.0
+        ) * steps_of(env)
         if f"{command.name}_angle" in angles and unit_s:
-            legs[command.name] = angles[f"{command.name}_angle"], action, unit_s * (command.high - command.low) / 2
+            legs[command.name] = (
+                angles[f"{command.name}_angle"],
+                action,
+                unit_s * (command.high - command.low) / 2,
+            )
     if len(legs) < 2:
         raise DescriptionError(_NO_LEGS)
     pairs = [pair for pair in task.robot.mirrored if set(pair) <= set(legs) and pair[0] != pair[1]]
@@ -113,7 +155,9 @@ def oscillators(env: EnvBase) -> Oscillators:
     groups = [*pairs, *((name,) for name in legs if name not in paired)]
     lags = torch.zeros(len(legs), len(groups))
     order, rows = [name for group in groups for name in group], []
-    for index, (place, name) in enumerate((place, name) for group in groups for place, name in enumerate(group)):
+    for index, (place, name) in enumerate(
+        (place, name) for group in groups for place, name in enumerate(group)
+    ):
         sign = task.robot.in_mirror(name)[1] if place else 1
         rows.append((*legs[name][:2], sign))
         lags[index, next(number for number, group in enumerate(groups) if name in group)] = 1.0
@@ -125,18 +169,23 @@ def oscillators(env: EnvBase) -> Oscillators:
 
 
 class Linear(nn.Module):
-    """Linear feedback: actions are a matrix, row by row, and an offset times the scaled observation."""
+    """Linear feedback: actions are a matrix, row by row, and an offset times the scaled
+    observation."""
 
     def __init__(self, encoder: Any, size: int) -> None:
         super().__init__()
         self.encoder, self.size = encoder, size
         self.numbers = tuple(
-            Entry(f"weight_{row}_{column}", -1.0, 1.0) for row in range(size) for column in range(encoder.size + 1)
+            Entry(f"weight_{row}_{column}", -1.0, 1.0)
+            for row in range(size)
+            for column in range(encoder.size + 1)
         )
 
     def forward(self, observation: Tensor, numbers: Tensor) -> Tensor:
         features = torch.nn.functional.pad(self.encoder(observation), (0, 1), value=1.0)
-        action: Tensor = (numbers.unflatten(-1, (self.size, -1)) @ features.unsqueeze(-1)).squeeze(-1)
+        action: Tensor = (numbers.unflatten(-1, (self.size, -1)) @ features.unsqueeze(-1)).squeeze(
+            -1
+        )
         return action
 
 
@@ -144,21 +193,29 @@ def linear(env: EnvBase) -> Linear:
     """Linear feedback. Raises DescriptionError for an environment with images."""
     encoder = make_encoder(env, Settings(angles="sincos"))
     if encoder_keys(encoder) != ["observation"]:
-        raise DescriptionError("linear feedback reads one vector and no images; choose another agent, such as sac")
+        raise DescriptionError(
+            "linear feedback reads one vector and no images; choose another agent, such as sac"
+        )
     return Linear(encoder, action_size(env))
 
 
-STRUCTURES: dict[str, Callable[[EnvBase], Structure]] = {"oscillators": oscillators, "linear": linear}
+STRUCTURES: dict[str, Callable[[EnvBase], Structure]] = {
+    "oscillators": oscillators,
+    "linear": linear,
+}
 """Structures by name."""
 
 
 def make_structure(env: EnvBase, name: str) -> Structure:
-    """A structure by name, or a user's ``FILE.py:NAME``; of no name oscillators for a robot with legs, else linear feedback.
-    Raises DescriptionError if it does not suit the environment."""
+    """A structure by name, or a user's ``FILE.py:NAME``; of no name oscillators for a robot with
+    legs, else linear feedback. Raises DescriptionError if it does not suit the environment."""
     if name in STRUCTURES:
         return STRUCTURES[name](env)
     if name and not is_reference(name):
-        raise UnknownNameError(f"there is no structure '{name}'{hint(name, STRUCTURES)}; choose oscillators, linear or a file")
+        raise UnknownNameError(
+            f"there is no structure '{name}'{hint(name, STRUCTURES)}; choose oscillators, linear "
+            "or a file"
+        )
     if name:
         made: Structure = load_object(name, "make_structure")(env)
         return made
@@ -169,7 +226,8 @@ def make_structure(env: EnvBase, name: str) -> Structure:
 
 
 class StructuredActor(nn.Module):
-    """A structure that acts by the numbers under trial when it explores, else by the best ones known."""
+    """A structure that acts by the numbers under trial when it explores, else by the best ones
+    known."""
 
     trial: Tensor
     best: Tensor
@@ -183,4 +241,6 @@ class StructuredActor(nn.Module):
     def forward(self, observation: Tensor) -> Tensor:
         """Action ``[*batch, m]``."""
         numbers = self.trial if exploration_type() is ExplorationType.RANDOM else self.best
-        return self.structure(observation, numbers.expand(*observation.shape[:-1], -1)).clamp(-1.0, 1.0)
+        return self.structure(observation, numbers.expand(*observation.shape[:-1], -1)).clamp(
+            -1.0, 1.0
+        )

@@ -1,4 +1,5 @@
-"""A robot of my own, and a first task for it: a motor turns a disc under a colour sensor and looks for white.
+"""A robot of my own, and a first task for it: a motor turns a disc under a colour sensor and looks
+for white.
 
 bricksrl check my_file.py                   # does everything fit?
 bricksrl train my_file.py --episodes 30     # learn it on a virtual robot
@@ -16,7 +17,8 @@ from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, SensorReadin
 from bricksrl.robots import HubKind, Motor, MotorKind, PoweredUpSensor, Robot, SensorKind
 from bricksrl.twin.scene import Scene
 
-# The robot: its hub, and what is plugged into which port. Motors turn on the bench, without load, when they are virtual.
+# The robot: its hub, and what is plugged into which port. Motors turn on the bench, without load,
+# when they are virtual.
 ROBOT = Robot(
     "my-robot",
     HubKind.TECHNIC,  # or PRIME, ESSENTIAL, CITY
@@ -25,7 +27,8 @@ ROBOT = Robot(
 )
 
 
-# What the sensors of the virtual robot measure, from the angles of its motors in degrees: a quarter of the disc is white.
+# What the sensors of the virtual robot measure, from the angles of its motors in degrees: a quarter
+# of the disc is white.
 def reflection_pct(angles: Mapping[str, float]) -> float:
     """Light that the disc reflects."""
     return 90.0 if 135 < angles["disc"] % 360 < 225 else 10.0
@@ -57,7 +60,10 @@ TASK = Task(
     robot=ROBOT,
     interface=Interface(
         commands=(RunAngle("disc", low=-90, high=90, speed_deg_s=500),),
-        channels=(MotorAngle("disc"), SensorReading("light", "reflection", low=0, high=100, unit="%")),
+        channels=(
+            MotorAngle("disc"),
+            SensorReading("light", "reflection", low=0, high=100, unit="%"),
+        ),
         settle=Wait(200),  # a step lasts 200 ms
     ),
     max_steps=20,

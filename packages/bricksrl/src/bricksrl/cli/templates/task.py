@@ -14,11 +14,13 @@ from bricksrl.hub.interface import Distance, DriveStraight, Interface, UntilDone
 from bricksrl.robots import TWO_WHEELER
 from bricksrl.twin.scene import Scene
 
-# The robot: TWO_WHEELER, WALKER or ROBO_ARM of bricksrl.robots, or one of your own (`bricksrl new robot`).
+# The robot: TWO_WHEELER, WALKER or ROBO_ARM of bricksrl.robots, or one of your own (`bricksrl new
+# robot`).
 ROBOT = TWO_WHEELER
 
-# What the agent may do and what it sees. An action is a number in -1..1 for each command, here from -100 to 100 mm. Other
-# commands are RunAngle (turn a motor) and Turn; other channels MotorAngle, Pitch, Roll and SensorReading.
+# What the agent may do and what it sees. An action is a number in -1..1 for each command, here from
+# -100 to 100 mm. Other commands are RunAngle (turn a motor) and Turn; other channels MotorAngle,
+# Pitch, Roll and SensorReading.
 INTERFACE = Interface(
     commands=(DriveStraight(low=-100, high=100),),
     channels=(Distance("eyes"),),
@@ -26,8 +28,9 @@ INTERFACE = Interface(
 )
 
 
-# The last dimension of an observation holds the channels in their order; dimensions before it are steps and copies. The slice
-# 0:1 takes the first channel, the distance in mm, and keeps the dimension.
+# The last dimension of an observation holds the channels in their order; dimensions before it are
+# steps and copies. The slice 0:1 takes the first channel, the distance in mm, and keeps the
+# dimension.
 def error_mm(observation: Tensor) -> Tensor:
     """Distance from the target position."""
     return (observation[..., 0:1] - 400.0).abs()
@@ -57,5 +60,6 @@ TASK = Task(
     reward=reward,
     success=success,
     metrics=metrics,
-    scene=Scene(wall_distance_mm=(150.0, 800.0)),  # of the virtual robot: the wall is somewhere in this range
+    # of the virtual robot: the wall is somewhere in this range
+    scene=Scene(wall_distance_mm=(150.0, 800.0)),
 )

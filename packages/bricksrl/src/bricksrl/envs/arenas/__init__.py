@@ -1,4 +1,5 @@
-"""Arenas: environments of several robots in one world. Importing this imports neither torch nor MuJoCo; making an arena does."""
+"""Arenas: environments of several robots in one world. Importing this imports neither torch nor
+MuJoCo; making an arena does."""
 
 from __future__ import annotations
 
@@ -27,7 +28,9 @@ ARENAS = {"Tag-v0": "tag:TAG", "Carry-v0": "carry:CARRY"}
 def get_arena_task(env_id: str) -> ArenaTask:
     """Task of a name. Raises UnknownNameError if there is none."""
     if env_id not in ARENAS:
-        raise UnknownNameError(f"there is no arena '{env_id}'{hint(env_id, ARENAS)}; choose {', '.join(ARENAS)}")
+        raise UnknownNameError(
+            f"there is no arena '{env_id}'{hint(env_id, ARENAS)}; choose {', '.join(ARENAS)}"
+        )
     module, _, name = ARENAS[env_id].partition(":")
     task: ArenaTask = getattr(importlib.import_module(f"bricksrl.envs.arenas.{module}"), name)
     return task
@@ -53,9 +56,9 @@ def make_arena(
     Args:
         env: a name of `ARENAS`, or a task of your own.
         physics: physics of the virtual robots.
-        realtime: run in real time.
-        batch_size, device: number of copies (``8``, or ``[8]`` as in TorchRL) of a kinematic simulation without hubs, contacts
-            and loads, and the device of its tensors; 0 for the arena itself.
+        realtime: run in real time. batch_size, device: number of copies (``8``, or ``[8]`` as in
+        TorchRL) of a kinematic simulation without hubs, contacts and loads, and the device of its
+        tensors; 0 for the arena itself.
 
     Raises:
         UnknownNameError: there is no such arena.
@@ -71,15 +74,25 @@ def make_arena(
     if shape:
         if task.arena.loads:
             raise DescriptionError(
-                f"{task.id} has no kinematic simulation, which would lack what the robots push; leave out batch_size, or let the "
+                f"{task.id} has no kinematic simulation, which would lack what the robots push; "
+                "leave out batch_size, or let the "
                 "team learn with copies=0"
             )
         if realtime or physics is not None:
-            raise DescriptionError(f"the kinematic simulation of {task.id} has no time and no physics; omit realtime and physics")
-        arena: ArenaSimulation | ArenaEnv = ArenaSimulation(task, shape[0], seed=seed, device=device)
+            raise DescriptionError(
+                f"the kinematic simulation of {task.id} has no time and no physics; omit realtime "
+                "and physics"
+            )
+        arena: ArenaSimulation | ArenaEnv = ArenaSimulation(
+            task, shape[0], seed=seed, device=device
+        )
     elif device != "cpu":
-        raise DescriptionError(f"{task.id} with its hubs runs on the CPU; omit device, or give a batch_size")
+        raise DescriptionError(
+            f"{task.id} with its hubs runs on the CPU; omit device, or give a batch_size"
+        )
     else:
         arena = ArenaEnv(task, seed=seed, physics=physics, realtime=realtime)
-    arena.remake = functools.partial(make_arena, env, physics=physics, realtime=realtime, batch_size=batch_size, device=device)
+    arena.remake = functools.partial(
+        make_arena, env, physics=physics, realtime=realtime, batch_size=batch_size, device=device
+    )
     return arena

@@ -1,7 +1,9 @@
-"""Environments of several robots: virtual ones in one world, and a kinematic simulation of many copies.
+"""Environments of several robots: virtual ones in one world, and a kinematic simulation of many
+copies.
 
-The simulation has no hubs and no contacts: robots on two wheels are points with a heading, which slide along walls and pass
-through one another. It serves for fast training; policies are evaluated in the arena itself.
+The simulation has no hubs and no contacts: robots on two wheels are points with a heading, which
+slide along walls and pass through one another. It serves for fast training; policies are evaluated
+in the arena itself.
 """
 
 import math
@@ -28,7 +30,8 @@ from bricktwin.twin.arena import ArenaWorld
 from bricktwin.twin.physics import Physics
 
 LAG = (0.2, 0.6)
-"""Range of the share of a command that is carried out in the next step, as motors speed up; drawn for each episode."""
+"""Range of the share of a command that is carried out in the next step, as motors speed up; drawn
+for each episode."""
 NOISE = 0.03
 """Standard deviation of a wheel's travel, as a share of the largest command."""
 MAX_DRAWS = 2000
@@ -38,7 +41,8 @@ MARGIN_M = 0.07
 
 
 class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
-    """Several robots of a task, as a TorchRL environment with groups, in its multi-agent conventions.
+    """Several robots of a task, as a TorchRL environment with groups, in its multi-agent
+    conventions.
 
     ==========================  =================  =======================================
     key                         shape              meaning
@@ -54,20 +58,30 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
 
     task: ArenaTask  # type: ignore[assignment]
 
-    def __init__(self, task: ArenaTask, copies: tuple[int, ...] = (), device: torch.device | None = None) -> None:
+    def __init__(
+        self, task: ArenaTask, copies: tuple[int, ...] = (), device: torch.device | None = None
+    ) -> None:
         super().__init__(batch_size=copies, device=device)
         self.task = task
         self.group_map = {group: list(names) for group, names in task.groups.items()}
         observations, actions, rewards = {}, {}, {}
-        is_bounded = all(math.isfinite(end) for entry in task.entries for end in (entry.low, entry.high))
+        is_bounded = all(
+            math.isfinite(end) for entry in task.entries for end in (entry.low, entry.high)
+        )
         for group, names in task.groups.items():
             shape = (*copies, len(names))
-            bounded = NominalBounded.of(task.entries, shape, device) if is_bounded else Unbounded((*shape, len(task.entries)))
+            bounded = (
+                NominalBounded.of(task.entries, shape, device)
+                if is_bounded
+                else Unbounded((*shape, len(task.entries)))
+            )
             observations[group] = Composite(observation=bounded, shape=shape)
             actions[group] = Composite(action=Bounded(-1.0, 1.0, (*shape, 2)), shape=shape)
             rewards[group] = Composite(reward=Unbounded((*shape, 1)), shape=shape)
         flag = Binary(1, shape=(*copies, 1), dtype=torch.bool)
-        self.observation_spec = Composite(**observations, link_lost=flag, success=flag.clone(), shape=copies, device=device)
+        self.observation_spec = Composite(
+            **observations, link_lost=flag, success=flag.clone(), shape=copies, device=device
+        )
         self.action_spec = Composite(**actions, shape=copies, device=device)
         self.reward_spec = Composite(**rewards, shape=copies, device=device)
         self.done_spec = end_specs(copies, device)
@@ -77,7 +91,11 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         """Actions ``[*batch, robots, 2]`` in the arena's order, `clamped`."""
         task, parts = self.task, [torch.empty(0)] * len(self.task.robots)
         for group, names in task.groups.items():
-            actions = clamped(tensordict[group, "action"], (*tensordict.batch_size, len(names), 2), f"{group} of {task.id}")
+            actions = clamped(
+                tensordict[group, "action"],
+                (*tensordict.batch_size, len(names), 2),
+                f"{group} of {task.id}",
+            )
             for index, action in zip(task.places(group), actions.unbind(-2), strict=True):
                 parts[index] = action
         return torch.stack(parts, -2)
@@ -87,40 +105,66 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._step_count += 1
         return self._frame(state, self.task.reward(before, state), self.task.terminated(state))
 
-    def _frame(self, state: ArenaState, reward: Any = None, terminated: Any = None, *, is_lost: bool = False) -> TensorDictBase:
-        """Output of a reset or, with the reward and the end of a step, of a step. Raises DescriptionError if a function of the
-        task returns something else than a tensor of the right shape and type."""
+    def _frame(
+        self,
+        state: ArenaState,
+        reward: Any = None,
+        terminated: Any = None,
+        *,
+        is_lost: bool = False,
+    ) -> TensorDictBase:
+        """Output of a reset or, with the reward and the end of a step, of a step. Raises
+        DescriptionError if a function of the task returns something else than a tensor of the right
+        shape and type."""
         task, batch = self.task, self.batch_size
-        per_robot = {"observation": self._checked("observe", task.observe(state), len(task.robots), len(task.entries))}
+        per_robot = {
+            "observation": self._checked(
+                "observe", task.observe(state), len(task.robots), len(task.entries)
+            )
+        }
         lost = torch.full((*batch, 1), is_lost, device=self.device)
         flags = {"link_lost": lost, "success": self._checked("success", task.success(state), 1)}
         if reward is not None:
             per_robot["reward"] = self._checked("reward", reward, len(task.robots), 1)
             terminated = self._checked("terminated", terminated, 1)
             truncated = lost | (self._step_count >= task.max_steps)
-            flags |= {"terminated": terminated, "truncated": truncated, "done": terminated | truncated}
+            flags |= {
+                "terminated": terminated,
+                "truncated": truncated,
+                "done": terminated | truncated,
+            }
         groups = {
             group: TensorDict(
-                {name: value[..., task.places(group), :] for name, value in per_robot.items()}, (*batch, len(names))
+                {name: value[..., task.places(group), :] for name, value in per_robot.items()},
+                (*batch, len(names)),
             )
             for group, names in task.groups.items()
         }
         return TensorDict({**flags, **groups}, batch, device=self.device)
 
     def _checked(self, name: str, value: Any, *shape: int) -> Tensor:
-        """What a function of the task returns: flags ``[*batch, 1]``, or numbers of each robot ``[*batch, robots, n]``."""
+        """What a function of the task returns: flags ``[*batch, 1]``, or numbers of each robot
+        ``[*batch, robots, n]``."""
         shape, dtype = (*self.batch_size, *shape), torch.bool if len(shape) == 1 else torch.float32
         if not isinstance(value, Tensor) or value.shape != shape or value.dtype != dtype:
-            given = f"of shape {list(value.shape)} and {value.dtype}" if isinstance(value, Tensor) else f"{value!r:.40}"
-            raise DescriptionError(f"{name} of {self.task.id} is {given}; compute a tensor of shape {list(shape)} and {dtype}")
+            given = (
+                f"of shape {list(value.shape)} and {value.dtype}"
+                if isinstance(value, Tensor)
+                else f"{value!r:.40}"
+            )
+            raise DescriptionError(
+                f"{name} of {self.task.id} is {given}; compute a tensor of shape {list(shape)} "
+                f"and {dtype}"
+            )
         return value
 
 
 class ArenaEnv(GroupedEnv):
     """Virtual robots in one world: a step commands all hubs, then reads all.
 
-    A broken link ends the episode for all: the step is truncated and marked ``link_lost``, all links are closed, so that all
-    motors stop, and the next reset tries to open them again as set by ``reconnect``.
+    A broken link ends the episode for all: the step is truncated and marked ``link_lost``, all
+    links are closed, so that all motors stop, and the next reset tries to open them again as set by
+    ``reconnect``.
 
     Args:
         seed: seed of all random numbers; ``None`` for a different one each time.
@@ -131,7 +175,12 @@ class ArenaEnv(GroupedEnv):
     reconnect: Reconnect
 
     def __init__(
-        self, task: ArenaTask, *, seed: int | None = None, physics: Physics | None = None, realtime: bool = False
+        self,
+        task: ArenaTask,
+        *,
+        seed: int | None = None,
+        physics: Physics | None = None,
+        realtime: bool = False,
     ) -> None:
         super().__init__(task)
         self._physics, self._realtime = physics, realtime
@@ -159,15 +208,21 @@ class ArenaEnv(GroupedEnv):
         if self._world is None:
             task = self.task
             self._world = ArenaWorld(task.arena, self._physics, self._world_seed)
-            seeds = [derive_seed(self._world_seed, "link", number) for number in range(len(task.robots))]
+            seeds = [
+                derive_seed(self._world_seed, "link", number) for number in range(len(task.robots))
+            ]
             hubs = zip(self._world.bodies, seeds, strict=True)
-            self._hubs = [VirtualHub(body, realtime=self._realtime, seed=seed) for body, seed in hubs]
+            self._hubs = [
+                VirtualHub(body, realtime=self._realtime, seed=seed) for body, seed in hubs
+            ]
             for hub in self._hubs:
                 hub.waits_for_acknowledgement = False
             self._world.runners = [hub.run_on_until for hub in self._hubs]
             self._links = [
                 HubLink(hub, body.robot, interface)
-                for hub, body, interface in zip(self._hubs, self._world.bodies, task.interfaces, strict=True)
+                for hub, body, interface in zip(
+                    self._hubs, self._world.bodies, task.interfaces, strict=True
+                )
             ]
         return self._world
 
@@ -213,7 +268,12 @@ class ArenaEnv(GroupedEnv):
             self.link_error = error
             self.reconnect.failed(error)
             self._close_links()
-            return self._frame(before, torch.zeros(len(self._links), 1), torch.zeros(1, dtype=torch.bool), is_lost=True)
+            return self._frame(
+                before,
+                torch.zeros(len(self._links), 1),
+                torch.zeros(1, dtype=torch.bool),
+                is_lost=True,
+            )
         except StoppedError:
             self._close_links()
             raise
@@ -227,10 +287,14 @@ class ArenaEnv(GroupedEnv):
         """Angles of the left and the right wheel, ``[robots, 2]``."""
         indices = [interface.angle_indices for interface in self.task.interfaces]
         rows = zip(readings, indices, strict=True)
-        return torch.tensor([[reading.values[index[name]] for name in ("left", "right")] for reading, index in rows])
+        return torch.tensor(
+            [[reading.values[index[name]] for name in ("left", "right")] for reading, index in rows]
+        )
 
     def _poses(self) -> Tensor:
-        poses = [(pose.x_m, pose.y_m, -math.radians(pose.heading_deg)) for pose in self.world.poses()]
+        poses = [
+            (pose.x_m, pose.y_m, -math.radians(pose.heading_deg)) for pose in self.world.poses()
+        ]
         return torch.tensor(poses, dtype=torch.float32)
 
     def _close_links(self) -> None:
@@ -245,30 +309,47 @@ class ArenaEnv(GroupedEnv):
 
 
 class ArenaSimulation(GroupedEnv):
-    """Copies ``[copies]`` of a task without loads. Raises DescriptionError if the task has no simulation, or ``copies`` is
-    invalid; RunError if there is no such device."""
+    """Copies ``[copies]`` of a task without loads. Raises DescriptionError if the task has no
+    simulation, or ``copies`` is invalid; RunError if there is no such device."""
 
-    def __init__(self, task: ArenaTask, copies: int, *, seed: int | None = None, device: torch.device | str = "cpu") -> None:
+    def __init__(
+        self,
+        task: ArenaTask,
+        copies: int,
+        *,
+        seed: int | None = None,
+        device: torch.device | str = "cpu",
+    ) -> None:
         device = resolve_device(device)
         super().__init__(task, batch_shape(copies), device)
         travel_deg, track, radius = [], [], []
         for contestant, interface in zip(task.arena.robots, task.interfaces, strict=True):
             base = contestant.robot.drive_base
             if base is None or task.arena.loads:
-                raise DescriptionError(f"{task.id}: only robots with a drive base, and no loads, are simulated so")
+                raise DescriptionError(
+                    f"{task.id}: only robots with a drive base, and no loads, are simulated so"
+                )
             travel_deg.append([command.high for command in interface.commands])
             track.append(base.axle_track_mm / 1000)
             radius.append(base.wheel_diameter_mm / 2000)
-        self._way_m = torch.deg2rad(torch.tensor(travel_deg, device=device)) * torch.tensor(radius, device=device)[:, None]
+        self._way_m = (
+            torch.deg2rad(torch.tensor(travel_deg, device=device))
+            * torch.tensor(radius, device=device)[:, None]
+        )
         self._track_m = torch.tensor(track, device=device)
         places = [contestant.place for contestant in task.arena.robots]
-        bounds = torch.tensor([[place.x_m, place.y_m, place.heading_deg] for place in places], device=device)
-        bounds[:, 2] = -torch.deg2rad(bounds[:, 2].flip(-1))  # clockwise in a place, counter-clockwise in a state
+        bounds = torch.tensor(
+            [[place.x_m, place.y_m, place.heading_deg] for place in places], device=device
+        )
+        # clockwise in a place, counter-clockwise in a state
+        bounds[:, 2] = -torch.deg2rad(bounds[:, 2].flip(-1))
         self._low, self._high = bounds.unbind(-1)
         self._rng = torch.Generator(device=self.device)
         self._set_seed(seed)
         n = len(task.robots)
-        self._state = ArenaState(torch.zeros(copies, n, 3, device=device), torch.zeros(copies, n, 2, device=device))
+        self._state = ArenaState(
+            torch.zeros(copies, n, 3, device=device), torch.zeros(copies, n, 2, device=device)
+        )
         self._lag = torch.zeros(copies, 1, 1, device=device)
         self._last_command = torch.zeros(copies, n, 2, device=device)
 
@@ -280,12 +361,17 @@ class ArenaSimulation(GroupedEnv):
         return torch.rand(shape, generator=self._rng, device=self.device)
 
     def _starts(self, count: int) -> Tensor:
-        """Poses ``[count, robots, 3]`` that keep the arena's gap. Raises TwinError if none are found."""
+        """Poses ``[count, robots, 3]`` that keep the arena's gap. Raises TwinError if none are
+        found."""
         poses = torch.empty(count, *self._low.shape, device=self.device)
         near = torch.ones(count, dtype=torch.bool, device=self.device)
         for _ in range(MAX_DRAWS):
-            poses[near] = self._low + self._uniform(int(near.sum()), *self._low.shape) * (self._high - self._low)
-            distances = torch.cdist(poses[..., :2], poses[..., :2]) + 1e6 * torch.eye(poses.shape[1], device=self.device)
+            poses[near] = self._low + self._uniform(int(near.sum()), *self._low.shape) * (
+                self._high - self._low
+            )
+            distances = torch.cdist(poses[..., :2], poses[..., :2]) + 1e6 * torch.eye(
+                poses.shape[1], device=self.device
+            )
             near = distances.amin((-1, -2)) < self.task.arena.gap_m
             if not bool(near.any()):
                 return poses
@@ -293,7 +379,11 @@ class ArenaSimulation(GroupedEnv):
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
-        is_reset = torch.ones(self.batch_size, dtype=torch.bool, device=self.device) if mask is None else mask.squeeze(-1)
+        is_reset = (
+            torch.ones(self.batch_size, dtype=torch.bool, device=self.device)
+            if mask is None
+            else mask.squeeze(-1)
+        )
         count = int(is_reset.sum())
         if count:
             poses, moved = self._state.poses.clone(), self._state.moved.clone()

@@ -1,7 +1,7 @@
 """Task of several robots: an arena, interfaces, and pure functions of tensors.
 
-All functions are batched: a state has poses ``[*batch, things, 3]`` of the robots and then of the loads; values of the robots
-have the shape ``[*batch, robots, n]``.
+All functions are batched: a state has poses ``[*batch, things, 3]`` of the robots and then of the
+loads; values of the robots have the shape ``[*batch, robots, n]``.
 """
 
 import re
@@ -23,8 +23,10 @@ class ArenaState:
     """State of an arena.
 
     Attributes:
-        poses: ``[*batch, things, 3]``: x and y in metres, and the heading in radians, counter-clockwise, 0 along x.
-        moved: ``[*batch, robots, 2]``: turn of the left and the right wheel in the last step, as a share of the largest command.
+        poses: ``[*batch, things, 3]``: x and y in metres, and the heading in radians,
+            counter-clockwise, 0 along x.
+        moved: ``[*batch, robots, 2]``: turn of the left and the right wheel in the last step, as a
+            share of the largest command.
     """
 
     poses: Tensor
@@ -38,17 +40,20 @@ class ArenaTask:
     Attributes:
         id: name and version, such as ``"Tag-v0"``.
         doc: the description; its first line is the summary.
-        interfaces: interface of each of the arena's robots, with `RunAngle` of the left and of the right wheel, equally far
-            back and forth, and the `MotorAngle` of both.
-        groups: names of the robots that learn together, by group; each robot is in one. By default the first group learns.
+        interfaces: interface of each of the arena's robots, with `RunAngle` of the left and of the
+            right wheel, equally far back and forth, and the `MotorAngle` of both.
+        groups: names of the robots that learn together, by group; each robot is in one. By default
+            the first group learns.
         max_steps: steps after which an episode is truncated.
         entries: entries of each robot's observation.
         observe: maps a state to the observations, ``[*batch, robots, n]``.
         reward: maps the states before and after a step to the rewards, ``[*batch, robots, 1]``.
         terminated: maps a state to ``[*batch, 1]`` bool.
         success: maps the state after the last step to ``[*batch, 1]`` bool.
-        scripts: hand-written policies by name, from an observation ``[*batch, n]`` of one robot to its action ``[*batch, 2]``.
-        opponents: script of each group while it does not learn, or several separated by commas for the copies in turn.
+        scripts: hand-written policies by name, from an observation ``[*batch, n]`` of one robot to
+            its action ``[*batch, 2]``.
+        opponents: script of each group while it does not learn, or several separated by commas for
+            the copies in turn.
     """
 
     id: str
@@ -72,31 +77,54 @@ class ArenaTask:
         for name, script in self.scripts.items():
             check_arguments(f"script '{name}' of {self.id}", script, ("observation",))
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
-            raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'Tag-v0'")
+            raise DescriptionError(
+                f"'{self.id}' is not an id for a task; take a name and a version, such as 'Tag-v0'"
+            )
         names = [robot.name for robot in self.arena.robots]
         if len(self.interfaces) != len(names):
-            raise DescriptionError(f"task {self.id} has {len(names)} robots and {len(self.interfaces)} interfaces; give one each")
+            raise DescriptionError(
+                f"task {self.id} has {len(names)} robots and {len(self.interfaces)} interfaces; "
+                "give one each"
+            )
         if sorted(name for group in self.groups.values() for name in group) != sorted(names):
-            raise DescriptionError(f"task {self.id}: each of {', '.join(names)} belongs to one group; name it there once")
+            raise DescriptionError(
+                f"task {self.id}: each of {', '.join(names)} belongs to one group; name it "
+                "there once"
+            )
         for group, opponents in self.opponents.items():
             if group not in self.groups:
                 raise DescriptionError(
-                    f"task {self.id}: opponents names '{group}', which is no group{hint(group, self.groups)}; name one that is"
+                    f"task {self.id}: opponents names '{group}', which is no "
+                    f"group{hint(group, self.groups)}; name one that is"
                 )
             for name in opponents.split(","):
                 self.script(name)
         for interface in self.interfaces:
-            turns = [command for command in interface.commands if isinstance(command, RunAngle) and command.low == -command.high]
+            turns = [
+                command
+                for command in interface.commands
+                if isinstance(command, RunAngle) and command.low == -command.high
+            ]
             wheels = [turn.motor for turn in turns]
-            if wheels != ["left", "right"] or len(interface.commands) > 2 or set(interface.angle_indices) != set(wheels):
-                wanted = "RunAngle of the left and of the right wheel, as far back as forth, and the MotorAngle of both"
+            if (
+                wheels != ["left", "right"]
+                or len(interface.commands) > 2
+                or set(interface.angle_indices) != set(wheels)
+            ):
+                wanted = (
+                    "RunAngle of the left and of the right wheel, as far back as forth, and "
+                    "the MotorAngle of both"
+                )
                 raise DescriptionError(f"task {self.id}: each robot needs {wanted}")
 
     def script(self, name: str) -> Callable[[Tensor], Tensor]:
-        """The hand-written policy of a name, or ``random``. Raises DescriptionError if there is none."""
+        """The hand-written policy of a name, or ``random``. Raises DescriptionError if there is
+        none."""
         known = {"random": _random, **self.scripts}
         if name not in known:
-            raise DescriptionError(f"task {self.id}: there is no script '{name}'; choose {', '.join(known)}")
+            raise DescriptionError(
+                f"task {self.id}: there is no script '{name}'; choose {', '.join(known)}"
+            )
         return known[name]
 
     @property
@@ -113,13 +141,18 @@ def _random(observation: Tensor) -> Tensor:
     return 2.0 * torch.rand(*observation.shape[:-1], 2, device=observation.device) - 1.0
 
 
-_ARGUMENTS = {"observe": ("state",), "reward": ("before", "after"), "terminated": ("state",), "success": ("state",)}
+_ARGUMENTS = {
+    "observe": ("state",),
+    "reward": ("before", "after"),
+    "terminated": ("state",),
+    "success": ("state",),
+}
 """Arguments of the functions of a task."""
 
 
 def seen_from(poses: Tensor, viewer: int, seen: int) -> Tensor:
-    """Pose of a thing in a robot's frame, ``[*batch, 4]``: metres ahead and to the left, cosine and sine of the difference of
-    their headings."""
+    """Pose of a thing in a robot's frame, ``[*batch, 4]``: metres ahead and to the left, cosine and
+    sine of the difference of their headings."""
     x, y, heading = (poses[..., viewer, i] for i in range(3))
     dx, dy = poses[..., seen, 0] - x, poses[..., seen, 1] - y
     turn = poses[..., seen, 2] - heading
@@ -134,8 +167,8 @@ def own_pose(poses: Tensor, robot: int) -> Tensor:
 
 
 def steer_towards(ahead: Tensor, left: Tensor, speed: float = 1.0) -> Tensor:
-    """Action ``[*batch, 2]`` that turns a robot on two wheels towards a direction in its frame, and drives on as far as it faces
-    it."""
+    """Action ``[*batch, 2]`` that turns a robot on two wheels towards a direction in its frame, and
+    drives on as far as it faces it."""
     angle = torch.atan2(left, ahead)
     forward, turn = speed * angle.cos().clamp_min(0.0), (1.5 * angle).clamp(-1.0, 1.0) * 0.6
     action = torch.stack((forward - turn, forward + turn), -1)

@@ -1,7 +1,8 @@
 """Two 2Wheelers push a beam that is too heavy for one.
 
-The beam of 0.7 m lies across, in front of the robots, which start behind its two halves. One robot alone cannot move it, or
-turns it about the other end; both together move it, and each has to slow down when its half is ahead.
+The beam of 0.7 m lies across, in front of the robots, which start behind its two halves. One robot
+alone cannot move it, or turns it about the other end; both together move it, and each has to slow
+down when its half is ahead.
 
 ## Action (of each robot)
 
@@ -23,8 +24,8 @@ turns it about the other end; both together move it, and each has to slow down w
 
 ## Reward
 
-Both get ten times the metres by which the beam's middle moved along x in the step, minus twice the radians by which the beam
-turned away from lying across, and 5 when it has arrived.
+Both get ten times the metres by which the beam's middle moved along x in the step, minus twice the
+radians by which the beam turned away from lying across, and 5 when it has arrived.
 
 ## End of an episode
 
@@ -44,7 +45,13 @@ from torch import Tensor
 
 from brickhub.entry import Entry
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
-from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask, own_pose, seen_from, steer_towards
+from bricksrl.envs.arenas.arena_task import (
+    ArenaState,
+    ArenaTask,
+    own_pose,
+    seen_from,
+    steer_towards,
+)
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.arena import Arena, Contestant, Load, Place
 
@@ -106,10 +113,11 @@ def reward(before: ArenaState, after: ArenaState) -> Tensor:
 
 
 def push(observation: Tensor) -> Tensor:
-    """Script of both: drive along x, more slowly if the robot's half of the beam is ahead; ``[*batch, 12]`` to
-    ``[*batch, 2]``."""
+    """Script of both: drive along x, more slowly if the robot's half of the beam is ahead;
+    ``[*batch, 12]`` to ``[*batch, 2]``."""
     y, cos, sin = observation[..., 1], observation[..., 2], observation[..., 3]
-    beam_sin = observation[..., 6] * sin + observation[..., 7] * cos  # of the beam in the world: positive when its left lags
+    # of the beam in the world: positive when its left lags
+    beam_sin = observation[..., 6] * sin + observation[..., 7] * cos
     home = torch.where(y >= 0, 0.2, -0.2) - y
     lead = -beam_sin * y.sign()
     speed = (1.0 - 6.0 * lead.clamp_min(0.0)).clamp(0.1, 1.0)
@@ -119,18 +127,30 @@ def push(observation: Tensor) -> Tensor:
 
 
 def _robot(name: str, y_m: float, color: tuple[float, float, float]) -> Contestant:
-    return Contestant(name, TWO_WHEELER, Place((-0.08, -0.02), (y_m - 0.03, y_m + 0.03), (-8.0, 8.0)), color)
+    return Contestant(
+        name, TWO_WHEELER, Place((-0.08, -0.02), (y_m - 0.03, y_m + 0.03), (-8.0, 8.0)), color
+    )
 
 
 _COMMANDS = tuple(RunAngle(name, -_TRAVEL_DEG, _TRAVEL_DEG, 700) for name in ("left", "right"))
-_INTERFACE = Interface(commands=_COMMANDS, channels=(MotorAngle("left"), MotorAngle("right")), settle=Wait(STEP_MS))
+_INTERFACE = Interface(
+    commands=_COMMANDS, channels=(MotorAngle("left"), MotorAngle("right")), settle=Wait(STEP_MS)
+)
 
 CARRY = ArenaTask(
     id="Carry-v0",
     doc=__doc__,
     arena=Arena(
         robots=(_robot("left", 0.2, (0.1, 0.6, 0.3)), _robot("right", -0.2, (0.6, 0.2, 0.6))),
-        loads=(Load("beam", (0.02, 0.35, 0.04), mass_kg=1.2, friction=0.34, place=Place((START_M, START_M))),),
+        loads=(
+            Load(
+                "beam",
+                (0.02, 0.35, 0.04),
+                mass_kg=1.2,
+                friction=0.34,
+                place=Place((START_M, START_M)),
+            ),
+        ),
         gap_m=0.2,
     ),
     interfaces=(_INTERFACE, _INTERFACE),

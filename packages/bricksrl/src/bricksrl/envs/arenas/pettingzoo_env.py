@@ -36,19 +36,29 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
 
     Attributes:
         state_space: space of `state`.
-        np_random: generator of wrappers, such as SuperSuit's, that draw from their environment's; the robots have their own.
+        np_random: generator of wrappers, such as SuperSuit's, that draw from their environment's;
+            the robots have their own.
     """
 
     def __init__(self, env: str | ArenaTask, render_mode: str | None = None, **named: Any) -> None:
         if named.get("batch_size"):
-            raise UnknownOptionError("PettingZoo's arenas are single ones; omit batch_size, or use make_arena")
+            raise UnknownOptionError(
+                "PettingZoo's arenas are single ones; omit batch_size, or use make_arena"
+            )
         if render_mode not in (None, "rgb_array"):
             given = f"{render_mode!r}{hint(str(render_mode), ('rgb_array',))}"
-            raise UnknownOptionError(f"an arena has no render_mode {given}; choose rgb_array, or omit it")
+            raise UnknownOptionError(
+                f"an arena has no render_mode {given}; choose rgb_array, or omit it"
+            )
         self._env: ArenaEnv = make_arena(env, **named)
         task = self._env.task
         fps = max(1, round(1000.0 / (task.interfaces[0].settle.fixed_ms or 1000.0)))
-        self.metadata = {"name": task.id, "is_parallelizable": True, "render_modes": ["rgb_array"], "render_fps": fps}
+        self.metadata = {
+            "name": task.id,
+            "is_parallelizable": True,
+            "render_modes": ["rgb_array"],
+            "render_fps": fps,
+        }
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
         self.possible_agents = list(task.robots)
@@ -82,14 +92,26 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
 
     def step(
         self, actions: dict[str, Array]
-    ) -> tuple[dict[str, Array], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """One step of all robots; the episode ends for all at once. Infos say whether a link broke, and whether the task's aim is
-        reached. Raises RunError without an episode, or an action of each."""
+    ) -> tuple[
+        dict[str, Array],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """One step of all robots; the episode ends for all at once. Infos say whether a link broke,
+        and whether the task's aim is reached. Raises RunError without an episode, or an action of
+        each."""
         task = self._env.task
         if set(actions) != set(self.agents) or not self.agents:
-            raise RunError(f"{task.id} got actions of {', '.join(actions) or 'none'}; reset it, then give one of each agent")
+            raise RunError(
+                f"{task.id} got actions of {', '.join(actions) or 'none'}; reset it, then give "
+                "one of each agent"
+            )
         for group, names in task.groups.items():
-            group_actions = torch.tensor(np.stack([actions[name] for name in names]), dtype=torch.float32)
+            group_actions = torch.tensor(
+                np.stack([actions[name] for name in names]), dtype=torch.float32
+            )
             self._state[group, "action"] = group_actions
         out = self._env.step(TensorDict(self._state))["next"]
         self._state = out.exclude("terminated", "truncated", "done")
@@ -104,10 +126,12 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         return observations, rewards, ends[0], ends[1], infos
 
     def state(self) -> Array:
-        """What all robots observe, in the order of `possible_agents`, for critics that see everything. Raises RunError before the
-        first episode."""
+        """What all robots observe, in the order of `possible_agents`, for critics that see
+        everything. Raises RunError before the first episode."""
         if self._state is None:
-            raise RunError(f"{self._env.task.id} has no state before its first episode; reset it first")
+            raise RunError(
+                f"{self._env.task.id} has no state before its first episode; reset it first"
+            )
         return np.concatenate(list(self._per_robot(self._state, "observation").values()))
 
     def _per_robot(self, tensordict: Any, name: str) -> dict[str, Array]:
@@ -118,8 +142,8 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         return {robot: values[robot] for robot in self._env.task.robots}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Image of the arena from above, uint8 ``[height, width, 3]``; ``None`` without a render mode. Raises
-        RenderingUnavailableError if OpenGL is missing."""
+        """Image of the arena from above, uint8 ``[height, width, 3]``; ``None`` without a render
+        mode. Raises RenderingUnavailableError if OpenGL is missing."""
         if self.render_mode is None:
             return None
         if self._renderer is None:

@@ -1,8 +1,9 @@
 """A 2Wheeler catches another one, which is a little slower, between four walls.
 
-Both start at random places of a floor of 1.6 by 1.6 m, at least 0.6 m apart. An action turns the two wheels for 250 ms, without
-waiting; the runner's wheels turn three quarters as far as the catcher's. The robots' positions come from the simulation, in place
-of a camera overhead, and the turns of the wheels from their hubs.
+Both start at random places of a floor of 1.6 by 1.6 m, at least 0.6 m apart. An action turns the
+two wheels for 250 ms, without waiting; the runner's wheels turn three quarters as far as the
+catcher's. The robots' positions come from the simulation, in place of a camera overhead, and the
+turns of the wheels from their hubs.
 
 ## Action (of each robot)
 
@@ -23,7 +24,8 @@ of a camera overhead, and the turns of the wheels from their hubs.
 
 ## Reward
 
-The catcher gets ten times the metres by which it came nearer and 5 when it catches the runner; the runner gets the opposite.
+The catcher gets ten times the metres by which it came nearer and 5 when it catches the runner; the
+runner gets the opposite.
 
 ## End of an episode
 
@@ -42,7 +44,13 @@ from torch import Tensor
 
 from brickhub.entry import Entry
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
-from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask, own_pose, seen_from, steer_towards
+from bricksrl.envs.arenas.arena_task import (
+    ArenaState,
+    ArenaTask,
+    own_pose,
+    seen_from,
+    steer_towards,
+)
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.arena import Arena, Contestant, Place
 
@@ -81,7 +89,14 @@ def distance_m(state: ArenaState) -> Tensor:
 def observe(state: ArenaState) -> Tensor:
     """Observations of catcher and runner, ``[*batch, 2, 10]``."""
     views = [
-        torch.cat((own_pose(state.poses, robot), seen_from(state.poses, robot, other), state.moved[..., robot, :]), -1)
+        torch.cat(
+            (
+                own_pose(state.poses, robot),
+                seen_from(state.poses, robot, other),
+                state.moved[..., robot, :],
+            ),
+            -1,
+        )
         for robot, other in ((CATCHER, RUNNER), (RUNNER, CATCHER))
     ]
     return torch.stack(views, -2)
@@ -100,14 +115,18 @@ def reward(before: ArenaState, after: ArenaState) -> Tensor:
 
 
 def flee(observation: Tensor) -> Tensor:
-    """The runner's script, ``[*batch, 10]`` to ``[*batch, 2]``. Of 16 directions it takes the one in which it is caught latest by
-    a catcher that drives straight at it, if it turns there first, drives on and slides along the walls."""
+    """The runner's script, ``[*batch, 10]`` to ``[*batch, 2]``. Of 16 directions it takes the one
+    in which it is caught latest by a catcher that drives straight at it, if it turns there first,
+    drives on and slides along the walls."""
     start, cos, sin = observation[..., 0:2], observation[..., 2], observation[..., 3]
     ahead, left = observation[..., 4], observation[..., 5]
     angles = torch.arange(_DIRECTIONS, device=observation.device) * (2.0 * math.pi / _DIRECTIONS)
     directions = torch.stack((angles.cos(), angles.sin()), -1)
     catcher = start + torch.stack((ahead * cos - left * sin, ahead * sin + left * cos), -1)
-    runner, catcher = (position.unsqueeze(-2).expand(*position.shape[:-1], _DIRECTIONS, 2) for position in (start, catcher))
+    runner, catcher = (
+        position.unsqueeze(-2).expand(*position.shape[:-1], _DIRECTIONS, 2)
+        for position in (start, catcher)
+    )
     alignment = torch.stack((cos, sin), -1) @ directions.T
     turn_steps = alignment.clamp(-1.0, 1.0).arccos() / _TURN_RAD  # steps until it faces that way
     free, score = torch.ones_like(turn_steps), torch.zeros_like(turn_steps)
@@ -116,11 +135,16 @@ def flee(observation: Tensor) -> Tensor:
         runner = (runner + driven.unsqueeze(-1) * directions).clamp(-_REACH_M, _REACH_M)
         gap = runner - catcher
         gap_m = gap.norm(dim=-1)
-        catcher = catcher + gap * (_STEP_M[CATCHER] / gap_m.clamp_min(_STEP_M[CATCHER])).unsqueeze(-1)
+        catcher = catcher + gap * (_STEP_M[CATCHER] / gap_m.clamp_min(_STEP_M[CATCHER])).unsqueeze(
+            -1
+        )
         free = free * (gap_m > CAUGHT_M + _STEP_M[CATCHER])
         score = score + free * (1.0 + gap_m)
     direction = directions[score.argmax(-1)]
-    return steer_towards(direction[..., 0] * cos + direction[..., 1] * sin, direction[..., 1] * cos - direction[..., 0] * sin)
+    return steer_towards(
+        direction[..., 0] * cos + direction[..., 1] * sin,
+        direction[..., 1] * cos - direction[..., 0] * sin,
+    )
 
 
 def chase(observation: Tensor) -> Tensor:
@@ -129,8 +153,12 @@ def chase(observation: Tensor) -> Tensor:
 
 
 def _interface(travel_deg: float) -> Interface:
-    commands = tuple(RunAngle(name, -travel_deg, travel_deg, _SPEED_DEG_S) for name in ("left", "right"))
-    return Interface(commands=commands, channels=(MotorAngle("left"), MotorAngle("right")), settle=Wait(STEP_MS))
+    commands = tuple(
+        RunAngle(name, -travel_deg, travel_deg, _SPEED_DEG_S) for name in ("left", "right")
+    )
+    return Interface(
+        commands=commands, channels=(MotorAngle("left"), MotorAngle("right")), settle=Wait(STEP_MS)
+    )
 
 
 _ANYWHERE = Place((-0.6, 0.6), (-0.6, 0.6), (-180.0, 180.0))

@@ -1,4 +1,5 @@
-"""Sensors on the computer that come with BricksRL: lines of numbers from a serial port, and further cameras."""
+"""Sensors on the computer that come with BricksRL: lines of numbers from a serial port, and further
+cameras."""
 
 import contextlib
 import re
@@ -16,9 +17,10 @@ _MOST_LINES = 1000
 
 
 def serial_numbers(port: str, baud: int = 115_200) -> Callable[[], Device]:
-    """Opener of a serial port on which a device, such as an Arduino or a micro:bit, writes lines of numbers: ``21.5, 48``. Other
-    lines are skipped; 1.5 s without a line is a failure. ``port``: ``"/dev/ttyACM0"``, ``"COM3"``, or another address of
-    pyserial's, such as ``"socket://192.168.1.20:5000"``."""
+    """Opener of a serial port on which a device, such as an Arduino or a micro:bit, writes lines of
+    numbers: ``21.5, 48``. Other lines are skipped; 1.5 s without a line is a failure. ``port``:
+    ``"/dev/ttyACM0"``, ``"COM3"``, or another address of pyserial's, such as
+    ``"socket://192.168.1.20:5000"``."""
     return lambda: _SerialNumbers(port, baud)
 
 
@@ -35,25 +37,34 @@ class _SerialNumbers:
         for _ in range(_MOST_LINES):
             line = self._port.readline().decode("ascii", "replace")
             if not line:
-                raise SensorError(f"{self._port.port} says nothing for {_SILENCE_S:g} s; look whether its program runs")
+                raise SensorError(
+                    f"{self._port.port} says nothing for {_SILENCE_S:g} s; look whether its "
+                    "program runs"
+                )
             with contextlib.suppress(ValueError):
                 numbers = tuple(map(float, re.split(r"[,;\s]+", line.strip())))
             if numbers is not None and not self._port.in_waiting:
                 return numbers
-        raise SensorError(f"{self._port.port} writes no lines of numbers but '{line.strip():.40}'; correct program or baud rate")
+        raise SensorError(
+            f"{self._port.port} writes no lines of numbers but '{line.strip():.40}'; correct "
+            "program or baud rate"
+        )
 
     def close(self) -> None:
         self._port.close()
 
 
 def second_camera(view: CameraView) -> HostSensor:
-    """A further camera: its image is in the observation under ``view.name``, which is the camera in a virtual robot's model."""
+    """A further camera: its image is in the observation under ``view.name``, which is the camera in
+    a virtual robot's model."""
 
     def opened() -> Device:
         return _Images(VideoCamera(view), view.image_px)
 
     def in_twin(world: World) -> Any:
-        device = world.kept.setdefault(view.name, _Images(TwinCamera(world.body, view), view.image_px))
+        device = world.kept.setdefault(
+            view.name, _Images(TwinCamera(world.body, view), view.image_px)
+        )
         return device.read()
 
     return HostSensor(view.name, (), opened, in_twin, rate_hz=_FRAMES_HZ, image_px=view.image_px)

@@ -1,7 +1,9 @@
-"""Sensor on the computer: its description in a task, and what reads it beside the exchange with the hub.
+"""Sensor on the computer: its description in a task, and what reads it beside the exchange with the
+hub.
 
-A real one is read in a thread; a step takes the newest reading and never waits. In the twin, a function of the virtual robot's
-world takes its place, at the end of a step and at most as often as the sensor's rate.
+A real one is read in a thread; a step takes the newest reading and never waits. In the twin, a
+function of the virtual robot's world takes its place, at the end of a step and at most as often as
+the sensor's rate.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ class Device(Protocol):
     """An open sensor; its methods may raise anything."""
 
     def read(self) -> Any:
-        """The next reading, for which it may wait: numbers ``[n]``, or an image uint8 ``[side, side, 3]``."""
+        """The next reading, for which it may wait: numbers ``[n]``, or an image uint8 ``[side,
+        side, 3]``."""
 
     def close(self) -> None:
         """Release the device."""
@@ -62,16 +65,19 @@ class World:
 
 @dataclass(frozen=True)
 class HostSensor:
-    """A sensor on the computer, such as one on a serial port. Raises DescriptionError if the description is inconsistent.
+    """A sensor on the computer, such as one on a serial port. Raises DescriptionError if the
+    description is inconsistent.
 
     Attributes:
         name: its name; that of an image in the observation.
         entries: its numbers, with nominal ranges; empty for an image.
         open: opens the real device.
-        twin: its reading beside a virtual robot, with its noise; ``None`` to read the real device there too.
+        twin: its reading beside a virtual robot, with its noise; ``None`` to read the real device
+            there too.
         rate_hz: readings per second at most.
         observes_age: whether the age of the reading is observed too, in seconds.
-        patience_s: age of a reading at which the sensor counts as lost: the step then ends like one with a lost link.
+        patience_s: age of a reading at which the sensor counts as lost: the step then ends like one
+            with a lost link.
         image_px: side of its square image; 0 for numbers.
     """
 
@@ -87,7 +93,10 @@ class HostSensor:
     def __post_init__(self) -> None:
         check_fields(HostSensor, vars(self))
         if not self.name.isidentifier() or bool(self.entries) == (self.image_px > 0):
-            raise DescriptionError(f"sensor '{self.name}': give a name of letters and digits, and either entries or image_px")
+            raise DescriptionError(
+                f"sensor '{self.name}': give a name of letters and digits, and either entries or "
+                "image_px"
+            )
         if not (self.rate_hz > 0 and self.patience_s > 0):
             raise DescriptionError(f"sensor '{self.name}': give a rate and a patience above 0")
         check_arguments(f"open of sensor '{self.name}'", self.open, ())
@@ -98,13 +107,23 @@ class HostSensor:
     def observed_entries(self) -> tuple[Entry, ...]:
         """Entries of the observation: its numbers, of which any are possible, and its age."""
         age = (Entry(f"{self.name}_age", 0.0, self.patience_s, "s"),) if self.observes_age else ()
-        return (*(replace(entry, limits=entry.limits or (-math.inf, math.inf)) for entry in self.entries), *age)
+        return (
+            *(
+                replace(entry, limits=entry.limits or (-math.inf, math.inf))
+                for entry in self.entries
+            ),
+            *age,
+        )
 
     def checked(self, reading: Any) -> Any:
-        """A reading: numbers as floats, or the image. Raises SensorError for another count or shape, or no number."""
+        """A reading: numbers as floats, or the image. Raises SensorError for another count or
+        shape, or no number."""
         if self.image_px:
             if getattr(reading, "shape", None) != (self.image_px, self.image_px, 3):
-                raise SensorError(f"sensor '{self.name}' gives no image of {self.image_px} x {self.image_px} px in three colors")
+                raise SensorError(
+                    f"sensor '{self.name}' gives no image of {self.image_px} x {self.image_px} px "
+                    "in three colors"
+                )
             return reading
         try:
             values = () if isinstance(reading, str | bytes) else tuple(map(float, reading))
@@ -113,7 +132,9 @@ class HostSensor:
         if len(values) != len(self.entries) or not all(abs(value) <= _LARGEST for value in values):
             expected = ", ".join(entry.name for entry in self.entries)
             given = list(values) or reprlib.repr(reading)
-            raise SensorError(f"sensor '{self.name}' gives {given}; let it give a number each for {expected}")
+            raise SensorError(
+                f"sensor '{self.name}' gives {given}; let it give a number each for {expected}"
+            )
         return values
 
 
@@ -149,36 +170,48 @@ class ThreadReader:
         self.sensor = sensor
         self._thread: threading.Thread | None = None
         self._newest: Any = None
-        self._read_s, self._error = -math.inf, SensorError(f"sensor '{sensor.name}' is closed; open it first")
+        self._read_s, self._error = (
+            -math.inf,
+            SensorError(f"sensor '{sensor.name}' is closed; open it first"),
+        )
         self._is_over = threading.Event()
         self._is_over.set()
 
     def open(self) -> None:
-        """Open the sensor, and wait for its first reading. Raises SensorError if none comes; without effect while it is open."""
+        """Open the sensor, and wait for its first reading. Raises SensorError if none comes;
+        without effect while it is open."""
         if not self._is_over.is_set():
             return
         self._is_over, has_come, self._read_s = threading.Event(), threading.Event(), -math.inf
         arguments = (self._is_over, has_come, self._thread)
-        self._thread = threading.Thread(target=self._run, args=arguments, name=f"sensor {self.sensor.name}", daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, args=arguments, name=f"sensor {self.sensor.name}", daemon=True
+        )
         self._thread.start()
         has_come.wait(self.sensor.patience_s)
         self.latest()
 
     def latest(self) -> tuple[Any, float]:
-        """The newest reading and its age in seconds, at once. Raises SensorError if the sensor failed or is silent."""
+        """The newest reading and its age in seconds, at once. Raises SensorError if the sensor
+        failed or is silent."""
         age_s = time.monotonic() - self._read_s
         if self._is_over.is_set():
             raise self._error
         if age_s > self.sensor.patience_s:
             self.close()
-            raise SensorError(f"sensor '{self.sensor.name}' gave no reading for {self.sensor.patience_s:g} s; look at its cable")
+            raise SensorError(
+                f"sensor '{self.sensor.name}' gave no reading for {self.sensor.patience_s:g} s; "
+                "look at its cable"
+            )
         return self._newest, age_s
 
     def close(self) -> None:
         """End the thread after its present reading, without waiting for it."""
         self._is_over.set()
 
-    def _run(self, is_over: threading.Event, has_come: threading.Event, before: threading.Thread | None) -> None:
+    def _run(
+        self, is_over: threading.Event, has_come: threading.Event, before: threading.Thread | None
+    ) -> None:
         if before is not None:
             before.join()  # it holds the device
         try:
@@ -186,7 +219,10 @@ class ThreadReader:
             try:
                 while not is_over.is_set():
                     started_s = time.monotonic()
-                    self._newest, self._read_s = self.sensor.checked(device.read()), time.monotonic()
+                    self._newest, self._read_s = (
+                        self.sensor.checked(device.read()),
+                        time.monotonic(),
+                    )
                     has_come.set()
                     is_over.wait(max(0.0, started_s + 1.0 / self.sensor.rate_hz - time.monotonic()))
             finally:
@@ -195,7 +231,9 @@ class ThreadReader:
             self._error = error
         except BaseException as error:  # noqa: BLE001 - a device of the user's may raise anything
             what = f"{message_of(error, typed=True)}{line_of_user(error)}"
-            self._error = SensorError(f"sensor '{self.sensor.name}' failed ({what}); plug it in, or correct it")
+            self._error = SensorError(
+                f"sensor '{self.sensor.name}' failed ({what}); plug it in, or correct it"
+            )
         is_over.set()
         has_come.set()
 
@@ -205,4 +243,8 @@ Reader = TwinReader | ThreadReader
 
 def reader_of(sensor: HostSensor, world: World | None) -> Reader:
     """What reads a sensor, beside a virtual robot if there is a world."""
-    return ThreadReader(sensor) if sensor.twin is None or world is None else TwinReader(sensor, sensor.twin, world)
+    return (
+        ThreadReader(sensor)
+        if sensor.twin is None or world is None
+        else TwinReader(sensor, sensor.twin, world)
+    )

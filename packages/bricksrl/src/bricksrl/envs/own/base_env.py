@@ -1,4 +1,5 @@
-"""Base class of an environment with resets and steps of its own, over a client program of its own, as in the BricksRL paper."""
+"""Base class of an environment with resets and steps of its own, over a client program of its own,
+as in the BricksRL paper."""
 
 from __future__ import annotations
 
@@ -18,16 +19,18 @@ if TYPE_CHECKING:
 
 
 class BaseEnv:
-    """Environment of the paper's template (appendix), run by :class:`~bricksrl.envs.own.own_env.OwnEnv`.
+    """Environment of the paper's template (appendix), run by
+    :class:`~bricksrl.envs.own.own_env.OwnEnv`.
 
-    A subclass sets ``action_spec`` ``[1, m]`` and ``observation_spec``, with ``observation_key`` ``[1, n]``, of what ``_reset``
-    and ``_step`` take and return in batches of one. The client gets and answers floats in network order (``"!f..."``).
+    A subclass sets ``action_spec`` ``[1, m]`` and ``observation_spec``, with ``observation_key``
+    ``[1, n]``, of what ``_reset`` and ``_step`` take and return in batches of one. The client gets
+    and answers floats in network order (``"!f..."``).
 
     Attributes:
-        robot, program: robot, and the path of its client program: see :class:`~brickhub.hub.link.own_client.OwnClient`.
-        scene: surroundings of a virtual robot.
-        max_episode_steps: steps after which an episode is truncated.
-        link, state: set by the environment that runs this one: the link, and the client's last answer ``[n]``.
+        robot, program: robot, and the path of its client program: see
+        :class:`~brickhub.hub.link.own_client.OwnClient`. scene: surroundings of a virtual robot.
+        max_episode_steps: steps after which an episode is truncated. link, state: set by the
+        environment that runs this one: the link, and the client's last answer ``[n]``.
     """
 
     robot: Robot
@@ -42,7 +45,8 @@ class BaseEnv:
 
     def __init__(self, action_dim: int, state_dim: int) -> None:
         self.action_dim, self.state_dim = action_dim, state_dim
-        self.original_vec_observation_key = self.observation_key  # the state in its units, as the observation is
+        # the state in its units, as the observation is
+        self.original_vec_observation_key = self.observation_key
 
     def normalize_state(self, state: np.ndarray[Any, Any]) -> Tensor:
         """The state as a tensor, in its units: agents scale it by the bounds of the spec."""
@@ -56,7 +60,8 @@ class BaseEnv:
         self.state = ()
 
     def read_from_hub(self) -> np.ndarray[Any, Any]:
-        """The client's answer ``[1, n]``: to the last action, or at a reset to zeros. Raises HubError if none comes in time."""
+        """The client's answer ``[1, n]``: to the last action, or at a reset to zeros. Raises
+        HubError if none comes in time."""
         self.state = self.state or self.link().receive().values
         return np.array([self.state], np.float32)
 

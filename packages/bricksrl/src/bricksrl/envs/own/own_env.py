@@ -1,4 +1,5 @@
-"""Environment that runs a user's ``BaseEnv``: link, lost links, stop, pause and time limit are those of every robot."""
+"""Environment that runs a user's ``BaseEnv``: link, lost links, stop, pause and time limit are
+those of every robot."""
 
 from typing import cast
 
@@ -14,7 +15,8 @@ from bricksrl.errors import DescriptionError
 
 
 class OwnEnv(HubEnv):
-    """A ``HubEnv`` whose observations, rewards and ends are those of a user's ``_reset`` and ``_step``."""
+    """A ``HubEnv`` whose observations, rewards and ends are those of a user's ``_reset`` and
+    ``_step``."""
 
     @property
     def _own(self) -> BaseEnv:
@@ -22,24 +24,40 @@ class OwnEnv(HubEnv):
         return self.task.base_env
 
     def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> Floats:
-        self._own.link, self._own.state = lambda: cast("ClientLink", self._connected().link), reading.values
+        self._own.link, self._own.state = (
+            lambda: cast("ClientLink", self._connected().link),
+            reading.values,
+        )
         first: Floats = self._observation_in(self._guarded(lambda: self._own._reset(None))).numpy()
         return first
 
-    def _outcome(self, episode: EpisodeState, action: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    def _outcome(
+        self, episode: EpisodeState, action: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         commands = self._commanded(episode, action.tolist())
-        before = TensorDict({self._own.observation_key: episode.observation[None], "action": torch.tensor([commands])}, [1])
+        before = TensorDict(
+            {
+                self._own.observation_key: episode.observation[None],
+                "action": torch.tensor([commands]),
+            },
+            [1],
+        )
         after = self._guarded(lambda: self._own._step(before))
         episode.measured_s = episode.hub_time_s = self._connected().link.now_s()
         ends = after.get("terminated", after.get("done", None))
         if ends is None or after.get("reward", None) is None:
-            raise DescriptionError(f"_step of {self.task.id} returns no 'reward' or no 'done'; set both")
+            raise DescriptionError(
+                f"_step of {self.task.id} returns no 'reward' or no 'done'; set both"
+            )
         return self._observation_in(after), after["reward"].reshape(1).float(), ends.reshape(1)
 
     def _observation_in(self, state: TensorDictBase) -> torch.Tensor:
         key, count = self._own.observation_key, len(self.task.entries)
         observation = state.get(key, None)
         if observation is None or observation.numel() != count:
-            raise DescriptionError(f"{self.task.id} returns no '{key}' of {count} numbers; return [1, {count}], as its spec says")
+            raise DescriptionError(
+                f"{self.task.id} returns no '{key}' of {count} numbers; return [1, {count}], as "
+                "its spec says"
+            )
         numbers: torch.Tensor = observation.detach().reshape(count).float()
         return numbers

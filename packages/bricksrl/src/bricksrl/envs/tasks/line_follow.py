@@ -1,10 +1,13 @@
-"""The scout follows the left edge of a black line with its color sensor, clockwise around a course with curves to both sides.
+"""The scout follows the left edge of a black line with its color sensor, clockwise around a course
+with curves to both sides.
 
-A step is 60 ms of driving. The robot starts with its sensor near the edge, at a small angle to it. It observes only the
-brightness below its sensor, which on the edge is halfway between line and floor, and its yaw rate.
+A step is 60 ms of driving. The robot starts with its sensor near the edge, at a small angle to it.
+It observes only the brightness below its sensor, which on the edge is halfway between line and
+floor, and its yaw rate.
 
-The hub streams its observations. With a connection interval of 45 ms, a step then takes 90 ms; with an exchange for each step it
-would take 135 ms, and even the hand-written controller loses the line (return 28.7 instead of 46.4).
+The hub streams its observations. With a connection interval of 45 ms, a step then takes 90 ms; with
+an exchange for each step it would take 135 ms, and even the hand-written controller loses the line
+(return 28.7 instead of 46.4).
 
 ## Action
 
@@ -20,15 +23,16 @@ would take 135 ms, and even the hand-written controller loses the line (return 2
 | 0   | light_reflection  | 0    | 100 | %     |
 | 1   | yaw_rate          | -100 | 100 | deg/s |
 
-Counter-clockwise is positive for the yaw rate, clockwise for the turn rate. The sensor is 56 mm in front of the axle and detects
-the edge within 6 mm to both sides. A turn at 45 deg/s moves it by about half of that in a step; the sharpest curve needs 26 deg/s
-at full speed.
+Counter-clockwise is positive for the yaw rate, clockwise for the turn rate. The sensor is 56 mm in
+front of the axle and detects the edge within 6 mm to both sides. A turn at 45 deg/s moves it by
+about half of that in a step; the sharpest curve needs 26 deg/s at full speed.
 
 ## Reward
 
-Nearness to the edge, from 1 at the brightness of the edge to 0 over bare line or bare floor, times 0.5 at the lowest speed to 1
-at the highest. A step beside the edge costs 0.25 if the robot turns back as fast as it can, to the right over the floor and to
-the left over the line, and up to 0.75 if it turns away. Turning back is not rewarded, as robots then learn to turn in circles.
+Nearness to the edge, from 1 at the brightness of the edge to 0 over bare line or bare floor, times
+0.5 at the lowest speed to 1 at the highest. A step beside the edge costs 0.25 if the robot turns
+back as fast as it can, to the right over the floor and to the left over the line, and up to 0.75 if
+it turns away. Turning back is not rewarded, as robots then learn to turn in circles.
 
 ## End of an episode
 
@@ -38,21 +42,30 @@ the left over the line, and up to 0.75 if it turns away. Turning back is not rew
 
 ## Success and metrics
 
-The robot follows the line while its sensor detects the edge, neither bare floor nor bare line. An episode succeeds if it does so
-in 95 % of the steps. The metrics are the share of these steps, `on_line_share`, and the mean difference of the brightness from
-that of the edge, `mean_off_pct`; a virtual robot adds its distance, speed and straightness.
+The robot follows the line while its sensor detects the edge, neither bare floor nor bare line. An
+episode succeeds if it does so in 95 % of the steps. The metrics are the share of these steps,
+`on_line_share`, and the mean difference of the brightness from that of the edge, `mean_off_pct`; a
+virtual robot adds its distance, speed and straightness.
 """
 
 import math
 
-from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, SensorReading, Wait, YawRate
+from brickhub.hub.interface import (
+    DriveSpeed,
+    DriveTurnRate,
+    Interface,
+    SensorReading,
+    Wait,
+    YawRate,
+)
 from bricksrl.envs.task import Task, Tensor
 from bricktwin.robots import SCOUT
 from bricktwin.twin.objects import Line
 from bricktwin.twin.scene import Scene
 
 EDGE_PCT = 38.0
-"""Reflection halfway between what the sensor reads over the line, 5, and over the floor, 71, of 8 and 82 % of the light."""
+"""Reflection halfway between what the sensor reads over the line, 5, and over the floor, 71, of 8
+and 82 % of the light."""
 BARE_PCT = 31.0
 """Difference from it at which the sensor sees only the line or only the floor."""
 SUCCESS_SHARE = 0.95
@@ -61,17 +74,21 @@ _RADIUS_MM, _LOBES_MM, _LOBES = 450.0, 80.0, 3
 
 
 def course() -> tuple[tuple[float, float], ...]:
-    """Points of a closed line with curves to both sides, of radii down to 0.22 m; its left edge begins at the origin, along x.
+    """Points of a closed line with curves to both sides, of radii down to 0.22 m; its left edge
+    begins at the origin, along x.
 
-    It runs clockwise: a robot that drives straight on leaves it to the left, where a turn to the right finds the edge again.
-    Counter-clockwise, the robot would cross the line to a floor that looks the same but requires the opposite turn.
+    It runs clockwise: a robot that drives straight on leaves it to the left, where a turn to the
+    right finds the edge again. Counter-clockwise, the robot would cross the line to a floor that
+    looks the same but requires the opposite turn.
     """
     outer_mm = _RADIUS_MM + _LOBES_MM
     points = []
     for step in range(120):
         angle = math.tau * step / 120
         radius_mm = _RADIUS_MM + _LOBES_MM * math.cos(_LOBES * angle)
-        points.append((radius_mm * math.sin(angle), radius_mm * math.cos(angle) - outer_mm - LINE_MM / 2))
+        points.append(
+            (radius_mm * math.sin(angle), radius_mm * math.cos(angle) - outer_mm - LINE_MM / 2)
+        )
     return tuple(points)
 
 
@@ -80,7 +97,8 @@ def _off_pct(observation: Tensor) -> Tensor:
 
 
 def reward(_previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
-    """Nearness to the edge times a share of the speed, or the turn towards it where it is lost; ``[*batch, 1]``."""
+    """Nearness to the edge times a share of the speed, or the turn towards it where it is lost;
+    ``[*batch, 1]``."""
     off_pct = _off_pct(observation)
     near = (1.0 - off_pct / BARE_PCT).clamp(min=0.0)
     towards = (observation[..., :1] - EDGE_PCT).sign() * action[..., 1:2]
@@ -92,13 +110,18 @@ def _on_line_share(observations: Tensor) -> Tensor:
 
 
 def success(observations: Tensor) -> Tensor:
-    """True if the robot saw the edge for 95 % of the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
+    """True if the robot saw the edge for 95 % of the episode ``[*batch, steps, n]``; bool
+    ``[*batch]``."""
     return _on_line_share(observations) >= SUCCESS_SHARE
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
-    """Share of the steps on the line and mean distance from the edge of the episode ``[*batch, steps, n]``; ``[*batch]``."""
-    return {"on_line_share": _on_line_share(observations), "mean_off_pct": _off_pct(observations)[..., 0].mean(-1)}
+    """Share of the steps on the line and mean distance from the edge of the episode ``[*batch,
+    steps, n]``; ``[*batch]``."""
+    return {
+        "on_line_share": _on_line_share(observations),
+        "mean_off_pct": _off_pct(observations)[..., 0].mean(-1),
+    }
 
 
 LINE_FOLLOW = Task(
@@ -117,6 +140,8 @@ LINE_FOLLOW = Task(
     metrics=metrics,
     walks=True,
     scene=Scene(
-        objects=(Line(course(), width_mm=LINE_MM, closed=True),), start_mm=((-60.0, -50.0), (-2.0, 2.0)), heading_deg=(-4.0, 4.0)
+        objects=(Line(course(), width_mm=LINE_MM, closed=True),),
+        start_mm=((-60.0, -50.0), (-2.0, 2.0)),
+        heading_deg=(-4.0, 4.0),
     ),
 )

@@ -28,8 +28,8 @@ The rotation is wrapped into 0..360. A joint may yield a little beyond its range
 
 ## Reward
 
-Minus the sum of the four shortest angles between joints and goals, divided by 100. With `sparse=True` it is 1 if that sum is
-below the threshold, else 0.
+Minus the sum of the four shortest angles between joints and goals, divided by 100. With
+`sparse=True` it is 1 if that sum is below the threshold, else 0.
 
 ## End of an episode
 
@@ -57,7 +57,9 @@ _TURNS_DEG = {"rotation": 100, "low": 30, "high": 60, "grab": 25}
 _CHANNELS = tuple(MotorAngle(m.name, *map(float, m.range_deg or (0, 360))) for m in ROBO_ARM.motors)
 
 INTERFACE = Interface(
-    commands=tuple(RunAngle(name, -turn, turn, speed_deg_s=250) for name, turn in _TURNS_DEG.items()),
+    commands=tuple(
+        RunAngle(name, -turn, turn, speed_deg_s=250) for name, turn in _TURNS_DEG.items()
+    ),
     channels=_CHANNELS,
     settle=Wait(250),
 )
@@ -79,13 +81,20 @@ def robo_arm(env_id: str, *, sparse: bool = False, threshold_deg: float = THRESH
         DescriptionError: the threshold is not positive.
     """
     if not threshold_deg > 0:
-        raise DescriptionError(f"{env_id}: a threshold of {threshold_deg} degrees is never reached; give a positive one")
+        raise DescriptionError(
+            f"{env_id}: a threshold of {threshold_deg} degrees is never reached; give a "
+            "positive one"
+        )
 
     def terminated(observation: Tensor) -> Tensor:
         return error_deg(observation) < threshold_deg
 
     def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
-        return terminated(observation).to(observation.dtype) if sparse else -error_deg(observation) / 100.0
+        return (
+            terminated(observation).to(observation.dtype)
+            if sparse
+            else -error_deg(observation) / 100.0
+        )
 
     def success(observations: Tensor) -> Tensor:
         return terminated(observations[..., -1, :])[..., 0]
@@ -103,5 +112,7 @@ def robo_arm(env_id: str, *, sparse: bool = False, threshold_deg: float = THRESH
         success=success,
         metrics=metrics,
         terminated=terminated,
-        sampled_entries=tuple(SampledEntry(f"{c.motor}_goal", c.low, c.high, "deg", wraps=c.wraps) for c in _CHANNELS),
+        sampled_entries=tuple(
+            SampledEntry(f"{c.motor}_goal", c.low, c.high, "deg", wraps=c.wraps) for c in _CHANNELS
+        ),
     )

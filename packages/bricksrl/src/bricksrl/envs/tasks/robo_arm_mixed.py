@@ -1,7 +1,8 @@
 """The RoboArm moves a red ball to a place that only a camera's image shows.
 
-A camera looks down at the arm, which holds the ball. The hub turns three joints by the commanded angle, within the joint's range,
-and answers 250 ms later; then the camera takes a frame of 640 x 480 px. The gripper does not move.
+A camera looks down at the arm, which holds the ball. The hub turns three joints by the commanded
+angle, within the joint's range, and answers 250 ms later; then the camera takes a frame of 640 x
+480 px. The gripper does not move.
 
 ## Action
 
@@ -27,13 +28,14 @@ The rotation is wrapped into 0..360. A joint may yield a little beyond its range
 |-------|-------------|-------|-----|-----|------------------------------------------------------------|
 | image | 64 x 64 x 3 | uint8 | 0   | 255 | the frame, red, green, blue, with the goal as a green disc |
 
-The goal is one of 26 places on the lower half of a circle of 200 px around the middle of the frame, moved by up to 25 px to the
-sides and 20 px up or down. The disc has a radius of 25 px of the frame.
+The goal is one of 26 places on the lower half of a circle of 200 px around the middle of the frame,
+moved by up to 25 px to the sides and 20 px up or down. The disc has a radius of 25 px of the frame.
 
 ## Reward
 
-Minus the mean distance in px of the red objects in the frame, larger than 10 px, from the goal, divided by 100. Without red in
-the frame it is the reward of the previous step, 0 at the start. With `sparse=True` it is 1 within 40 px of the goal, else 0.
+Minus the mean distance in px of the red objects in the frame, larger than 10 px, from the goal,
+divided by 100. Without red in the frame it is the reward of the previous step, 0 at the start. With
+`sparse=True` it is 1 within 40 px of the goal, else 0.
 
 ## End of an episode
 
@@ -44,10 +46,10 @@ the frame it is the reward of the previous step, 0 at the start. With `sparse=Tr
 
 ## Success and metrics
 
-An episode succeeds when it reaches the goal. The metric is the distance of the nearest red object from the goal at the end,
-`final_distance_px`; 800 if none is seen. The option `camera` selects the camera of a real robot: a number, or the address of a
-stream.
-"""
+An episode succeeds when it reaches the goal. The metric is the distance of the nearest red object
+from the goal at the end, `final_distance_px`; 800 if none is seen. The option `camera` selects the
+camera of a real robot: a number, or the address of a stream.
+"""  # noqa: E501
 
 import math
 from dataclasses import replace
@@ -71,14 +73,25 @@ _STEP_RAD = 1 / 8  # the discs on the circle, of 25 px each, overlap by half
 
 def _on_lower_half_circle(place: int) -> tuple[int, int]:
     angle = place * _STEP_RAD
-    return int(_WIDTH_PX / 2 + _CIRCLE_PX * math.cos(angle)), int(_HEIGHT_PX / 2 + _CIRCLE_PX * math.sin(angle))
+    return int(_WIDTH_PX / 2 + _CIRCLE_PX * math.cos(angle)), int(
+        _HEIGHT_PX / 2 + _CIRCLE_PX * math.sin(angle)
+    )
 
 
-GOAL = VisualGoal(tuple(_on_lower_half_circle(place) for place in range(_PLACES)), jitter_px=(25, 20), radius_px=25)
+GOAL = VisualGoal(
+    tuple(_on_lower_half_circle(place) for place in range(_PLACES)),
+    jitter_px=(25, 20),
+    radius_px=25,
+)
 
 INTERFACE = Interface(
-    commands=tuple(RunAngle(name, -turn, turn, speed_deg_s=250) for name, turn in _TURNS_DEG.items()),
-    channels=tuple(MotorAngle(name, *map(float, ROBO_ARM.motor(name).range_deg or (0, 360))) for name in _TURNS_DEG),
+    commands=tuple(
+        RunAngle(name, -turn, turn, speed_deg_s=250) for name, turn in _TURNS_DEG.items()
+    ),
+    channels=tuple(
+        MotorAngle(name, *map(float, ROBO_ARM.motor(name).range_deg or (0, 360)))
+        for name in _TURNS_DEG
+    ),
     settle=Wait(250),
 )
 
@@ -95,8 +108,8 @@ def robo_arm_mixed(
     Args:
         sparse: reward 1 at the goal and 0 elsewhere.
         camera: camera of a real robot: its OpenCV number, or the address of a stream.
-        calibration: color calibration written by `bricksrl camera calibrate`. By default a real robot uses the one saved for its
-            camera.
+        calibration: color calibration written by `bricksrl camera calibrate`. By default a real
+            robot uses the one saved for its camera.
 
     Raises:
         CameraError: the calibration cannot be read.

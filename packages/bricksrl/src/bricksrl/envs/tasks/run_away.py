@@ -1,7 +1,7 @@
 """The 2Wheeler drives away from a wall as far as its ultrasonic sensor sees.
 
-Each action is one straight drive; the next observation is taken when the drive has ended. The robot starts 200 to 300 mm
-in front of a wall, facing it, so that only driving backwards is rewarded.
+Each action is one straight drive; the next observation is taken when the drive has ended. The robot
+starts 200 to 300 mm in front of a wall, facing it, so that only driving backwards is rewarded.
 
 ## Action
 
@@ -23,7 +23,8 @@ Wheel angles are wrapped into 0..360. Nose down is positive pitch.
 
 ## Reward
 
-+1 when the distance grew in this step, -1 when it shrank, 0 when it stayed or when it is 40 mm or less.
++1 when the distance grew in this step, -1 when it shrank, 0 when it stayed or when it is 40 mm or
+less.
 
 ## End of an episode
 
@@ -33,17 +34,27 @@ Wheel angles are wrapped into 0..360. Nose down is positive pitch.
 | terminated | distance is 40 mm or less                  |
 | truncated  | after 20 steps                             |
 
-With the option `ends_at_wall=false` only 2000 mm end an episode, and -1 is the reward at the wall too: the paper's wording.
+With the option `ends_at_wall=false` only 2000 mm end an episode, and -1 is the reward at the wall
+too: the paper's wording.
 
 ## Success and metrics
 
-The paper defines no success for this task. Here an episode succeeds when it ends 1000 mm or more from the wall. (Not at 2000 mm:
-the best policy uses all 20 steps, because reaching the sensor's limit ends the episode and its rewards.) The metrics are the last
-distance, `final_distance_mm`, and the largest pitch, `largest_pitch_deg`.
+The paper defines no success for this task. Here an episode succeeds when it ends 1000 mm or more
+from the wall. (Not at 2000 mm: the best policy uses all 20 steps, because reaching the sensor's
+limit ends the episode and its rewards.) The metrics are the last distance, `final_distance_mm`, and
+the largest pitch, `largest_pitch_deg`.
 """
 
 from brickhub.fields import check_value
-from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, Pitch, Roll, UntilDone
+from brickhub.hub.interface import (
+    Distance,
+    DriveStraight,
+    Interface,
+    MotorAngle,
+    Pitch,
+    Roll,
+    UntilDone,
+)
 from bricksrl.envs.task import Task, Tensor
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.scene import Scene
@@ -60,12 +71,14 @@ _DISTANCE = slice(4, 5)
 
 
 def success(observations: Tensor) -> Tensor:
-    """True if the episode ``[*batch, steps, n]`` ended well away from the wall; bool ``[*batch]``."""
+    """True if the episode ``[*batch, steps, n]`` ended well away from the wall; bool
+    ``[*batch]``."""
     return observations[..., -1, _DISTANCE.start] >= AWAY_MM
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
-    """The last distance and the largest pitch of the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    """The last distance and the largest pitch of the episode ``[*batch, steps, n]``;
+    ``[*batch]``."""
     return {
         "final_distance_mm": observations[..., -1, _DISTANCE.start],
         "largest_pitch_deg": observations[..., _PITCH].abs().amax(-1),
@@ -76,7 +89,8 @@ def run_away(*, ends_at_wall: bool = True) -> Task:
     """The task.
 
     Args:
-        ends_at_wall: whether an episode ends at the wall, without a penalty, as in the released code.
+        ends_at_wall: whether an episode ends at the wall, without a penalty, as in the released
+            code.
     """
     check_value("ends_at_wall", ends_at_wall, bool)
 

@@ -1,7 +1,7 @@
 """The 2Wheeler spins on the spot, in the direction that is drawn at the start of the episode.
 
-Each action turns both wheels by an angle, at 400 deg/s; the next observation is taken 100 ms after the turn began, whether
-it has ended or not. The floor is open.
+Each action turns both wheels by an angle, at 400 deg/s; the next observation is taken 100 ms after
+the turn began, whether it has ended or not. The floor is open.
 
 ## Action
 
@@ -21,9 +21,9 @@ it has ended or not. The floor is open.
 | 4   | yaw_rate    | -100 | 100 | deg/s |
 | 5   | direction   | 0    | 1   |       |
 
-Wheel angles are wrapped into 0..360. Nose down is positive pitch. The yaw rate is positive to the left (counter-clockwise
-from above); its range is nominal: a good policy turns faster, and the value is reported as it is. Direction 0 asks for a
-spin to the left, 1 to the right.
+Wheel angles are wrapped into 0..360. Nose down is positive pitch. The yaw rate is positive to the
+left (counter-clockwise from above); its range is nominal: a good policy turns faster, and the value
+is reported as it is. Direction 0 asks for a spin to the left, 1 to the right.
 
 ## Reward
 
@@ -37,8 +37,9 @@ The yaw rate in deg/s, negated when the direction is 1.
 
 ## Success and metrics
 
-The paper defines no success for this task. Here an episode succeeds when the mean yaw rate in the commanded direction is
-100 deg/s or more. That mean, negative for the wrong direction, is the metric `mean_yaw_rate_deg_s`.
+The paper defines no success for this task. Here an episode succeeds when the mean yaw rate in the
+commanded direction is 100 deg/s or more. That mean, negative for the wrong direction, is the metric
+`mean_yaw_rate_deg_s`.
 """
 
 from brickhub.hub.interface import Interface, MotorAngle, Pitch, Roll, RunAngle, Wait, YawRate
@@ -58,12 +59,14 @@ def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
 
 
 def success(observations: Tensor) -> Tensor:
-    """True if the episode ``[*batch, steps, n]`` spun fast enough, the right way round; bool ``[*batch]``."""
+    """True if the episode ``[*batch, steps, n]`` spun fast enough, the right way round; bool
+    ``[*batch]``."""
     return _mean_yaw_rate_deg_s(observations) >= SUCCESS_DEG_S
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
-    """The mean yaw rate in the commanded direction over the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    """The mean yaw rate in the commanded direction over the episode ``[*batch, steps, n]``;
+    ``[*batch]``."""
     return {"mean_yaw_rate_deg_s": _mean_yaw_rate_deg_s(observations)}
 
 

@@ -1,7 +1,7 @@
 """The Walker turns its four leg cranks so that diagonal legs move together.
 
-The hub turns each leg by the commanded angle and answers 250 ms later, whether the legs have arrived or not. The paper's reward
-is for large steps and a trot, hardly for progress.
+The hub turns each leg by the commanded angle and answers 250 ms later, whether the legs have
+arrived or not. The paper's reward is for large steps and a trot, hardly for progress.
 
 ## Action
 
@@ -28,8 +28,9 @@ Leg angles are wrapped into 0..360.
 
 ## Reward
 
-`-sum(action)/40 - d(lf, rb)/180 - d(rf, lb)/180 - (180 - d(lf, rf))/180 - (180 - d(lb, rb))/180` with `d` the shortest angle
-between two legs, and the action as the agent gave it: 0.1 a step at best.
+`-sum(action)/40 - d(lf, rb)/180 - d(rf, lb)/180 - (180 - d(lf, rf))/180 - (180 - d(lb, rb))/180`
+with `d` the shortest angle between two legs, and the action as the agent gave it: 0.1 a step at
+best.
 
 ## End of an episode
 
@@ -38,15 +39,15 @@ between two legs, and the action as the agent gave it: 0.1 a step at best.
 | terminated | pitch or roll is beyond 60 degrees to either side |
 | truncated  | after 100 steps                                   |
 
-While an obstacle is within 40 mm (option `blocked_at_mm`), the robot waits with its motors held and logs a warning. With the
-option `step_ms`, the time of a step, an episode has as many steps as fit into the same 25 seconds, or `max_steps`. With
-`safe_tilt_deg=180` no tilt ends it.
+While an obstacle is within 40 mm (option `blocked_at_mm`), the robot waits with its motors held and
+logs a warning. With the option `step_ms`, the time of a step, an episode has as many steps as fit
+into the same 25 seconds, or `max_steps`. With `safe_tilt_deg=180` no tilt ends it.
 
 ## Success and metrics
 
-An episode succeeds when the robot trots: it does not fall over, its legs turn by 90 degrees a second or more, and the four
-angles of the reward are within 20 degrees of a trot, all on average. The metric is the mean reward of a step for a trot alone,
-`mean_gait_reward`, at most 0.
+An episode succeeds when the robot trots: it does not fall over, its legs turn by 90 degrees a
+second or more, and the four angles of the reward are within 20 degrees of a trot, all on average.
+The metric is the mean reward of a step for a trot alone, `mean_gait_reward`, at most 0.
 """
 
 from dataclasses import replace
@@ -99,7 +100,8 @@ def terminated(observation: Tensor, safe_tilt_deg: float = SAFE_TILT_DEG) -> Ten
 
 
 def mean_turn_deg(observations: Tensor) -> Tensor:
-    """Mean angle of a step by which the legs turn forwards in the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    """Mean angle of a step by which the legs turn forwards in the episode ``[*batch, steps, n]``;
+    ``[*batch]``."""
     turn = observations[..., :-1, :4] - observations[..., 1:, :4]
     return turn.sub((turn / 360.0).round_(), alpha=360.0).mean((-2, -1)).nan_to_num(0.0)
 
@@ -117,8 +119,8 @@ INTERFACE = Interface(
 
 
 def timed(env_id: str, step_ms: int) -> tuple[Interface, int]:
-    """The interface with steps of ``step_ms``, and the number of steps of an episode. Raises DescriptionError if a step takes no
-    whole number of ms, or longer than an episode."""
+    """The interface with steps of ``step_ms``, and the number of steps of an episode. Raises
+    DescriptionError if a step takes no whole number of ms, or longer than an episode."""
     check_value("step_ms", step_ms, int)
     if not 1 <= step_ms <= EPISODE_MS:
         raise DescriptionError(f"{env_id}: step_ms is {step_ms}; give 1 to {EPISODE_MS}")
@@ -142,8 +144,8 @@ def walker(
         safe_tilt_deg: pitch or roll beyond which the robot has fallen over; 180 for none.
 
     Raises:
-        DescriptionError: the distance or the tilt is negative, there is no step, or a step takes no whole number of ms, or longer
-            than 25 seconds.
+        DescriptionError: the distance or the tilt is negative, there is no step, or a step takes no
+            whole number of ms, or longer than 25 seconds.
     """
     interface, steps = timed(env_id, step_ms)
     check_value("max_steps", max_steps, int | None)
@@ -152,7 +154,9 @@ def walker(
     if max_steps is not None and max_steps < 1:
         raise DescriptionError(f"{env_id}: max_steps is {max_steps}; give 1 or more")
     if not 0 < safe_tilt_deg <= 180:
-        raise DescriptionError(f"{env_id}: safe_tilt_deg is {safe_tilt_deg}; give more than 0, up to 180")
+        raise DescriptionError(
+            f"{env_id}: safe_tilt_deg is {safe_tilt_deg}; give more than 0, up to 180"
+        )
 
     has_fallen = partial(terminated, safe_tilt_deg=safe_tilt_deg)
 

@@ -1,7 +1,8 @@
 """The Walker learns to walk forward: only progress is rewarded, which Walker-v0 hardly rewards.
 
-Robot, actions and leg angles are those of Walker-v0. A further entry of the observation is the distance of the last step. On a
-virtual robot it is measured; on a real one it is estimated from the ultrasonic sensor, so let it walk towards a wall.
+Robot, actions and leg angles are those of Walker-v0. A further entry of the observation is the
+distance of the last step. On a virtual robot it is measured; on a real one it is estimated from the
+ultrasonic sensor, so let it walk towards a wall.
 
 ## Action
 
@@ -36,13 +37,14 @@ Distance forward in this step, in units of 20 mm: about 1 a step for a trot at f
 | terminated | pitch or roll is beyond 60 degrees to either side |
 | truncated  | after 100 steps                                   |
 
-With the option `step_ms`, the time of a step, an episode has as many steps as fit into the same 25 seconds. The return is the
-distance forward in units of 20 mm, whatever the step.
+With the option `step_ms`, the time of a step, an episode has as many steps as fit into the same 25
+seconds. The return is the distance forward in units of 20 mm, whatever the step.
 
 ## Success and metrics
 
-An episode succeeds when the robot moves forward by 10 mm in 250 ms of a step on average and does not fall over. The metric is the
-mean of a step, `mean_step_mm`; a virtual robot adds its true distance, speed and straightness.
+An episode succeeds when the robot moves forward by 10 mm in 250 ms of a step on average and does
+not fall over. The metric is the mean of a step, `mean_step_mm`; a virtual robot adds its true
+distance, speed and straightness.
 """
 
 from typing import Any
@@ -58,11 +60,15 @@ UNIT_MM = 20.0
 SUCCESS_MM_S = 40.0
 """Least mean speed forward of a successful episode, in the steps' own time."""
 SETTINGS = {"n_step": 3}
-"""A command shows in the distance of the steps after it: returns over 3 steps (`python -m benchmarks ablation`)."""
+"""A command shows in the distance of the steps after it: returns over 3 steps (`python -m
+benchmarks ablation`)."""
 
 
-def forward_task(env_id: str, doc: str, interface: Interface, max_steps: int, unit_mm: float, **more: Any) -> Task:
-    """A task with the distance forward behind the channels, which is its reward in ``unit_mm``. ``more``: further fields."""
+def forward_task(
+    env_id: str, doc: str, interface: Interface, max_steps: int, unit_mm: float, **more: Any
+) -> Task:
+    """A task with the distance forward behind the channels, which is its reward in ``unit_mm``.
+    ``more``: further fields."""
     forward, least_mm = len(interface.channels), SUCCESS_MM_S * interface.settle.longest_ms / 1000
 
     def success(observations: Tensor) -> Tensor:
@@ -75,7 +81,9 @@ def forward_task(env_id: str, doc: str, interface: Interface, max_steps: int, un
         robot=WALKER,
         interface=interface,
         max_steps=max_steps,
-        reward=lambda previous, action, observation: observation[..., forward : forward + 1] / unit_mm,
+        reward=lambda previous, action, observation: (
+            observation[..., forward : forward + 1] / unit_mm
+        ),
         success=success,
         metrics=lambda observations: {"mean_step_mm": observations[..., forward].mean(-1)},
         terminated=terminated,
@@ -95,4 +103,6 @@ def walker_forward(*, step_ms: int = STEP_MS) -> Task:
     Raises:
         DescriptionError: see `timed`.
     """
-    return forward_task("Walker-v1", __doc__, *timed("Walker-v1", step_ms), UNIT_MM, settings=SETTINGS)
+    return forward_task(
+        "Walker-v1", __doc__, *timed("Walker-v1", step_ms), UNIT_MM, settings=SETTINGS
+    )

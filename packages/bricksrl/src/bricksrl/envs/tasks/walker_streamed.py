@@ -1,8 +1,10 @@
-"""The Walker learns to walk in steps of 100 ms, which its hub streams: faster than in Walker-v1, and within five minutes.
+"""The Walker learns to walk in steps of 100 ms, which its hub streams: faster than in Walker-v1,
+and within five minutes.
 
-Robot and actions are those of Walker-v1. With an exchange for each step, a step of 100 ms takes 185 ms over a link as Linux has
-it. Streamed, it takes 101 ms, and a command reaches the legs so late that half of a step is still the command before: the last
-commands are observed. So is the heading, as a robot that has turned gets less for the same step.
+Robot and actions are those of Walker-v1. With an exchange for each step, a step of 100 ms takes 185
+ms over a link as Linux has it. Streamed, it takes 101 ms, and a command reaches the legs so late
+that half of a step is still the command before: the last commands are observed. So is the heading,
+as a robot that has turned gets less for the same step.
 
 ## Action
 
@@ -31,12 +33,13 @@ commands are observed. So is the heading, as a robot that has turned gets less f
 | 11  | last_left_back    | -100 | 0    | deg  |
 | 12  | last_right_back   | -100 | 0    | deg  |
 
-The heading counts from the start of the episode. `forward` is measured as in Walker-v1, along that start; the last commands are
-0 after a reset.
+The heading counts from the start of the episode. `forward` is measured as in Walker-v1, along that
+start; the last commands are 0 after a reset.
 
 ## Reward
 
-Distance forward in this step, in units of 8 mm: for the same speed as much a step as in Walker-v1, 1.3 for a good gait.
+Distance forward in this step, in units of 8 mm: for the same speed as much a step as in Walker-v1,
+1.3 for a good gait.
 
 ## End of an episode
 
@@ -47,8 +50,8 @@ Distance forward in this step, in units of 8 mm: for the same speed as much a st
 
 ## Success and metrics
 
-As in Walker-v1: an episode succeeds at 40 mm/s or more on average without a fall. The metric is the mean of a step,
-`mean_step_mm`; a virtual robot adds its true distance, speed and straightness.
+As in Walker-v1: an episode succeeds at 40 mm/s or more on average without a fall. The metric is the
+mean of a step, `mean_step_mm`; a virtual robot adds its true distance, speed and straightness.
 """
 
 import math
@@ -68,9 +71,10 @@ SETTINGS = {
     "trial_steps": 25,
     "settle_steps": 10,
 }
-"""Defaults of agents, which suit the 250 ms of Walker-v1, as they are in a second: the discount; the steps whose rewards are
-summed; the variance of SAC's noise, as what actions add to a leg's angle adds up like a random walk; and a trial of a gait, whose
-steps of 250 ms take some 320 over a link. `python -m benchmarks step_times` measures what they give."""
+"""Defaults of agents, which suit the 250 ms of Walker-v1, as they are in a second: the discount;
+the steps whose rewards are summed; the variance of SAC's noise, as what actions add to a leg's
+angle adds up like a random walk; and a trial of a gait, whose steps of 250 ms take some 320 over a
+link. `python -m benchmarks step_times` measures what they give."""
 
 _INTERFACE, _MAX_STEPS = walker.timed("Walker-v2", STEP_MS)
 WALKER_STREAMED = forward_task(

@@ -42,22 +42,26 @@ class VisualGoal:
     def draw(self, rng: np.random.Generator) -> Place:
         """A random goal."""
         x, y = self.places[int(rng.integers(len(self.places)))]
-        shift_x, shift_y = (int(rng.integers(-jitter, jitter, endpoint=True)) for jitter in self.jitter_px)
+        shift_x, shift_y = (
+            int(rng.integers(-jitter, jitter, endpoint=True)) for jitter in self.jitter_px
+        )
         return x + shift_x, y + shift_y
 
 
 @dataclass(frozen=True)
 class CameraView:
-    """Camera that looks at the robot. Its image is part of the observation, under the key ``"image"``. Raises DescriptionError if
-    the image is larger than the frame or the goal lies outside of it.
+    """Camera that looks at the robot. Its image is part of the observation, under the key
+    ``"image"``. Raises DescriptionError if the image is larger than the frame or the goal lies
+    outside of it.
 
     Attributes:
         name: camera in a virtual robot's model.
-        device: camera of a real robot: its OpenCV number, or the address of a stream.
-        width_px, height_px: size of a frame.
+        device: camera of a real robot: its OpenCV number, or the address of a stream. width_px,
+        height_px: size of a frame.
         image_px: side of the agent's square image.
         goal: goal in the image; ``None`` for a camera without one.
-        spot_px: without OpenGL, a virtual robot is drawn by ray casting, with one ray per square of this side.
+        spot_px: without OpenGL, a virtual robot is drawn by ray casting, with one ray per square of
+            this side.
     """
 
     name: str = "webcam"
@@ -71,13 +75,21 @@ class CameraView:
     def __post_init__(self) -> None:
         if not 1 <= self.image_px <= min(self.width_px, self.height_px):
             raise DescriptionError(
-                f"an image of {self.image_px} px cannot be made of a frame of {self.width_px} x {self.height_px}; make it smaller"
+                f"an image of {self.image_px} px cannot be made of a frame of {self.width_px} x "
+                f"{self.height_px}; make it smaller"
             )
         if self.spot_px < 1:
-            raise DescriptionError(f"spots of {self.spot_px} px do not fill a frame; give 1 px or more")
+            raise DescriptionError(
+                f"spots of {self.spot_px} px do not fill a frame; give 1 px or more"
+            )
         places = self.goal.places if self.goal is not None else ((0, 0),)
-        if not places or not all(0 <= x < self.width_px and 0 <= y < self.height_px for x, y in places):
-            raise DescriptionError(f"a goal needs places within the frame of {self.width_px} x {self.height_px} px; give some")
+        if not places or not all(
+            0 <= x < self.width_px and 0 <= y < self.height_px for x, y in places
+        ):
+            raise DescriptionError(
+                f"a goal needs places within the frame of {self.width_px} x {self.height_px} px; "
+                "give some"
+            )
 
     @property
     def farthest_px(self) -> float:
@@ -89,36 +101,46 @@ class Camera(Protocol):
     """Source of frames."""
 
     def frame(self) -> Frame:
-        """Present frame, as a new array; opens the camera if it is closed. Raises CameraError if a real camera cannot be read, or
-        OpenCV is not installed, RenderingUnavailableError if a virtual robot cannot be drawn."""
+        """Present frame, as a new array; opens the camera if it is closed. Raises CameraError if a
+        real camera cannot be read, or OpenCV is not installed, RenderingUnavailableError if a
+        virtual robot cannot be drawn."""
 
     def close(self) -> None:
         """Release the camera; closing twice does nothing."""
 
 
 class TwinCamera:
-    """Camera in the model of a virtual robot. Without OpenGL it is ray cast, coarser and without specular light."""
+    """Camera in the model of a virtual robot. Without OpenGL it is ray cast, coarser and without
+    specular light."""
 
     def __init__(self, body: Body, view: CameraView) -> None:
         self._body, self._view = body, view
         self._renderer: Renderer | RayCaster | None = None
 
     def frame(self) -> Frame:
-        """Present frame. Raises RenderingUnavailableError if the virtual robot has no MuJoCo model."""
+        """Present frame. Raises RenderingUnavailableError if the virtual robot has no MuJoCo
+        model."""
         if self._renderer is None:
             from bricktwin.twin.mujoco_body import MujocoBody
             from bricktwin.twin.render.opengl import Renderer
             from bricktwin.twin.render.raycast import RayCaster
 
             if not isinstance(self._body, MujocoBody):
-                raise RenderingUnavailableError("the virtual robot has no picture; give it a MuJoCo model or no camera")
+                raise RenderingUnavailableError(
+                    "the virtual robot has no picture; give it a MuJoCo model or no camera"
+                )
             view = self._view
             try:
-                # Anti-aliasing would take most of the time, and its effect vanishes in the small image.
-                self._renderer = Renderer(self._body, view.width_px, view.height_px, view.name, smooth=False)
+                # Anti-aliasing would take most of the time, and its effect vanishes in the small
+                # image.
+                self._renderer = Renderer(
+                    self._body, view.width_px, view.height_px, view.name, smooth=False
+                )
             except RenderingUnavailableError as error:
                 _log.info("drawing by rays: %s", error)
-                self._renderer = RayCaster(self._body, view.width_px, view.height_px, view.name, view.spot_px)
+                self._renderer = RayCaster(
+                    self._body, view.width_px, view.height_px, view.name, view.spot_px
+                )
         return self._renderer.render()
 
     def close(self) -> None:
@@ -136,13 +158,14 @@ class VideoCamera:
         self._capture: Any = None
 
     def frame(self) -> Frame:
-        """Present frame. Raises CameraError if OpenCV is not installed, the camera cannot be read, or its frames have another
-        size."""
+        """Present frame. Raises CameraError if OpenCV is not installed, the camera cannot be read,
+        or its frames have another size."""
         view = self._view
         if self._capture is None:
             with installed("OpenCV", CameraError, "'bricksrl[vision]'"):
                 import cv2
-            level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # of a missing camera our own message tells
+            # of a missing camera our own message tells
+            level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
             self._capture = cv2.VideoCapture(view.device)
             cv2.utils.logging.setLogLevel(level)
             self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, view.width_px)
@@ -152,12 +175,18 @@ class VideoCamera:
         is_read, frame = self._capture.read()
         if not is_read:
             self.close()
-            raise CameraError(f"camera {view.device} shows nothing; plug it in, end other programs that use it, or name another")
+            raise CameraError(
+                f"camera {view.device} shows nothing; plug it in, end other programs that use it, "
+                "or name another"
+            )
         height, width = frame.shape[:2]
         if (width, height) != (view.width_px, view.height_px):
             self.close()
             expected = f"{view.width_px} x {view.height_px}"
-            raise CameraError(f"camera {view.device} gives {width} x {height} px, not {expected}; take one that can")
+            raise CameraError(
+                f"camera {view.device} gives {width} x {height} px, not {expected}; take one "
+                "that can"
+            )
         return np.ascontiguousarray(frame[..., ::-1])  # BGR to RGB
 
     def close(self) -> None:
@@ -178,15 +207,19 @@ class Watch:
     Attributes:
         goal: position of the goal, constant for the episode; ``None`` for a camera without one.
         image: the agent's image, uint8 ``[side, side, 3]``.
-        mean_px: mean distance of the red objects from the goal; unchanged where none is seen, 0 at the start.
-        nearest_px: distance of the nearest red object; the diagonal of the frame where none is seen.
+        mean_px: mean distance of the red objects from the goal; unchanged where none is seen, 0 at
+            the start.
+        nearest_px: distance of the nearest red object; the diagonal of the frame where none is
+            seen.
     """
 
     def __init__(self, view: CameraView, rng: np.random.Generator, frame: Frame) -> None:
         self._view = view
         self.goal = None if view.goal is None else view.goal.draw(rng)
         self.mean_px, self.nearest_px = 0.0, view.farthest_px
-        self._disc = None if view.goal is None or self.goal is None else (self.goal, view.goal.radius_px)
+        self._disc = (
+            None if view.goal is None or self.goal is None else (self.goal, view.goal.radius_px)
+        )
         self.image = shrink(frame, view.image_px, self._disc)
 
     def see(self, frame: Frame) -> None:

@@ -1,4 +1,5 @@
-"""Calibration of red: the colours of a ball for this camera and light, estimated from a frame and kept in a file."""
+"""Calibration of red: the colours of a ball for this camera and light, estimated from a frame and
+kept in a file."""
 
 import dataclasses
 import json
@@ -21,7 +22,8 @@ _LEAST_PX = 5  # fewer are sensor noise
 _SEED_PX = 50  # rank of the pixel whose chroma sets the threshold for seeds
 _POINT_PX = 3  # half side of the square around a given point whose colour is taken
 _UNLIKE_HUE_DEG, _LEAST_SATURATION_RATIO, _LEAST_VALUE_RATIO = 30.0, 0.5, 0.35
-"""Spread of one object's colour around its median: darker in shade, less saturated in highlights."""
+"""Spread of one object's colour around its median: darker in shade, less saturated in
+highlights."""
 _MARGIN_DEG, _MARGIN = 8.0, 0.8
 
 
@@ -40,8 +42,8 @@ class FoundRed:
 
 
 def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
-    """Find the red object in a frame, and the HSV window that holds its colours with a margin. Raises CameraError if nothing is
-    red, at that point or anywhere, or the object is too small.
+    """Find the red object in a frame, and the HSV window that holds its colours with a margin.
+    Raises CameraError if nothing is red, at that point or anywhere, or the object is too small.
 
     Args:
         frame: uint8 ``[height, width, 3]``.
@@ -54,20 +56,33 @@ def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
         seed = (np.abs(rows - at[1]) <= _POINT_PX) & (np.abs(columns - at[0]) <= _POINT_PX)
     else:  # the largest region of nearly the strongest chroma
         count = min(_SEED_PX, chroma.size)
-        vivid = chroma >= max(0.75 * float(np.partition(chroma, -count, axis=None)[-count]), _LEAST_CHROMA)
+        vivid = chroma >= max(
+            0.75 * float(np.partition(chroma, -count, axis=None)[-count]), _LEAST_CHROMA
+        )
         seed = _region(vivid, vivid)
     if seed.sum() < _LEAST_PX or np.median(chroma[seed]) < _LEAST_CHROMA:
         place = "the frame" if at is None else f"the frame at {at[0]}, {at[1]}"
-        raise CameraError(f"nothing is red in {place}; bring the ball into the picture, give it light, or name a point of it")
+        raise CameraError(
+            f"nothing is red in {place}; bring the ball into the picture, give it light, or name "
+            "a point of it"
+        )
     hue, strong, bright = (float(np.median(part[seed])) for part in (hue_deg, saturation, value))
     similar = (chroma > 0) & (np.abs(hue_deg - hue) <= _UNLIKE_HUE_DEG)
-    similar &= (saturation >= _LEAST_SATURATION_RATIO * strong) & (value >= _LEAST_VALUE_RATIO * bright)
+    similar &= (saturation >= _LEAST_SATURATION_RATIO * strong) & (
+        value >= _LEAST_VALUE_RATIO * bright
+    )
     mask = _region(similar, seed)  # around a point near its edge, the object's colours only
     if mask.sum() <= RedWindow.area_px:
-        raise CameraError(f"the red thing has only {mask.sum()} px; bring it nearer to the camera, or name a point of the ball")
+        raise CameraError(
+            f"the red thing has only {mask.sum()} px; bring it nearer to the camera, or name a "
+            "point of the ball"
+        )
     low, high = np.percentile(hue_deg[mask], (1, 99)).tolist()
     window = RedWindow(
-        hue_deg=(round(max(low - _MARGIN_DEG, -_AROUND_RED_DEG), 1), round(min(high + _MARGIN_DEG, _AROUND_RED_DEG), 1)),
+        hue_deg=(
+            round(max(low - _MARGIN_DEG, -_AROUND_RED_DEG), 1),
+            round(min(high + _MARGIN_DEG, _AROUND_RED_DEG), 1),
+        ),
         saturation=round(_MARGIN * float(np.percentile(saturation[mask], 2)), 3),
         value=round(_MARGIN * float(np.percentile(value[mask], 2)), 3),
     )
@@ -75,7 +90,8 @@ def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
 
 
 def _colours(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Hue (-60..60 degrees where red is the strongest, else 180), saturation and value (0..1); ``[height, width]`` each."""
+    """Hue (-60..60 degrees where red is the strongest, else 180), saturation and value (0..1);
+    ``[height, width]`` each."""
     red, green, blue = np.moveaxis(frame.astype(np.float64) / 255, -1, 0)
     value, least = frame.max(-1) / 255, frame.min(-1) / 255
     chroma = value - least
@@ -98,14 +114,18 @@ def _region(mask: NDArray[np.bool_], seed: NDArray[np.bool_]) -> NDArray[np.bool
 def spanning(windows: list[RedWindow]) -> RedWindow:
     """The smallest window that contains all of these."""
     return RedWindow(
-        (min(window.hue_deg[0] for window in windows), max(window.hue_deg[1] for window in windows)),
+        (
+            min(window.hue_deg[0] for window in windows),
+            max(window.hue_deg[1] for window in windows),
+        ),
         min(window.saturation for window in windows),
         min(window.value for window in windows),
     )
 
 
 def picture(frame: Frame, found: FoundRed) -> Frame:
-    """The frame with the object outlined and, beside it, dimmed outside of the window; ``[height, 2 width, 3]``."""
+    """The frame with the object outlined and, beside it, dimmed outside of the window; ``[height, 2
+    width, 3]``."""
     from scipy import ndimage
 
     window = found.window
@@ -132,14 +152,18 @@ def write_red(path: Path, window: RedWindow) -> None:
 
 
 def read_red(path: Path) -> RedWindow:
-    """Read the window that `write_red` wrote. Raises CameraError if the file is missing or invalid."""
+    """Read the window that `write_red` wrote. Raises CameraError if the file is missing or
+    invalid."""
     with reading("the calibration", path, CameraError, "make one with `bricksrl camera calibrate`"):
         data: dict[str, Any] = json.loads(path.read_bytes())["red"]
         low, high = map(float, data["hue_deg"])
-        return RedWindow((low, high), float(data["saturation"]), float(data["value"]), int(data["area_px"]))
+        return RedWindow(
+            (low, high), float(data["saturation"]), float(data["value"]), int(data["area_px"])
+        )
 
 
 def saved_red(device: int | str) -> RedWindow | None:
-    """The saved window of this camera; ``None`` if there is none. Raises CameraError if the file is invalid."""
+    """The saved window of this camera; ``None`` if there is none. Raises CameraError if the file is
+    invalid."""
     path = saved_path(device)
     return read_red(path) if path.exists() else None

@@ -1,7 +1,7 @@
 """Operations on frames: detection of red objects, and area-averaged images.
 
-A frame is uint8 ``[height, width, 3]`` in RGB and is never drawn into. Positions are ``(x, y)`` in px of the frame, from its
-upper left corner.
+A frame is uint8 ``[height, width, 3]`` in RGB and is never drawn into. Positions are ``(x, y)`` in
+px of the frame, from its upper left corner.
 """
 
 import functools
@@ -25,8 +25,8 @@ _HUE_AROUND_RED_DEG = 60.0  # hues within this distance of 0 have red as the str
 
 @dataclass(frozen=True)
 class RedWindow:
-    """HSV window of colours that count as red, and the minimum area of an object. Raises DescriptionError if a limit is out of
-    range.
+    """HSV window of colours that count as red, and the minimum area of an object. Raises
+    DescriptionError if a limit is out of range.
 
     Attributes:
         hue_deg: lowest and highest hue; red is 0, hues below it are negative.
@@ -43,17 +43,25 @@ class RedWindow:
     def __post_init__(self) -> None:
         low, high = self.hue_deg
         if not -_HUE_AROUND_RED_DEG <= low <= high <= _HUE_AROUND_RED_DEG:
-            raise DescriptionError(f"hues of {self.hue_deg} degrees are not those around red; give (low, high) within -60 to 60")
+            raise DescriptionError(
+                f"hues of {self.hue_deg} degrees are not those around red; give (low, high) "
+                "within -60 to 60"
+            )
         if not (0.0 < self.saturation <= 1.0 and 0.0 < self.value <= 1.0 and self.area_px >= 0):
-            raise DescriptionError("a window of red needs saturation and value in 0..1, above 0, and an area_px of 0 or more")
+            raise DescriptionError(
+                "a window of red needs saturation and value in 0..1, above 0, and an area_px of "
+                "0 or more"
+            )
 
 
 def find_red(frame: Frame, window: RedWindow) -> NDArray[np.float64]:
-    """Centres of the bounding boxes of the red objects in a frame ``[height, width, 3]``: ``[objects, 2]``."""
+    """Centres of the bounding boxes of the red objects in a frame ``[height, width, 3]``:
+    ``[objects, 2]``."""
     from scipy import ndimage
 
-    # Hue is computed only for the few pixels that are mostly red. For this, each value of the flat array is compared with the two
-    # that follow it: memory is passed through in order, and every third result belongs to a red channel.
+    # Hue is computed only for the few pixels that are mostly red. For this, each value of the flat
+    # array is compared with the two that follow it: memory is passed through in order, and every
+    # third result belongs to a red channel.
     flat = np.ascontiguousarray(frame).reshape(-1)
     strong = flat[:-2] > flat[1:-1]
     strong &= flat[:-2] > flat[2:]
@@ -63,7 +71,9 @@ def find_red(frame: Frame, window: RedWindow) -> NDArray[np.float64]:
     chroma = strongest - np.minimum(second, third)
     hue_deg = 60.0 * (second - third) / chroma
     low_deg, high_deg = window.hue_deg
-    is_red = (chroma >= window.saturation * strongest) & (hue_deg >= low_deg) & (hue_deg <= high_deg)
+    is_red = (
+        (chroma >= window.saturation * strongest) & (hue_deg >= low_deg) & (hue_deg <= high_deg)
+    )
     rows, columns = np.divmod(pixels[is_red], frame.shape[1])
     if not len(rows):
         return np.empty((0, 2))
@@ -72,8 +82,14 @@ def find_red(frame: Frame, window: RedWindow) -> NDArray[np.float64]:
     mask[rows - top, columns - left] = True
     labels, _ = ndimage.label(mask, np.ones((3, 3)))
     areas = np.bincount(labels[mask])
-    boxes = [box for label, box in enumerate(ndimage.find_objects(labels), 1) if areas[label] > window.area_px]
-    middles = [[left + (x.start + x.stop - 1) / 2, top + (y.start + y.stop - 1) / 2] for y, x in boxes]
+    boxes = [
+        box
+        for label, box in enumerate(ndimage.find_objects(labels), 1)
+        if areas[label] > window.area_px
+    ]
+    middles = [
+        [left + (x.start + x.stop - 1) / 2, top + (y.start + y.stop - 1) / 2] for y, x in boxes
+    ]
     return np.array(middles).reshape(-1, 2)
 
 
@@ -83,30 +99,38 @@ def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float6
 
 
 def shrink(frame: Frame, side_px: int, disc: Disc | None = None) -> Frame:
-    """Area-averaged image ``[side, side, 3]`` of the frame, in which small objects stay visible; ties are rounded to even.
-    ``disc``: a green disc to draw into the image; the frame is not changed."""
+    """Area-averaged image ``[side, side, 3]`` of the frame, in which small objects stay visible;
+    ties are rounded to even. ``disc``: a green disc to draw into the image; the frame is not
+    changed."""
     canvas = frame.astype(np.float32)
     if disc is not None:
         draw_disc(canvas, *disc)
     flat = _downsample(canvas, side_px)  # sums of integers, which are exact
     sums = _downsample(flat.swapaxes(0, 1).astype(float, order="C"), side_px).swapaxes(0, 1)
-    image: Frame = np.rint(sums / math.prod(size // math.gcd(side_px, size) for size in frame.shape[:2])).astype(np.uint8)
+    image: Frame = np.rint(
+        sums / math.prod(size // math.gcd(side_px, size) for size in frame.shape[:2])
+    ).astype(np.uint8)
     return image
 
 
 def _downsample(canvas: NDArray[Any], new_size: int) -> NDArray[Any]:
-    """Rows ``[old_size, ...]`` to ``[new_size, ...]``: sums, each of ``old_size / gcd`` weights of a row."""
+    """Rows ``[old_size, ...]`` to ``[new_size, ...]``: sums, each of ``old_size / gcd`` weights of
+    a row."""
     old_size, *rest = canvas.shape
     blocks = math.gcd(new_size, old_size)  # no new row spans two blocks
-    sums: NDArray[Any] = _overlap(new_size // blocks, old_size // blocks) @ canvas.reshape(blocks, old_size // blocks, -1)
+    sums: NDArray[Any] = _overlap(new_size // blocks, old_size // blocks) @ canvas.reshape(
+        blocks, old_size // blocks, -1
+    )
     return sums.reshape(new_size, *rest)
 
 
 @functools.lru_cache(maxsize=16)
 def _overlap(new_size: int, old_size: int) -> NDArray[np.float32]:
-    """Overlap of each of ``new_size`` equal parts with ``old_size`` rows, in ``1 / new_size`` rows; ``[new_size, old_size]``."""
+    """Overlap of each of ``new_size`` equal parts with ``old_size`` rows, in ``1 / new_size`` rows;
+    ``[new_size, old_size]``."""
     edges = np.arange(new_size + 1)[:, None] * old_size
-    covered = np.clip(edges - np.arange(old_size) * new_size, 0, new_size)  # part of each row before each edge
+    # part of each row before each edge
+    covered = np.clip(edges - np.arange(old_size) * new_size, 0, new_size)
     share: NDArray[np.float32] = np.diff(covered, axis=0).astype(np.float32)
     return share
 

@@ -11,13 +11,18 @@ from bricksrl.errors import DescriptionError
 
 
 class Keypoints(nn.Module):
-    """Feature points: two convolutions, then a spatial softmax of each map (Finn et al., 2016). Maps are normalised to mean 0 and
-    variance 1, so the softmax is sharp even before training: random filters find a coloured spot."""
+    """Feature points: two convolutions, then a spatial softmax of each map (Finn et al., 2016).
+    Maps are normalised to mean 0 and variance 1, so the softmax is sharp even before training:
+    random filters find a coloured spot."""
 
-    def __init__(self, image_px: int, colors: int = 3, channels: int = 16, points: int = 16) -> None:
+    def __init__(
+        self, image_px: int, colors: int = 3, channels: int = 16, points: int = 16
+    ) -> None:
         super().__init__()
         if image_px < 16:
-            raise DescriptionError(f"images of {image_px} px are too small for keypoints; make them 16 px or larger")
+            raise DescriptionError(
+                f"images of {image_px} px are too small for keypoints; make them 16 px or larger"
+            )
         self.first = nn.Conv2d(colors, channels, 8, stride=4, padding=2)
         self.second = nn.Conv2d(channels, points, 1)
         self.sharpness = nn.Parameter(torch.ones(points, 1))
@@ -26,29 +31,40 @@ class Keypoints(nn.Module):
         self.size = 2 * points
 
     def forward(self, images: Tensor) -> Tensor:
-        """Images ``[batch, colors, side, side]`` to positions ``[batch, size]``, -1..1 from edge to edge."""
+        """Images ``[batch, colors, side, side]`` to positions ``[batch, size]``, -1..1 from edge to
+        edge."""
         maps = self.second(self.first(images).relu()).flatten(2)
         sharp = functional.layer_norm(maps, maps.shape[-1:]) * self.sharpness
         return (sharp.softmax(-1) @ self.positions).flatten(1)
 
 
 class Convolutions(nn.Sequential):
-    """The paper's image network ``[batch, colors, side, side]`` to ``[batch, 128]``: three convolutions, then dense layers."""
+    """The paper's image network ``[batch, colors, side, side]`` to ``[batch, 128]``: three
+    convolutions, then dense layers."""
 
     size = 128
 
     def __init__(self, image_px: int, colors: int = 3) -> None:
         side_left = ((image_px - 8) // 4 - 3) // 2 - 1
         if side_left < 1:
-            raise DescriptionError(f"images of {image_px} px are too small for the convolutions; make them 36 px or larger")
-        convolutions = [nn.Conv2d(colors, 32, 8, stride=4), nn.ReLU(), nn.Conv2d(32, 64, 4, stride=2), nn.ReLU()]
+            raise DescriptionError(
+                f"images of {image_px} px are too small for the convolutions; make them 36 px "
+                "or larger"
+            )
+        convolutions = [
+            nn.Conv2d(colors, 32, 8, stride=4),
+            nn.ReLU(),
+            nn.Conv2d(32, 64, 4, stride=2),
+            nn.ReLU(),
+        ]
         convolutions += [nn.Conv2d(64, 64, 3), nn.ReLU(), nn.Flatten()]
         dense = (nn.Linear(64 * side_left**2, 256), nn.ReLU(), nn.Linear(256, self.size), nn.ReLU())
         super().__init__(OrderedDict(layers=nn.Sequential(*convolutions, *dense)))
 
 
 def pixels(images: Tensor, shape: ImageShape) -> Tensor:
-    """Images ``[*batch, *shape]`` as ``[batch, channels, side, side]``, -0.5 (black) to 0.5 (white)."""
+    """Images ``[*batch, *shape]`` as ``[batch, channels, side, side]``, -0.5 (black) to 0.5
+    (white)."""
     flat = images.reshape(-1, *images.shape[-3:])
     flat = flat.permute(0, 3, 1, 2) if shape.is_channels_last else flat
     span = shape.high - shape.low
@@ -56,10 +72,15 @@ def pixels(images: Tensor, shape: ImageShape) -> Tensor:
 
 
 def shift_images(images: Tensor, max_px: int, is_channels_last: bool = True) -> Tensor:
-    """Images ``[batch, side, side, 3]``, each shifted randomly; edges are repeated. As in DrQ (Kostrikov et al., 2021)."""
+    """Images ``[batch, side, side, 3]``, each shifted randomly; edges are repeated. As in DrQ
+    (Kostrikov et al., 2021)."""
     if not is_channels_last:
         return shift_images(images.movedim(1, -1), max_px).movedim(-1, 1)
     batch, side = images.shape[:2]
     shift = torch.randint(-max_px, max_px + 1, (2, batch, 1), device=images.device)
     rows, columns = (torch.arange(side, device=images.device) + shift).clamp_(0, side - 1)
-    return images[torch.arange(batch, device=images.device)[:, None, None], rows[:, :, None], columns[:, None, :]]
+    return images[
+        torch.arange(batch, device=images.device)[:, None, None],
+        rows[:, :, None],
+        columns[:, None, :],
+    ]

@@ -1,6 +1,7 @@
 """Fleet: several robots of one kind, each in its own process with its link, watchdog and resets.
 
-Each process runs assigned episodes and sends each frame. Robots with a lost link reconnect; ended processes are restarted.
+Each process runs assigned episodes and sends each frame. Robots with a lost link reconnect; ended
+processes are restarted.
 """
 
 import contextlib
@@ -72,22 +73,33 @@ Event = tuple[Member, str, Any]
 def members_of(config: TrainConfig) -> list[Member]:
     """The robots of a config."""
     hubs = config.hubs
-    names = [hub if hub != "virtual" else f"virtual-{number + 1}" for number, hub in enumerate(hubs)]
-    return [Member(name, number, hub) for number, (name, hub) in enumerate(zip(names, hubs, strict=True))]
+    names = [
+        hub if hub != "virtual" else f"virtual-{number + 1}" for number, hub in enumerate(hubs)
+    ]
+    return [
+        Member(name, number, hub)
+        for number, (name, hub) in enumerate(zip(names, hubs, strict=True))
+    ]
 
 
 def make_fleet(config: TrainConfig, place: Placement | None = None) -> EnvBase:
-    """The robots of a config, behind its transforms: what these draw, such as statistics, is drawn once, on a virtual robot.
-    ``place``: as of `Fleet`. Raises RunError if robots of this kind, or with these transforms, cannot learn together,
-    UnknownNameError if there is no such environment or hub."""
+    """The robots of a config, behind its transforms: what these draw, such as statistics, is drawn
+    once, on a virtual robot. ``place``: as of `Fleet`. Raises RunError if robots of this kind, or
+    with these transforms, cannot learn together, UnknownNameError if there is no such environment
+    or hub."""
     if is_simulation(config.env):
-        raise RunError(f"{config.env} is a simulation without a robot; train copies of it with num_envs")
+        raise RunError(
+            f"{config.env} is a simulation without a robot; train copies of it with num_envs"
+        )
     for hub in config.hubs:
         parse_hub(hub)
     env = stand_in(config)
     layout_of(env)  # raises where a transform fails
     if runs_on(env):
-        raise RunError("the robots of a fleet would have different statistics; give --normalize, or omit the transform")
+        raise RunError(
+            "the robots of a fleet would have different statistics; give --normalize, or omit "
+            "the transform"
+        )
     return over(env, Fleet(config, env, place))
 
 
@@ -106,7 +118,9 @@ class Fleet(SpecsEnv):
     """
 
     def __init__(self, config: TrainConfig, env: EnvBase, place: Placement | None = None) -> None:
-        super().__init__({name: getattr(base_of(env), name).clone() for name in SPECS}, interface_of(env).task)
+        super().__init__(
+            {name: getattr(base_of(env), name).clone() for name in SPECS}, interface_of(env).task
+        )
         self.config, self.members, self.kept = config, members_of(config), dict[str, Any]()
         self.robots = len(self.members)
         self.events: SimpleQueue[Event] = SimpleQueue()
@@ -124,8 +138,12 @@ class Fleet(SpecsEnv):
 
     @property
     def has_stopped(self) -> bool:
-        """Whether the processes of all robots have ended, as each does after it has stopped its robot."""
-        return all(member.process is None or member.process.wait(0.0) is not None for member in self.members)
+        """Whether the processes of all robots have ended, as each does after it has stopped its
+        robot."""
+        return all(
+            member.process is None or member.process.wait(0.0) is not None
+            for member in self.members
+        )
 
     def pause(self) -> None:
         """Pause all robots after their current steps."""
@@ -165,9 +183,17 @@ class Fleet(SpecsEnv):
         try:
             member.process = ChildProcess("bricksrl.training.fleet.worker", deliver)
         except OSError as error:
-            raise LearnerError(f"cannot start the process of {member.name} ({error.strerror}); use fewer robots") from None
+            raise LearnerError(
+                f"cannot start the process of {member.name} ({error.strerror}); use fewer robots"
+            ) from None
         robot_config = replace(
-            self.config, hub=member.hub, robots=1, asynchronous=False, run_dir=None, start=None, demonstrations=None
+            self.config,
+            hub=member.hub,
+            robots=1,
+            asynchronous=False,
+            run_dir=None,
+            start=None,
+            demonstrations=None,
         )
         begin = {
             "config": robot_config.to_dict(),
@@ -180,7 +206,8 @@ class Fleet(SpecsEnv):
         self.tell(member, "begin", begin)
 
     def begin_sending(self, member: Member) -> None:
-        """Send the weights to a new process, and include it in `send_weights`; it knows of no stop or pause before."""
+        """Send the weights to a new process, and include it in `send_weights`; it knows of no stop
+        or pause before."""
         member.is_ready = True
         if self._is_over or self._is_paused:
             self.tell(member, "stop" if self._is_over else "pause")
@@ -188,11 +215,15 @@ class Fleet(SpecsEnv):
             self.tell(member, "weights", self._weights)
 
     def next_event(self, timeout_s: float) -> Event | None:
-        """The next event of a robot, or ``None`` after the timeout. Restarts ended processes, but for those of robots that it
-        gives up."""
+        """The next event of a robot, or ``None`` after the timeout. Restarts ended processes, but
+        for those of robots that it gives up."""
         now_s = time.monotonic()
         for member in self.members:
-            if member.restart_at_s is not None and now_s >= member.restart_at_s and not self._is_over:
+            if (
+                member.restart_at_s is not None
+                and now_s >= member.restart_at_s
+                and not self._is_over
+            ):
                 self._start(member)
         try:
             member, kind, content = self.events.get(timeout=timeout_s)
@@ -205,11 +236,19 @@ class Fleet(SpecsEnv):
             member.deaths += 1
             if member.deaths >= _MAX_DEATHS:
                 times = f"{member.deaths} times in a row without a complete episode"
-                return member, "given up", f"its process ended {times}, the last time with code {code}"
-            member.restart_at_s = now_s + min(_RESTART_S * 2.0 ** (member.deaths - 1), _LONGEST_RESTART_S)
+                return (
+                    member,
+                    "given up",
+                    f"its process ended {times}, the last time with code {code}",
+                )
+            member.restart_at_s = now_s + min(
+                _RESTART_S * 2.0 ** (member.deaths - 1), _LONGEST_RESTART_S
+            )
             return member, "gone", f"its process ended with code {code}"
         if kind == "place":
-            threading.Thread(target=self._place_robot, args=(member,), name="placer", daemon=True).start()
+            threading.Thread(
+                target=self._place_robot, args=(member,), name="placer", daemon=True
+            ).start()
         return member, kind, content
 
     def _place_robot(self, member: Member) -> None:
@@ -224,7 +263,8 @@ class Fleet(SpecsEnv):
             self.tell(member, "placed")
 
     def send_weights(self, weights: dict[str, Tensor]) -> None:
-        """Send weights to all started processes: the pipe to a starting one would be full for seconds and block all robots."""
+        """Send weights to all started processes: the pipe to a starting one would be full for
+        seconds and block all robots."""
         self._weights = weights
         for member in self.members:
             if member.is_ready:

@@ -26,7 +26,8 @@ class FleetRobots(Source):
     """Episodes that have ended and are not counted by the run yet."""
 
     def start(self) -> None:
-        """Start the robots and wait for the first one; the others follow. Raises HubError if no robot can be reached."""
+        """Start the robots and wait for the first one; the others follow. Raises HubError if no
+        robot can be reached."""
         self._start()
         with self.signals.at_once():
             while not any(member.state is RobotState.ACTING for member in self.env.members):
@@ -46,8 +47,8 @@ class FleetRobots(Source):
         self._send_weights()
 
     def events(self) -> Iterator[Moved | Ended | None]:
-        """What the robots report, in the order of its arrival. Raises HubError if all robots were out of reach for too long,
-        RunError if a robot failed for good, or all were given up."""
+        """What the robots report, in the order of its arrival. Raises HubError if all robots were
+        out of reach for too long, RunError if a robot failed for good, or all were given up."""
         self._start()
         while True:
             event = self._handle(self.env.next_event(_POLL_S))
@@ -70,14 +71,21 @@ class FleetRobots(Source):
             self.env.send_weights(weights)
 
     def _check_reach(self) -> None:
-        """Raise `RunError` if all robots were given up, `HubError` if all have been out of reach for too long."""
+        """Raise `RunError` if all robots were given up, `HubError` if all have been out of reach
+        for too long."""
         last = max(self.env.members, key=lambda member: member.since_s)
         if all(member.state is RobotState.GIVEN_UP for member in self.env.members):
-            reason = f"no robot of the fleet is left; the last one, {last.name}, was given up: {last.reason}"
+            reason = (
+                f"no robot of the fleet is left; the last one, {last.name}, was given up: "
+                f"{last.reason}"
+            )
             raise RunError(f"{reason}; correct it and resume the run")
         is_out = all(member.is_out for member in self.env.members)
         if is_out and time.monotonic() - last.since_s >= self.patience_s:
-            raise HubError(f"no robot of the fleet can be reached; the last error, of {last.name}: {last.reason}")
+            raise HubError(
+                f"no robot of the fleet can be reached; the last error, of {last.name}: "
+                f"{last.reason}"
+            )
 
     def _handle(self, event: Event | None) -> Moved | Ended | None:
         """Handle a report. Returns what the run needs to know."""
@@ -91,11 +99,18 @@ class FleetRobots(Source):
             case "place":
                 self._set_state(member, RobotState.PLACED)
             case "unplaced":
-                raise content if isinstance(content, Exception) else RunError("the robots cannot be placed; start again")
+                raise (
+                    content
+                    if isinstance(content, Exception)
+                    else RunError("the robots cannot be placed; start again")
+                )
             case "begun":
                 self._set_state(member, RobotState.ACTING)
                 playing = self.playing[member.number]
-                playing.about, playing.started_s = replace(content, robot=member.name), time.perf_counter()
+                playing.about, playing.started_s = (
+                    replace(content, robot=member.name),
+                    time.perf_counter(),
+                )
             case "frame":
                 return self._frame(member, *content)
             case "out":
@@ -106,11 +121,15 @@ class FleetRobots(Source):
                 self._reassign()
             case "failed":
                 error_type, message = content
-                raise RunError(f"{member.name} failed ({error_type}: {message}); correct it and resume the run")
+                raise RunError(
+                    f"{member.name} failed ({error_type}: {message}); correct it and resume the run"
+                )
             case "ended":
                 return self._ended(member, *content)
             case "gone" | "given up":
-                self._set_state(member, RobotState.LEFT if kind == "gone" else RobotState.GIVEN_UP, content)
+                self._set_state(
+                    member, RobotState.LEFT if kind == "gone" else RobotState.GIVEN_UP, content
+                )
                 ended = self._ended(member, None, {}, True, False)
                 self._assign_idle()
                 return ended
@@ -125,16 +144,23 @@ class FleetRobots(Source):
             self.callback.on_robot(member.name, state, reason)
 
     def _assign_idle(self) -> None:
-        """Assign first episodes once all processes have started or failed, so that all begin together."""
+        """Assign first episodes once all processes have started or failed, so that all begin
+        together."""
         members = self.env.members
         if all(member.is_ready or member.is_out for member in members):
             for member in members:
-                if member.is_ready and member.number not in self.playing and member.state is not RobotState.DONE:
+                if (
+                    member.is_ready
+                    and member.number not in self.playing
+                    and member.state is not RobotState.DONE
+                ):
                     self._assign(member)
 
     def _assign(self, member: Member) -> None:
         """Assign the next episode, unless all remaining ones are being played."""
-        working = sum(1 for other in self.env.members if other.number in self.playing and not other.is_out)
+        working = sum(
+            1 for other in self.env.members if other.number in self.playing and not other.is_out
+        )
         playing = self.next_episode(working + self._unsaved)
         if playing is None:
             self._set_state(member, RobotState.DONE)
@@ -144,7 +170,11 @@ class FleetRobots(Source):
         playing.robot = member.number
         self.playing[member.number] = playing
         is_random = playing.phase is Phase.PREFILL
-        self.env.tell(member, "episode", {"seed": playing.seed, "is_random": is_random, "policy": playing.policy})
+        self.env.tell(
+            member,
+            "episode",
+            {"seed": playing.seed, "is_random": is_random, "policy": playing.policy},
+        )
 
     def _reassign(self) -> None:
         """Let idle robots take over the episodes of one that left."""
@@ -152,7 +182,9 @@ class FleetRobots(Source):
             if other.state is RobotState.DONE:
                 self._assign(other)
 
-    def _frame(self, member: Member, rows: list[dict[str, Any]], steps: list[Any], rewards: list[float]) -> Moved:
+    def _frame(
+        self, member: Member, rows: list[dict[str, Any]], steps: list[Any], rewards: list[float]
+    ) -> Moved:
         playing = self.playing[member.number]
         frames = [TensorDict(part).unflatten_keys(".") for part in rows]
         is_lost = bool(frames[0]["next"].get("link_lost", False))
@@ -163,7 +195,12 @@ class FleetRobots(Source):
         return Moved(playing, frames[0], frames[-1], is_lost)
 
     def _ended(
-        self, member: Member, success: bool | None, measures: dict[str, float], is_lost: bool, is_cut: bool
+        self,
+        member: Member,
+        success: bool | None,
+        measures: dict[str, float],
+        is_lost: bool,
+        is_cut: bool,
     ) -> Ended | None:
         """End a robot's episode, and assign the next one: a robot need not wait for the disk."""
         playing = self.playing.pop(member.number, None)

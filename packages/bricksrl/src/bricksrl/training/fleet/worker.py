@@ -1,7 +1,8 @@
-"""Process of one robot of a fleet: ``python -m bricksrl.training.fleet.worker``, started by `Fleet`.
+"""Process of one robot of a fleet: ``python -m bricksrl.training.fleet.worker``, started by
+`Fleet`.
 
-It has the robot's link, environment and a copy of the policy, runs the assigned episodes and sends each frame. An unreachable
-robot is retried until the run ends.
+It has the robot's link, environment and a copy of the policy, runs the assigned episodes and sends
+each frame. An unreachable robot is retried until the run ends.
 """
 
 import threading
@@ -34,7 +35,8 @@ class _FleetEnded(BaseException):
 
 
 class Worker:
-    """One robot: messages in, frames out. ``send``: sends a message to the fleet; set after construction."""
+    """One robot: messages in, frames out. ``send``: sends a message to the fleet; set after
+    construction."""
 
     send: Callable[..., None]
 
@@ -81,14 +83,22 @@ class Worker:
         except (_FleetEnded, BrokenPipeError, StoppedError):
             pass
         except Exception as error:  # noqa: BLE001  raised in the run's process
-            self.send("failed", (type(error).__name__, message_of(error, 500) + line_of_user(error)))
+            self.send(
+                "failed", (type(error).__name__, message_of(error, 500) + line_of_user(error))
+            )
 
     def _prepare(self, begin: dict[str, Any]) -> tuple[EnvBase, Learner]:
         torch.set_num_threads(1)
         config = TrainConfig.from_dict(begin["config"])
         torch.manual_seed(begin["seed"])
-        robot: Any = make(config.env, config.as_it_is(), seed=config.seed, place=self._place if begin["is_placed"] else None)
-        env = over(stand_in(config), robot) if config.is_transformed else robot  # what is drawn, no real robot is moved for
+        robot: Any = make(
+            config.env,
+            config.as_it_is(),
+            seed=config.seed,
+            place=self._place if begin["is_placed"] else None,
+        )
+        # what is drawn, no real robot is moved for
+        env = over(stand_in(config), robot) if config.is_transformed else robot
         load_transform_state(env, begin["transforms"])
         actor = make_learner_for(config, env, device="cpu")
         actor.weights = self._weights
@@ -98,7 +108,9 @@ class Worker:
         self._env = robot
         return env, actor
 
-    def _episode(self, env: Any, actor: Learner, begin: dict[str, Any], order: dict[str, Any]) -> None:
+    def _episode(
+        self, env: Any, actor: Learner, begin: dict[str, Any], order: dict[str, Any]
+    ) -> None:
         """One episode; ends early if the link breaks."""
         rollout, is_random = Rollout(), order["is_random"]
         env.set_seed(order["seed"])
@@ -111,7 +123,8 @@ class Worker:
             own = rollout.add(frame, env)
             steps = [step_of(step, env) for step in own] if begin["is_recorded"] else []
             parts = (frame,) if not own or own[-1] is frame else (frame, own[-1])
-            rows = [dict(part.exclude("link_lost").flatten_keys(".").items()) for part in parts]  # within an episode only
+            # within an episode only
+            rows = [dict(part.exclude("link_lost").flatten_keys(".").items()) for part in parts]
             self.send("frame", (rows, steps, rollout.rewards[before:]))
             if begin["is_paced"]:
                 self._next_message("go")

@@ -1,7 +1,8 @@
 """Team learning: MAPPO, IPPO and independent SAC for groups of a multi-agent environment.
 
-MAPPO (Yu et al., 2022) has one critic for all observations of a group, IPPO (de Witt et al., 2020) one for each robot's own; both
-use TorchRL's losses. Independent SAC learns from each robot's transitions separately. A group shares its networks.
+MAPPO (Yu et al., 2022) has one critic for all observations of a group, IPPO (de Witt et al., 2020)
+one for each robot's own; both use TorchRL's losses. Independent SAC learns from each robot's
+transitions separately. A group shares its networks.
 """
 
 import warnings
@@ -75,7 +76,16 @@ class PPOGroup:
         central: whether the critic sees all robots of the group.
     """
 
-    def __init__(self, group: str, robots: int, scale: Tensor, size: int, settings: TeamSettings, *, central: bool) -> None:
+    def __init__(
+        self,
+        group: str,
+        robots: int,
+        scale: Tensor,
+        size: int,
+        settings: TeamSettings,
+        *,
+        central: bool,
+    ) -> None:
         from torchrl.objectives.value import GAE
 
         self._group, self._settings, n = group, settings, len(scale)
@@ -106,10 +116,18 @@ class PPOGroup:
                 entropy_coeff=settings.entropy_coeff,
                 normalize_advantage=True,
             )
-        keys = {name: (group, name) for name in ("action", "reward", "done", "terminated", "advantage", "value_target")}
-        self.loss.set_keys(**keys, sample_log_prob=(group, "action_log_prob"), value=(group, "state_value"))
+        keys = {
+            name: (group, name)
+            for name in ("action", "reward", "done", "terminated", "advantage", "value_target")
+        }
+        self.loss.set_keys(
+            **keys, sample_log_prob=(group, "action_log_prob"), value=(group, "state_value")
+        )
         self._advantage = GAE(gamma=settings.gamma, lmbda=settings.gae_lambda, value_network=critic)
-        ends = {name: (group, name) for name in ("reward", "done", "terminated", "advantage", "value_target")}
+        ends = {
+            name: (group, name)
+            for name in ("reward", "done", "terminated", "advantage", "value_target")
+        }
         self._advantage.set_keys(**ends, value=(group, "state_value"))
         self._optimizer = torch.optim.Adam(self.loss.parameters(), lr=settings.learning_rate)
 
@@ -140,12 +158,16 @@ class PPOGroup:
 class SACGroup:
     """A group of independent SAC learners with shared networks."""
 
-    def __init__(self, group: str, robots: int, low: Tensor, high: Tensor, size: int, settings: TeamSettings) -> None:
+    def __init__(
+        self, group: str, robots: int, low: Tensor, high: Tensor, size: int, settings: TeamSettings
+    ) -> None:
         from bricksrl.agents.sac import SACSettings, build
 
         flag = Unbounded((1,), dtype=torch.bool)
         specs = {
-            "observation_spec": Composite(observation=Bounded(low, high, low.shape, dtype=torch.float32)),
+            "observation_spec": Composite(
+                observation=Bounded(low, high, low.shape, dtype=torch.float32)
+            ),
             "action_spec": Bounded(-1.0, 1.0, (size,)),
             "reward_spec": Unbounded((1,)),
             "done_spec": Composite(done=flag, terminated=flag.clone(), truncated=flag.clone()),
@@ -159,7 +181,9 @@ class SACGroup:
         )
         self._learner: Learner = build(SpecsEnv(specs, None), sac_settings)
         self._group, self._robots, self._settings, self._due = group, robots, settings, 0.0
-        self.policy = TensorDictModule(_RobotPolicy(self._learner.policy), [(group, "observation")], [(group, "action")])
+        self.policy = TensorDictModule(
+            _RobotPolicy(self._learner.policy), [(group, "observation")], [(group, "action")]
+        )
 
     def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
         group, after = self._group, frames["next"]
@@ -167,12 +191,17 @@ class SACGroup:
 
         def per_robot(part: TensorDictBase, name: str) -> Tensor:
             """Robots as copies, ``[copies * robots, time, n]``."""
-            value = part[group, name] if (group, name) in part.keys(True) else part[name].unsqueeze(-2)
+            value = (
+                part[group, name] if (group, name) in part.keys(True) else part[name].unsqueeze(-2)
+            )
             value = value.expand(*shape, self._robots, value.shape[-1])
             copies: Tensor = value.transpose(1, 2).reshape(-1, shape[1], value.shape[-1])
             return copies
 
-        outcomes = {name: per_robot(after, name) for name in ("observation", "reward", "terminated", "done", "link_lost")}
+        outcomes = {
+            name: per_robot(after, name)
+            for name in ("observation", "reward", "terminated", "done", "link_lost")
+        }
         batch = [shape[0] * self._robots, shape[1]]
         current = {name: per_robot(frames, name) for name in ("observation", "action")}
         self._learner.remember(TensorDict({**current, "next": TensorDict(outcomes, batch)}, batch))
@@ -189,13 +218,15 @@ class _RobotPolicy(nn.Module):
         self.policy = policy
 
     def forward(self, observation: Tensor) -> Tensor:
-        out: Tensor = self.policy(TensorDict({"observation": observation}, observation.shape[:-1]))["action"]
+        out: Tensor = self.policy(TensorDict({"observation": observation}, observation.shape[:-1]))[
+            "action"
+        ]
         return out
 
 
 GroupLearner = PPOGroup | SACGroup
-"""A learning group. ``policy``: ``(group, "observation")`` to ``(group, "action")``; explores under ``ExplorationType.RANDOM``.
-``learn``: from frames ``[copies, time]``; returns mean metrics."""
+"""A learning group. ``policy``: ``(group, "observation")`` to ``(group, "action")``; explores under
+``ExplorationType.RANDOM``. ``learn``: from frames ``[copies, time]``; returns mean metrics."""
 
 
 def alternating(scripts: Sequence[Callable[[Tensor], Tensor]]) -> Callable[[Tensor], Tensor]:
@@ -205,27 +236,43 @@ def alternating(scripts: Sequence[Callable[[Tensor], Tensor]]) -> Callable[[Tens
         if observation.ndim < 3:
             return scripts[0](observation)
         copies = torch.arange(len(observation), device=observation.device)
-        return torch.stack([script(observation) for script in scripts])[copies % len(scripts), copies]
+        return torch.stack([script(observation) for script in scripts])[
+            copies % len(scripts), copies
+        ]
 
     return act
 
 
 def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSettings) -> GroupLearner:
-    """The learner of a group. Initialized from torch's global generator. Raises DescriptionError if there is no such group or
-    agent."""
+    """The learner of a group. Initialized from torch's global generator. Raises DescriptionError if
+    there is no such group or agent."""
     if group not in env.task.groups:
-        raise DescriptionError(f"{env.task.id} has no group '{group}'; it has {', '.join(env.task.groups)}")
-    low, high = (torch.tensor([getattr(entry, end) for entry in env.task.entries]) for end in ("low", "high"))
+        raise DescriptionError(
+            f"{env.task.id} has no group '{group}'; it has {', '.join(env.task.groups)}"
+        )
+    low, high = (
+        torch.tensor([getattr(entry, end) for entry in env.task.entries]) for end in ("low", "high")
+    )
     check_value("agent", agent, TeamAgent)
     robots, size = len(env.task.groups[group]), 2
     if agent == "sac":
         return SACGroup(group, robots, low, high, size, settings)
-    return PPOGroup(group, robots, torch.maximum(low.abs(), high.abs()), size, settings, central=agent == "mappo")
+    return PPOGroup(
+        group,
+        robots,
+        torch.maximum(low.abs(), high.abs()),
+        size,
+        settings,
+        central=agent == "mappo",
+    )
 
 
-def team_policy(env: EnvBase, learners: Mapping[str, GroupLearner], scripts: Mapping[str, str]) -> TensorDictSequential:
-    """Policy of all robots, by the groups' learners or scripts: a name, "random", or several separated by commas for the copies
-    in turn. Raises DescriptionError if a group has neither, or there is no such script."""
+def team_policy(
+    env: EnvBase, learners: Mapping[str, GroupLearner], scripts: Mapping[str, str]
+) -> TensorDictSequential:
+    """Policy of all robots, by the groups' learners or scripts: a name, "random", or several
+    separated by commas for the copies in turn. Raises DescriptionError if a group has neither, or
+    there is no such script."""
     parts = []
     for group in env.task.groups:
         if group in learners:

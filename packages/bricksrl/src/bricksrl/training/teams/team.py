@@ -32,9 +32,11 @@ class TeamConfig:
     Attributes:
         env: name of an arena.
         agents: algorithm of each learning group.
-        scripts: script of each other group: one of the task, "random", or several separated by commas for the copies in turn.
+        scripts: script of each other group: one of the task, "random", or several separated by
+            commas for the copies in turn.
         frames: total steps of all copies.
-        copies: number of copies of the kinematic simulation; 0 trains in the arena itself, with its hubs.
+        copies: number of copies of the kinematic simulation; 0 trains in the arena itself, with its
+            hubs.
     """
 
     env: str
@@ -47,12 +49,15 @@ class TeamConfig:
     def __post_init__(self) -> None:
         check_seed(self.seed)
         if not self.agents or self.frames < 1 or not 0 <= self.copies <= MAX_COPIES:
-            raise RunError(f"a team needs a learning group, 1 frame or more, and 0 to {MAX_COPIES:,} copies")
+            raise RunError(
+                f"a team needs a learning group, 1 frame or more, and 0 to {MAX_COPIES:,} copies"
+            )
 
 
 @dataclass(frozen=True)
 class TeamProgress:
-    """Progress of a training: mean return per robot of each group, and success rate, over the episodes that ended."""
+    """Progress of a training: mean return per robot of each group, and success rate, over the
+    episodes that ended."""
 
     frames: int
     episodes: int
@@ -62,7 +67,8 @@ class TeamProgress:
 
 @dataclass
 class Team:
-    """Trained groups. ``policy``: policy of all robots; explores under ``ExplorationType.RANDOM``."""
+    """Trained groups. ``policy``: policy of all robots; explores under
+    ``ExplorationType.RANDOM``."""
 
     config: TeamConfig
     settings: TeamSettings
@@ -71,23 +77,37 @@ class Team:
 
     def save(self, path: Path | str) -> None:
         """Save the acting networks."""
-        plain = {**asdict(self.config), "agents": dict(self.config.agents), "scripts": dict(self.config.scripts)}
+        plain = {
+            **asdict(self.config),
+            "agents": dict(self.config.agents),
+            "scripts": dict(self.config.scripts),
+        }
         own = {**asdict(self.settings), "hidden": list(self.settings.hidden)}
-        groups = {group: dict(learner.policy.state_dict()) for group, learner in self.learners.items()}
+        groups = {
+            group: dict(learner.policy.state_dict()) for group, learner in self.learners.items()
+        }
         save_checkpoint(Path(path), {"config": plain, "settings": own, "groups": groups})
 
 
 def load_team(path: Path | str, scripts: Mapping[str, str] | None = None) -> Team:
-    """Load a team, optionally against other scripts. Raises CheckpointError if it is damaged or no team."""
+    """Load a team, optionally against other scripts. Raises CheckpointError if it is damaged or no
+    team."""
     state = load_checkpoint(Path(path))
     try:
-        config = TeamConfig(**{**state["config"], **({} if scripts is None else {"scripts": dict(scripts)})})
-        settings = TeamSettings(**{**state["settings"], "hidden": tuple(state["settings"]["hidden"])})
+        config = TeamConfig(
+            **{**state["config"], **({} if scripts is None else {"scripts": dict(scripts)})}
+        )
+        settings = TeamSettings(
+            **{**state["settings"], "hidden": tuple(state["settings"]["hidden"])}
+        )
         team = _new_team(make_arena(config.env), config, settings)
         for group, learner in team.learners.items():
             learner.policy.load_state_dict(state["groups"][group])
     except (KeyError, TypeError, RuntimeError) as error:
-        raise CheckpointError(f"{path} has no team ({message_of(error, typed=True)}); choose another file or train one") from None
+        raise CheckpointError(
+            f"{path} has no team ({message_of(error, typed=True)}); choose another file or "
+            "train one"
+        ) from None
     return team
 
 
@@ -103,8 +123,9 @@ def train_team(
     on_progress: Callable[[TeamProgress], None] = lambda _: None,
     stop: threading.Event | None = None,
 ) -> Team:
-    """Train the groups of a config; reproducible. Ends after the round in which ``stop`` is set. Raises UnknownNameError or
-    DescriptionError if there is no such arena, group, agent or script."""
+    """Train the groups of a config; reproducible. Ends after the round in which ``stop`` is set.
+    Raises UnknownNameError or DescriptionError if there is no such arena, group, agent or
+    script."""
     settings = settings or TeamSettings()
     env = make_arena(config.env, seed=derive_seed(config.seed, "arena"), batch_size=config.copies)
     with reproducible(derive_seed(config.seed, "team")):
@@ -114,7 +135,9 @@ def train_team(
     return team
 
 
-def _learn(env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None], stop: threading.Event) -> None:
+def _learn(
+    env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None], stop: threading.Event
+) -> None:
     config, copies = team.config, max(1, team.config.copies)
     batch = team.settings.steps * copies
     running = {group: torch.zeros(copies) for group in config.agents}
@@ -131,7 +154,8 @@ def _learn(env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None]
 
 
 def _progress(team: Team, frames: Any, running: dict[str, Any], frames_done: int) -> TeamProgress:
-    """Progress over the episodes that ended in these frames; ``running`` has the returns of the current ones."""
+    """Progress over the episodes that ended in these frames; ``running`` has the returns of the
+    current ones."""
     after = frames["next"]
     done = after["done"].squeeze(-1)
     ended = int(done.sum())
@@ -157,9 +181,11 @@ class TeamEpisode:
     returns: dict[str, float]
 
 
-def play_team(env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: int) -> list[TeamEpisode]:
-    """Run episodes in an arena with its hubs; episode ``k`` depends on ``seed``, ``k`` and the policy only. Raises HubError if a
-    link broke."""
+def play_team(
+    env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: int
+) -> list[TeamEpisode]:
+    """Run episodes in an arena with its hubs; episode ``k`` depends on ``seed``, ``k`` and the
+    policy only. Raises HubError if a link broke."""
     played = []
     for number in range(1, episodes + 1):
         env.set_seed(episode_seed("evaluation", seed, number))
@@ -168,6 +194,9 @@ def play_team(env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: i
             after = [frame["next"] for frame in play(env, policy)]
         if bool(after[-1]["link_lost"]):
             raise interface_of(env).link_error
-        returns = {group: sum(float(one[group, "reward"].mean()) for one in after) for group in env.task.groups}
+        returns = {
+            group: sum(float(one[group, "reward"].mean()) for one in after)
+            for group in env.task.groups
+        }
         played.append(TeamEpisode(bool(after[-1]["success"]), len(after), returns))
     return played

@@ -1,4 +1,5 @@
-"""Part catalogue, by LDraw number, and LDraw's colours: the tables ``parts.csv``, ``devices.csv`` and ``colours.csv``."""
+"""Part catalogue, by LDraw number, and LDraw's colours: the tables ``parts.csv``, ``devices.csv``
+and ``colours.csv``."""
 
 import functools
 import re
@@ -30,7 +31,8 @@ def _by_number() -> dict[str, Part]:
 
 
 def find(number: str) -> Part | None:
-    """The part with an LDraw number, with or without ``.dat``, or ``None``. A print or sticker does not change the shape."""
+    """The part with an LDraw number, with or without ``.dat``, or ``None``. A print or sticker does
+    not change the shape."""
     number = number.lower().removesuffix(".dat")
     plain = _PRINTED.fullmatch(number)
     return _by_number().get(number) or (_by_number().get(plain[1]) if plain else None)
@@ -40,12 +42,15 @@ def get(number: str) -> Part:
     """The part with an LDraw number. Raises UnknownNameError if it is not in the catalogue."""
     part = find(number)
     if part is None:
-        raise UnknownNameError(f"part '{number}' is not in the catalogue; use one that `bricktwin plan parts` lists")
+        raise UnknownNameError(
+            f"part '{number}' is not in the catalogue; use one that `bricktwin plan parts` lists"
+        )
     return part
 
 
 def _part(row: Mapping[str, str], electric: Mapping[str, str] | None) -> Part:
-    """The part of a row of ``parts.csv`` and, of a hub, motor or sensor, its row of ``devices.csv``."""
+    """The part of a row of ``parts.csv`` and, of a hub, motor or sensor, its row of
+    ``devices.csv``."""
     if row["sites"].startswith("chain"):
         sites, solids = part_notation.beam(row["sites"])
         notches = part_notation.solids(row["solids"])[1]
@@ -56,7 +61,9 @@ def _part(row: Mapping[str, str], electric: Mapping[str, str] | None) -> Part:
         row["number"],
         row["name"],
         row["family"],
-        sites if electric is None else (*sites, *part_notation.sites(electric["rotor"], turns=True)),
+        sites
+        if electric is None
+        else (*sites, *part_notation.sites(electric["rotor"], turns=True)),
         solids,
         float(row["mass_g"]),
         MassSource[row["mass_source"].upper()],

@@ -1,15 +1,19 @@
-"""Notation of ``parts.csv`` and ``devices.csv``: points, connection sites, solids, gears. LDraw units, the part's frame.
+"""Notation of ``parts.csv`` and ``devices.csv``: points, connection sites, solids, gears. LDraw
+units, the part's frame.
 
-Points are words ``x,y,z``. A coordinate is a number, ``±40`` (-40 and 40), ``0..60`` (each module of 20), ``0..80/40`` (each
-40), or several of these with ``;``; the last coordinate runs fastest. Groups are separated by ``|``:
+Points are words ``x,y,z``. A coordinate is a number, ``±40`` (-40 and 40), ``0..60`` (each module
+of 20), ``0..80/40`` (each 40), or several of these with ``;``; the last coordinate runs fastest.
+Groups are separated by ``|``:
 
-- sites: kind, axis with length, centres, as in ``o y20: 0,0,±20``. Kinds: ``o`` pin hole, ``+`` axle hole, and those of `_FITS`.
-  ``z20 tilted 45`` turns a group about x by 45 degrees.
-- beams: an axis with the thickness, a hole for each point (``-`` for none), and the points that bars connect, as in
-  ``chain y20 +oo: 0,0,0..40``.
-- solids: ``box 0,0,±60 80,20,20``, ``cylinder z20 0,0,0 9.5``, ``ring y15 0,0,0 74.5 68`` (outer and inner radius),
-  ``ball 0,0,0 24``, or ``tubes`` around all sites. ``notch box 0,20,±30 60,20,20`` is cut out of the solids before it.
-- gears: form, teeth, axis with width, centre and further fields, as in ``bevel 12 z10 0,0,2 set_back=0``.
+- sites: kind, axis with length, centres, as in ``o y20: 0,0,±20``. Kinds: ``o`` pin hole, ``+``
+  axle hole, and those of `_FITS`. ``z20 tilted 45`` turns a group about x by 45 degrees.
+- beams: an axis with the thickness, a hole for each point (``-`` for none), and the points that
+  bars connect, as in ``chain y20 +oo: 0,0,0..40``.
+- solids: ``box 0,0,±60 80,20,20``, ``cylinder z20 0,0,0 9.5``, ``ring y15 0,0,0 74.5 68`` (outer
+  and inner radius), ``ball 0,0,0 24``, or ``tubes`` around all sites. ``notch box 0,20,±30
+  60,20,20`` is cut out of the solids before it.
+- gears: form, teeth, axis with width, centre and further fields, as in ``bevel 12 z10 0,0,2
+  set_back=0``.
 """
 
 import itertools
@@ -38,7 +42,8 @@ _FITS = {
     "tyre": Fit.TYRE,
 }
 _WITHOUT_SOLIDS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE, Fit.BALL, Fit.SOCKET, Fit.RIM, Fit.TYRE)
-"""Sites without solids: collisions ignore studs, sockets and the hollows for them; a towball's head is added to its part."""
+"""Sites without solids: collisions ignore studs, sockets and the hollows for them; a towball's head
+is added to its part."""
 _NOTCH = "notch "
 _MODULE = 20.0
 _WALL_RADIUS, _PIN_RADIUS = 9.0, 6.0
@@ -46,7 +51,11 @@ _WALL_RADIUS, _PIN_RADIUS = 9.0, 6.0
 
 def points(text: str) -> list[Triple]:
     """Points of a text such as ``"0,0,-20 ±40,0,0..60"``."""
-    return [(x, y, z) for word in text.split() for x, y, z in itertools.product(*map(_coordinates, word.split(",")))]
+    return [
+        (x, y, z)
+        for word in text.split()
+        for x, y, z in itertools.product(*map(_coordinates, word.split(",")))
+    ]
 
 
 def point(text: str) -> Triple:
@@ -64,7 +73,9 @@ def _coordinates(text: str) -> list[float]:
             stride = math.copysign(float(step or _MODULE), span)
             values += [start + stride * index for index in range(round(span / stride) + 1)]
         else:
-            values += [-float(first[1:]), float(first[1:])] if first.startswith("±") else [float(first)]
+            values += (
+                [-float(first[1:]), float(first[1:])] if first.startswith("±") else [float(first)]
+            )
     return values
 
 
@@ -77,7 +88,8 @@ def sites(text: str, *, turns: bool = False) -> tuple[Site, ...]:
         axis, length = _axis(along)
         tilt_deg = float(tilt[1]) if tilt else 0.0
         found += [
-            Site(_FITS[fit], _tilted(centre, tilt_deg), _tilted(axis, tilt_deg), length, turns) for centre in points(centres)
+            Site(_FITS[fit], _tilted(centre, tilt_deg), _tilted(axis, tilt_deg), length, turns)
+            for centre in points(centres)
         ]
     return tuple(found)
 
@@ -97,18 +109,28 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
         head, _, places = chain.partition(":")
         _, along, kinds = head.split()
         (axis, thickness), centres = _axis(along), points(places)
-        bars += [bar(start, end, axis, 2 * _WALL_RADIUS, thickness) for start, end in itertools.pairwise(centres)]
+        bars += [
+            bar(start, end, axis, 2 * _WALL_RADIUS, thickness)
+            for start, end in itertools.pairwise(centres)
+        ]
         for index, (kind, centre) in enumerate(zip(kinds, centres, strict=True)):
             if kind != "-":
-                arm = np.array(centre) - np.array(centres[index - 1 if index else min(1, len(centres) - 1)])
+                arm = np.array(centre) - np.array(
+                    centres[index - 1 if index else min(1, len(centres) - 1)]
+                )
                 arm /= max(float(np.linalg.norm(arm)), 1e-9)
-                found.setdefault(centre, Site(_FITS[kind], centre, axis, thickness, arm=triple(arm)))
+                found.setdefault(
+                    centre, Site(_FITS[kind], centre, axis, thickness, arm=triple(arm))
+                )
     holes = tuple(found.values())
     return holes, (*bars, *_tubes(holes))
 
 
-def solids(text: str, part_sites: Iterable[Site] = ()) -> tuple[tuple[Solid, ...], tuple[tuple[int, Solid], ...]]:
-    """Solids of a part with these sites; and notches in them, each with the number of solids before it."""
+def solids(
+    text: str, part_sites: Iterable[Site] = ()
+) -> tuple[tuple[Solid, ...], tuple[tuple[int, Solid], ...]]:
+    """Solids of a part with these sites; and notches in them, each with the number of solids before
+    it."""
     found: list[Solid] = []
     notches: list[tuple[int, Solid]] = []
     for group in _groups(text):
@@ -132,14 +154,19 @@ def _solids(words: list[str], part_sites: Iterable[Site]) -> Iterable[Solid]:
         case ["cylinder", along, centres, radius]:
             return [cylinder(centre, *_axis(along), float(radius)) for centre in points(centres)]
         case ["ring", along, centres, outer, inner]:
-            return [ring(centre, *_axis(along), float(outer), float(inner)) for centre in points(centres)]
+            return [
+                ring(centre, *_axis(along), float(outer), float(inner))
+                for centre in points(centres)
+            ]
     return ()
 
 
 def _tubes(part_sites: Iterable[Site]) -> list[Solid]:
     """A tube around each hole, a round bar for each pin and axle."""
     return [
-        cylinder(site.centre, site.axis, site.length, _PIN_RADIUS if site.fit.is_male else _WALL_RADIUS)
+        cylinder(
+            site.centre, site.axis, site.length, _PIN_RADIUS if site.fit.is_male else _WALL_RADIUS
+        )
         for site in part_sites
         if site.fit not in _WITHOUT_SOLIDS
     ]
@@ -153,7 +180,11 @@ def gears(text: str) -> tuple[Gear, ...]:
         axis, width = _axis(along)
         gear = Gear(GearForm[form.upper()], int(teeth), point(centre), axis, width)
         for name, _, value in (word.partition("=") for word in further):
-            gear = replace(gear, up=point(value)) if name == "up" else replace(gear, set_back=float(value))
+            gear = (
+                replace(gear, up=point(value))
+                if name == "up"
+                else replace(gear, set_back=float(value))
+            )
         found.append(gear)
     return tuple(found)
 

@@ -1,7 +1,7 @@
 """Articulation: the bodies and joints of a mechanism that a simulation needs. Plain data.
 
-Balanced shafts and gears become visual parts of their carrier; a light link between two pins becomes a rod. Metres, kilograms,
-radians; x forward, y left, z up, in the plan's position.
+Balanced shafts and gears become visual parts of their carrier; a light link between two pins
+becomes a rod. Metres, kilograms, radians; x forward, y left, z up, in the plan's position.
 """
 
 from collections.abc import Iterator
@@ -11,7 +11,16 @@ import numpy as np
 
 from bricktwin.plans.connections import graph_of, reached
 from bricktwin.plans.geometry import Floats
-from bricktwin.plans.mechanism.kinematics import Hinge, Link, Mechanism, Train, Wheel, is_balanced, merged, share_axis
+from bricktwin.plans.mechanism.kinematics import (
+    Hinge,
+    Link,
+    Mechanism,
+    Train,
+    Wheel,
+    is_balanced,
+    merged,
+    share_axis,
+)
 
 _BALANCED_KG_M = 1.2e-5
 """12 g, 1 mm off the axis: 0.1 Nmm, 1/200 of a motor's friction."""
@@ -58,7 +67,8 @@ class Follower:
 
 @dataclass(frozen=True, eq=False)
 class Rod:
-    """A light link between two pins or balls: bodies, points [3] (of pins in a plane across them), parts.
+    """A light link between two pins or balls: bodies, points [3] (of pins in a plane across them),
+    parts.
 
     Half of its mass is added to each body.
     """
@@ -78,7 +88,8 @@ class Articulation:
         is_fixed: whether the base is fixed.
         swings: joints without a motor.
         loops: joints between bodies that are already connected.
-        wheels: as in the mechanism; their ``link`` is the index of a body, as those of the hinges are.
+        wheels: as in the mechanism; their ``link`` is the index of a body, as those of the hinges
+            are.
     """
 
     bodies: tuple[Link, ...]
@@ -98,7 +109,11 @@ class Articulation:
     @property
     def joints(self) -> list[Hinge]:
         """All joints of the tree, parents first."""
-        joints = [*(drive.joint for drive in self.drives), *(geared.joint for geared in self.geared), *self.swings]
+        joints = [
+            *(drive.joint for drive in self.drives),
+            *(geared.joint for geared in self.geared),
+            *self.swings,
+        ]
         return sorted(joints, key=lambda joint: joint.child)
 
 
@@ -134,7 +149,8 @@ class _Simplifier:
         return [number for number, hinge in self.hinges.items() if link in self._ends(hinge)]
 
     def make_followers(self) -> None:
-        """Add balanced shafts and gears that turn with a motor to their carriers as visual parts."""
+        """Add balanced shafts and gears that turn with a motor to their carriers as visual
+        parts."""
         for train in self.trains:
             output = self.mechanism.hinges[train.output]
             self.armature[train.port] = 0.0
@@ -142,7 +158,11 @@ class _Simplifier:
                 hinge = self.mechanism.hinges[number]
                 link = hinge.child if len(self._hinges_of(hinge.child)) == 1 else hinge.parent
                 is_alone = len(self._hinges_of(link)) == 1 and link not in self.preserved
-                if not is_alone or not is_balanced(self.mechanism, hinge, link, _BALANCED_KG_M) or hinge is output:
+                if (
+                    not is_alone
+                    or not is_balanced(self.mechanism, hinge, link, _BALANCED_KG_M)
+                    or hinge is output
+                ):
                     continue
                 carrier = hinge.parent if link == hinge.child else hinge.child
                 inertia = float(hinge.axis @ self.mechanism.links[link].inertia @ hinge.axis)
@@ -165,7 +185,9 @@ class _Simplifier:
             ends = set(self._ends(hinge))
             for other, earlier in self.hinges.items():
                 is_same = set(self._ends(earlier)) == ends and share_axis(earlier, hinge)
-                if len(ends) == 1 or (is_same and other != number and (other in self.coupled or other < number)):
+                if len(ends) == 1 or (
+                    is_same and other != number and (other in self.coupled or other < number)
+                ):
                     if number not in self.coupled:
                         del self.hinges[number]
                     break
@@ -175,7 +197,11 @@ class _Simplifier:
         masses_kg = [link.mass_kg for link in self.mechanism.links]
         for link in sorted(range(len(masses_kg)), key=lambda link: masses_kg[link]):
             numbers = self._hinges_of(link)
-            is_needed = link in self.preserved or self.merged_into[link] != link or self.coupled & set(numbers)
+            is_needed = (
+                link in self.preserved
+                or self.merged_into[link] != link
+                or self.coupled & set(numbers)
+            )
             if masses_kg[link] < _ROD_KG and not is_needed:
                 yield link, numbers
 
@@ -185,8 +211,12 @@ class _Simplifier:
             if len(numbers) != 2:
                 continue
             first, second = (self.hinges[number] for number in numbers)
-            is_parallel = np.linalg.norm(np.cross(first.axis, second.axis)) < 0.02 and not share_axis(first, second)
-            is_rod = (first.is_ball and second.is_ball) or (is_parallel and not first.is_ball and not second.is_ball)
+            is_parallel = np.linalg.norm(
+                np.cross(first.axis, second.axis)
+            ) < 0.02 and not share_axis(first, second)
+            is_rod = (first.is_ball and second.is_ball) or (
+                is_parallel and not first.is_ball and not second.is_ball
+            )
             if is_rod and self._is_in_loop(link, numbers):
                 self.rods.append((link, first, second))
                 for number in numbers:
@@ -194,8 +224,13 @@ class _Simplifier:
 
     def _is_in_loop(self, link: int, numbers: list[int]) -> bool:
         """Whether the link's neighbours are connected without it."""
-        neighbours = graph_of(self._ends(self.hinges[number]) for number in self.hinges.keys() - set(numbers))
-        start, end = (next(other for other in self._ends(self.hinges[number]) if other != link) for number in numbers)
+        neighbours = graph_of(
+            self._ends(self.hinges[number]) for number in self.hinges.keys() - set(numbers)
+        )
+        start, end = (
+            next(other for other in self._ends(self.hinges[number]) if other != link)
+            for number in numbers
+        )
         return end in reached([start], neighbours)
 
     def _ends(self, hinge: Hinge) -> tuple[int, int]:
@@ -210,7 +245,11 @@ class _Simplifier:
         remaining = sorted(self.hinges, key=lambda number: number not in self.coupled)
         while remaining:
             ends = {number: self._ends(self.hinges[number]) for number in remaining}
-            open_ends = [number for number in remaining if (ends[number][0] in order) != (ends[number][1] in order)]
+            open_ends = [
+                number
+                for number in remaining
+                if (ends[number][0] in order) != (ends[number][1] in order)
+            ]
             if not open_ends:
                 loops += [number for number in remaining if set(ends[number]) <= set(order)]
                 break
@@ -218,21 +257,39 @@ class _Simplifier:
             remaining.remove(number)
             order.append(next(link for link in ends[number] if link not in order))
             tree.append(number)
-        body_of = {link: order.index(root) for link, root in enumerate(self.merged_into.tolist()) if root in order}
+        body_of = {
+            link: order.index(root)
+            for link, root in enumerate(self.merged_into.tolist())
+            if root in order
+        }
         joints = {number: _joint(self.hinges[number], body_of) for number in (*tree, *loops)}
         flipped = {number: replace(joint, axis=-joint.axis) for number, joint in joints.items()}
-        rods = tuple(_rod(mechanism.links[link], first, second, link, body_of) for link, first, second in self.rods)
-        pieces = {number: [mechanism.links[link] for link in body_of if body_of[link] == number] for number in range(len(order))}
+        rods = tuple(
+            _rod(mechanism.links[link], first, second, link, body_of)
+            for link, first, second in self.rods
+        )
+        pieces = {
+            number: [mechanism.links[link] for link in body_of if body_of[link] == number]
+            for number in range(len(order))
+        }
         for rod, (link, _, _) in zip(rods, self.rods, strict=True):
             for number, point_m in ((rod.near, rod.near_m), (rod.far, rod.far_m)):
-                pieces[number].append(Link((), mechanism.links[link].mass_kg / 2, point_m, np.zeros((3, 3))))
+                pieces[number].append(
+                    Link((), mechanism.links[link].mass_kg / 2, point_m, np.zeros((3, 3)))
+                )
         bodies = tuple(merged(pieces[number]) for number in range(len(order)))
         return Articulation(
             bodies,
             mechanism.fixed is not None,
             tuple(
                 # Seen from outside, a clockwise turn is against the shaft's direction.
-                Drive(train.port, flipped[train.output], 1.0 / train.ratio, self.armature[train.port], train.teeth)
+                Drive(
+                    train.port,
+                    flipped[train.output],
+                    1.0 / train.ratio,
+                    self.armature[train.port],
+                    train.teeth,
+                )
                 for train in self.trains
             ),
             tuple(
@@ -244,7 +301,14 @@ class _Simplifier:
             tuple(joints[number] for number in tree if number not in self.coupled),
             tuple(joints[number] for number in loops),
             tuple(
-                Follower(body_of[link], mechanism.links[link].parts, hinge.point_m, hinge.axis, port, ratio)
+                Follower(
+                    body_of[link],
+                    mechanism.links[link].parts,
+                    hinge.point_m,
+                    hinge.axis,
+                    port,
+                    ratio,
+                )
                 for link, hinge, port, ratio in self.followers
             ),
             rods,
@@ -253,14 +317,21 @@ class _Simplifier:
 
 
 def _joint(hinge: Hinge, body_of: dict[int, int]) -> Hinge:
-    """A hinge between bodies; the child is the later body, and the axis is reversed if that was the parent."""
+    """A hinge between bodies; the child is the later body, and the axis is reversed if that was the
+    parent."""
     parent, child = body_of[hinge.parent], body_of[hinge.child]
     sign = 1 if parent < child else -1
-    return replace(hinge, parent=min(parent, child), child=max(parent, child), axis=sign * hinge.axis)
+    return replace(
+        hinge, parent=min(parent, child), child=max(parent, child), axis=sign * hinge.axis
+    )
 
 
 def _rod(link: Link, first: Hinge, second: Hinge, number: int, body_of: dict[int, int]) -> Rod:
     """A link as a rod; two pins are moved to the plane of the first one."""
-    near, far = (hinge.parent if hinge.child == number else hinge.child for hinge in (first, second))
+    near, far = (
+        hinge.parent if hinge.child == number else hinge.child for hinge in (first, second)
+    )
     shift = 0.0 if first.is_ball else float((second.point_m - first.point_m) @ first.axis)
-    return Rod(body_of[near], first.point_m, body_of[far], second.point_m - shift * first.axis, link.parts)
+    return Rod(
+        body_of[near], first.point_m, body_of[far], second.point_m - shift * first.axis, link.parts
+    )

@@ -1,6 +1,8 @@
-"""Mechanism of a plan: links with mass and inertia, hinges, gear ratios, wheels, sensors, and the gear train of each motor.
+"""Mechanism of a plan: links with mass and inertia, hinges, gear ratios, wheels, sensors, and the
+gear train of each motor.
 
-Plain data in metres, kilograms, radians; x forward, y left, z up (plan: z forward, y down). The origin is the plan's.
+Plain data in metres, kilograms, radians; x forward, y left, z up (plan: z forward, y down). The
+origin is the plan's.
 """
 
 import functools
@@ -49,10 +51,9 @@ class Hinge:
 
     Attributes:
         parent, child: indices of the links; the parent is nearer to the fixed or the first link.
-        point_m: midpoint on the axis [3].
-        axis: direction [3]; of a motor's hinge the outward direction of the shaft (reversed if the child is the case).
-        port: of the motor that drives it, else ``None``.
-        closes_loop: whether other hinges already connect the two links.
+        point_m: midpoint on the axis [3]. axis: direction [3]; of a motor's hinge the outward
+        direction of the shaft (reversed if the child is the case). port: of the motor that drives
+        it, else ``None``. closes_loop: whether other hinges already connect the two links.
         turns_child: of a motor: whether the child is the rotor's side.
     """
 
@@ -81,8 +82,9 @@ class Mechanism:
     """The mechanism of a robot.
 
     Attributes:
-        ratios: [hinges, motors], turns of a hinge's child about its axis per turn of a motor's shaft about its outward direction,
-            in the plan's position; motors in the order of ``ports``.
+        ratios: [hinges, motors], turns of a hinge's child about its axis per turn of a motor's
+            shaft about its outward direction, in the plan's position; motors in the order of
+            ``ports``.
         ports: of the motors.
         devices: links that carry the hub and the sensors.
         meshes: pairs of links with their gears that mesh.
@@ -100,14 +102,20 @@ class Mechanism:
 
 
 def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
-    """The mechanism of a plan from its rigid bodies. Raises PlanError if there are too many bodies to be one robot."""
+    """The mechanism of a plan from its rigid bodies. Raises PlanError if there are too many bodies
+    to be one robot."""
     if len(bodies.members) > MAX_BODIES:
-        raise PlanError(f"{plan.path} has {len(bodies.members)} bodies; run `bricktwin plan check` on it and connect them")
+        raise PlanError(
+            f"{plan.path} has {len(bodies.members)} bodies; run `bricktwin plan check` on it and "
+            "connect them"
+        )
     motions = bodies.motions()
     members = bodies.members
     link_of = {part: number for number, parts in enumerate(members) for part in parts}
     links = tuple(
-        merged([_part_link(plan.parts[part]) for part in parts]) if parts else _bare_shaft(plan, rotors[0])
+        merged([_part_link(plan.parts[part]) for part in parts])
+        if parts
+        else _bare_shaft(plan, rotors[0])
         for parts, rotors in zip(members, bodies.rotors, strict=True)
     )
     ordered = _hinges(plan, bodies)
@@ -119,14 +127,23 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
         shaft_rates = np.stack([joint.rates(motions) for joint in motors])
         ratios += np.round(rates @ np.linalg.pinv(shaft_rates), 6)
     wheels = tuple(
-        Wheel(link_of[placed.index], point_m_of(placed.position), placed.part.wheel_mm, placed.index)
+        Wheel(
+            link_of[placed.index], point_m_of(placed.position), placed.part.wheel_mm, placed.index
+        )
         for placed in plan.parts
         if placed.part.wheel_mm and placed.index in link_of
     )
     hinges = tuple(hinge for _, hinge in ordered)
     carried = plan.devices(DeviceKind.HUB, DeviceKind.SENSOR)
     devices = tuple(link_of[placed.index] for placed in carried if placed.index in link_of)
-    fixed = next((link_of[placed.index] for placed in plan.parts if placed.is_fixed and placed.index in link_of), None)
+    fixed = next(
+        (
+            link_of[placed.index]
+            for placed in plan.parts
+            if placed.is_fixed and placed.index in link_of
+        ),
+        None,
+    )
     return Mechanism(links, hinges, ports, ratios, wheels, devices, bodies.meshes, fixed)
 
 
@@ -135,9 +152,15 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
     remaining: list[tuple[BodyJoint, int, int]] = []
     for joint in sorted(bodies.joints, key=lambda joint: joint.motor is None):
         first, second = joint.bodies
-        known = [other for other, a, b in remaining if {a, b} == {first, second} and not (other.is_ball or joint.is_ball)]
+        known = [
+            other
+            for other, a, b in remaining
+            if {a, b} == {first, second} and not (other.is_ball or joint.is_ball)
+        ]
         lines = ((other.point, other.axis, joint.point, joint.axis) for other in known)
-        if first != second and not any(lines_coincide(*line, offset=2.0, sine=0.05) for line in lines):
+        if first != second and not any(
+            lines_coincide(*line, offset=2.0, sine=0.05) for line in lines
+        ):
             remaining.append((joint, first, second))
     is_fixed = [any(plan.parts[part].is_fixed for part in parts) for parts in bodies.members]
     root = is_fixed.index(True) if any(is_fixed) else 0
@@ -152,7 +175,9 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
         # If a motor is held by its shaft, its case turns; reversing the axis keeps the direction.
         sign = -1.0 if port is not None and parent != first else 1.0
         point_m, axis = point_m_of(joint.point), sign * TO_TWIN @ joint.axis
-        hinge = Hinge(parent, child, point_m, axis, port, not open_ends, parent == first, joint.is_ball)
+        hinge = Hinge(
+            parent, child, point_m, axis, port, not open_ends, parent == first, joint.is_ball
+        )
         hinges.append((joint, hinge))
         reached |= {first, second}
     return hinges
@@ -167,7 +192,12 @@ def _bare_shaft(plan: Plan, motor: int) -> Link:
     """A motor's rotor with nothing on it."""
     placed = plan.parts[motor]
     site = next(site for site in placed.part.sites if site.turns)
-    return Link((), _SHAFT_KG, point_m_of(placed.point(site.centre)), np.eye(3) * _SHAFT_KG * _SHAFT_RADIUS_M**2)
+    return Link(
+        (),
+        _SHAFT_KG,
+        point_m_of(placed.point(site.centre)),
+        np.eye(3) * _SHAFT_KG * _SHAFT_RADIUS_M**2,
+    )
 
 
 def merged(links: list[Link]) -> Link:
@@ -177,7 +207,9 @@ def merged(links: list[Link]) -> Link:
     inertia = np.zeros((3, 3))
     for link in links:
         offset = link.centre_m - centre
-        inertia += link.inertia + link.mass_kg * (float(offset @ offset) * np.eye(3) - np.outer(offset, offset))
+        inertia += link.inertia + link.mass_kg * (
+            float(offset @ offset) * np.eye(3) - np.outer(offset, offset)
+        )
     return Link(tuple(part for link in links for part in link.parts), mass, centre, inertia)
 
 
@@ -186,17 +218,23 @@ def _part_link(placed: Placed) -> Link:
     mass = placed.part.mass_g / 1000
     centre, inertia = _unit_inertia(placed.part)
     turn = TO_TWIN @ placed.rotation
-    return Link((placed.index,), mass, point_m_of(placed.point(centre)), mass * turn @ inertia @ turn.T)
+    return Link(
+        (placed.index,), mass, point_m_of(placed.point(centre)), mass * turn @ inertia @ turn.T
+    )
 
 
 @functools.lru_cache(maxsize=512)
 def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
-    """Centre [3] in LDU and inertia [3, 3] in m² per kg of a part, in its own frame, from a grid of points."""
+    """Centre [3] in LDU and inertia [3, 3] in m² per kg of a part, in its own frame, from a grid of
+    points."""
     low, high = part.bounds
     spacing = max(_SPACING, (float(np.prod(high - low)) / _MAX_POINTS) ** (1 / 3))
     counts = np.clip(np.ceil((high - low) / spacing), 4, 48).astype(int)
     cell = (high - low) / counts
-    lines = [start + size * (np.arange(count) + 0.5) for start, size, count in zip(low, cell, counts, strict=True)]
+    lines = [
+        start + size * (np.arange(count) + 0.5)
+        for start, size, count in zip(low, cell, counts, strict=True)
+    ]
     points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
     points = points[part.contains(points, 0.0)]
     centre = points.mean(axis=0)
@@ -247,30 +285,42 @@ class Train:
 
 
 def trains(mechanism: Mechanism, path: str) -> tuple[Train, ...]:
-    """The train of each motor, in the order of the mechanism's ports. Raises PlanError if two motors drive the same thing, or a
-    gear drives a rack."""
+    """The train of each motor, in the order of the mechanism's ports. Raises PlanError if two
+    motors drive the same thing, or a gear drives a rack."""
     neighbours: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
     for link, other, mesh in mechanism.meshes:
         gear, other_gear = mesh.gears
         if link != other and GearForm.RACK in (gear.form, other_gear.form):
-            raise PlanError(f"{path}: a gear drives a rack; sliding parts have no twin, so drive a rotating part")
+            raise PlanError(
+                f"{path}: a gear drives a rack; sliding parts have no twin, so drive a "
+                "rotating part"
+            )
         neighbours[link].append((other, gear.teeth, other_gear.teeth))
         neighbours[other].append((link, other_gear.teeth, gear.teeth))
     result: list[Train] = []
     for column, port in enumerate(mechanism.ports):
-        index = next((number for number, hinge in enumerate(mechanism.hinges) if hinge.port == port), None)
+        index = next(
+            (number for number, hinge in enumerate(mechanism.hinges) if hinge.port == port), None
+        )
         if index is None:
-            raise PlanError(f"{path}: the motor of port {port} drives the same part as another one, or nothing; remove it")
+            raise PlanError(
+                f"{path}: the motor of port {port} drives the same part as another one, or "
+                "nothing; remove it"
+            )
         result.append(_train(mechanism, neighbours, index, column))
     driven = Counter(hinge for train in result for hinge in train.hinges)
     shared = {hinge for hinge, count in driven.items() if count > 1}
     if shared:
         ports = ", ".join(train.port for train in result if train.hinges & shared)
-        raise PlanError(f"{path}: the motors of ports {ports} drive the same part; give each part one motor")
+        raise PlanError(
+            f"{path}: the motors of ports {ports} drive the same part; give each part one motor"
+        )
     return tuple(result)
 
 
-def _train(mechanism: Mechanism, neighbours: dict[int, list[tuple[int, int, int]]], index: int, column: int) -> Train:
+def _train(
+    mechanism: Mechanism, neighbours: dict[int, list[tuple[int, int, int]]], index: int, column: int
+) -> Train:
     """The train of the motor with shaft hinge ``index``."""
     shaft = mechanism.hinges[index]
     ratios = mechanism.ratios[:, column]
@@ -286,13 +336,21 @@ def _train(mechanism: Mechanism, neighbours: dict[int, list[tuple[int, int, int]
     hinges: dict[int, tuple[int, ...]] = {index: ()}
     for link, teeth in reached.items():
         for number, hinge in enumerate(mechanism.hinges):
-            is_free = hinge.port is None and not (hinge.closes_loop or hinge.is_ball) and abs(ratios[number]) > _MIN_RATIO
+            is_free = (
+                hinge.port is None
+                and not (hinge.closes_loop or hinge.is_ball)
+                and abs(ratios[number]) > _MIN_RATIO
+            )
             # A meshing link turns about the axis of its gear; its other hinges belong to a linkage.
             is_of_link = bool(teeth) and is_free and link in (hinge.parent, hinge.child)
             if is_of_link and abs(abs(ratios[number]) - _ratio(teeth)) < 0.02 * abs(ratios[number]):
                 hinges.setdefault(number, teeth)
-    output = max(hinges, key=lambda number: (_weight(mechanism, number), -len(hinges[number]), -number))
-    exact = {number: math.copysign(_ratio(teeth), ratios[number]) for number, teeth in hinges.items()}
+    output = max(
+        hinges, key=lambda number: (_weight(mechanism, number), -len(hinges[number]), -number)
+    )
+    exact = {
+        number: math.copysign(_ratio(teeth), ratios[number]) for number, teeth in hinges.items()
+    }
     others = tuple((number, ratio) for number, ratio in exact.items() if number != output)
     return Train(mechanism.ports[column], output, exact[output], hinges[output], others)
 
@@ -323,4 +381,6 @@ def is_balanced(mechanism: Mechanism, hinge: Hinge, link: int, max_kg_m: float) 
 def share_axis(first: Hinge, second: Hinge) -> bool:
     """Whether two hinges share an axis; a ball joint has none."""
     is_ball = first.is_ball or second.is_ball
-    return not is_ball and lines_coincide(first.point_m, first.axis, second.point_m, second.axis, offset=_COAXIAL_M, sine=0.02)
+    return not is_ball and lines_coincide(
+        first.point_m, first.axis, second.point_m, second.axis, offset=_COAXIAL_M, sine=0.02
+    )

@@ -1,8 +1,10 @@
-"""Driving robot: model generated from the description, for every robot with a drive base and no model.
+"""Driving robot: model generated from the description, for every robot with a drive base and no
+model.
 
-Two wheels on an axle, a ball caster, the hub over the motors, sensors at their mounts. Frame of the chassis: x forward, y left,
-z up, origin in the middle of the axle. Metres and kilograms; looks in mm. Sizes and masses of hub, motors and sensors are from
-the parts catalogue. The drive base drives forward when both of its motors count up, whatever their orientation.
+Two wheels on an axle, a ball caster, the hub over the motors, sensors at their mounts. Frame of the
+chassis: x forward, y left, z up, origin in the middle of the axle. Metres and kilograms; looks in
+mm. Sizes and masses of hub, motors and sensors are from the parts catalogue. The drive base drives
+forward when both of its motors count up, whatever their orientation.
 """
 
 import mujoco
@@ -31,10 +33,13 @@ _DRAWINGS = {"prime": drawings.hub, "spike-medium": drawings.medium_motor}
 
 
 def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
-    """Model of the robot in its scene. Raises TwinError if the robot has no drive base, or its wheels are too small or too close
-    together for its motors."""
+    """Model of the robot in its scene. Raises TwinError if the robot has no drive base, or its
+    wheels are too small or too close together for its motors."""
     if robot.drive_base is None:
-        raise TwinError(f"robot '{robot.name}' has neither a MuJoCo model nor a drive base; give Robot(..., model=...)")
+        raise TwinError(
+            f"robot '{robot.name}' has neither a MuJoCo model nor a drive base; give Robot(..., "
+            "model=...)"
+        )
     frame = _Frame(robot, robot.drive_base)
     spec, axle_m = mjcf.new_spec(robot.name, scene), frame.axle / 1000
     chassis = spec.worldbody.add_body(name="chassis", pos=[0.0, 0.0, axle_m])
@@ -46,7 +51,8 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
         frame.add_wheel(spec, chassis, motor, side)
     for motor in robot.motors:
         if motor not in frame.driving:
-            mjcf.add_rotor(spec, chassis, motor, (0.0, 0.0, 0.08), gear=motor.shaft_turns)  # without load
+            # without load
+            mjcf.add_rotor(spec, chassis, motor, (0.0, 0.0, 0.08), gear=motor.shaft_turns)
     mjcf.add_colours(spec)
     sensors = [mount_sensor(spec, chassis, sensor, axle_m) for sensor in robot.sensors]
     mjcf.draw(spec, chassis, [*frame.parts(), *sensors])
@@ -74,8 +80,10 @@ class _Frame:
         space = self.half_track - _TYRE_WIDTH_MM / 2
         if self.axle < _CASTER_RADIUS_MM or space < motor_width / 2:
             raise TwinError(
-                f"robot '{robot.name}': wheels of {base.wheel_diameter_mm:g} mm, {base.axle_track_mm:g} mm apart, leave no room "
-                f"for its motors; give wheels of {2 * _CASTER_RADIUS_MM:g} mm or more and a wider axle track"
+                f"robot '{robot.name}': wheels of {base.wheel_diameter_mm:g} mm, "
+                f"{base.axle_track_mm:g} mm apart, leave no room "
+                f"for its motors; give wheels of {2 * _CASTER_RADIUS_MM:g} mm or more and a wider "
+                "axle track"
             )
         self.motor_z = max(0.0, motor_height / 2 + _CLEARANCE_MM - self.axle)
         # Beside its wheel, without overlapping the other motor.
@@ -99,12 +107,22 @@ class _Frame:
         centre = (x / 1000, y / 1000, (_CASTER_RADIUS_MM - self.axle) / 1000)
         mjcf.add_caster(chassis, "caster", centre, _CASTER_RADIUS_MM / 1000, _CASTER_KG)
 
-    def add_wheel(self, spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side: float) -> None:
-        """Add a motor's geared output and the wheel on it with backlash; a positive turn of both drives forward."""
-        rotor = mjcf.add_rotor(spec, chassis, motor, (0.0, side * self.half_track / 1000, 0.0), gear=motor.shaft_turns)
+    def add_wheel(
+        self, spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side: float
+    ) -> None:
+        """Add a motor's geared output and the wheel on it with backlash; a positive turn of both
+        drives forward."""
+        rotor = mjcf.add_rotor(
+            spec, chassis, motor, (0.0, side * self.half_track / 1000, 0.0), gear=motor.shaft_turns
+        )
         mass_kg = _WHEEL_KG * (2 * self.axle / _WHEEL_MM) ** 2
         wheel = mjcf.add_driven(rotor, f"wheel_{motor.port}", motor.port, (0.0, 1.0, 0.0))
-        mjcf.add_tyre(wheel, f"tyre_{motor.port}", (self.axle / 1000, _TYRE_WIDTH_MM / 2000, self.axle / 1000), mass_kg)
+        mjcf.add_tyre(
+            wheel,
+            f"tyre_{motor.port}",
+            (self.axle / 1000, _TYRE_WIDTH_MM / 2000, self.axle / 1000),
+            mass_kg,
+        )
         length = self.half_track - self.motor_y
         mjcf.draw(spec, rotor, [drawings.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])
         mjcf.draw(spec, wheel, [drawings.wheel(2 * self.axle)])
@@ -114,9 +132,17 @@ class _Frame:
         x, y = self.robot.chassis.caster_mm
         parts = [_hub(self.robot.hub, self.hub_size).at(*self.hub)]
         for motor, side in self.driving.items():
-            parts.append(_motor(motor.kind, self.motor_size, side).at(0, side * self.motor_y, self.motor_z))
-        parts += [drawings.beam(13, "turquoise").turned(X_AXIS, 90).at(-12, side * 20, self.top) for side in (1, -1)]
-        parts += [drawings.beam(9, "dark_grey").turned(Z_AXIS, 90).at(ahead, 0, self.top) for ahead in (20, -52)]
+            parts.append(
+                _motor(motor.kind, self.motor_size, side).at(0, side * self.motor_y, self.motor_z)
+            )
+        parts += [
+            drawings.beam(13, "turquoise").turned(X_AXIS, 90).at(-12, side * 20, self.top)
+            for side in (1, -1)
+        ]
+        parts += [
+            drawings.beam(9, "dark_grey").turned(Z_AXIS, 90).at(ahead, 0, self.top)
+            for ahead in (20, -52)
+        ]
         height = _CASTER_RADIUS_MM - self.axle
         post = max(self.top - height - 16.0, 8.0)
         parts.append(drawings.ball_caster(_CASTER_RADIUS_MM).at(x, y, height))
@@ -135,7 +161,8 @@ class _Frame:
 
 def _motor_case(kind: MotorKind) -> tuple[Triple, float]:
     case = case_of(DeviceKind.MOTOR, kind.model.like or kind.model.case or kind.value)
-    assert case is not None  # noqa: S101 - the catalogue has every kind of motor, which a test checks
+    # - the catalogue has every kind of motor, which a test checks
+    assert case is not None  # noqa: S101
     return case
 
 
@@ -150,7 +177,8 @@ def _hub(kind: AnyHub, size: Triple) -> Piece:
 
 
 def _motor(kind: MotorKind, size: Triple, side: float) -> Piece:
-    """Motor that extends backwards from its shaft, which points to a side; the shaft is the origin."""
+    """Motor that extends backwards from its shaft, which points to a side; the shaft is the
+    origin."""
     draw_motor = _DRAWINGS.get(kind.model.like or kind.value)
     if draw_motor is not None:
         return draw_motor() if side > 0 else draw_motor().turned(X_AXIS, 180)

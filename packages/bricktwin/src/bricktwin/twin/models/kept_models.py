@@ -1,4 +1,5 @@
-"""Kept models: compiled MuJoCo models of robots in their scenes, in MuJoCo's binary form, which loads in milliseconds."""
+"""Kept models: compiled MuJoCo models of robots in their scenes, in MuJoCo's binary form, which
+loads in milliseconds."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -15,23 +16,28 @@ from bricktwin.robots.planned import plan_file
 from bricktwin.twin.scene import Scene
 
 _SPARSE_FROM_DOFS = 60
-"""Degrees of freedom from which MuJoCo chooses sparse matrices, whose factor is wrong until version 4.0.1 (its changelog)."""
+"""Degrees of freedom from which MuJoCo chooses sparse matrices, whose factor is wrong until version
+4.0.1 (its changelog)."""
 
 
 def robot_model(robot: Robot, scene: Scene) -> mujoco.MjModel:
-    """Compiled model of a robot in its scene. Raises TwinError if there is none, see ``load_model``, or it does not compile."""
+    """Compiled model of a robot in its scene. Raises TwinError if there is none, see
+    ``load_model``, or it does not compile."""
 
     def build() -> mujoco.MjSpec:
-        from bricktwin.twin.models.load import load_model  # takes longer to import than a kept model to load
+        # takes longer to import than a kept model to load
+        from bricktwin.twin.models.load import load_model
 
         return load_model(robot, scene)
 
     return kept_model(build, [robot], scene)
 
 
-def kept_model(build: Callable[[], mujoco.MjSpec], robots: Sequence[Robot], surroundings: object) -> mujoco.MjModel:
-    """Compiled model, or the equal one of an earlier process. It is not kept if a function of the user makes a robot's model.
-    Raises TwinError if it does not compile.
+def kept_model(
+    build: Callable[[], mujoco.MjSpec], robots: Sequence[Robot], surroundings: object
+) -> mujoco.MjModel:
+    """Compiled model, or the equal one of an earlier process. It is not kept if a function of the
+    user makes a robot's model. Raises TwinError if it does not compile.
 
     Args:
         build: makes the model, from these robots and surroundings only.
@@ -43,7 +49,10 @@ def kept_model(build: Callable[[], mujoco.MjSpec], robots: Sequence[Robot], surr
         try:
             return spec.compile()
         except ValueError as error:
-            raise TwinError(f"the model of '{spec.modelname}' does not compile ({message_of(error)}); correct it") from error
+            raise TwinError(
+                f"the model of '{spec.modelname}' does not compile ({message_of(error)}); "
+                "correct it"
+            ) from error
 
     def sources() -> Iterator[bytes]:
         yield described((robots, surroundings, mujoco.mj_versionString()))
@@ -58,8 +67,8 @@ def kept_model(build: Callable[[], mujoco.MjSpec], robots: Sequence[Robot], surr
 
 
 def _model_sources(robot: Robot) -> Iterator[bytes]:
-    """Names and contents of the files of a robot's model: its plan with the files beside it, or its MJCF file with all that this
-    includes."""
+    """Names and contents of the files of a robot's model: its plan with the files beside it, or its
+    MJCF file with all that this includes."""
     source = robot.model or robot.plan
     if source is None:
         return
@@ -78,9 +87,14 @@ def _model_sources(robot: Robot) -> Iterator[bytes]:
 
 
 def _library() -> Iterator[bytes]:
-    """The installed LDraw library, which parts are drawn from: its folders, with the times of their last changes."""
+    """The installed LDraw library, which parts are drawn from: its folders, with the times of their
+    last changes."""
     root = ldraw_library.folder()
-    paths = [] if root is None else [root / name for name in ("LDConfig.ldr", "parts", "parts/s", "p", "p/48", "p/8")]
+    paths = (
+        []
+        if root is None
+        else [root / name for name in ("LDConfig.ldr", "parts", "parts/s", "p", "p/48", "p/8")]
+    )
     for path in paths:
         if path.exists():
             yield f"{path} {path.stat().st_mtime_ns}".encode()

@@ -1,15 +1,17 @@
 """Loader of a robot's MuJoCo model: a plan, an MJCF file, a function, or a generated driving robot.
 
-In an MJCF file are bodies, joints and geoms; motors, sensors, floor and wall are added here. Elements are matched with the
-robot's description by name:
+In an MJCF file are bodies, joints and geoms; motors, sensors, floor and wall are added here.
+Elements are matched with the robot's description by name:
 
 - a hinge for each motor, positive in the direction in which the motor counts up, after its gears,
-- a site for each sensor on the first body, which looks along the site's x axis; a force sensor measures contact forces on that
-  body within the site,
-- a site ``imu`` at the hub, with its axes: front, left, top; by default at the origin of the first body, as ``hub_sides`` says.
-  It is on the first body of a mobile robot, and may be on another one of a robot that stands still.
+- a site for each sensor on the first body, which looks along the site's x axis; a force sensor
+  measures contact forces on that body within the site,
+- a site ``imu`` at the hub, with its axes: front, left, top; by default at the origin of the first
+  body, as ``hub_sides`` says. It is on the first body of a mobile robot, and may be on another one
+  of a robot that stands still.
 
-The first body has a free joint if the robot is mobile. Feet of a legged robot are geoms whose names begin with ``foot_``.
+The first body has a free joint if the robot is mobile. Feet of a legged robot are geoms whose names
+begin with ``foot_``.
 """
 
 import importlib
@@ -30,10 +32,12 @@ from bricktwin.twin.scene import Scene
 
 
 def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
-    """Model in an MJCF file, with the robot's motors and sensors, in its scene. Raises TwinError if the file cannot be read, is
-    no MJCF, or lacks a joint or a site of the description."""
+    """Model in an MJCF file, with the robot's motors and sensors, in its scene. Raises TwinError if
+    the file cannot be read, is no MJCF, or lacks a joint or a site of the description."""
     if not path.is_file():
-        raise TwinError(f"there is no model {path} of robot '{robot.name}'; give the path of an MJCF file")
+        raise TwinError(
+            f"there is no model {path} of robot '{robot.name}'; give the path of an MJCF file"
+        )
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
@@ -44,7 +48,8 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
         raise TwinError(f"{path} has no body; describe the robot's parts as bodies")
     for geom in spec.geoms:
         if geom.group == mjcf.OBSTACLE_GROUP:
-            geom.group = mjcf.LOOKS_GROUP  # ultrasound detects this group only, and must not detect the robot itself
+            # ultrasound detects this group only, and must not detect the robot itself
+            geom.group = mjcf.LOOKS_GROUP
     hinges = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
     for motor in robot.motors:
         joint = _named(hinges, motor.name, "hinge", path, robot)
@@ -65,27 +70,37 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
         mjcf.add_surroundings(spec, scene)
         mjcf.add_camera(base, "chase", (0.0, 0.0, 0.0), (-0.62, -0.62, 0.55), 0.5)
     except ValueError as error:
-        raise TwinError(f"{path}: {message_of(error)}; take it out, as floor, wall and cameras are added to the robot") from error
+        raise TwinError(
+            f"{path}: {message_of(error)}; take it out, as floor, wall and cameras are added to "
+            "the robot"
+        ) from error
     mjcf.add_light(base)
     return spec
 
 
 def _require_first(site: mujoco.MjsSite, base: mujoco.MjsBody, path: Path) -> None:
     if site.parent.name != base.name:
-        raise TwinError(f"{path} has the site '{site.name}' on '{site.parent.name}'; put it on the first body, '{base.name}'")
+        raise TwinError(
+            f"{path} has the site '{site.name}' on '{site.parent.name}'; put it on the first "
+            f"body, '{base.name}'"
+        )
 
 
-def _named(elements: list[mujoco.MjsElement], name: str, kind: str, path: Path, robot: Robot) -> mujoco.MjsElement:
+def _named(
+    elements: list[mujoco.MjsElement], name: str, kind: str, path: Path, robot: Robot
+) -> mujoco.MjsElement:
     for element in elements:
         if element.name == name:
             return element
     known = ", ".join(element.name for element in elements if element.name) or "none"
-    raise TwinError(f"{path} has no {kind} '{name}' of robot '{robot.name}' (it has: {known}); name one so")
+    raise TwinError(
+        f"{path} has no {kind} '{name}' of robot '{robot.name}' (it has: {known}); name one so"
+    )
 
 
 def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSpec:
-    """Model of the robot in its scene. Raises TwinError if the description has neither a model nor a drive base, or the model
-    cannot be loaded or does not match the robot.
+    """Model of the robot in its scene. Raises TwinError if the description has neither a model nor
+    a drive base, or the model cannot be loaded or does not match the robot.
 
     ``alone``: whether the robot can touch nothing but this scene's obstacles.
     """
@@ -100,11 +115,17 @@ def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSp
         spec = from_file(Path(source), robot, scene)
     else:
         spec = _from_function(robot, source, scene)
-    if scene.wall_distance_mm is not None and not any(sensor.kind.model.range_mm for sensor in robot.sensors):
-        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit the wall")
+    if scene.wall_distance_mm is not None and not any(
+        sensor.kind.model.range_mm for sensor in robot.sensors
+    ):
+        raise TwinError(
+            f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit "
+            "the wall"
+        )
     if scene.ball and spec.geom("ball") is None:
         raise TwinError(
-            f"robot '{robot.name}' has no gripper that could hold a ball; omit the ball, or mark what holds it in its plan "
+            f"robot '{robot.name}' has no gripper that could hold a ball; omit the ball, or mark "
+            "what holds it in its plan "
             "(0 !BRICKSRL BALL X Y Z)"
         )
     add_objects(spec, scene)
@@ -116,16 +137,21 @@ def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSp
 
 
 def _set_end_stops(spec: mujoco.MjSpec, robot: Robot, motor: Motor) -> None:
-    """Limit the joint of a motor to the end stops of its description. Raises TwinError if it does not start between them."""
+    """Limit the joint of a motor to the end stops of its description. Raises TwinError if it does
+    not start between them."""
     if motor.end_stops_deg is None:
         return
     joint, actuator = spec.joint(f"motor_{motor.port}"), spec.actuator(f"motor_{motor.port}")
-    stops = [math.radians(angle * motor.shaft_turns) / float(actuator.gear[0]) for angle in motor.end_stops_deg]
+    stops = [
+        math.radians(angle * motor.shaft_turns) / float(actuator.gear[0])
+        for angle in motor.end_stops_deg
+    ]
     low, high = sorted(stops)
     if not low <= joint.ref <= high:
         start = math.degrees(joint.ref * float(actuator.gear[0])) / motor.shaft_turns
         raise TwinError(
-            f"motor '{motor.name}' of robot '{robot.name}' starts at {start:.0f} degrees, outside of its end stops "
+            f"motor '{motor.name}' of robot '{robot.name}' starts at {start:.0f} degrees, outside "
+            "of its end stops "
             f"{motor.end_stops_deg}; correct them, or the angle in its plan"
         )
     joint.limited, joint.range = True, [low, high]
@@ -138,10 +164,14 @@ def _from_function(robot: Robot, model: str, scene: Scene) -> mujoco.MjSpec:
         build = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise TwinError(
-            f"the model '{model}' of robot '{robot.name}' cannot be loaded ({error}); give 'module:function' or FILE.xml"
+            f"the model '{model}' of robot '{robot.name}' cannot be loaded ({error}); give "
+            "'module:function' or FILE.xml"
         ) from error
     spec = build(robot, scene) if callable(build) else build
     if not isinstance(spec, mujoco.MjSpec):
         name = type(spec).__name__
-        raise TwinError(f"the model '{model}' of robot '{robot.name}' gives {name}; let it be a function that returns an MjSpec")
+        raise TwinError(
+            f"the model '{model}' of robot '{robot.name}' gives {name}; let it be a function that "
+            "returns an MjSpec"
+        )
     return spec

@@ -1,7 +1,9 @@
-"""MJCF elements shared by the models: physics options, LEGO's motors as actuators, floor and wall, cameras.
+"""MJCF elements shared by the models: physics options, LEGO's motors as actuators, floor and wall,
+cameras.
 
-Names define the wiring: the joint and actuator ``motor_E`` belong to port E, the site ``ultrasonic_C`` to port C.
-Geom groups: obstacles that ultrasound detects, floor, looks, and the robot's collision shapes.
+Names define the wiring: the joint and actuator ``motor_E`` belong to port E, the site
+``ultrasonic_C`` to port C. Geom groups: obstacles that ultrasound detects, floor, looks, and the
+robot's collision shapes.
 """
 
 import math
@@ -27,7 +29,8 @@ OBSTACLE_GROUP, FLOOR_GROUP, LOOKS_GROUP, SHAPE_GROUP = 0, 1, 2, 3
 WALL_X_M = 0.35
 """Position of the wall's face."""
 _TURNTABLE_FRICTION_NM = 0.02
-"""Dry friction of a turntable under an arm, which would float through its play without; an estimate: 500 g at 20 mm, 0.2."""
+"""Dry friction of a turntable under an arm, which would float through its play without; an
+estimate: 500 g at 20 mm, 0.2."""
 WEBCAM_HEIGHT_M = 0.68
 """Height of the webcam over the table."""
 BALL_RADIUS_M, _BALL_KG = 0.024, 0.006
@@ -46,7 +49,8 @@ def new_spec(name: str, scene: Scene) -> mujoco.MjSpec:
 
 
 def set_options(spec: mujoco.MjSpec) -> None:
-    """Set the physics options of all twins; the timestep of 2.5 ms divides the hub's control loop of 5 ms."""
+    """Set the physics options of all twins; the timestep of 2.5 ms divides the hub's control loop
+    of 5 ms."""
     spec.option.timestep = TIMESTEP_S
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -54,16 +58,25 @@ def set_options(spec: mujoco.MjSpec) -> None:
 
 
 def add_motor(
-    spec: mujoco.MjSpec, joint: mujoco.MjsJoint, port: str, kind: MotorKind, *, gear: float = 1.0, train_friction_nm: float = 0.0
+    spec: mujoco.MjSpec,
+    joint: mujoco.MjsJoint,
+    port: str,
+    kind: MotorKind,
+    *,
+    gear: float = 1.0,
+    train_friction_nm: float = 0.0,
 ) -> None:
-    """Add a voltage-driven motor to a joint. MuJoCo's dcmotor assumes equal motor constants, an error of 25 % here.
+    """Add a voltage-driven motor to a joint. MuJoCo's dcmotor assumes equal motor constants, an
+    error of 25 % here.
 
     Args:
         gear: turns of the motor's shaft per turn of the joint; negative for opposite directions.
         train_friction_nm: dry friction between motor and joint, at the joint.
     """
     motor = motor_constants(kind)
-    actuator = spec.add_actuator(name=f"motor_{port}", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    actuator = spec.add_actuator(
+        name=f"motor_{port}", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
+    )
     actuator.gear[0] = gear
     actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
     actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
@@ -80,7 +93,8 @@ def add_motor(
 
 
 STIFF = [0.006, 1.0]
-"""``solref`` of a hard contact: its time constant (s; 20 ms, MuJoCo's default, lets a robot sink in) and damping ratio."""
+"""``solref`` of a hard contact: its time constant (s; 20 ms, MuJoCo's default, lets a robot sink
+in) and damping ratio."""
 COLLIDING: dict[str, Any] = {"group": SHAPE_GROUP, "contype": 1, "conaffinity": 0}
 """Attributes of the robot's shapes that touch floor and obstacles."""
 OBSTACLE: dict[str, Any] = {"group": OBSTACLE_GROUP, "contype": 0, "conaffinity": 1}
@@ -111,7 +125,13 @@ def add_box(
 
 def contact_attributes(friction: float, mass_kg: float = 0.0) -> dict[str, Any]:
     """Attributes of wheels and feet."""
-    return {"mass": mass_kg, "friction": [friction, 0.005, 0.0001], "priority": 1, "solref": STIFF, **COLLIDING}
+    return {
+        "mass": mass_kg,
+        "friction": [friction, 0.005, 0.0001],
+        "priority": 1,
+        "solref": STIFF,
+        **COLLIDING,
+    }
 
 
 def add_rotor(
@@ -123,15 +143,20 @@ def add_rotor(
     gear: float = 1.0,
     train_friction_nm: float = 0.0,
 ) -> mujoco.MjsBody:
-    """Add a motor with an almost massless rotor body, which has the joint ``motor_PORT``; see :func:`add_motor`."""
+    """Add a motor with an almost massless rotor body, which has the joint ``motor_PORT``; see
+    :func:`add_motor`."""
     rotor = parent.add_body(name=f"rotor_{motor.port}", pos=list(at_m))
-    shaft = rotor.add_joint(name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=list(axis))
+    shaft = rotor.add_joint(
+        name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=list(axis)
+    )
     rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
     add_motor(spec, shaft, motor.port, motor.kind, gear=gear, train_friction_nm=train_friction_nm)
     return rotor
 
 
-def add_driven(rotor: mujoco.MjsBody, name: str, port: str, axis: Triple, *, is_heavy: bool = False) -> mujoco.MjsBody:
+def add_driven(
+    rotor: mujoco.MjsBody, name: str, port: str, axis: Triple, *, is_heavy: bool = False
+) -> mujoco.MjsBody:
     """Add a body to a rotor, with backlash; that of a heavy body is softer and more damped."""
     body = rotor.add_body(name=name)
     body.add_joint(
@@ -155,15 +180,27 @@ def add_tyre(
     at_m: Triple | Floats = (0.0, 0.0, 0.0),
     turn: Sequence[float] | Floats = (1.0, 0.0, 0.0, 0.0),
 ) -> None:
-    """Add a tyre with these half sizes. An ellipsoid touches in one point, which takes the solver half the time of a cylinder."""
+    """Add a tyre with these half sizes. An ellipsoid touches in one point, which takes the solver
+    half the time of a cylinder."""
     shape, attributes = mujoco.mjtGeom.mjGEOM_ELLIPSOID, contact_attributes(TYRE_FRICTION, mass_kg)
-    body.add_geom(name=name, type=shape, size=list(size_m), pos=list(at_m), quat=list(turn), **attributes)
+    body.add_geom(
+        name=name, type=shape, size=list(size_m), pos=list(at_m), quat=list(turn), **attributes
+    )
 
 
-def add_caster(body: mujoco.MjsBody, name: str, centre_m: Triple | Floats, radius_m: float, mass_kg: float = 0.0) -> None:
-    """Add a ball caster without friction. (Dry friction of a sliding ball would make the contact chatter.)"""
+def add_caster(
+    body: mujoco.MjsBody,
+    name: str,
+    centre_m: Triple | Floats,
+    radius_m: float,
+    mass_kg: float = 0.0,
+) -> None:
+    """Add a ball caster without friction. (Dry friction of a sliding ball would make the contact
+    chatter.)"""
     shape, attributes = mujoco.mjtGeom.mjGEOM_SPHERE, contact_attributes(1.0, mass_kg)
-    body.add_geom(name=name, type=shape, pos=list(centre_m), size=[radius_m, 0, 0], condim=1, **attributes)
+    body.add_geom(
+        name=name, type=shape, pos=list(centre_m), size=[radius_m, 0, 0], condim=1, **attributes
+    )
 
 
 def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
@@ -181,7 +218,9 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
     )
     if scene.wall_distance_mm is not None:
         # Only a hand at the page moves it.
-        wall = world.add_body(name="wall", mocap=True, pos=[WALL_X_M + _WALL_HALF_SIZE[0], 0.0, _WALL_HALF_SIZE[2]])
+        wall = world.add_body(
+            name="wall", mocap=True, pos=[WALL_X_M + _WALL_HALF_SIZE[0], 0.0, _WALL_HALF_SIZE[2]]
+        )
         wall.add_geom(
             name="wall",
             type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -199,14 +238,17 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
             material="bricks",
             **LOOKS,
         )
-    target, distance_m = ((-0.62, 0.1, 0.0), 1.95) if scene.wall_distance_mm is not None else ((0.0, 0.0, 0.0), 1.1)
+    target, distance_m = (
+        ((-0.62, 0.1, 0.0), 1.95) if scene.wall_distance_mm is not None else ((0.0, 0.0, 0.0), 1.1)
+    )
     if scene.objects:
         target, distance_m = overview_of(scene)
     add_camera(world, "overview", target, (-0.18, -1.0, 0.72), distance_m)
 
 
 def overview_of(scene: Scene) -> tuple[Triple, float]:
-    """Centre of the objects and the robot's start area (m), and a camera distance that shows all of them."""
+    """Centre of the objects and the robot's start area (m), and a camera distance that shows all of
+    them."""
     points_mm = list(zip(*scene.start_mm, strict=True))
     for item in scene.objects:
         match item:
@@ -218,7 +260,9 @@ def overview_of(scene: Scene) -> tuple[Triple, float]:
                 points_mm.append(item.at_mm[:2])
             case Field() | Block() | Ramp():
                 reach = item.length_mm if isinstance(item, Ramp) else max(item.size_mm[:2]) / 2
-                points_mm += [(item.at_mm[0] + side * reach, item.at_mm[1] + side * reach) for side in (-1, 1)]
+                points_mm += [
+                    (item.at_mm[0] + side * reach, item.at_mm[1] + side * reach) for side in (-1, 1)
+                ]
     points = np.array(points_mm) / 1000
     low, high = points.min(0), points.max(0)
     x, y = ((low + high) / 2).tolist()
@@ -226,9 +270,11 @@ def overview_of(scene: Scene) -> tuple[Triple, float]:
 
 
 def pair_contacts(spec: mujoco.MjSpec) -> None:
-    """List explicit contact pairs, after everything is added: each shape of the robot with each of the surroundings.
+    """List explicit contact pairs, after everything is added: each shape of the robot with each of
+    the surroundings.
 
-    MuJoCo then checks these pairs only. Its own broad phase would take a tenth of the time of each step.
+    MuJoCo then checks these pairs only. Its own broad phase would take a tenth of the time of each
+    step.
     """
     surroundings = [geom for geom in spec.geoms if geom.conaffinity]
     shapes = [geom for geom in spec.geoms if geom.contype]
@@ -236,20 +282,27 @@ def pair_contacts(spec: mujoco.MjSpec) -> None:
         shape.name = shape.name or f"shape_{number}"
         for other in surroundings:
             pair = spec.add_pair(geomname1=other.name, geomname2=shape.name)
-            pair.condim = shape.condim if shape.priority > other.priority else max(shape.condim, other.condim)
+            pair.condim = (
+                shape.condim if shape.priority > other.priority else max(shape.condim, other.condim)
+            )
             # NaN: MuJoCo derives these from the two geoms, as without an explicit pair.
             pair.friction, pair.solref, pair.solimp = [math.nan] * 5, [math.nan] * 2, [math.nan] * 5
     for geom in (*surroundings, *shapes):
         geom.contype = geom.conaffinity = 0
 
 
-def add_camera(body: mujoco.MjsBody, name: str, target: Triple, direction: Triple, distance_m: float) -> None:
-    """Add a camera that looks at a point of a body's frame from a direction; on a moving body it follows without turning."""
+def add_camera(
+    body: mujoco.MjsBody, name: str, target: Triple, direction: Triple, distance_m: float
+) -> None:
+    """Add a camera that looks at a point of a body's frame from a direction; on a moving body it
+    follows without turning."""
     backward = np.array(direction) / np.linalg.norm(direction)
     right = np.cross((0.0, 0.0, 1.0), backward)
     right /= np.linalg.norm(right)
     frame = np.empty(4)
-    mujoco.mju_mat2Quat(frame, np.column_stack([right, np.cross(backward, right), backward]).ravel())
+    mujoco.mju_mat2Quat(
+        frame, np.column_stack([right, np.cross(backward, right), backward]).ravel()
+    )
     is_moving = body.name != "world"
     mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACK if is_moving else mujoco.mjtCamLight.mjCAMLIGHT_FIXED
     position = np.array(target) + distance_m * backward
@@ -257,15 +310,19 @@ def add_camera(body: mujoco.MjsBody, name: str, target: Triple, direction: Tripl
 
 
 def add_webcam(world: mujoco.MjsBody) -> None:
-    """Add the camera of the RoboArm's camera task, which looks down. Its image has the robot's front at the bottom and its left
-    on the right."""
-    world.add_camera(name="webcam", pos=[0.0, 0.0, WEBCAM_HEIGHT_M], xyaxes=[0, 1, 0, -1, 0, 0], fovy=45)
+    """Add the camera of the RoboArm's camera task, which looks down. Its image has the robot's
+    front at the bottom and its left on the right."""
+    world.add_camera(
+        name="webcam", pos=[0.0, 0.0, WEBCAM_HEIGHT_M], xyaxes=[0, 1, 0, -1, 0, 0], fovy=45
+    )
 
 
 def add_ball(body: mujoco.MjsBody, at_m: Triple) -> None:
     """Add the red ball that a gripper holds."""
     shape, size = mujoco.mjtGeom.mjGEOM_SPHERE, [BALL_RADIUS_M, 0, 0]
-    body.add_geom(name="ball", type=shape, pos=list(at_m), size=size, mass=_BALL_KG, material="red", **LOOKS)
+    body.add_geom(
+        name="ball", type=shape, pos=list(at_m), size=size, mass=_BALL_KG, material="red", **LOOKS
+    )
 
 
 def quaternion(axis: Triple | Floats, angle: float) -> list[float]:
@@ -274,12 +331,14 @@ def quaternion(axis: Triple | Floats, angle: float) -> list[float]:
 
 
 def yaw_quaternion(angle: float) -> list[float]:
-    """Quaternion of a rotation about the vertical, counter-clockwise seen from above, in radians."""
+    """Quaternion of a rotation about the vertical, counter-clockwise seen from above, in
+    radians."""
     return [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]
 
 
 def add_light(body: mujoco.MjsBody) -> None:
-    """Add the sun, which follows the robot, because shadows are drawn only near the centre of its beam."""
+    """Add the sun, which follows the robot, because shadows are drawn only near the centre of its
+    beam."""
     direction = np.array([0.3, 0.4, -0.85])
     body.add_light(
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
@@ -297,7 +356,11 @@ def _add_looks(spec: mujoco.MjSpec) -> None:
     visual.map.znear, visual.map.zfar = 0.02, 30.0
     visual.map.shadowclip = 4.0
     visual.quality.shadowsize = 4096
-    visual.headlight.ambient, visual.headlight.diffuse, visual.headlight.specular = [0.38] * 3, [0.30] * 3, [0.1] * 3
+    visual.headlight.ambient, visual.headlight.diffuse, visual.headlight.specular = (
+        [0.38] * 3,
+        [0.30] * 3,
+        [0.1] * 3,
+    )
     spec.stat.extent, spec.stat.center = 0.5, [0.0, 0.0, 0.05]
     spec.add_texture(
         name="sky",
@@ -312,18 +375,32 @@ def _add_looks(spec: mujoco.MjSpec) -> None:
     _add_tiles(spec, "bricks", _brick_tile(), (0.128, 0.064))
 
 
-def _add_tiles(spec: mujoco.MjSpec, name: str, image: NDArray[np.uint8], size_m: tuple[float, float]) -> None:
+def _add_tiles(
+    spec: mujoco.MjSpec, name: str, image: NDArray[np.uint8], size_m: tuple[float, float]
+) -> None:
     height, width, channels = image.shape
-    texture = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=channels)
+    texture = spec.add_texture(
+        name=name,
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        width=width,
+        height=height,
+        nchannel=channels,
+    )
     texture.data = image.tobytes()
     material = spec.add_material(
-        name=name, texuniform=True, texrepeat=[1 / size_m[0], 1 / size_m[1]], specular=0.1, shininess=0.1, reflectance=0.0
+        name=name,
+        texuniform=True,
+        texrepeat=[1 / size_m[0], 1 / size_m[1]],
+        specular=0.1,
+        shininess=0.1,
+        reflectance=0.0,
     )
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = texture.name
 
 
 def _floor_tile() -> NDArray[np.uint8]:
-    """Floor texture of 2 x 2 squares of 100 mm in two light greys, separated by fine lines, which makes motion visible."""
+    """Floor texture of 2 x 2 squares of 100 mm in two light greys, separated by fine lines, which
+    makes motion visible."""
     index = np.arange(256) // 128
     is_even = (index[:, None] + index) % 2 == 0
     tone = np.where(is_even, 214, 204)
@@ -349,13 +426,17 @@ def add_colours(spec: mujoco.MjSpec) -> None:
     """Add materials for all colours."""
     for name, rgb in COLOURS.items():
         emission = 0.6 if name in GLOWING else 0.0
-        spec.add_material(name=name, rgba=[*rgb, 1.0], specular=0.35, shininess=0.5, emission=emission)
+        spec.add_material(
+            name=name, rgba=[*rgb, 1.0], specular=0.35, shininess=0.5, emission=emission
+        )
 
 
 def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Piece], name: str = "") -> None:
-    """Draw parts, given in millimetres in the body's frame: one mesh per colour, without mass or contact.
+    """Draw parts, given in millimetres in the body's frame: one mesh per colour, without mass or
+    contact.
 
-    The model's materials have the names of the colours; the material of a colour ``"#rrggbbaa"`` is created here.
+    The model's materials have the names of the colours; the material of a colour ``"#rrggbbaa"`` is
+    created here.
 
     Args:
         name: first part of the meshes' names, unique in the model; by default the body's.
@@ -378,4 +459,6 @@ def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Piece], name
             userfacenormal=shape.faces.ravel().tolist(),
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         )
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh_name, material=colour, mass=0, **LOOKS)
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh_name, material=colour, mass=0, **LOOKS
+        )

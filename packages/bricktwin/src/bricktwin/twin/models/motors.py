@@ -1,8 +1,10 @@
-"""Motors as LEGO makes them: what a twin's actuators do, apart from what the hub's firmware believes of them.
+"""Motors as LEGO makes them: what a twin's actuators do, apart from what the hub's firmware
+believes of them.
 
-The curve of a motor is the straight line between its free speed and its stall. LEGO's sheets give a third point, under load, that
-is not on the line of the other two: ours misses all three by the same share, 4 % (medium) and 5 % (large). Motors without a sheet
-have the curves that the Pybricks authors measured and their firmware stores; so have all motors their friction and inertia.
+The curve of a motor is the straight line between its free speed and its stall. LEGO's sheets give a
+third point, under load, that is not on the line of the other two: ours misses all three by the same
+share, 4 % (medium) and 5 % (large). Motors without a sheet have the curves that the Pybricks
+authors measured and their firmware stores; so have all motors their friction and inertia.
 """
 
 import functools
@@ -22,7 +24,8 @@ from brickhub.virtual.firmware.motor_model import (
 SHEET_V = 7.2
 """Voltage of LEGO's data sheets."""
 LIMIT_A = 1.4
-"""Largest current of a port; an estimate: the largest that LEGO's sheets state for a motor, the large one's at its stall."""
+"""Largest current of a port; an estimate: the largest that LEGO's sheets state for a motor, the
+large one's at its stall."""
 RAD_S_PER_RPM = math.pi / 30
 
 
@@ -44,23 +47,30 @@ class MotorSheet:
     ohm: float
 
     def line(self) -> tuple[float, float]:
-        """Free speed (rad/s) and stall torque (Nm) of the straight line that misses the three points by the same share: both
-        are ``share`` times the sheet's, and the loaded speed ``2 - share`` times."""
+        """Free speed (rad/s) and stall torque (Nm) of the straight line that misses the three
+        points by the same share: both are ``share`` times the sheet's, and the loaded speed ``2 -
+        share`` times."""
         at_load = self.free_rpm * self.load_nm / self.stall_nm
         share = (2.0 * self.loaded_rpm + at_load) / (self.free_rpm + self.loaded_rpm)
         return share * self.free_rpm * RAD_S_PER_RPM, share * self.stall_nm
 
 
 SHEETS = {
-    "spike-medium": MotorSheet(free_rpm=185.0, loaded_rpm=135.0, load_nm=0.035, stall_nm=0.18, ohm=10.7),
-    "spike-large": MotorSheet(free_rpm=175.0, loaded_rpm=135.0, load_nm=0.08, stall_nm=0.25, ohm=SHEET_V / 1.4),
+    "spike-medium": MotorSheet(
+        free_rpm=185.0, loaded_rpm=135.0, load_nm=0.035, stall_nm=0.18, ohm=10.7
+    ),
+    "spike-large": MotorSheet(
+        free_rpm=175.0, loaded_rpm=135.0, load_nm=0.08, stall_nm=0.25, ohm=SHEET_V / 1.4
+    ),
 }
-"""LEGO Education's data sheets of 45603 (medium; its resistance is of Pybricks' curve) and 45602 (large; 1.4 A at its stall)."""
+"""LEGO Education's data sheets of 45603 (medium; its resistance is of Pybricks' curve) and 45602
+(large; 1.4 A at its stall)."""
 
 
 @dataclass(frozen=True)
 class MotorConstants:
-    """Constants of a motor with its gear train, at its shaft. Inductance is neglected: it decays in a millisecond.
+    """Constants of a motor with its gear train, at its shaft. Inductance is neglected: it decays in
+    a millisecond.
 
     Attributes:
         torque_nm_v: stall torque per volt.
@@ -84,7 +94,8 @@ class MotorConstants:
 
 @functools.cache
 def motor_constants(kind: MotorKind) -> MotorConstants:
-    """Constants of a kind of motor: by LEGO's sheet if there is one, else by Pybricks' curve (``servo_settings.c`` v4)."""
+    """Constants of a kind of motor: by LEGO's sheet if there is one, else by Pybricks' curve
+    (``servo_settings.c`` v4)."""
     model = MOTOR_TYPES[kind].model
     per_rad = 180.0 / math.pi * 1e-3  # from mdeg and uNm
     torque_nm_v = PRESCALE_VOLTAGE / model.torque_by_voltage * 1e-3
@@ -93,17 +104,24 @@ def motor_constants(kind: MotorKind) -> MotorConstants:
     sheet = SHEETS.get(kind.model.like or kind.value)
     if sheet is not None:
         free_rad_s, stall_nm = sheet.line()
-        torque_nm_v, drag_nm_s, ohm = (stall_nm + friction_nm) / SHEET_V, stall_nm / free_rad_s, sheet.ohm
+        torque_nm_v, drag_nm_s, ohm = (
+            (stall_nm + friction_nm) / SHEET_V,
+            stall_nm / free_rad_s,
+            sheet.ohm,
+        )
     inertia_kg_m2 = PRESCALE_ACCELERATION / model.torque_by_acceleration * per_rad
     return MotorConstants(torque_nm_v, drag_nm_s, inertia_kg_m2, friction_nm, ohm)
 
 
 def _blocked_ohm(kind: MotorKind) -> float:
-    """Resistance of a winding by Pybricks' curve: voltage by current in the state in which a torque keeps the speed at 0."""
+    """Resistance of a winding by Pybricks' curve: voltage by current in the state in which a torque
+    keeps the speed at 0."""
     model = MOTOR_TYPES[kind].model
-    # Contributions of a current (0.1 mA), a voltage (mV) and a torque (uNm) to the next speed and current.
+    # Contributions of a current (0.1 mA), a voltage (mV) and a torque (uNm) to the next speed and
+    # current.
     (a, b, c), (d, e, f) = (
-        (PRESCALE_CURRENT / row[1], PRESCALE_VOLTAGE / row[2], PRESCALE_TORQUE / row[3]) for row in (model.speed, model.current)
+        (PRESCALE_CURRENT / row[1], PRESCALE_VOLTAGE / row[2], PRESCALE_TORQUE / row[3])
+        for row in (model.speed, model.current)
     )
     current_per_mv = (e - b * f / c) / (1.0 - d + a * f / c)
     return 10.0 / current_per_mv

@@ -1,4 +1,5 @@
-"""Mounts of sensors: sites in a sensor's viewing direction, its case, and a force sensor's touch sensor."""
+"""Mounts of sensors: sites in a sensor's viewing direction, its case, and a force sensor's touch
+sensor."""
 
 import functools
 import math
@@ -22,14 +23,16 @@ _MOUNTS = {
     SensorKind.COLOR_DISTANCE: _FACING_FLOOR,
     SensorKind.FORCE: Mount((80.0, 0.0, 30.0)),
 }
-"""Where a sensor of a kind sits unless its description says so; others are in front and look ahead."""
+"""Where a sensor of a kind sits unless its description says so; others are in front and look
+ahead."""
 INFRARED_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
 """Distances that sensors with infrared light report as 100 %; estimates."""
 
 
 @functools.cache
 def case_of(kind: DeviceKind, name: str) -> tuple[Triple, float] | None:
-    """Size of an electric part's case, the longest side first (mm), and its mass (g); ``None`` if not in the catalogue."""
+    """Size of an electric part's case, the longest side first (mm), and its mass (g); ``None`` if
+    not in the catalogue."""
     for part in catalogue.parts():
         if part.device is not None and (part.device.kind, part.device.name) == (kind, name):
             sides = sorted((2.0 * MM_PER_LDU * half for half in part.solids[0].half), reverse=True)
@@ -38,7 +41,8 @@ def case_of(kind: DeviceKind, name: str) -> tuple[Triple, float] | None:
 
 
 def hub_axes(sides: tuple[str, ...]) -> Floats:
-    """Rotation matrix [3, 3] from the axes of a hub, whose top and front look to these sides of the robot, to the robot's."""
+    """Rotation matrix [3, 3] from the axes of a hub, whose top and front look to these sides of the
+    robot, to the robot's."""
     top, front = (np.array(LOOKS[side]) for side in sides)
     return np.column_stack([front, np.cross(top, front), top])
 
@@ -60,8 +64,11 @@ def site_name(sensor: Sensor) -> str:
     return f"{'sensor' if sensor.kind.model.range_mm is None else 'ultrasonic'}_{sensor.port}"
 
 
-def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, axle_m: float) -> Piece:
-    """Add a sensor's site, mass and button to a chassis with its origin at ``axle_m`` height; returns the drawn part (mm)."""
+def mount_sensor(
+    spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, axle_m: float
+) -> Piece:
+    """Add a sensor's site, mass and button to a chassis with its origin at ``axle_m`` height;
+    returns the drawn part (mm)."""
     mount = mount_of(sensor)
     ahead, left, up = mount.at_mm
     eye = np.array([ahead, left, up - axle_m * 1000.0])
@@ -83,8 +90,11 @@ def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, a
     return drawing.turned(axis, angle_deg).at(*eye.tolist())
 
 
-def add_sensor_site(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, at_m: Floats, turn: list[float]) -> None:
-    """Add a sensor's site, whose x axis is the viewing direction; that of a force sensor measures the contacts near it."""
+def add_sensor_site(
+    spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, at_m: Floats, turn: list[float]
+) -> None:
+    """Add a sensor's site, whose x axis is the viewing direction; that of a force sensor measures
+    the contacts near it."""
     pose = {"name": site_name(sensor), "pos": at_m.tolist(), "quat": turn}
     if Sense.FORCE in sensor.kind.model.senses:
         chassis.add_site(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.012] * 3, group=5, **pose)
@@ -96,7 +106,9 @@ def add_sensor_site(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor
 def add_touch(spec: mujoco.MjSpec, sensor: Sensor) -> None:
     """Add a touch sensor of the contact forces (N) within a sensor's site."""
     touch, site = mujoco.mjtSensor.mjSENS_TOUCH, mujoco.mjtObj.mjOBJ_SITE
-    spec.add_sensor(name=f"force_{sensor.port}", type=touch, objtype=site, objname=site_name(sensor))
+    spec.add_sensor(
+        name=f"force_{sensor.port}", type=touch, objtype=site, objname=site_name(sensor)
+    )
 
 
 def _turn_to(gaze: Floats) -> tuple[Triple, float]:

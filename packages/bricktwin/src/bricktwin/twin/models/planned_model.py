@@ -1,8 +1,10 @@
-"""Models from building plans: bodies, joints, gears, rods, shapes that collide, sensors and looks, from the parts' positions.
+"""Models from building plans: bodies, joints, gears, rods, shapes that collide, sensors and looks,
+from the parts' positions.
 
-All bodies have the plan's axes (x forward, y left, z up) in the plan's configuration. The origin of the first body, where the
-robot's pose is measured, is below the middle of the hub, or on the axle of the driven wheels if there are any; that of a robot
-that stands on the table is the plan's. Tyres, casters and feet touch the floor, and the convex hulls of the other bodies.
+All bodies have the plan's axes (x forward, y left, z up) in the plan's configuration. The origin of
+the first body, where the robot's pose is measured, is below the middle of the hub, or on the axle
+of the driven wheels if there are any; that of a robot that stands on the table is the plan's.
+Tyres, casters and feet touch the floor, and the convex hulls of the other bodies.
 """
 
 import itertools
@@ -32,9 +34,11 @@ from bricktwin.twin.scene import Scene
 
 _HINGE, _BALL = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_BALL
 _ROTOR_KG, _ROTOR_KG_M2 = 1e-4, 1e-8
-"""Mass and inertia of the body between a motor's joint and its backlash; the rotor's inertia is the joint's armature."""
+"""Mass and inertia of the body between a motor's joint and its backlash; the rotor's inertia is the
+joint's armature."""
 _TRAIN_FRICTION_NM = 0.033
-"""Dry friction of a gear train at the motor's side; an estimate: arms hold themselves while their motors coast."""
+"""Dry friction of a gear train at the motor's side; an estimate: arms hold themselves while their
+motors coast."""
 _HEAVY_KG = 0.030
 """Mass above which a body has more damping in its backlash."""
 _BEYOND_DEG = 15.0
@@ -42,7 +46,8 @@ _BEYOND_DEG = 15.0
 _PLASTIC_FRICTION = 0.8
 """Sliding friction of plastic on a smooth floor; an estimate."""
 _FOOT_REACH_M = 0.015
-"""Height above the robot's lowest point up to which a leg's lower end is a foot, in a robot without wheels."""
+"""Height above the robot's lowest point up to which a leg's lower end is a foot, in a robot without
+wheels."""
 _SAME_AXIS_M = 0.0012
 _CARRIED = DeviceKind.HUB, DeviceKind.SENSOR
 
@@ -53,15 +58,22 @@ def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     Raises:
         PlanError: the plan cannot be read, or has an unsupported element.
         DescriptionError: the plan contradicts the description.
-        TwinError: the scene does not suit this robot, or the plan has an element that cannot be modelled.
+        TwinError: the scene does not suit this robot, or the plan has an element that cannot be
+            modelled.
     """
     check_description(robot, path)
     planned = planned_robot(path)
-    if planned.articulation.is_fixed and (scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0)):
-        raise TwinError(f"robot '{robot.name}' stands still and sees no wall; omit wall_distance_mm and heading_deg")
+    if planned.articulation.is_fixed and (
+        scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0)
+    ):
+        raise TwinError(
+            f"robot '{robot.name}' stands still and sees no wall; omit wall_distance_mm and "
+            "heading_deg"
+        )
     spec = mjcf.new_spec(robot.name, scene)
     _Builder(spec, robot, planned, holds_ball=scene.ball).build()
-    # All constraints share one body: searching for independent islands would take a tenth of the time in vain.
+    # All constraints share one body: searching for independent islands would take a tenth of the
+    # time in vain.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     if planned.articulation.rods or planned.articulation.loops:
         # Legs interact through the chassis only: the matrices are sparse.
@@ -72,20 +84,32 @@ def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
 class _Builder:
     """Builder of a model."""
 
-    def __init__(self, spec: mujoco.MjSpec, robot: Robot, planned: PlannedRobot, *, holds_ball: bool) -> None:
+    def __init__(
+        self, spec: mujoco.MjSpec, robot: Robot, planned: PlannedRobot, *, holds_ball: bool
+    ) -> None:
         self.spec, self.robot, self.planned, self.holds_ball = spec, robot, planned, holds_ball
         self.articulation: Articulation = planned.articulation
         self.motors = {motor.port: motor for motor in robot.motors}
-        carried = [(placed, self.articulation.body_of(placed.index)) for placed in planned.plan.devices(*_CARRIED)]
-        self.mounted = {placed.port: (placed, body) for placed, body in reversed(carried) if body is not None}
+        carried = [
+            (placed, self.articulation.body_of(placed.index))
+            for placed in planned.plan.devices(*_CARRIED)
+        ]
+        self.mounted = {
+            placed.port: (placed, body) for placed, body in reversed(carried) if body is not None
+        }
         """Each sensor and its body, by port, and the hub, whose port is ``None``."""
         if None not in self.mounted:
-            raise TwinError(f"{planned.plan.path} has no hub that is connected to the robot; add one")
+            raise TwinError(
+                f"{planned.plan.path} has no hub that is connected to the robot; add one"
+            )
         self.hub, self.hub_body = self.mounted[None]
         self.hub_m = point_m_of(self.hub.point(self.hub.electric.plug))
         for port in sorted(self.motors.keys() - {drive.port for drive in self.articulation.drives}):
             placed = planned.device(port)
-            fault = f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
+            fault = (
+                f"{placed.name} is not connected to the main body; add a pin or an axle, or "
+                "remove it"
+            )
             raise TwinError(f"{planned.plan.path}, line {placed.line}: {fault}")
         self.bodies: dict[int, mujoco.MjsBody] = {}
         self.origins: dict[int, Floats] = {0: self._origin()}
@@ -99,7 +123,11 @@ class _Builder:
     def build(self) -> None:
         """Build everything except the surroundings."""
         self._add_base()
-        driven = {drive.joint.child: drive for drive in self.articulation.drives if drive.port in self.motors}
+        driven = {
+            drive.joint.child: drive
+            for drive in self.articulation.drives
+            if drive.port in self.motors
+        }
         for joint in self.articulation.joints:
             if joint.child in driven:
                 self._add_drive(driven[joint.child])
@@ -112,11 +140,16 @@ class _Builder:
             name = self.ports.get(rod.far) or self.ports.get(rod.near) or str(number)
             body = add_rod(self.spec, name, near, far)
             axes = _axes_along(rod.far_m - rod.near_m)
-            mjcf.draw(self.spec, body, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
+            mjcf.draw(
+                self.spec, body, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)]
+            )
         for number, loop in enumerate(self.articulation.loops):
             at_m = self._local(loop.parent, loop.point_m)
-            add_loop(self.spec, f"loop_{number}", self.bodies[loop.parent], self.bodies[loop.child], at_m)
-        if not self.articulation.is_fixed:  # nothing collides within the ranges of a fixed robot's joints
+            add_loop(
+                self.spec, f"loop_{number}", self.bodies[loop.parent], self.bodies[loop.child], at_m
+            )
+        # nothing collides within the ranges of a fixed robot's joints
+        if not self.articulation.is_fixed:
             self._add_shapes()
         mjcf.add_colours(self.spec)
         self._add_sensors()
@@ -128,7 +161,9 @@ class _Builder:
         """Origin of the first body, in the plan's frame."""
         if self.articulation.is_fixed:
             return np.zeros(3)
-        axle_m = [wheel.centre_m for _, wheel in self.planned.rolling] or [self.hub_m * (1.0, 1.0, 0.0)]
+        axle_m = [wheel.centre_m for _, wheel in self.planned.rolling] or [
+            self.hub_m * (1.0, 1.0, 0.0)
+        ]
         x, _, z = np.mean(axle_m, axis=0)
         return np.round([x, self.hub_m[1], z], 6)
 
@@ -137,7 +172,10 @@ class _Builder:
         casters = {wheel.part for wheel, _, _ in self.casters}
         tyres: list[Wheel] = []
         for wheel in sorted(self.articulation.wheels, key=lambda wheel: -wheel.diameter_mm):
-            is_inner = any(tyre.link == wheel.link and np.linalg.norm(tyre.centre_m - wheel.centre_m) <= 0.008 for tyre in tyres)
+            is_inner = any(
+                tyre.link == wheel.link and np.linalg.norm(tyre.centre_m - wheel.centre_m) <= 0.008
+                for tyre in tyres
+            )
             if not is_inner and wheel.part not in casters:
                 tyres.append(wheel)
         return tyres
@@ -148,7 +186,11 @@ class _Builder:
         lowest += [float(foot.start_m[2]) - foot.radius_m for foot in self.feet]
         lowest += [float(centre_m[2]) - radius_m for _, centre_m, radius_m in self.casters]
         if self.articulation.is_fixed or not lowest:
-            parts = [self.planned.plan.parts[part] for body in self.articulation.bodies for part in body.parts]
+            parts = [
+                self.planned.plan.parts[part]
+                for body in self.articulation.bodies
+                for part in body.parts
+            ]
             lowest += [float(_in_twin(placed, placed.part.corners)[:, 2].min()) for placed in parts]
         return min(lowest)
 
@@ -184,22 +226,31 @@ class _Builder:
     def _add_base(self) -> None:
         """Add the root body: free, or fixed to the floor."""
         height = float(self.origins[0][2]) - self._lowest_m()
-        body = self.spec.worldbody.add_body(name="base" if self.articulation.is_fixed else "chassis", pos=[0.0, 0.0, height])
+        body = self.spec.worldbody.add_body(
+            name="base" if self.articulation.is_fixed else "chassis", pos=[0.0, 0.0, height]
+        )
         if not self.articulation.is_fixed:
             body.add_freejoint(name="root")
         self.bodies[0] = body
         self._set_inertia(body, 0)
 
     def _add_drive(self, drive: Drive) -> None:
-        """Add what a motor drives: a body on the geared shaft and, with backlash, the driven body on it."""
+        """Add what a motor drives: a body on the geared shaft and, with backlash, the driven body
+        on it."""
         joint, port = drive.joint, drive.port
         motor, start = self.motors[port], self._start_deg(self.motors[port])
         angle = math.radians(start - self.planned.device(port).angle_deg) / drive.gear
         friction = _TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0
         x, y, z = joint.axis.tolist()
         at_m = self._local(joint.parent, joint.point_m)
-        rotor = mjcf.add_rotor(self.spec, self.bodies[joint.parent], motor, at_m, (x, y, z), drive.gear, friction)
-        rotor.quat, rotor.mass, rotor.inertia = mjcf.quaternion(joint.axis, angle), _ROTOR_KG, [_ROTOR_KG_M2] * 3
+        rotor = mjcf.add_rotor(
+            self.spec, self.bodies[joint.parent], motor, at_m, (x, y, z), drive.gear, friction
+        )
+        rotor.quat, rotor.mass, rotor.inertia = (
+            mjcf.quaternion(joint.axis, angle),
+            _ROTOR_KG,
+            [_ROTOR_KG_M2] * 3,
+        )
         is_heavy = self.subtree_kg[joint.child] > _HEAVY_KG
         shaft = rotor.joints[0]
         shaft.damping[0], shaft.ref = 1e-3 if is_heavy else 0.0, math.radians(start) / drive.gear
@@ -209,10 +260,19 @@ class _Builder:
         self._register(joint, body)
 
     def _add_passive(self, joint: Hinge) -> None:
-        """Add a body that turns freely on a pin, an axle or a ball, or that is driven by a motor missing in the description."""
-        body = self.bodies[joint.parent].add_body(name=f"part_{joint.child}", pos=self._local(joint.parent, joint.point_m))
+        """Add a body that turns freely on a pin, an axle or a ball, or that is driven by a motor
+        missing in the description."""
+        body = self.bodies[joint.parent].add_body(
+            name=f"part_{joint.child}", pos=self._local(joint.parent, joint.point_m)
+        )
         kind = _BALL if joint.is_ball else _HINGE
-        body.add_joint(name=f"turn_{joint.child}", type=kind, axis=joint.axis.tolist(), damping=2e-4, armature=1e-6)
+        body.add_joint(
+            name=f"turn_{joint.child}",
+            type=kind,
+            axis=joint.axis.tolist(),
+            damping=2e-4,
+            armature=1e-6,
+        )
         self._register(joint, body)
 
     def _register(self, joint: Hinge, body: mujoco.MjsBody) -> None:
@@ -220,14 +280,16 @@ class _Builder:
         self._set_inertia(body, joint.child)
 
     def _start_deg(self, motor: Motor) -> float:
-        """Angle of a motor's shaft at start: the middle of its range, or as in the plan without a range or with linkages."""
+        """Angle of a motor's shaft at start: the middle of its range, or as in the plan without a
+        range or with linkages."""
         ends = _range_of_shaft(motor)
         if ends is None or self.articulation.rods or self.articulation.loops:
             return self.planned.device(motor.port).angle_deg
         return sum(ends) / 2
 
     def _limit(self, shaft: mujoco.MjsJoint, motor: Motor, gear: float) -> None:
-        """Set the end stops of a motor: where parts of the robot collide; with a range, at most a little beyond it."""
+        """Set the end stops of a motor: where parts of the robot collide; with a range, at most a
+        little beyond it."""
         ends = _range_of_shaft(motor)
         if motor.end_stops_deg is not None:
             return  # which the description, or the plan, says
@@ -236,11 +298,15 @@ class _Builder:
         else:
             shaft.limited = True
             lowest, highest = ends[0] - _BEYOND_DEG, ends[1] + _BEYOND_DEG
-            low, high = free_deg(self.planned, motor.port, lowest, highest)  # wider if the plan's position is outside
-            shaft.range = sorted(math.radians(angle) / gear for angle in (max(low, lowest), min(high, highest)))
+            # wider if the plan's position is outside
+            low, high = free_deg(self.planned, motor.port, lowest, highest)
+            shaft.range = sorted(
+                math.radians(angle) / gear for angle in (max(low, lowest), min(high, highest))
+            )
 
     def _limit_by_collisions(self, shaft: mujoco.MjsJoint, motor: Motor, gear: float) -> None:
-        """Set the end stops of a motor that can turn less than once: where what it drives meets other parts."""
+        """Set the end stops of a motor that can turn less than once: where what it drives meets
+        other parts."""
         stops = stops_deg(self.planned, motor.port)
         if stops is not None:
             shaft.limited, shaft.range = True, sorted(math.radians(angle) / gear for angle in stops)
@@ -255,7 +321,9 @@ class _Builder:
             # Its start angle relative to the plan follows from the motor's.
             drive = next(drive for drive in self.articulation.drives if drive.port == port)
             start = self._start_deg(self.motors[port]) - self.planned.device(port).angle_deg
-            self.bodies[joint.child].quat = mjcf.quaternion(joint.axis, geared.ratio * math.radians(start) / drive.gear)
+            self.bodies[joint.child].quat = mjcf.quaternion(
+                joint.axis, geared.ratio * math.radians(start) / drive.gear
+            )
 
     def _add_shapes(self) -> None:
         """Add all collision shapes; tyres and feet are named after the port of their motor."""
@@ -267,15 +335,28 @@ class _Builder:
             mujoco.mju_quatZ2Vec(quaternion, TO_TWIN @ placed.rotation[:, 2])
             name = self._free_name(f"tyre_{self.ports.get(wheel.link, wheel.part)}")
             at_m = self._local(wheel.link, wheel.centre_m)
-            mjcf.add_tyre(self.bodies[wheel.link], name, (radius, radius, half_width), at_m=at_m, turn=quaternion)
+            mjcf.add_tyre(
+                self.bodies[wheel.link],
+                name,
+                (radius, radius, half_width),
+                at_m=at_m,
+                turn=quaternion,
+            )
         for number, (wheel, centre_m, radius_m) in enumerate(self.casters):
             name = "caster" if number == 0 else f"caster_{number}"
-            mjcf.add_caster(self.bodies[wheel.link], name, self._local(wheel.link, centre_m), radius_m)
+            mjcf.add_caster(
+                self.bodies[wheel.link], name, self._local(wheel.link, centre_m), radius_m
+            )
         for number, foot in enumerate(self.feet):
             name = self._free_name(f"foot_{self.ports.get(foot.body, number)}")
             ends = [*self._local(foot.body, foot.start_m), *self._local(foot.body, foot.end_m)]
-            shape, attributes = mujoco.mjtGeom.mjGEOM_CAPSULE, mjcf.contact_attributes(_PLASTIC_FRICTION)
-            self.bodies[foot.body].add_geom(name=name, type=shape, fromto=ends, size=[foot.radius_m, 0, 0], **attributes)
+            shape, attributes = (
+                mujoco.mjtGeom.mjGEOM_CAPSULE,
+                mjcf.contact_attributes(_PLASTIC_FRICTION),
+            )
+            self.bodies[foot.body].add_geom(
+                name=name, type=shape, fromto=ends, size=[foot.radius_m, 0, 0], **attributes
+            )
         touching = {foot.body for foot in self.feet} | {wheel.link for wheel in self.tyres}
         for number in sorted(self.bodies.keys() - touching | {0}):
             self._add_hull(number)
@@ -286,24 +367,38 @@ class _Builder:
         return next(candidate for candidate in numbered if self.spec.geom(candidate) is None)
 
     def _add_hull(self, number: int) -> None:
-        """Add the convex hull of a body's parts, except wheels and casters. MuJoCo makes it from the points."""
+        """Add the convex hull of a body's parts, except wheels and casters. MuJoCo makes it from
+        the points."""
         rolls = {wheel.part for wheel in self.articulation.wheels}
-        parts = [self.planned.plan.parts[part] for part in self.articulation.bodies[number].parts if part not in rolls]
+        parts = [
+            self.planned.plan.parts[part]
+            for part in self.articulation.bodies[number].parts
+            if part not in rolls
+        ]
         if not parts:
             return
-        points = np.concatenate([_in_twin(placed, placed.part.corners) for placed in parts]) - self.origins[number]
+        points = (
+            np.concatenate([_in_twin(placed, placed.part.corners) for placed in parts])
+            - self.origins[number]
+        )
         if np.ptp(points, axis=0).min() < 0.001:
             return
         # Corners closer than 2 mm make no difference in a collision.
         corners = points[np.unique(np.round(points / 0.002), axis=0, return_index=True)[1]]
         name, shell = f"hull_{number}", mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
         self.spec.add_mesh(name=name, uservert=corners.ravel().tolist(), inertia=shell)
-        self.bodies[number].add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, mass=0, **mjcf.COLLIDING)
+        self.bodies[number].add_geom(
+            name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, mass=0, **mjcf.COLLIDING
+        )
 
     def _add_sensors(self) -> None:
-        """Add the sites of hub and sensors; sensors that are not in the plan are mounted on the first body."""
+        """Add the sites of hub and sensors; sensors that are not in the plan are mounted on the
+        first body."""
         if self.robot.needs_imu and self.hub_body != 0 and not self.articulation.is_fixed:
-            raise TwinError(f"{self.planned.plan.path}: the hub moves against the chassis; fix it there, or say needs_imu=False")
+            raise TwinError(
+                f"{self.planned.plan.path}: the hub moves against the chassis; fix it there, or "
+                "say needs_imu=False"
+            )
         axes = TO_TWIN @ self.hub.rotation @ TO_TWIN.T
         add_hub_site(self.bodies[self.hub_body], axes, self._local(self.hub_body, self.hub_m))
         base = self.bodies[0]
@@ -311,20 +406,34 @@ class _Builder:
             placed, number = self.mounted.get(sensor.port, (None, 0))
             if placed is None and sensor.mount is None and self.robot.drive_base is None:
                 raise TwinError(
-                    f"there is no place for '{sensor.name}' in {self.planned.plan.path}; add it there or give a mount"
+                    f"there is no place for '{sensor.name}' in {self.planned.plan.path}; add it "
+                    "there or give a mount"
                 )
             if placed is None:
                 self.mounted_parts.append(mount_sensor(self.spec, base, sensor, float(base.pos[2])))
                 continue
             if number != 0:
-                raise TwinError(f"{self.planned.plan.path}: '{sensor.name}' moves against the chassis; put it on the chassis")
+                raise TwinError(
+                    f"{self.planned.plan.path}: '{sensor.name}' moves against the chassis; put it "
+                    "on the chassis"
+                )
             looks, (low, high) = np.array(placed.electric.direction), placed.part.bounds
-            eye_m = point_m_of(placed.point(np.where(looks > 0.5, high, np.where(looks < -0.5, low, 0.0))))
-            add_sensor_site(self.spec, base, sensor, np.array(self._local(0, eye_m)), _facing(TO_TWIN @ placed.rotation @ looks))
+            eye_m = point_m_of(
+                placed.point(np.where(looks > 0.5, high, np.where(looks < -0.5, low, 0.0)))
+            )
+            add_sensor_site(
+                self.spec,
+                base,
+                sensor,
+                np.array(self._local(0, eye_m)),
+                _facing(TO_TWIN @ placed.rotation @ looks),
+            )
 
     def _add_ball(self) -> None:
         """Add the ball at the place that the plan names."""
-        holder = next((placed for placed in self.planned.plan.parts if placed.ball is not None), None)
+        holder = next(
+            (placed for placed in self.planned.plan.parts if placed.ball is not None), None
+        )
         if holder is None or holder.ball is None:
             return
         number = self.articulation.body_of(holder.index) or 0
@@ -336,17 +445,29 @@ class _Builder:
         drawn_apart = {part for follower in self.articulation.followers for part in follower.parts}
         drawn_apart |= {part for rod in self.articulation.rods for part in rod.parts}
         for number, body in self.bodies.items():
-            parts = tuple(part for part in self.articulation.bodies[number].parts if part not in drawn_apart)
-            ports = [drive.port for drive in self.articulation.drives if drive.joint.child == number and not drive.teeth]
+            parts = tuple(
+                part for part in self.articulation.bodies[number].parts if part not in drawn_apart
+            )
+            ports = [
+                drive.port
+                for drive in self.articulation.drives
+                if drive.joint.child == number and not drive.teeth
+            ]
             shafts = tuple(self.planned.device(port).index for port in ports)
             cables = cables_of(plan, parts, self.origins[number])
             mounted = self.mounted_parts if number == 0 else []
-            mjcf.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])
+            mjcf.draw(
+                self.spec,
+                body,
+                [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted],
+            )
         for number, follower in enumerate(self.articulation.followers):
             at_m = self._local(follower.body, follower.point_m)
             body = add_spinner(self.bodies[follower.body], number, follower, at_m)
             mjcf.draw(self.spec, body, [looks_of(plan, follower.parts, follower.point_m)])
-        corners = np.concatenate([placed.to_plan(np.stack(placed.part.bounds)) for placed in plan.parts])
+        corners = np.concatenate(
+            [placed.to_plan(np.stack(placed.part.bounds)) for placed in plan.parts]
+        )
         size_m = float(np.linalg.norm(np.ptp(corners, axis=0))) * MM_PER_LDU / 1000
         base = self.bodies[0]
         middle = tuple((self.articulation.bodies[0].centre_m - self.origins[0]).tolist())
@@ -376,7 +497,8 @@ def _facing(looks: Floats) -> list[float]:
 
 
 def _axes_along(direction: Floats) -> Floats:
-    """Axes, as rows [3, 3], of the frame in which MuJoCo's shortest rotation takes z to a direction."""
+    """Axes, as rows [3, 3], of the frame in which MuJoCo's shortest rotation takes z to a
+    direction."""
     quaternion, matrix = np.empty(4), np.empty(9)
     mujoco.mju_quatZ2Vec(quaternion, direction)
     mujoco.mju_quat2Mat(matrix, quaternion)
@@ -384,7 +506,8 @@ def _axes_along(direction: Floats) -> Floats:
 
 
 class _Foot(NamedTuple):
-    """Round lower end of a leg: its body, the ends [3] of its axis in the twin's axes, and its radius."""
+    """Round lower end of a leg: its body, the ends [3] of its axis in the twin's axes, and its
+    radius."""
 
     body: int
     start_m: Floats
@@ -399,7 +522,9 @@ def _feet(planned: PlannedRobot) -> list[_Foot]:
         return []
     legs = []
     for number, body in enumerate(articulation.bodies):
-        cylinders = [cylinder for part in body.parts for cylinder in _cylinders(planned.plan.parts[part])]
+        cylinders = [
+            cylinder for part in body.parts for cylinder in _cylinders(planned.plan.parts[part])
+        ]
         if number == 0 or not cylinders:
             continue
         centre, axis, _, radius = min(cylinders, key=lambda cylinder: cylinder[0][2] - cylinder[3])
@@ -407,7 +532,8 @@ def _feet(planned: PlannedRobot) -> list[_Foot]:
             other + axis * sign * half_length
             for other, other_axis, half_length, _ in cylinders
             for sign in (-1.0, 1.0)
-            if np.linalg.norm(np.cross(other - centre, axis)) < _SAME_AXIS_M and abs(float(other_axis @ axis)) > 0.99
+            if np.linalg.norm(np.cross(other - centre, axis)) < _SAME_AXIS_M
+            and abs(float(other_axis @ axis)) > 0.99
         ]
         along = np.array([float((end - centre) @ axis) for end in ends])
         legs.append(_Foot(number, centre + axis * along.min(), centre + axis * along.max(), radius))
@@ -421,7 +547,12 @@ def _cylinders(placed: Placed) -> Iterator[tuple[Floats, Floats, float, float]]:
     for solid in placed.part.solids:
         axis = TO_TWIN @ placed.rotation @ np.array(solid.axes[2])
         if solid.form is Form.CYLINDER and abs(float(axis[2])) < 0.1:
-            yield _in_twin(placed, np.array([solid.centre]))[0], axis, solid.half[2] * M_PER_LDU, solid.half[0] * M_PER_LDU
+            yield (
+                _in_twin(placed, np.array([solid.centre]))[0],
+                axis,
+                solid.half[2] * M_PER_LDU,
+                solid.half[0] * M_PER_LDU,
+            )
 
 
 def _casters(planned: PlannedRobot) -> list[tuple[Wheel, Floats, float]]:
@@ -431,7 +562,13 @@ def _casters(planned: PlannedRobot) -> list[tuple[Wheel, Floats, float]]:
         placed = planned.plan.parts[wheel.part]
         balls = [solid for solid in placed.part.solids if solid.form is Form.BALL]
         if balls:
-            casters.append((wheel, _in_twin(placed, np.array([balls[0].centre]))[0], balls[0].half[0] * M_PER_LDU))
+            casters.append(
+                (
+                    wheel,
+                    _in_twin(placed, np.array([balls[0].centre]))[0],
+                    balls[0].half[0] * M_PER_LDU,
+                )
+            )
     return casters
 
 

@@ -1,7 +1,9 @@
-"""Parts of linkages: couplings, loops, and what turns visually only, rods between two pins, shafts and gears.
+"""Parts of linkages: couplings, loops, and what turns visually only, rods between two pins, shafts
+and gears.
 
-A rod is modelled as a constant distance between its pins. This takes a fraction of the time of a body with two joints, one of
-which closes a loop. It is drawn as a massless body, fixed to one pin and turned towards the other before rendering.
+A rod is modelled as a constant distance between its pins. This takes a fraction of the time of a
+body with two joints, one of which closes a loop. It is drawn as a massless body, fixed to one pin
+and turned towards the other before rendering.
 """
 
 import mujoco
@@ -16,11 +18,16 @@ _SPINNER, _ROD = "spin_", "rod_"
 
 
 def add_rod(
-    spec: mujoco.MjSpec, name: str, near: tuple[mujoco.MjsBody, Triple], far: tuple[mujoco.MjsBody, Triple]
+    spec: mujoco.MjSpec,
+    name: str,
+    near: tuple[mujoco.MjsBody, Triple],
+    far: tuple[mujoco.MjsBody, Triple],
 ) -> mujoco.MjsBody:
-    """Join two bodies, each given with its pin's position, by a rod of the pins' distance in the initial configuration.
+    """Join two bodies, each given with its pin's position, by a rod of the pins' distance in the
+    initial configuration.
 
-    It has no mass: the bodies carry half of it each. Several rods may have one name, which gets a number.
+    It has no mass: the bodies carry half of it each. Several rods may have one name, which gets a
+    number.
 
     Returns:
         The body to draw the rod on: its origin is the near pin, its z axis points to the far one.
@@ -28,16 +35,25 @@ def add_rod(
     name = _ROD + (name if spec.tendon(_ROD + name) is None else f"{name}_{len(spec.tendons)}")
     tendon = spec.add_tendon(name=name, group=SHAPE_GROUP)
     for end, (carrier, pin) in {"near": near, "far": far}.items():
-        tendon.wrap_site(carrier.add_site(name=f"{name}_{end}", pos=list(pin), group=SHAPE_GROUP).name)
-    constraint = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON)
+        tendon.wrap_site(
+            carrier.add_site(name=f"{name}_{end}", pos=list(pin), group=SHAPE_GROUP).name
+        )
+    constraint = spec.add_equality(
+        name=name, type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON
+    )
     constraint.name1, constraint.data[:5] = name, 0.0
     # Stiff: with MuJoCo's default the ends of a light rod separate by fractions of a millimetre.
-    constraint.solref, constraint.solimp = [2 * spec.option.timestep, 1.0], [0.99, 0.99, 0.001, 0.5, 2.0]
+    constraint.solref, constraint.solimp = (
+        [2 * spec.option.timestep, 1.0],
+        [0.99, 0.99, 0.001, 0.5, 2.0],
+    )
     body: mujoco.MjsBody = near[0].add_body(name=name, pos=list(near[1]))
     return body
 
 
-def add_spinner(body: mujoco.MjsBody, number: int, follower: Follower, at_m: Triple) -> mujoco.MjsBody:
+def add_spinner(
+    body: mujoco.MjsBody, number: int, follower: Follower, at_m: Triple
+) -> mujoco.MjsBody:
     """Add a body that turns with a motor, to draw on."""
     about = [follower.ratio, *(-follower.axis).tolist()]
     return body.add_body(name=f"{_SPINNER}{follower.port}_{number}", pos=at_m, userdata=about)
@@ -45,14 +61,20 @@ def add_spinner(body: mujoco.MjsBody, number: int, follower: Follower, at_m: Tri
 
 def add_coupling(spec: mujoco.MjSpec, geared: Geared, name: str, joint: str) -> None:
     """Couple a joint to that of the motor that it is geared to."""
-    equal = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
+    equal = spec.add_equality(
+        name=name, type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT
+    )
     equal.name1, equal.name2 = joint, f"motor_{geared.port}"
     equal.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
 
 
-def add_loop(spec: mujoco.MjSpec, name: str, body: mujoco.MjsBody, other: mujoco.MjsBody, at_m: Triple) -> None:
+def add_loop(
+    spec: mujoco.MjSpec, name: str, body: mujoco.MjsBody, other: mujoco.MjsBody, at_m: Triple
+) -> None:
     """Connect two bodies at a pin, given in the first one's frame, that is no joint of the tree."""
-    equal = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY)
+    equal = spec.add_equality(
+        name=name, type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY
+    )
     equal.name1, equal.name2, equal.data[:3] = body.name, other.name, at_m
     equal.solref = [2 * spec.option.timestep, 1.0]
 
@@ -78,13 +100,15 @@ class TurningParts:
                     self._rods.append((body, far))
 
     def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Turn shafts and gears with their motors' joints, rods to their far pins; positions must be up to date, and are so
-        afterwards."""
+        """Turn shafts and gears with their motors' joints, rods to their far pins; positions must
+        be up to date, and are so afterwards."""
         for body, address, ratio, axis in self._spinners:
             angle = ratio * float(data.qpos[address] - model.qpos0[address])
             mujoco.mju_axisAngle2Quat(model.body_quat[body], axis, angle)
         for body, far in self._rods:
             frame = data.xmat[model.body_parentid[body]].reshape(3, 3)
-            mujoco.mju_quatZ2Vec(model.body_quat[body], (data.site_xpos[far] - data.xpos[body]) @ frame)
+            mujoco.mju_quatZ2Vec(
+                model.body_quat[body], (data.site_xpos[far] - data.xpos[body]) @ frame
+            )
         if self._spinners or self._rods:
             mujoco.mj_kinematics(model, data)

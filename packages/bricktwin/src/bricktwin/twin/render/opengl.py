@@ -1,4 +1,5 @@
-"""Offscreen OpenGL renderer of virtual robots, which draws only what may have changed. Training never imports this."""
+"""Offscreen OpenGL renderer of virtual robots, which draws only what may have changed. Training
+never imports this."""
 
 import contextlib
 import ctypes
@@ -29,7 +30,8 @@ _NEAR_M = 1e-3
 
 @dataclass(frozen=True)
 class Box:
-    """Part of an image in px, from its upper left corner; ``right`` and ``bottom`` are exclusive."""
+    """Part of an image in px, from its upper left corner; ``right`` and ``bottom`` are
+    exclusive."""
 
     left: int
     top: int
@@ -60,17 +62,26 @@ def is_opaque(model: mujoco.MjModel, groups: NDArray[np.uint8]) -> bool:
 
 
 class MovingParts:
-    """Part of a fixed camera's image that moving geometry may cover. ``groups``: flags of the geometry groups that are drawn."""
+    """Part of a fixed camera's image that moving geometry may cover. ``groups``: flags of the
+    geometry groups that are drawn."""
 
-    def __init__(self, model: mujoco.MjModel, camera: int, width: int, height: int, groups: NDArray[np.uint8]) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, camera: int, width: int, height: int, groups: NDArray[np.uint8]
+    ) -> None:
         self._camera, self._width, self._height = camera, width, height
         moves = model.body_weldid[model.geom_bodyid] != 0
         self._geoms = np.flatnonzero(moves & (groups[model.geom_group] != 0))
-        middle, half = model.geom_aabb[self._geoms, None, :3], model.geom_aabb[self._geoms, None, 3:]
+        middle, half = (
+            model.geom_aabb[self._geoms, None, :3],
+            model.geom_aabb[self._geoms, None, 3:],
+        )
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         self._corners = middle + half * signs  # [geoms, 8, 3], in the frame of each geometry
         focal_px = height / 2 / math.tan(math.radians(float(model.cam_fovy[camera])) / 2)
-        self._focal_px, self._middle_px = np.array((focal_px, -focal_px)), np.array((width, height)) / 2
+        self._focal_px, self._middle_px = (
+            np.array((focal_px, -focal_px)),
+            np.array((width, height)) / 2,
+        )
         self._whole = 0, 0, width, height
 
     def box(self, data: mujoco.MjData) -> Box:
@@ -90,14 +101,20 @@ class MovingParts:
         return mask
 
     def _bounds(self, data: mujoco.MjData) -> NDArray[np.int64]:
-        """Left, top, right and bottom of each geometry's bounding box, with a margin of 1 px; ``[geometries, 4]``."""
+        """Left, top, right and bottom of each geometry's bounding box, with a margin of 1 px;
+        ``[geometries, 4]``."""
         rotated = self._corners @ data.geom_xmat[self._geoms].reshape(-1, 3, 3).transpose(0, 2, 1)
         corners = rotated + data.geom_xpos[self._geoms, None] - data.cam_xpos[self._camera]
         local = corners @ data.cam_xmat[self._camera].reshape(3, 3)  # right, up, back
-        pixels = self._middle_px + self._focal_px * local[..., :2] / np.maximum(-local[..., 2:], _NEAR_M)
+        pixels = self._middle_px + self._focal_px * local[..., :2] / np.maximum(
+            -local[..., 2:], _NEAR_M
+        )
         bounds = np.concatenate((np.floor(pixels.min(1)) - 1, np.ceil(pixels.max(1)) + 1), 1)
-        bounds[local[..., 2].max(1) > -_NEAR_M] = self._whole  # beside or behind the camera: it may cover anything
-        clipped: NDArray[np.int64] = np.minimum(np.maximum(bounds, 0), self._whole[2:] * 2).astype(np.int64)
+        # beside or behind the camera: it may cover anything
+        bounds[local[..., 2].max(1) > -_NEAR_M] = self._whole
+        clipped: NDArray[np.int64] = np.minimum(np.maximum(bounds, 0), self._whole[2:] * 2).astype(
+            np.int64
+        )
         return clipped
 
 
@@ -114,8 +131,14 @@ def aim(scene: mujoco.MjvScene, box: Box, width: int, height: int) -> None:
 
 Image = NDArray[np.uint8]
 
-_REMEDY = "install one (Debian: apt install libegl1 libgl1-mesa-dri, or libosmesa6) or set MUJOCO_GL to one that works"
-_LIBRARIES = {"egl": ("libEGL.so.1",), "osmesa": ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")}
+_REMEDY = (
+    "install one (Debian: apt install libegl1 libgl1-mesa-dri, or libosmesa6) or set "
+    "MUJOCO_GL to one that works"
+)
+_LIBRARIES = {
+    "egl": ("libEGL.so.1",),
+    "osmesa": ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"),
+}
 _DISABLED = ("disable", "disabled", "off", "false", "0")
 """Values of MUJOCO_GL that disable MuJoCo's rendering."""
 _MAX_GEOMS = 1000
@@ -129,15 +152,14 @@ Decorate = Callable[[mujoco.MjvScene], None]
 class Renderer(contextlib.AbstractContextManager["Renderer"]):
     """Renderer of a body, as seen by a camera.
 
-    With a fixed camera, the static background is drawn once; after that, only the part of the image with moving geometry is
-    redrawn. Without anti-aliasing and transparency, only the moving geometry is drawn there, and composited over the background
-    by depth.
+    With a fixed camera, the static background is drawn once; after that, only the part of the image
+    with moving geometry is redrawn. Without anti-aliasing and transparency, only the moving
+    geometry is drawn there, and composited over the background by depth.
 
     Args:
-        body: the robot.
-        width, height: size of the image in pixels.
-        camera: name of a camera: "chase" follows the robot, "overview" is fixed; or a camera object, whose present pose is used
-            for each image.
+        body: the robot. width, height: size of the image in pixels.
+        camera: name of a camera: "chase" follows the robot, "overview" is fixed; or a camera
+            object, whose present pose is used for each image.
         decorate: adds decorations to the scene.
         shadows: draw shadows; without a graphics card they take far longer than all the rest.
         smooth: anti-aliasing; without a graphics card it doubles the time.
@@ -159,10 +181,14 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         smooth: bool = True,
     ) -> None:
         if not isinstance(body, MujocoBody):
-            raise TwinError(f"there is nothing to see of robot '{body.robot.name}', which has no MuJoCo model")
+            raise TwinError(
+                f"there is nothing to see of robot '{body.robot.name}', which has no MuJoCo model"
+            )
         model = body.model
         if width < 1 or height < 1:
-            raise TwinError(f"an image of {width} x {height} cannot be drawn; give positive sizes in pixels")
+            raise TwinError(
+                f"an image of {width} x {height} cannot be drawn; give positive sizes in pixels"
+            )
         self._camera = named_camera(model, camera) if isinstance(camera, str) else camera
         self._decorate = decorate
         self._body = body
@@ -174,13 +200,21 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         self._background: tuple[Image, NDArray[np.float32]] | None = None
         self._moving: MovingParts | None = None
         is_free = not isinstance(camera, str)
-        if not shadows and not is_free and decorate is None and is_fixed_camera(model, self._camera.fixedcamid):
-            self._moving = MovingParts(model, self._camera.fixedcamid, width, height, self._option.geomgroup)
+        if (
+            not shadows
+            and not is_free
+            and decorate is None
+            and is_fixed_camera(model, self._camera.fixedcamid)
+        ):
+            self._moving = MovingParts(
+                model, self._camera.fixedcamid, width, height, self._option.geomgroup
+            )
             self._is_composited = not smooth and is_opaque(model, self._option.geomgroup)
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         model.vis.quality.offsamples = 4 if smooth else 0
         self._gl, self._context = _open_context(model, width, height)
-        # OpenGL objects must be freed in their own context, or another context's objects of the same number would be freed.
+        # OpenGL objects must be freed in their own context, or another context's objects of the
+        # same number would be freed.
         self._free = weakref.finalize(self, _free_context, self._gl, self._context)
         self._free.atexit = False  # the end of the process frees all of it
 
@@ -203,19 +237,40 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         image, box = background.copy(), self._moving.box(data)
         if box.width and box.height:
             part = slice(box.top, box.bottom), slice(box.left, box.right)
-            pixels, depth = self._draw(box, mujoco.mjtCatBit.mjCAT_DYNAMIC if self._is_composited else mujoco.mjtCatBit.mjCAT_ALL)
-            nearer = (depth < background_depth[part])[..., None] if self._is_composited else np.True_
+            pixels, depth = self._draw(
+                box,
+                mujoco.mjtCatBit.mjCAT_DYNAMIC
+                if self._is_composited
+                else mujoco.mjtCatBit.mjCAT_ALL,
+            )
+            nearer = (
+                (depth < background_depth[part])[..., None] if self._is_composited else np.True_
+            )
             np.copyto(image.view(_PIXEL)[part], pixels.view(_PIXEL), where=nearer)
         return image
 
     def _draw(self, box: Box, categories: int) -> tuple[Image, NDArray[np.float32]]:
-        """Part of the image and its depth, 0 (near) to 1; ``categories`` selects all, static or moving geometry."""
-        mujoco.mjv_updateScene(self._body.model, self._body.data, self._option, None, self._camera, categories, self._scene)
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = categories != mujoco.mjtCatBit.mjCAT_DYNAMIC
+        """Part of the image and its depth, 0 (near) to 1; ``categories`` selects all, static or
+        moving geometry."""
+        mujoco.mjv_updateScene(
+            self._body.model,
+            self._body.data,
+            self._option,
+            None,
+            self._camera,
+            categories,
+            self._scene,
+        )
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = (
+            categories != mujoco.mjtCatBit.mjCAT_DYNAMIC
+        )
         if self._decorate is not None:
             self._decorate(self._scene)
         aim(self._scene, box, self._whole.width, self._whole.height)
-        viewport, pixels = mujoco.MjrRect(0, 0, box.width, box.height), np.empty((box.height, box.width, 3), np.uint8)
+        viewport, pixels = (
+            mujoco.MjrRect(0, 0, box.width, box.height),
+            np.empty((box.height, box.width, 3), np.uint8),
+        )
         depth = np.empty((box.height, box.width), np.float32)
         # A buffer of exactly this size is cleared at once, a part of a larger one pixel by pixel.
         mujoco.mjr_resizeOffscreen(box.width, box.height, self._context)
@@ -232,8 +287,8 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
 
 
 class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
-    """Writer of an mp4 file (H.264, playable in browsers), image by image; the file is renamed to ``path`` when complete. Raises
-    WriteError if it cannot be written.
+    """Writer of an mp4 file (H.264, playable in browsers), image by image; the file is renamed to
+    ``path`` when complete. Raises WriteError if it cannot be written.
 
     Args:
         path: path of the file; its folder is created.
@@ -250,13 +305,19 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
         self._is_closed = False
 
     def add(self, frame: Image) -> None:
-        """Add an image, uint8 [height, width, 3]. Raises TwinError if its size differs from the first one's, or after `close`."""
+        """Add an image, uint8 [height, width, 3]. Raises TwinError if its size differs from the
+        first one's, or after `close`."""
         if self._is_closed:
-            raise TwinError(f"the film {self.path} is finished and takes no more images; write another one")
+            raise TwinError(
+                f"the film {self.path} is finished and takes no more images; write another one"
+            )
         if self._file is None:
             self._open(frame)
         if frame.shape != self._size or frame.dtype != np.uint8:
-            raise TwinError(f"a frame is {frame.dtype} {frame.shape}, the first was uint8 {self._size}; give frames of one size")
+            raise TwinError(
+                f"a frame is {frame.dtype} {frame.shape}, the first was uint8 {self._size}; give "
+                "frames of one size"
+            )
         try:
             self._file.send(np.ascontiguousarray(frame))
         except (OSError, StopIteration):  # the encoder has ended
@@ -283,7 +344,8 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
         self._file.send(None)
 
     def close(self, *, complete: bool = True) -> None:
-        """Finish and rename the file, or delete it if it is not ``complete``; closing twice does nothing."""
+        """Finish and rename the file, or delete it if it is not ``complete``; closing twice does
+        nothing."""
         self._is_closed = True
         file, self._file = self._file, None
         if file is None or self._part is None:
@@ -293,7 +355,8 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
             if complete:
                 with self._part.open("rb") as written:
                     written.seek(max(0, self._part.stat().st_size - 2**20))
-                    is_whole = b"moov" in written.read()  # the table of the images, which the encoder writes last
+                    # the table of the images, which the encoder writes last
+                    is_whole = b"moov" in written.read()
                 if not is_whole:
                     self._fail()
                 self._part.replace(self.path)
@@ -324,7 +387,8 @@ def named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:
 
 
 def _free_context(gl: Any, context: Any) -> None:
-    with contextlib.suppress(Exception):  # fails while the process ends and MuJoCo has closed the display: all of it is freed
+    # fails while the process ends and MuJoCo has closed the display: all of it is freed
+    with contextlib.suppress(Exception):
         gl.make_current()
         context.free()
         gl.free()
@@ -338,25 +402,39 @@ def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, 
         os.environ["MUJOCO_GL"] = backend
     if backend in _DISABLED:
         asked = os.environ.get(ASKED_GL, backend)
-        raise RenderingUnavailableError(f"nothing is drawn with MUJOCO_GL={asked}; unset it, or {_REMEDY}")
+        raise RenderingUnavailableError(
+            f"nothing is drawn with MUJOCO_GL={asked}; unset it, or {_REMEDY}"
+        )
     try:
-        module = importlib.import_module(f"mujoco.{backend}") if backend in ("egl", "osmesa", "glfw", "cgl") else mujoco
+        module = (
+            importlib.import_module(f"mujoco.{backend}")
+            if backend in ("egl", "osmesa", "glfw", "cgl")
+            else mujoco
+        )
         if not hasattr(module.GLContext, "_context"):
-            module.GLContext._context = None  # its destructor reads this, even if the constructor failed
+            # its destructor reads this, even if the constructor failed
+            module.GLContext._context = None
         gl = module.GLContext(width, height)
         gl.make_current()
         context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
     except Exception as error:
-        # Libraries raise different errors: ImportError, AttributeError, RuntimeError, errors of ctypes or of GL.
+        # Libraries raise different errors: ImportError, AttributeError, RuntimeError, errors of
+        # ctypes or of GL.
         name = backend or "the system's OpenGL"
-        raise RenderingUnavailableError(f"nothing can be drawn with {name} ({message_of(error, 120)}); {_REMEDY}") from error
+        raise RenderingUnavailableError(
+            f"nothing can be drawn with {name} ({message_of(error, 120)}); {_REMEDY}"
+        ) from error
     mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
     return gl, context
 
 
 def _choose_backend() -> str:
     """OpenGL library if the user named none; empty for MuJoCo's default."""
-    if not sys.platform.startswith("linux") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+    if (
+        not sys.platform.startswith("linux")
+        or os.environ.get("DISPLAY")
+        or os.environ.get("WAYLAND_DISPLAY")
+    ):
         return ""
     for backend, names in _LIBRARIES.items():
         for name in names:

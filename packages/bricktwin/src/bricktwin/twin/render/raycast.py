@@ -1,6 +1,7 @@
 """Ray caster, for images of virtual robots without OpenGL: one ray per square of the image.
 
-Coarser and simpler than `opengl`: no specular light, no shadows, and textures have their mean colour.
+Coarser and simpler than `opengl`: no specular light, no shadows, and textures have their mean
+colour.
 """
 
 import math
@@ -20,9 +21,11 @@ Image = NDArray[np.uint8]
 
 
 class RayCaster:
-    """Ray caster of a body, as seen by one of its cameras. Raises TwinError if there is no such camera, or a size is invalid.
+    """Ray caster of a body, as seen by one of its cameras. Raises TwinError if there is no such
+    camera, or a size is invalid.
 
-    With a fixed camera, the static background is cast once; after that, only rays that moving geometry may hit.
+    With a fixed camera, the static background is cast once; after that, only rays that moving
+    geometry may hit.
 
     Args:
         body: the robot.
@@ -31,9 +34,14 @@ class RayCaster:
         spot_px: side of the square of pixels per ray.
     """
 
-    def __init__(self, body: MujocoBody, width: int, height: int, camera: str, spot_px: int = 5) -> None:
+    def __init__(
+        self, body: MujocoBody, width: int, height: int, camera: str, spot_px: int = 5
+    ) -> None:
         if min(spot_px, width, height) < 1:
-            raise TwinError(f"an image of {width} x {height} with spots of {spot_px} cannot be drawn; give positive sizes in px")
+            raise TwinError(
+                f"an image of {width} x {height} with spots of {spot_px} cannot be drawn; give "
+                "positive sizes in px"
+            )
         model = body.model
         self._body, self._spot_px = body, spot_px
         self._camera = named_camera(model, camera).fixedcamid
@@ -42,11 +50,13 @@ class RayCaster:
         rows, columns = np.mgrid[:height:spot_px, :width:spot_px] + spot_px / 2
         across, down = (columns - width / 2) / focal_px, (rows - height / 2) / focal_px
         rays = np.stack([across, -down, np.full_like(across, -1.0)], -1)
-        self._rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)  # [rows, columns, 3], in the frame of the camera
+        # [rows, columns, 3], in the frame of the camera
+        self._rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
         self._colours, self._textures = _colours(model)
         self._is_moving = model.body_weldid[model.geom_bodyid] != 0
         self._image = np.empty(rays.shape, np.uint8)
-        self._stale = np.ones(rays.shape[:2], bool)  # squares that show geometry which may have moved since
+        # squares that show geometry which may have moved since
+        self._stale = np.ones(rays.shape[:2], bool)
         self._moving: MovingParts | None = None
         if is_fixed_camera(model, self._camera):
             self._moving = MovingParts(model, self._camera, width, height, _DRAWN_GROUPS)
@@ -66,7 +76,9 @@ class RayCaster:
         self._image[self._stale] = self._shade(hits, normals, rays)
         if self._moving is not None:
             self._stale[self._stale] = (hits >= 0) & self._is_moving[hits]
-        return self._image.repeat(self._spot_px, 0).repeat(self._spot_px, 1)[: self._height, : self._width]
+        return self._image.repeat(self._spot_px, 0).repeat(self._spot_px, 1)[
+            : self._height, : self._width
+        ]
 
     def close(self) -> None:
         """Do nothing: there is nothing to free."""
@@ -74,14 +86,22 @@ class RayCaster:
     def _cast(self, rays: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """First geometry that each ray ``[rays, 3]`` hits, or -1, and the surface normal there."""
         model, data = self._body.model, self._body.data
-        eye, hits, normals = data.cam_xpos[self._camera], np.empty((len(rays), 1), np.int32), np.empty_like(rays)
-        # One at a time: the function for many rays misses geometries that do not collide (MuJoCo 4.0.0).
+        eye, hits, normals = (
+            data.cam_xpos[self._camera],
+            np.empty((len(rays), 1), np.int32),
+            np.empty_like(rays),
+        )
+        # One at a time: the function for many rays misses geometries that do not collide (MuJoCo
+        # 4.0.0).
         for ray, geom, normal in zip(rays, hits, normals, strict=True):
             mujoco.mj_ray(model, data, eye, ray, _DRAWN_GROUPS, True, -1, geom, normal)
         return hits[:, 0], normals
 
-    def _shade(self, hits: NDArray[np.int32], normals: NDArray[np.float64], rays: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Colours ``[rays, 3]`` under the headlight and the lights of the scene, without specular light."""
+    def _shade(
+        self, hits: NDArray[np.int32], normals: NDArray[np.float64], rays: NDArray[np.float64]
+    ) -> NDArray[np.uint8]:
+        """Colours ``[rays, 3]`` under the headlight and the lights of the scene, without specular
+        light."""
         model, data = self._body.model, self._body.data
         lamp = model.vis.headlight
         facing = np.clip(-(normals * rays).sum(-1, keepdims=True), 0.0, 1.0)
@@ -97,8 +117,12 @@ class RayCaster:
 
 
 def _colours(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Colour and mean texture colour (RGB in 0..1) of each geometry, and of the sky; ``[geometries + 1, 3]`` each."""
-    colours, textures = np.vstack((model.geom_rgba[:, :3].astype(float), _SKY)), np.ones((model.ngeom + 1, 3))
+    """Colour and mean texture colour (RGB in 0..1) of each geometry, and of the sky; ``[geometries
+    + 1, 3]`` each."""
+    colours, textures = (
+        np.vstack((model.geom_rgba[:, :3].astype(float), _SKY)),
+        np.ones((model.ngeom + 1, 3)),
+    )
     for geom, material in enumerate(model.geom_matid):
         if material >= 0:
             colours[geom] = model.mat_rgba[material, :3]
@@ -106,5 +130,7 @@ def _colours(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.flo
             if texture >= 0:
                 start, channels = int(model.tex_adr[texture]), int(model.tex_nchannel[texture])
                 size = int(model.tex_height[texture]) * int(model.tex_width[texture]) * channels
-                textures[geom] = model.tex_data[start : start + size].reshape(-1, channels)[:, :3].mean(0) / 255
+                textures[geom] = (
+                    model.tex_data[start : start + size].reshape(-1, channels)[:, :3].mean(0) / 255
+                )
     return colours, textures

@@ -1,5 +1,5 @@
-"""Films of virtual robots: captions, a room with metre lines and a ghost of the robot at its goal, and a robot that is filmed
-while a program moves it.
+"""Films of virtual robots: captions, a room with metre lines and a ghost of the robot at its goal,
+and a robot that is filmed while a program moves it.
 
 All of the room is drawn as decoration, without effect on the physics.
 """
@@ -37,25 +37,39 @@ def _font(size_px: int, bold: bool) -> ImageFont.FreeTypeFont:
     import matplotlib
 
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size_px)
+    return ImageFont.truetype(
+        str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size_px
+    )
 
 
-def captioned(image: Pixels, title: str, line: str, labels: Iterable[tuple[int, int, str]] = ()) -> Pixels:
-    """The image ``[height, width, 3]`` with title and line in its upper left corner, and labels (column, row, text)."""
+def captioned(
+    image: Pixels, title: str, line: str, labels: Iterable[tuple[int, int, str]] = ()
+) -> Pixels:
+    """The image ``[height, width, 3]`` with title and line in its upper left corner, and labels
+    (column, row, text)."""
     height = image.shape[0]
     large, small = max(11, height // 26), max(9, height // 34)
     picture = Image.fromarray(image)
     pen = ImageDraw.Draw(picture)
     for column, row, text in labels:
         pen.text((column, row), text, _MUTED, _font(small, False), anchor="mm")
-    lines = [(text, _font(size, bold)) for text, size, bold in ((title, large, True), (line, small, False)) if text]
+    lines = [
+        (text, _font(size, bold))
+        for text, size, bold in ((title, large, True), (line, small, False))
+        if text
+    ]
     if lines:
         margin = height // 45
         width = 2 * margin + round(max(pen.textlength(text, font) for text, font in lines))
-        box_height = 2 * margin + round(sum(font.size for _, font in lines)) + margin // 2 * (len(lines) - 1)
-        # Only the area behind the text is blended: the whole image would take longer than drawing the robot.
+        box_height = (
+            2 * margin + round(sum(font.size for _, font in lines)) + margin // 2 * (len(lines) - 1)
+        )
+        # Only the area behind the text is blended: the whole image would take longer than drawing
+        # the robot.
         mask = Image.new("L", (width, box_height), 0)
-        ImageDraw.Draw(mask).rounded_rectangle((0, 0, width - 1, box_height - 1), margin // 2, _OPACITY)
+        ImageDraw.Draw(mask).rounded_rectangle(
+            (0, 0, width - 1, box_height - 1), margin // 2, _OPACITY
+        )
         picture.paste(_BACKGROUND, (margin, margin, margin + width, margin + box_height), mask)
         top = 2.0 * margin
         for text, font in lines:
@@ -65,7 +79,8 @@ def captioned(image: Pixels, title: str, line: str, labels: Iterable[tuple[int, 
 
 
 _BACK_M, _HEIGHT_M, _SKIRTING_M = 1.3, 1.6, 0.07
-"""Wall behind the robot: distance to the left of its start, height, and height of its skirting board."""
+"""Wall behind the robot: distance to the left of its start, height, and height of its skirting
+board."""
 _LINE = (0.45, 0.50, 0.58, 1.0)
 _PAINT_M = 0.0002
 """Height of a metre line, below whatever lies on the floor."""
@@ -92,7 +107,8 @@ class Room:
         self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         self._moves = body.model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
         self.camera.distance = 0.72 if not self._moves else 0.62 if self._place is None else 1.1
-        self.camera.azimuth, self.camera.elevation = 62.0, -21.0  # from behind, so that no wall ahead hides the robot
+        # from behind, so that no wall ahead hides the robot
+        self.camera.azimuth, self.camera.elevation = 62.0, -21.0
         self._target = np.array(self._robot())
         self.camera.lookat[:] = self._target
         self._option = mujoco.MjvOption()
@@ -107,7 +123,8 @@ class Room:
             pose_at(self._ghost, goal)
 
     def follow(self) -> None:
-        """Move the camera's target towards the robot, or the middle between it and the place where it is to go, smoothly."""
+        """Move the camera's target towards the robot, or the middle between it and the place where
+        it is to go, smoothly."""
         self._target += _LAG * (np.array(self._robot()) - self._target)
         self.camera.lookat[:] = self._target
 
@@ -122,14 +139,20 @@ class Room:
         """Add walls, metre lines and ghost to a scene."""
         middle = round(float(self._target[0]))
         _box(scene, (middle, _BACK_M + 0.01, _HEIGHT_M / 2), (6.0, 0.01, _HEIGHT_M / 2), _WALL)
-        _box(scene, (middle, _BACK_M - 0.008, _SKIRTING_M / 2), (6.0, 0.008, _SKIRTING_M / 2), _BOARD)
+        _box(
+            scene, (middle, _BACK_M - 0.008, _SKIRTING_M / 2), (6.0, 0.008, _SKIRTING_M / 2), _BOARD
+        )
         for metre in range(middle - 3, middle + 4):
-            _box(scene, (metre, _BACK_M / 2 - 1.0, 0.0), (0.003, _BACK_M / 2 + 1.0, _PAINT_M), _LINE)
+            _box(
+                scene, (metre, _BACK_M / 2 - 1.0, 0.0), (0.003, _BACK_M / 2 + 1.0, _PAINT_M), _LINE
+            )
         for metre in range(-2, 2):
             _box(scene, (middle, metre, 0.0), (6.0, 0.003, _PAINT_M), _LINE)
         ghost, first, category = self._ghost, scene.ngeom, mujoco.mjtCatBit.mjCAT_DYNAMIC
         if ghost is not None:
-            mujoco.mjv_addGeoms(ghost.model, ghost.data, self._option, mujoco.MjvPerturb(), category, scene)
+            mujoco.mjv_addGeoms(
+                ghost.model, ghost.data, self._option, mujoco.MjvPerturb(), category, scene
+            )
         for geom in scene.geoms[first : scene.ngeom]:
             geom.rgba[:], geom.matid = _GHOST, -1
 
@@ -142,10 +165,16 @@ class Room:
                 marks.append((*pixel, f"{metre} m"))
         return marks
 
-    def _project(self, point: NDArray[np.float64], width: int, height: int) -> tuple[int, int] | None:
+    def _project(
+        self, point: NDArray[np.float64], width: int, height: int
+    ) -> tuple[int, int] | None:
         azimuth, elevation = math.radians(self.camera.azimuth), math.radians(self.camera.elevation)
         forward = np.array(
-            [math.cos(elevation) * math.cos(azimuth), math.cos(elevation) * math.sin(azimuth), math.sin(elevation)]
+            [
+                math.cos(elevation) * math.cos(azimuth),
+                math.cos(elevation) * math.sin(azimuth),
+                math.sin(elevation),
+            ]
         )
         right = np.array([math.sin(azimuth), -math.cos(azimuth), 0.0])
         up = np.cross(right, forward)
@@ -159,13 +188,21 @@ class Room:
 
 
 def _box(
-    scene: mujoco.MjvScene, position: tuple[float, float, float], half: tuple[float, float, float], rgba: tuple[float, ...]
+    scene: mujoco.MjvScene,
+    position: tuple[float, float, float],
+    half: tuple[float, float, float],
+    rgba: tuple[float, ...],
 ) -> None:
     if scene.ngeom >= scene.maxgeom:
         return
     geom = scene.geoms[scene.ngeom]
     mujoco.mjv_initGeom(
-        geom, mujoco.mjtGeom.mjGEOM_BOX, np.array(half), np.array(position), np.eye(3).ravel(), np.array(rgba, np.float32)
+        geom,
+        mujoco.mjtGeom.mjGEOM_BOX,
+        np.array(half),
+        np.array(position),
+        np.eye(3).ravel(),
+        np.array(rgba, np.float32),
     )
     geom.category = mujoco.mjtCatBit.mjCAT_DECOR
     geom.segid = -1
@@ -177,10 +214,16 @@ _FRAME_MS = 40
 
 
 class Filmed:
-    """Proxy of a body that takes an image, as ``render`` returns it, every ``frame_ms`` of simulated time."""
+    """Proxy of a body that takes an image, as ``render`` returns it, every ``frame_ms`` of
+    simulated time."""
 
     def __init__(
-        self, body: Any, render: Callable[[], Pixels], frame_ms: int, time_ms: int, on_image: Callable[[Pixels], None]
+        self,
+        body: Any,
+        render: Callable[[], Pixels],
+        frame_ms: int,
+        time_ms: int,
+        on_image: Callable[[Pixels], None],
     ) -> None:
         self._body = body
         self._render = render
@@ -208,14 +251,17 @@ def check_film(path: Path) -> None:
 
 @contextmanager
 def filmed(body: Body, path: Path) -> Iterator[Body]:
-    """Film a robot into an mp4 file inside this context, in simulated time. Use the body that it yields.
+    """Film a robot into an mp4 file inside this context, in simulated time. Use the body that it
+    yields.
 
     Raises:
         RenderingUnavailableError: no OpenGL library works here.
         TwinError: the robot has no MuJoCo model, or the file is no mp4.
     """
     if not isinstance(body, MujocoBody):
-        raise TwinError(f"there is nothing to see of robot '{body.robot.name}'; film one with a MuJoCo model")
+        raise TwinError(
+            f"there is nothing to see of robot '{body.robot.name}'; film one with a MuJoCo model"
+        )
     check_film(path)
     # The writer is closed, not entered: the film is kept even if the program raises.
     with Renderer(body, *SIZE) as renderer, closing(VideoWriter(path, 1000 / _FRAME_MS)) as video:

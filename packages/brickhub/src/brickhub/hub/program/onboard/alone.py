@@ -1,8 +1,10 @@
-"""MicroPython: the loop of a program that acts by itself, without a host. ``generate.py`` appends it to what it needs.
+"""MicroPython: the loop of a program that acts by itself, without a host. ``generate.py`` appends
+it to what it needs.
 
-The names in capitals, ``observe``, ``act`` and ``start_moves`` are defined before; ``stop_motors`` in ``moves.py``. The center
-button ends the program, as it does by default, and then the motors stop. Each step prints a line: how long the program has
-computed (ms), the observation, and the commands times their scales.
+The names in capitals, ``observe``, ``act`` and ``start_moves`` are defined before; ``stop_motors``
+in ``moves.py``. The center button ends the program, as it does by default, and then the motors
+stop. Each step prints a line: how long the program has computed (ms), the observation, and the
+commands times their scales.
 """
 # mypy: ignore-errors
 # ruff: noqa: F821, B905
@@ -31,7 +33,10 @@ def live():
         while True:
             observed = observe()
             seen_ms = CLOCK.time()
-            commands = [round(middle + half * action) for (middle, half), action in zip(SPANS, act(observed))]
+            commands = [
+                round(middle + half * action)
+                for (middle, half), action in zip(SPANS, act(observed))
+            ]
             computed_ms = CLOCK.time() - seen_ms
             wait(max(0, AGE_MS - computed_ms))
             started_ms = CLOCK.time()

@@ -20,6 +20,11 @@ for name, port, direction, gears in MOTORS:
 found.update(battery_mv=hub.battery.voltage(), firmware=version[1], name=hub.system.name())
 if HAS_IMU:
     pitch, roll = hub.imu.tilt()
-    found.update(imu_ready=hub.imu.ready(), imu_still=hub.imu.stationary(), pitch_deg=round(pitch), roll_deg=round(roll))
+    found.update(
+        imu_ready=hub.imu.ready(),
+        imu_still=hub.imu.stationary(),
+        pitch_deg=round(pitch),
+        roll_deg=round(roll),
+    )
 print(found)
 print("end")

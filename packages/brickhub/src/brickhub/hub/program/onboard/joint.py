@@ -1,4 +1,5 @@
-"""MicroPython: a motor whose targets stay within a range. Part of a hub program when its robot has such a motor."""
+"""MicroPython: a motor whose targets stay within a range. Part of a hub program when its robot has
+such a motor."""
 # mypy: ignore-errors
 # --- the hub's part ---
 
@@ -15,8 +16,8 @@ class Joint:
         self.done = motor.done
 
     def turn(self, speed, angle):
-        # Count from the held target: counting from the measured angle, a joint that sags a little under its load
-        # would creep down with every step.
+        # Count from the held target: counting from the measured angle, a joint that sags a little
+        # under its load would creep down with every step.
         if self.target is None or not self.motor.done():
             self.target = self.motor.angle()
         self.target = max(self.low, min(self.high, self.target + angle))

@@ -1,10 +1,12 @@
-"""MicroPython: the loop on the hub, the same for every robot. ``generate.py`` appends it to the robot-specific part.
+"""MicroPython: the loop on the hub, the same for every robot. ``generate.py`` appends it to the
+robot-specific part.
 
-The names in capitals, ``start_moves`` and ``read_channels`` are defined in the robot-specific part; ``stop_motors`` in
-``moves.py``; ``listen``, ``receive`` and ``put`` in ``stdio.py`` or ``app_data.py``. A command is carried out once: when its
-sequence number is repeated, the answer is resent and nothing moves. A new command replaces one in progress. After STREAM the
-channels are sent continuously, with the sequence number of the latest command. Only frames from the host feed the watchdog,
-even during a step. Changing the hub's part of this file changes every program's hash.
+The names in capitals, ``start_moves`` and ``read_channels`` are defined in the robot-specific part;
+``stop_motors`` in ``moves.py``; ``listen``, ``receive`` and ``put`` in ``stdio.py`` or
+``app_data.py``. A command is carried out once: when its sequence number is repeated, the answer is
+resent and nothing moves. A new command replaces one in progress. After STREAM the channels are sent
+continuously, with the sequence number of the latest command. Only frames from the host feed the
+watchdog, even during a step. Changing the hub's part of this file changes every program's hash.
 """
 # mypy: ignore-errors
 # ruff: noqa: F821
@@ -53,7 +55,8 @@ class Reader:
         self.data = b""
 
     def size(self):
-        """Length of the frame that begins here, 0 when none can; while it is unknown, more than there is."""
+        """Length of the frame that begins here, 0 when none can; while it is unknown, more than
+        there is."""
         data = self.data
         if not data:
             return 1
@@ -66,7 +69,8 @@ class Reader:
         return CONTROL_BYTES.get(data[2], 0) if len(data) > 2 else 3
 
     def frame(self, patience_ms):
-        """The next valid frame, or None. Waits for input once; noise without end cannot keep the watchdog waiting."""
+        """The next valid frame, or None. Waits for input once; noise without end cannot keep the
+        watchdog waiting."""
         for _ in range(64):
             size = self.size()
             if len(self.data) < size:

@@ -1,4 +1,5 @@
-"""MicroPython: turns each wheel of a drive base forward and back, alone, and reports by how much the hub turned."""
+"""MicroPython: turns each wheel of a drive base forward and back, alone, and reports by how much
+the hub turned."""
 # mypy: ignore-errors
 # ruff: noqa: F821
 # --- the hub's part ---
