@@ -17,9 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.session import Session
-from bricktwin.plans.building import Occupancy
-from bricktwin.plans.connections import connections, neighbours, reached
-from bricktwin.plans.instructions import (
+from bricktwin.plans.booklet.instructions import (
     MAX_KINDS,
     MAX_PIECES,
     MIN_VISIBLE,
@@ -27,7 +25,9 @@ from bricktwin.plans.instructions import (
     instructions,
     kind_of,
 )
-from bricktwin.plans.picture import Picture, Studio
+from bricktwin.plans.booklet.picture import Picture, Studio
+from bricktwin.plans.building import Occupancy
+from bricktwin.plans.connections import connections, neighbours, reached
 from bricktwin.plans.plan import Plan, read_plan
 
 PLANS = Path(__file__).parents[1] / "packages/bricktwin/src/bricktwin/robots/plans"

@@ -49,7 +49,7 @@ def test_what_is_shown_is_printed(reader: Path, capfd: pytest.CaptureFixture[str
 def test_commands_run(
     reader: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bricktwin.plans.booklet.DPI", 60)  # `test_booklet.py` draws in full
+    monkeypatch.setattr("bricktwin.plans.booklet.pages.DPI", 60)  # `test_booklet.py` draws in full
     done = [
         words for words in README.commands if words[:2] not in MINUTES and not needs_a_hub(words)
     ]

@@ -50,12 +50,12 @@ TECHNIC = replace(TWO_WHEELER, name="technic", hub=HubKind.TECHNIC, motors=tuple
 ))  # fmt: skip
 ANGLES = (MotorAngle("left", -3000, 3000), MotorAngle("right", -3000, 3000))
 HASHES = {
-    "RoboArm-v0": "517be417 eaddccb4",
-    "RoboArm_mixed-v0": "c5e8eff8 832465cc",
-    "RunAway-v0": "24c9877c f35202b1",
-    "Spinning-v0": "ae38427b 0d840120",
-    "Walker-v0": "92fd116f fa5cf946",
-    "Walker-v1": "92fd116f fa5cf946",
+    "RoboArm-v0": "336c13e0 f0e16ced",
+    "RoboArm_mixed-v0": "854f9153 0d9d9a04",
+    "RunAway-v0": "df885a13 819d67e4",
+    "Spinning-v0": "46dc0377 03d069bd",
+    "Walker-v0": "06c0260c 8907ffae",
+    "Walker-v1": "06c0260c 8907ffae",
 }
 
 

@@ -7,7 +7,7 @@ import pytest
 from plan_lines import BEAM, findings_of, plan_of
 
 from bricktwin.plans.assemblies import Assembly, assemblies, components
-from bricktwin.plans.parts_list import needs, owned
+from bricktwin.plans.booklet.parts_list import needs, owned
 
 AT = "1 {} {} {} {} 1 0 0 0 1 0 0 0 1 {}.dat"
 TURNED = "1 {} {} {} {} 0 -1 0 1 0 0 0 0 1 {}.dat"

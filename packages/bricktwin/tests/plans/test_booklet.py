@@ -11,12 +11,18 @@ from plan_lines import BEAM, PLANS, pin, plan_of, solid_volume
 
 from brickhub.errors import PlanError
 from bricktwin.plans import catalogue
-from bricktwin.plans.booklet import pages_of, write_booklet
+from bricktwin.plans.booklet.instructions import (
+    MAX_KINDS,
+    MAX_PIECES,
+    MIN_VISIBLE,
+    instructions,
+    kind_of,
+)
+from bricktwin.plans.booklet.pages import pages_of, write_booklet
+from bricktwin.plans.booklet.picture import VIEWS, Shown, Studio, View, sprite_of
 from bricktwin.plans.building import Occupancy
-from bricktwin.plans.instructions import MAX_KINDS, MAX_PIECES, MIN_VISIBLE, instructions, kind_of
 from bricktwin.plans.looks import look_of
 from bricktwin.plans.meshes import surface_of
-from bricktwin.plans.picture import VIEWS, Shown, Studio, View, sprite_of
 from bricktwin.plans.plan import read_plan
 
 WHITE = (1.0, 1.0, 1.0)

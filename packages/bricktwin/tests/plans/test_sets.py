@@ -9,7 +9,7 @@ import pytest
 from plan_lines import BEAM, PLANS, plan_of
 
 from bricktwin.plans.assemblies import components
-from bricktwin.plans.parts_list import needs, purchases, sets
+from bricktwin.plans.booklet.parts_list import needs, purchases, sets
 from bricktwin.plans.plan import read_plan
 
 HUB = "1 15 0 0 0 1 0 0 0 1 0 0 0 1 67718.dat"

@@ -12,8 +12,8 @@ from brickhub.errors import PlanError, counted
 from brickhub.files import write_durably
 from bricktwin import robots
 from bricktwin.plans import catalogue
+from bricktwin.plans.booklet.parts_list import as_text, owned, parts_list, purchases, still_needed
 from bricktwin.plans.check import check
-from bricktwin.plans.parts_list import as_text, owned, parts_list, purchases, still_needed
 from bricktwin.plans.plan import Plan, read_plan
 from bricktwin.robots.planned import check_named, plan_file, without_stops
 
@@ -169,7 +169,7 @@ class PlanSteps:
     """The .pdf or .html to write."""
 
     def execute(self) -> None:
-        from bricktwin.plans.booklet import write_booklet
+        from bricktwin.plans.booklet.pages import write_booklet
 
         plan = read_named_plan(self.plan)
         _print_faults(plan)

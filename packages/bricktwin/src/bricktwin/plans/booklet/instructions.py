@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bricktwin.plans.booklet.picture import VIEWS, Shown, Studio, View
 from bricktwin.plans.building import Move, Occupancy, links_of, moves_of
 from bricktwin.plans.connections import Connection, connections
 from bricktwin.plans.geometry import Floats
 from bricktwin.plans.part import Site
-from bricktwin.plans.picture import VIEWS, Shown, Studio, View
 from bricktwin.plans.plan import Placed, Plan, Step
 
 MAX_KINDS, MAX_PIECES, MIN_VISIBLE = 4, 8, 0.25

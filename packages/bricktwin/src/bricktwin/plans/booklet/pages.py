@@ -19,11 +19,9 @@ from PIL import Image
 from brickhub.errors import PlanError
 from brickhub.files import check_writable, write_durably
 from bricktwin.drawing import import_matplotlib
-from bricktwin.plans.geometry import MM_PER_LDU, Floats
-from bricktwin.plans.instructions import Instruction, Scene, instructions, placed_items
-from bricktwin.plans.part import DeviceKind, Fit
-from bricktwin.plans.parts_list import parts_list
-from bricktwin.plans.picture import (
+from bricktwin.plans.booklet.instructions import Instruction, Scene, instructions, placed_items
+from bricktwin.plans.booklet.parts_list import parts_list
+from bricktwin.plans.booklet.picture import (
     OVERSAMPLING,
     VIEWS,
     Picture,
@@ -33,6 +31,8 @@ from bricktwin.plans.picture import (
     View,
     extent,
 )
+from bricktwin.plans.geometry import MM_PER_LDU, Floats
+from bricktwin.plans.part import DeviceKind, Fit
 from bricktwin.plans.plan import Placed, Plan
 
 if TYPE_CHECKING:
