@@ -1,1 +1,1 @@
-"""Booklet of a plan: its pages, the pictures on them, its steps in words, and the list of its parts."""
+"""Booklet of a plan: its pages, their pictures, its steps in words, and the list of its parts."""
