@@ -85,17 +85,22 @@ def test_robot_of_somebody_who_left_needs_no_question(
     assert not running(page)
 
 
+@pytest.mark.parametrize("is_frozen", [False, True])
 def test_owner_who_is_at_the_robot_is_asked(
-    page: StartPage, people: tuple[Visitor, Visitor], monkeypatch: pytest.MonkeyPatch
+    page: StartPage,
+    people: tuple[Visitor, Visitor],
+    monkeypatch: pytest.MonkeyPatch,
+    is_frozen: bool,
 ) -> None:
+    """Also if the robot's page does not tell for a while."""
     ada, ben = people
     page._press("drive", "Spinning-v0", ada)
     page._jobs[0].url = "http://127.0.0.1:9/?token=x"
-    monkeypatch.setattr(
-        start_page.Job, "visitors", lambda _job: {"here": [ada.key], "asleep": False}
-    )
+    there = {} if is_frozen else {"here": [ada.key], "asleep": False}
+    monkeypatch.setattr(start_page.Job, "visitors", lambda _job: there)
     page.visitors.leave(ada, closed=True)
     ada.left_s -= 100.0
+    page._tick()
     page._end_deserted()
     page._press("end", page._jobs[0].number, ben)
     assert running(page) and page.board.status[1]["questions"]

@@ -16,6 +16,7 @@ from forked import Forked, ForkServer
 
 from bricksrl.page.server import PageOptions
 from bricksrl.page.start import StartPage
+from bricksrl.page.visitors import Visitors
 from bricksrl.training.callbacks import Episode, Phase
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.run_folder import RunFolder
@@ -187,9 +188,11 @@ def test_pupil_has_name_report_and_class_table(tmp_path: Path) -> None:
         return subprocess.Popen(["true"], stdout=subprocess.PIPE, text=True)
 
     page = StartPage(tmp_path, launch=launch)
-    for name in ("Anna", "--episodes 9", "x" * 41, "a\nb", 3):
-        page._press("train", {"env": "RunAway-v0", "name": name})
-    assert [words[-1] for words in started] == ["--name=Anna", "--name=--episodes 9"]
+    visitors = Visitors()
+    for number, name in enumerate(("Anna", "--episodes 9", "x" * 41, "a\nb", "")):
+        page._press("train", "RunAway-v0", visitors.arrive(f"browser {number}", name))
+    names = [words[-1] for words in started if words[-1].startswith("--name")]
+    assert names == ["--name=Anna", "--name=--episodes 9", "--name=" + "x" * 24, "--name=a b"]
     run = tmp_path / "runs" / "one"
     run.mkdir(parents=True)
     folder = RunFolder(run)

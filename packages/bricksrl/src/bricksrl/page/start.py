@@ -402,8 +402,10 @@ class StartPage(PageServer):
             ):
                 continue
             seen, now_s = job.visitors(), time.monotonic()
-            if job.owner.key in seen.get("here", ()):
-                job.owner.left_s = now_s  # is not away, but at the robot
+            if not seen or job.owner.key in seen["here"]:
+                job.owner.left_s = now_s  # is not away, but at the robot, as far as is known
+                if self._seats.holder(_seat(job)) is None:
+                    self._seats.take(_seat(job), job.owner)
             if seen.get("here") or job.owner.tabs or not seen:
                 job.empty_s = None
                 job.is_seen = job.is_seen or bool(seen.get("here"))

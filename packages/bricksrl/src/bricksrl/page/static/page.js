@@ -284,7 +284,7 @@ function showDrive(canDrive) {
   $("take-over").hidden = !can_give_back && !other;
   $("take-over").setAttribute("aria-pressed", String(in_charge && !other));
   $("take-over").textContent = other ? `Ask ${other}` : in_charge ? "Give back" : "Take over";
-  $("driver").textContent = other ? `${other} drives` : in_charge ? ["you drive", ...status.drive.moving].join("; ") : "the agent drives";
+  $("driver").textContent = other ? `${other} drives` : in_charge ? ["you drive", ...(status.drive.moving ?? [])].join("; ") : "the agent drives";
   document.querySelector(".sticks").hidden = Boolean(other);
   fill($("sliders"), commands.map(({ name }) => name), "label", (label, name) => {
     const i = commands.findIndex((command) => command.name === name);
