@@ -41,4 +41,6 @@ function showQuestions({ holders = {}, questions = {} }) {
 }
 
 $("own-name").onchange = () => press("name", $("own-name").value);
-$("own-name").onkeydown = (event) => event.key === "Enter" && $("own-name").blur();
+$("own-name").onkeydown = (event) => {
+  if (event.key === "Enter") $("own-name").blur(); // a handler that returns false would take every key from the field
+};
