@@ -165,7 +165,7 @@ class Shade(enum.Enum):
     [
         ("dark", Shade, "x is 'dark'; give Shade.DARK or Shade.LIGHT"),
         ("dark", Shade | None, "x is 'dark'; give Shade.DARK or Shade.LIGHT"),
-        (3, Path | None, "x is 3; give Path(...)"),
+        (3, Path | None, "x is 3; give the path of a file"),
         (b"3", int | str, "x is b'3'; give a whole number or a text"),
         (list(range(99)), str, "x is of type list; give a text"),
         (True, float, "x is True; give a number"),

@@ -220,11 +220,20 @@ def test_wrong_arguments_print_one_line(fails, arguments, says):
         ("train TD --set entropy=nan --run a", "no environment 'TD'"),
         (
             "train RoboArm-v0 --option threshold=5 --run a",
-            "no option threshold; it has sparse, threshold_deg",
+            "no option threshold (did you mean 'threshold_deg'?); its task has",
         ),
-        ("train RunAway-v0 --option colour=red --run a", "no option colour; it has ends_at_wall"),
-        ('train RoboArm-v0 --option threshold_deg="x" --run a', "cannot be made with"),
-        ("train RoboArm-v0 --option threshold_deg=NaN --run a", "never reached"),
+        (
+            "train RunAway-v0 --option colour=red --run a",
+            "no option colour; its task has ends_at_wall",
+        ),
+        (
+            'train RoboArm-v0 --option threshold_deg="x" --run a',
+            "threshold_deg is 'x'; give a number",
+        ),
+        (
+            "train RoboArm-v0 --option threshold_deg=NaN --run a",
+            "threshold_deg is nan; give a number",
+        ),
         ("study sim-to-robot --quick --on slurm", "no 'slurm' to run on"),
         ("tune WalkerSim-v0 --folder a --on slurm", "no 'slurm' to run on"),
         ("train WalkerSim-v0 --run a --seeds 2 --on slurm", "no 'slurm' to run on"),

@@ -54,10 +54,10 @@ def test_play_in_terminal_plays_what_is_evaluated(tmp_path, capfd):
     run = str(tmp_path / "run")
     assert main(["train", "RunAway-v0", "--episodes", "1", "--no-film", "--run", run]) == 0
     capfd.readouterr()
-    assert main(["evaluate", run, "--episodes", "2", "--json"]) == 0
+    assert main(["evaluate", run, "--episodes", "5", "--json"]) == 0
     returns = json.loads(capfd.readouterr().out)["returns"]
-    assert len(set(returns)) == 2
-    assert main(["play", run, "--episodes", "2"]) == 0
+    assert len(set(returns)) > 1
+    assert main(["play", run, "--episodes", "5"]) == 0
     played = re.findall(
         r"^episode \d  return (\S+)  \d+ steps?$", capfd.readouterr().out, re.MULTILINE
     )

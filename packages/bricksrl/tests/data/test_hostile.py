@@ -225,7 +225,7 @@ def test_index_paths_stay_inside(tmp_path: Path) -> None:
         (lambda root: (root / "meta").mkdir(parents=True), "there is no dataset"),
         (
             lambda root: (record(root), (root / "meta/bricksrl.json").unlink()),
-            "not made by BricksRL",
+            "does not tell the environment",
         ),
         (lambda root: (record(root), (root / DATA).unlink()), "cannot read"),
         (

@@ -31,7 +31,7 @@ def test_our_environments_pass_check(env_id: str) -> None:
     skipped = {"twin"} if "Sim" in env_id else set()
     assert {check.name for check in checks if check.outcome is Outcome.SKIPPED} == skipped
     assert [check for check in checks if check.outcome is Outcome.ERROR] == []
-    assert len(checks) == 7
+    assert len(checks) == 8
     assert all("\n" not in check.detail for check in checks)
 
 

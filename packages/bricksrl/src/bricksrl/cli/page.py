@@ -23,6 +23,7 @@ from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import Range
 from brickhub.files import folder_with
 from brickhub.hub.transports.address import parse_hub
+from brickhub.seed import evaluation_seed
 from brickhub.user_files import is_reference
 from bricksrl.cli.terminal import EmergencyStop, driving, load_learning, placing
 from bricksrl.envs import get_task, make
@@ -226,7 +227,12 @@ class Play:
                     episodes=self.episodes,
                 )
             else:
-                _in_terminal(env, list(players.values())[-1](), self.episodes, self.seed)
+                seed = self.seed
+                if is_run:  # the episodes that `bricksrl evaluate` plays
+                    from bricksrl.training.run_folder import RunFolder
+
+                    seed = evaluation_seed(RunFolder(folder).origin().seed, seed)
+                _in_terminal(env, list(players.values())[-1](), self.episodes, seed)
 
 
 def _array_policies(

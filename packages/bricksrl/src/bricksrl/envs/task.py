@@ -189,8 +189,8 @@ class Task:
 
     @property
     def summary(self) -> str:
-        """The first line of the description."""
-        return self.doc.strip().partition("\n")[0]
+        """The first paragraph of the description, as one line."""
+        return " ".join(self.doc.strip().partition("\n\n")[0].split())
 
     @property
     def rate_hz(self) -> float:

@@ -44,7 +44,7 @@ class ArenaPage(LivePage):
             },
         )
         super().__init__(task.id, subtitle, speed="1x", options=options)
-        self.board.update_status(goal=task.doc.strip().partition("\n")[0])
+        self.board.update_status(goal=" ".join(task.doc.strip().partition("\n\n")[0].split()))
 
     def attach(self, env: Any) -> None:
         """Show another arena."""

@@ -91,7 +91,11 @@ def test_pettingzoo_state_is_what_all_robots_observe() -> None:
             env.state(), np.concatenate([observations["left"], observations["right"]])
         )
         observations, *_, infos = env.step(dict.fromkeys(env.agents, np.ones(2, np.float32)))
-        assert infos["left"] == infos["right"] == {"link_lost": False, "success": False}
+        assert (
+            infos["left"]
+            == infos["right"]
+            == {"link_lost": False, "success": False, "is_success": False}
+        )
     env.reset(seed=5)
     assert np.array_equal(env.np_random.integers(0, 100, 9), draws)
     with warnings.catch_warnings():

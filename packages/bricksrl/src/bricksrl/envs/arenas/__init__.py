@@ -37,9 +37,10 @@ def get_arena_task(env_id: str) -> ArenaTask:
 
 
 def arena_summary(env_id: str) -> str:
-    """First line of an arena's description, without its import, which loads torch."""
+    """First paragraph of an arena's description, without its import, which loads torch."""
     source = importlib.resources.files(__name__) / f"{ARENAS[env_id].partition(':')[0]}.py"
-    return (ast.get_docstring(ast.parse(source.read_text())) or "").partition("\n")[0]
+    description = ast.get_docstring(ast.parse(source.read_text())) or ""
+    return " ".join(description.partition("\n\n")[0].split())
 
 
 def make_arena(

@@ -329,7 +329,8 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
 
         with writing(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._part = temporary_beside(self.path, ".mp4")
+            # The encoder takes what is before the first colon for a protocol, but for whole paths.
+            self._part = temporary_beside(self.path.absolute(), ".mp4")
             self._part.touch(exist_ok=False)
         self._size = frame.shape
         self._file = imageio_ffmpeg.write_frames(
