@@ -380,8 +380,8 @@ def test_without_a_cache_all_is_as_before(
         monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)
     else:
         monkeypatch.setattr(
-            "brickhub.files.tempfile.mkstemp",
-            lambda **_: (_ for _ in ()).throw(OSError(30, "read-only")),
+            "brickhub.files.temporary_beside",
+            lambda *_: (_ for _ in ()).throw(OSError(30, "read-only")),
         )
     with caplog.at_level(logging.INFO):
         bodies = [cache.body(TWO_WHEELER), cache.body(TWO_WHEELER)]
