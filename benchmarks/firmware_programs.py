@@ -278,7 +278,7 @@ def guarded(lines: list[str]) -> str:
 def on_virtual_hub(program: Path) -> str:
     out, err = io.BytesIO(), io.StringIO()
     run_file(program, stdout=out, stderr=err, time_limit_s=TIME_LIMIT_S)
-    if "SystemExit" in err.getvalue():
+    if "at the time limit" in err.getvalue():
         return NO_END
     return out.getvalue().decode("utf-8", "replace") + err.getvalue()
 

@@ -72,6 +72,7 @@ class Wireless(Native):
     """Bluetooth device."""
 
     _kind = ""  # name of the device among those that can be near
+    _wanted: str | None = None  # the name that is looked for
     _is_connected = False
     _pause_ms: int | None = None
     """Pause before the second search; ``None`` if there is none."""
@@ -89,7 +90,7 @@ class Wireless(Native):
         if len(held) >= self._machine.robot.hub.model.peripherals:
             raise os_error(errno.EBUSY)
         # A device that is connected does not advertise itself, so another search does not find it.
-        is_near = self._is_near() and not any(device._is_found(self._kind) for device in held)
+        is_near = self._is_near() and not any(device._is_found(self) for device in held)
         held.append(self)
         start_ms = self._machine.time_ms
         longest_ms = self._timeout_ms
@@ -112,9 +113,11 @@ class Wireless(Native):
         if self in self._context.peripherals:
             self._context.peripherals.remove(self)
 
-    def _is_found(self, kind: str) -> bool:
-        """Whether this is the connection to the device of a kind."""
-        return self._is_connected and self._kind == kind
+    def _is_found(self, other: "Wireless") -> bool:
+        """Whether this is the connection to the device that another one looks for: one of the same
+        kind and name."""
+        is_same = (self._kind, self._wanted) == (other._kind, other._wanted)
+        return self._is_connected and is_same
 
     def _is_near(self) -> bool:
         return self._kind in self._machine.panel.near
