@@ -14,12 +14,14 @@ from brickhub.errors import counted
 
 ONBOARD = "brickhub.hub.program.onboard"
 """Of this package only the folder is ours: its files run on a hub, under MicroPython."""
+FROZEN = "brickhub.virtual.frozen"
+"""Of this one too: its files are those of the firmware."""
 EXTRAS = ("brickhub.virtual.lego_transport",)
 """Modules that need an extra."""
 MODULES = [
     module.name
     for module in pkgutil.walk_packages(brickhub.__path__, "brickhub.")
-    if not module.name.startswith(f"{ONBOARD}.")
+    if not module.name.startswith((f"{ONBOARD}.", f"{FROZEN}."))
     and module.name not in ("brickhub.__main__", *EXTRAS)
 ]
 OTHERS = ("bricktwin", "bricksrl", "mujoco", "numpy", "scipy", "torch")
@@ -50,6 +52,7 @@ def test_files_that_run_on_a_hub_are_there() -> None:
         "loop",
         "moves",
         "stdio",
+        "wheels",
     }
 
 

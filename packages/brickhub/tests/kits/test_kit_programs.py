@@ -66,7 +66,10 @@ def test_time_limit_ends_a_program(tmp_path: Path) -> None:
         "m.motor_run()\nwhile True: time.sleep(1)\n"
     )
     done = run(tmp_path, source, "--time-limit-s", "5")
-    assert (done.returncode, done.stderr) == (0, "The program was stopped after 5 s.\n")
+    assert (done.returncode, done.stderr) == (
+        124,
+        "The program was stopped at the time limit of 5 s.\n",
+    )
 
 
 def test_move_that_never_ends_is_stopped_too(tmp_path: Path) -> None:
@@ -74,7 +77,7 @@ def test_move_that_never_ends_is_stopped_too(tmp_path: Path) -> None:
         "import legoeducation as le\nm = le.SingleMotor()\nm.connect()\n"
         "m.motor_run_for_time(10**5)\n"
     )
-    assert "stopped after 5 s" in run(tmp_path, source, "--time-limit-s", "5").stderr
+    assert "stopped at the time limit of 5 s" in run(tmp_path, source, "--time-limit-s", "5").stderr
 
 
 def test_ctrl_c_ends_a_program(tmp_path: Path) -> None:
