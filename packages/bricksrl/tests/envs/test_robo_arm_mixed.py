@@ -160,10 +160,10 @@ def test_the_image_shows_ball_and_goal_in_their_colours() -> None:
 
 
 def test_gymnasium() -> None:
-    env = gymnasium.make(f"bricksrl/{ID}").unwrapped
+    env = gymnasium.make(f"bricksrl/{ID}")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(env, skip_render_check=True)
+        check_env(env.unwrapped, skip_render_check=True)
     observation, _ = env.reset(seed=0)
     assert observation["image"].shape == (64, 64, 3)
     ended, steps = False, 0
