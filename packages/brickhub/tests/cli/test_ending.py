@@ -64,6 +64,14 @@ finally:
 """
 
 
+@pytest.fixture(autouse=True)
+def _closed_terminal_is_heard() -> Iterator[None]:
+    """A script hears that its terminal is closed, also where ``nohup`` started the tests."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 @contextmanager
 def running(script: str, **options: object) -> Iterator[subprocess.Popen[str]]:
     """A script that has said that it is ready."""

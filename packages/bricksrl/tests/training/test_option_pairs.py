@@ -146,23 +146,22 @@ def test_placing_and_pauses_do_not_use_up_the_patience(monkeypatch: pytest.Monke
 @pytest.mark.parametrize("skip", [2, 5, 1000])
 def test_copies_end_by_themselves_behind_a_frame_skip(skip: int) -> None:
     options = EnvOptions(frame_skip=skip, options={"threshold_deg": 60})
-    env = make_env("RoboArmSim-v0", options, 6, seed=3)
+    # Random actions meet the goal in one of twelve episodes: none of 128 does by 1 to 100,000.
+    env = make_env("RoboArmSim-v0", options, 64, seed=3)
     frames = env.rollout(max(2, 250 // skip), break_when_any_done=False)["next"]
     assert bool(frames["terminated"].any())
-    for copy in frames.unbind(0):
-        total = 0.0
-        for frame in copy.unbind(0):
-            total += float(frame["reward"])
-            assert total == pytest.approx(float(frame["episode_reward"]), abs=1e-3), (
-                "all steps count, and none after the end"
-            )
-            assert int(frame["step_count"]) <= 100
-            assert bool(frame["done"]) or int(frame["step_count"]) % skip == 0
-            if bool(frame["terminated"]):
-                goal_deg = (frame["observation"][:4] - frame["observation"][4:]).abs().sum()
-                assert goal_deg < 60 + 360, "the end is what the agent sees"
-            if bool(frame["done"]):
-                total = 0.0
+    assert int(frames["step_count"].max()) <= 100
+    assert bool((frames["done"] | (frames["step_count"] % skip == 0)).all())
+    observed = frames["observation"][frames["terminated"].squeeze(-1)]
+    goal_deg = (observed[:, :4] - observed[:, 4:]).abs().sum(-1)
+    assert bool((goal_deg < 60 + 360).all()), "the end is what the agent sees"
+    total = torch.zeros(64, 1)
+    for frame in frames.unbind(1):
+        total += frame["reward"]
+        assert torch.allclose(total, frame["episode_reward"], atol=1e-3), (
+            "all steps count, and none after the end"
+        )
+        total[frame["done"]] = 0.0
 
 
 def test_a_run_of_copies_behind_a_frame_skip_counts_all_steps(tmp_path: Path) -> None:
