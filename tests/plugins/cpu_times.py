@@ -28,7 +28,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Measure, if that is asked for."""
     path = config.getoption("cpu_times")
-    if path is not None:
+    # With several processes, their times are what the first of them would count as its own.
+    has_workers = bool(config.getoption("numprocesses", None))
+    if path is not None and not has_workers:
         config.pluginmanager.register(_CpuTimes(path))
 
 
