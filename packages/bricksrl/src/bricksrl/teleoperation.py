@@ -80,12 +80,12 @@ class Paced:
     def __init__(self, driver: Callable[[Tensor], Tensor | None], rate_hz: float) -> None:
         self._driver = driver
         self._period_s = 1.0 / rate_hz
-        self._due_s = time.monotonic()
+        self._due_s = time.perf_counter()
 
     def __call__(self, observation: Tensor) -> Tensor | None:
         """Wait for the next period, then call the driver."""
-        self._due_s = max(self._due_s + self._period_s, time.monotonic())
-        time.sleep(max(0.0, self._due_s - time.monotonic()))
+        self._due_s = max(self._due_s + self._period_s, time.perf_counter())
+        time.sleep(max(0.0, self._due_s - time.perf_counter()))
         return self._driver(observation)
 
 

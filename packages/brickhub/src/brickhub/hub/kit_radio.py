@@ -135,7 +135,8 @@ class RealRadio:
         return future.result()
 
     def now_s(self) -> float:
-        return time.monotonic()
+        # which, unlike the monotonic clock of Windows, tells milliseconds
+        return time.perf_counter()
 
     def sleep(self, seconds: float) -> None:
         time.sleep(seconds)

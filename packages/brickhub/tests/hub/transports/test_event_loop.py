@@ -76,3 +76,27 @@ def test_close_is_bounded_and_ends_pending_calls() -> None:
     assert time.monotonic() - start_s < 3.0 and len(errors) == 1
     with pytest.raises(HubError, match="open it again"):
         loop.run(value(), 1.0, "get a value")
+
+
+def test_loop_is_made_in_its_own_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On Windows a loop that is made in the main thread takes Ctrl-C from the command, for good."""
+    make = asyncio.new_event_loop
+    makers: list[threading.Thread] = []
+
+    def making() -> asyncio.AbstractEventLoop:
+        makers.append(threading.current_thread())
+        return make()
+
+    monkeypatch.setattr(asyncio, "new_event_loop", making)
+    loop = EventLoopThread("test")
+    loop.close()
+    assert [thread.name for thread in makers] == ["test"]
+
+
+def test_loop_that_cannot_be_made_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> asyncio.AbstractEventLoop:
+        raise OSError("too many open files")
+
+    monkeypatch.setattr(asyncio, "new_event_loop", fail)
+    with pytest.raises(OSError, match="too many"):
+        EventLoopThread("test")
