@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from brickhub.files import TEMPORARY_PREFIX, write_durably, writing
@@ -171,7 +171,10 @@ def _train_in_processes(
         while waiting or running:
             while waiting and len(running) < (jobs or os.cpu_count() or 1):
                 start(waiting.popleft())
-            number, message = messages.get()
+            try:  # in pieces, as Windows tells of a Ctrl-C only when a wait is over
+                number, message = messages.get(timeout=_POLL_S)
+            except Empty:
+                continue
             if message is not None:
                 errors[number] = message[1].get("error", errors[number])
                 on_line(configs[number].seed, message[1])
@@ -299,7 +302,7 @@ class Keeper:
         """All files of a run, by path in its folder."""
         folder = self._folders[number]
         return {
-            str(path.relative_to(folder)): path.read_bytes()
+            path.relative_to(folder).as_posix(): path.read_bytes()
             for path in sorted(folder.rglob("*"))
             if path.is_file()
         }
@@ -319,7 +322,8 @@ def changed_files(folder: Path, known: dict[str, tuple[int, int]]) -> dict[str, 
         if path.name.startswith(TEMPORARY_PREFIX) or not path.is_file():
             continue
         stat = path.stat()
-        name, version = str(path.relative_to(folder)), (stat.st_mtime_ns, stat.st_size)
+        name = path.relative_to(folder).as_posix()  # for a computer of another system
+        version = (stat.st_mtime_ns, stat.st_size)
         if known.get(name) != version:
             known[name], changed[name] = version, path.read_bytes()
     return changed

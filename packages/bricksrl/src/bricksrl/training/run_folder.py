@@ -170,7 +170,7 @@ class RunFolder:
         with reading(
             "the metrics", self.metrics_path, RunError, "restore the file or start a new run"
         ):
-            whole_lines, _, _ = self.metrics_path.read_text().rpartition("\n")
+            whole_lines, _, _ = self.metrics_path.read_text(encoding="utf-8").rpartition("\n")
             return tuple(map(_episode, csv.DictReader(whole_lines.splitlines())))
 
     def write_episodes(self, episodes: Sequence[Episode]) -> None:
