@@ -41,7 +41,7 @@ def tell(seed, message):
     told.append([seed, message])
     if on and seed == 1 and message.get("episode") == 2 and not killed:
         killed.append(next(said["pid"] for of, said in told if of == seed and "pid" in said))
-        os.kill(killed[0], signal.SIGKILL)
+        os.kill(killed[0], getattr(signal, "SIGKILL", signal.SIGTERM))
 
 config = TrainConfig("WalkerSim-v0", episodes=4, settings=SETTINGS, run_dir=folder / "sweep")
 group = train_seeds(config, 2, jobs=2, on=on, on_line=tell)

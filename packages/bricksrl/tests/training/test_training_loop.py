@@ -4,7 +4,6 @@ import csv
 import itertools
 import json
 import math
-import os
 import signal
 import threading
 from collections.abc import Callable
@@ -110,7 +109,7 @@ class Recorder(Callback):
 
 
 def ctrl_c() -> None:
-    os.kill(os.getpid(), signal.SIGINT)
+    signal.raise_signal(signal.SIGINT)
 
 
 def test_run_writes_files(config: TrainConfig) -> None:

@@ -24,7 +24,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from brickhub.files import TEMPORARY_PREFIX, write_durably, writing
+from brickhub.files import LOCK, TEMPORARY_PREFIX, write_durably, writing
 from brickhub.seed import check_seed
 from brickhub.user_files import failure_of_user
 from bricksrl.child_process import END, ChildProcess, Message, leave, parent_channel
@@ -318,8 +318,8 @@ def changed_files(folder: Path, known: dict[str, tuple[int, int]]) -> dict[str, 
     folder. The checkpoint comes last, as it depends on the others."""
     changed = {}
     for path in sorted(folder.rglob("*"), key=lambda path: (path.name == "checkpoint.bin", path)):
-        # such a file may vanish at any moment
-        if path.name.startswith(TEMPORARY_PREFIX) or not path.is_file():
+        # the first may vanish at any moment, and Windows lets nobody read the second
+        if path.name.startswith((TEMPORARY_PREFIX, LOCK)) or not path.is_file():
             continue
         stat = path.stat()
         name = path.relative_to(folder).as_posix()  # for a computer of another system
