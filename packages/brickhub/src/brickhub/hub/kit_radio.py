@@ -38,7 +38,7 @@ def lego_package(*, is_silent: bool = False) -> Any:
         return importlib.import_module(LEGO_PACKAGE)
     except ImportError:
         remedy = (
-            f"run `pip install 'brickhub[{LEGO_PACKAGE}]'` (its licence, BUSL-1.1, permits "
+            f'run `pip install "brickhub[{LEGO_PACKAGE}]"` (its licence, BUSL-1.1, permits '
             "non-commercial use)"
         )
         raise MediumUnavailableError(

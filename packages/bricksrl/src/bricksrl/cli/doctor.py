@@ -76,7 +76,7 @@ def check_opencv() -> Answer:
     except ImportError as error:
         return (
             Outcome.WARNING,
-            f"none ({error}); `pip install bricksrl[vision]` where a task has a real camera",
+            f'none ({error}); `pip install "bricksrl[vision]"` where a task has a real camera',
         )
     return Outcome.OK, f"OpenCV {cv2.__version__}"
 

@@ -115,7 +115,7 @@ class Train:
     """Train N seeds, starting with --seed, in parallel, and summarise them."""
     on: Annotated[str | None, option(metavar="WHERE")] = None
     """Where to train the --seeds: ray, or ray:ADDRESS for a cluster (pip install
-    'bricksrl[distributed]')."""
+    "bricksrl[distributed]")."""
     take_over: Annotated[Device | None, option(metavar="DEVICE")] = None
     """Let a human intervene with this device; the agent learns from these steps too, and the data
     marks them."""

@@ -243,7 +243,7 @@ def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
         cpus: concurrent runs of a local cluster; by default the number of cores.
     """
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    with installed("Ray", RunError, "'bricksrl[distributed]'"):
+    with installed("Ray", RunError, '"bricksrl[distributed]"'):
         import ray
     if ray.is_initialized():
         raise RunError("Ray is at work in this process already; shut it down first")

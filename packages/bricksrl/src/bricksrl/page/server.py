@@ -200,7 +200,7 @@ class PageServer:
         self.url = ""
 
     def __enter__(self) -> Self:
-        with installed("websockets", PageError, "'bricksrl[page]'"):
+        with installed("websockets", PageError, '"bricksrl[page]"'):
             import websockets.asyncio.server  # noqa: F401
         server_socket = _listen(self._options)
         host, port = server_socket.getsockname()[:2]
