@@ -3,6 +3,7 @@ its input does."""
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import subprocess
@@ -275,3 +276,22 @@ def test_page_of_this_computer_is_asked_without_the_proxy(
     with PageServer(Board(), lambda *_: None, lambda: None) as other:
         page._jobs[0].url = other.url
         assert page._jobs[0].visitors() == {"here": [], "asleep": False}
+
+
+@pytest.mark.parametrize(
+    ("error", "is_told"), [(ConnectionResetError(), False), (RuntimeError("a bug"), True)]
+)
+def test_browser_that_is_gone_is_no_error(
+    caplog: pytest.LogCaptureFixture, error: Exception, is_told: bool
+) -> None:
+    """The event loop of Windows tells of each."""
+    with PageServer(Board(), lambda *_: None, lambda: None) as page:
+        loop = page._loop
+        assert loop is not None
+        told = asyncio.run_coroutine_threadsafe(called(loop, error), loop)
+        told.result(10)
+    assert bool(caplog.records) is is_told
+
+
+async def called(loop: asyncio.AbstractEventLoop, error: Exception) -> None:
+    loop.call_exception_handler({"message": "a callback failed", "exception": error})
