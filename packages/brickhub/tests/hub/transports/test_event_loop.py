@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
 import threading
 import time
+from collections.abc import Sequence
+from concurrent.futures import Future
 
 import pytest
 
@@ -100,3 +103,33 @@ def test_loop_that_cannot_be_made_is_an_error(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(asyncio, "new_event_loop", fail)
     with pytest.raises(OSError, match="too many"):
         EventLoopThread("test")
+
+
+def test_ctrl_c_is_heard_during_a_long_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows tells of it only when a wait is over."""
+    wait = concurrent.futures.wait
+    pieces_s: list[float | None] = []
+
+    def interrupted(futures: Sequence[Future[None]], timeout: float | None = None) -> object:
+        pieces_s.append(timeout)
+        if len(pieces_s) > 2:
+            raise KeyboardInterrupt
+        return wait(futures, 0.0)
+
+    monkeypatch.setattr(concurrent.futures, "wait", interrupted)
+    loop = EventLoopThread("test")
+    cancelled = threading.Event()
+
+    async def sleep() -> None:
+        try:
+            await asyncio.sleep(60)
+        finally:
+            cancelled.set()
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            loop.run(sleep(), 60.0, "sleep")
+        assert cancelled.wait(1.0)
+    finally:
+        loop.close()
+    assert all(piece_s is not None and piece_s <= 0.2 for piece_s in pieces_s)

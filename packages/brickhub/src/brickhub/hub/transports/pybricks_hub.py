@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 from brickhub import errors
 from brickhub.files import user_cache, write_durably
-from brickhub.hub.kit_radio import settle
+from brickhub.hub.kit_radio import is_done, settle
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.protocol import WRITE_BYTES, Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
@@ -56,16 +56,14 @@ class EventLoopThread:
                 f"could not {operation}: the link is closed; open it again"
             ) from None
         try:
-            return future.result(timeout_s)
+            if not is_done(future, timeout_s):
+                raise errors.HubTimeoutError(
+                    f"could not {operation} within {timeout_s:g} s; switch the hub off and on"
+                )
+            return future.result()
         except concurrent.futures.CancelledError:
             raise errors.HubError(
                 f"could not {operation}: the link was closed meanwhile; open it again"
-            ) from None
-        except concurrent.futures.TimeoutError:
-            if future.done():
-                raise
-            raise errors.HubTimeoutError(
-                f"could not {operation} within {timeout_s:g} s; switch the hub off and on"
             ) from None
         finally:
             future.cancel()
