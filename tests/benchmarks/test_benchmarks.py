@@ -53,7 +53,7 @@ def test_each_benchmark_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     modules = {
         path.stem
         for path in (ROOT / "benchmarks").glob("*.py")
-        if "def main(session: Session)" in path.read_text()
+        if "def main(session: Session)" in path.read_text(encoding="utf-8")
     }
     assert modules == {one.module for one in BENCHMARKS.values()}
 
