@@ -198,8 +198,10 @@ def test_published_result_is_shown(
 ) -> None:
     folder = tmp_path / "shown"
     assert run([name, "--folder", str(folder)]) == 0
-    sections = (folder / "study.md").read_text().removeprefix("## ").split("\n\n## ")
-    published = (ROOT / "docs" / "results.md").read_text()
+    sections = (
+        (folder / "study.md").read_text(encoding="utf-8").removeprefix("## ").split("\n\n## ")
+    )
+    published = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
     assert len(sections) == 1 + len(BENCHMARKS[name].also) and all(
         f"## {section}" in published for section in sections
     )
