@@ -12,7 +12,6 @@ import shutil
 import stat
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -96,11 +95,11 @@ def writing(path: Path) -> Iterator[None]:
         reason = failure.strerror or str(failure)
         if isinstance(failure, FileExistsError):  # a folder was to be made
             reason = os.strerror(errno.ENOTDIR)
-        remedy = (
-            "make room on that disk, or name another place"
-            if failure.errno in FULL
-            else "name another place"
-        )
+        remedy = "name another place"
+        if failure.errno in FULL:
+            remedy = f"make room on that disk, or {remedy}"
+        elif isinstance(failure, PermissionError) and sys.platform == "win32":
+            remedy = f"close the program that has it open, or {remedy}"
         error = WriteError(f"cannot write {path} ({reason}); {remedy}")
         error.errno, error.strerror, error.filename = failure.errno, reason, str(path)
         raise error from None
@@ -138,7 +137,10 @@ def check_writable(path: Path) -> None:
             path.open("ab").close()
         else:
             folder = next(parent for parent in path.absolute().parents if parent.exists())
-            tempfile.TemporaryFile(dir=folder, prefix=TEMPORARY_PREFIX).close()
+            # not by tempfile, which tries for ever on Windows with a Python before 3.11.9
+            trial = temporary_beside(folder / "trial")
+            trial.open("xb").close()
+            trial.unlink()
 
 
 def write_durably(path: Path, data: bytes) -> None:

@@ -68,10 +68,10 @@ def test_disk_space(monkeypatch: pytest.MonkeyPatch, free: int, outcome: Outcome
 def test_folder_that_takes_no_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Windows says of every folder that it can be written to."""
 
-    def refuse(*_: object, **__: object) -> None:
+    def refuse(*_: object) -> None:
         raise PermissionError(errno.EACCES, "Access is denied")
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    monkeypatch.setattr(Path, "open", refuse)
     outcome, detail = doctor.check_disk()
     assert outcome is Outcome.WARNING and "cannot be written to" in detail
