@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from brickhub.entry import Entry
-from brickhub.hub.kit_radio import lego_package
+from brickhub.hub.kit_radio import RealRadio, lego_package
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
@@ -286,7 +286,8 @@ class ControllerPad:
 
     def __init__(self) -> None:
         self._lego = lego_package(is_silent=True).Controller()
-        self._lego.connect(device_notification_delay=15)
+        # in a thread, as the package's event loop would take the signals of Windows in this one
+        RealRadio().run(lambda: self._lego.connect(device_notification_delay=15))
         if not self._lego.connected:
             raise DataError(
                 "no Controller of LEGO's kits is in reach; switch it on, and bring it near"
