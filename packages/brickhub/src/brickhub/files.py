@@ -211,7 +211,8 @@ def put_in_place(complete: Path, path: Path) -> None:
         try:
             complete.replace(path)
         except PermissionError:
-            if not is_waited_for or time.monotonic() > end_s:
+            # no folder is replaced there, however long one waits
+            if not is_waited_for or path.is_dir() or time.monotonic() > end_s:
                 raise
             time.sleep(0.02)
         else:
