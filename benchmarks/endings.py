@@ -181,7 +181,9 @@ class Command:
                     entry / "environ"
                 ).read_bytes().split(b"\0"):
                     continue
-                if (entry / "stat").read_text().rpartition(")")[2].split()[0] != "Z":
+                if (entry / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[
+                    0
+                ] != "Z":
                     found.append(int(entry.name))
         return found
 

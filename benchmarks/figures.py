@@ -262,7 +262,7 @@ def main(session: Session) -> None:
         path = results / (
             f"{figure.study}/study.json" if session.is_quick else f"study_{figure.study}.json"
         )
-        cells = json.loads(path.read_text())["cells"] if path.exists() else []
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"] if path.exists() else []
         paths = [
             *draw(figure, cells, images, ("png",)),
             *draw(figure, cells, vectors, ("pdf", "svg")),

@@ -121,7 +121,7 @@ def run(python: str, folder: Path, name: str, *arguments: str) -> tuple[float, N
         raise RuntimeError(
             f"lerobot-{name} ended with code {process.returncode}: {process.stderr[-2000:]}"
         )
-    return round(time.perf_counter() - started_s, 1), json.loads(notes.read_text())
+    return round(time.perf_counter() - started_s, 1), json.loads(notes.read_text(encoding="utf-8"))
 
 
 def record(

@@ -57,7 +57,9 @@ def _versions() -> dict[str, str]:
 
 def _processor() -> str:
     try:
-        match = re.search(r"model name\s*:\s*(.+)", Path("/proc/cpuinfo").read_text())
+        match = re.search(
+            r"model name\s*:\s*(.+)", Path("/proc/cpuinfo").read_text(encoding="utf-8")
+        )
     except OSError:
         match = None
     return match[1] if match else platform.processor()

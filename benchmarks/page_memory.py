@@ -41,7 +41,11 @@ def resident_mb() -> float:
     """Resident memory of this process."""
     status = Path("/proc/self/status")
     if status.exists():
-        line = next(line for line in status.read_text().splitlines() if line.startswith("VmRSS"))
+        line = next(
+            line
+            for line in status.read_text(encoding="utf-8").splitlines()
+            if line.startswith("VmRSS")
+        )
         return float(line.split()[1]) / 1024
     return (
         resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -224,7 +224,7 @@ def main(session: Session) -> None:
     for name in set(args.contestants) - set(names):
         print(
             f"{name} is left out: {CONTESTANTS[name][0]} is missing; pip install "
-            "'bricksrl[benchmarks]'"
+            '"bricksrl[benchmarks]"'
         )
     seeds = range(args.first_seed, args.first_seed + args.seeds)
     jobs = {

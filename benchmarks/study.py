@@ -96,7 +96,7 @@ def main(session: Session) -> None:
     options = {"seeds": args.seeds, "jobs": session.jobs, "on": args.on, "only": args.only}
     written = run_study(study, session.folder, quick=session.is_quick, on_seed=report, **options)
     print(f"tables   {written}")
-    session.write(json.loads(written.with_suffix(".json").read_text()))
+    session.write(json.loads(written.with_suffix(".json").read_text(encoding="utf-8")))
 
 
 def run_seed(cell: Cell, seed: int, path: Path) -> dict[str, Any]:

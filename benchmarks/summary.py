@@ -240,6 +240,7 @@ def summary() -> str:
             f"`{command or f'python -m benchmarks {name}'}`",
         ]
         for name, what, text, command in ROWS
-        if (path := RESULTS / f"{name}.json").exists() and (found := json.loads(path.read_text()))
+        if (path := RESULTS / f"{name}.json").exists()
+        and (found := json.loads(path.read_text(encoding="utf-8")))
     ]
     return table(["what", "result", "command"], rows)

@@ -1048,7 +1048,7 @@ def page() -> str:
         (
             HEAD,
             *(
-                section(name, json.loads(path.read_text()))
+                section(name, json.loads(path.read_text(encoding="utf-8")))
                 for name, path in paths.items()
                 if path.exists()
             ),
@@ -1059,7 +1059,9 @@ def page() -> str:
 def studies() -> str:
     """All of docs/studies.md: the studies that were made."""
     paths = [RESULTS / f"{study.result}.json" for study in STUDIES]
-    parts = [study_page(json.loads(path.read_text())) for path in paths if path.exists()]
+    parts = [
+        study_page(json.loads(path.read_text(encoding="utf-8"))) for path in paths if path.exists()
+    ]
     return "\n".join(
         (STUDIES_HEAD, *(re.sub("^#", "##", part, flags=re.MULTILINE) for part in parts))
     )
@@ -1079,13 +1081,13 @@ def commands(text: str) -> str:
 
 def readme(text: str) -> str:
     """The README with the current table of the robots and summary."""
-    robots_table = robots(json.loads((RESULTS / "robots.json").read_text()))
+    robots_table = robots(json.loads((RESULTS / "robots.json").read_text(encoding="utf-8")))
     return BLOCK.sub(lambda _: f"\n{robots_table}\n{summary()}\n", text)
 
 
 def virtual_hub(text: str) -> str:
     """The page of the virtual hub with the current comparison with the firmware."""
-    kinds = json.loads((RESULTS / "firmware_programs.json").read_text())["kinds"]
+    kinds = json.loads((RESULTS / "firmware_programs.json").read_text(encoding="utf-8"))["kinds"]
     rows = [
         [PROGRAMS[kind], str(counts["programs"]), str(counts["same"])]
         for kind, counts in kinds.items()
@@ -1097,7 +1099,7 @@ def virtual_hub(text: str) -> str:
 
 def architecture(text: str) -> str:
     """The page of the architecture with the walks of today's code."""
-    walks = json.loads((RESULTS / "walks.json").read_text())["walks"]
+    walks = json.loads((RESULTS / "walks.json").read_text(encoding="utf-8"))["walks"]
     rows = [
         [name, str(len(files)), ", ".join(f"`{file}`" for file in files)]
         for name, files in walks.items()
@@ -1109,7 +1111,7 @@ def architecture(text: str) -> str:
 
 def paper_page(text: str) -> str:
     """The page of the paper with its claims beside today's results."""
-    cells = json.loads((RESULTS / "study_paper.json").read_text())["cells"]
+    cells = json.loads((RESULTS / "study_paper.json").read_text(encoding="utf-8"))["cells"]
     return BLOCK.sub(lambda _: f"\n{claims(cells)}\n", text)
 
 

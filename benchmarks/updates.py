@@ -89,7 +89,7 @@ def available() -> list[str]:
     for name in CONTESTANTS:
         if name in NEEDS and importlib.util.find_spec(NEEDS[name]) is None:
             print(
-                f"{name} is left out: {NEEDS[name]} is missing; pip install 'bricksrl[benchmarks]'"
+                f'{name} is left out: {NEEDS[name]} is missing; pip install "bricksrl[benchmarks]"'
             )
             continue
         names.append(name)

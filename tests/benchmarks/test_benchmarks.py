@@ -53,7 +53,7 @@ def test_each_benchmark_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     modules = {
         path.stem
         for path in (ROOT / "benchmarks").glob("*.py")
-        if "def main(session: Session)" in path.read_text()
+        if "def main(session: Session)" in path.read_text(encoding="utf-8")
     }
     assert modules == {one.module for one in BENCHMARKS.values()}
 
@@ -198,8 +198,10 @@ def test_published_result_is_shown(
 ) -> None:
     folder = tmp_path / "shown"
     assert run([name, "--folder", str(folder)]) == 0
-    sections = (folder / "study.md").read_text().removeprefix("## ").split("\n\n## ")
-    published = (ROOT / "docs" / "results.md").read_text()
+    sections = (
+        (folder / "study.md").read_text(encoding="utf-8").removeprefix("## ").split("\n\n## ")
+    )
+    published = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
     assert len(sections) == 1 + len(BENCHMARKS[name].also) and all(
         f"## {section}" in published for section in sections
     )

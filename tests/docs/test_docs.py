@@ -89,8 +89,9 @@ def needs_a_browser(words: list[str]) -> bool:
 @pytest.fixture
 def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder like a fresh clone."""
-    for name in ("examples", "plans"):
-        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        ROOT / "examples", tmp_path / "examples", ignore=shutil.ignore_patterns("__pycache__")
+    )
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MUJOCO_GL", "disable")
     monkeypatch.setattr("bricksrl.cli.train._EVALUATED_EPISODES", 1)

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import errno
 import os
+import sys
 from pathlib import Path
 
 import pytest
 
 from brickhub.errors import WriteError
-from brickhub.files import atomic_folder, check_writable, folder_with, write_durably
+from brickhub.files import (
+    as_file_name,
+    atomic_folder,
+    check_writable,
+    folder_with,
+    quoted,
+    write_durably,
+)
 
 
 def test_error_names_the_file_that_was_asked_for(
@@ -23,11 +31,11 @@ def test_error_names_the_file_that_was_asked_for(
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(
         WriteError,
-        match=r"cannot write .*new/curve.png \(No space left .*\); make room on that disk, or name",
+        match=r"cannot write .*new.curve.png \(No space left .*\); make room on that disk, or name",
     ):
         write_durably(tmp_path / "new/curve.png", b"picture")
     with (
-        pytest.raises(WriteError, match=r"cannot write .*new/data \(No space left"),
+        pytest.raises(WriteError, match=r"cannot write .*new.data \(No space left"),
         atomic_folder(tmp_path / "new/data") as folder,
     ):
         write_durably(folder / "rows", b"")
@@ -37,7 +45,7 @@ def test_error_names_the_file_that_was_asked_for(
     assert not (tmp_path / "deep").exists()
     (tmp_path / "file").touch()
     with pytest.raises(
-        WriteError, match=r"cannot write .*file/curve.png \(.*\); name another place"
+        WriteError, match=r"cannot write .*file.curve.png \(.*\); name another place"
     ) as caught:
         write_durably(tmp_path / "file/curve.png", b"picture")
     assert (
@@ -84,6 +92,7 @@ def test_check_writable_makes_nothing(tmp_path: Path) -> None:
     ).read_text() == "kept"
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="modes are of POSIX")
 @pytest.mark.parametrize(
     ("umask", "file_mode", "folder_mode"),
     [(0o022, 0o644, 0o755), (0o077, 0o600, 0o700), (0o002, 0o664, 0o775)],
@@ -105,9 +114,89 @@ def test_files_and_folders_respect_the_umask(
     assert modes == [file_mode, folder_mode, file_mode]
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="modes are of POSIX")
 def test_a_file_that_is_written_anew_keeps_its_mode(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.touch(0o600)
     path.chmod(0o640)
     write_durably(path, b"1")
     assert path.stat().st_mode & 0o777 == 0o640
+
+
+@pytest.mark.parametrize("refusals", [0, 1, 3])
+def test_windows_waits_for_a_reader_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refusals: int
+) -> None:
+    """There a file that another program reads cannot be replaced, nor a folder renamed."""
+    replace = Path.replace
+    left = 2 * [refusals]
+
+    def refusing(path: Path, target: Path) -> Path:
+        left[-1] -= 1
+        if left[-1] >= 0:
+            raise PermissionError(errno.EACCES, "Access is denied")
+        left.pop()
+        return replace(path, target)
+
+    monkeypatch.setattr(Path, "replace", refusing)
+    monkeypatch.setattr("sys.platform", "win32")
+    write_durably(tmp_path / "file", b"1")
+    with atomic_folder(tmp_path / "folder") as folder:
+        (folder / "inside").touch()
+    assert (tmp_path / "file").read_bytes() == b"1" and not left
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "folder", "inside"]
+
+
+@pytest.mark.parametrize("platform", ["linux", "win32"])
+def test_file_that_stays_open_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, platform: str
+) -> None:
+    def refuse(_path: Path, _target: Path) -> Path:
+        raise PermissionError(errno.EACCES, "Access is denied")
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    monkeypatch.setattr("sys.platform", platform)
+    monkeypatch.setattr("brickhub.files._REPLACE_S", 0.05)
+    remedy = "close the program that has it open, or name" if platform == "win32" else "name"
+    with pytest.raises(WriteError, match=rf"cannot write .*file \(Access is denied\); {remedy}"):
+        write_durably(tmp_path / "file", b"1")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("path", "word"),
+    [
+        (r"C:\runs\walk-1", r"C:\runs\walk-1"),
+        (r"C:\my runs\walk", r'"C:\my runs\walk"'),
+        (r"C:\R&D\walk", r'"C:\R&D\walk"'),
+        ("walk(2)", '"walk(2)"'),
+        ("a;b,c", '"a;b,c"'),
+        ("Eva's", '"Eva\'s"'),
+        (r"runs\größe", r"runs\größe"),
+        ("", '""'),
+    ],
+)
+def test_path_is_one_word_in_shells_of_windows(
+    monkeypatch: pytest.MonkeyPatch, path: str, word: str
+) -> None:
+    monkeypatch.setattr("sys.platform", "win32")
+    assert quoted(path) == word
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("COM3", "COM3-"),
+        ("con", "con-"),
+        ("Aux", "Aux-"),
+        ("lpt9", "lpt9-"),
+        ("/dev/ttyACM0", "-dev-ttyACM0"),
+        ("90:84:2B:01:02:03", "90-84-2B-01-02-03"),
+        ("COM33", "COM33"),
+        ("console", "console"),
+        ("walk. ", "walk-"),
+    ],
+)
+def test_text_as_a_file_name_of_every_system(text: str, name: str) -> None:
+    """Windows has devices in every folder, of these names with any ending."""
+    assert as_file_name(text) == name

@@ -140,6 +140,7 @@ def test_files_are_named_from_the_folder_of_the_test(tmp_path: Path) -> None:
     assert done.returncode == 0 and "2 passed" in done.stdout, done.stdout
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="timers of POSIX")
 def test_ctrl_c_ends_the_tests_not_only_the_program(tmp_path: Path) -> None:
     (tmp_path / "test_endless.py").write_text(
         "import signal\n"

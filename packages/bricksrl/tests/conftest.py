@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -10,7 +9,7 @@ from types import SimpleNamespace
 import hermetic  # noqa: F401  before anything else is imported
 import pytest
 from ble_fixtures import world  # noqa: F401  a fixture
-from forked import ForkServer
+from forked import CAN_FORK, ForkServer
 from quick_files import quick_files  # noqa: F401  a fixture
 
 from bricksrl import child_process
@@ -24,9 +23,10 @@ def _registered_environments(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def forked_children(forked: ForkServer, monkeypatch: pytest.MonkeyPatch) -> None:
+def forked_children(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Processes of the package that learn or have a robot are forked, too."""
-    if hasattr(os, "fork"):
+    if CAN_FORK:
+        forked: ForkServer = request.getfixturevalue("forked")
         made = SimpleNamespace(
             Popen=forked.popen, PIPE=subprocess.PIPE, TimeoutExpired=subprocess.TimeoutExpired
         )
@@ -36,6 +36,8 @@ def forked_children(forked: ForkServer, monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.fixture(scope="session")
 def forked() -> Iterator[ForkServer]:
     """A server of processes that have torch, TorchRL and MuJoCo."""
+    if not CAN_FORK:
+        pytest.skip("Windows and macOS have no safe fork")
     server = ForkServer()
     yield server
     server.close()

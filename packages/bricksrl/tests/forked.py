@@ -25,6 +25,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+CAN_FORK = sys.platform == "linux"
+"""Whether it is safe: libraries of macOS have threads and states that do not outlive a fork."""
 IMPORTED = (
     "torch",
     "torchrl.data",

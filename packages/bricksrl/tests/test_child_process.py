@@ -1,12 +1,16 @@
 """Our own processes: whose code they run."""
 
+import errno
+import io
+import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from bricksrl.child_process import own_python
+from bricksrl.child_process import open_channel, own_python
 
 ASK = "import sys; sys.path.append('somewhere'); import copy; print(copy.__file__)"
 
@@ -49,3 +53,41 @@ def test_the_folder_of_a_program_that_was_typed_in_stays_the_same_in_another_fol
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", ["", *sys.path])
     assert _answer(*own_python("-c", "import beside"), tmp_path / "elsewhere") == "found"
+
+
+class _Gone(io.BytesIO):
+    """A pipe whose reader is gone."""
+
+    code = errno.EPIPE
+
+    def write(self, _data: object) -> int:
+        raise OSError(self.code, os.strerror(self.code))
+
+
+@pytest.mark.parametrize("code", [errno.EPIPE, errno.EINVAL])
+def test_side_that_is_gone_is_a_broken_pipe_on_every_system(code, monkeypatch):
+    """Windows calls it an invalid argument."""
+    monkeypatch.setattr(_Gone, "code", code)
+    send = open_channel(io.BytesIO(), _Gone(), lambda message: None)
+    with pytest.raises(BrokenPipeError):
+        send("ready")
+
+
+def test_what_a_child_starts_does_not_read_its_messages():
+    """On Windows it would wait until a message comes, as somebody reads already."""
+    program = (
+        "import subprocess, sys\n"
+        "from bricksrl.child_process import leave, parent_channel\n"
+        "send = parent_channel(lambda message: None)\n"
+        "ask = [sys.executable, '-c', 'import sys; print(sys.stdin.read())']\n"
+        "said = subprocess.run(ask, capture_output=True, timeout=30, text=True).stdout\n"
+        "send('said', said.strip())\n"
+        "leave()\n"
+    )
+    command, variables = own_python("-c", program)
+    with subprocess.Popen(
+        command, env=variables, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as child:
+        said = child.stdout.read()
+        child.stdin.close()
+    assert pickle.loads(said) == ("said", "")  # noqa: S301  of our own process

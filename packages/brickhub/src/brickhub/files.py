@@ -5,13 +5,13 @@ import contextlib
 import difflib
 import errno
 import os
+import re
 import secrets
 import shlex
 import shutil
 import stat
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,9 +27,31 @@ FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 """Numbers of errors of a full disk."""
 
 
+_REPLACE_S = 2.0
+"""Time in which Windows may refuse to replace what another program reads at that moment."""
+_PLAIN_ON_WINDOWS = re.compile(r"[\w.:/\\+=@~-]+")
+"""Words that neither PowerShell nor the command prompt takes for something else."""
+_DEVICES_OF_WINDOWS = re.compile(r"(aux|con|nul|prn|(com|lpt)[1-9¹²³])\s*(\..*)?", re.IGNORECASE)
+
+
 def quoted(path: Path | str) -> str:
     """A path as one word of a command line."""
-    return subprocess.list2cmdline([str(path)]) if os.name == "nt" else shlex.quote(str(path))
+    if sys.platform == "win32":
+        word = subprocess.list2cmdline([str(path)])
+        is_plain = word.startswith('"') or _PLAIN_ON_WINDOWS.fullmatch(word)
+        return word if is_plain else f'"{word}"'
+    return shlex.quote(str(path))
+
+
+def is_device_of_windows(name: str) -> bool:
+    """Whether a file or folder cannot have that name on Windows, whatever its ending."""
+    return _DEVICES_OF_WINDOWS.fullmatch(name.strip()) is not None
+
+
+def as_file_name(text: str) -> str:
+    """A text as the name of a file or folder on every system, without an ending."""
+    name = re.sub(r"[^\w-]+", "-", text)
+    return f"{name}-" if is_device_of_windows(name) else name
 
 
 def user_cache() -> Path:
@@ -73,11 +95,11 @@ def writing(path: Path) -> Iterator[None]:
         reason = failure.strerror or str(failure)
         if isinstance(failure, FileExistsError):  # a folder was to be made
             reason = os.strerror(errno.ENOTDIR)
-        remedy = (
-            "make room on that disk, or name another place"
-            if failure.errno in FULL
-            else "name another place"
-        )
+        remedy = "name another place"
+        if failure.errno in FULL:
+            remedy = f"make room on that disk, or {remedy}"
+        elif isinstance(failure, PermissionError) and sys.platform == "win32":
+            remedy = f"close the program that has it open, or {remedy}"
         error = WriteError(f"cannot write {path} ({reason}); {remedy}")
         error.errno, error.strerror, error.filename = failure.errno, reason, str(path)
         raise error from None
@@ -115,7 +137,10 @@ def check_writable(path: Path) -> None:
             path.open("ab").close()
         else:
             folder = next(parent for parent in path.absolute().parents if parent.exists())
-            tempfile.TemporaryFile(dir=folder, prefix=TEMPORARY_PREFIX).close()
+            # not by tempfile, which tries for ever on Windows with a Python before 3.11.9
+            trial = temporary_beside(folder / "trial")
+            trial.open("xb").close()
+            trial.unlink()
 
 
 def write_durably(path: Path, data: bytes) -> None:
@@ -136,9 +161,10 @@ def write_durably(path: Path, data: bytes) -> None:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
-            if path.is_file():  # who may read it stays as it was
+            # Who may read it stays as it was. Windows knows no modes, but takes a folder's rights.
+            if sys.platform != "win32" and path.is_file():
                 temporary.chmod(stat.S_IMODE(path.stat().st_mode))
-            temporary.replace(path)
+            put_in_place(temporary, path)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
@@ -161,7 +187,7 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     try:
         yield folder
         with writing(path):
-            folder.rename(path)
+            put_in_place(folder, path)
     except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
         with contextlib.suppress(OSError):  # one that is used meanwhile stays
@@ -173,6 +199,24 @@ def atomic_folder(path: Path) -> Iterator[Path]:
                 raise
         raise
     _sync_folder(path.parent)
+
+
+def put_in_place(complete: Path, path: Path) -> None:
+    """Rename a complete file to ``path``, over a previous one, or a complete folder. Windows
+    refuses while another program, such as a page or a virus scanner, has it open; that is waited
+    for."""
+    is_waited_for = sys.platform == "win32"
+    end_s = time.monotonic() + _REPLACE_S
+    while True:
+        try:
+            complete.replace(path)
+        except PermissionError:
+            # no folder is replaced there, however long one waits
+            if not is_waited_for or path.is_dir() or time.monotonic() > end_s:
+                raise
+            time.sleep(0.02)
+        else:
+            return
 
 
 def temporary_beside(path: Path, suffix: str = "") -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shlex
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import brickhub as package
+from brickhub.cli import app
 from brickhub.cli.app import one_line
 from brickhub.cli.command_table import LINE
 
@@ -27,6 +29,33 @@ def process(*words: str, **options: object) -> subprocess.CompletedProcess[str]:
 
 def test_version(told) -> None:
     assert told("--version") == (0, f"brickhub {package.__version__}\n")
+
+
+@pytest.mark.parametrize(
+    ("platform", "error", "code"),
+    [
+        ("linux", BrokenPipeError(errno.EPIPE, "Broken pipe"), 1),
+        ("win32", OSError(errno.EINVAL, "Invalid argument"), 1),
+        ("linux", OSError(errno.EINVAL, "Invalid argument"), 2),
+        ("win32", OSError(errno.EINVAL, "Invalid argument", "a?b"), 2),
+    ],
+)
+def test_reader_that_has_left_is_no_error(
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    platform: str,
+    error: OSError,
+    code: int,
+) -> None:
+    """As `head` does; Windows calls it an invalid argument."""
+
+    def fail(_line: str) -> None:
+        raise error
+
+    monkeypatch.setattr("sys.platform", platform)
+    monkeypatch.setattr(app, "print_line", fail)
+    assert app.run(LINE, ["--version"]) == code
+    assert bool(capfd.readouterr().err) is (code == 2)
 
 
 def test_python_runs_the_package_as_the_command() -> None:
@@ -71,6 +100,7 @@ def test_help_is_light(command: str) -> None:
     assert done.stdout.splitlines()[-1] == "loaded:"
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
 @pytest.mark.parametrize("command", ["--version", "--help"])
 @pytest.mark.parametrize("output", ["| true", ">&-"])
 def test_unread_output_ends_quietly(command: str, output: str) -> None:
@@ -83,9 +113,7 @@ def test_unread_output_ends_quietly(command: str, output: str) -> None:
 
 
 def test_second_ctrl_c_at_the_end_is_quiet() -> None:
-    interrupted = (
-        "import atexit, os, signal; atexit.register(os.kill, os.getpid(), signal.SIGINT); "
-    )
+    interrupted = "import atexit, signal; atexit.register(signal.raise_signal, signal.SIGINT); "
     done = process(
         "-c", f"{interrupted}from brickhub.cli import main; raise SystemExit(main(['--version']))"
     )

@@ -54,7 +54,9 @@ def test_what_enter_means_is_said(typed, capfd: pytest.CaptureFixture[str]) -> N
     assert "Move? [y/N, Enter is no]" in capfd.readouterr().err
 
 
-def test_answers_come_out_of_a_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("platform", ["linux", "win32"])
+def test_answers_come_out_of_a_pipe(monkeypatch: pytest.MonkeyPatch, platform: str) -> None:
+    monkeypatch.setattr("sys.platform", platform)
     monkeypatch.setattr(terminal, "_PIPE_S", 0.05)
     reader, writer = os.pipe()
     with os.fdopen(reader) as stream:

@@ -101,3 +101,13 @@ def test_devices_have_the_interval_of_the_link_that_is_asked_for() -> None:
         == [PROFILES[DEFAULT_LINK].interval_ms, PROFILES["mac"].interval_ms]
         == [45.0, 15.0]
     )
+
+
+def test_clock_of_real_devices_tells_milliseconds_on_windows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its monotonic clock has steps of 15.6 ms, the period of their reports."""
+    monkeypatch.setattr(time, "monotonic", lambda: 7.0)
+    start_s = RealRadio().now_s()
+    time.sleep(0.002)
+    assert RealRadio().now_s() - start_s >= 0.002

@@ -2,6 +2,7 @@
 
 import atexit
 import contextlib
+import errno
 import io
 import os
 import pickle
@@ -12,7 +13,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, BinaryIO, NoReturn, cast
 
-from brickhub.cli.ending import end_after
+from brickhub.cli.ending import end_after, take_input
 
 Message = tuple[str, Any]
 """A kind, and anything that can be pickled."""
@@ -24,7 +25,7 @@ thread."""
 ORPHAN_S = 1.0
 """Time after the parent's end, within which a child that is busy ends by force."""
 Send = Callable[..., None]
-"""Sends a message: a kind, and any content. Raises OSError if the other side is gone."""
+"""Sends a message: a kind, and any content. Raises BrokenPipeError if the other side is gone."""
 
 
 def open_channel(incoming: BinaryIO, outgoing: BinaryIO, deliver: Deliver) -> Send:
@@ -34,8 +35,11 @@ def open_channel(incoming: BinaryIO, outgoing: BinaryIO, deliver: Deliver) -> Se
     def send(kind: str, content: Any = None) -> None:
         data = io.BytesIO()
         _Pickler(data, pickle.HIGHEST_PROTOCOL).dump((kind, content))
-        outgoing.write(data.getbuffer())
-        outgoing.flush()
+        try:
+            outgoing.write(data.getbuffer())
+            outgoing.flush()
+        except OSError as error:  # of another kind on Windows
+            raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE)) from error
 
     def read() -> None:
         try:
@@ -117,7 +121,7 @@ def parent_channel(deliver: Deliver) -> Send:
             end_after(ORPHAN_S)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    incoming, outgoing = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    incoming, outgoing = os.fdopen(take_input(), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # prints must not mix with the messages
     return open_channel(incoming, outgoing, deliver_and_end)
 

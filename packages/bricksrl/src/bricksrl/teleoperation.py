@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from brickhub.entry import Entry
-from brickhub.hub.kit_radio import lego_package
+from brickhub.hub.kit_radio import RealRadio, lego_package
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
@@ -80,12 +80,12 @@ class Paced:
     def __init__(self, driver: Callable[[Tensor], Tensor | None], rate_hz: float) -> None:
         self._driver = driver
         self._period_s = 1.0 / rate_hz
-        self._due_s = time.monotonic()
+        self._due_s = time.perf_counter()
 
     def __call__(self, observation: Tensor) -> Tensor | None:
         """Wait for the next period, then call the driver."""
-        self._due_s = max(self._due_s + self._period_s, time.monotonic())
-        time.sleep(max(0.0, self._due_s - time.monotonic()))
+        self._due_s = max(self._due_s + self._period_s, time.perf_counter())
+        time.sleep(max(0.0, self._due_s - time.perf_counter()))
         return self._driver(observation)
 
 
@@ -286,7 +286,8 @@ class ControllerPad:
 
     def __init__(self) -> None:
         self._lego = lego_package(is_silent=True).Controller()
-        self._lego.connect(device_notification_delay=15)
+        # in a thread, as the package's event loop would take the signals of Windows in this one
+        RealRadio().run(lambda: self._lego.connect(device_notification_delay=15))
         if not self._lego.connected:
             raise DataError(
                 "no Controller of LEGO's kits is in reach; switch it on, and bring it near"

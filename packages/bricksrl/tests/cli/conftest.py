@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from forked import ForkServer
+from forked import CAN_FORK, ForkServer
 
 from bricksrl.cli import main
 
@@ -28,7 +28,7 @@ def bricksrl(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRe
         *arguments: str, timeout_s: float = 120.0, **environment: str
     ) -> subprocess.CompletedProcess[str]:
         whole = {**os.environ, "MUJOCO_GL": "disable", **environment}
-        if hasattr(os, "fork") and not environment:
+        if CAN_FORK and not environment:
             server: ForkServer = request.getfixturevalue("forked")
             return server.run(arguments, folder, whole, timeout_s)
         command = [EXECUTABLE, *arguments]
@@ -72,7 +72,7 @@ def start(
 
     def popen(*arguments: str) -> subprocess.Popen[str]:
         environment, pipe = {**os.environ, "MUJOCO_GL": "disable"}, subprocess.PIPE
-        if hasattr(os, "fork"):
+        if CAN_FORK:
             server: ForkServer = request.getfixturevalue("forked")
             started.append(
                 server.start(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+from pathlib import Path
 
 import pytest
 
@@ -61,3 +63,15 @@ def test_crashing_driver_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_disk_space(monkeypatch: pytest.MonkeyPatch, free: int, outcome: Outcome) -> None:
     monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": free}))
     assert doctor.check_disk()[0] is outcome
+
+
+def test_folder_that_takes_no_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Windows says of every folder that it can be written to."""
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(errno.EACCES, "Access is denied")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Path, "open", refuse)
+    outcome, detail = doctor.check_disk()
+    assert outcome is Outcome.WARNING and "cannot be written to" in detail

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 from pathlib import Path
 
@@ -62,7 +61,7 @@ def test_ctrl_c_keeps_the_team_and_a_second_one_ends_at_once(
     def press(line: str) -> None:
         printed.append(line)
         for _ in range(presses if line.startswith("step") else 0):
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
 
     folder = tmp_path / "a team"
     monkeypatch.setattr(team, "print_line", press)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import random
 import signal
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -295,9 +296,8 @@ class Course:
         ) as process:
             self.world.fault(_at(phase, count, process.kill))
             process.wait(START_S)
-            assert process.returncode == -signal.SIGKILL, (
-                f"the host ended with {process.returncode}"
-            )
+            killed = 1 if sys.platform == "win32" else -signal.SIGKILL
+            assert process.returncode == killed, f"the host ended with {process.returncode}"
         silence_s = SUPERVISION_TIMEOUT_S + (self.report.watchdog_ms + generate.END_MS) / 1000
         took_s = self.world.hub.wait_until("is_advertising", True, silence_s + ADVERTISING_SLACK_S)
         self.report.longest_until_advertising_s = max(

@@ -19,7 +19,9 @@ DOCUMENT = Path(__file__).parents[4] / "docs" / "virtual_hub.md"
 def wheel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     block = next(
         text
-        for text in re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
+        for text in re.findall(
+            r"```python\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL
+        )
         if "FIND_BLUE" in text
     )
     (tmp_path / "color_wheel.py").write_text(block)

@@ -19,7 +19,9 @@ from bricksrl.envs.task import Kinematics
 from bricksrl.errors import DescriptionError
 
 FIRMWARE = json.loads(
-    (Path(__file__).parents[3] / "brickhub/tests/virtual/data/firmware_motion.json").read_text()
+    (Path(__file__).parents[3] / "brickhub/tests/virtual/data/firmware_motion.json").read_text(
+        encoding="utf-8"
+    )
 )
 LAG_DEG = 2.0
 """Lag of the motor, and rounding to degrees."""

@@ -25,7 +25,7 @@ def ways() -> list[tuple[str, str]]:
     """Subject and way of each row of the page that names options or settings."""
     rows = [
         [cell.strip() for cell in line.split("|")]
-        for line in PAGE.read_text().splitlines()
+        for line in PAGE.read_text(encoding="utf-8").splitlines()
         if line.startswith("| ")
     ]
     return [(row[1], row[5]) for row in rows if len(row) == 7 and "`--" in row[5]]

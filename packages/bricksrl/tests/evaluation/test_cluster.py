@@ -41,7 +41,7 @@ def tell(seed, message):
     told.append([seed, message])
     if on and seed == 1 and message.get("episode") == 2 and not killed:
         killed.append(next(said["pid"] for of, said in told if of == seed and "pid" in said))
-        os.kill(killed[0], signal.SIGKILL)
+        os.kill(killed[0], getattr(signal, "SIGKILL", signal.SIGTERM))
 
 config = TrainConfig("WalkerSim-v0", episodes=4, settings=SETTINGS, run_dir=folder / "sweep")
 group = train_seeds(config, 2, jobs=2, on=on, on_line=tell)
@@ -115,18 +115,17 @@ def test_changed_files_return_from_worker(tmp_path: Path) -> None:
     (there / "data").mkdir(parents=True)
     (there / "checkpoint.bin").write_bytes(b"1")
     (there / "data" / "zz.parquet").write_bytes(b"rows")
+    (there / "data" / ".lock").touch()  # which Windows lets nobody read while it is held
     (there / ".part-half").write_bytes(b"of a checkpoint that a learner is writing")
     known, keeper = dict[str, tuple[int, int]](), Keeper([str(here)])
     first = changed_files(there, known)
-    assert list(first) == [str(Path("data/zz.parquet")), "checkpoint.bin"], (
-        "the checkpoint comes last"
-    )
+    assert list(first) == ["data/zz.parquet", "checkpoint.bin"], "the checkpoint comes last"
     keeper.keep(0, first, {"episode": 1})
     (there / "checkpoint.bin").write_bytes(b"22")
     second = changed_files(there, known)
     assert second == {"checkpoint.bin": b"22"}
     keeper.keep(0, second, {"episode": 2})
-    assert keeper.files(0) == {"checkpoint.bin": b"22", str(Path("data/zz.parquet")): b"rows"}
+    assert keeper.files(0) == {"checkpoint.bin": b"22", "data/zz.parquet": b"rows"}
     assert (
         keeper.messages() == [(0, {"episode": 1}), (0, {"episode": 2})] and keeper.messages() == []
     )

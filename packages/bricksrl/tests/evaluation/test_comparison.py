@@ -145,8 +145,8 @@ def test_the_commands_print_and_draw(runs: list[Path], tmp_path: Path, capfd) ->
 
 
 def test_reference_lines_equal_results() -> None:
-    baselines = json.loads((RESULTS / "baselines.json").read_text())["environments"]
-    papers = json.loads((RESULTS / "robots.json").read_text())["environments"]
+    baselines = json.loads((RESULTS / "baselines.json").read_text(encoding="utf-8"))["environments"]
+    papers = json.loads((RESULTS / "robots.json").read_text(encoding="utf-8"))["environments"]
     assert REFERENCES.keys() == baselines.keys()
     for env, reference in REFERENCES.items():
         measured = baselines[env]

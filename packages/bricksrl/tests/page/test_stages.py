@@ -3,6 +3,7 @@ its input does."""
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import subprocess
@@ -14,6 +15,8 @@ from pathlib import Path
 import pytest
 
 from bricksrl.page import start as start_page
+from bricksrl.page.board import Board
+from bricksrl.page.server import PageServer
 from bricksrl.page.start import StartPage
 from bricksrl.page.visitors import Visitor
 
@@ -234,3 +237,61 @@ def test_run_that_vanishes_does_not_end_the_refreshing(
     page._refresh()
     assert len(asked) == 3
     monkeypatch.undo()
+
+
+def test_lines_of_a_job_are_read_whatever_is_in_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows has an encoding of each country; what a library says may have any."""
+    say = (
+        "import os, sys; print('4 \\u00b1 1 \\u2192', flush=True); os.write(1, b'\\x81\\xff\\n'); "
+        "print('end', flush=True); sys.stdin.read()"
+    )
+    monkeypatch.setattr(
+        start_page,
+        "own_python",
+        lambda *_: (
+            [sys.executable, "-c", say],
+            {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+        ),
+    )
+    page = StartPage(tmp_path)
+    page._press("train", "RunAway-v0")
+    (job,) = page._jobs
+    limit_s = time.monotonic() + 30.0
+    while len(job.lines) < 3 and time.monotonic() < limit_s:
+        time.sleep(0.01)
+    page.close()
+    assert [job.lines[0], job.lines[2]] == ["4 \u00b1 1 \u2192", "end"]
+
+
+def test_page_of_this_computer_is_asked_without_the_proxy(
+    page: StartPage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A school's, which would also learn its token."""
+    for name in ("http_proxy", "HTTP_PROXY", "all_proxy"):
+        monkeypatch.setenv(name, "http://127.0.0.1:9")
+    monkeypatch.delenv("no_proxy", raising=False)
+    page._press("drive", "Spinning-v0")
+    with PageServer(Board(), lambda *_: None, lambda: None) as other:
+        page._jobs[0].url = other.url
+        assert page._jobs[0].visitors() == {"here": [], "asleep": False}
+
+
+@pytest.mark.parametrize(
+    ("error", "is_told"), [(ConnectionResetError(), False), (RuntimeError("a bug"), True)]
+)
+def test_browser_that_is_gone_is_no_error(
+    caplog: pytest.LogCaptureFixture, error: Exception, is_told: bool
+) -> None:
+    """The event loop of Windows tells of each."""
+    with PageServer(Board(), lambda *_: None, lambda: None) as page:
+        loop = page._loop
+        assert loop is not None
+        told = asyncio.run_coroutine_threadsafe(called(loop, error), loop)
+        told.result(10)
+    assert bool(caplog.records) is is_told
+
+
+async def called(loop: asyncio.AbstractEventLoop, error: Exception) -> None:
+    loop.call_exception_handler({"message": "a callback failed", "exception": error})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -185,7 +186,7 @@ def test_pupil_has_name_report_and_class_table(tmp_path: Path) -> None:
 
     def launch(words: Sequence[str], folder: Path) -> object:
         started.append(words)
-        return subprocess.Popen(["true"], stdout=subprocess.PIPE, text=True)
+        return subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE, text=True)
 
     page = StartPage(tmp_path, launch=launch)
     visitors = Visitors()

@@ -86,7 +86,7 @@ def test_missing_onnx_raises(
     monkeypatch.setattr(export.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(
         RunError,
-        match=r"export as onnx needs onnx and onnxscript; run `pip install 'bricksrl\[onnx\]'`",
+        match=r'export as onnx needs onnx and onnxscript; run `pip install "bricksrl\[onnx\]"`',
     ):
         export_model(trained, tmp_path / "arm.onnx", "onnx")
     assert list(tmp_path.iterdir()) == []

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import os
-import pty
 import struct
 import sys
 import time
@@ -10,7 +9,6 @@ from types import SimpleNamespace
 
 import pytest
 import torch
-from prompt_toolkit.input.vt100 import Vt100Input
 
 from brickhub.entry import Entry
 from bricksrl.errors import DataError
@@ -42,6 +40,10 @@ def test_released_controls_do_not_move() -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of POSIX")
 class TestKeyboard:
     def keyboard(self, **options: bool) -> tuple[KeyboardDriver, int]:
+        import pty
+
+        from prompt_toolkit.input.vt100 import Vt100Input
+
         ours, theirs = pty.openpty()
         self.terminal = os.fdopen(theirs, "r")
         return KeyboardDriver([LEG, ARM], source=Vt100Input(self.terminal), **options), ours

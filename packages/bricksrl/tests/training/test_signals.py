@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import pytest
 from test_training_loop import ctrl_c
@@ -18,3 +19,23 @@ def test_ctrl_c_raises_at_once_after_a_wait() -> None:
         with pytest.raises(KeyboardInterrupt):
             ctrl_c()
     assert signals.requested
+
+
+def test_wait_is_in_pieces() -> None:
+    """Windows tells of a Ctrl-C only when a wait is over."""
+    pieces_s: list[float] = []
+
+    class Recorded(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            assert timeout is not None
+            pieces_s.append(timeout)
+            return super().wait(timeout)
+
+    signals = StopSignals(stop := Recorded())
+    start_s = time.monotonic()
+    signals.wait(0.5)
+    assert 0.5 <= time.monotonic() - start_s < 5.0
+    assert len(pieces_s) > 2 and max(pieces_s) <= 0.2
+    stop.set()
+    with pytest.raises(KeyboardInterrupt):
+        signals.wait(60.0)

@@ -1,10 +1,10 @@
 from __future__ import annotations
 
 import csv
+import errno
 import itertools
 import json
 import math
-import os
 import signal
 import threading
 from collections.abc import Callable
@@ -110,7 +110,7 @@ class Recorder(Callback):
 
 
 def ctrl_c() -> None:
-    os.kill(os.getpid(), signal.SIGINT)
+    signal.raise_signal(signal.SIGINT)
 
 
 def test_run_writes_files(config: TrainConfig) -> None:
@@ -363,6 +363,27 @@ def test_run_folder_is_never_overwritten(config: TrainConfig) -> None:
         train(config, env=env)
     assert env.resets == 0
     assert names(config.run_dir) == []
+
+
+def test_metrics_that_a_spreadsheet_has_open_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On Windows, where nobody else can write them then."""
+    folder = RunFolder(tmp_path)
+    episode = Episode(1, Phase.TRAIN, 10, 10, 13.3, None)
+    folder.write_episodes([episode])
+    opened = Path.open
+
+    def refusing(path: Path, mode: str = "r", *rest: object, **options: object) -> object:
+        if "+" in mode:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return opened(path, mode, *rest, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Path, "open", refusing)
+    monkeypatch.setattr("sys.platform", "win32")
+    with pytest.raises(WriteError, match=r"cannot write .*metrics\.csv .*; close the program that"):
+        folder.append(episode)
+    assert folder.read_episodes() == (episode,)
 
 
 def test_run_folder_that_cannot_be_written_is_told(config: TrainConfig, tmp_path: Path) -> None:

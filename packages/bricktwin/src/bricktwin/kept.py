@@ -109,8 +109,9 @@ def _code() -> bytes | None:
         ):
             if path.suffix in (".py", ".csv"):
                 # The time of the last change of any kind: tools that copy or unpack files set that
-                # of their content.
-                if path.stat().st_ctime_ns > loaded_ns:
+                # of their content. (On Windows the first one is that of the file's making.)
+                state = path.stat()
+                if max(state.st_ctime_ns, state.st_mtime_ns) > loaded_ns:
                     return None
                 texts += [path.name.encode(), path.read_bytes()]
     except OSError:

@@ -73,10 +73,10 @@ def run(line: CommandLine, arguments: Sequence[str]) -> int:
     except BricksError as error:
         print_error(str(error))
         return 2
-    except BrokenPipeError:  # the reader of our output, such as `head`, has closed the pipe
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
     except OSError as error:
+        if _is_unread(error):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 1
         subject = f"{error.filename}: " if error.filename else ""
         remedy = (
             "make room on the disk"
@@ -102,6 +102,14 @@ def run(line: CommandLine, arguments: Sequence[str]) -> int:
             raise  # a bug of ours: show the traceback
         print_error(message)
         return 2
+
+
+def _is_unread(error: OSError) -> bool:
+    """Whether the reader of our output, such as ``head``, has closed the pipe, which Windows calls
+    an invalid argument."""
+    is_windows = sys.platform == "win32"
+    is_argument = error.errno == errno.EINVAL and error.filename is None
+    return isinstance(error, BrokenPipeError) or (is_windows and is_argument)
 
 
 def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:

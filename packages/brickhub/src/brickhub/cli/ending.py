@@ -99,13 +99,20 @@ def _answer_interrupt() -> None:
         sys.stderr.write("ending; another Ctrl-C ends at once\n")
 
 
-def end_with_parent() -> None:
-    """End this command when standard input ends, which its parent holds open for as long as it
-    lives. The command itself reads nothing from then on."""
-    held = os.dup(0)
+def take_input() -> int:
+    """Descriptor of standard input, whose place nothing takes. Nobody else reads it from then on:
+    also no process that is started, which on Windows would wait for its reader."""
+    taken = os.dup(0)
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
+    return taken
+
+
+def end_with_parent() -> None:
+    """End this command when standard input ends, which its parent holds open for as long as it
+    lives. The command itself reads nothing from then on."""
+    held = take_input()
 
     def watch() -> None:
         with contextlib.suppress(OSError):

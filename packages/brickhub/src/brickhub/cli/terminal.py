@@ -2,8 +2,10 @@
 
 import json
 import os
+import queue
 import select
 import sys
+import threading
 from collections.abc import Iterable
 from typing import TextIO
 
@@ -116,7 +118,7 @@ def _answer() -> str | None:
     line = b""
     while len(line) < _LONGEST_ANSWER and not line.endswith(b"\n"):
         # Byte by byte, as what a buffer has taken out of the pipe cannot be waited for.
-        byte = os.read(handle, 1) if _is_readable(handle) else b""
+        byte = _next_byte(handle)
         if not byte:
             break
         line += byte
@@ -131,8 +133,26 @@ def _line_of_memory(stream: TextIO) -> str | None:
         return None
 
 
-def _is_readable(handle: int) -> bool:
-    """Whether something, or the end, can be read from a pipe or file within a short time."""
+def _next_byte(handle: int) -> bytes:
+    """The next byte of a pipe or file; ``b""`` at its end, or if none comes within a short time."""
     if sys.platform == "win32":  # which can wait for sockets only
-        return not os.isatty(handle)
-    return bool(select.select([handle], [], [], _PIPE_S)[0])
+        return b"" if os.isatty(handle) else _byte_of_thread(handle)
+    is_readable = bool(select.select([handle], [], [], _PIPE_S)[0])
+    return os.read(handle, 1) if is_readable else b""
+
+
+def _byte_of_thread(handle: int) -> bytes:
+    """As `_next_byte`, read in a thread, which is left behind if nothing comes."""
+    read: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+
+    def read_one() -> None:
+        try:
+            read.put(os.read(handle, 1))
+        except OSError:  # it was closed
+            read.put(b"")
+
+    threading.Thread(target=read_one, name="answer", daemon=True).start()
+    try:
+        return read.get(timeout=_PIPE_S)
+    except queue.Empty:
+        return b""

@@ -7,6 +7,7 @@ The package ``legoeducation`` is optional: its licence, BUSL-1.1, permits non-co
 import concurrent.futures
 import importlib
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -26,6 +27,7 @@ from brickhub.robot import AnyHub, KitKind, Robot
 LEGO_PACKAGE = "legoeducation"
 _T = TypeVar("_T")
 _SILENT = logging.NullHandler()
+_PIECE_S = 0.2
 _CARD_COLORS = ("RED", "YELLOW", "BLUE", "GREEN", "PURPLE", "MAGENTA", "AZURE", "ORANGE")
 
 
@@ -38,7 +40,7 @@ def lego_package(*, is_silent: bool = False) -> Any:
         return importlib.import_module(LEGO_PACKAGE)
     except ImportError:
         remedy = (
-            f"run `pip install 'brickhub[{LEGO_PACKAGE}]'` (its licence, BUSL-1.1, permits "
+            f'run `pip install "brickhub[{LEGO_PACKAGE}]"` (its licence, BUSL-1.1, permits '
             "non-commercial use)"
         )
         raise MediumUnavailableError(
@@ -128,17 +130,27 @@ class RealRadio:
     def run(self, function: Callable[[], _T], limit_s: float | None = None) -> _T:
         future: concurrent.futures.Future[_T] = concurrent.futures.Future()
         threading.Thread(target=settle, args=(future, function), daemon=True).start()
-        if not concurrent.futures.wait([future], limit_s).done:
+        if not is_done(future, limit_s):
             raise HubTimeoutError(
                 f"a device did not answer within {limit_s:g} s; check that it is on and near"
             )
         return future.result()
 
     def now_s(self) -> float:
-        return time.monotonic()
+        # which, unlike the monotonic clock of Windows, tells milliseconds
+        return time.perf_counter()
 
     def sleep(self, seconds: float) -> None:
         time.sleep(seconds)
+
+
+def is_done(future: concurrent.futures.Future[Any], limit_s: float | None) -> bool:
+    """Whether a future is done, or is so within a time; ``None`` for no limit. The wait is in
+    pieces, as Windows tells of a Ctrl-C only when one is over."""
+    end_s = math.inf if limit_s is None else time.monotonic() + limit_s
+    while not future.done() and (left_s := end_s - time.monotonic()) > 0.0:
+        concurrent.futures.wait([future], min(left_s, _PIECE_S))
+    return future.done()
 
 
 def settle(future: concurrent.futures.Future[_T], function: Callable[[], _T]) -> None:

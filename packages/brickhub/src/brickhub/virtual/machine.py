@@ -71,7 +71,7 @@ class Pace:
 
     def __init__(
         self,
-        clock_s: Callable[[], float] = time.monotonic,
+        clock_s: Callable[[], float] = time.perf_counter,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self._clock_s, self._sleep = clock_s, sleep

@@ -220,9 +220,13 @@ def test_unwritable_folder_raises(tmp_path: Path) -> None:
 def test_calibration_folder_is_in_user_folder(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    assert calibration_folder() == tmp_path / "bricksrl" / "calibrations"
+    for platform in ("linux", "darwin", "win32"):  # so that tests can have one of their own
+        monkeypatch.setattr("sys.platform", platform)
+        assert calibration_folder() == tmp_path / "bricksrl" / "calibrations"
+    monkeypatch.delenv("XDG_CONFIG_HOME")
+    monkeypatch.setattr("sys.platform", "linux")
+    assert calibration_folder() == Path.home() / ".config" / "bricksrl" / "calibrations"
     monkeypatch.setattr("sys.platform", "darwin")
     assert calibration_folder().relative_to(Path.home()).parts[:2] == (
         "Library",

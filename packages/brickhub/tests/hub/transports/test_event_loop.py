@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
 import threading
 import time
+from collections.abc import Sequence
+from concurrent.futures import Future
 
 import pytest
 
@@ -76,3 +79,57 @@ def test_close_is_bounded_and_ends_pending_calls() -> None:
     assert time.monotonic() - start_s < 3.0 and len(errors) == 1
     with pytest.raises(HubError, match="open it again"):
         loop.run(value(), 1.0, "get a value")
+
+
+def test_loop_is_made_in_its_own_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On Windows a loop that is made in the main thread takes Ctrl-C from the command, for good."""
+    make = asyncio.new_event_loop
+    makers: list[threading.Thread] = []
+
+    def making() -> asyncio.AbstractEventLoop:
+        makers.append(threading.current_thread())
+        return make()
+
+    monkeypatch.setattr(asyncio, "new_event_loop", making)
+    loop = EventLoopThread("test")
+    loop.close()
+    assert [thread.name for thread in makers] == ["test"]
+
+
+def test_loop_that_cannot_be_made_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> asyncio.AbstractEventLoop:
+        raise OSError("too many open files")
+
+    monkeypatch.setattr(asyncio, "new_event_loop", fail)
+    with pytest.raises(OSError, match="too many"):
+        EventLoopThread("test")
+
+
+def test_ctrl_c_is_heard_during_a_long_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows tells of it only when a wait is over."""
+    wait = concurrent.futures.wait
+    pieces_s: list[float | None] = []
+
+    def interrupted(futures: Sequence[Future[None]], timeout: float | None = None) -> object:
+        pieces_s.append(timeout)
+        if len(pieces_s) > 2:
+            raise KeyboardInterrupt
+        return wait(futures, 0.0)
+
+    monkeypatch.setattr(concurrent.futures, "wait", interrupted)
+    loop = EventLoopThread("test")
+    cancelled = threading.Event()
+
+    async def sleep() -> None:
+        try:
+            await asyncio.sleep(60)
+        finally:
+            cancelled.set()
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            loop.run(sleep(), 60.0, "sleep")
+        assert cancelled.wait(1.0)
+    finally:
+        loop.close()
+    assert all(piece_s is not None and piece_s <= 0.2 for piece_s in pieces_s)

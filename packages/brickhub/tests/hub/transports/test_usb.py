@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 import serial
@@ -337,3 +337,41 @@ def test_damaged_frames_raise_only_our_errors(cable: Cable, kind: str) -> None:
             assert link.state is LinkState.FAULT
         assert time.monotonic() - start_s < 4 * BOUND_S
     assert answered > 1
+
+
+class ReadSerial(SocketSerial):
+    """A port that records whether it was closed while it was read, which Windows does not bear."""
+
+    closed_while_read: ClassVar[list[bool]] = []
+    _is_read = False
+
+    def read(self, size: int) -> bytes:
+        self._is_read = True
+        try:
+            return super().read(size)
+        finally:
+            self._is_read = False
+
+    def close(self) -> None:
+        self.closed_while_read.append(self._is_read)
+        super().close()
+
+
+def test_port_is_closed_when_nothing_reads_it(
+    cable: Cable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("played_usb_hub.SocketSerial", ReadSerial)
+    monkeypatch.setattr(ReadSerial, "closed_while_read", [])
+    for _ in range(3):
+        transport = cable.transport()
+        transport.open()
+        transport.close()
+    assert ReadSerial.closed_while_read == 3 * [False]
+
+
+def test_port_in_small_letters_is_the_same_hub(cable: Cable) -> None:
+    """Windows takes ``com3`` for ``COM3``; calibrations belong to the hub that is there."""
+    hubs = [UsbHub("COM3", "123", 0x0009), UsbHub("COM4", "456", 0x0009)]
+    transport = cable.transport(port="com3", find_hubs=lambda: hubs)
+    transport.open()
+    assert transport.identity is not None and transport.identity.address == "123"

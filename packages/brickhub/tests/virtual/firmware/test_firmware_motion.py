@@ -14,7 +14,9 @@ from brickhub.virtual.firmware.drive_base import DriveBaseControl
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine
 
-FIRMWARE = json.loads((Path(__file__).parents[1] / "data" / "firmware_motion.json").read_text())
+FIRMWARE = json.loads(
+    (Path(__file__).parents[1] / "data" / "firmware_motion.json").read_text(encoding="utf-8")
+)
 # The program runs a moment after a control tick, as in the firmware where its answers were taken.
 PHASE_MS = 100
 

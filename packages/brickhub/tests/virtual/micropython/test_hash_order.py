@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from brickhub.virtual.micropython.containers import HashTable, HubDict, HubSet, hash_of
 
 _KNOWN = json.loads(
-    (Path(__file__).parents[1] / "data" / "micropython_containers.json").read_text()
+    (Path(__file__).parents[1] / "data" / "micropython_containers.json").read_text(encoding="utf-8")
 )
 
 

@@ -11,6 +11,8 @@ from typing import ClassVar
 
 from brickhub.cli import doctor
 from brickhub.cli.doctor import Answer
+from brickhub.errors import WriteError
+from brickhub.files import check_writable, temporary_beside
 from brickhub.finding import Outcome
 from bricksrl.child_process import own_python
 from bricktwin.twin.make_body import check_mujoco
@@ -45,7 +47,13 @@ def check_opengl() -> Answer:
     command, variables = own_python("-c", _DRAW)
     try:
         process = subprocess.run(  # noqa: S603  our own interpreter
-            command, env=variables, capture_output=True, text=True, timeout=_DRAW_S, check=False
+            command,
+            env=variables,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=_DRAW_S,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         return (
@@ -68,7 +76,7 @@ def check_opencv() -> Answer:
     except ImportError as error:
         return (
             Outcome.WARNING,
-            f"none ({error}); `pip install bricksrl[vision]` where a task has a real camera",
+            f'none ({error}); `pip install "bricksrl[vision]"` where a task has a real camera',
         )
     return Outcome.OK, f"OpenCV {cv2.__version__}"
 
@@ -78,7 +86,9 @@ def check_disk() -> Answer:
     folder = Path.cwd()
     free_gb = shutil.disk_usage(folder).free / 1e9
     space = f"{free_gb:.1f} GB free in {folder}"
-    if not os.access(folder, os.W_OK):
+    try:
+        check_writable(temporary_beside(folder / "run"))
+    except WriteError:
         return (
             Outcome.WARNING,
             f"{folder} cannot be written to; go to another folder, or give --run a path elsewhere",

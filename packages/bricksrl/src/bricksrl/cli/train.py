@@ -76,9 +76,9 @@ class Train:
       bricksrl train Walker-v0 --from runs/first
       bricksrl train Walker-v0 --base scripted
       bricksrl train Walker-v0 --demonstrations datasets/walker
-      bricksrl train Walker-v0 --set learning_rate=3e-4 --set hidden=128,128
+      bricksrl train Walker-v0 --set learning_rate=3e-4 --set "hidden=128,128"
       bricksrl train Walker-v0 --hub ble
-      bricksrl train Walker-v0 --hub ble:A,ble:B
+      bricksrl train Walker-v0 --hub "ble:A,ble:B"
       bricksrl train RunAway-v0 --robots 4 --realtime
       bricksrl train WalkerSim-v0 --seeds 5
       bricksrl train WalkerSim-v0 --seeds 10 --on ray
@@ -115,7 +115,7 @@ class Train:
     """Train N seeds, starting with --seed, in parallel, and summarise them."""
     on: Annotated[str | None, option(metavar="WHERE")] = None
     """Where to train the --seeds: ray, or ray:ADDRESS for a cluster (pip install
-    'bricksrl[distributed]')."""
+    "bricksrl[distributed]")."""
     take_over: Annotated[Device | None, option(metavar="DEVICE")] = None
     """Let a human intervene with this device; the agent learns from these steps too, and the data
     marks them."""

@@ -42,7 +42,7 @@ class Tune(Tuning):
     """Folder of the study; by default tuning/<env>-<agent>."""
     on: Annotated[str | None, option(metavar="WHERE")] = None
     """Train the seeds of a trial in parallel: ray, or ray:ADDRESS for a cluster (pip install
-    'bricksrl[distributed]')."""
+    "bricksrl[distributed]")."""
 
     def execute(self) -> None:
         tuning = Tuning(self.env, self.agent, self.steps, self.seeds, self.episodes)

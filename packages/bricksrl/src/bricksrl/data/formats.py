@@ -112,7 +112,7 @@ def export_minari(path: Path, out: Path) -> None:
         DataError: as in `export_numpy`; also if Minari is not installed, or ``out`` does not end
             like ``bricksrl/walker-v0``.
     """
-    with installed("Minari", DataError, "'bricksrl[data]'"):
+    with installed("Minari", DataError, '"bricksrl[data]"'):
         import minari
         from minari.data_collector import EpisodeBuffer
         from minari.namespace import NAMESPACE_METADATA_FILENAME

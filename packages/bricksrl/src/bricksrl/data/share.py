@@ -147,7 +147,7 @@ def downloaded(
 def hub_client(repo: str) -> Iterator[HfApi]:
     """Client of the hub; its errors inside this context are translated into ours. Raises DataError
     if huggingface_hub is not installed, the hub is out of reach, or it refuses."""
-    with installed("huggingface_hub", DataError, "'bricksrl[data]'"):
+    with installed("huggingface_hub", DataError, '"bricksrl[data]"'):
         from huggingface_hub import HfApi, errors
         from huggingface_hub.utils.tqdm import disable_progress_bars
     disable_progress_bars()

@@ -217,6 +217,7 @@ def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path
     inputs = [word for film in (left, right) for word in ("-i", f"file:{film}")]
     command = [
         imageio_ffmpeg.get_ffmpeg_exe(),
+        "-nostdin",
         "-y",
         "-v",
         "error",
@@ -236,7 +237,9 @@ def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path
         f"file:{path}",
     ]
     # our own arguments
-    process = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+    process = subprocess.run(  # noqa: S603
+        command, capture_output=True, text=True, errors="replace", check=False
+    )
     if process.returncode:
         raise TwinError(
             f"{left} and {right} cannot be joined ({' '.join(process.stderr.split())[:120]}); "

@@ -21,10 +21,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any
 
-from brickhub.files import TEMPORARY_PREFIX, write_durably, writing
+from brickhub.files import LOCK, TEMPORARY_PREFIX, write_durably, writing
 from brickhub.seed import check_seed
 from brickhub.user_files import failure_of_user
 from bricksrl.child_process import END, ChildProcess, Message, leave, parent_channel
@@ -171,7 +171,10 @@ def _train_in_processes(
         while waiting or running:
             while waiting and len(running) < (jobs or os.cpu_count() or 1):
                 start(waiting.popleft())
-            number, message = messages.get()
+            try:  # in pieces, as Windows tells of a Ctrl-C only when a wait is over
+                number, message = messages.get(timeout=_POLL_S)
+            except Empty:
+                continue
             if message is not None:
                 errors[number] = message[1].get("error", errors[number])
                 on_line(configs[number].seed, message[1])
@@ -240,7 +243,7 @@ def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
         cpus: concurrent runs of a local cluster; by default the number of cores.
     """
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    with installed("Ray", RunError, "'bricksrl[distributed]'"):
+    with installed("Ray", RunError, '"bricksrl[distributed]"'):
         import ray
     if ray.is_initialized():
         raise RunError("Ray is at work in this process already; shut it down first")
@@ -299,7 +302,7 @@ class Keeper:
         """All files of a run, by path in its folder."""
         folder = self._folders[number]
         return {
-            str(path.relative_to(folder)): path.read_bytes()
+            path.relative_to(folder).as_posix(): path.read_bytes()
             for path in sorted(folder.rglob("*"))
             if path.is_file()
         }
@@ -315,11 +318,12 @@ def changed_files(folder: Path, known: dict[str, tuple[int, int]]) -> dict[str, 
     folder. The checkpoint comes last, as it depends on the others."""
     changed = {}
     for path in sorted(folder.rglob("*"), key=lambda path: (path.name == "checkpoint.bin", path)):
-        # such a file may vanish at any moment
-        if path.name.startswith(TEMPORARY_PREFIX) or not path.is_file():
+        # the first may vanish at any moment, and Windows lets nobody read the second
+        if path.name.startswith((TEMPORARY_PREFIX, LOCK)) or not path.is_file():
             continue
         stat = path.stat()
-        name, version = str(path.relative_to(folder)), (stat.st_mtime_ns, stat.st_size)
+        name = path.relative_to(folder).as_posix()  # for a computer of another system
+        version = (stat.st_mtime_ns, stat.st_size)
         if known.get(name) != version:
             known[name], changed[name] = version, path.read_bytes()
     return changed

@@ -163,7 +163,7 @@ def tune(
         DescriptionError: the seed is invalid.
         UnknownNameError: there is no such environment or agent.
     """
-    with installed("Optuna", RunError, "'bricksrl[tune]'"):
+    with installed("Optuna", RunError, '"bricksrl[tune]"'):
         import optuna
     check_seed(seed)
     if on is not None:

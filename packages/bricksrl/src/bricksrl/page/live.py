@@ -479,8 +479,9 @@ class LivePage(PageServer):
             self._await_press()
         speed = self._speed_factor
         if self._is_paced_here and speed:
-            self._last_step_s = max(self._last_step_s + _STEP_S / speed, time.monotonic() - _STEP_S)
-            self._halted.wait(max(0.0, self._last_step_s - time.monotonic()))
+            now_s = time.perf_counter()
+            self._last_step_s = max(self._last_step_s + _STEP_S / speed, now_s - _STEP_S)
+            self._halted.wait(max(0.0, self._last_step_s - now_s))
 
     def cut(self) -> None:
         """If a reset is requested, end the episode by a pause: it truncates the next step, so that

@@ -200,7 +200,7 @@ class PageServer:
         self.url = ""
 
     def __enter__(self) -> Self:
-        with installed("websockets", PageError, "'bricksrl[page]'"):
+        with installed("websockets", PageError, '"bricksrl[page]"'):
             import websockets.asyncio.server  # noqa: F401
         server_socket = _listen(self._options)
         host, port = server_socket.getsockname()[:2]
@@ -246,6 +246,7 @@ class PageServer:
         logger = logging.getLogger(f"{__name__}.websockets")
         logger.setLevel(logging.CRITICAL)  # refused requests are not our errors
         self._loop, self._closing = asyncio.get_running_loop(), asyncio.Event()
+        self._loop.set_exception_handler(_note)
         async with serve(
             self._serve_browser,
             sock=server_socket,
@@ -428,6 +429,12 @@ class PageServer:
 
     def _tick(self) -> None:
         """Hook: called about every half second."""
+
+
+def _note(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Say nothing of a browser that is gone, which the event loop of Windows takes for an error."""
+    if not isinstance(context.get("exception"), ConnectionError):
+        loop.default_exception_handler(context)
 
 
 def _listen(options: PageOptions) -> socket.socket:

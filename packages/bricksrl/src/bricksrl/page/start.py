@@ -46,6 +46,9 @@ _MAX_ROBOTS = 6
 _DESERTED_S, _ASLEEP_S = 5.0, 120.0
 """Time after which a play ends that nobody looks at: closed tabs; not looked at yet, or connections
 that broke."""
+_DIRECTLY = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+"""Opener of pages of this computer, to which a school's proxy, which the system or a variable
+names, knows no way."""
 _log = logging.getLogger(__name__)
 _PAGE_LINE = re.compile(r"live page: (\S+)")
 
@@ -104,6 +107,7 @@ def launch(words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
     not reach it. It ends when its standard input does, which also happens if this process is
     killed."""
     command, variables = own_python("-u", "-m", "bricksrl.cli.job", *words)
+    variables["PYTHONIOENCODING"] = "utf-8"  # Windows would take that of the country
     return subprocess.Popen(  # noqa: S603  our own interpreter
         command,
         cwd=folder,
@@ -111,7 +115,8 @@ def launch(words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        text=True,
+        encoding="utf-8",
+        errors="replace",
         start_new_session=True,
         creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
     )
@@ -194,7 +199,7 @@ class Job:
         parts = urllib.parse.urlsplit(self.url)
         address = f"http://{parts.netloc}/visitors.json?{parts.query}"
         try:
-            with urllib.request.urlopen(address, timeout=_ANSWER_S) as answer:  # a page of ours
+            with _DIRECTLY.open(address, timeout=_ANSWER_S) as answer:  # a page of ours
                 found: dict[str, Any] = json.load(answer)
         except (OSError, ValueError):
             return {}

@@ -75,7 +75,7 @@ def export_model(
     if missing:
         names = " and ".join(missing)
         raise RunError(
-            f"export as onnx needs {names}; run `pip install 'bricksrl[onnx]'`, or export as "
+            f'export as onnx needs {names}; run `pip install "bricksrl[onnx]"`, or export as '
             "torch-export"
         )
     with closing(make_env_of(Path(path))) as env:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from brickhub import HOUSES
 from brickhub.fields import check_value
-from brickhub.files import atomic_folder, folder_with, reading, write_durably
+from brickhub.files import atomic_folder, folder_with, reading, write_durably, writing
 from brickhub.user_files import without_folder
 from bricksrl.data.dataset import refuse_within_dataset
 from bricksrl.envs.options import EnvOptions
@@ -144,8 +144,8 @@ class RunFolder:
 
     def append(self, episode: Episode) -> None:
         """Append an episode to the metrics; they are written anew where it has a measure that none
-        before it had."""
-        with self.metrics_path.open("r+b") as file:
+        before it had. Raises WriteError, for instance while Excel has them open on Windows."""
+        with writing(self.metrics_path), self.metrics_path.open("r+b") as file:
             columns = next(csv.reader([file.readline().decode()]))
             if is_known := episode.measures.keys() <= {*columns}:
                 file.seek(0, 2)
@@ -170,7 +170,7 @@ class RunFolder:
         with reading(
             "the metrics", self.metrics_path, RunError, "restore the file or start a new run"
         ):
-            whole_lines, _, _ = self.metrics_path.read_text().rpartition("\n")
+            whole_lines, _, _ = self.metrics_path.read_text(encoding="utf-8").rpartition("\n")
             return tuple(map(_episode, csv.DictReader(whole_lines.splitlines())))
 
     def write_episodes(self, episodes: Sequence[Episode]) -> None:

@@ -2,9 +2,12 @@
 
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Self
+
+_POLL_S = 0.2
 
 
 class InterruptedEpisodeError(Exception):
@@ -54,9 +57,12 @@ class StopSignals(ExitStack):
 
     def wait(self, duration_s: float) -> None:
         """Wait, at most until the run is to end. Raises KeyboardInterrupt if the run is to end."""
+        end_s = time.monotonic() + duration_s
         with self.at_once():
-            if self._stop.wait(duration_s):
-                raise KeyboardInterrupt
+            # In pieces, as Windows tells of a Ctrl-C only when a wait is over.
+            while (left_s := end_s - time.monotonic()) > 0.0:
+                if self._stop.wait(min(left_s, _POLL_S)):
+                    raise KeyboardInterrupt
 
     def _on_interrupt(self, *_: object) -> None:
         again = self._stop.is_set()

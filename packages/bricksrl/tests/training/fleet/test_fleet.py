@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import csv
 import itertools
-import os
 import re
-import signal
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -76,7 +74,7 @@ class Harm(Callback):
         if episode.episode == 4:
             process = self.fleet.members[1].process
             if process is not None:
-                os.kill(process.pid, signal.SIGKILL)
+                process._process.kill()
 
 
 @pytest.fixture(scope="module")
@@ -401,7 +399,7 @@ def test_robot_whose_process_dies_again_and_again_is_given_up(
             process = self.fleet.members[1].process
             if process is not None and process.pid not in self.pids:
                 self.pids.add(process.pid)
-                os.kill(process.pid, signal.SIGKILL)
+                process._process.kill()
 
     kill = Kill()
     result = train(config(tmp_path / "run", episodes=20), kill)

@@ -96,7 +96,7 @@ class PlanParts:
       bricktwin plan parts two-wheeler
       bricktwin plan parts two-wheeler --out parts.csv
       bricktwin plan parts two-wheeler --format bricklink --out wanted.xml
-      bricktwin plan parts walker --own 45678,45681
+      bricktwin plan parts walker --own "45678,45681"
       bricktwin plan parts
     """
 

@@ -270,8 +270,12 @@ def _print(result: FittedPhysics) -> None:
         print_line(f"  {name:24}{getattr(default, name):8.3g}    not identifiable from this log")
 
 
+_PROGRESS_COLUMNS = 40
+
+
 def _show_progress(text: str) -> None:
-    """Overwrite the line of progress on a terminal; clear it with an empty text."""
+    """Overwrite the line of progress on a terminal, also on one of Windows, which knows no escape
+    sequences; clear it with an empty text."""
     if sys.stderr.isatty():
-        sys.stderr.write(f"\r\033[K{text}")
+        sys.stderr.write(f"\r{'':{_PROGRESS_COLUMNS}}\r{text}")
         sys.stderr.flush()

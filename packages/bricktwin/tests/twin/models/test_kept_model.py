@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
+import types
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -440,6 +441,19 @@ def test_code_that_changes_in_a_running_process_is_not_kept(
     assert code() == code() is not None
     monkeypatch.setattr(bricktwin, "LOADED_NS", newest_ns - 1)
     assert code() is None
+
+
+def test_code_that_was_edited_is_not_kept_on_windows(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """There the first time of a file is that of its making."""
+    house = types.SimpleNamespace(__path__=[str(tmp_path)], LOADED_NS=time.time_ns() + 10**10)
+    monkeypatch.setattr(kept, "_HOUSES", (house,))
+    file = tmp_path / "edited.py"
+    file.touch()
+    assert kept._code.__wrapped__() is not None
+    os.utime(file, ns=(house.LOADED_NS + 1, house.LOADED_NS + 1))
+    assert kept._code.__wrapped__() is None
 
 
 class TestProcesses:

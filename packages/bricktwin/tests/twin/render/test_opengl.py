@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from videos import read_video
 
-from brickhub.errors import RenderingUnavailableError, TwinError
+from brickhub.errors import RenderingUnavailableError, TwinError, WriteError
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
@@ -256,3 +257,19 @@ def test_finished_film_takes_no_more_images(tmp_path: Path) -> None:
         video.add(np.zeros((16, 16, 3), np.uint8))
     with pytest.raises(TwinError, match=r"film .*film.mp4 is finished"):
         video.add(np.zeros((16, 16, 3), np.uint8))
+
+
+def test_film_that_somebody_watches_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows does not replace it."""
+
+    def refuse(_path: Path, _target: Path) -> Path:
+        raise PermissionError(errno.EACCES, "Access is denied")
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    video = VideoWriter(tmp_path / "film.mp4", 20)
+    video.add(np.zeros((16, 16, 3), np.uint8))
+    with pytest.raises(WriteError, match=r"cannot write .*film\.mp4 \(Access is denied\)"):
+        video.close()
+    assert not list(tmp_path.iterdir())

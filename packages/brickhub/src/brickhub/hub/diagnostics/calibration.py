@@ -6,14 +6,13 @@ description, from which the hub program is made.
 
 import json
 import os
-import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from brickhub.errors import BricksError, DescriptionError
-from brickhub.files import reading, write_durably
+from brickhub.files import as_file_name, reading, write_durably
 from brickhub.hub.transport import Transport
 from brickhub.robot import Direction, Motor, Robot
 
@@ -79,14 +78,18 @@ def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
 
 
 def calibration_folder() -> Path:
-    """Folder of the calibrations, in the user's settings folder."""
+    """Folder of the calibrations, in the user's settings folder: ``XDG_CONFIG_HOME``, or that of
+    the system."""
+    given = os.environ.get("XDG_CONFIG_HOME")
     home = Path.home()
-    if sys.platform == "win32":
+    if given:
+        base = Path(given)
+    elif sys.platform == "win32":
         base = Path(os.environ.get("APPDATA") or home / "AppData" / "Roaming")
     elif sys.platform == "darwin":
         base = home / "Library" / "Application Support"
     else:
-        base = Path(os.environ.get("XDG_CONFIG_HOME") or home / ".config")
+        base = home / ".config"
     return base / "bricksrl" / "calibrations"
 
 
@@ -143,4 +146,4 @@ def forget_calibration(hub: str, robot: Robot, folder: Path | None = None) -> No
 
 
 def _path(hub: str, robot: Robot, folder: Path | None) -> Path:
-    return (folder or calibration_folder()) / re.sub(r"[^\w-]+", "-", hub) / f"{robot.name}.json"
+    return (folder or calibration_folder()) / as_file_name(hub) / f"{as_file_name(robot.name)}.json"

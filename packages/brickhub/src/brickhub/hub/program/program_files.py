@@ -11,6 +11,7 @@ from pathlib import Path, PureWindowsPath
 from typing import BinaryIO
 
 from brickhub.errors import counted
+from brickhub.files import is_device_of_windows
 
 _BEGINNINGS = (b"PB_OF:", b"_file_begin_ ")
 _ENDS = (b"PB_EOF", b"_file_end_")
@@ -26,9 +27,6 @@ _RUN_BY_A_COMPUTER = frozenset(
     )
 )  # fmt: skip
 """Endings of files that something runs, or takes its settings from."""
-_DEVICES_OF_WINDOWS = frozenset(
-    ("aux", "con", "nul", "prn", *(f"{name}{n}" for name in ("com", "lpt") for n in range(1, 10)))
-)
 
 
 class ProgramFiles:
@@ -148,7 +146,7 @@ def why_unsafe(name: str, folder: Path) -> str | None:
         return "it has a backslash or a colon; separate folders by /"
     if any(part.startswith(".") for part in parts):
         return "it is hidden"
-    if any(part.split(".")[0].strip().lower() in _DEVICES_OF_WINDOWS for part in parts):
+    if any(is_device_of_windows(part) for part in parts):
         return "it is a device of Windows"
     if Path(name.rstrip(". ")).suffix.lower() in _RUN_BY_A_COMPUTER:
         return "a computer runs such files"

@@ -381,7 +381,7 @@ def service_is_running() -> bool:
     """Whether Pybricks' background service (``pybricks-service``, 2026) of this user answers, which
     keeps the link to a hub after its programs have ended; never on Windows, where it has a named
     pipe."""
-    if not hasattr(socket, "AF_UNIX"):
+    if sys.platform == "win32":
         return False
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.settimeout(_SERVICE_PATIENCE_S)

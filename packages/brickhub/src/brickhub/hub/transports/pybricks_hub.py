@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 
 from brickhub import errors
 from brickhub.files import user_cache, write_durably
+from brickhub.hub.kit_radio import is_done, settle
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.protocol import WRITE_BYTES, Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
@@ -35,9 +36,10 @@ class EventLoopThread:
     """Thread that runs coroutines for other threads, with a timeout on every call."""
 
     def __init__(self, name: str) -> None:
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
+        made: concurrent.futures.Future[asyncio.AbstractEventLoop] = concurrent.futures.Future()
+        self._thread = threading.Thread(target=self._serve, args=(made,), name=name, daemon=True)
         self._thread.start()
+        self._loop = made.result()
 
     def run(self, coroutine: Coroutine[Any, Any, _T], timeout_s: float, operation: str) -> _T:
         """Run a coroutine and return its result; it is cancelled after ``timeout_s``.
@@ -54,16 +56,14 @@ class EventLoopThread:
                 f"could not {operation}: the link is closed; open it again"
             ) from None
         try:
-            return future.result(timeout_s)
+            if not is_done(future, timeout_s):
+                raise errors.HubTimeoutError(
+                    f"could not {operation} within {timeout_s:g} s; switch the hub off and on"
+                )
+            return future.result()
         except concurrent.futures.CancelledError:
             raise errors.HubError(
                 f"could not {operation}: the link was closed meanwhile; open it again"
-            ) from None
-        except concurrent.futures.TimeoutError:
-            if future.done():
-                raise
-            raise errors.HubTimeoutError(
-                f"could not {operation} within {timeout_s:g} s; switch the hub off and on"
             ) from None
         finally:
             future.cancel()
@@ -75,18 +75,23 @@ class EventLoopThread:
             self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(2 * _THREAD_END_S)
 
-    def _serve(self) -> None:
-        asyncio.set_event_loop(self._loop)
+    def _serve(self, made: concurrent.futures.Future[asyncio.AbstractEventLoop]) -> None:
+        # Here, as on Windows a loop that is made in the main thread takes the signals of a command.
+        settle(made, asyncio.new_event_loop)
+        if made.exception() is not None:
+            return
+        loop = made.result()
+        asyncio.set_event_loop(loop)
         try:
-            self._loop.run_forever()
-            tasks = asyncio.all_tasks(self._loop)
+            loop.run_forever()
+            tasks = asyncio.all_tasks(loop)
             for task in tasks:
                 task.cancel()
             if tasks:
-                self._loop.run_until_complete(asyncio.wait(tasks, timeout=_THREAD_END_S))
-            self._loop.run_until_complete(self._loop.shutdown_asyncgens())
+                loop.run_until_complete(asyncio.wait(tasks, timeout=_THREAD_END_S))
+            loop.run_until_complete(loop.shutdown_asyncgens())
         finally:
-            self._loop.close()
+            loop.close()
 
 
 _log = logging.getLogger(__name__)

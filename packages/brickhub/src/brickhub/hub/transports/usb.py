@@ -115,6 +115,8 @@ _LEGO_VENDOR = 0x0694
 _PRODUCTS = {0x0009: 0x81, 0x0010: 0x81, 0x000D: 0x83}
 """USB product to Pybricks product: SPIKE Prime, Robot Inventor, SPIKE Essential."""
 _READ_S = 0.05
+_LAST_READ_S = 1.0
+"""Time within which the reading thread ends."""
 _PLUGGED_IN_S = 6.0
 """Time limit to find and connect a hub for the first time; one that does not answer says so within
 it."""
@@ -213,7 +215,8 @@ class UsbTransport(ProfileTransport):
         if first is not None:  # it may be at another port after it was plugged in again
             hubs = [hub for hub in hubs if hub.address == first.address]
         elif port is not None:
-            hubs = [hub for hub in hubs if hub.device == port]
+            # Windows takes its ports in small letters too
+            hubs = [hub for hub in hubs if hub.device.casefold() == port.casefold()]
         if not hubs and port is not None and (first is None or first.address == port):
             hubs = [UsbHub(port, port)]
         if not hubs:
@@ -294,8 +297,9 @@ class UsbPort:
         try:
             serial.write(encode_cobs(bytes((_SUBSCRIBE, 0))))
         finally:
+            # A port of Windows must not be closed while it is read.
+            self._reader.join(_LAST_READ_S)
             serial.close()
-            self._reader.join(1.0)
 
     async def _send(self, message: bytes) -> None:
         serial = self._serial

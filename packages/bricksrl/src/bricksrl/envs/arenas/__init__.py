@@ -39,7 +39,7 @@ def get_arena_task(env_id: str) -> ArenaTask:
 def arena_summary(env_id: str) -> str:
     """First paragraph of an arena's description, without its import, which loads torch."""
     source = importlib.resources.files(__name__) / f"{ARENAS[env_id].partition(':')[0]}.py"
-    description = ast.get_docstring(ast.parse(source.read_text())) or ""
+    description = ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or ""
     return " ".join(description.partition("\n\n")[0].split())
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bricksrl.envs.arenas.arena_task import ArenaTask
     from bricktwin.twin.render.opengl import Renderer
 
-with installed("PettingZoo", RunError, "'bricksrl[arenas]'"):
+with installed("PettingZoo", RunError, '"bricksrl[arenas]"'):
     from pettingzoo import ParallelEnv
 
 Array = NDArray[np.float32]

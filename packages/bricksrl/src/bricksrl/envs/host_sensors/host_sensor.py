@@ -194,7 +194,7 @@ class ThreadReader:
     def latest(self) -> tuple[Any, float]:
         """The newest reading and its age in seconds, at once. Raises SensorError if the sensor
         failed or is silent."""
-        age_s = time.monotonic() - self._read_s
+        age_s = time.perf_counter() - self._read_s
         if self._is_over.is_set():
             raise self._error
         if age_s > self.sensor.patience_s:
@@ -218,13 +218,15 @@ class ThreadReader:
             device = self.sensor.open()
             try:
                 while not is_over.is_set():
-                    started_s = time.monotonic()
+                    started_s = time.perf_counter()
                     self._newest, self._read_s = (
                         self.sensor.checked(device.read()),
-                        time.monotonic(),
+                        time.perf_counter(),
                     )
                     has_come.set()
-                    is_over.wait(max(0.0, started_s + 1.0 / self.sensor.rate_hz - time.monotonic()))
+                    is_over.wait(
+                        max(0.0, started_s + 1.0 / self.sensor.rate_hz - time.perf_counter())
+                    )
             finally:
                 device.close()
         except SensorError as error:

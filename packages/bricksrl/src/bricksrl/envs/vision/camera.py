@@ -162,7 +162,7 @@ class VideoCamera:
         or its frames have another size."""
         view = self._view
         if self._capture is None:
-            with installed("OpenCV", CameraError, "'bricksrl[vision]'"):
+            with installed("OpenCV", CameraError, '"bricksrl[vision]"'):
                 import cv2
             # of a missing camera our own message tells
             level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
@@ -176,8 +176,8 @@ class VideoCamera:
         if not is_read:
             self.close()
             raise CameraError(
-                f"camera {view.device} shows nothing; plug it in, end other programs that use it, "
-                "or name another"
+                f"camera {view.device} shows nothing; plug it in, allow this program to use it, "
+                "end other programs that do, or name another"
             )
         height, width = frame.shape[:2]
         if (width, height) != (view.width_px, view.height_px):

@@ -46,7 +46,7 @@ def encode_images(
         if "torchvision" in reason:
             message = (
                 f"{encoder} needs a torchvision for this torch ({reason}); install it: pip "
-                "install 'bricksrl[encoders]'"
+                'install "bricksrl[encoders]"'
             )
         else:
             message = (

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brickhub.errors import RenderingUnavailableError, TwinError, message_of
-from brickhub.files import check_writable, temporary_beside, writing
+from brickhub.files import check_writable, put_in_place, temporary_beside, writing
 from bricktwin.twin.make_body import ASKED_GL
 from bricktwin.twin.mujoco_body import MujocoBody
 
@@ -360,7 +360,8 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
                     is_whole = b"moov" in written.read()
                 if not is_whole:
                     self._fail()
-                self._part.replace(self.path)
+                with writing(self.path):
+                    put_in_place(self._part, self.path)
         finally:
             self._part.unlink(missing_ok=True)
 
