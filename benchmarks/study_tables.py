@@ -46,9 +46,11 @@ class Cell:
     """One training, run with several seeds, and its evaluations.
 
     Attributes:
-        row, column: position in the table. config: fields of `TrainConfig`; seed and folder are set
-        by the study. ``preset`` names the agent's settings. paper: the paper's numbers: "return"
-        (mean and standard deviation), "success" (rate), "minutes" of a training.
+        row, column: position in the table.
+        config: fields of `TrainConfig`; seed and folder are set by the study. ``preset`` names the
+            agent's settings.
+        paper: the paper's numbers: "return" (mean and standard deviation), "success" (rate),
+            "minutes" of a training.
     """
 
     row: str

@@ -222,6 +222,8 @@ def test_environments_with_a_robot_have_a_picture() -> None:
 def test_site_builds_without_warnings_or_broken_links(tmp_path: Path) -> None:
     copy = tmp_path / "docs"
     shutil.copytree(DOCS, copy, ignore=shutil.ignore_patterns("_build"))
+    # which has the address of publication
+    shutil.copy(DOCS.parent / "pyproject.toml", tmp_path)
     command = [
         sys.executable,
         "-m",

@@ -9,9 +9,10 @@ class Entry:
     """One number of an observation, or the physical quantity of one of an action.
 
     Attributes:
-        low, high: nominal range; infinite if there is none. limits: lowest and highest possible
-        value if the range is only nominal, as for a rate of turn; ``None`` for the range. wraps:
-        whether it is an angle that wraps from 360 to 0.
+        low, high: nominal range; infinite if there is none.
+        limits: lowest and highest possible value if the range is only nominal, as for a rate of
+            turn; ``None`` for the range.
+        wraps: whether it is an angle that wraps from 360 to 0.
     """
 
     name: str

@@ -54,8 +54,9 @@ def kept(
 
     Args:
         sources: gives all that the result depends on, except our code. It may raise OSError or
-            UnkeptError: the result is then made and not kept. encode, decode: conversion to bytes
-            and back; ``decode`` raises ValueError for bytes that it does not know.
+            UnkeptError: the result is then made and not kept.
+        encode, decode: conversion to bytes and back; ``decode`` raises ValueError for bytes that it
+            does not know.
     """
     path = _path(sources)
     data = None if path is None else _read(path)

@@ -34,8 +34,8 @@ class WireNumber:
     """Number on the wire.
 
     Attributes:
-        role: ``"command"`` or ``"channel"``, for messages. low, high: range in its unit; the hub
-        clamps commands to it.
+        role: ``"command"`` or ``"channel"``, for messages.
+        low, high: range in its unit; the hub clamps commands to it.
         scale: factor from the number to its fixed-point value on the wire.
         imports: names that the hub program imports for it, besides hub, ports and devices.
         mirror_sign: its factor in a mirror from left to right; 0 if its mirror image is none of its

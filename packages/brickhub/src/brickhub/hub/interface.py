@@ -35,9 +35,9 @@ class Channel(WireNumber, ABC):
         is_nominal: whether values beyond ``low`` and ``high`` are possible, up to the limits of the
             wire.
         accumulates: whether it counts from the start of the program, without end; environments let
-            it count from the start of each episode. noise, noise_share: names of the twin's physics
-            parameters for its noise: the standard deviation, and an additional one as a share of
-            the value.
+            it count from the start of each episode.
+        noise, noise_share: names of the twin's physics parameters for its noise: the standard
+            deviation, and an additional one as a share of the value.
         wireless: kind of the device beside the hub that it reads, such as ``"remote"``; ``None``
             without one.
         setup_s: longest time that its setup takes at the start of the program.

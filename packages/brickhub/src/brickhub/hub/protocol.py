@@ -151,8 +151,8 @@ class WireFormat:
 
     Attributes:
         action_format, answer_format: ``struct`` formats of the actions, and of an answer: the hub's
-        clock and the channels. down_frame_bytes, answer_bytes: size of a frame with actions, and of
-        an answer's payload.
+            clock and the channels.
+        down_frame_bytes, answer_bytes: size of a frame with actions, and of an answer's payload.
     """
 
     def __init__(self, interface: Interface, robot: Robot | None = None) -> None:

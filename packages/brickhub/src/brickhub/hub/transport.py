@@ -48,8 +48,8 @@ class HubProgram:
 
     Attributes:
         source: source of the main file.
-        hash: hash of the whole program, which its HELLO frame carries. pipe, name: channel for its
-        input and output; name of its file in tracebacks.
+        hash: hash of the whole program, which its HELLO frame carries.
+        pipe, name: channel for its input and output; name of its file in tracebacks.
         modules: modules that it imports.
         says_hello: whether it begins with a HELLO frame, by which a transport recognises it on the
             hub.

@@ -41,29 +41,37 @@ class HubModel:
     """Properties of a kind of hub.
 
     Attributes:
-        class_name, alias: class in ``pybricks.hubs``, and its other name if it has one. product_id:
-        number by which it identifies itself to this computer. machine: name and processor, as
-        ``usys.implementation`` tells them. ports: letters of the ports for motors and sensors.
+        class_name, alias: class in ``pybricks.hubs``, and its other name if it has one.
+        product_id: number by which it identifies itself to this computer.
+        machine: name and processor, as ``usys.implementation`` tells them.
+        ports: letters of the ports for motors and sensors.
         own_motors: those at which it has motors of its own, and ``own_kind``: the name of their
-        kind. program_bytes: largest size of a user program, which is the memory for stored data and
-        the heap too. stdin_bytes: usable size of the standard input ring buffer up to Pybricks 4.0;
-        0 means no stdin. packet_bytes: largest packet over Bluetooth
-        (``PBDRV_BLUETOOTH_MAX_MTU_SIZE``, less 3), which the buffer takes since 4.1.
-        has_hub_network: whether its firmware has ``HubNetwork`` since Pybricks 4.1. stack_bytes,
-        call_bytes: size of the call stack, which is what static data leaves of the memory, and of a
-        call's frame. stored_bytes: user data, settings and slots. storage_bytes: user data that
-        ``hub.system.storage`` keeps. product_us: time of a product of floats that is added to a
-        sum. Nobody has measured it on a hub: inferred from five to seven steps of byte code and two
-        objects on the heap at 96 MHz, 8 to 15 us (a Prime hub runs about half the pystones of a
-        pyboard, pybricks/support#718 and micropython#4858); for others in proportion to their
-        clocks. has_imu: whether a gyroscope and an accelerometer report tilt and angular velocity.
-        has_accelerometer: whether there is an accelerometer only. has_float: whether the hub's
-        MicroPython has floating-point numbers; one without is small, and has no streams either.
+            kind.
+        program_bytes: largest size of a user program, which is the memory for stored data and the
+            heap too.
+        stdin_bytes: usable size of the standard input ring buffer up to Pybricks 4.0; 0 means no
+            stdin.
+        packet_bytes: largest packet over Bluetooth (``PBDRV_BLUETOOTH_MAX_MTU_SIZE``, less 3),
+            which the buffer takes since 4.1.
+        has_hub_network: whether its firmware has ``HubNetwork`` since Pybricks 4.1.
+        stack_bytes, call_bytes: size of the call stack, which is what static data leaves of the
+            memory, and of a call's frame.
+        stored_bytes: user data, settings and slots.
+        storage_bytes: user data that ``hub.system.storage`` keeps.
+        product_us: time of a product of floats that is added to a sum. Nobody has measured it on a
+            hub: inferred from five to seven steps of byte code and two objects on the heap at 96
+            MHz, 8 to 15 us (a Prime hub runs about half the pystones of a pyboard,
+            pybricks/support#718 and micropython#4858); for others in proportion to their clocks.
+        has_imu: whether a gyroscope and an accelerometer report tilt and angular velocity.
+        has_accelerometer: whether there is an accelerometer only.
+        has_float: whether the hub's MicroPython has floating-point numbers; one without is small,
+            and has no streams either.
         has_display, has_speaker: whether there are a display of 5 x 5 pixels and a loudspeaker.
-        is_rechargeable: whether it has a lithium battery with a charger rather than cells. buttons:
-        names of its buttons. peripherals: number of wireless devices that it can hold
-        (``PBDRV_CONFIG_BLUETOOTH_NUM_PERIPHERALS``). missing: builtin names, and classes of
-        wireless devices, that its firmware leaves out.
+        is_rechargeable: whether it has a lithium battery with a charger rather than cells.
+        buttons: names of its buttons.
+        peripherals: number of wireless devices that it can hold
+            (``PBDRV_CONFIG_BLUETOOTH_NUM_PERIPHERALS``).
+        missing: builtin names, and classes of wireless devices, that its firmware leaves out.
     """
 
     name: str

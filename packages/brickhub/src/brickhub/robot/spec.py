@@ -33,9 +33,9 @@ class Motor:
         range_deg: range that the hub clamps every target to; ``None`` for endless rotation.
         end_stops_deg: lowest and highest angle at which what the motor drives meets something, so
             that it stalls there; ``None`` if nothing is known. A virtual robot stops there; a real
-            one has its own. Angles as in ``range_deg``. speed_limit_deg_s, acceleration_deg_s2,
-            torque_limit_mnm: arguments of ``Motor.control.limits``; ``None`` keeps the firmware's
-            default.
+            one has its own. Angles as in ``range_deg``.
+        speed_limit_deg_s, acceleration_deg_s2, torque_limit_mnm: arguments of
+            ``Motor.control.limits``; ``None`` keeps the firmware's default.
         zero_deg: output angle, after the hub is switched on, at which our angle is 0. It depends on
             how the motor is mounted; `brickhub calibrate` finds it.
     """

@@ -58,7 +58,8 @@ class FaultKind:
         seen: what the owner sees.
         remedy: what to do about it on a real robot.
         apply: adds the fault to a faulty body, whose device has that port; raises DescriptionError
-        if it does not suit the robot. low, high: range of its number; ``None`` without one.
+            if it does not suit the robot.
+        low, high: range of its number; ``None`` without one.
         unit: letters that may follow the number.
     """
 

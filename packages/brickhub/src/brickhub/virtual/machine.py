@@ -34,9 +34,10 @@ class FirmwareVersion:
     """What distinguishes a version to a program.
 
     Attributes:
-        version, build: what ``pybricks.version`` tells. takes_packets: whether the input buffer
-        takes at least a whole packet (since 4.1: pybricks/support#2788). has_hub_network: whether
-        ``pybricks.messaging`` has ``HubNetwork``.
+        version, build: what ``pybricks.version`` tells.
+        takes_packets: whether the input buffer takes at least a whole packet (since 4.1:
+            pybricks/support#2788).
+        has_hub_network: whether ``pybricks.messaging`` has ``HubNetwork``.
     """
 
     version: str

@@ -63,7 +63,7 @@ class Press:
     Attributes:
         button: ``left``, ``right``, ``center``, ``bluetooth``; ``remote.left_plus`` and so on for a
             remote control, ``xbox.a``, ``xbox.joystick_left_up`` and so on for an Xbox controller.
-            start_s, duration_s: simulated seconds.
+        start_s, duration_s: simulated seconds.
 
     Raises:
         TwinError: at construction, a time is out of range.

@@ -135,8 +135,9 @@ class VirtualKit:
     Attributes:
         peers: its devices.
         in_reach: set to False to break the link to all of them.
-        awake: condition of what the threads share. loop, package_thread: event loop of LEGO's
-        package, and its thread, since the first connection.
+        awake: condition of what the threads share.
+        loop, package_thread: event loop of LEGO's package, and its thread, since the first
+            connection.
     """
 
     def __init__(

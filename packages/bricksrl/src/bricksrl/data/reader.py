@@ -34,17 +34,17 @@ class Episodes:
     """``N`` transitions of consecutive episodes.
 
     Attributes:
-        description: names, units and ranges of the numbers. observation, next_observation: float32
-        ``[N, n]``.
+        description: names, units and ranges of the numbers.
+        observation, next_observation: float32 ``[N, n]``.
         action: float32 ``[N, m]``, in -1..1.
-        reward: float32 ``[N]``. terminated, truncated: bool ``[N]``; bootstrap values through a
-        truncation only.
+        reward: float32 ``[N]``.
+        terminated, truncated: bool ``[N]``; bootstrap values through a truncation only.
         episode: int64 ``[N]``, from 0.
         intervention: bool ``[N]``; whether a human chose the action.
         age_s: float32 ``[N]``; age of the observation when the action was sent.
         hub_time_s: float64 ``[N]``; the hub's clock at ``next_observation``, NaN without a hub.
         image, next_image: uint8 ``[N, side, side, 3]``; ``None`` without a camera, or if not
-        requested.
+            requested.
         rows: row of each episode.
     """
 

@@ -82,7 +82,7 @@ class Description:
         env: id of the environment.
         rate_hz: nominal steps per second of the task; 1 if its steps have no fixed time.
         observation, action: entries of the vectors; actions are in -1..1, their entries give the
-        mapped ranges.
+            mapped ranges.
         robot: the robot's whole description as plain values; empty without a robot.
         options: options of the environment.
         camera: name of the camera; ``None`` without one.

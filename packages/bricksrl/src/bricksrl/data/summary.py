@@ -30,10 +30,12 @@ class Summary:
 
     Attributes:
         return_mean, return_std: mean and deviation of the episodes' returns; the paper calls the
-        first one mean reward. success_rate: rate of success by the task; ``None`` if it defines
-        none. broken_off: number of interrupted episodes. interventions: number of steps with a
-        human's action. age_mean_s: mean age of an observation when the action was sent. policies:
-        number of episodes by policy.
+            first one mean reward.
+        success_rate: rate of success by the task; ``None`` if it defines none.
+        broken_off: number of interrupted episodes.
+        interventions: number of steps with a human's action.
+        age_mean_s: mean age of an observation when the action was sent.
+        policies: number of episodes by policy.
     """
 
     env: str

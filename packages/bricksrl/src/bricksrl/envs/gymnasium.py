@@ -75,8 +75,8 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         env_id: id of the environment, such as ``"RunAway-v0"``.
         render_mode: ``None``, or ``"rgb_array"`` to draw a virtual robot.
         max_episode_steps: steps after which an episode is truncated; by default the task's. From
-            ``gymnasium.make``, its wrapper truncates, and this environment does not. options,
-            named: as in :func:`bricksrl.make`.
+            ``gymnasium.make``, its wrapper truncates, and this environment does not.
+        options, named: as in :func:`bricksrl.make`.
 
     Attributes:
         max_episode_steps: steps of an episode; ``None`` where Gymnasium's wrapper counts them.

@@ -75,10 +75,10 @@ class Target:
     observation: they carry nothing useful, and an agent would need many episodes to learn that.
 
     Attributes:
-        place: target pose of the middle of the robot's axle in the scene. range_mm, range_deg:
-        nominal range of the distances ahead and to the left, and of the turn. Features are scaled
-        by them, so choose the distance at which precision matters. step_mm, step_deg: nominal range
-        of the distance and the turn of one step.
+        place: target pose of the middle of the robot's axle in the scene.
+        range_mm, range_deg: nominal range of the distances ahead and to the left, and of the turn.
+            Features are scaled by them, so choose the distance at which precision matters.
+        step_mm, step_deg: nominal range of the distance and the turn of one step.
     """
 
     place: FloorPose = FloorPose()

@@ -163,8 +163,9 @@ def make(
             ``"module:TASK"``.
         options: connection, physics and task options.
         seed: seed of all random numbers; the same seed and actions give the same episodes, bit for
-        bit. batch_size, device: for a kinematic simulation: number of copies (``8``, or ``[8]`` as
-        in TorchRL), 0 for one without a batch dimension; and the device of its tensors.
+            bit.
+        batch_size, device: for a kinematic simulation: number of copies (``8``, or ``[8]`` as in
+            TorchRL), 0 for one without a batch dimension; and the device of its tensors.
         kinematics: for a kinematic simulation: parameters in place of the environment's.
         place: places a real robot at the start of an episode and returns when it is there; by
             default the log asks for it.

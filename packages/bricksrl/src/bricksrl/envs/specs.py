@@ -296,12 +296,16 @@ class ObservationLayout:
     the images.
 
     Attributes:
-        low, high: bounds of the entries; infinite where there are none. wraps: angles in degrees
-        that run around from 360 to 0. goals: pairs of indices: of a goal, and of the entry that is
-        to reach it. images: the images. vectors: key and shape of each vector; their numbers follow
-        one another. scale, offset: a number is ``scale * entry + offset``; empty where all are the
-        entries themselves. names: of the entries. frames: of several observations the one that each
-        number is of, 0 for the newest; empty if there is one.
+        low, high: bounds of the entries; infinite where there are none.
+        wraps: angles in degrees that run around from 360 to 0.
+        goals: pairs of indices: of a goal, and of the entry that is to reach it.
+        images: the images.
+        vectors: key and shape of each vector; their numbers follow one another.
+        scale, offset: a number is ``scale * entry + offset``; empty where all are the entries
+            themselves.
+        names: of the entries.
+        frames: of several observations the one that each number is of, 0 for the newest; empty if
+            there is one.
     """
 
     low: tuple[float, ...]

@@ -77,9 +77,9 @@ class Task:
         terminated: maps an observation to bool ``[*batch, 1]``.
         blocked: maps an observation to bool ``[*batch, 1]``: an obstacle is in the robot's way; the
             robot then waits, motors held, until it is gone. A kinematic simulation never waits.
-        scene: surroundings of a virtual robot. sampled_entries, measured_entries: entries after the
-        channels. The measured ones are computed by the host after every step (the distance forward
-        in it), and 0 after a reset.
+        scene: surroundings of a virtual robot.
+        sampled_entries, measured_entries: entries after the channels. The measured ones are
+            computed by the host after every step (the distance forward in it), and 0 after a reset.
         observes_commands: whether the last commands are observed (0 after a reset): for a robot
             that comes to a new speed so late that much of a step is still the command before.
         target: a pose that a driving robot is to reach; success and metrics get the true pose of a
@@ -92,9 +92,9 @@ class Task:
         symmetric: whether a run in the mirror, left for right, is a run of the task too; the robot
             has to be ``mirrored``.
         settings: values that suit the task better than an agent's defaults, by the names of its
-            settings; each agent takes those that it has. program, commands, answer: a client
-            program of your own, and the ``struct`` formats of what it gets and answers at a step;
-            see :class:`~brickhub.hub.link.own_client.OwnClient`.
+            settings; each agent takes those that it has.
+        program, commands, answer: a client program of your own, and the ``struct`` formats of what
+            it gets and answers at a step; see :class:`~brickhub.hub.link.own_client.OwnClient`.
         base_env: resets, steps and rewards of your own, in place of the task's functions.
     """
 

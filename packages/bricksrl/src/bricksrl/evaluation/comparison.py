@@ -38,8 +38,8 @@ class Group:
     """Runs of one agent in one environment that differ only in their seeds.
 
     Attributes:
-        agent: name of the agent, with the settings in which its groups differ. seeds, scores,
-        curves: seed, score, and moving mean of the episode returns of each run.
+        agent: name of the agent, with the settings in which its groups differ.
+        seeds, scores, curves: seed, score, and moving mean of the episode returns of each run.
         steps: robot steps of the longest run.
         is_evaluated: whether the scores are evaluations, without exploration, rather than ends of
             the curves.

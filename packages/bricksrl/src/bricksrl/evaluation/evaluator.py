@@ -51,15 +51,19 @@ class EvaluationResult:
 
     Attributes:
         run_dir, env, agent, hub, seed: run, environment, agent, connection, and seed of the
-        evaluation. trained_episodes: episodes that the agent was trained for. as_trained: whether
-        environment, options and physics are those of the training, of an environment of the caller
-        its id; `bricksrl compare` counts no other. return_mean, return_std: mean and population
-        standard deviation of the returns; the latter is 0 for one episode. return_iqm:
-        interquartile mean of the returns. return_interval: 95 % bootstrap interval of their mean;
-        ``None`` for fewer than five episodes. action_size: mean absolute value of the actions, in
-        0..1. success_rate, success_interval: rate of success and its 95 % Wilson interval; ``None``
-        where the environment defines no success. metrics: mean of each metric of the task, units in
-        the names.
+            evaluation.
+        trained_episodes: episodes that the agent was trained for.
+        as_trained: whether environment, options and physics are those of the training, of an
+            environment of the caller its id; `bricksrl compare` counts no other.
+        return_mean, return_std: mean and population standard deviation of the returns; the latter
+            is 0 for one episode.
+        return_iqm: interquartile mean of the returns.
+        return_interval: 95 % bootstrap interval of their mean; ``None`` for fewer than five
+            episodes.
+        action_size: mean absolute value of the actions, in 0..1.
+        success_rate, success_interval: rate of success and its 95 % Wilson interval; ``None`` where
+            the environment defines no success.
+        metrics: mean of each metric of the task, units in the names.
     """
 
     run_dir: str

@@ -90,8 +90,9 @@ class View:
 
     Attributes:
         target: point that it looks at.
-        distance_m: distance of the camera from the target. yaw_deg, pitch_deg: direction of the
-        camera from the target, counter-clockwise from x seen from above, and elevation.
+        distance_m: distance of the camera from the target.
+        yaw_deg, pitch_deg: direction of the camera from the target, counter-clockwise from x seen
+            from above, and elevation.
         follow: number of the body that it follows; ``None`` for a fixed camera.
     """
 

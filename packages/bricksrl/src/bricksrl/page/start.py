@@ -60,8 +60,9 @@ class Action:
     Attributes:
         kind: kind of the names that it is for.
         words: its command, before and after the names.
-        out: ending of the file that it writes. has_page, is_alone: whether it has a page of its
-        own, and ends the one before of the same visitor.
+        out: ending of the file that it writes.
+        has_page, is_alone: whether it has a page of its own, and ends the one before of the same
+            visitor.
     """
 
     kind: str

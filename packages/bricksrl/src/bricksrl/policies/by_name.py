@@ -28,10 +28,12 @@ class PlainPolicy:
     layers with ReLU, then tanh.
 
     Attributes:
-        least, greatest: observations ``[n]`` are held within these. linear, scale, offset: indices,
-        factors and offsets of the scaled entries. angle_matrix: ``[n, angles]``, from observations
-        to the angles, in rad, whose sine and cosine are features. goal, reached, period,
-        goal_scale: indices of the goals and of what is to reach them; their period and factor.
+        least, greatest: observations ``[n]`` are held within these.
+        linear, scale, offset: indices, factors and offsets of the scaled entries.
+        angle_matrix: ``[n, angles]``, from observations to the angles, in rad, whose sine and
+            cosine are features.
+        goal, reached, period, goal_scale: indices of the goals and of what is to reach them; their
+            period and factor.
         weights, biases: of each layer, ``[out, in]`` and ``[out]``; the last ones give the action.
     """
 

@@ -46,10 +46,11 @@ class HubExport:
     Attributes:
         kind: "gait" for the policy itself, "network" for a distilled one.
         age_ms: age of an observation when its commands start, as over the policy's link: a moving
-        robot is elsewhere by then. program_bytes, heap_bytes: of the compiled program, and of its
-        objects.
+            robot is elsewhere by then.
+        program_bytes, heap_bytes: of the compiled program, and of its objects.
         computing_ms: longest time between what it observes and its commands, by what a product
-        costs (`HubModel.product_us`). policy_return, hub_return: means over `EPISODES` episodes.
+            costs (`HubModel.product_us`).
+        policy_return, hub_return: means over `EPISODES` episodes.
     """
 
     kind: str

@@ -25,8 +25,9 @@ class Deed:
         text: words for the person.
         turn_deg: turn on the spot, clockwise seen from above.
         is_lifted: whether nothing touches its wheels or legs afterwards.
-        holds: name of the motor whose shaft is held, too. wall_mm, wall_deg: distance of the
-        ultrasonic sensor to a wall, and angle to the wall's normal.
+        holds: name of the motor whose shaft is held, too.
+        wall_mm, wall_deg: distance of the ultrasonic sensor to a wall, and angle to the wall's
+            normal.
     """
 
     text: str

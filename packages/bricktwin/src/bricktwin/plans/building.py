@@ -32,8 +32,9 @@ class Occupancy:
     """Space occupied by the parts of a plan.
 
     Attributes:
-        low, high: [n, 3], bounds of each part in the plan's frame. queries: number of calls of
-        `is_free`; ``most_queries``: above it, no further paths are searched.
+        low, high: [n, 3], bounds of each part in the plan's frame.
+        queries: number of calls of `is_free`; ``most_queries``: above it, no further paths are
+            searched.
     """
 
     def __init__(self, parts: Sequence[Placed], most_queries: int = _MAX_QUERIES) -> None:

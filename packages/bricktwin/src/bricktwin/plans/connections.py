@@ -100,10 +100,13 @@ class Mesh:
     """Two gears that mesh, or nearly mesh.
 
     Attributes:
-        first, second: indices of the parts. gears: their gears. error: distance minus the correct
-        distance, LDU. engaged: overlap as a share of the narrower gear's width, 0..1. point:
-        contact point [3]. motion: [2, 6], constraint on the rates (linear at the plan's origin,
-        angular) of both: the products add to 0.
+        first, second: indices of the parts.
+        gears: their gears.
+        error: distance minus the correct distance, LDU.
+        engaged: overlap as a share of the narrower gear's width, 0..1.
+        point: contact point [3].
+        motion: [2, 6], constraint on the rates (linear at the plan's origin, angular) of both: the
+            products add to 0.
     """
 
     first: int

@@ -32,10 +32,12 @@ class Marks:
 
     Attributes:
         port, device: of a motor or sensor: the hub's port, and the name in the description.
-        angle_deg: of a motor: reading of its rotation sensor in this position. stops_deg: of a
+        angle_deg: of a motor: reading of its rotation sensor in this position.
+        stops_deg: of a
         motor: readings at which what it drives meets something; ``None`` if nothing is said.
-        is_free: meant to turn freely. is_fixed: fixed to the table, with its body. ball: middle of
-        the ball that it holds in a scene with a ball [3], in the part's frame, LDU.
+        is_free: meant to turn freely.
+        is_fixed: fixed to the table, with its body.
+        ball: middle of the ball that it holds in a scene with a ball [3], in the part's frame, LDU.
     """
 
     port: str | None = None

@@ -35,14 +35,15 @@ class DeviceFacts(NamedTuple):
     Attributes:
         name: as in ``bricktwin.robots``.
         part: name of the part.
-        line: of the plan. port, label: of the plan; "" and ``None`` for a hub, and ``None`` for a
-        device without a name.
+        line: of the plan.
+        port, label: of the plan; "" and ``None`` for a hub, and ``None`` for a device without a
+            name.
         sides: of a hub, the directions of its top and its front; fewer if it is at an angle.
         stops_deg: of a motor, the angles of its shaft at which what it drives meets something;
-        empty if the plan says none. gears, ratio: of a motor, as in ``kinematics.Train``; none and
-        0 if it drives nothing. wheel_mm, wheel_left_m, is_forward: of a motor that turns a wheel:
-        the wheel's diameter, 0 for none, its position to the left, and whether clockwise rolls
-        forwards.
+            empty if the plan says none.
+        gears, ratio: of a motor, as in ``kinematics.Train``; none and 0 if it drives nothing.
+        wheel_mm, wheel_left_m, is_forward: of a motor that turns a wheel: the wheel's diameter, 0
+            for none, its position to the left, and whether clockwise rolls forwards.
     """
 
     name: str

@@ -49,7 +49,8 @@ class Pose:
 
     Attributes:
         x_m, y_m: position of the chassis' origin on the floor (2Wheeler: the middle of its axle;
-        RoboArm: always 0). heading_deg: clockwise positive seen from above, 0 along x, not wrapped.
+        RoboArm: always 0).
+        heading_deg: clockwise positive seen from above, 0 along x, not wrapped.
     """
 
     x_m: float

@@ -103,17 +103,18 @@ class Physics:
         gyro_drift_deg_min: heading that the gyroscope adds by itself.
         acceleration_noise_mm_s2: standard deviation of each axis of the accelerometer.
         acceleration_bias_x_mm_s2, acceleration_bias_y_mm_s2, acceleration_bias_z_mm_s2: offset of
-        each axis of the accelerometer, in the hub's frame; it tilts pitch and roll, too.
+            each axis of the accelerometer, in the hub's frame; it tilts pitch and roll, too.
         color_noise_pct: standard deviation of the light reflected to a color sensor.
-        link_interval_ms, link_jitter_ms, link_loss, link_burst_ms, link_lost_notifications,
-        link_wake_ms: delays and losses of Bluetooth, as in
-        :class:`~brickhub.hub.link.profiles.LinkProfile`.
+        link_interval_ms, link_jitter_ms, link_wake_ms: delays of Bluetooth, as in
+            :class:`~brickhub.hub.link.profiles.LinkProfile`.
+        link_loss, link_burst_ms, link_lost_notifications: losses, as there.
         slope_deg: slope of the floor, uphill along x, the direction in which robots start.
         wheel_difference_pct: by how much the left wheel of a drive base is larger than the right
             one.
         side_load_g: mass fastened to the left side of the chassis, 6 modules from its centre of
-        mass. motor_1_scale ... motor_6_scale: factor on the speed, free or loaded, of each motor in
-        the order of the description.
+            mass.
+        motor_1_scale ... motor_6_scale: factor on the speed, free or loaded, of each motor in the
+            order of the description.
     """
 
     battery_v: float = _parameter(

@@ -57,9 +57,9 @@ class FittedPhysics:
         physics: the twin's parameters; those that the log does not identify are the defaults.
         identified: identified parameters, and the relative rise of the error when a parameter is
             off by a quarter of its randomization range.
-        unidentified: parameters that were fitted but not identified. error_before, error_after:
-        root mean square error of each channel, in its unit, with the default and with the fitted
-        physics.
+        unidentified: parameters that were fitted but not identified.
+        error_before, error_after: root mean square error of each channel, in its unit, with the
+            default and with the fitted physics.
         replays: number of replays of the log.
     """
 

@@ -129,7 +129,8 @@ def check_robot(
     Raises HubError if the hub cannot be reached.
 
     Args:
-        transport: transport to the hub. robot, interface: expected robot and interface.
+        transport: transport to the hub.
+        robot, interface: expected robot and interface.
         may_move: asked before the first test move.
         is_right: asked after each test move, e.g. "left turned by 30 degrees"; it answers ``None``
             where nobody says anything. ``None`` if nobody watches.

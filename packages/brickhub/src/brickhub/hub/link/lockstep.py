@@ -54,8 +54,8 @@ class HubLink(RobotLink):
     """Link to one robot, over any transport. Use it as a context manager: leaving stops the robot.
 
     Args:
-        transport: transport to the hub; the link opens and closes it. robot, interface: robot and
-        interface that the hub's program is generated from.
+        transport: transport to the hub; the link opens and closes it.
+        robot, interface: robot and interface that the hub's program is generated from.
         timeout_s: time limit of an answer, beyond the duration of the commands.
         watchdog_s: silence after which the hub stops its motors; raised to four times the 99th
             percentile of the link's round trips if that is more.

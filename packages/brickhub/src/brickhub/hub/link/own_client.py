@@ -38,9 +38,9 @@ class OwnClient:
 
     Attributes:
         program: path of the program, which becomes absolute; a relative one is found as Python
-            finds modules, beside the file that names it or in the present folder. commands, answer:
-            ``struct`` formats of what it reads at a step, and of what it writes then, such as
-            ``"!ff"``.
+            finds modules, beside the file that names it or in the present folder.
+        commands, answer: ``struct`` formats of what it reads at a step, and of what it writes then,
+            such as ``"!ff"``.
     """
 
     program: str

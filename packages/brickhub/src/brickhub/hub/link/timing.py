@@ -95,8 +95,8 @@ class LinkStatistics:
     Attributes:
         exchanges: commands and readings that were answered.
         resends: frames sent again because no answer came in time.
-        stale_answers: answers to another sequence number than the one waited for. crc_errors,
-        skipped_bytes: see ``FrameDecoder``.
+        stale_answers: answers to another sequence number than the one waited for.
+        crc_errors, skipped_bytes: see ``FrameDecoder``.
         watchdog_s: silence after which the hub stops its motors.
         round_trips_s: times from the first sending to the answer, including the commands' duration.
         ages_s: ages of the observations when they were returned.

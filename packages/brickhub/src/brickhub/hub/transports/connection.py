@@ -125,8 +125,11 @@ class HubIdentity:
 
     Attributes:
         name, address: advertised name and address; on macOS the address is valid on this computer
-        only. kind: kind of hub. firmware: version of Pybricks, e.g. ``"4.0.1"``. profile_version:
-        version of the Pybricks Profile, e.g. ``(1, 5)``. capabilities: sizes and features.
+            only.
+        kind: kind of hub.
+        firmware: version of Pybricks, e.g. ``"4.0.1"``.
+        profile_version: version of the Pybricks Profile, e.g. ``(1, 5)``.
+        capabilities: sizes and features.
     """
 
     name: str

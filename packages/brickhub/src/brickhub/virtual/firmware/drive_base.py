@@ -118,8 +118,9 @@ class DriveBaseControl:
     """Distances in mm, headings in degrees (clockwise positive).
 
     Attributes:
-        left, right: the motors. distance, heading: controllers of the mean of both motors, and of
-        the left motor's lead over it.
+        left, right: the motors.
+        distance, heading: controllers of the mean of both motors, and of the left motor's lead over
+            it.
 
     Raises:
         ValueError: the geometry is out of range, both motors are the same, or their gears differ.

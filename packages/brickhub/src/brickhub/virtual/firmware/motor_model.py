@@ -172,10 +172,11 @@ class Observer:
     """Estimates angle and speed of a motor; detects stalls while no controller runs.
 
     Attributes:
-        angle, speed, current: state of the model, mdeg, mdeg/s and 0.1 mA. history: angles measured
-        at the last steps, mdeg. measured_speed: mean of the measured speed over 100 ms, mdeg/s.
+        angle, speed, current: state of the model, mdeg, mdeg/s and 0.1 mA.
+        history: angles measured at the last steps, mdeg.
+        measured_speed: mean of the measured speed over 100 ms, mdeg/s.
         stalled_since: time of the first of the steps in which the motor stalls; after the stall
-        time it counts as stalled.
+            time it counts as stalled.
     """
 
     def __init__(self, motor: MotorType, settings: ControlSettings) -> None:

@@ -170,8 +170,8 @@ class PolicySearch(Learner):
         start: numbers ``[s, p]`` of the first trials.
         tilts: indices of pitch and roll in the observation.
         succeeds: success of an episode that ends with these observations ``[*batch, 1, n]``; others
-        end in a fall or the like. numbers, scores, worlds: of the trials so far, ``[k, p]``,
-        ``[k]`` and ``[k]``.
+            end in a fall or the like.
+        numbers, scores, worlds: of the trials so far, ``[k, p]``, ``[k]`` and ``[k]``.
     """
 
     actor: StructuredActor

@@ -57,9 +57,10 @@ def make_arena(
     Args:
         env: a name of `ARENAS`, or a task of your own.
         physics: physics of the virtual robots.
-        realtime: run in real time. batch_size, device: number of copies (``8``, or ``[8]`` as in
-        TorchRL) of a kinematic simulation without hubs, contacts and loads, and the device of its
-        tensors; 0 for the arena itself.
+        realtime: run in real time.
+        batch_size, device: number of copies (``8``, or ``[8]`` as in TorchRL) of a kinematic
+            simulation without hubs, contacts and loads, and the device of its tensors; 0 for the
+            arena itself.
 
     Raises:
         UnknownNameError: there is no such arena.

@@ -28,9 +28,11 @@ class BaseEnv:
 
     Attributes:
         robot, program: robot, and the path of its client program: see
-        :class:`~brickhub.hub.link.own_client.OwnClient`. scene: surroundings of a virtual robot.
-        max_episode_steps: steps after which an episode is truncated. link, state: set by the
-        environment that runs this one: the link, and the client's last answer ``[n]``.
+            :class:`~brickhub.hub.link.own_client.OwnClient`.
+        scene: surroundings of a virtual robot.
+        max_episode_steps: steps after which an episode is truncated.
+        link, state: set by the environment that runs this one: the link, and the client's last
+            answer ``[n]``.
     """
 
     robot: Robot

@@ -56,8 +56,8 @@ class CameraView:
 
     Attributes:
         name: camera in a virtual robot's model.
-        device: camera of a real robot: its OpenCV number, or the address of a stream. width_px,
-        height_px: size of a frame.
+        device: camera of a real robot: its OpenCV number, or the address of a stream.
+        width_px, height_px: size of a frame.
         image_px: side of the agent's square image.
         goal: goal in the image; ``None`` for a camera without one.
         spot_px: without OpenGL, a virtual robot is drawn by ray casting, with one ray per square of

@@ -51,9 +51,11 @@ class Hinge:
 
     Attributes:
         parent, child: indices of the links; the parent is nearer to the fixed or the first link.
-        point_m: midpoint on the axis [3]. axis: direction [3]; of a motor's hinge the outward
-        direction of the shaft (reversed if the child is the case). port: of the motor that drives
-        it, else ``None``. closes_loop: whether other hinges already connect the two links.
+        point_m: midpoint on the axis [3].
+        axis: direction [3]; of a motor's hinge the outward direction of the shaft (reversed if the
+            child is the case).
+        port: of the motor that drives it, else ``None``.
+        closes_loop: whether other hinges already connect the two links.
         turns_child: of a motor: whether the child is the rotor's side.
     """
 

@@ -157,7 +157,8 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
     geometry is drawn there, and composited over the background by depth.
 
     Args:
-        body: the robot. width, height: size of the image in pixels.
+        body: the robot.
+        width, height: size of the image in pixels.
         camera: name of a camera: "chase" follows the robot, "overview" is fixed; or a camera
             object, whose present pose is used for each image.
         decorate: adds decorations to the scene.
