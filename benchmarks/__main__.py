@@ -1,9 +1,8 @@
 """Command line of the benchmarks.
 
-python -m benchmarks                       list them, and how long they take python -m benchmarks
-NAME [--quick] ...    run one; the same command goes on where it was interrupted python -m
-benchmarks tables [--check]      write the tables of the documentation from the results, or compare
-them
+python -m benchmarks                       # list them, and how long they take
+python -m benchmarks NAME [--quick] ...    # run one, or go on where it was interrupted
+python -m benchmarks tables [--check]      # write, or compare, the tables of the documentation
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Figures of the paper, drawn from the results of the studies.
 
-    python -m benchmarks figures            # docs/images/paper_*.png, and PDF and SVG in
-    studies/figures python -m benchmarks figures --quick    # from the quick form of the study
-    `paper`, which is run first
+    python -m benchmarks figures            # docs/images/paper_*.png; PDF, SVG in studies/figures
+    python -m benchmarks figures --quick    # from the quick form of the study `paper`, run first
 
 The six of the paper: learning curves of the 2Wheeler, of the Walker and of the RoboArm, the camera
 task, DroQ at 11 and 2 Hz, strategies on RunAway-v0; and one of simulation to robot. A line is the

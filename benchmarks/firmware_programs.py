@@ -1,10 +1,12 @@
 """Random programs on the virtual hub and on the firmware, built for a computer.
 
-    git clone --branch v4.1.0b2 https://github.com/pybricks/pybricks-micropython cd
-    pybricks-micropython sed -i 's/% 16/% 50000/' lib/pbio/drv/clock/clock_test.c sed -i
-    's/initial_angle = 123456/initial_angle = 0/' lib/pbio/platform/virtual_hub/platform.c make -C
-    bricks/virtualhub BUILD=build CI_MODE=1 python -m benchmarks firmware_programs
-    pybricks-micropython/bricks/virtualhub/build/pybricks-virtualhub
+    git clone --branch v4.1.0b2 https://github.com/pybricks/pybricks-micropython
+    cd pybricks-micropython
+    sed -i 's/% 16/% 50000/' lib/pbio/drv/clock/clock_test.c
+    sed -i 's/initial_angle = 123456/initial_angle = 0/' lib/pbio/platform/virtual_hub/platform.c
+    make -C bricks/virtualhub BUILD=build CI_MODE=1
+    FIRMWARE=pybricks-micropython/bricks/virtualhub/build/pybricks-virtualhub
+    python -m benchmarks firmware_programs $FIRMWARE
 
 A program is the same if both print the same, to the last digit. The others are kept in ``--keep``
 with both outputs. The firmware is changed twice: its clock stands still while a program computes,

@@ -1,8 +1,9 @@
 """Seeded faults on the link while a robot is trained over a simulated radio; fails at the first
 harmful one.
 
-    python -m benchmarks link_faults --faults 1000 python -m benchmarks link_faults --faults 3
-    --end-ms 10000 --jobs 1      # with the second stage of a real hub
+    python -m benchmarks link_faults --faults 1000
+    # with the second stage of a real hub:
+    python -m benchmarks link_faults --faults 3 --end-ms 10000 --jobs 1
 
 Everything runs in real time: some seconds per fault, and several hubs in parallel. The hub ends its
 program half a second after it has stopped its motors, not after ten as a real one, so that a

@@ -1,9 +1,10 @@
 """Oracles of a change that must change nothing: digests of models, hub programs and motion logs,
 and returns to the last digit.
 
-    python -m benchmarks oracles --folder DIR                    # before the change python -m
-    benchmarks oracles --folder NEW --before DIR       # after it: each difference, and exit code 1
-    if there is one
+    python -m benchmarks oracles --folder DIR                  # before the change
+    python -m benchmarks oracles --folder NEW --before DIR     # after it: each difference
+
+The second one ends with exit code 1 if there is a difference.
 
 On one computer, because torch's kernels differ between processors. Where models are kept in a
 cache, run it twice: the first run builds them, the second loads them. Takes about four CPU minutes;

@@ -1,9 +1,10 @@
 """Pybricks program: a robot backs away from a wall and measures its distance. It runs on a LEGO hub
 and does not need BricksRL.
 
-bricksrl hub run examples/10_hub_program.py --robot RunAway-v0 --video away.mp4   # a virtual robot,
-filmed bricksrl hub run examples/10_hub_program.py --hub ble                             # your own
-2Wheeler
+    # a virtual robot, filmed:
+    bricksrl hub run examples/10_hub_program.py --robot RunAway-v0 --video away.mp4
+    # your own 2Wheeler:
+    bricksrl hub run examples/10_hub_program.py --hub ble
 """
 
 from pybricks.hubs import PrimeHub

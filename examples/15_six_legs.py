@@ -1,5 +1,7 @@
 """Six legs from a building plan learn to walk in 90 seconds, by three numbers: a speed and two
-phases (docs/gait.md). bricksrl train examples/15_six_legs.py --agent gait --episodes 3
+phases (docs/gait.md).
+
+    bricksrl train examples/15_six_legs.py --agent gait --episodes 3
 """
 
 from pathlib import Path

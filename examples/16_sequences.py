@@ -4,9 +4,10 @@ https://arxiv.org/abs/2106.01345).
 It is asked for a return, and acts on its last observations. Its replay buffer is TorchRL's, with a
 sampler of slices of episodes:
 
-    bricksrl train WalkerSim-v0 --episodes 20 --run runs/sac bricksrl train-offline WalkerSim-v0
-    --agent examples/16_sequences.py --data runs/sac --updates 2000 --run runs/offline bricksrl
-    train WalkerSim-v0 --agent examples/16_sequences.py --from runs/offline
+    bricksrl train WalkerSim-v0 --episodes 20 --run runs/sac
+    bricksrl train-offline WalkerSim-v0 --agent examples/16_sequences.py --data runs/sac \\
+        --updates 2000 --run runs/offline
+    bricksrl train WalkerSim-v0 --agent examples/16_sequences.py --from runs/offline
 """
 
 from dataclasses import dataclass

@@ -219,9 +219,10 @@ class Import:
 class ExportData:
     """Export a dataset to the format of another tool.
 
-    Examples: bricksrl data export datasets/walker --format numpy --out walker.npz bricksrl data
-      export datasets/walker --format parquet --out walker.parquet bricksrl data export
-      datasets/walker --format minari --out ~/.minari/datasets/bricksrl/walker-v0
+    Examples:
+      bricksrl data export datasets/walker --format numpy --out walker.npz
+      bricksrl data export datasets/walker --format parquet --out walker.parquet
+      bricksrl data export datasets/walker --format minari --out ~/.minari/datasets/lego/walker-v0
     """
 
     dataset: DatasetArgument
