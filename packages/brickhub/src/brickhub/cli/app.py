@@ -20,6 +20,7 @@ from tyro.conf import FlagCreatePairsOff
 from tyro.extras import SubcommandApp
 
 from brickhub import HOUSES
+from brickhub.cli.options import check_existing
 from brickhub.cli.terminal import Interrupted, print_error, print_line, print_note
 from brickhub.errors import BricksError, hint
 from brickhub.fields import check_fields
@@ -65,6 +66,7 @@ def run(line: CommandLine, arguments: Sequence[str]) -> int:
             arguments = [*command_words(line, arguments[1:]), "--help"]
         command = parse(line, arguments)
         check_fields(type(command), vars(command))
+        check_existing(command)
         return command.execute() or 0
     except Interrupted as end:
         if str(end):

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Faults, Flag, JsonFlag, option, refuse_ignored
+from brickhub.cli.options import Existing, Faults, Flag, JsonFlag, option, refuse_ignored
 from brickhub.cli.terminal import ask, confirm, print_findings, print_line, print_note
 from brickhub.errors import DescriptionError, HubNotFoundError, counted, percent
 from brickhub.fields import Count
@@ -33,6 +33,7 @@ from brickhub.hub.transports.ble import FoundHub, scan
 from brickhub.hub.transports.profile import Status
 from brickhub.robot import HubKind, Robot
 from brickhub.target import Target, find
+from brickhub.user_files import check_there
 
 _SCAN_S = 5.0
 
@@ -48,6 +49,7 @@ TargetArgument = Annotated[
         "as walker, and building plans; "
         "bricksrl adds environments, such as RunAway-v0, with their robots and commands.",
     ),
+    Existing(check_there),
 ]
 Link = Annotated[
     str | None,

@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from tyro.conf import OmitArgPrefixes, Positional
 
 from brickhub.cli.ending import wait_for_end
-from brickhub.cli.options import Seed, option, refuse_ignored
+from brickhub.cli.options import Existing, Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import Range
 from brickhub.files import folder_with
 from brickhub.hub.transports.address import parse_hub
 from brickhub.seed import evaluation_seed
-from brickhub.user_files import is_reference
+from brickhub.user_files import check_there, is_reference
 from bricksrl.cli.terminal import EmergencyStop, driving, load_learning, placing
 from bricksrl.envs import get_task, make
 from bricksrl.envs.options import EnvOptions
@@ -128,7 +128,7 @@ class Demo:
       bricksrl demo Walker-v1 --policy random
     """
 
-    env: Annotated[Positional[str], option(metavar="ENV")] = "Walker-v1"
+    env: Annotated[Positional[str], option(metavar="ENV"), Existing(check_there)] = "Walker-v1"
     """Environment; `bricksrl list` shows them."""
     policy: Annotated[str | None, option(metavar="NAME")] = None
     """Policy to begin with: random, scripted (a hand-written controller) or best, the trained one
@@ -175,7 +175,7 @@ class Play:
       bricksrl play runs/spin --episodes 3
     """
 
-    target: Annotated[Positional[str], option(metavar="RUN|ENV")]
+    target: Annotated[Positional[str], option(metavar="RUN|ENV"), Existing(check_there)]
     """Folder of a run or of a shared policy; or an environment."""
     policy: Annotated[str | None, option(metavar="NAME")] = None
     """Policy to begin with: random, first, best or last; of an environment random, scripted or
@@ -277,7 +277,7 @@ class DriveRobot:
       bricksrl drive Spinning-v0 --with controller
     """
 
-    env: Annotated[Positional[str], option(metavar="ENV")]
+    env: Annotated[Positional[str], option(metavar="ENV"), Existing(check_there)]
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or
     module:TASK."""
     seed: Seed = 0
@@ -439,9 +439,9 @@ class ShowPlan:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
+        plan = read_named_plan(self.plan)  # raises if there is none, before anything is loaded
         from bricksrl.page.plan_view import PlanView
 
-        plan = read_named_plan(self.plan)
         try:
             with PlanView(plan, self.live_page) as page:
                 announce(page.url)

@@ -20,8 +20,9 @@ from brickhub.files import folder_with, quoted, reading, write_durably
 from brickhub.hub.diagnostics.calibration import calibration_folder
 from bricksrl.errors import RunError
 from bricksrl.training.config import code_in, code_in_settings
+from bricksrl.training.existing_run import CONFIG, POLICY
 
-_CONFIGS = "config.json", "policy.json"
+_CONFIGS = CONFIG, POLICY
 
 
 def remember(data: bytes) -> None:
