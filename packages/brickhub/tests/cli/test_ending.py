@@ -16,13 +16,18 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 
 LONGEST_S = 30.0
 BEGIN = """
-import signal, sys, time
-from brickhub.cli import ending
-ending.DEADLINE_S = 0.3
+import sys, time
 def ready():
     print("ready", flush=True)
 """
-DEAF = """
+SOON = """
+import signal
+from brickhub.cli import ending
+ending.DEADLINE_S = 0.3
+"""
+DEAF = (
+    SOON
+    + """
 with ending.ended_in_time():
     is_ready = False
     while True:
@@ -34,24 +39,34 @@ with ending.ended_in_time():
         except KeyboardInterrupt:
             print("heard", flush=True)
 """
-IN_C = """
+)
+IN_C = (
+    SOON
+    + """
 import hashlib
 with ending.ended_in_time():
     ready()
     hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)
 """
-WITH_PARENT = """
+)
+WITH_PARENT = (
+    SOON
+    + """
 with ending.ended_in_time():
     ending.end_with_parent()
     assert sys.stdin.readline() == "", "the command itself reads nothing"
     ready()
     ending.wait_for_end()
 """
-ORDERLY = """
+)
+ORDERLY = (
+    SOON
+    + """
 from brickhub import cli
 class Line:
     @staticmethod
-    def run(line, arguments):
+    def run(line, arguments, begin):
+        begin()
         ready()
         ending.wait_for_end()
 sys.modules["brickhub.cli.app"] = Line
@@ -62,6 +77,7 @@ try:
 finally:
     print("the interpreter ends by itself", flush=True)
 """
+)
 
 
 @contextmanager
@@ -121,6 +137,38 @@ def test_command_that_was_ended_does_not_wait_for_the_interpreter(number: signal
         process.send_signal(number)
         said, error = process.communicate(timeout=LONGEST_S)
         assert process.returncode == 130 and not said and "nothing was saved" in error
+
+
+LOADING = """
+import importlib.abc
+class Slow(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == PLACE:
+            ready()
+            try:
+                time.sleep(60)
+            except BaseException:  # as some libraries do
+                time.sleep(60)
+sys.meta_path.insert(0, Slow())
+from brickhub import cli
+sys.argv[1:] = ["scan", "--hub", "virtual"]
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+@pytest.mark.parametrize(
+    "place",
+    ["brickhub.cli.ending", "brickhub.cli.app", "tyro", "brickhub.cli.command_table", "asyncio"],
+)
+def test_command_that_is_ended_while_it_imports_says_one_line(
+    place: str, number: signal.Signals
+) -> None:
+    with running(f"PLACE = {place!r}\n" + LOADING, stderr=subprocess.PIPE) as process:
+        process.send_signal(number)
+        said, error = process.communicate(timeout=LONGEST_S)
+        assert (process.returncode, said) == (130, "")
+        assert error == "interrupted: nothing was saved\n"
 
 
 def test_command_whose_terminal_is_closed_ends() -> None:

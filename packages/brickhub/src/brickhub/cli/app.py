@@ -7,7 +7,7 @@ import io
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stderr
 from dataclasses import dataclass, field
 from functools import cache
@@ -55,9 +55,11 @@ class ParsedCommand(Protocol):
         ends it."""
 
 
-def run(line: CommandLine, arguments: Sequence[str]) -> int:
-    """Parse the arguments and run the command; a `BricksError` becomes one line on standard
-    error."""
+def run(
+    line: CommandLine, arguments: Sequence[str], begin: Callable[[], None] = lambda: None
+) -> int:
+    """Parse the arguments and run the command; a `BricksError` becomes one line on standard error.
+    ``begin`` is called right before the command is executed."""
     try:
         if list(arguments) == ["--version"]:
             print_line(f"{line.prog} {line.version}")
@@ -67,6 +69,7 @@ def run(line: CommandLine, arguments: Sequence[str]) -> int:
         command = parse(line, arguments)
         check_fields(type(command), vars(command))
         check_existing(command)
+        begin()
         return command.execute() or 0
     except Interrupted as end:
         if str(end):

@@ -19,22 +19,12 @@ import time
 from collections.abc import Iterator
 
 from brickhub.cli.key_listener import interrupt_main
+from brickhub.cli.signals import INTERRUPTED, end_signals
 
 DEADLINE_S = 3.5
 """Time for an end in order."""
-INTERRUPTED = 130
-"""Exit code of a command that was ended, as in shells after Ctrl-C."""
 _NOTE_S = 1.0
 """Time after which a Ctrl-C that has not ended the command yet is answered."""
-_NAMES = ("SIGTERM", "SIGHUP", "SIGBREAK")
-
-
-def end_signals() -> list[signal.Signals]:
-    """Signals that end a command, except Ctrl-C: SIGTERM, SIGHUP (a closed terminal) and, on
-    Windows, Ctrl-Break. Those that the caller has made us ignore, as ``nohup`` does, are left
-    out."""
-    known = [signal.Signals[name] for name in _NAMES if hasattr(signal, name)]
-    return [number for number in known if signal.getsignal(number) is not signal.SIG_IGN]
 
 
 def end_after(duration_s: float) -> None:
