@@ -66,7 +66,7 @@ from brickhub import cli
 class Line:
     @staticmethod
     def run(line, arguments, begin):
-        begin()
+        begin(None)
         ready()
         ending.wait_for_end()
 sys.modules["brickhub.cli.app"] = Line
@@ -107,12 +107,23 @@ def test_deaf_command_ends_at_the_deadline(script: str, number: signal.Signals) 
         assert process.wait(LONGEST_S) == 130
 
 
-def test_only_the_second_interrupt_has_a_deadline() -> None:
-    with running(DEAF) as process:
+def test_only_the_second_interrupt_has_a_deadline_where_something_is_saved() -> None:
+    notes = "ending._NOTE_S, ending._AGAIN_S = 0.1, 0.2\n"
+    with running(DEAF.replace("with", notes + "with"), stderr=subprocess.PIPE) as process:
         process.send_signal(signal.SIGINT)
         assert process.stdout is not None and process.stdout.readline() == "heard\n"
-        time.sleep(0.6)
+        assert process.stderr is not None
+        assert process.stderr.readline().startswith("ending, and saving first; another Ctrl-C")
+        assert process.stderr.readline().startswith("still saving, for 0 s; another Ctrl-C")
+        assert process.stderr.readline().startswith("still saving, for 0 s; another Ctrl-C")
         assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        assert process.wait(LONGEST_S) == 130
+
+
+def test_first_interrupt_has_a_deadline_where_nothing_is_saved() -> None:
+    script = DEAF.replace("ended_in_time():", "ended_in_time() as end:\n    end.saves = False")
+    with running(script) as process:
         process.send_signal(signal.SIGINT)
         assert process.wait(LONGEST_S) == 130
 

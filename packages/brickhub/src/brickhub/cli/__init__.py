@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from typing import NoReturn
 
+    from brickhub.cli.app import ParsedCommand
+
 
 _MIN_COLUMNS = 20
 _COLLECT_EVERY = 50_000
@@ -50,16 +52,18 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
     collect_rarely()
     _prepare_terminal()
     if arguments is not None:
-        return _run(table, arguments, lambda: None)
+        return _run(table, arguments, None)
     # processes started from here import nothing from the present folder by themselves
     os.environ["PYTHONSAFEPATH"] = "1"
     from brickhub.cli.ending import ended_in_time
+    from brickhub.cli.options import SavesNothing
 
-    with ended_in_time() as is_asked:
+    with ended_in_time() as end:
         at_once = ending_at_once()
 
-        def begin() -> None:
+        def begin(command: ParsedCommand) -> None:
             """What is executed ends in order, and saves."""
+            end.saves = not isinstance(command, SavesNothing)
             for number in at_once:
                 signal.signal(number, signal.default_int_handler)
 
@@ -68,10 +72,10 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
             if signal.SIGINT in at_once:
                 signal.signal(signal.SIGINT, signal.SIG_IGN)  # it has come too late
         except OSError:
-            if not is_asked.is_set():
+            if not end.is_asked.is_set():
                 raise
             code = INTERRUPTED  # the terminal is closed, and nobody reads what we say
-        if code == INTERRUPTED or is_asked.is_set():
+        if code == INTERRUPTED or end.is_asked.is_set():
             _leave(code)
     for number, handler in before.items():
         if number != signal.SIGINT:
@@ -92,7 +96,9 @@ def _prepare_terminal() -> None:
             stream.reconfigure(errors="replace")  # for terminals that lack a character
 
 
-def _run(table: str, arguments: Sequence[str], begin: Callable[[], None]) -> int:
+def _run(
+    table: str, arguments: Sequence[str], begin: Callable[[ParsedCommand], None] | None
+) -> int:
     """Run one command; a Ctrl-C that it does not handle ends it. ``begin`` is called when all that
     it needs to begin is imported."""
     import atexit

@@ -56,10 +56,12 @@ class ParsedCommand(Protocol):
 
 
 def run(
-    line: CommandLine, arguments: Sequence[str], begin: Callable[[], None] = lambda: None
+    line: CommandLine,
+    arguments: Sequence[str],
+    begin: Callable[["ParsedCommand"], None] | None = None,
 ) -> int:
     """Parse the arguments and run the command; a `BricksError` becomes one line on standard error.
-    ``begin`` is called right before the command is executed."""
+    ``begin`` is called with it right before the command is executed."""
     try:
         if list(arguments) == ["--version"]:
             print_line(f"{line.prog} {line.version}")
@@ -69,7 +71,8 @@ def run(
         command = parse(line, arguments)
         check_fields(type(command), vars(command))
         check_existing(command)
-        begin()
+        if begin is not None:
+            begin(command)
         return command.execute() or 0
     except Interrupted as end:
         if str(end):

@@ -9,7 +9,15 @@ from typing import Annotated, Any
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Existing, Faults, Flag, JsonFlag, option, refuse_ignored
+from brickhub.cli.options import (
+    Existing,
+    Faults,
+    Flag,
+    JsonFlag,
+    SavesNothing,
+    option,
+    refuse_ignored,
+)
 from brickhub.cli.terminal import ask, confirm, print_findings, print_line, print_note
 from brickhub.errors import DescriptionError, HubNotFoundError, counted, percent
 from brickhub.fields import Count
@@ -62,7 +70,7 @@ Folder = Annotated[Path | None, option(metavar="DIR")]
 
 
 @dataclass(frozen=True)
-class Scan:
+class Scan(SavesNothing):
     """List the advertising Pybricks hubs: name, address, signal, kind.
 
     A hub does not advertise while it runs a program or is connected to a computer.
@@ -177,7 +185,7 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class MeasureLatency:
+class MeasureLatency(SavesNothing):
     """Measure the latency of the link to a robot, without moving it.
 
     Examples:
@@ -219,7 +227,7 @@ class MeasureLatency:
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(SavesNothing):
     """Check a robot before training: hub, ports, battery, IMU, angles, round trip, and the
     direction of each motor.
 

@@ -47,6 +47,10 @@ def parsed(
     )
 
 
+class SavesNothing:
+    """Base of a command that has nothing to save at its end: it ends in time after one Ctrl-C."""
+
+
 @dataclass(frozen=True)
 class Existing:
     """Annotation of an option that names what has to be there: a file, a folder, a run.

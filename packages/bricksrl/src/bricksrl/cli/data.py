@@ -100,7 +100,8 @@ class Repair:
       bricksrl data repair datasets/damaged --out datasets/saved
     """
 
-    dataset: DatasetArgument
+    dataset: Annotated[Positional[Path], option(metavar="DIR")]
+    """Folder of the dataset, which may lack what others have."""
     out: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder for the intact episodes of a damaged dataset, which must not exist."""
 

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Column, Table
 from tyro.conf import Positional
 
-from brickhub.cli.options import Existing, Flag, option
+from brickhub.cli.options import Existing, Flag, SavesNothing, option
 from brickhub.cli.terminal import print_findings, print_line
 from brickhub.user_files import check_there, is_reference
 from bricksrl import agents, envs, robots
@@ -136,7 +136,7 @@ def field_docs(cls: type[Any]) -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(SavesNothing):
     """Check an environment or an agent, built-in or your own.
 
     Checks of an environment: description, functions, hub program, specs, reset, determinism, twin.

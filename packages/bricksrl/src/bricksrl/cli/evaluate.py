@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Existing, Faults, Flag, JsonFlag, Seed, existing_file, option
+from brickhub.cli.options import (
+    Existing,
+    Faults,
+    Flag,
+    JsonFlag,
+    SavesNothing,
+    Seed,
+    existing_file,
+    option,
+)
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.user_files import check_there, without_folder
 from bricksrl.cli.terminal import EmergencyStop, load_learning, placing, telling
@@ -38,7 +47,7 @@ _PHYSICS = existing_file("the physics in", TwinError, PHYSICS_REMEDY)
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class Evaluate(SavesNothing):
     """Evaluate a trained agent, without exploration or learning.
 
     Examples:
@@ -146,7 +155,7 @@ def describe(result: EvaluationResult) -> Iterator[str]:
 
 
 @dataclass(frozen=True)
-class Compare:
+class Compare(SavesNothing):
     """Compare runs: agents, seeds and environments in one table, with the probability that one
     agent beats the other.
 

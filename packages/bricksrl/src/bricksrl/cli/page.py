@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from tyro.conf import OmitArgPrefixes, Positional
 
 from brickhub.cli.ending import wait_for_end
-from brickhub.cli.options import Existing, Seed, option, refuse_ignored
+from brickhub.cli.options import Existing, SavesNothing, Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import Range
 from brickhub.files import folder_with
@@ -93,7 +93,7 @@ def has_screen() -> bool:
 
 
 @dataclass(frozen=True)
-class ShowStart:
+class ShowStart(SavesNothing):
     """Show the start page in the browser: environments to play, train and drive, runs to watch and
     compare, building plans, and the hub check, all without typing. Runs are kept in the folder
     runs. Ctrl-C ends it, and what it has started.
@@ -115,7 +115,7 @@ class ShowStart:
 
 
 @dataclass(frozen=True)
-class Demo:
+class Demo(SavesNothing):
     """Show a trained robot in the browser, at once and without training: a Walker, or the robot of
     another environment.
 
@@ -161,7 +161,7 @@ class Demo:
 
 
 @dataclass(frozen=True)
-class Play:
+class Play(SavesNothing):
     """Play episodes with a trained agent; with --page in the browser, at the speed of a real robot.
 
     Without a page, a virtual robot is as fast as this computer unless --realtime is given. The page
@@ -265,7 +265,7 @@ def _beginning_with(policy: str | None, policies: Mapping[str, _T], target: str)
 
 
 @dataclass(frozen=True)
-class DriveRobot:
+class DriveRobot(SavesNothing):
     """Drive a robot, by default a virtual one, with the sliders and the joystick of a page in the
     browser, or with levers or sticks in your hands. Ctrl-C ends it.
 
@@ -426,7 +426,7 @@ def run_on_page(
 
 
 @dataclass(frozen=True)
-class ShowPlan:
+class ShowPlan(SavesNothing):
     """Show a building plan in the browser in 3D, step by step, with sliders for its joints. Ctrl-C
     ends it.
 
