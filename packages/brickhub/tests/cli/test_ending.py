@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import pathlib
 import signal
 import subprocess
 import sys
@@ -133,6 +135,53 @@ def test_command_under_nohup_hears_no_closed_terminal() -> None:
         process.send_signal(signal.SIGHUP)
         time.sleep(0.6)
         assert process.poll() is None
+
+
+WITH_CHILDREN = (
+    SOON
+    + """
+import os, subprocess
+code = "import os, signal, subprocess, sys, time\\n" \\
+    "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'], " \\
+    "start_new_session=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)\\n" \\
+    "child.send_signal(signal.SIGSTOP)\\n" \\
+    "print(child.pid, flush=True); time.sleep(5)"
+child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+frozen = child.stdout.readline()
+with ending.ended_in_time():
+    ready()
+    print(frozen, flush=True)
+    while True:
+        try:
+            time.sleep(60)
+        except KeyboardInterrupt:
+            pass
+"""
+)
+
+
+def test_frozen_descendants_do_not_outlive_a_command() -> None:
+    with running(WITH_CHILDREN) as process:
+        assert process.stdout is not None
+        frozen = int(process.stdout.readline())
+        time.sleep(0.1)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(LONGEST_S) == 130
+        limit_s = time.monotonic() + LONGEST_S
+        try:
+            while is_there(frozen):
+                assert time.monotonic() < limit_s
+                time.sleep(0.02)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(frozen, signal.SIGKILL)
+
+
+def is_there(pid: int) -> bool:
+    """Whether a process is there, and no zombie that nobody has waited for."""
+    with contextlib.suppress(OSError):
+        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    return False
 
 
 def test_command_ends_with_its_parent() -> None:

@@ -20,6 +20,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from brickhub.cli.descendants import kill_frozen
 from brickhub.cli.key_listener import interrupt_main
 from brickhub.cli.signals import INTERRUPTED, end_signals
 
@@ -30,10 +31,12 @@ _NOTE_S, _AGAIN_S = 1.0, 5.0
 
 
 def end_after(duration_s: float) -> None:
-    """End this process after a time, whatever its threads do then."""
+    """End this process after a time, whatever its threads do then, and those that it has started:
+    they end by themselves, and frozen ones are killed."""
 
     def end() -> None:
         time.sleep(duration_s)
+        kill_frozen(os.getpid())
         os._exit(INTERRUPTED)
 
     threading.Thread(target=end, name="brickhub-deadline", daemon=True).start()

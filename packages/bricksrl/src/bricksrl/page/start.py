@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from brickhub.cli.descendants import kill_frozen
 from brickhub.cli.ending import DEADLINE_S
 from brickhub.files import quoted
 from bricksrl.child_process import own_python
@@ -170,6 +171,7 @@ class Job:
         try:
             self.process.wait(max(0.0, deadline_s - time.monotonic()))
         except subprocess.TimeoutExpired:
+            kill_frozen(self.process.pid)  # as long as they can be found by their ancestor
             self.process.kill()
             self.process.wait()
         # what it has left in its group, such as a process that was frozen
