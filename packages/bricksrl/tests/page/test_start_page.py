@@ -178,6 +178,8 @@ def test_runs_that_need_trust_are_named_with_the_command(browser: object, tmp_pa
             "code, then allow it in a terminal: bricksrl trust 'runs/from a friend'"
         )
         assert not page.get_by_text("Nothing yet").is_visible()
+        numbers = "import('./charts.js').then(({ short }) => [-0.001, -0, -0.2, 0.004].map(short))"
+        assert page.evaluate(numbers) == ["0.00", "0", "-0.20", "0.00"], "never -0.00"
 
 
 def test_jobs_end_with_the_page(start: StartPage) -> None:
