@@ -111,7 +111,7 @@ class Train:
     or the settings of --from."""
     settings: Annotated[Path | None, option(metavar="FILE"), _SETTINGS] = None
     """Settings that replace those of the preset: a JSON file such as `bricksrl tune` writes."""
-    resume: Annotated[Path | None, option(metavar="RUN"), Existing(existing_run)] = None
+    resume: Annotated[Path | None, option(metavar="RUN")] = None
     """Resume this run, as `bricksrl resume` does, instead of starting a new one."""
     seeds: Annotated[int | None, option(metavar="N")] = None
     """Train N seeds, starting with --seed, in parallel, and summarise them."""
