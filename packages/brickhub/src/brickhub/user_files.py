@@ -163,8 +163,7 @@ def _parts(reference: str) -> tuple[str, str]:
 
 
 def check_there(reference: str) -> None:
-    """Check that the file of a reference is there, before anything is imported for what is in it.
-    Raises UnknownNameError if not."""
+    """Check that the file of a reference is there. Raises UnknownNameError if not."""
     location, _ = _parts(reference)
     path = Path(location)
     if not location.endswith(".py") or path.is_file():

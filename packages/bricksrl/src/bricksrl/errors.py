@@ -21,6 +21,11 @@ class RunError(BricksError):
     """A run folder that is missing, unreadable, or in the way."""
 
 
+class UntrustedError(RunError):
+    """A run, a policy or settings from elsewhere that would run code which the user has not
+    allowed."""
+
+
 class CheckpointError(RunError):
     """A checkpoint that is corrupt or of another kind."""
 

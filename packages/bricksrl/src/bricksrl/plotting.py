@@ -102,7 +102,8 @@ def finish(axes: Axes, lines: Mapping[str, float] | None = None, *, legend: bool
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     for line in axes.lines:
-        if np.size(line.get_xdata()) == 1:  # a line of one point is invisible
+        is_invisible = np.size(line.get_xdata()) == 1 and line.get_marker() == "None"
+        if is_invisible:  # as a line of one point is; one that is a mark has its own
             line.set_marker("o")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:,.0f}"))

@@ -72,6 +72,75 @@ def test_help_imports_no_torch():
         assert f"loaded by {command}".rstrip() in lines
 
 
+COMMANDS_OF_WHAT_IS_MISSING = (
+    "train missing.py",
+    "train MyTask --from missing",
+    "train RunAway-v0 --from missing",
+    "train RunAway-v0 --base missing",
+    "train RunAway-v0 --demonstrations missing",
+    "train RunAway-v0 --settings missing.json",
+    "train RunAway-v0 --physics missing.json",
+    "train RunAway-v0 --agent missing.py",
+    "train RunAway-v0 --transform missing.py",
+    "train --resume missing",
+    "train-offline RunAway-v0 --data missing",
+    "resume missing",
+    "team missing.py",
+    "team --play missing",
+    "tune missing.py",
+    "tune RunAway-v0 --agent missing.py",
+    "evaluate missing",
+    "compare missing missing2",
+    "play missing",
+    "play runs/missing --page",
+    "drive missing.py",
+    "plot missing --out x.png",
+    "export missing --out x.pt2",
+    "record missing.py --out x",
+    "record RunAway-v0 --policy missing --out x",
+    "settings missing.py",
+    "check missing.py",
+    "data info missing",
+    "data merge missing missing2 --out x",
+    "data push missing me/x",
+    "camera calibrate missing.py",
+    "plan check missing.ldr",
+    "plan show missing.ldr",
+    "plan steps missing.ldr --out x.pdf",
+    "twin fit missing",
+    "twin measure missing.py --out x",
+    "twin record walker --physics missing.json --out x",
+    "hub run missing.py --robot walker",
+    "hub run here.py --scene missing.py:MAT",
+    "hub check missing.py",
+)
+
+
+def test_what_is_not_there_is_said_before_anything_slow_is_imported(tmp_path):
+    """One process for all: what the first command imported, the others would have too."""
+    (tmp_path / "here.py").write_text("pass\n")
+    script = (
+        "import sys\n"
+        "from bricksrl.cli.app import run\n"
+        f"for command in {COMMANDS_OF_WHAT_IS_MISSING!r}:\n"
+        "    code = run(command.split())\n"
+        f"    heavy = sorted(set(sys.modules) & set({HEAVY!r}))\n"
+        "    print(command, code, *heavy, sep='|')\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+        cwd=tmp_path,
+    )
+    assert done.stdout.splitlines() == [f"{each}|2" for each in COMMANDS_OF_WHAT_IS_MISSING]
+    said = done.stderr.splitlines()
+    assert len(said) == len(COMMANDS_OF_WHAT_IS_MISSING) and all("missing" in each for each in said)
+    assert [path.name for path in tmp_path.iterdir()] == ["here.py"]
+
+
 def test_command_without_arguments_prints_help(bricksrl):
     alone, told = bricksrl(), bricksrl("--help")
     assert (alone.returncode, alone.stdout, alone.stderr) == (0, told.stdout, "")
@@ -201,7 +270,7 @@ def test_wrong_arguments_print_one_line(fails, arguments, says):
     [
         ("data split no --out a --rest b --share nan", "share is nan"),
         ("data split no --out a --rest b --share inf", "share is inf"),
-        ("data split no --out a --rest b --share 80", "share is 80; give a number between 0 and 1"),
+        ("data split no --out a --rest b --share 80", "share is 80.0; give a number from 0 to 1"),
         ("data split no --out a --rest b --seed -1", "seed is -1"),
         ("record WalkerSim-v0 --out a --seed -1", "seed is -1"),
         ("tune WalkerSim-v0 --seed -1 --folder a", "seed is -1"),
@@ -242,14 +311,17 @@ def test_wrong_arguments_print_one_line(fails, arguments, says):
         ("doctor --timeout-s inf", "timeout-s is inf"),
         ("twin record two-wheeler --out .", "is a folder"),
         ("twin record two-wheeler --out a --hub telepathy", "telepathy"),
-        ("twin record two-wheeler --out a --hub ble --physics other.json", "its own physics"),
+        ("twin record two-wheeler --out a --hub ble --physics main.py", "its own physics"),
         ("twin record two-wheeler --out a --hub ble", "give --yes"),
         ("hub run main.py --time-limit-s nan", "time limit is nan"),
         ("hub run main.py --time-limit-s inf", "time limit is inf"),
         ("hub run main.py --time-limit-s -1", "time limit is -1"),
         ("hub run other.py", "(No such file or directory)"),
         ("twin fit other.jsonl", "(No such file or directory)"),
-        ("evaluate no --physics other.json", "other.json (No such file or directory)"),
+        (
+            "record RunAway-v0 --out a --physics other.json",
+            "other.json (No such file or directory)",
+        ),
     ],
 )
 def test_invalid_values_print_one_line(arguments, says, tmp_path, monkeypatch, capsys):

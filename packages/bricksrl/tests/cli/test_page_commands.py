@@ -142,10 +142,6 @@ def test_program_on_page(tmp_path, capfd):
             "omit --take-over",
         ),
         (
-            ("train-offline", "RunAway-v0", "--data", "x", "--page-port", "1"),
-            "--page-port has no effect without --page",
-        ),
-        (
             ("team", "Tag-v0", "--page", "--frames", "9"),
             "--frames has no effect with --page; omit it",
         ),
@@ -154,7 +150,6 @@ def test_program_on_page(tmp_path, capfd):
             "--page-port has no effect without --page; omit it",
         ),
         (("page", "--page-host", "256.0.0.1"), "name another host"),
-        (("evaluate", "x", "--video", "x.gif"), "end it in .mp4"),
     ],
 )
 def test_errors_print_one_line(fails, tmp_path, monkeypatch, arguments, says):

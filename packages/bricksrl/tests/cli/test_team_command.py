@@ -125,7 +125,7 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
         "team.bin has no team (KeyError: 'config'); choose another file" in capsys.readouterr().err
     )
     assert (
-        run(["team", "Tag-v0", "--play", str(tmp_path)]) == 2
+        run(["team", "Tag-v0", "--play", str(tmp_path / "run")]) == 2
         and "omit ARENA or --play" in capsys.readouterr().err
     )
     for option in (
@@ -135,7 +135,7 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
         ["--copies", "0"],
         ["--run", "x"],
     ):
-        assert run(["team", "--play", str(tmp_path), *option]) == 2
+        assert run(["team", "--play", str(tmp_path / "run"), *option]) == 2
         assert capsys.readouterr().err == f"error: {option[0]} has no effect with --play; omit it\n"
     assert (
         run(["team", "Tag-v0", "--frames", "0"]) == 2

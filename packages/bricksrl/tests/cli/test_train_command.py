@@ -344,7 +344,7 @@ def test_wrong_names_and_numbers_print_one_line(fails, tmp_path, arguments, says
     [
         ("--agent", "td3"),
         ("--set", "gamma=0.9"),
-        ("--from", "runs/other"),
+        ("--base", "scripted"),
         ("--seed", "3"),
         ("--option", "sparse=true"),
         ("--take-over", "keyboard"),

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 import pickle
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,9 @@ from tensordict import TensorDict
 from bricksrl.data import load
 from bricksrl.data.formats import import_paper
 from bricksrl.data.integrity import check
-from bricksrl.envs import get_task
+from bricksrl.envs import get_task, make
 from bricksrl.errors import DataError
+from bricksrl.training.restore import read_for
 
 
 def save(
@@ -88,6 +90,21 @@ def test_acceleration_is_not_named_distance(tmp_path: Path) -> None:
     )
     import_paper(tmp_path / "old", tmp_path / "ours", env="Walker-v0")
     assert load(tmp_path / "ours").description.observation[-1].name == "acceleration_x"
+
+
+def test_walker_with_an_acceleration_is_learned_from_without_the_distance(tmp_path: Path) -> None:
+    """By the file of the documentation."""
+    observation = torch.tensor([[0.0, 90, 180, 270, 1, 2, -900.0 + i] for i in range(11)])
+    ends = torch.zeros(10, dtype=torch.bool)
+    save(tmp_path / "old", observation, torch.zeros(10, 4), torch.zeros(10), ends)
+    import_paper(tmp_path / "old", tmp_path / "ours", env="Walker-v0")
+    page = (Path(__file__).parents[4] / "docs" / "data.md").read_text()
+    task = tmp_path / "blind_walker.py"
+    task.write_text(page.partition('title="blind_walker.py"\n')[2].partition("```")[0])
+    with closing(make(str(task))) as env:
+        found = read_for(str(tmp_path / "ours"), env, images=False)
+        assert list(found.observation[0]) == [0, 90, 180, 270, 1, 2]
+        env.rollout(2)
 
 
 def test_all_four_tasks_expert_and_random(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 import torch
 
 from bricksrl.agents import preset
+from bricksrl.cli.app import run
 from bricksrl.cli.data import CheckData, Import
 from bricksrl.data import load
 from bricksrl.data.edit import merge
@@ -293,3 +294,34 @@ def test_edits_of_foreign_datasets_name_the_way(tmp_path: Path) -> None:
         match="was not made by BricksRL.*`bricksrl data import '.*my set' --out NEW` makes it ours",
     ):
         merge([lerobot(tmp_path / "my set")], tmp_path / "out")
+
+
+@pytest.mark.parametrize("command", ["info {}", "plot {} --out x.png", "split {} --out s --rest t"])
+def test_commands_on_foreign_datasets_name_the_remedy_in_one_line(
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    root = lerobot(Path("set"))
+    assert run(["data", *command.format(root).split()]) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and said.err.count("\n") == 1
+    assert "`bricksrl data import set --out NEW` makes it ours" in said.err
+    assert [path.name for path in tmp_path.iterdir()] == ["set"]
+
+
+def test_check_of_a_foreign_dataset_says_how_to_name_its_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The import takes it, and checks; the check of a dataset has no environment of its own."""
+    monkeypatch.chdir(tmp_path)
+    lerobot(Path("known"))
+    lerobot(Path("other"), robot="so100")
+    assert run(["data", "check", "known"]) == 0
+    assert capsys.readouterr().out == "all is well\n"
+    assert run(["data", "check", "other"]) == 1
+    assert "`bricksrl data import other --env ENV --out NEW`" in capsys.readouterr().out
+    assert run(["data", "import", "other", "--env", "RunAway-v0", "--out", "ours"]) == 0
+    assert run(["data", "check", "ours"]) == 0

@@ -12,6 +12,7 @@ import pytest
 from bricksrl.cli import main
 from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import DescriptionError, RunError
+from bricksrl.evaluation import comparison
 from bricksrl.evaluation.comparison import compare, draw
 from bricksrl.evaluation.statistics import probability_of_improvement
 from bricksrl.plotting import finish, new_figure, number
@@ -180,6 +181,19 @@ def test_paths_may_be_texts(runs: list[Path], tmp_path: Path) -> None:
     assert only == compare(runs[:1]).groups[0]
     draw(str(tmp_path / "a.png"), [only])
     assert (tmp_path / "a.png").stat().st_size > 1_000
+
+
+@pytest.mark.parametrize("is_evaluated", [False, True])
+def test_legend_names_the_mark_only_where_it_is_drawn(
+    runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_evaluated: bool
+) -> None:
+    figures = []
+    monkeypatch.setattr(comparison, "save", lambda figure, path: figures.append(figure))
+    (group,) = compare(runs[:1]).groups
+    draw(tmp_path / "a.png", [replace(group, is_evaluated=is_evaluated)])
+    (axes,) = [each for each in figures[0].axes if each.get_visible()]
+    assert any(line.get_marker() == "D" for line in axes.lines) is is_evaluated
+    assert ("evaluation" in axes.get_ylabel()) is is_evaluated
 
 
 def test_curve_of_one_episode_is_visible() -> None:

@@ -233,7 +233,7 @@ def test_run_that_vanishes_does_not_end_the_refreshing(
             page._ended.set()
         raise OSError("gone")
 
-    monkeypatch.setattr(page, "_runs", fail)
+    monkeypatch.setattr(page, "_runs_and_untrusted", fail)
     page._refresh()
     assert len(asked) == 3
     monkeypatch.undo()

@@ -157,6 +157,32 @@ def test_values_that_the_page_does_not_know_start_nothing(
     page.close()
 
 
+def test_runs_that_need_trust_are_named_with_the_command(browser: object, tmp_path: Path) -> None:
+    for name in ("from a friend", "another"):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+        config = {
+            **TrainConfig(env="RunAway-v0").to_dict(),
+            "env": "their_task.py",
+            "run_dir": None,
+        }
+        text = json.dumps({"bricksrl_run": 1, "config": config})
+        (tmp_path / "runs" / name / "config.json").write_text(text)
+    os.utime(tmp_path / "runs" / "another" / "config.json", (1, 1))
+    with (
+        StartPage(tmp_path, PageOptions(), lambda words, folder: None) as start,
+        walk(browser, start.url) as page,
+    ):
+        page.locator("#untrusted:visible").wait_for()
+        said = page.locator("#untrusted").inner_text()
+        assert said == (
+            "2 runs are from elsewhere and would run code: from a friend, another. Read that "
+            "code, then allow it in a terminal: bricksrl trust 'runs/from a friend'"
+        )
+        assert not page.get_by_text("Nothing yet").is_visible()
+        numbers = "import('./charts.js').then(({ short }) => [-0.001, -0, -0.2, 0.004].map(short))"
+        assert page.evaluate(numbers) == ["0.00", "0", "-0.20", "0.00"], "never -0.00"
+
+
 def test_jobs_end_with_the_page(start: StartPage) -> None:
     start._press("drive", "Spinning-v0")
     (job,) = start._jobs

@@ -85,7 +85,7 @@ def test_stop_is_sent_then_confirmed_by_the_robot(browser: object) -> None:
             sees(one, "#stop-said", "not confirmed to be stopped yet")
         robot.is_at_rest.set()
         sees(other, "#stop-said.confirmed", "Confirmed: the motors are stopped.")
-        sees(page, "#stop-said.confirmed", "Ada has stopped it")
+        sees(page, "#stop-said.confirmed", "Ada has stopped it. ")
         live.release()
         page.locator("#stop-said").wait_for(state="hidden")
 
@@ -210,6 +210,12 @@ def test_visitors_ask_each_other_for_the_robot(browser: object) -> None:
         sees(ben, "#driver", "Ada drives")
         button(ben, "Pause").click()
         sees(ben, "#note", "Ada drives this robot; ask first.")
+        for width, height in ((1366, 768), (844, 390), (390, 844)):
+            ben.set_viewport_size({"width": width, "height": height})
+            ben.evaluate("scrollTo(0, document.body.scrollHeight)")
+            note, stop = (ben.locator(place).bounding_box() for place in ("#note", "#stop"))
+            assert note["x"] >= 0 and note["x"] + note["width"] <= width
+            assert stop["y"] + stop["height"] < note["y"] < height - note["height"]
         assert not live._paused
         button(ben, "Ask Ada").click()
         sees(ada, "[role=alertdialog]", "Ben asks for your robot")

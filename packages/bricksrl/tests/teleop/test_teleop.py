@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from brickhub.entry import Entry
+from bricksrl.envs import get_task, list_envs
 from bricksrl.errors import DataError
 from bricksrl.teleoperation import (
     GamepadDriver,
@@ -188,3 +189,16 @@ def test_paced_driver_waits() -> None:
     for _ in range(5):
         assert paced(NOTHING) is not None
     assert 0.09 <= time.monotonic() - started < 2.0
+
+
+@pytest.mark.parametrize("name", list_envs())
+def test_robot_that_nobody_touches_stands_still_where_its_task_allows_it(name: str) -> None:
+    """As the page about data says: only LineFollow's always rolls, at 40 mm/s."""
+    commands = get_task(name).interface.commands
+    rest = at_rest([command.entry for command in commands])
+    values = [
+        command.low + (action + 1.0) / 2.0 * (command.high - command.low)
+        for command, action in zip(commands, rest, strict=True)
+    ]
+    assert values == pytest.approx([40.0 if each.low > 0 else 0.0 for each in commands], abs=1e-6)
+    assert any(each.low > 0 for each in commands) is name.startswith("LineFollow")

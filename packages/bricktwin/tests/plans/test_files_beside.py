@@ -125,8 +125,26 @@ def test_file_in_a_folder_finds_what_is_beside_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize("other", ["plan.ldr", "PLAN.LDR", "a.ldr"])
 def test_cycle_of_files_raises(tmp_path: Path, other: str) -> None:
     written(tmp_path, "a.ldr", BEAM, OTHER.format(other))
-    with pytest.raises(PlanError, match="nested more than 16 deep or in itself"):
+    with pytest.raises(PlanError, match=f"^a.ldr, line 2: '{other}' would be nested in itself"):
         read_plan(written(tmp_path, "plan.ldr", OTHER.format("a.ldr")))
+
+
+def test_cycle_over_several_files_names_the_line_that_closes_it(tmp_path: Path) -> None:
+    written(tmp_path, "a.ldr", OTHER.format("b.ldr"))
+    written(tmp_path, "b.ldr", BEAM, BEAM, OTHER.format("c.ldr"))
+    written(tmp_path, "c.ldr", "0 a title", OTHER.format("a.ldr"))
+    with pytest.raises(PlanError, match="^c.ldr, line 2: 'a.ldr' would be nested in itself"):
+        read_plan(written(tmp_path, "plan.ldr", BEAM, OTHER.format("a.ldr")))
+
+
+@pytest.mark.parametrize("content", ["", "0 a title", "0 a title\n0 STEP\n", "0 STEP\n\n\n"])
+def test_file_without_parts_is_a_finding(tmp_path: Path, content: str) -> None:
+    """Once for each line that places it."""
+    written(tmp_path, "rear.ldr", content)
+    plan = read_plan(written(tmp_path, "plan.ldr", BEAM, *[OTHER.format("rear.ldr")] * 2))
+    said = [(each.line, each.detail) for each in check(plan) if "rear.ldr" in each.detail]
+    assert [line for line, _ in said] == [2, 3]
+    assert "'rear.ldr' has no parts" in said[0][1]
 
 
 def test_mistake_in_another_file_names_it(tmp_path: Path) -> None:

@@ -178,7 +178,7 @@ def test_unknown_parts_are_kept_with_their_lines():
         (["0 nothing"], "places no part"),
         (
             ["0 FILE a.ldr", "1 4 0 0 0 1 0 0 0 1 0 0 0 1 a.ldr"],
-            "nested more than 16 deep or in itself",
+            "line 2: 'a.ldr' would be nested in itself",
         ),
     ],
 )

@@ -5,18 +5,19 @@ Modules of commands are imported when they are needed, so that help is printed a
 
 from __future__ import annotations
 
-import atexit
 import contextlib
-import gc
-import importlib
 import os
 import signal
 import sys
 
+from brickhub.cli.signals import INTERRUPTED, ending_at_once
+
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from typing import NoReturn
+
+    from brickhub.cli.app import ParsedCommand
 
 
 _MIN_COLUMNS = 20
@@ -33,6 +34,8 @@ def collect_rarely() -> None:
     """Let Python's garbage collector work less often in this process: what imports define stays,
     and to look through it again and again takes a quarter of the time of importing torch and
     TorchRL."""
+    import gc
+
     gc.set_threshold(_COLLECT_EVERY)
 
 
@@ -40,12 +43,48 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
     """Run one command of a module's ``LINE`` in a terminal of any kind, and return its exit code:
     0, 1 for a hub program that failed, 2 for an error, 130 for Ctrl-C. ``arguments`` are those of
     the process by default."""
+    before = ending_at_once() if arguments is None else {}
     if sys.flags.optimize > 1:  # the help texts need docstrings
         sys.stderr.write(
             "error: Python leaves docstrings out (-OO); unset PYTHONOPTIMIZE or set it to 1\n"
         )
         return 2
     collect_rarely()
+    _prepare_terminal()
+    if arguments is not None:
+        return _run(table, arguments, None)
+    # processes started from here import nothing from the present folder by themselves
+    os.environ["PYTHONSAFEPATH"] = "1"
+    from brickhub.cli.ending import ended_in_time
+    from brickhub.cli.options import SavesNothing
+
+    with ended_in_time() as end:
+        at_once = ending_at_once()
+
+        def begin(command: ParsedCommand) -> None:
+            """What is executed ends in order, and saves."""
+            end.saves = not isinstance(command, SavesNothing)
+            for number in at_once:
+                signal.signal(number, signal.default_int_handler)
+
+        try:
+            code = _run(table, sys.argv[1:], begin)
+            if signal.SIGINT in at_once:
+                signal.signal(signal.SIGINT, signal.SIG_IGN)  # it has come too late
+        except OSError:
+            if not end.is_asked.is_set():
+                raise
+            code = INTERRUPTED  # the terminal is closed, and nobody reads what we say
+        if code == INTERRUPTED or end.is_asked.is_set():
+            _leave(code)
+    for number, handler in before.items():
+        if number != signal.SIGINT:
+            signal.signal(number, handler)
+    return code
+
+
+def _prepare_terminal() -> None:
+    """Make the terminal one that takes all that we print."""
     columns = os.environ.get("COLUMNS", "")
     if columns.isdecimal() and int(columns) < _MIN_COLUMNS:
         del os.environ["COLUMNS"]  # tables this narrow are unreadable
@@ -55,34 +94,24 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # for terminals that lack a character
-    if arguments is not None:
-        return _run(table, arguments)
-    # processes started from here import nothing from the present folder by themselves
-    os.environ["PYTHONSAFEPATH"] = "1"
-    from brickhub.cli.ending import INTERRUPTED, ended_in_time
-
-    with ended_in_time() as is_asked:
-        try:
-            code = _run(table, sys.argv[1:])
-        except OSError:
-            if not is_asked.is_set():
-                raise
-            code = INTERRUPTED  # the terminal is closed, and nobody reads what we say
-        if code == INTERRUPTED or is_asked.is_set():
-            _leave(code)
-    return code
 
 
-def _run(table: str, arguments: Sequence[str]) -> int:
-    """Run one command; a Ctrl-C that it does not handle ends it."""
+def _run(
+    table: str, arguments: Sequence[str], begin: Callable[[ParsedCommand], None] | None
+) -> int:
+    """Run one command; a Ctrl-C that it does not handle ends it. ``begin`` is called when all that
+    it needs to begin is imported."""
+    import atexit
+    import importlib
+
     try:
         from brickhub.cli import app
 
-        return app.run(importlib.import_module(table).LINE, arguments)
+        return app.run(importlib.import_module(table).LINE, arguments, begin)
     except KeyboardInterrupt:
         with contextlib.suppress(OSError):  # the terminal may be closed
             sys.stderr.write("interrupted: nothing was saved\n")
-        return 130
+        return INTERRUPTED
     finally:  # another Ctrl-C would show a traceback of what libraries do at the end of the process
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
 
@@ -90,6 +119,8 @@ def _run(table: str, arguments: Sequence[str]) -> int:
 def _leave(code: int) -> NoReturn:
     """End this process without the seconds in which the interpreter takes torch apart and waits for
     threads."""
+    import atexit
+
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):

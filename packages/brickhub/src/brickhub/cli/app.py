@@ -7,7 +7,7 @@ import io
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stderr
 from dataclasses import dataclass, field
 from functools import cache
@@ -20,6 +20,7 @@ from tyro.conf import FlagCreatePairsOff
 from tyro.extras import SubcommandApp
 
 from brickhub import HOUSES
+from brickhub.cli.options import check_existing
 from brickhub.cli.terminal import Interrupted, print_error, print_line, print_note
 from brickhub.errors import BricksError, hint
 from brickhub.fields import check_fields
@@ -54,9 +55,13 @@ class ParsedCommand(Protocol):
         ends it."""
 
 
-def run(line: CommandLine, arguments: Sequence[str]) -> int:
-    """Parse the arguments and run the command; a `BricksError` becomes one line on standard
-    error."""
+def run(
+    line: CommandLine,
+    arguments: Sequence[str],
+    begin: Callable[["ParsedCommand"], None] | None = None,
+) -> int:
+    """Parse the arguments and run the command; a `BricksError` becomes one line on standard error.
+    ``begin`` is called with it right before the command is executed."""
     try:
         if list(arguments) == ["--version"]:
             print_line(f"{line.prog} {line.version}")
@@ -65,6 +70,9 @@ def run(line: CommandLine, arguments: Sequence[str]) -> int:
             arguments = [*command_words(line, arguments[1:]), "--help"]
         command = parse(line, arguments)
         check_fields(type(command), vars(command))
+        check_existing(command)
+        if begin is not None:
+            begin(command)
         return command.execute() or 0
     except Interrupted as end:
         if str(end):

@@ -10,6 +10,7 @@ way to ask for an end.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import signal
 import socket
@@ -17,59 +18,66 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 
+from brickhub.cli.descendants import kill_frozen
 from brickhub.cli.key_listener import interrupt_main
+from brickhub.cli.signals import INTERRUPTED, end_signals
 
 DEADLINE_S = 3.5
 """Time for an end in order."""
-INTERRUPTED = 130
-"""Exit code of a command that was ended, as in shells after Ctrl-C."""
-_NOTE_S = 1.0
-"""Time after which a Ctrl-C that has not ended the command yet is answered."""
-_NAMES = ("SIGTERM", "SIGHUP", "SIGBREAK")
-
-
-def end_signals() -> list[signal.Signals]:
-    """Signals that end a command, except Ctrl-C: SIGTERM, SIGHUP (a closed terminal) and, on
-    Windows, Ctrl-Break. Those that the caller has made us ignore, as ``nohup`` does, are left
-    out."""
-    known = [signal.Signals[name] for name in _NAMES if hasattr(signal, name)]
-    return [number for number in known if signal.getsignal(number) is not signal.SIG_IGN]
+_NOTE_S, _AGAIN_S = 1.0, 5.0
+"""Time after which a Ctrl-C that has not ended the command yet is answered, and is again."""
 
 
 def end_after(duration_s: float) -> None:
-    """End this process after a time, whatever its threads do then."""
+    """End this process after a time, whatever its threads do then, and those that it has started:
+    they end by themselves, and frozen ones are killed."""
 
     def end() -> None:
         time.sleep(duration_s)
+        kill_frozen(os.getpid())
         os._exit(INTERRUPTED)
 
     threading.Thread(target=end, name="brickhub-deadline", daemon=True).start()
 
 
+@dataclass
+class End:
+    """End of a command.
+
+    Attributes:
+        is_asked: set when it has to end before the deadline.
+        saves: whether the command may take longer after the first Ctrl-C, to save what it has.
+    """
+
+    is_asked: threading.Event = field(default_factory=threading.Event)
+    saves: bool = True
+
+
 @contextlib.contextmanager
-def ended_in_time() -> Iterator[threading.Event]:
-    """Context of a command in the main thread, with the event that it is to end.
+def ended_in_time() -> Iterator[End]:
+    """Context of a command in the main thread, with what is known of its end.
 
     The signals of `end_signals` are a Ctrl-C to it, and it ends before the deadline, also if the
-    main thread is busy. A second Ctrl-C has the same deadline; the first may take longer, to save
-    what is learned.
+    main thread is busy. A second Ctrl-C has the same deadline; so has the first if the command
+    saves nothing. One that does says that it does, for as long as it takes.
     """
     numbers = end_signals()
     handlers = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
     told, tell = socket.socketpair()  # Windows takes no pipe
     tell.setblocking(False)
     wakeup_before = signal.set_wakeup_fd(tell.fileno(), warn_on_full_buffer=False)
-    is_asked = threading.Event()
+    end = End()
     watcher = threading.Thread(
         target=_watch_signals,
-        args=(told, frozenset(numbers), is_asked),
+        args=(told, frozenset(numbers), end),
         name="brickhub-signals",
         daemon=True,
     )
     watcher.start()
     try:
-        yield is_asked
+        yield end
     finally:
         signal.set_wakeup_fd(wakeup_before)
         for number, handler in handlers.items():
@@ -77,14 +85,15 @@ def ended_in_time() -> Iterator[threading.Event]:
         tell.close()
 
 
-def _watch_signals(told: socket.socket, numbers: frozenset[int], is_asked: threading.Event) -> None:
-    """Set the deadline at the first signal that ends the command, or at the second Ctrl-C."""
+def _watch_signals(told: socket.socket, numbers: frozenset[int], end: End) -> None:
+    """Set the deadline at the first signal that ends the command, or at the last Ctrl-C that it
+    waits for."""
     interrupts = 0
     with told:
         while data := told.recv(1):
             interrupts += data[0] == signal.SIGINT
-            if data[0] in numbers or interrupts > 1:
-                is_asked.set()
+            if data[0] in numbers or interrupts > end.saves:
+                end.is_asked.set()
                 end_after(DEADLINE_S)
                 return
             if data[0] == signal.SIGINT:
@@ -96,7 +105,11 @@ def _watch_signals(told: socket.socket, numbers: frozenset[int], is_asked: threa
 def _answer_interrupt() -> None:
     time.sleep(_NOTE_S)
     with contextlib.suppress(OSError, ValueError):
-        sys.stderr.write("ending; another Ctrl-C ends at once\n")
+        sys.stderr.write("ending, and saving first; another Ctrl-C ends at once\n")
+        for number in itertools.count(1):
+            time.sleep(_AGAIN_S)
+            duration_s = _NOTE_S + number * _AGAIN_S
+            sys.stderr.write(f"still saving, for {duration_s:.0f} s; another Ctrl-C ends at once\n")
 
 
 def take_input() -> int:

@@ -9,7 +9,15 @@ from typing import Annotated, Any
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Faults, Flag, JsonFlag, option, refuse_ignored
+from brickhub.cli.options import (
+    Existing,
+    Faults,
+    Flag,
+    JsonFlag,
+    SavesNothing,
+    option,
+    refuse_ignored,
+)
 from brickhub.cli.terminal import ask, confirm, print_findings, print_line, print_note
 from brickhub.errors import DescriptionError, HubNotFoundError, counted, percent
 from brickhub.fields import Count
@@ -33,6 +41,7 @@ from brickhub.hub.transports.ble import FoundHub, scan
 from brickhub.hub.transports.profile import Status
 from brickhub.robot import HubKind, Robot
 from brickhub.target import Target, find
+from brickhub.user_files import check_there
 
 _SCAN_S = 5.0
 
@@ -48,6 +57,7 @@ TargetArgument = Annotated[
         "as walker, and building plans; "
         "bricksrl adds environments, such as RunAway-v0, with their robots and commands.",
     ),
+    Existing(check_there),
 ]
 Link = Annotated[
     str | None,
@@ -60,7 +70,7 @@ Folder = Annotated[Path | None, option(metavar="DIR")]
 
 
 @dataclass(frozen=True)
-class Scan:
+class Scan(SavesNothing):
     """List the advertising Pybricks hubs: name, address, signal, kind.
 
     A hub does not advertise while it runs a program or is connected to a computer.
@@ -175,7 +185,7 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class MeasureLatency:
+class MeasureLatency(SavesNothing):
     """Measure the latency of the link to a robot, without moving it.
 
     Examples:
@@ -217,7 +227,7 @@ class MeasureLatency:
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(SavesNothing):
     """Check a robot before training: hub, ports, battery, IMU, angles, round trip, and the
     direction of each motor.
 

@@ -3,14 +3,17 @@
 import dataclasses
 import typing
 from collections.abc import Callable, Container, Iterator
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any
 
 from tyro.conf import UseAppendAction, arg
 from tyro.constructors import PrimitiveConstructorSpec
 
-from brickhub.errors import DescriptionError
+from brickhub.errors import BricksError, DescriptionError
 from brickhub.fields import Range
+from brickhub.files import reading
 from brickhub.seed import LARGEST_SEED
 from brickhub.user_files import NotCode
 
@@ -42,6 +45,48 @@ def parsed(
         str_from_instance=lambda given: [str(given)] if given else [],
         **action,
     )
+
+
+class SavesNothing:
+    """Base of a command that has nothing to save at its end: it ends in time after one Ctrl-C."""
+
+
+@dataclass(frozen=True)
+class Existing:
+    """Annotation of an option that names what has to be there: a file, a folder, a run.
+
+    Attributes:
+        look: called with the value, and for several with each; raises a BricksError if it is not
+            there. It imports nothing that takes long, as the user waits for the answer.
+    """
+
+    look: Callable[[Any], object]
+
+
+def check_existing(command: Any) -> None:
+    """Look whether what the options of a command name is there, before the command imports what
+    takes long. Raises a BricksError if it is not."""
+    hints = typing.get_type_hints(type(command), include_extras=True)
+    for field in dataclasses.fields(command):
+        value = getattr(command, field.name)
+        if dataclasses.is_dataclass(value):
+            check_existing(value)
+        for remark in getattr(hints[field.name], "__metadata__", ()):
+            if isinstance(remark, Existing) and value is not None:
+                for each in value if isinstance(value, tuple) else (value,):
+                    remark.look(each)
+
+
+def existing_file(what: str, error: type[BricksError], remedy: str) -> Existing:
+    """Annotation of an option that names a file to read; the error says ``what`` cannot be read,
+    and the remedy."""
+
+    def look(path: Path) -> None:
+        if isinstance(path, Path):
+            with reading(what, path, error, remedy):
+                path.open("rb").close()
+
+    return Existing(look)
 
 
 Seed = Annotated[int, Range(0, LARGEST_SEED), option(metavar="N")]

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO, cast
 
 from tyro.conf import Positional, UseAppendAction
 
-from brickhub.cli.options import Faults, Flag, changed_options, option
+from brickhub.cli.options import Existing, Faults, Flag, changed_options, option
 from brickhub.cli.terminal import Interrupted, print_note
 from brickhub.errors import DescriptionError
+from brickhub.user_files import check_there
 
 if TYPE_CHECKING:
     from brickhub.target import Target
@@ -48,7 +49,7 @@ class Run:
 
     file: Annotated[Positional[Path], option(metavar="FILE")]
     """Pybricks program."""
-    robot: Annotated[str | None, option(metavar="ROBOT")] = None
+    robot: Annotated[str | None, option(metavar="ROBOT"), Existing(check_there)] = None
     """Virtual robot: my_robot.py, or a name that bricktwin or bricksrl adds, such as walker or
     RunAway-v0."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"

@@ -7,9 +7,10 @@ from typing import Annotated
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, option, refuse_ignored
+from brickhub.cli.options import Existing, Flag, option, refuse_ignored
 from brickhub.cli.terminal import print_line
 from brickhub.fields import Count
+from brickhub.user_files import check_there
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
 from bricksrl.envs.vision.color_calibration import (
@@ -41,7 +42,9 @@ class CalibrateCamera:
       bricksrl camera calibrate --twin --out red.json
     """
 
-    env: Annotated[Positional[str], option(metavar="ENV")] = "RoboArm_mixed-v0"
+    env: Annotated[Positional[str], option(metavar="ENV"), Existing(check_there)] = (
+        "RoboArm_mixed-v0"
+    )
     """Environment with the camera."""
     camera: Annotated[str, option(metavar="N")] = "0"
     """Camera of the robot: its OpenCV number, or the address of a stream."""

@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, Seed, option
+from brickhub.cli.options import Existing, Flag, Seed, option
 from brickhub.cli.terminal import print_line
+from brickhub.fields import Range
 from brickhub.files import folder_with, only_writer, quoted
 from bricksrl.cli.terminal import load_learning
 from bricksrl.data.dataset import Dataset, dataset_folder, existing_dataset
@@ -25,8 +26,13 @@ from bricksrl.data.lerobot import is_lerobot
 from bricksrl.data.schema import FILES
 from bricksrl.data.summary import plot, summarise
 from bricksrl.errors import DataError, counted
+from bricksrl.training.existing_run import CONFIG, POLICY
 
-DatasetArgument = Annotated[Positional[Path], option(metavar="DIR", help="Folder of the dataset.")]
+DatasetArgument = Annotated[
+    Positional[Path],
+    option(metavar="DIR", help="Folder of the dataset."),
+    Existing(existing_dataset),
+]
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,9 @@ class Info:
       bricksrl data info datasets/* --json
     """
 
-    datasets: Annotated[Positional[tuple[Path, ...]], option(metavar="DIR")]
+    datasets: Annotated[
+        Positional[tuple[Path, ...]], option(metavar="DIR"), Existing(existing_dataset)
+    ]
     """Folders of datasets."""
     json: Flag = False
     """Print one JSON object per dataset and line."""
@@ -92,7 +100,8 @@ class Repair:
       bricksrl data repair datasets/damaged --out datasets/saved
     """
 
-    dataset: DatasetArgument
+    dataset: Annotated[Positional[Path], option(metavar="DIR")]
+    """Folder of the dataset, which may lack what others have."""
     out: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder for the intact episodes of a damaged dataset, which must not exist."""
 
@@ -135,7 +144,9 @@ class Merge:
       bricksrl data merge datasets/monday datasets/tuesday --out datasets/both
     """
 
-    datasets: Annotated[Positional[tuple[Path, ...]], option(metavar="DIR")]
+    datasets: Annotated[
+        Positional[tuple[Path, ...]], option(metavar="DIR"), Existing(existing_dataset)
+    ]
     """Folders of datasets, in order."""
     out: Annotated[Path, option(metavar="DIR")]
     """Folder of the new dataset, which must not exist."""
@@ -158,7 +169,7 @@ class Split:
     """Folder for the drawn share, which must not exist."""
     rest: Annotated[Path, option(metavar="DIR")]
     """Folder for the other episodes, which must not exist."""
-    share: Annotated[float, option(metavar="SHARE")] = 0.8
+    share: Annotated[float, Range(0.0, 1.0), option(metavar="SHARE")] = 0.8
     """Share of the episodes, between 0 and 1."""
     seed: Seed = 0
     """Seed of the random split."""
@@ -232,12 +243,17 @@ class ExportData:
     """File or folder to write, which must not exist."""
 
     def execute(self) -> None:
-        existing_dataset(self.dataset)
         load_learning()
         {"numpy": export_numpy, "parquet": export_parquet, "minari": export_minari}[self.format](
             self.dataset, self.out
         )
         print_line(f"{self.format}  {self.out}")
+
+
+def _look_for_shared(path: Path) -> None:
+    """Look for what can be uploaded: a dataset, a run, a shared policy or a log."""
+    if not any((path / name).exists() for name in (CONFIG, POLICY)) and not path.is_file():
+        existing_dataset(path)
 
 
 @dataclass(frozen=True)
@@ -253,7 +269,7 @@ class Push:
       bricksrl data push measured/log.jsonl me/my-two-wheeler
     """
 
-    folder: Annotated[Positional[Path], option(metavar="PATH")]
+    folder: Annotated[Positional[Path], option(metavar="PATH"), Existing(_look_for_shared)]
     """Folder of the dataset, or of the run; or the log that `bricksrl twin measure` wrote."""
     repo: Annotated[Positional[str], option(metavar="REPO")]
     """Repository on the Hugging Face hub: owner/name."""

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Column, Table
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, option
+from brickhub.cli.options import Existing, Flag, SavesNothing, option
 from brickhub.cli.terminal import print_findings, print_line
 from brickhub.user_files import check_there, is_reference
 from bricksrl import agents, envs, robots
@@ -96,12 +96,12 @@ class ShowSettings:
       bricksrl settings my_agent.py
     """
 
-    agent: Annotated[Positional[str], option(metavar="AGENT")]
+    agent: Annotated[Positional[str], option(metavar="AGENT"), Existing(check_there)]
     """Agent; `bricksrl list` shows them. One of your own: my_agent.py, my_agent.py:NAME or
     module:NAME."""
     preset: Annotated[str, option(metavar="NAME")] = "default"
     """Preset whose values are shown: default or paper."""
-    env: Annotated[str | None, option(metavar="ENV")] = None
+    env: Annotated[str | None, option(metavar="ENV"), Existing(check_there)] = None
     """Environment: a task may have values of its own, and one with a camera has others."""
     json: Flag = False
     """Print one JSON object of names and values, for `bricksrl train --settings`, instead of a
@@ -136,7 +136,7 @@ def field_docs(cls: type[Any]) -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(SavesNothing):
     """Check an environment or an agent, built-in or your own.
 
     Checks of an environment: description, functions, hub program, specs, reset, determinism, twin.
@@ -150,14 +150,12 @@ class Check:
       bricksrl check my_agent.py
     """
 
-    what: Annotated[Positional[str], option(metavar="ENV|AGENT")]
+    what: Annotated[Positional[str], option(metavar="ENV|AGENT"), Existing(check_there)]
     """Environment or agent; `bricksrl list` shows them. Your own: my_task.py, my_task.py:TASK,
     module:TASK, my_agent.py."""
 
     def execute(self) -> int:
-        if is_reference(self.what):
-            check_there(self.what)
-        elif self.what not in agents.AGENTS:
+        if not is_reference(self.what) and self.what not in agents.AGENTS:
             envs.get_task(self.what)  # raises if there is none
         load_learning()
         from bricksrl.envs.env_checker import check_env

@@ -12,18 +12,28 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Faults, Flag, JsonFlag, Seed, option
+from brickhub.cli.options import (
+    Existing,
+    Faults,
+    Flag,
+    JsonFlag,
+    SavesNothing,
+    Seed,
+    existing_file,
+    option,
+)
 from brickhub.cli.terminal import Interrupted, print_line, print_note
-from brickhub.user_files import without_folder
+from brickhub.user_files import check_there, without_folder
 from bricksrl.cli.terminal import EmergencyStop, load_learning, placing, telling
 from bricksrl.errors import DescriptionError, StoppedError, TwinError, counted, percent
 from bricksrl.evaluation.class_table import ClassTable, class_table
 from bricksrl.evaluation.comparison import Comparison, Group, compare, draw
 from bricksrl.plotting import check_picture, number
 from bricksrl.training.callbacks import WINDOW
+from bricksrl.training.existing_run import existing_policy, existing_run
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.trust import trust
-from bricktwin.twin.physics import read_physics
+from bricktwin.twin.physics import PHYSICS_REMEDY, read_physics
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -33,10 +43,11 @@ if TYPE_CHECKING:
 
 
 _FILMED_EPISODES = 3
+_PHYSICS = existing_file("the physics in", TwinError, PHYSICS_REMEDY)
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class Evaluate(SavesNothing):
     """Evaluate a trained agent, without exploration or learning.
 
     Examples:
@@ -46,9 +57,9 @@ class Evaluate:
       bricksrl evaluate runs/spin --hub ble
     """
 
-    run: Annotated[Positional[Path], option(metavar="RUN")]
+    run: Annotated[Positional[Path], option(metavar="RUN"), Existing(existing_run)]
     """Folder that `bricksrl train` wrote."""
-    env: Annotated[str | None, option(metavar="ENV")] = None
+    env: Annotated[str | None, option(metavar="ENV"), Existing(check_there)] = None
     """Environment; by default that of the training. It gets the options of the training that it
     has."""
     episodes: Annotated[int, option(metavar="N")] = 5
@@ -64,7 +75,7 @@ class Evaluate:
     randomize: Flag = False
     """Draw new physics of the virtual robot for each episode; by default off, even if the training
     randomized."""
-    physics: Annotated[Path | None, option(metavar="FILE")] = None
+    physics: Annotated[Path | None, option(metavar="FILE"), _PHYSICS] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default as
     in training."""
     link: Annotated[str | None, option(metavar="LINK")] = None
@@ -144,7 +155,7 @@ def describe(result: EvaluationResult) -> Iterator[str]:
 
 
 @dataclass(frozen=True)
-class Compare:
+class Compare(SavesNothing):
     """Compare runs: agents, seeds and environments in one table, with the probability that one
     agent beats the other.
 
@@ -354,7 +365,7 @@ class Export:
       bricksrl export runs/spin --format onnx --out spin.onnx
     """
 
-    run: Annotated[Positional[Path], option(metavar="RUN")]
+    run: Annotated[Positional[Path], option(metavar="RUN"), Existing(existing_policy)]
     """Folder of a run, or of a shared policy."""
     out: Annotated[Path, option(metavar="FILE")]
     """File to write, which must not exist."""

@@ -9,7 +9,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO, cast
 
-from brickhub.cli.options import option
+from brickhub.cli.options import Existing, option
+from brickhub.user_files import check_there
 from bricksrl.cli.page import LivePageGroup, PageFlag, announce, has_screen, shown
 from bricksrl.errors import DescriptionError
 from bricksrl.page.server import PageOptions
@@ -49,7 +50,7 @@ class Run(run.Run):
       bricksrl hub run main.py --hub ble
     """
 
-    robot: Annotated[str | None, option(metavar="ROBOT")] = None
+    robot: Annotated[str | None, option(metavar="ROBOT"), Existing(check_there)] = None
     """Virtual robot: two-wheeler, walker, robo-arm, cart or bench; RunAway-v0, with its scene, or
     another environment; a building plan, my_robot.ldr; my_robot.py."""
     page: PageFlag = False

@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from tyro.conf import OmitArgPrefixes, Positional
 
 from brickhub.cli.ending import wait_for_end
-from brickhub.cli.options import Seed, option, refuse_ignored
+from brickhub.cli.options import Existing, SavesNothing, Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import Range
 from brickhub.files import folder_with
 from brickhub.hub.transports.address import parse_hub
 from brickhub.seed import evaluation_seed
-from brickhub.user_files import is_reference
+from brickhub.user_files import check_there, is_reference
 from bricksrl.cli.terminal import EmergencyStop, driving, load_learning, placing
 from bricksrl.envs import get_task, make
 from bricksrl.envs.options import EnvOptions
@@ -93,7 +93,7 @@ def has_screen() -> bool:
 
 
 @dataclass(frozen=True)
-class ShowStart:
+class ShowStart(SavesNothing):
     """Show the start page in the browser: environments to play, train and drive, runs to watch and
     compare, building plans, and the hub check, all without typing. Runs are kept in the folder
     runs. Ctrl-C ends it, and what it has started.
@@ -115,7 +115,7 @@ class ShowStart:
 
 
 @dataclass(frozen=True)
-class Demo:
+class Demo(SavesNothing):
     """Show a trained robot in the browser, at once and without training: a Walker, or the robot of
     another environment.
 
@@ -128,7 +128,7 @@ class Demo:
       bricksrl demo Walker-v1 --policy random
     """
 
-    env: Annotated[Positional[str], option(metavar="ENV")] = "Walker-v1"
+    env: Annotated[Positional[str], option(metavar="ENV"), Existing(check_there)] = "Walker-v1"
     """Environment; `bricksrl list` shows them."""
     policy: Annotated[str | None, option(metavar="NAME")] = None
     """Policy to begin with: random, scripted (a hand-written controller) or best, the trained one
@@ -161,7 +161,7 @@ class Demo:
 
 
 @dataclass(frozen=True)
-class Play:
+class Play(SavesNothing):
     """Play episodes with a trained agent; with --page in the browser, at the speed of a real robot.
 
     Without a page, a virtual robot is as fast as this computer unless --realtime is given. The page
@@ -175,7 +175,7 @@ class Play:
       bricksrl play runs/spin --episodes 3
     """
 
-    target: Annotated[Positional[str], option(metavar="RUN|ENV")]
+    target: Annotated[Positional[str], option(metavar="RUN|ENV"), Existing(check_there)]
     """Folder of a run or of a shared policy; or an environment."""
     policy: Annotated[str | None, option(metavar="NAME")] = None
     """Policy to begin with: random, first, best or last; of an environment random, scripted or
@@ -265,7 +265,7 @@ def _beginning_with(policy: str | None, policies: Mapping[str, _T], target: str)
 
 
 @dataclass(frozen=True)
-class DriveRobot:
+class DriveRobot(SavesNothing):
     """Drive a robot, by default a virtual one, with the sliders and the joystick of a page in the
     browser, or with levers or sticks in your hands. Ctrl-C ends it.
 
@@ -277,7 +277,7 @@ class DriveRobot:
       bricksrl drive Spinning-v0 --with controller
     """
 
-    env: Annotated[Positional[str], option(metavar="ENV")]
+    env: Annotated[Positional[str], option(metavar="ENV"), Existing(check_there)]
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or
     module:TASK."""
     seed: Seed = 0
@@ -426,7 +426,7 @@ def run_on_page(
 
 
 @dataclass(frozen=True)
-class ShowPlan:
+class ShowPlan(SavesNothing):
     """Show a building plan in the browser in 3D, step by step, with sliders for its joints. Ctrl-C
     ends it.
 
@@ -439,9 +439,9 @@ class ShowPlan:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
+        plan = read_named_plan(self.plan)  # raises if there is none, before anything is loaded
         from bricksrl.page.plan_view import PlanView
 
-        plan = read_named_plan(self.plan)
         try:
             with PlanView(plan, self.live_page) as page:
                 announce(page.url)

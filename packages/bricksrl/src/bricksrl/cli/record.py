@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, Seed, option
+from brickhub.cli.options import Existing, Flag, Seed, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import Count
 from brickhub.files import quoted
+from brickhub.user_files import check_there
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
 from bricksrl.cli.terminal import (
     DEVICES,
@@ -74,7 +75,7 @@ class Record:
       bricksrl record Walker-v0 --policy runs/walker --take-over gamepad --out datasets/corrected
     """
 
-    env: Annotated[Positional[str], option(metavar="ENV")]
+    env: Annotated[Positional[str], option(metavar="ENV"), Existing(check_there)]
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or
     module:TASK."""
     out: Annotated[Path, option(metavar="DIR")]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
-from brickhub.cli.options import Seed, option, refuse_ignored
+from brickhub.cli.options import Existing, Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count
 from brickhub.files import check_writable, folder_with, quoted
@@ -18,7 +18,7 @@ from brickhub.seed import evaluation_seed
 from bricksrl.cli.page import LivePageGroup, play_until_stopped, shown
 from bricksrl.cli.terminal import load_learning
 from bricksrl.cli.train import run_folder
-from bricksrl.envs.arenas import ARENAS, get_arena_task, make_arena
+from bricksrl.envs.arenas import ARENAS, check_arena, get_arena_task, make_arena
 from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted, percent
 from bricksrl.page.server import PageOptions
 from bricksrl.training.run_folder import file_name
@@ -35,6 +35,12 @@ _EVALUATION_SEED = 7000
 _FILMED_EPISODES = 2
 _MAX_LINES = 20
 """Maximum number of lines on the progress of a training."""
+
+
+def _look_for_team(folder: Path) -> None:
+    if not (folder / TEAM_FILE).exists():
+        remedy = f"name {folder_with(folder, TEAM_FILE)}, which `bricksrl team ARENA` writes"
+        raise RunError(f"there is no team in {folder}; {remedy}")
 
 
 @dataclass(frozen=True)
@@ -55,7 +61,7 @@ class TrainTeam:
       bricksrl team Carry-v0
     """
 
-    env: Annotated[Positional[str | None], option(metavar="ARENA")] = None
+    env: Annotated[Positional[str | None], option(metavar="ARENA"), Existing(check_arena)] = None
     """Arena; `bricksrl list` shows them."""
     agent: Annotated[Literal["mappo", "ippo", "sac"] | None, option(metavar="NAME")] = None
     """Algorithm; by default ippo in the simulation, and sac, which needs fewer steps, in the arena
@@ -74,7 +80,7 @@ class TrainTeam:
     """Episodes to play after the training."""
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<arena>-<agent>-<seed>-<time>."""
-    play: Annotated[Path | None, option(metavar="DIR")] = None
+    play: Annotated[Path | None, option(metavar="DIR"), Existing(_look_for_team)] = None
     """Play with the team of this folder instead of training one."""
     page: Annotated[
         bool,
@@ -99,11 +105,6 @@ class TrainTeam:
         from bricksrl.training.teams.team import load_team
 
         if self.play is not None:
-            if not (self.play / TEAM_FILE).exists():
-                remedy = (
-                    f"name {folder_with(self.play, TEAM_FILE)}, which `bricksrl team ARENA` writes"
-                )
-                raise RunError(f"there is no team in {self.play}; {remedy}")
             team = load_team(self.play / TEAM_FILE)
             if address is None:
                 self._play(team, None)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import os
 import queue
 import signal
 import sys
@@ -14,11 +13,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
-from types import FrameType
 from typing import TYPE_CHECKING, Literal, Self, get_args
 
-from brickhub.cli.ending import INTERRUPTED, end_signals
 from brickhub.cli.key_listener import can_listen, interrupt_main, keys_heard
+from brickhub.cli.signals import end_signals, ending_at_once
 from brickhub.cli.terminal import print_error, print_line
 from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.envs.options import EnvOptions
@@ -63,14 +61,7 @@ def placing(*quiet: Callable[[], AbstractContextManager[None]]) -> Placement:
 def load_learning() -> None:
     """Import torch and TorchRL. They may ignore an exception of a Ctrl-C, and take long, so that it
     ends the process at once: there is nothing to save yet, and no robot."""
-
-    def end(_signum: int, _frame: FrameType | None) -> None:
-        with contextlib.suppress(OSError):  # the terminal may be closed
-            os.write(2, b"interrupted: nothing was saved\n")
-        os._exit(INTERRUPTED)
-
-    numbers = [signal.SIGINT, *end_signals()]
-    handlers = {number: signal.signal(number, end) for number in numbers}
+    handlers = ending_at_once()
     try:
         check_mujoco()
         for name in _SLOW_IMPORTS:

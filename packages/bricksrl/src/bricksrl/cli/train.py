@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction
 
-from brickhub.cli.options import Flag, Seed, option, refuse_ignored
+from brickhub.cli.options import Existing, Flag, Seed, existing_file, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count, Range
 from brickhub.files import only_writer, quoted, remove_unfinished
@@ -37,10 +37,11 @@ from bricksrl.data.dataset import existing_dataset
 from bricksrl.envs.options import EnvOptions, TransformOptions
 from bricksrl.envs.registry import get_task, is_simulation, training_episodes
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
-from bricksrl.evaluation.settings_text import read_settings, with_changes
+from bricksrl.evaluation.settings_text import SETTINGS_REMEDY, read_settings, with_changes
 from bricksrl.page.server import PageOptions
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import SCRIPTED, RunOptions, TrainConfig, settings_for
+from bricksrl.training.existing_run import existing_run
 from bricksrl.training.run_folder import RunFolder, file_name
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from bricksrl.page.live import LivePage
 
 _EVALUATED_EPISODES = 5
+_SETTINGS = existing_file("the settings", DescriptionError, SETTINGS_REMEDY)
 
 
 FilmFlag = Annotated[
@@ -87,10 +89,10 @@ class Train:
       bricksrl train --resume runs/spin
     """
 
-    env: Annotated[Positional[str | None], option(metavar="ENV")] = None
+    env: Annotated[Positional[str | None], option(metavar="ENV"), Existing(check_there)] = None
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or
     module:TASK."""
-    agent: Annotated[str | None, option(metavar="NAME")] = None
+    agent: Annotated[str | None, option(metavar="NAME"), Existing(check_there)] = None
     """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Default:
     sac, or the agent of --from."""
     episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
@@ -107,7 +109,7 @@ class Train:
     preset: Annotated[str | None, option(metavar="NAME")] = None
     """Settings of the agent: default, or paper for those of the BricksRL paper. Default: default,
     or the settings of --from."""
-    settings: Annotated[Path | None, option(metavar="FILE")] = None
+    settings: Annotated[Path | None, option(metavar="FILE"), _SETTINGS] = None
     """Settings that replace those of the preset: a JSON file such as `bricksrl tune` writes."""
     resume: Annotated[Path | None, option(metavar="RUN")] = None
     """Resume this run, as `bricksrl resume` does, instead of starting a new one."""
@@ -159,7 +161,6 @@ class Train:
                 "--eval-episodes has no effect without --eval-every; omit it, or give both"
             )
         self._check(self.env)
-        check_there(self.agent or "")
         load_learning()
         from bricksrl.training.run import train
 
@@ -237,7 +238,7 @@ class Resume:
       bricksrl resume runs/spin --episodes 60
     """
 
-    run: Annotated[Positional[Path], option(metavar="RUN")]
+    run: Annotated[Positional[Path], option(metavar="RUN"), Existing(existing_run)]
     """Folder that `bricksrl train` wrote."""
     episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Total number of episodes, including those already trained; by default as when the run was
@@ -270,11 +271,11 @@ class TrainOffline:
       bricksrl train-offline RoboArm-v0 --data datasets/arm --agent bc --preset paper
     """
 
-    env: Annotated[Positional[str], option(metavar="ENV")]
+    env: Annotated[Positional[str], option(metavar="ENV"), Existing(check_there)]
     """Environment of the data; `bricksrl list` shows them."""
-    data: Annotated[Path, option(metavar="DIR")]
+    data: Annotated[Path, option(metavar="DIR"), Existing(existing_dataset)]
     """Folder of the dataset, or of a run that recorded one."""
-    agent: Annotated[str, option(metavar="NAME")] = "iql"
+    agent: Annotated[str, option(metavar="NAME"), Existing(check_there)] = "iql"
     """Agent: bc, act, iql, cql, td3bc; or an agent for online learning, such as sac and td3."""
     preset: Annotated[str, option(metavar="NAME")] = "default"
     """Settings of the agent: default, or paper for those of the BricksRL paper."""
@@ -293,9 +294,7 @@ class TrainOffline:
 
     def execute(self) -> None:
         address = shown(self.live_page, self.page)
-        check_there(self.agent)
         get_task(self.env)  # raises if there is none
-        existing_dataset(self.data)
         load_learning()
         from bricksrl.training.run import train
 

@@ -13,7 +13,6 @@ from brickhub.cli.options import Flag, Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count
 from brickhub.files import quoted
-from brickhub.user_files import check_there
 from bricksrl.cli.terminal import load_learning
 from bricksrl.envs.registry import get_task
 from bricksrl.errors import RunError
@@ -52,7 +51,6 @@ class Tune(Tuning):
             outcome = "ended early" if value is None else f"return {value:.4g}"
             print_line(f"trial {trial}  {outcome}" + ("" if best is None else f"  best {best:.4g}"))
 
-        check_there(self.agent)
         get_task(self.env)  # raises if there is none
         try:
             load_learning()

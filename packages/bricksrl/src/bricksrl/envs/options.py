@@ -12,13 +12,15 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 
-from brickhub.cli.options import Faults, Flag, option, parsed
+from brickhub.cli.options import Existing, Faults, Flag, existing_file, option, parsed
 from brickhub.fields import Range, check_fields
 from brickhub.hub.link.profiles import profile
-from brickhub.user_files import NotCode, with_absolute_file
+from brickhub.user_files import NotCode, check_there, with_absolute_file
 from brickhub.virtual.faults import parse_fault
-from bricksrl.errors import DescriptionError
-from bricktwin.twin.physics import Physics, read_physics
+from bricksrl.errors import DescriptionError, TwinError
+from bricktwin.twin.physics import PHYSICS_REMEDY, Physics, read_physics
+
+_PHYSICS = existing_file("the physics in", TwinError, PHYSICS_REMEDY)
 
 
 def parse_option(text: str) -> tuple[str, Any]:
@@ -41,7 +43,7 @@ class TransformOptions:
     """Observe the last N observations together (CatFrames)."""
     frame_skip: Annotated[int, Range(1, 1000), option(metavar="N")] = 1
     """Repeat each action for N steps of the robot; their rewards are summed."""
-    transform: Annotated[str | None, option(metavar="FILE")] = None
+    transform: Annotated[str | None, option(metavar="FILE"), Existing(check_there)] = None
     """Your own transform: FILE.py[:NAME], a transform, its class, or a function from an environment
     to a TransformedEnv."""
 
@@ -68,7 +70,9 @@ class EnvOptions(TransformOptions):
     randomize: Flag = False
     """Domain randomization: draw the physics of the virtual robot (battery, friction, masses,
     noise, link) for each episode."""
-    physics: Annotated[Physics | Path | None, parsed(Path, metavar="FILE"), option()] = None
+    physics: Annotated[Physics | Path | None, parsed(Path, metavar="FILE"), option(), _PHYSICS] = (
+        None
+    )
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default
     charged, on a smooth floor."""
     link: Annotated[str | None, option(metavar="LINK"), NotCode()] = None

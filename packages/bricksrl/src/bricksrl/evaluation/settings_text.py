@@ -17,6 +17,8 @@ from bricksrl.training.config import code_in_settings
 from bricksrl.training.trust import require_trusted
 
 S = TypeVar("S")
+SETTINGS_REMEDY = 'write settings as JSON, {"learning_rate": 3e-4}'
+"""What to do where a file of settings cannot be read."""
 _WORDS = {"true": True, "yes": True, "false": False, "no": False, "none": None}
 
 
@@ -39,9 +41,7 @@ def read_settings(path: Path, settings: S) -> S:
     """A copy of the settings with the values of a JSON file, such as `bricksrl tune` writes; others
     are unchanged. Raises DescriptionError if the file cannot be read, or names an unknown setting
     or an invalid value, RunError if it names code, and was made elsewhere or changed."""
-    with reading(
-        "the settings", path, DescriptionError, 'write settings as JSON, {"learning_rate": 3e-4}'
-    ):
+    with reading("the settings", path, DescriptionError, SETTINGS_REMEDY):
         text = path.read_bytes()
         data = json.loads(text)
         table = dict(data.get("settings", data))

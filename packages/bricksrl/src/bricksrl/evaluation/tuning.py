@@ -23,10 +23,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import option
+from brickhub.cli.options import Existing, option
 from brickhub.fields import Count, check_fields
 from brickhub.files import serialized, write_durably
 from brickhub.seed import LARGEST_SEED, check_seed
+from brickhub.user_files import check_there
 from bricksrl.agents import make_learner
 from bricksrl.agents.settings import Range
 from bricksrl.envs import make
@@ -76,9 +77,9 @@ _ONLY_WITH_GOALS = ("hindsight", "new_goals")
 class Tuning:
     """Definition of a tuning study."""
 
-    env: Annotated[Positional[str], option(metavar="ENV")]
+    env: Annotated[Positional[str], option(metavar="ENV"), Existing(check_there)]
     """Environment; `bricksrl list` shows them. Kinematic simulations are the fastest."""
-    agent: Annotated[str, option(metavar="NAME")] = "sac"
+    agent: Annotated[str, option(metavar="NAME"), Existing(check_there)] = "sac"
     """Agent; `bricksrl list` shows them."""
     steps: Annotated[Count, option(metavar="N")] = 2000
     """Robot steps of each training, which ends with the episode that reaches them."""

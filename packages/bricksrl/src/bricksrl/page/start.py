@@ -23,11 +23,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from brickhub.cli.descendants import kill_frozen
 from brickhub.cli.ending import DEADLINE_S
+from brickhub.files import quoted
 from bricksrl.child_process import own_python
 from bricksrl.envs.arenas import ARENAS, arena_summary
 from bricksrl.envs.registry import is_simulation, list_envs
-from bricksrl.errors import BricksError, PageError
+from bricksrl.errors import BricksError, PageError, UntrustedError
 from bricksrl.page.board import Board
 from bricksrl.page.server import PageOptions, PageServer, chosen
 from bricksrl.page.visitors import Seats, Visitor
@@ -175,6 +177,7 @@ class Job:
         try:
             self.process.wait(max(0.0, deadline_s - time.monotonic()))
         except subprocess.TimeoutExpired:
+            kill_frozen(self.process.pid)  # as long as they can be found by their ancestor
             self.process.kill()
             self.process.wait()
         # what it has left in its group, such as a process that was frozen
@@ -434,19 +437,29 @@ class StartPage(PageServer):
                 _log.warning("the start page: %s", error)
 
     def _publish(self) -> None:
+        runs, untrusted = self._runs_and_untrusted()
         self.board.update_status(
-            jobs=[job.described() for job in self._jobs[::-1]], runs=self._runs()
+            jobs=[job.described() for job in self._jobs[::-1]], runs=runs, untrusted=untrusted
         )
         self.board.update_status(**self._seats.described())
 
     def _runs(self) -> list[dict[str, Any]]:
         """The runs in the folder, the latest first, with the mean return of the last episodes."""
-        found = []
+        return self._runs_and_untrusted()[0]
+
+    def _runs_and_untrusted(self) -> tuple[list[dict[str, Any]], list[dict[str, str]]]:
+        """The runs; and those that need trust before they are read, with the command for it."""
+        found, untrusted = [], []
         paths = sorted(self._folder.glob("runs/*/config.json"), key=_changed_s, reverse=True)
         for path in paths[:_MAX_RUNS]:
             run = RunFolder(path.parent)
             with contextlib.suppress(BricksError, OSError):  # such as a run that is deleted now
-                config = run.read_config()
+                try:
+                    config = run.read_config()
+                except UntrustedError:
+                    place = quoted(Path("runs") / run.path.name)
+                    untrusted.append({"name": run.path.name, "allow": f"bricksrl trust {place}"})
+                    continue
                 returns = [episode.return_ for episode in run.read_episodes()]
                 about = {
                     "env": config.env,
@@ -460,7 +473,7 @@ class StartPage(PageServer):
                 found.append(
                     {**about, **_scored(run, returns), "name": run.path.name, "points": points}
                 )
-        return found
+        return found, untrusted
 
 
 def _seat(job: Job) -> str:

@@ -9,15 +9,17 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from brickhub.cli.options import Flag, option
+from brickhub.cli.options import Existing, Flag, option
 from brickhub.fields import Count, Range, check_fields
 from brickhub.seed import check_seed
 from brickhub.user_files import NotCode, code_names, with_absolute_file, without_folder
 from bricksrl.agents import AGENTS, algorithm, preset, with_present_names
 from bricksrl.agents.settings import CriticSettings
+from bricksrl.data.dataset import existing_dataset
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import LABELS, get_task, option_types
 from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError, counted, hint
+from bricksrl.training.existing_run import existing_run
 from bricktwin.twin.physics import Physics
 
 SCRIPTED = "scripted"
@@ -26,16 +28,25 @@ Rule = tuple[Callable[["TrainConfig"], object], str]
 """When options do not go together, and what to say then."""
 
 
+def _look_for_base(base: str) -> None:
+    if base != SCRIPTED:
+        existing_run(base)
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
     """How to train: device, several robots, evaluations, records, and what is known beforehand."""
 
-    start: Annotated[str | None, option(name="from", metavar="RUN"), NotCode()] = None
+    start: Annotated[
+        str | None, option(name="from", metavar="RUN"), NotCode(), Existing(existing_run)
+    ] = None
     """Let the agent of this run go on learning, here or in another world."""
-    base: Annotated[str | None, option(metavar="RUN"), NotCode()] = None
+    base: Annotated[str | None, option(metavar="RUN"), NotCode(), Existing(_look_for_base)] = None
     """Add what is learned to the actions of a frozen policy: the folder of a run, or scripted for
     the hand-written controller."""
-    demonstrations: Annotated[str | None, option(metavar="DIR"), NotCode()] = None
+    demonstrations: Annotated[
+        str | None, option(metavar="DIR"), NotCode(), Existing(existing_dataset)
+    ] = None
     """Imitate a dataset first, and draw half of each batch from it; of a run its steps, with what
     its policy does in them."""
     num_envs: Annotated[Count, option(metavar="N")] = 1

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from brickhub import HOUSES
 from brickhub.fields import check_value
-from brickhub.files import atomic_folder, folder_with, reading, write_durably, writing
+from brickhub.files import atomic_folder, reading, write_durably, writing
 from brickhub.user_files import without_folder
 from bricksrl.data.dataset import refuse_within_dataset
 from bricksrl.envs.options import EnvOptions
@@ -23,6 +23,7 @@ from bricksrl.envs.task import MEASURED, MEASURED_TOO
 from bricksrl.errors import RunError, WriteError
 from bricksrl.training.callbacks import Episode, Phase
 from bricksrl.training.config import TrainConfig, code_in
+from bricksrl.training.existing_run import CONFIG, existing_run
 from bricksrl.training.trust import remember, require_trusted
 
 DATA_FOLDER = "data"
@@ -48,7 +49,7 @@ class RunFolder:
     def __init__(self, path: Path | str) -> None:
         check_value("run", path, Path | str)
         self.path = path = Path(path)
-        self.config_path, self.metrics_path = path / "config.json", path / "metrics.csv"
+        self.config_path, self.metrics_path = path / CONFIG, path / "metrics.csv"
         self.checkpoint_path, self.best_path = path / "checkpoint.bin", path / "best.bin"
         self.curve_path, self.evaluation_path = (
             path / "learning_curve.png",
@@ -101,10 +102,7 @@ class RunFolder:
     def read_config(self) -> TrainConfig:
         """Read the config. Raises RunError if there is no run, its config is invalid, or it names
         code from another computer."""
-        if not self.config_path.exists():
-            raise RunError(
-                f"there is no run in {self.path}; choose {folder_with(self.path, 'config.json')}"
-            )
+        existing_run(self.path)
         with reading(
             "the config", self.config_path, RunError, "restore the file or start a new run"
         ):

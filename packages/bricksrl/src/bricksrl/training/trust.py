@@ -18,10 +18,11 @@ from pathlib import Path
 
 from brickhub.files import folder_with, quoted, reading, write_durably
 from brickhub.hub.diagnostics.calibration import calibration_folder
-from bricksrl.errors import RunError
+from bricksrl.errors import RunError, UntrustedError
 from bricksrl.training.config import code_in, code_in_settings
+from bricksrl.training.existing_run import CONFIG, POLICY
 
-_CONFIGS = "config.json", "policy.json"
+_CONFIGS = CONFIG, POLICY
 
 
 def remember(data: bytes) -> None:
@@ -32,8 +33,8 @@ def remember(data: bytes) -> None:
 
 
 def require_trusted(path: Path, data: bytes, code: Sequence[str]) -> None:
-    """Require that a file names no code, was written here, or was declared trusted. Raises RunError
-    if it names code, and was made elsewhere or changed.
+    """Require that a file names no code, was written here, or was declared trusted. Raises
+    UntrustedError if it names code, and was made elsewhere or changed.
 
     Args:
         path: the file; ``data`` are its bytes.
@@ -41,7 +42,7 @@ def require_trusted(path: Path, data: bytes, code: Sequence[str]) -> None:
     """
     if code and not is_trusted(data):
         trusted = path.parent if path.name in _CONFIGS else path
-        raise RunError(
+        raise UntrustedError(
             f"{path} would run code ({', '.join(map(_shown, code))}) and was made elsewhere or "
             "changed; "
             f"read that code, then allow it with `bricksrl trust {quoted(trusted)}`"

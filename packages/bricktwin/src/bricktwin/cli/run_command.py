@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from brickhub.cli import run_command as run
-from brickhub.cli.options import option
+from brickhub.cli.options import Existing, option
 from brickhub.cli.terminal import print_note
+from brickhub.user_files import check_there
 
 if TYPE_CHECKING:
     from brickhub.target import Target
@@ -41,10 +42,10 @@ class Run(run.Run):
       bricktwin run lego_program.py --robot cart --video cart.mp4
     """
 
-    robot: Annotated[str | None, option(metavar="ROBOT")] = None
+    robot: Annotated[str | None, option(metavar="ROBOT"), Existing(check_there)] = None
     """Virtual robot: two-wheeler, walker, robo-arm, cart or bench; a building plan, my_robot.ldr;
     my_robot.py."""
-    scene: Annotated[str | None, option(metavar="FILE:NAME")] = None
+    scene: Annotated[str | None, option(metavar="FILE:NAME"), Existing(check_there)] = None
     """Scene of the virtual robot: that of a Python file, my_scene.py, or my_scene.py:MAT. By
     default the only one in the robot's own file."""
     video: Annotated[Path | None, option(metavar="FILE")] = None

@@ -11,14 +11,22 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, Seed, option
+from brickhub.cli.options import Existing, Flag, Seed, existing_file, option
 from brickhub.cli.terminal import confirm, print_line, print_note
 from brickhub.errors import TwinError, counted
 from brickhub.fields import Count
 from brickhub.files import check_writable
 from brickhub.target import find, whole_interface
+from brickhub.user_files import check_there
 from bricktwin import robots
-from bricktwin.twin.physics import FITTED, PARAMETERS, Physics, read_physics, write_physics
+from bricktwin.twin.physics import (
+    FITTED,
+    PARAMETERS,
+    PHYSICS_REMEDY,
+    Physics,
+    read_physics,
+    write_physics,
+)
 
 if TYPE_CHECKING:
     from brickhub.hub.interface import Interface
@@ -28,6 +36,9 @@ if TYPE_CHECKING:
     from bricktwin.measure.hands import Deed, Person
     from bricktwin.twin.scene import Scene
     from bricktwin.twin.system_id import FittedPhysics
+
+
+_PHYSICS = existing_file("the physics in", TwinError, PHYSICS_REMEDY)
 
 
 @dataclass(frozen=True)
@@ -44,7 +55,7 @@ class RecordMotion:
       bricktwin twin record my_robot.py --out robot.jsonl
     """
 
-    robot: Annotated[Positional[str], option(metavar="ROBOT")]
+    robot: Annotated[Positional[str], option(metavar="ROBOT"), Existing(check_there)]
     """Robot: two-wheeler, walker, robo-arm or bench; my_robot.ldr; my_robot.py; with bricksrl an
     environment, for its robot."""
     out: Annotated[Path, option(metavar="FILE")]
@@ -57,7 +68,7 @@ class RecordMotion:
     """Commands, at some 13 per second."""
     seed: Seed = 0
     """Seed of the commands."""
-    physics: Annotated[Path | None, option(metavar="FILE")] = None
+    physics: Annotated[Path | None, option(metavar="FILE"), _PHYSICS] = None
     """Physics of a virtual robot: a JSON file such as `bricktwin twin fit` writes."""
 
     def execute(self) -> None:
@@ -132,7 +143,7 @@ class Measure:
       bricktwin twin measure walker --out measured
     """
 
-    robot: Annotated[Positional[str], option(metavar="ROBOT")]
+    robot: Annotated[Positional[str], option(metavar="ROBOT"), Existing(check_there)]
     """Robot, as for `bricktwin twin record`."""
     out: Annotated[Path, option(metavar="DIR")]
     """Folder to write log.jsonl, report.html and physics.json to."""
@@ -140,7 +151,7 @@ class Measure:
     """How to reach the robot, as for `bricktwin twin record`."""
     seed: Seed = 0
     """Seed of a virtual robot's noise and hands."""
-    physics: Annotated[Path | None, option(metavar="FILE")] = None
+    physics: Annotated[Path | None, option(metavar="FILE"), _PHYSICS] = None
     """Physics of a virtual robot: a JSON file such as `bricktwin twin fit` writes."""
 
     def execute(self) -> None:
@@ -207,9 +218,13 @@ class FitTwin:
       bricktwin twin fit robot.jsonl --robot my_robot.py
     """
 
-    log: Annotated[Positional[Path], option(metavar="LOG")]
+    log: Annotated[
+        Positional[Path],
+        option(metavar="LOG"),
+        existing_file("the log", TwinError, "give a file that `bricktwin twin record` wrote"),
+    ]
     """File that `bricktwin twin record` wrote."""
-    robot: Annotated[str | None, option(metavar="ROBOT")] = None
+    robot: Annotated[str | None, option(metavar="ROBOT"), Existing(check_there)] = None
     """Robot, as for `bricktwin twin record`; by default the built-in one that the log names."""
     parameters: Annotated[tuple[str, ...], option(metavar="NAME")] = FITTED
     """Parameters to fit; leave out those that you know."""

@@ -283,14 +283,17 @@ class _Builder:
         self._files: set[str] = set()
         """Names of the other files that are used."""
         self._visits = 0
+        self._open: list[Model] = []
+        """The models that are being built, each placed by the one before it."""
 
     def build(self, model: Model, place: Reference, assembly: tuple[str, ...]) -> tuple[int, ...]:
         """Add the parts and steps of a model at its place. Returns the indices of its parts."""
         if len(assembly) > MAX_DEPTH:
             raise PlanError(
                 f"{self.document.path}, line {model.line}: '{model.name}' is nested more than "
-                f"{MAX_DEPTH} deep or in itself"
+                f"{MAX_DEPTH} deep"
             )
+        self._open.append(model)
         first = len(self.parts)
         file = self.models.file_of(model)
         references = [
@@ -300,6 +303,9 @@ class _Builder:
         self._add_faults(file, place.line)
         for number, group in itertools.groupby(references, lambda pair: pair[1].step):
             lines = [(own_line, ref, self._assembly(ref, model)) for own_line, ref in group]
+            for own_line, ref, inner in lines:
+                if inner is not None:
+                    self._refuse_cycle(inner, model, own_line, ref.name)
             joined = [
                 self._join(ref, inner, (*assembly, f"{inner.name}:{own_line}"))
                 for own_line, ref, inner in lines
@@ -318,7 +324,16 @@ class _Builder:
                 self.steps.append(
                     Step(step, new, groups, assembly, number, " ".join(model.notes.get(number, ())))
                 )
+        self._open.pop()
         return tuple(range(first, len(self.parts)))
+
+    def _refuse_cycle(self, inner: Model, user: Model, line: int, name: str) -> None:
+        """Raise PlanError where a line of the model ``user`` places a model that it is part of."""
+        if any(model is inner for model in self._open):
+            file = self.models.file_of(user) or self.document.path
+            raise PlanError(
+                f"{file}, line {line}: '{name}' would be nested in itself; remove this line"
+            )
 
     def _lines(self, model: Model) -> Iterator[Reference]:
         """The lines of a model, with those of its ranges that are no drawn pieces."""
@@ -382,6 +397,9 @@ class _Builder:
             return ()
         steps = len(self.steps)
         parts = self.build(model, reference, assembly)
+        if not model.references:
+            text = f"'{reference.name}' has no parts; draw some in it, or remove this line"
+            self.faults.append(LineFault(reference.line, text))
         if len(parts) == 1:
             del self.steps[steps:]
         if reference.is_free or reference.is_fixed or reference.ball is not None:

@@ -306,12 +306,14 @@ class Physics:
         return cls(**data)
 
 
+PHYSICS_REMEDY = "give a JSON file that `bricktwin twin fit` wrote"
+"""What to do where a file of physics cannot be read."""
+
+
 def read_physics(path: Path) -> Physics:
     """Read the parameters from a JSON file such as ``bricktwin twin fit`` writes. Raises TwinError
     if the file cannot be read, or its content is invalid."""
-    with reading(
-        "the physics in", path, TwinError, "give a JSON file that `bricktwin twin fit` wrote"
-    ):
+    with reading("the physics in", path, TwinError, PHYSICS_REMEDY):
         return Physics.from_dict(json.loads(path.read_bytes()))
 
 

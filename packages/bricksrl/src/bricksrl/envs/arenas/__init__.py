@@ -25,12 +25,18 @@ ARENAS = {"Tag-v0": "tag:TAG", "Carry-v0": "carry:CARRY"}
 """Module and object of each task."""
 
 
-def get_arena_task(env_id: str) -> ArenaTask:
-    """Task of a name. Raises UnknownNameError if there is none."""
+def check_arena(env_id: str) -> None:
+    """Raise UnknownNameError if there is no arena of this name, without an import of one, which
+    loads torch."""
     if env_id not in ARENAS:
         raise UnknownNameError(
             f"there is no arena '{env_id}'{hint(env_id, ARENAS)}; choose {', '.join(ARENAS)}"
         )
+
+
+def get_arena_task(env_id: str) -> ArenaTask:
+    """Task of a name. Raises UnknownNameError if there is none."""
+    check_arena(env_id)
     module, _, name = ARENAS[env_id].partition(":")
     task: ArenaTask = getattr(importlib.import_module(f"bricksrl.envs.arenas.{module}"), name)
     return task

@@ -77,7 +77,7 @@ function showStop() {
   if (["asked", "silent"].includes(pressed)) kind = pressed;
   else if (pressed === "sent" && !stop) kind = "sent";
   if (lost && kind && kind !== "confirmed") kind = "silent";
-  const whose = stop && stop.by !== you.name ? `${stop.by} has stopped it: ` : "";
+  const whose = stop && stop.by !== you.name ? `${stop.by} has stopped it. ` : "";
   const said = {
     asked: "Stopping ...",
     sent: `${whose}The stop is sent. Motors are not confirmed to be stopped yet.`,

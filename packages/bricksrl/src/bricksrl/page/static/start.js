@@ -44,7 +44,12 @@ function start(action, about) {
 
 function showRuns() {
   const runs = status.runs ?? [], section = $("runs");
-  section.querySelector(".hint").hidden = runs.length > 0;
+  const untrusted = status.untrusted ?? [], [first] = untrusted;
+  section.querySelector(".hint").hidden = runs.length + untrusted.length > 0;
+  $("untrusted").hidden = !first;
+  const number = untrusted.length === 1 ? "1 run is" : `${untrusted.length} runs are`;
+  $("untrusted").textContent = `${number} from elsewhere and would run code: ${untrusted.map(({ name }) => name).join(", ")}. `
+    + `Read that code, then allow it in a terminal: ${first?.allow}`;
   section.querySelector(".row").hidden = runs.length < 2;
   fill(section.querySelector("ul"), runs, "li", (item, run) => {
     const box = element("input", { type: "checkbox", checked: chosen.has(run.name) });

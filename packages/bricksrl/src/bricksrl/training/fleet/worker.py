@@ -5,6 +5,7 @@ It has the robot's link, environment and a copy of the policy, runs the assigned
 each frame. An unreachable robot is retried until the run ends.
 """
 
+import contextlib
 import threading
 import time
 from collections import deque
@@ -83,9 +84,10 @@ class Worker:
         except (_FleetEnded, BrokenPipeError, StoppedError):
             pass
         except Exception as error:  # noqa: BLE001  raised in the run's process
-            self.send(
-                "failed", (type(error).__name__, message_of(error, 500) + line_of_user(error))
-            )
+            with contextlib.suppress(BrokenPipeError):  # the fleet is gone meanwhile
+                self.send(
+                    "failed", (type(error).__name__, message_of(error, 500) + line_of_user(error))
+                )
 
     def _prepare(self, begin: dict[str, Any]) -> tuple[EnvBase, Learner]:
         torch.set_num_threads(1)
