@@ -69,6 +69,7 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
 
         try:
             code = _run(table, sys.argv[1:], begin)
+            end.is_said.set()
             if signal.SIGINT in at_once:
                 signal.signal(signal.SIGINT, signal.SIG_IGN)  # it has come too late
         except OSError:

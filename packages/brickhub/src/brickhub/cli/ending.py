@@ -26,7 +26,8 @@ from brickhub.cli.signals import INTERRUPTED, end_signals
 
 DEADLINE_S = 3.5
 """Time for an end in order."""
-_NOTE_S, _AGAIN_S = 1.0, 5.0
+_NOTE_S = 1.0
+_AGAIN_S = 5.0
 """Time after which a Ctrl-C that has not ended the command yet is answered, and is again."""
 
 
@@ -49,10 +50,12 @@ class End:
     Attributes:
         is_asked: set when it has to end before the deadline.
         saves: whether the command may take longer after the first Ctrl-C, to save what it has.
+        is_said: set when the command has said its last line.
     """
 
     is_asked: threading.Event = field(default_factory=threading.Event)
     saves: bool = True
+    is_said: threading.Event = field(default_factory=threading.Event)
 
 
 @contextlib.contextmanager
@@ -98,16 +101,19 @@ def _watch_signals(told: socket.socket, numbers: frozenset[int], end: End) -> No
                 return
             if data[0] == signal.SIGINT:
                 threading.Thread(
-                    target=_answer_interrupt, name="brickhub-interrupt", daemon=True
+                    target=_answer_interrupt, args=(end,), name="brickhub-interrupt", daemon=True
                 ).start()
 
 
-def _answer_interrupt() -> None:
-    time.sleep(_NOTE_S)
+def _answer_interrupt(end: End) -> None:
+    """Say what a Ctrl-C waits for, until the command has said how it ended."""
+    if end.is_said.wait(_NOTE_S):
+        return
     with contextlib.suppress(OSError, ValueError):
         sys.stderr.write("ending, and saving first; another Ctrl-C ends at once\n")
         for number in itertools.count(1):
-            time.sleep(_AGAIN_S)
+            if end.is_said.wait(_AGAIN_S):
+                return
             duration_s = _NOTE_S + number * _AGAIN_S
             sys.stderr.write(f"still saving, for {duration_s:.0f} s; another Ctrl-C ends at once\n")
 

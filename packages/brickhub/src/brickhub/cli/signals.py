@@ -9,7 +9,7 @@ import signal
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from types import FrameType
+    from typing import Any
 
 INTERRUPTED = 130
 """Exit code of a command that was ended, as in shells after Ctrl-C."""
@@ -24,7 +24,7 @@ def end_signals() -> list[signal.Signals]:
     return [number for number in known if signal.getsignal(number) is not signal.SIG_IGN]
 
 
-def ending_at_once() -> dict[signal.Signals, object]:
+def ending_at_once() -> "dict[signal.Signals, Any]":
     """From here on, Ctrl-C and the signals of `end_signals` end the process at once, in one line.
 
     It is for the time in which modules are imported: there is nothing to save yet, and no robot;
@@ -37,7 +37,7 @@ def ending_at_once() -> dict[signal.Signals, object]:
     return {number: signal.signal(number, _end) for number in numbers}
 
 
-def _end(_number: int, _frame: "FrameType | None") -> None:
+def _end(_number: int, _frame: "Any") -> None:
     with contextlib.suppress(OSError):  # the terminal may be closed
         os.write(2, b"interrupted: nothing was saved\n")
     os._exit(INTERRUPTED)
