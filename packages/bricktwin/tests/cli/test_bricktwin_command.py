@@ -194,6 +194,6 @@ def test_homing_that_nothing_stops_is_said(bricktwin, tmp_path):
         "Motor(Port.D).run_until_stalled(200)\n"
     )
     done = bricktwin("run", str(program), "--robot", "walker", "--time-limit-s", "0.2")
-    assert "in this twin nothing does: give --end-stop " in done.err
+    assert "in this twin nothing does: give --end-stop D=-90..90\n" in done.err  # its motor alone
     stops = [word for port in "ABCD" for word in ("--end-stop", f"{port}=-5..5")]
     assert bricktwin("run", str(program), "--robot", "walker", *stops) == (0, "", "")

@@ -88,6 +88,7 @@ def test_buffer_restores_what_it_stored(lines: list[str], kept: list[int]) -> No
         ("0 !LPUB PART BEGIN IGN", "0 !LPUB PART END"),
         ("0 LPUB PART BEGIN IGN", "0 LPUB PART END"),
         ("0 MLCAD SKIP_BEGIN", "0 MLCAD SKIP_END"),
+        ('0 !LPUB BUILD_MOD BEGIN "key"', "0 !LPUB BUILD_MOD END_MOD"),
     ],
 )
 def test_ignored_lines_are_no_parts(begin: str, end: str) -> None:
@@ -96,11 +97,21 @@ def test_ignored_lines_are_no_parts(begin: str, end: str) -> None:
         7,
     ]
     with pytest.raises(
-        PlanError,
-        match="line 2: no 0 !LPUB PART END or 0 MLCAD SKIP_END follows; write it after the "
-        "last line",
+        PlanError, match=f"line 2: no {end.replace('0 LPUB', '0 !LPUB')} follows; write it after"
     ):
         plan_of(BEAM, begin, SPARE)
+
+
+def test_lines_that_are_no_parts_end_with_their_own_end() -> None:
+    begin, end = "0 !LPUB PART BEGIN IGN", "0 !LPUB PART END"
+    nested = ["0 MLCAD SKIP_BEGIN", SPARE, "0 MLCAD SKIP_END"]
+    assert lines_of(BEAM, begin, *nested, SPARE, end, pin(0, 10, 0)) == [1, 8]
+
+
+def test_of_a_modification_the_original_is_the_model() -> None:
+    begin, end = '0 !LPUB BUILD_MOD BEGIN "key"', "0 !LPUB BUILD_MOD END"
+    middle = "0 !LPUB BUILD_MOD END_MOD"
+    assert lines_of(BEAM, begin, SPARE, middle, pin(0, 10, 0), end, SPARE) == [1, 5, 7]
 
 
 @pytest.mark.parametrize(
@@ -111,9 +122,29 @@ def test_what_is_for_pictures_changes_no_part_and_is_no_title(words: str) -> Non
     assert (len(plan.parts), len(plan.steps), plan.title, plan.faults) == (2, 1, "try", ())
 
 
-@pytest.mark.parametrize("begin", ["0 MLCAD HIDE ", "0 GHOST ", "0 GHOST 0 MLCAD HIDE ", "0 !: "])
+@pytest.mark.parametrize("begin", ["0 MLCAD HIDE ", "0 GHOST 0 MLCAD HIDE ", "0 !: "])
 def test_hidden_part_is_a_comment(begin: str) -> None:
     assert lines_of(BEAM, begin + SPARE) == [1]
+
+
+def test_ghost_is_a_part_of_the_first_model_alone() -> None:
+    below = BEAM.replace("32316.dat", "b.ldr")
+    models = ["0 FILE a.ldr", BEAM, f"0 GHOST {SPARE}", below]
+    models += ["0 FILE b.ldr", pin(0, 10, 0), f"0 GHOST {SPARE}"]
+    assert sorted(lines_of(*models)) == [2, 3, 6]
+    links = [f"0 GHOST {LINK.format(16 * number)}" for number in range(6)]
+    chain = ["0 SYNTH BEGIN CHAIN 0", DRAWING[0], *links, DRAWING[2], "0 SYNTH END"]
+    assert len(plan_of(BEAM, *chain).parts) == 7
+
+
+@pytest.mark.parametrize("generator", ["FLEXHOSE", "RUBBER_BELT", "SPRING"])
+def test_what_mlcad_generates_is_one_piece_of_its_model(generator: str) -> None:
+    strange = SPARE.replace("32316", "no_part")
+    drawing = ["0 MLCAD SKIP_BEGIN", *[SEGMENT] * 9, "0 MLCAD SKIP_END"]
+    plan = plan_of(BEAM, strange, f"0 MLCAD {generator} 1 2", *drawing, pin(0, 10, 0))
+    assert [placed.line for placed in plan.parts] == [1, 15]
+    assert [unknown.number for unknown in plan.unknown] == ["no_part"]
+    assert plan.drawn == (3,)
 
 
 @pytest.mark.parametrize("name", [name for name, kind in SYNTH_KINDS.items() if kind.is_of_parts])

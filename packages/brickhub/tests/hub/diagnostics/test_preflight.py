@@ -18,11 +18,12 @@ from brickhub.hub.diagnostics.preflight import (
     check_latency,
     check_ports,
     check_robot,
+    check_wheels,
     device_name,
     latency,
     small_move,
 )
-from brickhub.hub.diagnostics.survey import Survey
+from brickhub.hub.diagnostics.survey import Survey, WheelTurn
 from brickhub.hub.interface import RunAngle, UntilDone, Wait
 from brickhub.robot import HubKind, MotorKind, SensorKind
 from brickhub.virtual.bench_body import BenchBody
@@ -197,3 +198,28 @@ def test_failing_program_is_a_finding() -> None:
     *_, last = check_robot(hub, described, interface, may_move=lambda: True)
     assert last.outcome is Outcome.ERROR and "ENODEV" in last.detail
     assert not any(servo.is_open for servo in hub.machine.servos.values())
+
+
+@pytest.mark.parametrize(
+    ("shares", "outcomes"),
+    [
+        ((1.0, 0.97), ("OK", "OK")),
+        ((1.0, 0.7), ("OK", "WARNING")),
+        ((0.05, 1.0), ("WARNING", "OK")),  # the other wheel turned it: it stands on the floor
+        ((-0.05, 1.0), ("WARNING", "OK")),
+        ((0.05, -0.05), ("SKIPPED", "SKIPPED")),
+        ((1.0, -1.0), ("OK", "ERROR")),
+    ],
+)
+def test_wheel_that_rolls_less_than_its_motor_slips(
+    shares: tuple[float, float], outcomes: tuple[str, str]
+) -> None:
+    base = TWO_WHEELER.drive_base
+    assert base is not None
+    deg = 90.0 * base.wheel_diameter_mm / (2 * base.axle_track_mm)
+    turns = [
+        WheelTurn(base.left, 90.0, shares[0] * deg),
+        WheelTurn(base.right, 90.0, -shares[1] * deg),
+    ]
+    found = check_wheels(TWO_WHEELER, turns, lambda names: "calibrate")
+    assert tuple(finding.outcome.name for finding in found) == outcomes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,12 +84,12 @@ class Run(run.Run):
 
 
 def motors_without_stops(body: Body | None, program: Path) -> list[str]:
-    """Ports of a twin's motors that nothing stops, but those of its drive base, if a program waits
-    for a motor to stall."""
-    if body is None or "run_until_stalled" not in program.read_text(
-        encoding="utf-8", errors="replace"
-    ):
+    """Ports of a twin's motors that nothing stops, but those of its drive base, and those that the
+    program does not name, if a program waits for a motor to stall."""
+    text = "" if body is None else program.read_text(encoding="utf-8", errors="replace")
+    if body is None or "run_until_stalled" not in text:
         return []
+    named = set(re.findall(r"\bPort\.([A-F])\b", text))
     base = body.robot.drive_base
     wheels = () if base is None else (base.left, base.right)
     free = [
@@ -98,4 +99,5 @@ def motors_without_stops(body: Body | None, program: Path) -> list[str]:
     ]
     # a bench has the stops of the description only
     is_stopped = getattr(body, "is_stopped", lambda port: False)
-    return [motor.port for motor in free if not is_stopped(motor.port)]
+    ports = [motor.port for motor in free if not is_stopped(motor.port)]
+    return [port for port in ports if port in named or not named]

@@ -22,6 +22,12 @@ from bricktwin.plans.meta_commands import Meaning, SynthKind, meaning_of, synth_
 _LIBRARY_TYPES = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
 _STRETCH_TOLERANCE = 0.02
 _MAIN_COLOUR = 16
+_ENDS = {
+    "LPUB PART": "0 !LPUB PART END",
+    "LPUB BUILD": "0 !LPUB BUILD_MOD END_MOD",
+    "MLCAD SKIP": "0 MLCAD SKIP_END",
+}
+"""The line that ends lines that are no parts, by what it has in common with their first line."""
 _MAX_DEG, _MAX_COORDINATE = 36_000.0, 1e6
 """Limits of the numbers of a file, the coordinates in LDU."""
 
@@ -63,6 +69,7 @@ class Reference(Marks):
         offset: [3], LDU.
         step: index in its model.
         is_stretched: whether it is scaled.
+        is_ghost: whether it is no part where its model is a sub-model.
     """
 
     colour: int
@@ -72,6 +79,7 @@ class Reference(Marks):
     step: int
     line: int
     is_stretched: bool
+    is_ghost: bool = False
 
 
 @dataclass
@@ -171,8 +179,11 @@ class Document:
         self._model: Model | None = None
         self._range: Model | None = None
         self._synth: _Synth | None = None
-        self._ignored_line = 0
-        """Line from which on nothing is a part; 0 if there is none."""
+        self._ignored: dict[str, int] = {}
+        """Lines from which on nothing is a part, by the end that each waits for."""
+        self._generator_line = 0
+        """Line of this model that says that MLCad draws a hose, band or spring; 0 if its segments
+        have begun."""
         self._buffers: dict[str, list[Reference]] = {}
         self._marks: dict[str, Any] = {}
         self._marks_line = 0
@@ -189,7 +200,7 @@ class Document:
                 self._meta(number, rest)
             case ["1", *_]:
                 self._reference(number, words)
-            case ["3" | "4", *_] if not (self._ignored_line or self._synth):
+            case ["3" | "4", *_] if not (self._ignored or self._synth or self._range):
                 self._current(number).is_shape = True
 
     def _meta(self, number: int, words: list[str]) -> None:
@@ -211,14 +222,16 @@ class Document:
             case Meaning.RETRIEVE:
                 model = self._current(number)
                 model.references = list(self._buffers.get(words[1], model.references))
-            case Meaning.IGNORED:
-                self._ignored_line = self._ignored_line or number
-            case Meaning.END_IGNORED:
-                self._ignored_line = 0
-            case Meaning.SUBSTITUTED:
-                self._begin_range(number, words[-1])
-            case Meaning.END_SUBSTITUTED:
-                self._range = None
+            case (
+                Meaning.IGNORED
+                | Meaning.END_IGNORED
+                | Meaning.SUBSTITUTED
+                | Meaning.END_SUBSTITUTED
+                | Meaning.GENERATOR
+            ):
+                self._range_of_lines(number, words)
+            case Meaning.GHOST if words[1:2] == ["1"]:
+                self._reference(number, words[1:], is_ghost=True)
             case (
                 Meaning.SYNTH
                 | Meaning.END_SYNTH
@@ -241,10 +254,28 @@ class Document:
         elif not words[0].startswith("!"):
             model.title = model.title or " ".join(words)
 
+    def _range_of_lines(self, number: int, words: list[str]) -> None:
+        """Do what a line means that begins or ends lines that are no parts, or one piece."""
+        match meaning_of(words):
+            case Meaning.IGNORED if self._generator_line and words[0] == "MLCAD":
+                self._begin_generated(number)
+            case Meaning.IGNORED:
+                self._ignored.setdefault(_pair(words), number)
+            case Meaning.END_IGNORED:
+                if self._ignored.pop(_pair(words), 0) == 0:
+                    self._range = None
+            case Meaning.SUBSTITUTED:
+                self._begin_range(number, words[words.index("SUB") + 1])
+            case Meaning.END_SUBSTITUTED:
+                self._range = None
+            case Meaning.GENERATOR:
+                self._generator_line = number
+                self._current(number).is_drawn = True
+
     def _lsynth(self, number: int, words: list[str]) -> None:
         """Do what a line of LSynth means."""
         meaning, synth = meaning_of(words), self._synth
-        if meaning is Meaning.SYNTH and not self._ignored_line:
+        if meaning is Meaning.SYNTH and not self._ignored:
             self._end_synth()
             kind = synth_kind(words[2])
             self._synth = _Synth(number, words[2].lower(), kind, is_shown=kind.is_band)
@@ -266,12 +297,18 @@ class Document:
 
     def _begin_range(self, number: int, name: str) -> None:
         """Begin lines that are one drawn piece."""
-        if not self._ignored_line:
+        if not self._ignored:
             self._range = None
             drawn = Model(f"{name} of line {number}", number, is_drawn=True, is_range=True)
             self.models[key_of(drawn.name)] = drawn
             self._place(number, _MAIN_COLOUR, np.eye(3), np.zeros(3), drawn.name)
             self._range = drawn
+
+    def _begin_generated(self, number: int) -> None:
+        """Begin the segments of the hose, band or spring that a line before these names."""
+        self._current(number).is_drawn = False
+        self._begin_range(self._generator_line, "hose, band or spring")
+        self._generator_line = 0
 
     def _current(self, number: int) -> Model:
         if self._model is None:
@@ -290,12 +327,11 @@ class Document:
         if self._synth is not None:
             remedy = "write it after the last segment of the cable or hose"
             raise self._error(self._synth.line, "no 0 SYNTH END follows", remedy)
-        if self._ignored_line:
+        for pair, line in self._ignored.items():
             remedy = "write it after the last line that is no part"
-            raise self._error(
-                self._ignored_line, "no 0 !LPUB PART END or 0 MLCAD SKIP_END follows", remedy
-            )
+            raise self._error(line, f"no {_ENDS[pair]} follows", remedy)
         self._model, self._range, self._buffers = model, None, {}
+        self._generator_line = 0
 
     def _file(self, number: int, name: str) -> None:
         key, model = key_of(name), Model(name, number)
@@ -339,7 +375,7 @@ class Document:
                     "HIGH, FREE, FIXED or BALL X Y Z",
                 )
 
-    def _reference(self, number: int, words: list[str]) -> None:
+    def _reference(self, number: int, words: list[str], is_ghost: bool = False) -> None:
         drawn, name = colour_and_numbers(words, 12, _MAX_COORDINATE), unquoted(words[14:])
         if self._is_no_part(name):
             self._marks = {}
@@ -349,31 +385,44 @@ class Document:
             )
             self._marks = {}
         else:
-            self._place(
-                number, drawn[0], np.array(drawn[1][3:]).reshape(3, 3), np.array(drawn[1][:3]), name
-            )
+            matrix = np.array(drawn[1][3:]).reshape(3, 3)
+            offset = np.array(drawn[1][:3])
+            self._place(number, drawn[0], matrix, offset, name, is_ghost)
             self._marks = {}
 
     def _is_no_part(self, name: str) -> bool:
         """Whether a line places no part, as it is ignored, or LSynth needs it only to draw."""
         synth = self._synth
-        if self._ignored_line or synth is None:
-            return bool(self._ignored_line)
+        if self._ignored or synth is None:
+            return bool(self._ignored)
         if synth.is_drawing:
             synth.count += synth.kind.is_of_parts
             return not synth.kind.is_of_parts
         return not (synth.is_shown and catalogue.find(name))
 
-    def _place(self, number: int, colour: int, matrix: Floats, offset: Floats, name: str) -> None:
+    def _place(
+        self,
+        number: int,
+        colour: int,
+        matrix: Floats,
+        offset: Floats,
+        name: str,
+        is_ghost: bool = False,
+    ) -> None:
         model = self._current(number)
         is_stretched = bool(np.abs(matrix @ matrix.T - np.eye(3)).max() > _STRETCH_TOLERANCE)
         reference = Reference(
-            colour, matrix, offset, name, model.step, number, is_stretched, **self._marks
+            colour, matrix, offset, name, model.step, number, is_stretched, is_ghost, **self._marks
         )
         (self._range or model).references.append(reference)
 
     def _error(self, number: int, fault: str, remedy: str) -> PlanError:
         return PlanError(f"{self.path}, line {number}: {fault}; {remedy}")
+
+
+def _pair(words: Sequence[str]) -> str:
+    """What the first and the last of some lines that are no parts have in common."""
+    return f"{words[0].lstrip('!')} {words[1].partition('_')[0]}"
 
 
 def colour_and_numbers(

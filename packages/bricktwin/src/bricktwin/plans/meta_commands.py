@@ -1,7 +1,8 @@
 """Meta commands of LDraw and its editors: lines that begin with 0, and what each of them is here.
 
 Sources: LDraw.org's file format, multi-part documents and language extensions; the programs' own
-documentation; LPub3D's ``meta.cpp`` and ``traverse.cpp``; LSynth's ``lsynth.mpd``.
+documentation; LPub3D's ``meta.cpp`` and ``traverse.cpp``; LSynth's ``lsynth.mpd``. Of a
+modification (``BUILD_MOD``), LPub3D's parts lists have the original, so we do too.
 """
 
 import enum
@@ -34,8 +35,13 @@ class Meaning(enum.Enum):
     SHOW = "the parts that a band or hose runs around are parts of the model"
     HIDE = "the parts that a band or hose runs around are no parts of the model"
     DRAWN_MODEL = "this model is one drawn cable, hose, band or spring"
+    GENERATOR = (
+        "what lies between the MLCAD SKIP_BEGIN and SKIP_END that follow, or else this model, is "
+        "one drawn hose, band or spring"
+    )
     SHAPE = "this model is a part, or a shape in it, if it says so"
     HIDDEN = "no part of the model"
+    GHOST = "a part of the plan's first model; of a sub-model it is no part"
     PICTURE = "nothing: it is for the pictures, pages and lists of that program; all parts stay"
     HEADER = "nothing: it says something about the file"
 
@@ -66,6 +72,8 @@ META_COMMANDS = (
     MetaCommand("!LPUB PART END", "LPub3D", Meaning.END_IGNORED),
     MetaCommand("LPUB PART BEGIN IGN", "LPub", Meaning.IGNORED),
     MetaCommand("LPUB PART END", "LPub", Meaning.END_IGNORED),
+    MetaCommand("!LPUB BUILD_MOD BEGIN", "LPub3D", Meaning.IGNORED),
+    MetaCommand("!LPUB BUILD_MOD END_MOD", "LPub3D", Meaning.END_IGNORED),
     MetaCommand("MLCAD SKIP_BEGIN", "MLCad", Meaning.IGNORED),
     MetaCommand("MLCAD SKIP_END", "MLCad", Meaning.END_IGNORED),
     MetaCommand("!LPUB PLI BEGIN SUB *", "LPub3D", Meaning.SUBSTITUTED),
@@ -83,12 +91,12 @@ META_COMMANDS = (
     MetaCommand("SYNTH HIDE", "LSynth", Meaning.HIDE),
     MetaCommand("SYNTH", "LSynth", Meaning.PICTURE),
     MetaCommand("!LDCAD GENERATED", "LDCad", Meaning.DRAWN_MODEL),
-    MetaCommand("MLCAD FLEXHOSE", "MLCad", Meaning.DRAWN_MODEL),
-    MetaCommand("MLCAD RUBBER_BELT", "MLCad", Meaning.DRAWN_MODEL),
-    MetaCommand("MLCAD SPRING", "MLCad", Meaning.DRAWN_MODEL),
+    MetaCommand("MLCAD FLEXHOSE", "MLCad", Meaning.GENERATOR),
+    MetaCommand("MLCAD RUBBER_BELT", "MLCad", Meaning.GENERATOR),
+    MetaCommand("MLCAD SPRING", "MLCad", Meaning.GENERATOR),
     MetaCommand("!LDRAW_ORG *", "LDraw", Meaning.SHAPE),
     MetaCommand("MLCAD HIDE", "MLCad", Meaning.HIDDEN),
-    MetaCommand("GHOST", "MLCad", Meaning.HIDDEN),
+    MetaCommand("GHOST", "MLCad", Meaning.GHOST),
     MetaCommand("!LPUB PLI BEGIN IGN", "LPub3D", Meaning.PICTURE),
     MetaCommand("!LPUB BOM", "LPub3D", Meaning.PICTURE),
     MetaCommand("!LPUB CALLOUT", "LPub3D", Meaning.PICTURE),

@@ -298,7 +298,9 @@ class _Builder:
         file = self.models.file_of(model)
         references = [
             (ref.line, replace(_located(ref, place), line=place.line if file else ref.line))
-            for ref in composed(list(self._lines(model)))
+            for ref in composed(
+                [one for one in self._lines(model) if not (one.is_ghost and assembly)]
+            )
         ]
         self._add_faults(file, place.line)
         for number, group in itertools.groupby(references, lambda pair: pair[1].step):

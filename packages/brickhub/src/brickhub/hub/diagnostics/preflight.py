@@ -479,9 +479,9 @@ def _check_move(
     )
 
 
-_TURNED_SHARE, _STILL_SHARE = 0.6, 0.15
+_TURNED_SHARE, _STILL_SHARE = 0.8, 0.15
 """Shares of the expected turn of the hub: less than the first is slip, less than the second no turn
-at all."""
+at all, which is slip too if the other wheel turned the robot."""
 
 
 def check_wheels(
@@ -493,21 +493,24 @@ def check_wheels(
     if base is None:
         return
     is_wrong = []
+    rolled: list[tuple[WheelTurn, float]] = []
     for turn in turns:
         sign = 1.0 if turn.motor == base.left else -1.0
         expected_deg = sign * turn.wheel_deg * base.wheel_diameter_mm / (2 * base.axle_track_mm)
-        if abs(expected_deg) < 1.0:
-            continue  # it did not turn, as its move has told
+        if abs(expected_deg) >= 1.0:  # else it did not turn, as its move has told
+            rolled.append((turn, expected_deg))
+    is_on_floor = any(abs(turn.heading_deg / deg) >= _STILL_SHARE for turn, deg in rolled)
+    for turn, expected_deg in rolled:
         share = turn.heading_deg / expected_deg
         name = f"wheel {turn.motor}"
         motion = f"turned the robot by {turn.heading_deg:.0f} of {expected_deg:.0f} deg"
-        if abs(share) < _STILL_SHARE:
+        if abs(share) < _STILL_SHARE and not is_on_floor:
             still = (
                 "the robot stayed as it was, by its gyroscope: on the bench, or its wheels "
                 "in the air"
             )
             yield Finding(name, Outcome.SKIPPED, still)
-        elif share < 0:
+        elif share <= -_STILL_SHARE:
             is_wrong.append(turn.motor)
             port = robot.motor(turn.motor).port
             remedy = f"it turns the wrong way (port {port}): {advise([turn.motor])}"
