@@ -252,8 +252,12 @@ def test_faulty_client_is_told_before_it_starts(folder: Path) -> None:
         bricksrl.make("../my_task.py", streaming=True).reset()
 
 
-def test_check_names_what_never_changes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Without a scene, an environment that cannot learn; what is said about the watchdog, once."""
+def test_check_names_what_never_changes(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a scene, an environment that cannot learn; what is said about the watchdog, once,
+    also where only Python's last resort prints it."""
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
     without_scene = ENVIRONMENT.replace("scene = TWO_WHEELER", "other = TWO_WHEELER")
     (folder / "my_env.py").write_text(without_scene)
     assert main(["check", "../my_env.py:TaskEnvironment"]) == 0
@@ -261,7 +265,17 @@ def test_check_names_what_never_changes(folder: Path, capsys: pytest.CaptureFixt
     line = next(each for each in printed.out.splitlines() if " values " in each)
     assert line.startswith("warning") and "state_4 (2000) never changed" in line
     assert "the reward was always 0" in line
-    assert printed.err.count("has no watchdog") <= 1
+    assert printed.err.count("has no watchdog") == 1
+
+
+def test_check_names_what_leaves_the_spec(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The spec's bounds are those of the environment, which cuts values beyond them."""
+    narrow = re.sub(r"\[0, 360\]", "[0, 90]", ENVIRONMENT)
+    assert narrow != ENVIRONMENT
+    (folder / "my_env.py").write_text(narrow)
+    assert main(["check", "../my_env.py:TaskEnvironment"]) == 1
+    printed = capsys.readouterr().out
+    assert re.search(r"error +values +state_0 is \d+, outside of 0 to 90", printed), printed
 
 
 def test_value_outside_of_its_range_is_cut_and_named(

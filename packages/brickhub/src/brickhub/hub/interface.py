@@ -351,13 +351,13 @@ class RemoteButton(HubButton):
 
 @dataclass(frozen=True)
 class ClientChannel(Channel):
-    """Number that a client program of one's own answers; values beyond its range are possible."""
+    """Number that a client program of one's own answers; what it answers beyond the range is cut to
+    it."""
 
     name: str
     low: float
     high: float
     unit: str = ""
-    is_nominal: ClassVar[bool] = True
     expression: ClassVar[str] = ""
 
     def check(self, robot: Robot) -> None:

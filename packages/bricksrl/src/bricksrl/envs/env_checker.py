@@ -77,7 +77,9 @@ def _said_once() -> Iterator[None]:
         said.add(text)
         return is_first
 
-    handlers = list(logging.getLogger().handlers)
+    # Where nothing is set up, Python prints warnings by its last resort.
+    handlers = logging.getLogger().handlers or [logging.lastResort]
+    handlers = [handler for handler in handlers if handler is not None]
     for handler in handlers:
         handler.addFilter(is_new)
     try:
