@@ -99,7 +99,7 @@ def test_a_policy_with_transforms_is_taught_by_what_the_robot_observes(
 
     monkeypatch.setattr(hub_export, "distil", distil)
     monkeypatch.setattr(hub_export, "EPISODES", 1)
-    export_program(tmp_path / "run", tmp_path / "walk.py")
+    export_program(tmp_path / "run", tmp_path / "walk.py", hidden=(4,))
     assert 180.0 < seen[0] < 360.0, "angles as the hub counts them, not halved"
 
 
