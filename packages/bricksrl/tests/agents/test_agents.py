@@ -177,7 +177,7 @@ def _after_steps(learner: Learner) -> Learner:
     if learner.imitates or learner.on_policy:
         return taught(learner)
     torch.manual_seed(2)
-    for frame in steps(12):
+    for frame in steps(14):  # an odd number of updates, and a part of one
         learner.remember(frame[None])
         learner.learn()
     return learner
