@@ -70,7 +70,7 @@ REPLAYING = ("sac", "droq", "redq", "td3", "crossq", "tqc", "iql", "cql", "td3bc
 IMITATING = ("bc", "act", "diffusion")
 LEARNING = (*REPLAYING, "ppo", *IMITATING)
 _SMALL: dict[str, Any] = {
-    "hidden": (16, 16),
+    "hidden": (16,),
     "batch_size": 10,
     "updates_per_step": 1.0,
     "actor_delay": 1,

@@ -90,7 +90,7 @@ ACT = {
     "width": 32,
     "feedforward": 64,
     "heads": 2,
-    "learning_rate": 2e-3,
+    "learning_rate": 5e-3,
     "dropout": 0.0,
     "chunk": 6,
 }
@@ -98,13 +98,13 @@ ACT = {
 
 @pytest.fixture(scope="module")
 def act() -> Learner:
-    return student("act", 400, **ACT, executed=6, ensemble=None)
+    return student("act", 160, **ACT, executed=6, ensemble=None)
 
 
 def test_act_learns_from_history(act: Learner) -> None:
     for sign in (1.0, -1.0):
         assert (performed(act, sign) - wanted(sign)).abs().mean() < 0.2
-    bc = student("bc", 200, hidden=(32, 32))
+    bc = student("bc", 60, hidden=(32,), learning_rate=1e-2)
     assert (performed(bc, 1.0) - wanted(1.0)).abs().mean() > 0.4
 
 

@@ -290,7 +290,7 @@ def test_a_search_goes_on_elsewhere_from_what_it_knows() -> None:
 
 def test_runs_resume_bit_for_bit_and_show_their_trials(tmp_path: Path) -> None:
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    options = {"agent": "gait", "record": False}
+    options = {"agent": "gait", "record": False, "options": {"step_ms": 500}}
     train(TrainConfig("WalkerSim-v0", episodes=2, run_dir=whole, **options))
     train(TrainConfig("WalkerSim-v0", episodes=1, run_dir=parts, **options))
     resume(parts, episodes=2)
@@ -307,7 +307,9 @@ def test_runs_resume_bit_for_bit_and_show_their_trials(tmp_path: Path) -> None:
 
 
 def test_a_run_goes_on_from_another(tmp_path: Path) -> None:
-    options = {"agent": "gait", "episodes": 1, "record": False}
+    # an episode of five trials
+    steps = {"step_ms": 500}
+    options = {"agent": "gait", "episodes": 1, "record": False, "options": steps}
     train(TrainConfig("WalkerSim-v0", run_dir=tmp_path / "here", **options))
     train(
         TrainConfig(
@@ -315,14 +317,14 @@ def test_a_run_goes_on_from_another(tmp_path: Path) -> None:
         )
     )
     first, second = (
-        load_learner(tmp_path / name, make("WalkerSim-v0", seed=0)).learner
+        load_learner(tmp_path / name, make("WalkerSim-v0", seed=0, **steps)).learner
         for name in ("here", "there")
     )
     assert isinstance(first, PolicySearch)
     assert isinstance(second, PolicySearch)
-    assert second.worlds.tolist() == [0] * 10 + [1] * 10
-    assert torch.equal(second.numbers[10], first.actor.best)
-    assert torch.equal(second.scores[:10], first.scores)
+    assert second.worlds.tolist() == [0] * 5 + [1] * 5
+    assert torch.equal(second.numbers[5], first.actor.best)
+    assert torch.equal(second.scores[:5], first.scores)
 
 
 def test_copies_try_the_same_numbers_together(tmp_path: Path) -> None:

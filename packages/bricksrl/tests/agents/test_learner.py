@@ -327,12 +327,14 @@ def test_frames_with_lost_link_are_not_stored() -> None:
 
 @pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
 def test_learns_rewarded_action(agent: str) -> None:
-    learner = make(agent, gamma=0.0, hidden=(32, 32), batch_size=32, hindsight=0.0, new_goals=0.0)
+    learner = make(
+        agent, gamma=0.0, learning_rate=1e-2, batch_size=32, hindsight=0.0, new_goals=0.0
+    )
     frames = steps(200)
     frames["next", "reward"] = frames["action"][:, :1] - frames["action"][:, 1:2]
     frames["next", "terminated"] = torch.zeros(200, 1, dtype=torch.bool)
     learner.remember(frames)
-    learner.make_updates(250)
+    learner.make_updates(60)
     best = learner.exploit(frames)["action"]
     assert best[:, 0].mean() > 0.6
     assert best[:, 1].mean() < -0.6
@@ -376,12 +378,13 @@ def test_few_greater_or_no_rewards_are_learned_as_they_are() -> None:
 @pytest.mark.parametrize("terminated", [False, True])
 def test_values_bootstrap_at_truncation_not_termination(agent: str, terminated: bool) -> None:
     changes = {
-        "gamma": 0.8,
-        "learning_rate": 3e-3,
+        "gamma": 0.5,
+        "learning_rate": 1e-2,
+        "start_value": False,
         "hindsight": 0.0,
         "new_goals": 0.0,
         "batch_size": 32,
-        "tau": 0.1,
+        "tau": 0.5,
     }
     learner = make(agent, **changes, momentum=0.1, alpha_init=1e-4)
     frames = steps(30)
@@ -393,7 +396,7 @@ def test_values_bootstrap_at_truncation_not_termination(agent: str, terminated: 
         torch.ones(30, 1, dtype=torch.bool),
     )
     learner.remember(frames)
-    learner.make_updates(500 if agent == "crossq" else 200)  # CrossQ's values come slower
+    learner.make_updates(80 if agent == "crossq" else 30)  # CrossQ's values come slower
     loss = learner.loss
     assert loss is not None
     with torch.no_grad():
@@ -401,7 +404,7 @@ def test_values_bootstrap_at_truncation_not_termination(agent: str, terminated: 
     if terminated:
         assert (values - 1.0).abs().mean() < 0.3
     else:
-        assert values.mean() > 2.5  # on the way to 5; without bootstrapping it is 1
+        assert values.mean() > 1.5  # on the way to 2; without bootstrapping it is 1
 
 
 def test_learning_leaves_no_gradients() -> None:

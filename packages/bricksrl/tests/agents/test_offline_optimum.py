@@ -35,6 +35,7 @@ SMALL = {
     "tau": 0.1,
     "sampled_actions": 4,
 }
+QUICK = {"hidden": (32,), "learning_rate": 1e-2}
 
 
 class Line(EnvBase):
@@ -136,11 +137,17 @@ def values_of(learner: Learner, x: Tensor) -> Tensor:
 
 
 @pytest.fixture(scope="module")
-def imitated() -> float:
-    """Regret of imitation."""
+def imitator() -> Learner:
+    """A learner by imitation."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(4)
-        return regret(learned("bc", dropout=0.0))
+        return learned("bc", 200, hidden=(32,), dropout=0.0)
+
+
+@pytest.fixture(scope="module")
+def imitated(imitator: Learner) -> float:
+    """Regret of imitation."""
+    return regret(imitator)
 
 
 def test_data_policy_is_not_optimal(imitated: float) -> None:
@@ -153,15 +160,14 @@ def test_data_policy_is_not_optimal(imitated: float) -> None:
     assert imitated > 0.1
 
 
-def test_bc_finds_mean_behaviour() -> None:
-    agent = learned("bc", dropout=0.0)
+def test_bc_finds_mean_behaviour(imitator: Learner) -> None:
     mean = behaviour(STARTS, QUANTILES[:, None]).mean(0)
-    torch.testing.assert_close(acted(agent, STARTS), mean, rtol=0.0, atol=0.12)
+    torch.testing.assert_close(acted(imitator, STARTS), mean, rtol=0.0, atol=0.12)
 
 
 @functools.cache
 def bold_iql() -> Learner:
-    return learned("iql", 400, expectile=0.95, temperature=10.0)
+    return learned("iql", 150, **QUICK, expectile=0.95, temperature=10.0)
 
 
 @pytest.mark.slow
@@ -182,7 +188,8 @@ def test_iql_with_high_expectile_approaches_best_values() -> None:
 
 @pytest.mark.parametrize(("agent", "share"), [("iql", 0.7), ("cql", 0.3), ("td3bc", 0.5)])
 def test_offline_agents_improve_on_the_data(imitated: float, agent: str, share: float) -> None:
-    assert regret(bold_iql() if agent == "iql" else learned(agent, 400)) < share * imitated
+    learner = bold_iql() if agent == "iql" else learned(agent, 150, **QUICK)
+    assert regret(learner) < share * imitated
 
 
 def test_cql_underestimates_outside_of_data() -> None:

@@ -51,8 +51,8 @@ def of_base(agent: str = "sac", before: str = "td3") -> tuple[Learner, Learner]:
 
 @pytest.mark.parametrize("agent", TAUGHT)
 def test_demonstrations_are_imitated(agent: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bricksrl.agents.teachers.UPDATES", 500)
-    learner = make(agent, seed=5, hidden=(64, 64))
+    monkeypatch.setattr("bricksrl.agents.teachers.UPDATES", 250)
+    learner = make(agent, seed=5, hidden=(64,))
     imitate(learner, steps(30), shown())
     assert float((acts(learner) - shown()).abs().mean()) < 0.05
     explored = torch.stack([learner.explore(steps(1)[0])["action"] for _ in range(50)])
@@ -170,7 +170,7 @@ def test_anchor_affects_mean_only() -> None:
 
 def test_taught_policy_does_not_collapse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without an anchor the policy is lost within a few updates."""
-    monkeypatch.setattr("bricksrl.agents.teachers.UPDATES", 300)
+    monkeypatch.setattr("bricksrl.agents.teachers.UPDATES", 150)
     distances = []
     for held in (True, False):
         learner = make("sac", seed=5)
@@ -180,6 +180,6 @@ def test_taught_policy_does_not_collapse(monkeypatch: pytest.MonkeyPatch) -> Non
             of(learner).anchor = None
         learner.remember(steps(30))
         torch.manual_seed(1)
-        learner.make_updates(60)
+        learner.make_updates(30)
         distances.append(float((acts(learner) - before).square().mean().sqrt()))
     assert distances[0] < 0.5 * distances[1]

@@ -70,11 +70,11 @@ def steer(env: HubEnv) -> Callable[[TensorDictBase], TensorDictBase]:
     return act
 
 
-def short() -> HubEnv:
-    """Episodes of 6 steps."""
+def short(steps: int = 6) -> HubEnv:
+    """Episodes of a few steps."""
     env = bricksrl.make(ID)
     assert isinstance(env, HubEnv)
-    env.task = replace(env.task, max_steps=6)
+    env.task = replace(env.task, max_steps=steps)
     return env
 
 
@@ -196,9 +196,9 @@ def test_resumed_run_equals_uninterrupted(agent: str, tmp_path: Path) -> None:
     whole = TrainConfig(
         ID, agent, episodes=3, seed=2, settings=settings, run_dir=tmp_path / "whole"
     )
-    one = train(whole, env=short())
-    train(replace(whole, episodes=2, run_dir=tmp_path / "parts"), env=short())
-    other = resume(tmp_path / "parts", episodes=3, env=short())
+    one = train(whole, env=short(3))
+    train(replace(whole, episodes=2, run_dir=tmp_path / "parts"), env=short(3))
+    other = resume(tmp_path / "parts", episodes=3, env=short(3))
     assert [episode.return_ for episode in one.episodes] == [
         episode.return_ for episode in other.episodes
     ]

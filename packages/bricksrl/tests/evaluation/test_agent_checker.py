@@ -79,10 +79,10 @@ def test_user_agent_passes_check(tmp_path: Path) -> None:
 def test_wrong_agent_fails_check(
     tmp_path: Path, what: dict[str, str], name: str, says: str
 ) -> None:
-    failed = [
+    failed = next(
         check for check in check_agent(own(tmp_path, **what)) if check.outcome is Outcome.ERROR
-    ]
-    assert failed[0].name == name and says in failed[0].detail and "\n" not in failed[0].detail
+    )
+    assert failed.name == name and says in failed.detail and "\n" not in failed.detail
 
 
 def test_changed_settings_are_reported(tmp_path: Path) -> None:

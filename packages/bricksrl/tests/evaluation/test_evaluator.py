@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,9 +17,10 @@ from toys import Cart
 from videos import read_video
 
 from brickhub.hub.interface import Interface, Wait
-from bricksrl import make
+from bricksrl import make, register
 from bricksrl.agents.sac import SACSettings
 from bricksrl.cli.evaluate import describe
+from bricksrl.envs import get_task, registry
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.rollout import play_episodes
 from bricksrl.envs.task import Entry
@@ -35,15 +37,25 @@ from bricktwin.twin.render.opengl import VideoWriter
 
 @pytest.fixture(scope="module")
 def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    settings = SACSettings(hidden=(32, 32), batch_size=32)
+    settings = SACSettings(
+        hidden=(16,), batch_size=16, learning_rate=1e-2, updates_per_step=2, prefill_episodes=2
+    )
     config = TrainConfig(
-        env="Cart", episodes=20, settings=settings, run_dir=tmp_path_factory.mktemp("runs") / "cart"
+        env="Cart", episodes=10, settings=settings, run_dir=tmp_path_factory.mktemp("runs") / "cart"
     )
     return train(config, env=Cart()).run_dir
 
 
 @pytest.fixture(scope="module")
-def spinning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def spins() -> Iterator[str]:
+    """Spinning-v0 in episodes of a few steps."""
+    register(replace(get_task("Spinning-v0"), id="Spins-v0", max_steps=6))
+    yield "Spins-v0"
+    del registry._specs["Spins-v0"]
+
+
+@pytest.fixture(scope="module")
+def spinning(spins: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run on a robot with a flat battery."""
     settings, folder = (
         SACSettings(hidden=(8,), batch_size=8),
@@ -52,7 +64,7 @@ def spinning(tmp_path_factory: pytest.TempPathFactory) -> Path:
     physics = Physics(battery_v=6.4)
     return train(
         TrainConfig(
-            "Spinning-v0",
+            spins,
             episodes=1,
             settings=settings,
             physics=physics,
@@ -93,7 +105,7 @@ def test_evaluation_result_is_consistent_and_saved(run_dir: Path) -> None:
         on_episode=lambda episode, return_: heard.append((episode, return_)),
     )
     assert result.episodes == len(result.returns) == len(result.lengths) == 6
-    assert result.trained_episodes == 20
+    assert result.trained_episodes == 10
     assert result.return_mean == pytest.approx(sum(result.returns) / 6)
     assert result.return_std == pytest.approx(
         math.sqrt(sum((r - result.return_mean) ** 2 for r in result.returns) / 6)
@@ -211,7 +223,9 @@ def test_few_episodes_have_no_interval(run_dir: Path) -> None:
     assert "interval of the mean" not in "\n".join(describe(result))
 
 
-def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning: Path) -> None:
+def test_only_an_evaluation_under_the_conditions_of_the_training_counts(
+    spinning: Path, spins: str
+) -> None:
     for changes in ({"physics": Physics()}, {"randomize": True}):
         assert not evaluate(spinning, episodes=1, **changes).as_trained
         assert compare([spinning]).scored_by != "evaluation"
@@ -219,7 +233,7 @@ def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning
             "not been evaluated"
             in (export_policy(spinning, spinning / next(iter(changes))) / "README.md").read_text()
         )
-    with closing(make("Spinning-v0", seed=0)) as env:
+    with closing(make(spins, seed=0)) as env:
         assert evaluate(spinning, env, episodes=1).as_trained, (
             "the caller's, whose physics are not compared"
         )

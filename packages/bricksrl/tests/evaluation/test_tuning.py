@@ -84,6 +84,9 @@ def test_diverged_trial_does_not_end_the_study(
         return metrics
 
     monkeypatch.setattr(Learner, "make_updates", diverge)
+    small = {"hidden": ["8,8"], "batch_size": [8], "updates_per_step": [1.0]}
+    for name, choices in small.items():
+        monkeypatch.setitem(tuning._SPACE, name, choices)
     tuned = Tuning("RoboArmSim-v0", "td3", steps=104, seeds=1, episodes=1)
     best = tune(tuned, tmp_path, 2, on_trial=lambda number, value, _: trials.append(value))
     assert trials[0] is None and trials[1] == best.value < 0

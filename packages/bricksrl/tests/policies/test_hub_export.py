@@ -99,7 +99,7 @@ def test_a_policy_with_transforms_is_taught_by_what_the_robot_observes(
 
     monkeypatch.setattr(hub_export, "distil", distil)
     monkeypatch.setattr(hub_export, "EPISODES", 1)
-    export_program(tmp_path / "run", tmp_path / "walk.py")
+    export_program(tmp_path / "run", tmp_path / "walk.py", hidden=(4,))
     assert 180.0 < seen[0] < 360.0, "angles as the hub counts them, not halved"
 
 
@@ -172,10 +172,11 @@ def test_a_program_that_computes_too_long_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Machine, "charge_product", lambda machine: machine.advance(1))
-    train(TrainConfig("Walker-v1", "random", episodes=1, record=False, run_dir=tmp_path / "run"))
+    register(replace(get_task("Walker-v1"), id="Short-v1", max_steps=4))
+    train(TrainConfig("Short-v1", "random", episodes=1, record=False, run_dir=tmp_path / "run"))
     with pytest.raises(
         RunError,
-        match=r"computes for \d+ ms, and a step of Walker-v1 takes 250 ms; give fewer hidden units",
+        match=r"computes for \d+ ms, and a step of Short-v1 takes 250 ms; give fewer hidden units",
     ):
         export_program(tmp_path / "run", tmp_path / "walk.py")
     assert not (tmp_path / "walk.py").exists()
@@ -258,7 +259,8 @@ def test_a_distilled_network_acts_like_its_policy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A gait that was found in a simulation."""
-    monkeypatch.setattr(hub_network, "ROUNDS", 2)
+    for name, value in (("ROUNDS", 2), ("STEPS", 200), ("UPDATES", 300)):
+        monkeypatch.setattr(hub_network, name, value)
     train(TrainConfig("WalkerSim-v0", "gait", episodes=1, record=False, run_dir=tmp_path / "run"))
     env = make("WalkerSim-v0", seed=0)
     policy = load_policy(tmp_path / "run", env)
