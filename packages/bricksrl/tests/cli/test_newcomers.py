@@ -3,6 +3,7 @@ and what to do."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
