@@ -26,9 +26,10 @@ from bricktwin.twin.physics import Physics
 
 HEADS, MACHINE = ["row", "column"], {"processor": "P", "cores": 2}
 SMALL = SACSettings(hidden=(8,), batch_size=8, updates_per_step=0.1)
+SHORT = {"max_steps": 20}
 AFTER = (
     Condition("same", episodes=2),
-    Condition("twin", "Walker-v0", {"physics": Physics(friction_scale=0.8)}, 1),
+    Condition("twin", "Walker-v0", {"physics": Physics(friction_scale=0.8), "options": SHORT}, 1),
 )
 
 
@@ -38,7 +39,13 @@ def cells(quick: bool) -> tuple[Cell, ...]:
         Cell(
             agent,
             "WalkerSim-v0",
-            {"env": "WalkerSim-v0", "agent": agent, "episodes": 2, "settings": settings},
+            {
+                "env": "WalkerSim-v0",
+                "agent": agent,
+                "episodes": 2,
+                "settings": settings,
+                "options": SHORT,
+            },
             after,
         )
         for agent, (settings, after) in agents.items()

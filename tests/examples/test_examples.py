@@ -6,22 +6,30 @@ import io
 import runpy
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from brickhub.finding import Outcome
 from brickhub.virtual import run_file
+from bricksrl.agents import preset
 from bricksrl.envs.env_checker import check_env
 from bricksrl.envs.registry import _BUILT_IN, get_task
 from bricksrl.errors import RenderingUnavailableError
+from bricksrl.evaluation.evaluator import EvaluationResult, evaluate
 from bricksrl.evaluation.film import film_run
-from bricksrl.training import TrainConfig, train
+from bricksrl.training import RunResult, TrainConfig, train
 from bricktwin.twin.make_body import make_body
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DRIVING_LINES = 50  # the whole file of a driving robot with its task, its body and its floor
 LONG = {"16_sequences": 120}
+TINY = replace(
+    preset("default", "sac"), hidden=(8,), batch_size=8, prefill_episodes=1, updates_per_step=0.1
+)
+"""Settings of runs that are not to learn anything."""
 OWN_LINES = 40  # what issue and README promise for a task or a robot of one's own
 
 
@@ -36,6 +44,21 @@ def main(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """``main`` of an example, run in an empty folder."""
     monkeypatch.chdir(tmp_path)
     return lambda name: runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="example")["main"]
+
+
+@pytest.fixture
+def in_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Examples train a tiny network, and evaluate it in one episode."""
+
+    def trained(config: TrainConfig) -> RunResult:
+        return train(replace(config, settings=TINY))
+
+    def evaluated(*arguments: Any, episodes: int, **named: Any) -> EvaluationResult:
+        assert episodes > 1
+        return evaluate(*arguments, episodes=1, **named)
+
+    monkeypatch.setattr("bricksrl.training.train", trained)
+    monkeypatch.setattr("bricksrl.evaluation.evaluate", evaluated)
 
 
 def test_examples_are_short() -> None:
@@ -54,7 +77,7 @@ def test_first_run(main, capsys) -> None:
     assert "return: 1" in capsys.readouterr().out
 
 
-def test_train(main, capsys) -> None:
+def test_train(in_short, main, capsys) -> None:
     main("02_train")(episodes=2)
     assert "on other robots" in capsys.readouterr().out
 
@@ -66,14 +89,14 @@ def test_own_robot_and_task(name: str, tmp_path: Path) -> None:
     path = EXAMPLES / f"{name}.py"
     assert lines_of_code(path) <= OWN_LINES
     assert [check for check in check_env(f"{path}") if check.outcome is Outcome.ERROR] == []
-    result = train(TrainConfig(str(path), episodes=2, run_dir=tmp_path / "run"))
+    result = train(TrainConfig(str(path), episodes=2, settings=TINY, run_dir=tmp_path / "run"))
     assert len(result.episodes) == 2
 
 
 def test_own_driving_robot_video(tmp_path: Path) -> None:
     path, run_dir = EXAMPLES / "14_driving_robot.py", tmp_path / "run"
     assert len(path.read_text(encoding="utf-8").splitlines()) <= DRIVING_LINES
-    train(TrainConfig(str(path), episodes=1, run_dir=run_dir))
+    train(TrainConfig(str(path), episodes=1, settings=TINY, run_dir=run_dir))
     try:
         filmed = film_run(
             run_dir, "last", tmp_path / "film.mp4", "it drives", size=(320, 240), budget_s=3.0
@@ -110,7 +133,7 @@ def test_batched_simulation(main, capsys) -> None:
     assert "steps to a goal" in capsys.readouterr().out
 
 
-def test_evaluate_elsewhere(main, capsys) -> None:
+def test_evaluate_elsewhere(in_short, main, capsys) -> None:
     main("08_evaluate_elsewhere")(episodes=1)
     assert "Walker-v0: return" in capsys.readouterr().out
 

@@ -105,6 +105,6 @@ def trained(
 ) -> tuple[Path, subprocess.CompletedProcess[str]]:
     """Folder and output of a short run."""
     run_dir = tmp_path_factory.mktemp("runs") / "short"
-    return run_dir, bricksrl(
-        "train", "RunAway-v0", "--episodes", "4", "--seed", "3", "--run", str(run_dir)
-    )
+    command = ["train", "RunAway-v0", "--episodes", "4", "--seed", "3", "--run", str(run_dir)]
+    tiny = ["--set", "hidden=8", "--set", "batch_size=8", "--set", "updates_per_step=0.1"]
+    return run_dir, bricksrl(*command, *tiny)

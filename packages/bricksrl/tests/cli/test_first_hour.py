@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from brickhub.robot import Motor, PoweredUpSensor, SensorKind
+from bricksrl.agents.sac import SACSettings
 from bricksrl.cli import main
 from bricksrl.cli.app import run
 from bricksrl.cli.new import write_template
@@ -27,6 +28,7 @@ from bricksrl.training.trust import trust
 from bricktwin.twin.render.opengl import VideoWriter
 
 EXAMPLES = Path(__file__).parents[4] / "examples"
+TINY = SACSettings(hidden=(8,), batch_size=8, prefill_episodes=1, updates_per_step=0.1)
 OWN = f"""
 import sys
 from dataclasses import replace
@@ -53,7 +55,8 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of two episodes of a user's robot."""
     run_dir = tmp_path_factory.mktemp("own") / "run"
-    train(TrainConfig(f"{EXAMPLES / '04_own_robot.py'}", episodes=2, run_dir=run_dir))
+    env = f"{EXAMPLES / '04_own_robot.py'}"
+    train(TrainConfig(env, episodes=2, settings=TINY, run_dir=run_dir))
     return run_dir
 
 
@@ -81,7 +84,9 @@ def test_new_file_can_be_trained(
     told = capfd.readouterr().out
     assert "bricksrl check my_own.py" in told
     env, agent = ("WalkerSim-v0", "my_own.py") if kind == "agent" else ("my_own.py", "sac")
-    assert len(train(TrainConfig(env, agent, episodes=2, run_dir=tmp_path / "run")).episodes) == 2
+    settings = None if kind == "agent" else TINY
+    config = TrainConfig(env, agent, episodes=2, settings=settings, run_dir=tmp_path / "run")
+    assert len(train(config).episodes) == 2
     assert main(["check", "my_own.py"]) == 0
     assert not [line for line in capfd.readouterr().out.splitlines() if line.startswith("error")]
     assert kind == "agent" or get_task("my_own.py").id == "MyOwn-v0"
@@ -436,6 +441,7 @@ sys.exit(bricksrl.cli.main())
     "option", [pytest.param("--robots=2", marks=pytest.mark.slow), "--asynchronous"]
 )
 def test_processes_of_a_run_leave_no_warning(bricksrl, option: str) -> None:
-    run = bricksrl("train", "RunAway-v0", option, "--episodes", "2", "--run", f"quiet{option}")
+    command = ["train", "RunAway-v0", option, "--episodes", "2", "--run", f"quiet{option}"]
+    run = bricksrl(*command, "--set", "hidden=8", "--set", "batch_size=8")
     assert run.returncode == 0, run.stderr
     assert "leaked" not in run.stderr

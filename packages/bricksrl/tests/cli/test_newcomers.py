@@ -3,6 +3,7 @@ and what to do."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -67,39 +68,53 @@ def test_record_into_a_dataset_says_so_and_refuses_a_damaged_one(recorded, tmp_p
     assert len(saved.rows) == 5 and lost
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("train", "Walker-v9"), "did you mean 'Walker-v2'?"),
-        (("train", "Walker-v1", "--agent", "sax"), "did you mean 'sac'?"),
-        (("train", "Walker-v1", "--option", "speed=3"), "has no option speed"),
-        (("train", "Walker-v1", "--hub", "blue"), "there is no hub 'blue'"),
-        (("train", "Walker-v1", "--run", str(Path(__file__).parent)), "exists already"),
-        (("record", "Walker-v9", "--out", "x"), "did you mean 'Walker-v2'?"),
-        (("demo", "Walker-v9"), "did you mean 'Walker-v2'?"),
-        (("demo", "WalkerSim-v0"), "has no robot to show"),
-        (("demo", "--policy", "bset"), "has no policy 'bset'; choose random, scripted"),
-        (
-            ("list", "\N{EN DASH}json"),
-            "\N{EN DASH}json begins with the dash of a word processor; type --json",
-        ),
-    ],
+WRONG = (
+    (("train", "Walker-v9"), "did you mean 'Walker-v2'?"),
+    (("train", "Walker-v1", "--agent", "sax"), "did you mean 'sac'?"),
+    (("train", "Walker-v1", "--option", "speed=3"), "has no option speed"),
+    (("train", "Walker-v1", "--hub", "blue"), "there is no hub 'blue'"),
+    (("train", "Walker-v1", "--run", str(Path(__file__).parent)), "exists already"),
+    (("record", "Walker-v9", "--out", "x"), "did you mean 'Walker-v2'?"),
+    (("demo", "Walker-v9"), "did you mean 'Walker-v2'?"),
+    (("demo", "WalkerSim-v0"), "has no robot to show"),
+    (("demo", "--policy", "bset"), "has no policy 'bset'; choose random, scripted"),
+    (
+        ("list", "\N{EN DASH}json"),
+        "\N{EN DASH}json begins with the dash of a word processor; type --json",
+    ),
 )
-def test_wrong_words_are_refused_before_torch_is_loaded(words, says):
-    """Loading torch takes seconds."""
-    code = (
-        "import sys; from bricksrl.cli import main\n"
-        "try: code = main(sys.argv[1:])\n"
-        "except SystemExit as end: code = end.code\n"
-        "assert 'torch' not in sys.modules\n"
-        "sys.exit(code)"
-    )
+
+
+@pytest.fixture(scope="module")
+def refused():
+    """Exit code, text and whether torch was loaded of each of the `WRONG` words, in one process."""
+    code = """
+import contextlib, io, json, sys
+from bricksrl.cli import main
+for words in json.loads(sys.argv[1]):
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said):
+        try:
+            code = main(words)
+        except SystemExit as end:
+            code = end.code
+    print(json.dumps([code, said.getvalue(), "torch" in sys.modules]))
+"""
+    words = json.dumps([words for words, _ in WRONG])
     done = subprocess.run(
-        [sys.executable, "-c", code, *words], capture_output=True, text=True, check=False
+        [sys.executable, "-c", code, words], capture_output=True, text=True, check=False
     )
-    assert done.returncode == 2 and says in done.stderr and done.stderr.count("\n") == 1, (
-        done.stderr
-    )
+    assert done.returncode == 0 and not done.stderr, done.stderr
+    answers = [json.loads(line) for line in done.stdout.splitlines()]
+    return dict(zip((words for words, _ in WRONG), answers, strict=True))
+
+
+@pytest.mark.parametrize(("words", "says"), WRONG)
+def test_wrong_words_are_refused_before_torch_is_loaded(refused, words, says):
+    """Loading torch takes seconds."""
+    code, said, is_torch_loaded = refused[words]
+    assert code == 2 and says in said and said.count("\n") == 1, said
+    assert not is_torch_loaded
 
 
 def test_more_copies_than_this_computer_has_room_for_are_refused(fails, tmp_path):

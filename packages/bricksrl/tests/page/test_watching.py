@@ -23,7 +23,8 @@ from bricksrl.training.config import settings_for
 
 
 def config(run_dir: Path) -> TrainConfig:
-    settings = replace(settings_for("Walker-v1", "default", "sac"), hidden=(16,), batch_size=16)
+    settings = replace(settings_for("Walker-v1", "default", "sac"), hidden=(8,), batch_size=8)
+    settings = replace(settings, prefill_episodes=1, updates_per_step=0.1)
     return TrainConfig("Walker-v1", episodes=2, seed=4, settings=settings, run_dir=run_dir)
 
 

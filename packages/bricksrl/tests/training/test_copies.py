@@ -26,8 +26,8 @@ from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
 
-ENV, COPIES, ROUND = "RoboArmSim-v0", 4, 100
-SMALL: dict[str, Any] = {"hidden": (16,), "batch_size": 32, "updates_per_step": 0.125}
+ENV, COPIES, ROUND = "WalkerSim-v0", 4, 20
+SMALL: dict[str, Any] = {"hidden": (8,), "batch_size": 16, "updates_per_step": 0.125}
 
 
 def config(agent: str, run_dir: Path, **changes: Any) -> TrainConfig:
@@ -40,7 +40,13 @@ def config(agent: str, run_dir: Path, **changes: Any) -> TrainConfig:
         agent,
         settings=settings,
         run_dir=run_dir,
-        **{"episodes": 3, "num_envs": COPIES, "seed": 2, **changes},
+        **{
+            "options": {"max_steps": ROUND},
+            "episodes": 3,
+            "num_envs": COPIES,
+            "seed": 2,
+            **changes,
+        },
     )
 
 
@@ -64,7 +70,7 @@ def test_all_copies_are_used_for_learning(tmp_path: Path, agent: str) -> None:
 @pytest.mark.parametrize("agent", ["sac", "ppo"])
 def test_resumed_run_of_copies_is_bit_identical(tmp_path: Path, agent: str) -> None:
     train(config(agent, tmp_path / "whole", episodes=2))
-    step = 40 if agent == "ppo" else 30
+    step = 10 if agent == "ppo" else 7
     result = train(config(agent, tmp_path / "run", episodes=2), Recorder((2, step), ctrl_c))
     assert result.interrupted and len(result.episodes) == len(rows(tmp_path / "run")) == 1
     resume(tmp_path / "run")
@@ -73,7 +79,7 @@ def test_resumed_run_of_copies_is_bit_identical(tmp_path: Path, agent: str) -> N
 
 def test_wrapped_buffer_resumes(tmp_path: Path) -> None:
     whole = config("sac", tmp_path / "whole", episodes=2)
-    whole = replace(whole, settings=replace(whole.settings, buffer_size=300, n_step=3))
+    whole = replace(whole, settings=replace(whole.settings, buffer_size=100, n_step=3))
     train(whole)
     train(replace(whole, run_dir=tmp_path / "run", episodes=1))
     resume(tmp_path / "run", episodes=2)
@@ -219,7 +225,7 @@ class Chunked(TensorDictModule):
 
 
 def test_policy_is_reset_before_each_round_of_evaluated_copies() -> None:
-    policy, env = Chunked(), bricksrl.make(ENV, batch_size=2, seed=0)
+    policy, env = Chunked(), bricksrl.make(ENV, batch_size=2, seed=0, max_steps=ROUND)
     assert len(list(play_episodes(env, policy, 5, seed=1, reset_policy=policy.reset))) == 5
     assert policy.resets == [0, ROUND, 2 * ROUND]
 
@@ -246,7 +252,10 @@ def test_own_copies_without_counters_raise(tmp_path: Path) -> None:
     with pytest.raises(
         RunError, match="copies of your own need TorchRL's RewardSum and StepCounter"
     ):
-        train(config("sac", tmp_path / "run", num_envs=1), env=bricksrl.make(ENV, batch_size=2))
+        train(
+            config("sac", tmp_path / "run", num_envs=1),
+            env=bricksrl.make(ENV, batch_size=2, max_steps=ROUND),
+        )
     own = make_env(ENV, config("sac", tmp_path), 2, seed=0)
     assert (
         train(config("sac", tmp_path / "run", num_envs=1, episodes=1), env=own).episodes[0].steps

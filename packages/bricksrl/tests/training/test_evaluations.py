@@ -36,7 +36,7 @@ from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.learner_side import InLoopLearner
 from bricksrl.training.restore import reproducible
 
-SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=1)
+SMALL = SACSettings(hidden=(8,), batch_size=8, prefill_episodes=1, updates_per_step=0.25)
 
 
 @pytest.fixture
@@ -52,13 +52,23 @@ def config(tmp_path: Path) -> TrainConfig:
     )
 
 
-def test_evaluation_does_not_affect_learning(config: TrainConfig, tmp_path: Path) -> None:
-    train(config, env=Cart())
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run of `config` from its start to its end."""
+    run_dir = tmp_path_factory.mktemp("whole") / "run"
+    times = {"episodes": 6, "eval_every": 2, "eval_episodes": 3}
+    train(TrainConfig("Cart", seed=4, settings=SMALL, run_dir=run_dir, **times), env=Cart())
+    return run_dir
+
+
+def test_evaluation_does_not_affect_learning(
+    config: TrainConfig, whole: Path, tmp_path: Path
+) -> None:
     train(replace(config, run_dir=tmp_path / "without", eval_every=0), env=Cart())
-    told = [row.pop("evaluation") for row in rows(tmp_path / "run")]
+    told = [row.pop("evaluation") for row in rows(whole)]
     assert [bool(text) for text in told] == [False, True] * 3
     one, other = (
-        [{**row, "evaluation": ""} for row in rows(tmp_path / name)] for name in ("run", "without")
+        [{**row, "evaluation": ""} for row in rows(path)] for path in (whole, tmp_path / "without")
     )
     assert one == other
     assert not (tmp_path / "without" / "best.bin").exists()
@@ -87,7 +97,9 @@ def test_no_best_checkpoint_without_evaluations(config: TrainConfig) -> None:
         evaluate(result.run_dir, Cart(), which="best")
 
 
-def test_stop_during_an_evaluation_ends_the_run(config: TrainConfig, tmp_path: Path) -> None:
+def test_stop_during_an_evaluation_ends_the_run(
+    config: TrainConfig, whole: Path, tmp_path: Path
+) -> None:
     """It does not wait for the last evaluation episode; the episode before is kept, and a resumed
     run makes the evaluation."""
 
@@ -102,9 +114,8 @@ def test_stop_during_an_evaluation_ends_the_run(config: TrainConfig, tmp_path: P
     assert (result.interrupted, len(result.episodes), env.resets) == (True, 2, 4)
     assert [episode.evaluation for episode in result.episodes] == [None, None]
     resume(tmp_path / "run", env=Cart())
-    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
-    assert_same_run(tmp_path / "whole", tmp_path / "run")
-    assert recorded(tmp_path / "run") == recorded(tmp_path / "whole")
+    assert_same_run(whole, tmp_path / "run")
+    assert recorded(tmp_path / "run") == recorded(whole)
 
 
 def test_stop_during_the_last_evaluation_can_be_resumed(
@@ -215,12 +226,13 @@ def test_asynchronous_run_keeps_the_policy_that_it_evaluated(
     )
 
 
-def test_resumed_run_keeps_best_checkpoint(config: TrainConfig, tmp_path: Path) -> None:
-    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
+def test_resumed_run_keeps_best_checkpoint(
+    config: TrainConfig, whole: Path, tmp_path: Path
+) -> None:
     train(config, Recorder((5, 2), ctrl_c), env=Cart())
     resume(tmp_path / "run", env=Cart())
-    assert_same_run(tmp_path / "whole", tmp_path / "run")
-    one, other = (load_learner(tmp_path / name, Cart(), which="best") for name in ("whole", "run"))
+    assert_same_run(whole, tmp_path / "run")
+    one, other = (load_learner(path, Cart(), which="best") for path in (whole, tmp_path / "run"))
     assert one.episodes == other.episodes
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +41,16 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> str:
     return recorded(tmp_path_factory.mktemp("data") / "cart", episodes=40)
 
 
+UPDATES = 9
+
+
 def small(agent: str, **changes: Any) -> Any:
     return replace(preset("default", agent), **{"hidden": (32, 32), "batch_size": 32, **changes})
+
+
+def tiny(agent: str, **changes: Any) -> Any:
+    """Settings of runs that are not to learn anything."""
+    return small(agent, **{"hidden": (8,), "batch_size": 8, **changes})
 
 
 @pytest.fixture
@@ -50,9 +60,9 @@ def config(tmp_path: Path, data: str) -> TrainConfig:
         "iql",
         3,
         seed=4,
-        settings=small("iql"),
+        settings=tiny("iql"),
         data=data,
-        updates=40,
+        updates=UPDATES,
         run_dir=tmp_path / "run",
     )
 
@@ -81,7 +91,7 @@ def test_offline_run_writes_files(config: TrainConfig) -> None:
     found = evaluate(result.run_dir, Cart(), episodes=2)
     assert (found.agent, found.episodes) == ("iql", 2)
     state = load_checkpoint(folder.checkpoint_path)["agent"]
-    assert state["updates"] == 40
+    assert state["updates"] == UPDATES
     assert "memory" not in state  # nothing of what it showed was kept
 
 
@@ -101,7 +111,7 @@ def test_lost_link_ends_offline_run_and_repeats_no_update(config: TrainConfig, s
     run_dir = config.run_dir
     assert run_dir is not None and len(rows(run_dir)) == 2
     assert resume(run_dir, env=Cart()).episodes[-1].episode == 3
-    assert load_checkpoint(run_dir / "checkpoint.bin")["agent"]["updates"] == 40
+    assert load_checkpoint(run_dir / "checkpoint.bin")["agent"]["updates"] == UPDATES
 
 
 class Breaking(Cart):
@@ -131,7 +141,7 @@ def test_interrupted_and_resumed_run_ends_bit_identical(
 @pytest.mark.parametrize(
     ("changes", "error", "says"),
     [
-        ({"data": None}, RunError, "40 updates from data need data"),
+        ({"data": None}, RunError, f"{UPDATES} updates from data need data"),
         ({"updates": -1}, DescriptionError, "updates is -1; give 0 or more"),
         ({"updates": 2}, RunError, "2 updates cannot be spread over 3 episodes"),
     ],
@@ -181,6 +191,27 @@ def test_offline_agent_learns_from_data(
     assert least < found < (3 if agent == "bc" else 9)
 
 
+@pytest.fixture(scope="module")
+def learned(
+    data: str, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[str], tuple[str, float]]:
+    """Run of an agent that has learned from the data, and its mean return."""
+
+    @cache
+    def made(agent: str) -> tuple[str, float]:
+        settings = small(agent, **({"sampled_actions": 4} if agent == "cql" else {}))
+        run_dir = tmp_path_factory.mktemp("learned") / agent
+        train(
+            TrainConfig(
+                "Cart", agent, 1, settings=settings, data=data, updates=400, run_dir=run_dir
+            ),
+            env=Cart(),
+        )
+        return str(run_dir), evaluate(run_dir, Cart(), episodes=10).return_mean
+
+    return made
+
+
 @pytest.mark.parametrize(
     ("agent", "beside"),
     [
@@ -192,16 +223,17 @@ def test_offline_agent_learns_from_data(
         ),
     ],
 )
-def test_warm_start_continues(tmp_path: Path, data: str, agent: str, beside: bool) -> None:
+def test_warm_start_continues(
+    tmp_path: Path,
+    data: str,
+    learned: Callable[[str], tuple[str, float]],
+    agent: str,
+    beside: bool,
+) -> None:
     """It acts as before at once, and stays as good while it learns on, with or without the
     dataset."""
     settings = small(agent, **({"sampled_actions": 4} if agent == "cql" else {}))
-    first = TrainConfig(
-        "Cart", agent, 1, settings=settings, data=data, updates=400, run_dir=tmp_path / "first"
-    )
-    train(first, env=Cart())
-    before = evaluate(tmp_path / "first", Cart(), episodes=10).return_mean
-    start = str(tmp_path / "first")
+    start, before = learned(agent)
     going_on = {"settings": settings, "start": start, "demonstrations": data if beside else None}
     second = TrainConfig("Cart", agent, 8, run_dir=tmp_path / "second", **going_on)
     result = train(second, env=Cart())
@@ -239,7 +271,7 @@ def test_warm_start_copies_whole_agent(tmp_path: Path) -> None:
 
 def test_first_step_after_warm_start_follows_no_other(tmp_path: Path) -> None:
     """The checkpoint of a fleet may lie in the middle of an episode."""
-    settings = small("sac", prefill_episodes=1, n_step=2)
+    settings = tiny("sac", prefill_episodes=1, n_step=2)
     first = TrainConfig("Cart", episodes=2, settings=settings, run_dir=tmp_path / "first")
     train(first, env=Cart())
     path = tmp_path / "first" / "checkpoint.bin"
@@ -265,14 +297,15 @@ def test_warm_start_of_other_settings_raises(config: TrainConfig, tmp_path: Path
         "Cart", "iql", settings=config.settings, start=start, run_dir=tmp_path / "next"
     )
     with pytest.raises(CheckpointError, match="run is iql's, not crossq's; "):
-        train(replace(wanted, agent="crossq", settings=small("crossq")), env=Cart())
+        train(replace(wanted, agent="crossq", settings=tiny("crossq")), env=Cart())
     with pytest.raises(CheckpointError, match="has other settings"):
-        train(replace(wanted, settings=small("iql", gamma=0.5)), env=Cart())
+        train(replace(wanted, settings=tiny("iql", gamma=0.5)), env=Cart())
     with pytest.raises(RunError, match="no run in"):
         train(replace(wanted, start=str(tmp_path / "nowhere")), env=Cart())
     assert names(tmp_path) == ["run"]
 
 
+@pytest.mark.usefixtures("forked_children")
 def test_asynchronous_learner_uses_dataset(
     config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -284,7 +317,7 @@ def test_asynchronous_learner_uses_dataset(
     beside = replace(
         config,
         agent="act",
-        settings=preset("default", "act"),
+        settings=replace(preset("default", "act"), width=8, feedforward=8, heads=2, batch_size=8),
         episodes=3,
         asynchronous=True,
         **given,

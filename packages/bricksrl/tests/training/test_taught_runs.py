@@ -28,6 +28,8 @@ from bricksrl.training.restore import attach_dataset, warm_start
 
 ENV = "RoboArmSim-v0"
 SMALL = {"hidden": (64, 64), "batch_size": 64, "prefill_episodes": 1}
+TINY = {"hidden": (8,), "batch_size": 16, "prefill_episodes": 1, "updates_per_step": 0.1}
+"""Of runs that are not to learn anything."""
 
 
 def to_the_goal(state: TensorDictBase) -> TensorDictBase:
@@ -47,10 +49,10 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(root)
 
 
-def small(agent: str) -> Any:
+def small(agent: str, values: dict[str, Any] = SMALL) -> Any:
     settings = preset("default", agent)
     return replace(
-        settings, **{name: value for name, value in SMALL.items() if name in vars(settings)}
+        settings, **{name: value for name, value in values.items() if name in vars(settings)}
     )
 
 
@@ -63,7 +65,8 @@ def iql(data: str, tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def taught(run_dir: Path, agent: str = "sac", **changes: Any) -> TrainConfig:
-    return TrainConfig(ENV, agent, settings=small(agent), run_dir=run_dir, record=False, **changes)
+    given: dict[str, Any] = {"settings": small(agent), **changes}
+    return TrainConfig(ENV, agent, run_dir=run_dir, record=False, **given)
 
 
 @pytest.mark.parametrize(
@@ -96,9 +99,11 @@ def test_taught_runs_are_resumed_to_the_last_digit(
     iql: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Teacher and anchor are in the checkpoint, and demonstrations are not imitated twice."""
-    monkeypatch.setattr("bricksrl.agents.teachers.UPDATES", 50)
+    monkeypatch.setattr("bricksrl.agents.teachers.UPDATES", 5)
+    tiny = small("sac", TINY)
     for teacher in ("demonstrations", "base"):
-        whole = taught(tmp_path / f"{teacher}-whole", episodes=2, **{teacher: iql})
+        changes: dict[str, Any] = {"settings": tiny, teacher: iql}
+        whole = taught(tmp_path / f"{teacher}-whole", episodes=2, **changes)
         train(whole)
         part = tmp_path / f"{teacher}-part"
         train(replace(whole, run_dir=part, episodes=1))
@@ -132,15 +137,16 @@ def test_run_demonstrates_what_its_policy_does(
 
 def test_residual_run_is_a_policy_and_goes_on(iql: str, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    train(taught(run, episodes=2, base=iql))
+    tiny = small("sac", TINY)
+    train(taught(run, episodes=2, base=iql, settings=tiny))
     policy, observation = load_policy(run), make(ENV, seed=3).reset()["observation"]
     assert export_model(run, tmp_path / "policy.pt2") < 1e-5
     module = torch.export.load(tmp_path / "policy.pt2").module()
     torch.testing.assert_close(module(observation[None])[0], policy.act(observation))
     assert Train(learning=RunOptions(start=str(run))).config(ENV).base == iql
-    train(taught(tmp_path / "on", episodes=1, base=iql, start=str(run)))
+    train(taught(tmp_path / "on", episodes=1, base=iql, start=str(run), settings=tiny))
     with pytest.raises(CheckpointError, match="adds to the base .*iql, not to None; give its own"):
-        train(taught(tmp_path / "no", start=str(run)))
+        train(taught(tmp_path / "no", start=str(run), settings=tiny))
     with pytest.raises(RunError, match="a shared policy comes without the run of its base"):
         export_policy(run, tmp_path / "shared")
 

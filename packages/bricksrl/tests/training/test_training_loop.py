@@ -40,12 +40,22 @@ from bricksrl.training import (
 )
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 
-SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=2, alpha_init=0.1)
+SMALL = SACSettings(
+    hidden=(8,), batch_size=8, prefill_episodes=2, alpha_init=0.1, updates_per_step=0.25
+)
 
 
 @pytest.fixture
 def config(tmp_path: Path) -> TrainConfig:
     return TrainConfig(env="Cart", episodes=6, seed=4, settings=SMALL, run_dir=tmp_path / "run")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run of `config` from its start to its end."""
+    run_dir = tmp_path_factory.mktemp("whole") / "run"
+    train(TrainConfig(env="Cart", episodes=6, seed=4, settings=SMALL, run_dir=run_dir), env=Cart())
+    return run_dir
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -229,13 +239,12 @@ def test_callback_receives_every_transition(config: TrainConfig) -> None:
         assert last["truncated"].item() == (episode.length == 8) or last["terminated"].item()
 
 
-def test_only_equal_seeds_give_equal_runs(config: TrainConfig, tmp_path: Path) -> None:
-    train(config, env=Cart())
+def test_only_equal_seeds_give_equal_runs(config: TrainConfig, whole: Path, tmp_path: Path) -> None:
     torch.rand(7)  # whatever happened before must not matter
     train(replace(config, run_dir=tmp_path / "again"), env=Cart())
-    assert_same_run(tmp_path / "run", tmp_path / "again")
+    assert_same_run(whole, tmp_path / "again")
     train(replace(config, run_dir=tmp_path / "other", seed=5), env=Cart())
-    assert rows(tmp_path / "run") != rows(tmp_path / "other")
+    assert rows(whole) != rows(tmp_path / "other")
 
 
 def test_training_restores_torch_state(config: TrainConfig) -> None:
@@ -247,9 +256,8 @@ def test_training_restores_torch_state(config: TrainConfig) -> None:
 
 @pytest.mark.parametrize("at", [(1, 1), (2, 8), (3, 1), (4, 2), (6, 2)])
 def test_interrupted_and_resumed_run_ends_bit_identical(
-    config: TrainConfig, tmp_path: Path, at: tuple[int, int]
+    config: TrainConfig, whole: Path, at: tuple[int, int]
 ) -> None:
-    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
     result = train(config, Recorder(at, ctrl_c), env=Cart())
     assert result.interrupted
     assert len(result.episodes) == len(rows(result.run_dir)) == at[0] - (at[1] < 8)
@@ -257,18 +265,17 @@ def test_interrupted_and_resumed_run_ends_bit_identical(
     observer = Recorder()
     assert not resume(result.run_dir, observer, env=Cart()).interrupted
     assert observer.calls[0] == f"start {len(result.episodes)}"
-    assert_same_run(tmp_path / "whole", tmp_path / "run")
+    assert_same_run(whole, result.run_dir)
 
 
-def test_a_finished_run_can_be_extended(config: TrainConfig, tmp_path: Path) -> None:
-    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
+def test_a_finished_run_can_be_extended(config: TrainConfig, whole: Path, tmp_path: Path) -> None:
     train(replace(config, episodes=3), env=Cart())
     assert len(resume(tmp_path / "run", episodes=6, env=Cart()).episodes) == 6
-    assert_same_run(tmp_path / "whole", tmp_path / "run")
+    assert_same_run(whole, tmp_path / "run")
     assert RunFolder(tmp_path / "run").read_config() == config
     again = resume(tmp_path / "run", env=Cart())
     assert not again.interrupted
-    assert_same_run(tmp_path / "whole", tmp_path / "run")
+    assert_same_run(whole, tmp_path / "run")
     with pytest.raises(
         RunError, match="is meant to have 6 episodes; give that number or more, not 5"
     ):
@@ -299,13 +306,12 @@ class CartInHand(Cart):
         return super()._reset()
 
 
-def test_ctrl_c_ends_waiting_reset(config: TrainConfig, tmp_path: Path) -> None:
+def test_ctrl_c_ends_waiting_reset(config: TrainConfig, whole: Path) -> None:
     result = train(config, env=CartInHand())
     assert result.interrupted
     assert len(result.episodes) == 1
     resume(result.run_dir, env=Cart())
-    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
-    assert_same_run(tmp_path / "whole", tmp_path / "run")
+    assert_same_run(whole, result.run_dir)
 
 
 def test_second_ctrl_c_does_not_wait_for_the_step(config: TrainConfig) -> None:
@@ -327,23 +333,23 @@ class BrokenCart(Cart):
         return super()._step(tensordict)  # type: ignore[arg-type]
 
 
-def test_environment_error_keeps_progress(config: TrainConfig, tmp_path: Path) -> None:
+def test_environment_error_keeps_progress(config: TrainConfig, whole: Path, tmp_path: Path) -> None:
     with pytest.raises(HubTimeoutError):
         train(config, env=BrokenCart())
     assert len(rows(tmp_path / "run")) == 3
     assert (tmp_path / "run" / "learning_curve.png").exists()
     resume(tmp_path / "run", env=Cart())
-    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
-    assert_same_run(tmp_path / "whole", tmp_path / "run")
+    assert_same_run(whole, tmp_path / "run")
 
 
-def test_metrics_row_after_checkpoint_is_dropped(config: TrainConfig, tmp_path: Path) -> None:
+def test_metrics_row_after_checkpoint_is_dropped(
+    config: TrainConfig, whole: Path, tmp_path: Path
+) -> None:
     train(replace(config, episodes=3), env=Cart())
     folder = RunFolder(tmp_path / "run")
     folder.append(replace(folder.read_episodes()[-1], episode=4))
     resume(folder.path, episodes=6, env=Cart())
-    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
-    assert_same_run(tmp_path / "whole", tmp_path / "run")
+    assert_same_run(whole, tmp_path / "run")
 
 
 def test_metrics_row_that_a_crash_cut_is_not_read(config: TrainConfig, tmp_path: Path) -> None:
@@ -439,6 +445,6 @@ def test_random_agent_runs_too(config: TrainConfig) -> None:
 
 
 def test_learns_to_leave_the_wall(config: TrainConfig) -> None:
-    settings = SACSettings(hidden=(32, 32), batch_size=32)
-    result = train(replace(config, episodes=25, settings=settings), env=Cart())
+    settings = SACSettings(hidden=(16,), batch_size=16, learning_rate=3e-3)
+    result = train(replace(config, episodes=18, settings=settings), env=Cart())
     assert sum(episode.return_ for episode in result.episodes[-5:]) / 5 > 5.0

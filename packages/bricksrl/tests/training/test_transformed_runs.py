@@ -24,7 +24,7 @@ from bricksrl.policies.export import export_model
 from bricksrl.training import TrainConfig, resume, train
 from bricksrl.training.run_folder import RunFolder
 
-SMALL = replace(preset("default", "sac"), hidden=(16, 16), updates_per_step=0.2)
+SMALL = replace(preset("default", "sac"), hidden=(8,), batch_size=16, updates_per_step=0.2)
 TRANSFORM = """
 from torchrl.envs import Compose, ObservationNorm, RenameTransform, RewardScaling, TransformedEnv, VecNormV2
 
@@ -40,7 +40,8 @@ def transform(env):
 """  # noqa: E501
 
 
-SHORT = {"env": "WalkerSim-v0", "options": {"max_steps": 40}}
+STEPS = 16
+SHORT = {"env": "WalkerSim-v0", "options": {"max_steps": STEPS}}
 
 
 def config(run_dir: Path, **named: Any) -> TrainConfig:
@@ -67,9 +68,9 @@ def test_runs_carry_their_transforms(tmp_path: Path, options: dict[str, Any]) ->
     assert [episode.return_ for episode in resumed.episodes] == [
         episode.return_ for episode in whole.episodes
     ]
-    assert [episode.length for episode in whole.episodes] == [40] * 3  # steps of the robot
+    assert [episode.length for episode in whole.episodes] == [STEPS] * 3  # steps of the robot
     data = load(tmp_path / "whole")
-    assert data.observation.shape == (120, 7)  # its own observations and rewards
+    assert data.observation.shape == (3 * STEPS, 7)  # its own observations and rewards
     returns = torch.stack([data.reward[data.episode == number].sum() for number in range(3)])
     torch.testing.assert_close(
         returns, torch.tensor([episode.return_ for episode in whole.episodes]), atol=1e-2, rtol=0
@@ -178,7 +179,7 @@ def test_copies_of_an_own_environment(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("forked_children")
 def test_copies_and_other_processes_have_the_transforms(tmp_path: Path) -> None:
     copies = train(config(tmp_path / "copies", num_envs=3, frame_stack=2))
-    assert [episode.length for episode in copies.episodes] == [40] * 2
+    assert [episode.length for episode in copies.episodes] == [STEPS] * 2
     apart = train(config(tmp_path / "apart", asynchronous=True, frame_stack=2))
     assert RunFolder(apart.run_dir).read_config().frame_stack == 2
 

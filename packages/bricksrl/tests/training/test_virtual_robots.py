@@ -20,7 +20,7 @@ def weights(run_dir: Path) -> list[torch.Tensor]:
 
 @pytest.mark.parametrize("env", ["RunAway-v0", "Spinning-v0"])
 def test_resumed_run_equals_uninterrupted(env: str, tmp_path: Path) -> None:
-    settings = SACSettings(hidden=(16,), batch_size=16, prefill_episodes=1, updates_per_step=1)
+    settings = SACSettings(hidden=(8,), batch_size=8, prefill_episodes=1, updates_per_step=0.1)
     whole = TrainConfig(env=env, episodes=3, seed=2, settings=settings, run_dir=tmp_path / "whole")
     one = train(whole)
     train(replace(whole, episodes=2, run_dir=tmp_path / "parts"))

@@ -32,6 +32,12 @@ WHEEL = (
 )
 
 
+@pytest.fixture
+def coarse(monkeypatch):
+    """Pages of few pixels; `test_two_wheeler_booklet` has all of them."""
+    monkeypatch.setattr("bricktwin.plans.booklet.pages.DPI", 60)
+
+
 def picture_of(plan, view=VIEWS[0], zoom=1.0):
     return Studio().picture([Shown(placed, np.zeros(3)) for placed in plan.parts], view, zoom)
 
@@ -159,11 +165,11 @@ def test_part_that_is_enclosed_is_shown_without_what_hides_it():
     assert len(steps[-1].inset.shown) == 1
 
 
-def test_title_with_dollars_is_no_formula(tmp_path):
+def test_title_with_dollars_is_no_formula(coarse, tmp_path):
     assert write_booklet(plan_of("0 Robot for $_$", BEAM), tmp_path / "robot.pdf") == 3
 
 
-def test_repeated_steps_share_a_page():
+def test_repeated_steps_share_a_page(coarse):
     turned = "1 16 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr"
     lines = [
         "0 FILE car.ldr",
@@ -185,7 +191,7 @@ def test_repeated_steps_share_a_page():
     assert [(item.count, item.text) for item in pages[-1].items] == [(2, "wheel")]
 
 
-def test_sub_assemblies_of_two_colours_have_pages_of_their_own():
+def test_sub_assemblies_of_two_colours_have_pages_of_their_own(coarse):
     other = "1 4 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr"
     wheel = WHEEL.replace("1 71", "1 16").split("\n")
     pages = list(
@@ -215,7 +221,7 @@ def test_cables_are_labelled_at_both_ends():
             assert 0 < y < high / 2
 
 
-def test_mirrored_unknown_and_single_parts_have_a_booklet(tmp_path):
+def test_mirrored_unknown_and_single_parts_have_a_booklet(coarse, tmp_path):
     mirrored = "1 4 0 -20 0 -1 0 0 0 1 0 0 0 1 32316.dat"
     unknown = "1 4 0 -40 0 1 0 0 0 1 0 0 0 1 99999.dat"
     assert (
