@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 import ray
 
+from brickhub.files import LOCK
 from bricksrl.cli.new import write_template
 from bricksrl.errors import RunError
 from bricksrl.evaluation.multi_seed import (
@@ -73,8 +74,13 @@ def test_killed_ray_worker_gives_same_numbers(tmp_path: Path) -> None:
     assert here["returns"] == there["returns"]
     for seed in (0, 1):
         one, other = (tmp_path / place / "sweep" / f"seed-{seed}" for place in ("here", "there"))
+        # A lock is of the computer on which a process holds it, and is not sent.
         names = [
-            sorted(str(path.relative_to(run)) for path in run.rglob("*") if path.is_file())
+            sorted(
+                str(path.relative_to(run))
+                for path in run.rglob("*")
+                if path.is_file() and path.name != LOCK
+            )
             for run in (one, other)
         ]
         assert names[0] == names[1], "the same run folders"

@@ -78,8 +78,9 @@ def _said_once() -> Iterator[None]:
         return is_first
 
     # Where nothing is set up, Python prints warnings by its last resort.
-    handlers = logging.getLogger().handlers or [logging.lastResort]
-    handlers = [handler for handler in handlers if handler is not None]
+    found: list[logging.Handler | None] = [*logging.getLogger().handlers]
+    found = found or [logging.lastResort]
+    handlers = [handler for handler in found if handler is not None]
     for handler in handlers:
         handler.addFilter(is_new)
     try:
