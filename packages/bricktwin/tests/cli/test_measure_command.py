@@ -44,6 +44,8 @@ def test_measure_a_virtual_robot(bricktwin, fails, tmp_path: Path) -> None:
     assert read_log(out / "log.jsonl").about["hub"] == "virtual"
     again = tmp_path / "again"
     fails("twin", "measure", "robo-arm", "--out", str(again), says="cannot be taken in hand")
+    fitted = tmp_path / "fitted.json"
+    fitted.write_text("{}")
     fails(
         "twin",
         "measure",
@@ -51,7 +53,7 @@ def test_measure_a_virtual_robot(bricktwin, fails, tmp_path: Path) -> None:
         "--hub",
         "ble",
         "--physics",
-        "x.json",
+        str(fitted),
         "--out",
         str(again),
         says="its own physics",
