@@ -31,8 +31,7 @@ def trained(arithmetic: str, episodes: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "walk"
         words = [*COMMAND, "--episodes", str(episodes), "--run", str(run)]
-        # - our own arguments
-        subprocess.run(  # noqa: S603
+        subprocess.run(  # noqa: S603  our own arguments
             [sys.executable, "-m", "bricksrl", *words],
             env={**os.environ, **variables},
             stdout=subprocess.DEVNULL,
