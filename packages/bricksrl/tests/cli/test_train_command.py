@@ -36,6 +36,12 @@ from bricksrl.evaluation.report import write_report
 from bricksrl.training import RunFolder
 
 
+def without_notes(stderr):
+    """What a command says at its end, without its notes that it goes on saving: it has them where
+    a computer is so busy that an end takes longer than a second."""
+    return re.sub(r"^(ending, and|still) saving.*\n", "", stderr, flags=re.MULTILINE)
+
+
 def test_train_prints_progress(trained):
     _, done = trained
     assert (done.returncode, done.stderr) == (0, "")
@@ -420,11 +426,9 @@ def test_ctrl_c_saves_and_resume_continues(start, fails, tmp_path):
     child.send_signal(signal.SIGINT)
     _, stderr = child.communicate(timeout=60)
     assert child.returncode == 130
-    # A computer that is busy saves for longer than a second, and says so.
-    stderr = re.sub(r"^(ending, and|still) saving.*\n", "", stderr, flags=re.MULTILINE)
     found = re.fullmatch(
         rf"interrupted: saved (\d+) episodes? in {run_dir}; `bricksrl resume {run_dir}` goes on\n",
-        stderr,
+        without_notes(stderr),
     )
     assert found, stderr
     saved = RunFolder(run_dir).read_episodes()
@@ -442,7 +446,8 @@ def test_ctrl_c_while_robot_is_out_of_reach(start, tmp_path):
     child.send_signal(signal.SIGINT)
     _, stderr = child.communicate(timeout=60)
     ended = "interrupted: no episode was finished, so nothing was saved\n"
-    assert (child.returncode, stderr) == (130, f"connecting to the robot (usb:COM99)\n{ended}")
+    said = f"connecting to the robot (usb:COM99)\n{ended}"
+    assert (child.returncode, without_notes(stderr)) == (130, said)
     assert not (tmp_path / "run").exists()
 
 
@@ -468,7 +473,9 @@ def test_ctrl_c_before_first_episode_prints_one_line(bricksrl, start, tmp_path, 
     _, stderr = child.communicate(timeout=60)
     assert child.returncode == 130
     # Once the robot moves, its stop is told before.
-    assert re.fullmatch(r"(stopped by hand\n)?interrupted: [^\n]*saved[^\n]*\n", stderr), stderr
+    assert re.fullmatch(
+        r"(stopped by hand\n)?interrupted: [^\n]*saved[^\n]*\n", without_notes(stderr)
+    ), stderr
 
 
 def test_resume_of_missing_run_prints_one_line(fails, tmp_path):
