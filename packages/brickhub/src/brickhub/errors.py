@@ -160,7 +160,8 @@ def message_of(error: BaseException, characters: int = 200, *, typed: bool = Fal
     """Message of a library's or user's error in one line, at most of so many characters; with its
     type if it has none, or ``typed``: the type of an error in somebody's code says more than its
     message."""
-    message, name = " ".join(str(error).split())[:characters], type(error).__name__
+    message = " ".join(str(error).split())[:characters]
+    name = type(error).__name__
     return message if message and not typed else f"{name}: {message}".removesuffix(": ")
 
 

@@ -169,7 +169,8 @@ def _converted(value: Any, hint: Any) -> Any:
     hint = _without_remarks(hint)
     if _matches(value, hint):
         return value
-    cls, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
+    cls = typing.get_origin(hint) or hint
+    parts = typing.get_args(hint)
     if cls in _UNIONS:
         tried = (_converted(value, part) for part in parts)
         return next((each for each in tried if _matches(each, hint)), value)
@@ -191,7 +192,8 @@ def _converted(value: Any, hint: Any) -> Any:
 def _matches(value: Any, hint: Any) -> bool:
     """Whether a value is of the annotated type; True for an annotation that is no type."""
     hint = _without_remarks(hint)
-    cls, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
+    cls = typing.get_origin(hint) or hint
+    parts = typing.get_args(hint)
     if cls is None:
         return value is None
     if cls in _UNIONS:
@@ -228,7 +230,8 @@ def _without_remarks(hint: Any) -> Any:
 def _describe(hint: Any) -> str:
     """The values that an annotation allows, in words."""
     hint = _without_remarks(hint)
-    cls, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
+    cls = typing.get_origin(hint) or hint
+    parts = typing.get_args(hint)
     if cls in _UNIONS:
         return _either(_describe(part) for part in parts if part is not type(None))
     if cls is tuple and parts:

@@ -101,7 +101,9 @@ def writing(path: Path) -> Iterator[None]:
         elif isinstance(failure, PermissionError) and sys.platform == "win32":
             remedy = f"close the program that has it open, or {remedy}"
         error = WriteError(f"cannot write {path} ({reason}); {remedy}")
-        error.errno, error.strerror, error.filename = failure.errno, reason, str(path)
+        error.errno = failure.errno
+        error.strerror = reason
+        error.filename = str(path)
         raise error from None
 
 

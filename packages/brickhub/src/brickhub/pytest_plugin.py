@@ -103,7 +103,9 @@ class PybricksHub:
         from brickhub.virtual.run import Operation, interruptible, run_file
         from brickhub.virtual.run_log import RunLog
 
-        log, out, err = RunLog(), io.BytesIO(), io.StringIO()
+        log = RunLog()
+        out = io.BytesIO()
+        err = io.StringIO()
 
         def attend(machine: Machine) -> None:
             machine.log = log

@@ -272,7 +272,8 @@ def _only(type_: type, module: ModuleType, reference: str, missing: str) -> str:
     # one object count once.
     names = {id(value): name for name, value in vars(module).items() if isinstance(value, type_)}
     if len(names) != 1:
-        known, noun = ", ".join(names.values()), type_.__name__.lower()
+        known = ", ".join(names.values())
+        noun = type_.__name__.lower()
         if not names:
             raise UnknownNameError(f"{reference} has no {noun}; {missing}")
         raise UnknownNameError(

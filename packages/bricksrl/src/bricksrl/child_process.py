@@ -121,7 +121,8 @@ def parent_channel(deliver: Deliver) -> Send:
             end_after(ORPHAN_S)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    incoming, outgoing = os.fdopen(take_input(), "rb"), os.fdopen(os.dup(1), "wb")
+    incoming = os.fdopen(take_input(), "rb")
+    outgoing = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # prints must not mix with the messages
     return open_channel(incoming, outgoing, deliver_and_end)
 

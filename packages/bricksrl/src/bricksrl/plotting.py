@@ -19,9 +19,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INK, MUTED, GRID = "#1f2430", "#6b7280", "#e5e7eb"
+INK = "#1f2430"
+MUTED = "#6b7280"
+GRID = "#e5e7eb"
 """Colours of text, axes and grid."""
-LIGHT, STRONG, DARK, GREY = "#9fb8dc", "#0b5cad", "#08306b", "#c9ccd3"
+LIGHT = "#9fb8dc"
+STRONG = "#0b5cad"
+DARK = "#08306b"
+GREY = "#c9ccd3"
 """Colours of single values and intervals, means, frequent values, and values that do not count."""
 PALETTE = ("#0b5cad", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4b5563", "#8c564b")
 """Colours of several agents, distinguishable with most kinds of colour blindness (after Okabe and

@@ -30,11 +30,14 @@ if TYPE_CHECKING:
 
 KEY_PAIRS = (("q", "a"), ("w", "s"), ("e", "d"), ("r", "f"), ("t", "g"), ("y", "h"))
 """Keys of each command in order: the key that raises it, and the key below that lowers it."""
-DEAD_ZONE, TRIGGER_ZONE = 0.1, 0.9
+DEAD_ZONE = 0.1
+TRIGGER_ZONE = 0.9
 """Released sticks do not return to exactly 0; an axis that is beyond the second at the start is a
 trigger, which rests at -1."""
 _EVENT = struct.Struct("<IhBB")  # time in ms, value, kind, number: linux/joystick.h
-_BUTTON, _AXIS, _INITIAL = 0x01, 0x02, 0x80
+_BUTTON = 0x01
+_AXIS = 0x02
+_INITIAL = 0x80
 _AXIS_MAX = 32767
 
 
@@ -297,8 +300,10 @@ class ControllerPad:
     def read(self) -> tuple[list[float], int]:
         if not self._lego.connected:
             raise DataError("the Controller is gone; switch it on, bring it near, and start again")
-        levers, is_pressed = self._lego.sensor, self._lego.button.state
-        presses, self._was_pressed = int(is_pressed > self._was_pressed), is_pressed
+        levers = self._lego.sensor
+        is_pressed = self._lego.button.state
+        presses = int(is_pressed > self._was_pressed)
+        self._was_pressed = is_pressed
         return [levers.leftPercent / 100, levers.rightPercent / 100], presses
 
     def close(self) -> None:

@@ -134,7 +134,8 @@ def _read(path: Path) -> bytes | None:
         content = path.read_bytes()
     except OSError:
         return None
-    checksum, data = content[:32], content[32:]
+    checksum = content[:32]
+    data = content[32:]
     if hashlib.sha256(data).digest() != checksum:
         _log.debug("%s is damaged", path)
         return None

@@ -99,10 +99,8 @@ def run(
     except Exception as error:
         from brickhub.user_files import failure_of_user
 
-        message, package = (
-            failure_of_user(error),
-            (getattr(error, "name", None) or line.prog).partition(".")[0],
-        )
+        message = failure_of_user(error)
+        package = (getattr(error, "name", None) or line.prog).partition(".")[0]
         if message is None and isinstance(error, ModuleNotFoundError) and package not in HOUSES:
             remedy = f"install {line.prog} there again, or activate its environment"
             message = f"the package '{package}' is missing in {sys.prefix}; {remedy}"
@@ -147,7 +145,8 @@ _DASHES = ("\N{EN DASH}", "\N{EM DASH}", "\N{MINUS SIGN}")
 def _parse(line: CommandLine, words: Sequence[str], arguments: Sequence[str]) -> object:
     """Parse with the parser of the named command only, as a parser of all would have to import
     every command."""
-    prog, config = " ".join([line.prog, *words]), (FlagCreatePairsOff,)
+    prog = " ".join([line.prog, *words])
+    config = (FlagCreatePairsOff,)
     if not words:
         overview = _listing(line.commands)
         for name, (text, commands) in line.groups.items():

@@ -63,7 +63,8 @@ def check_packages(
     versions are told."""
     from packaging.requirements import Requirement
 
-    installed, faults = [], []
+    installed = []
+    faults = []
     for text in itertools.chain.from_iterable(
         metadata.requires(name) or [] for name in distributions
     ):

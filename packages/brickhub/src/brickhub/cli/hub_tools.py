@@ -169,7 +169,8 @@ class Stop:
         transport = address.transport()
         try:
             transport.open()
-            status, identity = transport.status, transport.identity
+            status = transport.status
+            identity = transport.identity
             transport.stop()
         except HubNotFoundError as error:
             raise HubNotFoundError(
@@ -406,7 +407,8 @@ def _reach(hub: str, target: Target, link: str | None, faults: Sequence[str]) ->
     from brickhub.virtual.faults import with_faults
     from brickhub.virtual.virtual_kit import virtual_robot
 
-    address, chosen = parse_hub(hub), None if link is None else profile(link)
+    address = parse_hub(hub)
+    chosen = None if link is None else profile(link)
     if address.is_virtual:
         return virtual_robot(with_faults(target.make_body(), faults), link=chosen)
     if faults:

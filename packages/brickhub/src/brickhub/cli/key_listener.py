@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 ESCAPE_S = 0.05
 """Time after which an escape character is the Esc key and not the start of an escape sequence."""
-_POLL_S, _END_S = 0.02, 2.0
+_POLL_S = 0.02
+_END_S = 2.0
 
 
 @contextmanager
@@ -32,14 +33,16 @@ def keys_heard(on_key: Callable[[str], None], source: Input | None = None) -> It
     """
     from prompt_toolkit.input import create_input
 
-    end, ready = threading.Event(), threading.Event()
+    end = threading.Event()
+    ready = threading.Event()
 
     def listen(source: Input) -> None:
         last_s = 0.0
         with source.raw_mode():
             ready.set()
             while not end.wait(_POLL_S) and not source.closed:
-                presses, now_s = source.read_keys(), time.monotonic()
+                presses = source.read_keys()
+                now_s = time.monotonic()
                 last_s = now_s if presses else last_s
                 for press in presses or (source.flush_keys() if now_s - last_s > ESCAPE_S else ()):
                     key = str(getattr(press.key, "value", press.key))

@@ -95,7 +95,8 @@ class Run:
         from brickhub.hub.transports.address import parse_hub
 
         # which raises before a film begins
-        address, program = parse_hub(self.hub), load_program(self.file)
+        address = parse_hub(self.hub)
+        program = load_program(self.file)
         is_for_kit = imports(program, LEGO_PACKAGE)
         stdin = sys.stdin
         if isinstance(stdin, io.TextIOWrapper):
@@ -254,7 +255,8 @@ class Run:
 
     def _logged(self, stack: ExitStack) -> Callable[[Machine], None] | None:
         """`attend`, with the log of the run, which is written however the run ends."""
-        path, attend = self.log, self.attend(stack)
+        path = self.log
+        attend = self.attend(stack)
         if path is None:
             return attend
         from brickhub.files import check_writable, write_durably

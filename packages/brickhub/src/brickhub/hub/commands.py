@@ -345,10 +345,8 @@ class Curve(_DriveBaseCommand):
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         base = drive_base(robot, self.name)
-        path, turn = (
-            abs(amount) * self.radius_mm,
-            math.copysign(amount, amount * self.radius_mm) * base.axle_track_mm / 2,
-        )
+        path = abs(amount) * self.radius_mm
+        turn = math.copysign(amount, amount * self.radius_mm) * base.axle_track_mm / 2
         return 2 * (path + turn) / base.wheel_diameter_mm, 2 * (
             path - turn
         ) / base.wheel_diameter_mm

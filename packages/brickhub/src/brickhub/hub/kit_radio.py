@@ -61,7 +61,8 @@ def parts(
 ) -> tuple[KitPart, ...]:
     """The devices for motors and color sensors on these ports. Raises DescriptionError if a motor
     of the first one is missing."""
-    own, motors = hub.model.own_motors, list(motor_ports)
+    own = hub.model.own_motors
+    motors = list(motor_ports)
     if missing := [port for port in own if port not in motors]:
         raise DescriptionError(
             f"no motor is described on port {missing[0]}, where a {hub.value} has one; describe it"

@@ -156,12 +156,11 @@ class WireFormat:
     """
 
     def __init__(self, interface: Interface, robot: Robot | None = None) -> None:
-        self._commands, self._channels = interface.commands, interface.channels
+        self._commands = interface.commands
+        self._channels = interface.channels
         self._scales = [channel.scale for channel in interface.channels]
-        self.action_format, self._value_format = (
-            "<" + "h" * len(self._commands),
-            "f" * len(self._scales),
-        )
+        self.action_format = "<" + "h" * len(self._commands)
+        self._value_format = "f" * len(self._scales)
         self._are_wide = [channel.is_wide(robot) for channel in interface.channels]
         self.answer_format = "<H" + "".join("i" if is_wide else "h" for is_wide in self._are_wide)
         self.down_frame_bytes = DATA_OVERHEAD + struct.calcsize(self.action_format)
@@ -170,10 +169,8 @@ class WireFormat:
     def encode_actions(self, values: Iterable[float]) -> bytes:
         """Payload for the actions ``[n_commands]`` in the units of their names; values out of range
         saturate. Raises EncodingError for a wrong number of values, or one that is not a number."""
-        numbers, names = (
-            [float(value) for value in values],
-            [command.name for command in self._commands],
-        )
+        numbers = [float(value) for value in values]
+        names = [command.name for command in self._commands]
         if len(numbers) != len(names):
             raise EncodingError(
                 f"got {len(numbers)} values for {len(names)} ({', '.join(names)}); give one "

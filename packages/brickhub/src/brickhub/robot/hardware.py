@@ -32,7 +32,8 @@ class _Kind(enum.Enum, metaclass=KindType):
 
     def __new__(cls, model: Any) -> Self:
         kind = object.__new__(cls)
-        kind._value_, kind.model = model.name, model
+        kind._value_ = model.name
+        kind.model = model
         return kind
 
 

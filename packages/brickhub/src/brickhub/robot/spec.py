@@ -299,7 +299,8 @@ class Robot:
                     "its drive base has no wheel diameter or no axle track; say both in mm, or "
                     "name a plan"
                 )
-            left, right = self.motor(self.drive_base.left), self.motor(self.drive_base.right)
+            left = self.motor(self.drive_base.left)
+            right = self.motor(self.drive_base.right)
             if left.gears != right.gears:
                 raise self._error("both motors of a drive base need the same gears")
         self._check_mirror()

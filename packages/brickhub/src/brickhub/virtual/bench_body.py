@@ -20,9 +20,12 @@ from brickhub.virtual.stimuli import DEFAULT_STIMULI, Reading, Sensed, number
 
 _FRICTION_UNM = 21413.268
 _FRICTION_LINEAR_BELOW_MDEG_S = 2000.0
-_STOP_UNM_PER_MDEG, _STOP_UNM_PER_MDEG_S = 500.0, 5.0  # stiffness and damping of an end stop
+# stiffness and damping of an end stop
+_STOP_UNM_PER_MDEG = 500.0
+_STOP_UNM_PER_MDEG_S = 5.0
 _MAX_DUTY = 1000  # steps of the PWM (``PBDRV_MOTOR_DRIVER_MAX_DUTY``)
-_NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
+_NEAREST_MM = UltrasonicSensor.NEAREST_MM
+_FARTHEST_MM = UltrasonicSensor.FARTHEST_MM
 _STALL_TRAVEL_MDEG = 90_000.0
 _HEADING_PER_WHEEL = 0.25  # wheels of 56 mm, 112 mm apart
 _DEFAULTS: Mapping[Sense, Sensed] = {
@@ -45,7 +48,9 @@ class BenchMotor:
 
     def step(self, friction_unm: float) -> None:
         """One millisecond."""
-        v, i, u = self.speed, self.current, self.voltage
+        v = self.speed
+        i = self.current
+        u = self.voltage
         # In the firmware's order of operations, which decides the last digit of a drive base's
         # angle.
         linear_below = _FRICTION_LINEAR_BELOW_MDEG_S
@@ -320,7 +325,8 @@ class FittedBench(BenchBody):
         return True
 
     def _add_motor(self, port: str, kind: MotorKind, device: str = "Motor") -> None:
-        self._devices[port], self.motors[port] = device, kind
+        self._devices[port] = device
+        self.motors[port] = kind
         stops = self._stops.get(port)
         self._motors[port] = BenchMotor(stops and (stops[0] * 1000.0, stops[1] * 1000.0))
 
@@ -358,7 +364,8 @@ class FittedBench(BenchBody):
     def put_on_wheels(self, turns: Mapping[str, float]) -> None:
         """The hub rides on wheels that do not slip: degrees that it turns clockwise for one
         millidegree of each motor."""
-        heading_deg, self._turns = self.heading_deg(), dict(turns)
+        heading_deg = self.heading_deg()
+        self._turns = dict(turns)
         self._heading_offset_deg += heading_deg - self.heading_deg()
 
     def find_wheels(self, directions: Mapping[str, int]) -> None:

@@ -18,7 +18,8 @@ from brickhub.robot import Motor, Robot, Sense, UltrasonicSensor
 from brickhub.virtual.body import Body, Rng
 from brickhub.virtual.stimuli import DEFAULT_STIMULI, Sensed
 
-_LOWEST_V, _HIGHEST_V = 3.0, 9.0
+_LOWEST_V = 3.0
+_HIGHEST_V = 9.0
 _MOST_SLIP = 0.95
 _REFUSALS = 2
 _NOTHING_SENSED: dict[Sense, Sensed] = {
@@ -205,7 +206,9 @@ def parse_fault(text: str) -> Fault:
         raise DescriptionError(
             f"'{text}' is no fault{hint(name, FAULT_KINDS)}; give one such as {examples}"
         )
-    kind, device, value = FAULT_KINDS[name], match[2] or "", match[3] or ""
+    kind = FAULT_KINDS[name]
+    device = match[2] or ""
+    value = match[3] or ""
     if bool(device) is not kind.has_device or bool(value) is not kind.has_value:
         raise DescriptionError(f"'{text}' is not a whole fault; write it as {kind.example}")
     if not value:

@@ -76,7 +76,9 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
     match = re.fullmatch(r"([A-Fa-f])(?:\.([a-z]+))?=(.+)", text.strip())
     if match is None:
         raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
-    port, name, value = match[1].upper(), match[2], match[3].strip()
+    port = match[1].upper()
+    name = match[2]
+    value = match[3].strip()
     if name is not None and name not in set(Sense):
         raise TwinError(f"'{text}': nothing senses '{name}'; choose from {', '.join(Sense)}")
     sense = Sense(name) if name else None
@@ -116,7 +118,8 @@ def parse_end_stop(text: str) -> tuple[str, tuple[float, float]]:
     """Port and angles (deg) of ``C=-90..120``. Raises DescriptionError if the text is invalid."""
     match = re.fullmatch(r"([A-Fa-f])=(-?[\d.]+)\.\.(-?[\d.]+)", text.strip())
     try:
-        low, high = float(match[2]), float(match[3])  # type: ignore[index]
+        low = float(match[2])  # type: ignore[index]
+        high = float(match[3])  # type: ignore[index]
     except (TypeError, ValueError):
         raise DescriptionError(
             f"'{text}' is not a pair of end stops; give one such as C=-90..120"

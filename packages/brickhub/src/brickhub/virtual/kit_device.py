@@ -26,15 +26,24 @@ Report = tuple[str, tuple[int, ...]]
 _Command = Callable[[protocol.Message], None]
 _END_STATES = ("COAST", "BRAKE", "HOLD", "CONTINUE", "COAST_SMART", "BRAKE_SMART", "BRAKE_SMART")
 """What a motor does after a move, by the number of the end state; the last one is that of -1."""
-_DEFAULT_SPEED_PCT, _ACCELERATION_DEG_S2_PER_PCT, _FULL_LEVER_DEG = 50, 100, 45
-_LEFT, _RIGHT = 1, 2
-_FORWARD, _BACKWARD, _TO_LEFT = 0, 1, 2
-_COUNTERCLOCKWISE, _SHORTEST = 1, 2
-_DETECT, _AMBIENT = 1, 2
+_DEFAULT_SPEED_PCT = 50
+_ACCELERATION_DEG_S2_PER_PCT = 100
+_FULL_LEVER_DEG = 45
+_LEFT = 1
+_RIGHT = 2
+_FORWARD = 0
+_BACKWARD = 1
+_TO_LEFT = 2
+_COUNTERCLOCKWISE = 1
+_SHORTEST = 2
+_DETECT = 1
+_AMBIENT = 2
 _NO_GESTURE = -1
-_REST_DEG_S, _WINDOW_MS = 10, 20
+_REST_DEG_S = 10
+_WINDOW_MS = 20
 _LONGEST_TIMED_MS = 20_000
-_FULL_MV, _EMPTY_MV = 8300, 6000
+_FULL_MV = 8300
+_EMPTY_MV = 6000
 _MG_PER_MM_S2 = 1000 / 9810
 _DETECTABLE: Mapping[int, Hsv] = {
     protocol.NO_COLOR: (0, 0, 0), 1: (300, 100, 100), 2: (270, 100, 100), 3: (240, 100, 100),
@@ -56,7 +65,8 @@ class KitDevice:
     product: protocol.Product
 
     def __init__(self, machine: Machine, part: KitPart) -> None:
-        self.part, self.address = part, f"virtual-{part.ports or 'controller'}"
+        self.part = part
+        self.address = f"virtual-{part.ports or 'controller'}"
         self.name = self.product.title
         self.outbox: list[bytes] = []
         self.is_connected = False
@@ -77,7 +87,8 @@ class KitDevice:
 
     def connect(self) -> None:
         """A computer connects: it takes commands from now on, and knows nothing of earlier ones."""
-        self.is_connected, self._period_ms = True, 0
+        self.is_connected = True
+        self._period_ms = 0
         self.outbox.clear()
 
     def disconnect(self) -> None:
@@ -114,7 +125,8 @@ class KitDevice:
 
     def _notify(self, message: protocol.Message) -> None:
         self._answer(message)
-        self._period_ms, self._due_ms = message.values["delay_ms"], self._machine.time_ms
+        self._period_ms = message.values["delay_ms"]
+        self._due_ms = self._machine.time_ms
         KitDevice.update(self)
 
     def _answer(self, message: protocol.Message, status: int = protocol.Done.COMPLETED) -> None:
@@ -202,7 +214,8 @@ class SingleMotor(KitDevice):
 
     def _motor_report(self, bit: int) -> tuple[int, ...]:
         servo = self._servos[bit]
-        voltage_mv, battery_mv = servo.voltage_mv, self._machine.body.battery_mv
+        voltage_mv = servo.voltage_mv
+        battery_mv = self._machine.body.battery_mv
         state = protocol.MotorState.READY
         if voltage_mv is not None and servo.is_stalled():
             state = protocol.MotorState.STALLED
@@ -244,10 +257,8 @@ class SingleMotor(KitDevice):
             until = self._stop_after(time_ms, drives)
             time_ms = None
         for bit, drive in drives.items():
-            servo, speed = (
-                self._servos[bit],
-                round(shares[bit] * drive.speed_pct * protocol.FULL_SPEED_DEG_S / 100),
-            )
+            servo = self._servos[bit]
+            speed = round(shares[bit] * drive.speed_pct * protocol.FULL_SPEED_DEG_S / 100)
             if time_ms is not None:
                 servo.run_time(speed, time_ms, drive.then)
             elif angle_deg is not None:
@@ -364,7 +375,8 @@ class DoubleMotor(SingleMotor):
         super().__init__(machine, part)
         self._pair = dict.fromkeys((_LEFT, _RIGHT), _Drive())
         self._steering_pct = 100
-        self._yaw_face, self._yaw_offset = 0, 0.0
+        self._yaw_face = 0
+        self._yaw_offset = 0.0
         self._later |= {
             "move": lambda m: self._start(m, self._pair, self._shares(m)),
             "move_for_time": lambda m: self._start(
@@ -396,7 +408,8 @@ class DoubleMotor(SingleMotor):
 
     def _imu_report(self) -> tuple[int, ...]:
         body = self._machine.body
-        force, spin = body.acceleration_mm_s2(), body.angular_velocity_deg_s()
+        force = body.acceleration_mm_s2()
+        spin = body.angular_velocity_deg_s()
         face = max(range(len(protocol.FACES)), key=lambda index: _along(force, index))
         yaw = (self._turned() + self._yaw_offset + 180) % 360 - 180
         angles = (yaw, *body.tilt_deg(), *(_MG_PER_MM_S2 * value for value in force), *spin)
@@ -435,7 +448,8 @@ class DoubleMotor(SingleMotor):
     def _turn(self, message: protocol.Message) -> None:
         """Turn by the IMU: slow down where the rest of the turn is as long as that takes, and
         stop."""
-        start_deg, wanted_deg = self._turned(), abs(message.values["degrees"])
+        start_deg = self._turned()
+        wanted_deg = abs(message.values["degrees"])
         if message.values["degrees"] < 0:
             message.values["direction"] ^= 1
         servos = [self._servos[bit] for bit in self._pair]
@@ -460,7 +474,8 @@ class DoubleMotor(SingleMotor):
                     servo.run(0)
             return False
 
-        sharp, self._steering_pct = self._steering_pct, 100
+        sharp = self._steering_pct
+        self._steering_pct = 100
         self._start(message, self._pair, self._shares(message), until=is_done)
         self._steering_pct = sharp
 
@@ -472,7 +487,8 @@ class ColorSensor(KitDevice):
 
     def __init__(self, machine: Machine, part: KitPart) -> None:
         super().__init__(machine, part)
-        self._plug, self._mode = Plug(machine, part.ports), _DETECT
+        self._plug = Plug(machine, part.ports)
+        self._mode = _DETECT
         self._commands["set_color_mode"] = self._set_mode
 
     def _set_mode(self, message: protocol.Message) -> None:
@@ -486,7 +502,8 @@ class ColorSensor(KitDevice):
         if self._mode != _DETECT:
             ambient_pct = round(self._plug.ambient_pct()) if self._mode == _AMBIENT else 0
             return protocol.NO_COLOR, 0, 0, 0, 0, 0, 0, ambient_pct
-        raw, hsv = self._plug.raw_rgb(False), self._plug.reflected_hsv(False)
+        raw = self._plug.raw_rgb(False)
+        hsv = self._plug.reflected_hsv(False)
         index = nearest(hsv, list(_DETECTABLE.values()))
         color = protocol.NO_COLOR if index is None else list(_DETECTABLE)[index]
         return color, sum(raw) * 100 // 3072, *(min(value // 4, 255) for value in raw), *hsv

@@ -56,7 +56,8 @@ def run_kit_file(
         ProgramError: the file cannot be read, or the time limit is invalid.
         TwinError: the robot is not of LEGO's kits, or what is given does not suit it.
     """
-    operation, stderr = operation or Operation(), stderr or sys.stderr
+    operation = operation or Operation()
+    stderr = stderr or sys.stderr
     source = read_program(path)
     check_time_limit(time_limit_s)
     kit = _kit(body, operation)
@@ -135,7 +136,8 @@ def _kit(body: Body | None, operation: Operation) -> VirtualKit:
 def _surroundings(path: Path, kit: VirtualKit) -> Iterator[None]:
     """Context in which a program finds what lies beside it, its own arguments, and a clock that is
     the devices'."""
-    clock, began_s = types.ModuleType("time"), time.time()
+    clock = types.ModuleType("time")
+    began_s = time.time()
     vars(clock).update(vars(time))
     clock.sleep = kit.wait  # type: ignore[attr-defined]
     for name in ("monotonic", "perf_counter", "time"):
@@ -145,7 +147,8 @@ def _surroundings(path: Path, kit: VirtualKit) -> Iterator[None]:
             clock, f"{name}_ns", lambda offset_s=offset_s: round((offset_s + kit.now_s()) * 1e9)
         )
     before = sys.argv, sys.path[:], sys.modules["time"]
-    sys.argv, sys.modules["time"] = [str(path)], clock
+    sys.argv = [str(path)]
+    sys.modules["time"] = clock
     sys.path.insert(0, str(path.parent))
     try:
         yield

@@ -75,7 +75,8 @@ class Pace:
         clock_s: Callable[[], float] = time.perf_counter,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._clock_s, self._sleep = clock_s, sleep
+        self._clock_s = clock_s
+        self._sleep = sleep
         self._start_s = clock_s()
 
     def wall_ms(self) -> float:
@@ -129,7 +130,8 @@ class Machine:
     """
 
     def __init__(self, body: Body, panel: Panel | None = None) -> None:
-        self.robot, self.body = body.robot, body
+        self.robot = body.robot
+        self.body = body
         self.panel = panel or Panel(body.robot.hub)
         self.panel.clock_ms = lambda: self.time_ms
         self.firmware = FIRMWARE_VERSIONS[NEWEST]
@@ -218,7 +220,9 @@ class Machine:
             and self.panel.poll(stop_ms)
             and self.runs_program
         ):
-            self.time_ms, self.time_ticks, self._is_ahead = stop_ms - 1, stop_ms * 10, True
+            self.time_ms = stop_ms - 1
+            self.time_ticks = stop_ms * 10
+            self._is_ahead = True
             raise SwitchedOff if self.panel.is_off else SystemExit
         if self.alarm_ms is None or stop_ms < self.alarm_ms:
             return False
@@ -247,9 +251,12 @@ class Machine:
         program's first branch in it, such as the next iteration of a loop.
         """
         if not (self._is_ahead or self._is_stopping):
-            time_ms, time_ticks = self.time_ms, self.time_ticks
+            time_ms = self.time_ms
+            time_ticks = self.time_ticks
             self._run_to(time_ms + 1)
-            self.time_ms, self.time_ticks, self._is_ahead = time_ms, time_ticks, True
+            self.time_ms = time_ms
+            self.time_ticks = time_ticks
+            self._is_ahead = True
             self._branches_to_check -= 1
             if self._branches_to_check < 0:
                 self._branches_to_check = self.check_memory()

@@ -86,7 +86,8 @@ def parse_press(text: str) -> Press:
     any other text."""
     match = re.fullmatch(r"([a-z_.]+\d?)@([\d.]+)s?(?:\+([\d.]+)s?)?", text.strip().lower())
     try:
-        start_s, duration_s = float(match[2]), float(match[3] or DEFAULT_PRESS_S)  # type: ignore[index]
+        start_s = float(match[2])  # type: ignore[index]
+        duration_s = float(match[3] or DEFAULT_PRESS_S)  # type: ignore[index]
     except (TypeError, ValueError):
         raise TwinError(
             f"'{text}' is not a button press; give one such as left@2.5s, or center@4s+0.5s"
@@ -125,7 +126,8 @@ class Panel:
     def __init__(
         self, hub: AnyHub, presses: Iterable[Press] = (), near: Iterable[str] = ()
     ) -> None:
-        self.buttons, self.has_display = hub.model.buttons, hub.model.has_display
+        self.buttons = hub.model.buttons
+        self.has_display = hub.model.has_display
         self._hub = hub
         self._presses: list[tuple[int, int, str]] = []
         self._held: set[str] = set()
@@ -135,7 +137,10 @@ class Panel:
         self.on_change: Callable[[Panel], None] | None = None
         self.light: tuple[int, int, int] | None = None
         self.lamps: dict[str, int] = {}
-        self.sound_hz, self.display, self.text, self.quarter_turns = 0, [0] * 25, "", 0
+        self.sound_hz = 0
+        self.display = [0] * 25
+        self.text = ""
+        self.quarter_turns = 0
         self.is_watched = self.is_off = False
         self.clock_ms: Callable[[], int] = lambda: self._now_ms
         self.next_ms: int | None = None
@@ -254,7 +259,8 @@ class Panel:
 
     def start_program(self) -> None:
         """Reset as before each program: default stop button, no light, sound or display."""
-        self.stop_buttons, self.quarter_turns = frozenset({STOP_BUTTON}), 0
+        self.stop_buttons = frozenset({STOP_BUTTON})
+        self.quarter_turns = 0
         self._animations.clear()
         self.change(light=None)
         self.change(sound_hz=0, lamps={})

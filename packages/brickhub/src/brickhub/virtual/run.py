@@ -67,7 +67,9 @@ class StreamConsole:
     """
 
     def __init__(self, machine: Machine, stdin: BinaryIO | TextIO | None, stdout: BinaryIO) -> None:
-        self._machine, self._stdin, self._stdout = machine, stdin, stdout
+        self._machine = machine
+        self._stdin = stdin
+        self._stdout = stdout
         self._waiting = self._since_ms = self._free_ms = self._position = 0
         self.inbox = bytearray()
 
@@ -93,7 +95,8 @@ class StreamConsole:
             self._stdout.write(data.replace(b"\r\n", b"\n"))
         except OSError as error:  # the reader has left, or the disk is full
             raise _OutputFailed(error) from error
-        machine, size = self._machine, len(data)
+        machine = self._machine
+        size = len(data)
         self._send(machine.body_ms - 1)
         if not self._waiting:
             self._since_ms = machine.time_ms
@@ -174,7 +177,8 @@ def run_file(
     """
     operation = operation or Operation()
     path = Path(path)
-    stdout, stderr = stdout or sys.stdout.buffer, stderr or sys.stderr
+    stdout = stdout or sys.stdout.buffer
+    stderr = stderr or sys.stderr
     program = load_program(path)
     check_time_limit(time_limit_s)
     firmware = firmware_version(operation.firmware)

@@ -41,8 +41,11 @@ class Peer:
     """
 
     def __init__(self, kit: "VirtualKit", device: KitDevice, seed: int) -> None:
-        self.device, self.name, self.address = device, device.name, device.address
-        self._kit, self._radio = kit, Radio(seed)
+        self.device = device
+        self.name = device.name
+        self.address = device.address
+        self._kit = kit
+        self._radio = Radio(seed)
         self._down: deque[tuple[float, bytes]] = deque()
         self._up: deque[tuple[float, bytes]] = deque()
         self._notify: Callable[[Any, bytes], Any] | None = None
@@ -59,14 +62,14 @@ class Peer:
         with self._kit.awake:
             if not self._kit.in_reach():
                 return False
-            self._kit.loop, self._kit.package_thread = (
-                asyncio.get_running_loop(),
-                threading.get_ident(),
-            )
+            self._kit.loop = asyncio.get_running_loop()
+            self._kit.package_thread = threading.get_ident()
             self._down.clear()
             self._up.clear()
             self.device.connect()
-            self._notify, self._gone, self._lost_ms = notify, gone, None
+            self._notify = notify
+            self._gone = gone
+            self._lost_ms = None
             self._kit.wake()
             return True
 
@@ -83,7 +86,8 @@ class Peer:
     def disconnect(self) -> None:
         """End the link from this side."""
         with self._kit.awake:
-            notify, self._notify = self._notify, None
+            notify = self._notify
+            self._notify = None
             if self._kit.in_reach():
                 self.device.disconnect()
         if notify is not None:
@@ -149,7 +153,9 @@ class VirtualKit:
         link: LinkProfile | None = None,
         seed: int = 0,
     ) -> None:
-        self.robot, self.body, self.machine = body.robot, body, Machine(body)
+        self.robot = body.robot
+        self.body = body
+        self.machine = Machine(body)
         ports = (
             [sensor.port for sensor in body.robot.sensors] if sensor_ports is None else sensor_ports
         )

@@ -101,7 +101,8 @@ class _Wire:
             if hub.machine.firmware.takes_packets
             else model.stdin_bytes
         )
-        self._stdin, self.inbox = bytearray(), bytearray()
+        self._stdin = bytearray()
+        self.inbox = bytearray()
         self.outbox: deque[tuple[float, bytes]] = deque()
 
     def available(self) -> int:
@@ -161,8 +162,10 @@ class VirtualHub:
     def __init__(
         self, body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0
     ) -> None:
-        self.robot, self.body = body.robot, body
-        self._given_link, self.radio = link, Radio(seed)
+        self.robot = body.robot
+        self.body = body
+        self._given_link = link
+        self.radio = Radio(seed)
         self.machine = Machine(body)
         self.machine.on_alarm = self._switch_to_host
         self._wire = _Wire(self)
@@ -260,7 +263,8 @@ class VirtualHub:
             return
         self._stop_requested = False
         if self._program is not None:
-            program, self._program = self._program, None
+            program = self._program
+            self._program = None
             try:
                 # then greenlets cannot switch any more
                 if not program.dead and not sys.is_finalizing():

@@ -53,9 +53,12 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
 
     def __init__(self, encoder: nn.Module, network: nn.Module, settings: ChunkSettings) -> None:
         super().__init__()
-        self.in_keys, self.out_keys = encoder_keys(encoder), ["action"]
-        self.encoder, self.network = encoder, network
-        self._executed, self._ensemble = settings.executed, settings.ensemble
+        self.in_keys = encoder_keys(encoder)
+        self.out_keys = ["action"]
+        self.encoder = encoder
+        self.network = network
+        self._executed = settings.executed
+        self._ensemble = settings.ensemble
         self._step = 0
         self._shape: torch.Size | None = None
         self._chunks: list[tuple[int, Tensor]] = []

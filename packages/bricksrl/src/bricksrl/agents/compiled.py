@@ -42,7 +42,9 @@ class CompiledGradients:
     def __init__(
         self, loss: ActorCriticLoss, device: torch.device, backend: str = "inductor"
     ) -> None:
-        self._parts, self._device, self._keys = _Parts(loss), device, loss.in_keys
+        self._parts = _Parts(loss)
+        self._device = device
+        self._keys = loss.in_keys
         params = {
             name: value for name, value in self._parts.named_parameters() if value.requires_grad
         }

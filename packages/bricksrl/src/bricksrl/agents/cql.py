@@ -68,7 +68,8 @@ class CQLLoss(CountedUpdates, SACLoss):
     @torch.no_grad()
     def sample_actions(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Sampled actions ``[samples, batch, m]`` and their log-densities ``[samples, batch]``."""
-        count, (rows, size) = self.settings.sampled_actions, batch.action.shape
+        count = self.settings.sampled_actions
+        (rows, size) = batch.action.shape
         uniform = torch.rand(count, rows, size, device=batch.action.device) * 2.0 - 1.0
         density = uniform.new_full((count, rows), -math.log(2.0) * size)
         out = self.actor(torch.cat((batch.features, batch.next_features)))
@@ -78,7 +79,8 @@ class CQLLoss(CountedUpdates, SACLoss):
             else torch.cat((batch.base, batch.next_base))
         )
         action, log_density = self.draw(out.expand(count, *out.shape), base)
-        actions, densities = action.view(count, 2, rows, size), log_density.view(count, 2, rows)
+        actions = action.view(count, 2, rows, size)
+        densities = log_density.view(count, 2, rows)
         return torch.cat((uniform, *actions.unbind(1))), torch.cat((density, *densities.unbind(1)))
 
     @torch.no_grad()
@@ -98,7 +100,8 @@ class CQLLoss(CountedUpdates, SACLoss):
         actions, densities = self.sample_actions(batch)
         scores = self.scores(batch.features, actions) - densities
         shares = scores.softmax(1)
-        values, sampled_values = [], []
+        values = []
+        sampled_values = []
         drawn = (
             draw_indices(shares, self.settings.drawn_actions)
             if self.settings.drawn_actions

@@ -75,7 +75,8 @@ def batch_normalised(network: nn.Module, momentum: float) -> nn.Sequential:
 
 def build(env: EnvBase, settings: CrossQSettings, device: torch.device | str = "cpu") -> Learner:
     """CrossQ for an environment. Initialized from torch's global generator."""
-    m, encoder = action_size(env), make_encoder(env, settings)
+    m = action_size(env)
+    encoder = make_encoder(env, settings)
 
     def body(in_size: int, out_size: int) -> nn.Module:
         network = make_body(settings, in_size, out_size)

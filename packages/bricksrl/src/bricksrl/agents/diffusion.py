@@ -40,7 +40,8 @@ class EncodedChunks(DiffusionBCLoss):  # type: ignore[misc]
         self.encoder = encoder
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
-        chunk, features = tensordict["action"].flatten(-2), encode(self.encoder, tensordict)
+        chunk = tensordict["action"].flatten(-2)
+        features = encode(self.encoder, tensordict)
         return super().forward(
             TensorDict({"observation": features, "action": chunk}, tensordict.batch_size)
         )
@@ -48,7 +49,8 @@ class EncodedChunks(DiffusionBCLoss):  # type: ignore[misc]
 
 def build(env: EnvBase, settings: DiffusionSettings, device: torch.device | str = "cpu") -> Learner:
     """The diffusion policy for an environment. Initialized from torch's global generator."""
-    encoder, m = make_encoder(env, settings), action_size(env)
+    encoder = make_encoder(env, settings)
+    m = action_size(env)
     size = m * settings.chunk
     # at the last step nearly everything is noise, for any number of steps
     actor = DiffusionActor(

@@ -23,23 +23,22 @@ class Encoder(nn.Module):
 
     def __init__(self, layout: ObservationLayout, settings: Settings) -> None:
         super().__init__()
-        self.in_keys, self.images = layout.keys, layout.images
+        self.in_keys = layout.keys
+        self.images = layout.images
         self._dims = [len(shape) for _, shape in layout.vectors]
         self.numbers = ObservationEncoder(
             layout, settings.angles, settings.goals, normalize=settings.normalize
         )
         make = {"keypoints": Keypoints, "convolutions": Convolutions}[settings.encoder]
         networks = [make(image.side_px, image.channels) for image in self.images]
-        self.networks, size, self.dense = (
-            nn.ModuleList(networks),
-            self.numbers.size,
-            nn.Sequential(),
-        )
+        self.networks = nn.ModuleList(networks)
+        size = self.numbers.size
+        self.dense = nn.Sequential()
         if self.images and size and settings.encoder == "convolutions":
-            self.dense, size = (
-                nn.Sequential(nn.Linear(size, 128), nn.ReLU(), nn.Linear(128, 32), nn.ReLU()),
-                32,
+            self.dense = nn.Sequential(
+                nn.Linear(size, 128), nn.ReLU(), nn.Linear(128, 32), nn.ReLU()
             )
+            size = 32
         self.size = size + sum(network.size for network in networks)
 
     def forward(self, *inputs: Tensor) -> Tensor:

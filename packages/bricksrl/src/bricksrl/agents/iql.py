@@ -50,7 +50,8 @@ class StateIndependentScale(nn.Module):
 
 def build(env: EnvBase, settings: IQLSettings, device: torch.device | str = "cpu") -> Learner:
     """IQL for an environment. Initialized from torch's global generator."""
-    m, encoder = action_size(env), make_encoder(env, settings)
+    m = action_size(env)
+    encoder = make_encoder(env, settings)
     kwargs = {"norm": settings.critic_norm}
     actor = ProbabilisticActor(
         TensorDictModule(

@@ -335,7 +335,8 @@ class Learner:
         algorithm, network or buffer."""
         try:
             self.policy.load_state_dict(state["policy"])
-            self.updates, self.due = int(state["updates"]), float(state["due"])
+            self.updates = int(state["updates"])
+            self.due = float(state["due"])
             self.reward_unit = float(state.get("reward_unit", 1.0))  # older ones had none
             if self.loss is not None and self.optimizer is not None:
                 load_loss(self.loss, state["loss"])
@@ -383,7 +384,8 @@ def load_memory_state(
 ) -> None:
     """Restore `memory_state`. Raises ValueError, KeyError or RuntimeError if the state is of
     another buffer."""
-    rows, capacity = dict(state["rows"]), memory.storage.max_size
+    rows = dict(state["rows"])
+    capacity = memory.storage.max_size
     size = len(next(iter(rows.values()), ()))
     if size > capacity or state["writer"].get("_cursor", 0) not in range(capacity):
         raise ValueError(f"{size} transitions do not fit into a buffer of {capacity}")

@@ -53,7 +53,8 @@ def mlp(
 ) -> nn.Sequential:
     """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU. ``norm,
     dropout``: after each hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022)."""
-    sizes, layers = (in_size, *hidden), list[nn.Module]()
+    sizes = (in_size, *hidden)
+    layers = list[nn.Module]()
     for size, units in itertools.pairwise(sizes):
         layers.append(nn.Linear(size, units))
         layers += [Dropout(dropout)] if dropout else []
@@ -85,7 +86,8 @@ def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) ->
             f"{reference} makes a {type(network).__name__}; let it return a torch.nn.Module"
         )
     for batch in ((2,), ()):
-        size, wanted = [*batch, in_size], [*batch, out_size]
+        size = [*batch, in_size]
+        wanted = [*batch, out_size]
         try:
             with torch.no_grad(), torch.random.fork_rng(devices=[]):
                 out = copy.deepcopy(network).eval()(torch.zeros(size))
@@ -110,7 +112,9 @@ class Actor(nn.Module):
 
     def __init__(self, encoder: nn.Module, body: nn.Module, head: nn.Module) -> None:
         super().__init__()
-        self.encoder, self.body, self.head = encoder, body, head
+        self.encoder = encoder
+        self.body = body
+        self.head = head
 
     def forward(self, *inputs: Tensor) -> Any:
         return self.head(self.body(self.encoder(*inputs)))
@@ -122,7 +126,9 @@ class Keyed(TensorDictModuleBase):  # type: ignore[misc]
 
     def __init__(self, module: nn.Module, in_keys: list[str], out_keys: list[str]) -> None:
         super().__init__()
-        self.module, self.in_keys, self.out_keys = module, in_keys, out_keys
+        self.module = module
+        self.in_keys = in_keys
+        self.out_keys = out_keys
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         out = self.module(*(tensordict[key] for key in self.in_keys))

@@ -13,7 +13,8 @@ class Critic(nn.Module):
 
     def __init__(self, encoder: nn.Module, body: nn.Module) -> None:
         super().__init__()
-        self.encoder, self.body = encoder, body
+        self.encoder = encoder
+        self.body = body
 
     def forward(self, *inputs: Tensor) -> Tensor:
         value: Tensor = self.body(torch.cat((self.encoder(*inputs[:-1]), inputs[-1]), -1))

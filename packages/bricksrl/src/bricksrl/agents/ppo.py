@@ -44,11 +44,9 @@ class PPOSettings(Settings):
 
 def build(env: EnvBase, settings: PPOSettings, device: torch.device | str = "cpu") -> Learner:
     """PPO for an environment. Initialized from torch's global generator."""
-    m, copies, encoder = (
-        action_size(env),
-        max(1, env.batch_size.numel()),
-        make_encoder(env, settings),
-    )
+    m = action_size(env)
+    copies = max(1, env.batch_size.numel())
+    encoder = make_encoder(env, settings)
     body = make_body(settings, encoder.size, 2 * m)
     policy = gaussian_policy(
         encoder, body, action_spec(env), min_scale=settings.min_scale, log_prob=True

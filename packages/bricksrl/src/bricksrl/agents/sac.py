@@ -114,7 +114,10 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: OffPolicySettings
     ) -> None:
         super().__init__()
-        self.encoder, self.actor, self.critics, self.gamma = encoder, actor, critics, settings.gamma
+        self.encoder = encoder
+        self.actor = actor
+        self.critics = critics
+        self.gamma = settings.gamma
         self.anchor: nn.Module | None = None  # of a policy that was taught
         self.base: nn.Module | None = None
         is_smooth = isinstance(settings, CriticSettings) and settings.critic_loss == "smooth-l1"
@@ -141,7 +144,8 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
 
     def encode(self, tensordict: TensorDictBase) -> Batch:
         """Encode a batch from a replay buffer."""
-        features, after = encode(self.encoder, tensordict), tensordict["next"]
+        features = encode(self.encoder, tensordict)
+        after = tensordict["next"]
         with torch.no_grad():
             next_features = encode(self.encoder, after)
         steps = tensordict.get("steps_to_next_obs", None)
@@ -202,7 +206,8 @@ class SACLoss(ActorCriticLoss):
         self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: Any
     ) -> None:
         super().__init__(encoder, actor, critics, settings)
-        self.settings, self.target_critics = settings, copy.deepcopy(critics).requires_grad_(False)
+        self.settings = settings
+        self.target_critics = copy.deepcopy(critics).requires_grad_(False)
         self.log_alpha = nn.Parameter(torch.tensor(math.log(settings.alpha_init)))
 
     @property
@@ -220,11 +225,13 @@ class SACLoss(ActorCriticLoss):
 
     def next_qvalue(self, batch: Batch, next_action: Tensor) -> Tensor:
         """Minimum ``[batch]`` of the target critics drawn for this update."""
-        count, critics = self.settings.num_min_qs, self.target_critics
+        count = self.settings.num_min_qs
+        critics = self.target_critics
         drawn = torch.randperm(len(critics))[:count] if count < len(critics) else None
         # a graph cannot depend on the drawn indices
         if drawn is not None and not torch.compiler.is_compiling():
-            critics, drawn = Critics(critics[i] for i in drawn.tolist()), None
+            critics = Critics(critics[i] for i in drawn.tolist())
+            drawn = None
         values: Tensor = critics(batch.next_features, next_action)
         return (values if drawn is None else values[drawn.to(values.device)]).amin(0)
 
@@ -240,7 +247,8 @@ class SACLoss(ActorCriticLoss):
 
     def alpha_loss(self, log_prob: Tensor, action_size: int) -> dict[str, Tensor]:
         """Loss of the temperature from log-probabilities ``[batch]``, temperature and entropy."""
-        entropy, target = -log_prob.detach().mean(), self.settings.target_entropy * action_size
+        entropy = -log_prob.detach().mean()
+        target = self.settings.target_entropy * action_size
         return {
             "loss_alpha": self.log_alpha * (entropy - target),
             "alpha": self.alpha,
@@ -295,7 +303,8 @@ def build(
 ) -> Learner:
     """SAC, or an algorithm with another loss, for an environment. Initialized from torch's global
     generator."""
-    m, encoder = action_size(env), make_encoder(env, settings)
+    m = action_size(env)
+    encoder = make_encoder(env, settings)
     actor = make_body(
         settings, encoder.size, 2 * m, norm=settings.actor_norm, dropout=settings.actor_dropout
     )

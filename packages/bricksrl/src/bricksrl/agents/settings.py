@@ -11,7 +11,8 @@ from brickhub.fields import Range as Range  # noqa: PLC0414  users find it besid
 from brickhub.fields import check_fields
 from bricksrl.errors import DescriptionError
 
-MAX_UNITS, MAX_WEIGHTS = 2**14, 2**26
+MAX_UNITS = 2**14
+MAX_WEIGHTS = 2**26
 """Limits of layer sizes and hidden weights, as settings come from files."""
 Positive = Range(above=True)
 NotNegative = Range()

@@ -65,10 +65,8 @@ class TD3Loss(ActorCriticLoss):
         super().__init__(encoder, actor, critics, settings)
         self.target_actor = copy.deepcopy(actor).requires_grad_(False)
         self.target_critics = copy.deepcopy(critics).requires_grad_(False)
-        self.target_noise, self.target_noise_clip = (
-            settings.target_noise,
-            settings.target_noise_clip,
-        )
+        self.target_noise = settings.target_noise
+        self.target_noise_clip = settings.target_noise_clip
 
     @torch.no_grad()
     def target_qvalue(self, batch: Batch) -> Tensor:
@@ -110,7 +108,8 @@ class TD3Loss(ActorCriticLoss):
 
 def build(env: EnvBase, settings: TD3Settings, device: torch.device | str = "cpu") -> Learner:
     """TD3 for an environment. Initialized from torch's global generator."""
-    m, encoder = action_size(env), make_encoder(env, settings)
+    m = action_size(env)
+    encoder = make_encoder(env, settings)
     body = make_body(settings, encoder.size, m, norm=settings.actor_norm)
     critics = Critics(
         [make_body(settings, encoder.size + m, 1, norm=settings.critic_norm) for _ in range(2)]

@@ -26,7 +26,8 @@ class TD3BCSettings(DeterministicSettings):
 
 def build(env: EnvBase, settings: TD3BCSettings, device: torch.device | str = "cpu") -> Learner:
     """TD3+BC for an environment. Initialized from torch's global generator."""
-    m, encoder = action_size(env), make_encoder(env, settings)
+    m = action_size(env)
+    encoder = make_encoder(env, settings)
     body = make_body(settings, encoder.size, m, norm=settings.actor_norm)
     actor, policy = deterministic_policy(
         encoder, body, action_spec(env), noise=settings.exploration_noise

@@ -28,14 +28,16 @@ from bricksrl.errors import RunError
 
 STEPS = 2000
 """Robot steps until the actor is free."""
-REACH, REACH_ON_BASE = 2.0, 0.4
+REACH = 2.0
+REACH_ON_BASE = 0.4
 """Distance from the first policy at that time, before the tanh; and of what is added to a base,
 where it is all that acts."""
 MARGIN = 1.2
 """First standard deviation, relative to the minimum, at which it has no gradient."""
 ALPHA = 0.01
 """Maximum initial temperature, so that entropy does not outweigh the policy."""
-UPDATES, ROWS = 2000, 256
+UPDATES = 2000
+ROWS = 256
 """Updates of imitation, and rows of each."""
 
 
@@ -58,7 +60,9 @@ class Scripted(TensorDictModuleBase):  # type: ignore[misc]
 
     def __init__(self, policy: ArrayPolicy, keys: Sequence[str]) -> None:
         super().__init__()
-        self.controller, self.in_keys, self.out_keys = policy, list(keys), ["action"]
+        self.controller = policy
+        self.in_keys = list(keys)
+        self.out_keys = ["action"]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         rows = tensordict.select(*self.in_keys).reshape(-1).cpu()
@@ -75,11 +79,10 @@ class Residual(TensorDictModuleBase):  # type: ignore[misc]
 
     def __init__(self, base: Base, learned: TensorDictModuleBase) -> None:
         super().__init__()
-        self.base, self.learned = base, learned
-        self.in_keys, self.out_keys = (
-            list(dict.fromkeys((*base.in_keys, *learned.in_keys))),
-            ["action"],
-        )
+        self.base = base
+        self.learned = learned
+        self.in_keys = list(dict.fromkeys((*base.in_keys, *learned.in_keys)))
+        self.out_keys = ["action"]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         base = self.base(tensordict)
@@ -102,7 +105,8 @@ def imitate(learner: Learner, frames: TensorDictBase, actions: Tensor) -> None:
     """Teach a new learner's actor the ``actions`` ``[time, m]`` for what ``frames`` ``[time]``
     observe, by least squares, and hold it there. Raises RunError as `hold` does."""
     loss = _teachable(learner)
-    frames, actions = frames.to(learner.device), actions.to(learner.device)
+    frames = frames.to(learner.device)
+    actions = actions.to(learner.device)
     optimizer = torch.optim.Adam([*loss.encoder.parameters(), *loss.actor.parameters()], fused=True)
     was_training = loss.actor.training
     loss.actor.train()
@@ -183,7 +187,9 @@ class PolicyAnchor(CountedUpdates, nn.Module):
     ) -> None:
         super().__init__()
         self.policy = copy.deepcopy(actor).requires_grad_(False)
-        self._size, self._updates, self._reach = action_size, updates, reach
+        self._size = action_size
+        self._updates = updates
+        self._reach = reach
 
     def forward(self, features: Tensor, out: Tensor) -> Tensor:
         """The actor's outputs, whose gradient gets the pull. In equilibrium the distance is the one

@@ -37,7 +37,8 @@ class TQCSettings(EntropySettings, TargetSettings):
 
 def build(env: EnvBase, settings: TQCSettings, device: torch.device | str = "cpu") -> Learner:
     """TQC for an environment. Initialized from torch's global generator."""
-    m, encoder = action_size(env), make_encoder(env, settings)
+    m = action_size(env)
+    encoder = make_encoder(env, settings)
     policy = gaussian_policy(
         encoder,
         make_body(settings, encoder.size, 2 * m),

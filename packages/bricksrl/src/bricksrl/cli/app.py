@@ -7,7 +7,8 @@ from brickhub.cli.app import CommandLine
 from bricksrl import __version__
 from bricktwin.cli import command_table as of_twins
 
-_OF_HUBS, _OF_TWINS = command_table.LINE.commands, of_twins.LINE.groups
+_OF_HUBS = command_table.LINE.commands
+_OF_TWINS = of_twins.LINE.groups
 """Commands of the other houses, which are handed through."""
 
 LINE = CommandLine(
@@ -104,5 +105,6 @@ Examples:
     },
 )
 
-run, parse = partial(app.run, LINE), partial(app.parse, LINE)
+run = partial(app.run, LINE)
+parse = partial(app.parse, LINE)
 """Run, and parse, the command that these arguments name."""

@@ -88,11 +88,9 @@ class CalibrateCamera:
         path = self.out or saved_path(device)
         write_red(path, ball.window)
         save_image(path.with_suffix(".png"), picture(frames[-1], ball))
-        window, (x, y), red_objects = (
-            ball.window,
-            ball.middle,
-            len(find_red(frames[-1], ball.window)),
-        )
+        window = ball.window
+        (x, y) = ball.middle
+        red_objects = len(find_red(frames[-1], ball.window))
         print_line(f"ball     at {x}, {y} (an area of {int(ball.mask.sum())} px)")
         print_line(f"hue      {window.hue_deg[0]:g} to {window.hue_deg[1]:g} degrees")
         print_line(f"from     saturation {window.saturation:.2f}, value {window.value:.2f}")

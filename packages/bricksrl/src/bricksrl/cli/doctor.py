@@ -17,7 +17,8 @@ from brickhub.finding import Outcome
 from bricksrl.child_process import own_python
 from bricktwin.twin.make_body import check_mujoco
 
-_LOW_SPACE_GB, _NO_SPACE_GB = 5.0, 0.5
+_LOW_SPACE_GB = 5.0
+_NO_SPACE_GB = 0.5
 _DRAW = """
 from brickhub.target import find
 from bricktwin.twin.render.opengl import Renderer

@@ -333,7 +333,8 @@ def _environment(
     flags: Play | DriveRobot, target: str, run: Path | None
 ) -> Iterator[tuple[EnvBase, str]]:
     """The named environment, or that of a run, open inside this context, and its id."""
-    env_id, options = target, flags.robot
+    env_id = target
+    options = flags.robot
     if run is not None:
         config = config_of(run)
         env_id = config.env

@@ -65,7 +65,8 @@ class RunProgress(Callback):
             self.note(f"connecting to the robot ({self._hub})")
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
-        self.run_dir, self.episodes_done = run_dir, episodes_done
+        self.run_dir = run_dir
+        self.episodes_done = episodes_done
         self._asynchronous = bool(config.asynchronous)
         print_line(
             f"{without_folder(config.agent)} on {without_folder(config.env)}, seed {config.seed}: "
@@ -167,7 +168,8 @@ def clock(seconds: float) -> str:
 
 def sparkline(values: list[float]) -> str:
     """Sparkline with a bar per value, scaled between the lowest and the highest one."""
-    low, high = min(values), max(values)
+    low = min(values)
+    high = max(values)
     if low == high:
         return _BARS[len(_BARS) // 2] * len(values)
     return "".join(
@@ -198,7 +200,8 @@ class SeedsProgress(Bars):
     def tell(self, seed: int, message: dict[str, Any]) -> None:
         """Update the row of a seed from a message of its run; may be called from several
         threads."""
-        changes, line = dict[str, Any](), ""
+        changes = dict[str, Any]()
+        line = ""
         if "started" in message:
             changes = {"state": "training", "node": message.get("node", "")}
             if self.tasks[self._ids[seed]].fields["state"] != "waiting":

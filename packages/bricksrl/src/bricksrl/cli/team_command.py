@@ -29,8 +29,10 @@ if TYPE_CHECKING:
 
     from bricksrl.training.teams.team import Team, TeamConfig, TeamProgress
 
-TEAM_FILE, FILM_FILE = "team.bin", "film.mp4"
-_SIMULATED_FRAMES, _ARENA_FRAMES = 300_000, 10_000
+TEAM_FILE = "team.bin"
+FILM_FILE = "film.mp4"
+_SIMULATED_FRAMES = 300_000
+_ARENA_FRAMES = 10_000
 _EVALUATION_SEED = 7000
 _FILMED_EPISODES = 2
 _MAX_LINES = 20

@@ -77,7 +77,8 @@ _TELL_S = 8.0
 @contextmanager
 def telling(what: str) -> Iterator[None]:
     """Print what is done at the start of this context, and from time to time while it lasts."""
-    ended, start_s = threading.Event(), time.monotonic()
+    ended = threading.Event()
+    start_s = time.monotonic()
     print_line(what)
 
     def tell() -> None:
@@ -128,7 +129,8 @@ class EmergencyStop:
         keys: bool | None = None,
         source: Input | None = None,
     ) -> None:
-        self._stop, self._notify = stop, notify
+        self._stop = stop
+        self._notify = notify
         self._env = BricksEnv()
         self._requests: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._worker = threading.Thread(

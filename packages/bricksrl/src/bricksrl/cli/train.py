@@ -248,7 +248,8 @@ class Resume:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        address, config = shown(self.live_page, self.page), RunFolder(self.run).read_config()
+        address = shown(self.live_page, self.page)
+        config = RunFolder(self.run).read_config()
         load_learning()
         from bricksrl.training.run import resume
 
@@ -340,7 +341,8 @@ def run_training(
         can_drive: whether a human at the page may drive.
         film: whether to film the robot, before and after.
     """
-    progress, stop = RunProgress(config.hub), threading.Event()
+    progress = RunProgress(config.hub)
+    stop = threading.Event()
     can_drive = can_drive and driver is None and config.num_envs == len(config.hubs) == 1
     try:
         with (
@@ -355,10 +357,8 @@ def run_training(
             if page is not None:
                 from bricksrl.page.play import PageCallback
 
-                callback, driver = (
-                    CallbackList(progress, PageCallback(page, stop)),
-                    driver or page.driver,
-                )
+                callback = CallbackList(progress, PageCallback(page, stop))
+                driver = driver or page.driver
             result = run(callback, place=place, stop=stop, driver=driver)
             progress.close()
             if not result.interrupted:

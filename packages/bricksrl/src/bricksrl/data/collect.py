@@ -84,11 +84,9 @@ def collect(
         episode_seed = int(np.random.SeedSequence([seed, number, *again]).generate_state(1)[0] >> 1)
         env.set_seed(episode_seed)
         state = env.reset()
-        provenance, steps, episode = (
-            about(env, name, seed=episode_seed, hub=hub),
-            list[Step](),
-            Rollout(),
-        )
+        provenance = about(env, name, seed=episode_seed, hub=hub)
+        steps = list[Step]()
+        episode = Rollout()
         try:
             for frame in play(env, policy, state, driver=driver, reset_policy=reset_policy):
                 own = episode.add(frame, env)
@@ -121,8 +119,10 @@ def collect(
 def step_of(transition: TensorDictBase, env: EnvBase) -> Step:
     """Step from a transition of TorchRL's ``EnvBase.step``, copied, since the environment may reuse
     its tensors. ``env``: environment of the transition; its ``timing``, if any, is recorded."""
-    after, ours = transition["next"], interface_of(env)
-    timing, has_image = ours.timing, ours.task is not None and "image" in after
+    after = transition["next"]
+    ours = interface_of(env)
+    timing = ours.timing
+    has_image = ours.task is not None and "image" in after
     times: dict[str, Any] = (
         {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
     )
@@ -157,7 +157,8 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
         hub: how the robot is reached; ignored without a robot.
     """
     ours = interface_of(env)
-    task, on_hub = ours.task, ours.robots > 0
+    task = ours.task
+    on_hub = ours.robots > 0
     has_program = on_hub and task is not None and task.robot.hub.model.runs_programs
     twin = ours.twin if on_hub and hub == "virtual" else None
     physics = None if twin is None else getattr(twin.body, "physics", None)

@@ -122,7 +122,8 @@ def from_table(
 ) -> dict[str, NDArray[Any]]:
     """Inverse of `to_table` for some of the columns; vectors of length 1 are returned as
     ``[steps]``. Raises DataError if a column has another type than in the description."""
-    types, arrays = arrow_types(description), {}
+    types = arrow_types(description)
+    arrays = {}
     for name in names:
         n, type_ = types[name]
         try:
@@ -171,10 +172,8 @@ def join_statistics(parts: Sequence[dict[str, Statistics]]) -> dict[str, dict[st
     episode."""
     joined = {}
     for name in parts[0] if parts else ():
-        values, counts = (
-            np.array([part[name][0] for part in parts]),
-            np.array([part[name][1] for part in parts]),
-        )
+        values = np.array([part[name][0] for part in parts])
+        counts = np.array([part[name][1] for part in parts])
         low, high, means, stds = values.swapaxes(0, 1)
         share = (counts / counts.sum()).reshape(-1, *[1] * (means.ndim - 1))
         mean = (share * means).sum(0)

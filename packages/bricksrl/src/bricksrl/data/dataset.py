@@ -65,7 +65,10 @@ class About:
     physics: dict[str, float] = field(default_factory=dict)
 
 
-_TEXT, _INT, _FLOAT, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+_TEXT = pa.string()
+_INT = pa.int64()
+_FLOAT = pa.float64()
+_BOOL = pa.bool_()
 _TYPES = {"str": _TEXT, "int | None": _INT, "bool": _BOOL, "bool | None": _BOOL}
 _ABOUT = {
     attribute.name: _TYPES[str(attribute.type)]
@@ -185,7 +188,8 @@ class Dataset:
 
     def check_order(self, episodes: int) -> None:
         """Raise DataError unless the rows are those of ``episodes`` consecutive episodes."""
-        root, start = self.root, 0
+        root = self.root
+        start = 0
         for number, row in enumerate(self.rows):
             if row.episode != number or row.start != start:
                 raise DataError(
@@ -256,8 +260,12 @@ class Dataset:
     def write_episodes(self, episodes: Sequence[Episode]) -> Dataset:
         """Write the next data file and, with a camera, the next video file, with these episodes;
         returns the dataset with their rows, which `write_rows` writes."""
-        description, key, at = self.description, self.description.image_key, self.data_files
-        rows, tables, images = [], [], []
+        description = self.description
+        key = self.description.image_key
+        at = self.data_files
+        rows = []
+        tables = []
+        images = []
         start = self.steps
         for number, episode in enumerate(episodes, len(self.rows)):
             length = len(episode.columns["index"])
@@ -301,7 +309,9 @@ class Dataset:
     def write_rows(self, first: int) -> Dataset:
         """Write the rows from episode ``first`` on into the next file of rows; returns the dataset
         with it."""
-        rows, at, key = self.rows[first:], self.row_files, self.description.image_key
+        rows = self.rows[first:]
+        at = self.row_files
+        key = self.description.image_key
         cells = {
             column: ([getattr(row, name) for row in rows], type_)
             for name, (column, type_) in _columns(key).items()
@@ -381,14 +391,16 @@ def refuse_within_dataset(path: Path) -> None:
 
 def dataset_folder(path: Path | str) -> Path:
     """Folder of the dataset: the given one, or ``data`` in the folder of a run."""
-    path, info = Path(path), FILES["info"]
+    path = Path(path)
+    info = FILES["info"]
     return path / "data" if (path / "data" / info).exists() and not (path / info).exists() else path
 
 
 def existing_dataset(path: Path | str) -> Path:
     """Folder of the dataset, as `dataset_folder`, without reading it. Raises DataError if there is
     none."""
-    root, info = dataset_folder(path), FILES["info"]
+    root = dataset_folder(path)
+    info = FILES["info"]
     if not (root / info).exists():
         raise DataError(
             f"there is no dataset in {root}; choose {folder_with(root, info, f'data/{info}')}"
@@ -426,7 +438,8 @@ def read_description(root: Path) -> Description:
 def read_episode_count(root: Path, description: Description) -> int:
     """Read the number of committed episodes. Raises DataError if the file is damaged, or of another
     dataset."""
-    path, repair = root / FILES["info"], f"run `bricksrl data repair {quoted(root)}`"
+    path = root / FILES["info"]
+    repair = f"run `bricksrl data repair {quoted(root)}`"
     with reading("the index", path, DataError, f"restore it, or {repair}"):
         data = dict(json.loads(path.read_bytes()))
     if data.get("codebase_version") != CODEBASE_VERSION:
@@ -445,7 +458,8 @@ def read_episode_count(root: Path, description: Description) -> int:
 
 def read_all_rows(root: Path, description: Description) -> Dataset:
     """Read the rows of all consecutive files, including those of an unfinished commit."""
-    dataset, rows = Dataset(root, description), []
+    dataset = Dataset(root, description)
+    rows = []
     while (path := dataset.path("episodes", dataset.row_files)).exists():
         rows += read_rows(path, description)
         dataset = replace(dataset, row_files=dataset.row_files + 1)
@@ -484,7 +498,8 @@ def _row(record: dict[str, Any], description: Description) -> EpisodeRow:
 
 def _file(record: dict[str, Any], prefix: str) -> int:
     """Number of a file, from its chunk folder and its number in it."""
-    chunk, file = int(record[f"{prefix}/chunk_index"]), int(record[f"{prefix}/file_index"])
+    chunk = int(record[f"{prefix}/chunk_index"])
+    file = int(record[f"{prefix}/file_index"])
     if chunk < 0 or not 0 <= file < CHUNK_SIZE:
         raise ValueError("a file with an impossible number")
     return chunk * CHUNK_SIZE + file

@@ -125,7 +125,9 @@ def write_dataset(out: Path, description: Description, episodes: Iterable[Episod
             group.append(episode)
             steps += len(episode.columns["index"])
             if steps >= STEPS_PER_FILE:
-                dataset, group, steps = dataset.write_episodes(group), [], 0
+                dataset = dataset.write_episodes(group)
+                group = []
+                steps = 0
         if group:
             dataset = dataset.write_episodes(group)
         if not dataset.rows:

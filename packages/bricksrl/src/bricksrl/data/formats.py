@@ -170,7 +170,8 @@ def _minari_environment(episodes: Episodes) -> dict[str, Any]:
     it is not registered."""
     import gymnasium
 
-    env_id, options = episodes.description.env, episodes.description.options
+    env_id = episodes.description.env
+    options = episodes.description.options
     spec = gymnasium.registry.get(f"bricksrl/{env_id}")
     if spec is not None:  # of whatever else a file names, such as a transform, nothing
         spec = replace(spec, kwargs=spec.kwargs | options_of(env_id, options))
@@ -254,8 +255,10 @@ def _import_one(folder: Path, out: Path, env: str, policy: str) -> Dataset:
 
     if env not in _ORDERS:
         raise DataError(f"the paper has no dataset of {env}; choose one of {', '.join(_ORDERS)}")
-    task, action_order = get_task(env), _ORDERS[env][1]
-    current, after = read_tensors(folder), read_tensors(folder / "next")
+    task = get_task(env)
+    action_order = _ORDERS[env][1]
+    current = read_tensors(folder)
+    after = read_tensors(folder / "next")
     observation = _observations(current, task, folder)
     action = _rows(current, "action", folder)
     next_observation = _observations(after, task, folder / "next")
@@ -273,7 +276,8 @@ def _import_one(folder: Path, out: Path, env: str, policy: str) -> Dataset:
     )
     ends = np.flatnonzero(done | jumps)
     lengths = np.diff(ends, prepend=-1)
-    terminated, truncated = np.zeros_like(done), np.zeros_like(done)
+    terminated = np.zeros_like(done)
+    truncated = np.zeros_like(done)
     terminated[ends] = done[ends] & (lengths < task.max_steps)
     truncated[ends] = ~terminated[ends]
     columns = (
@@ -286,7 +290,8 @@ def _import_one(folder: Path, out: Path, env: str, policy: str) -> Dataset:
     )
     steps = [Step(*row) for row in zip(*columns, strict=True)]
     description = describe_task(task)
-    last, values = description.observation[-1], observation[:, -1]
+    last = description.observation[-1]
+    values = observation[:, -1]
     # the released code reports another quantity
     if last.name == "distance" and ((values < 0).any() or (values > 2000).any()):
         acceleration = Entry("acceleration_x", unit="mm/s^2")
@@ -326,7 +331,8 @@ def _observations(arrays: Arrays, task: Task, folder: Path) -> NDArray[np.float3
     """Observations ``[N, n]`` in our order and ranges."""
     names = ["observation", "goal_observation"] if task.id == "RoboArm-v0" else ["observation"]
     parts = [_rows(arrays, name, folder) for name in names]
-    order, width = _ORDERS[task.id][0], sum(part.shape[1] for part in parts)
+    order = _ORDERS[task.id][0]
+    width = sum(part.shape[1] for part in parts)
     if width != len(order):
         raise DataError(
             f"{folder} observes {width} numbers and {task.id} has {len(order)}; name its task "
@@ -365,7 +371,8 @@ def read_tensors(folder: Path) -> Arrays:
 
 
 def _read_tensor(folder: Path, name: str, entry: dict[str, Any]) -> NDArray[Any]:
-    dtype, shape = _TYPES.get(str(entry["dtype"])), entry["shape"]
+    dtype = _TYPES.get(str(entry["dtype"]))
+    shape = entry["shape"]
     is_shape = (
         isinstance(shape, list)
         and len(shape) <= 8

@@ -110,7 +110,8 @@ def _same(value: Any, expected: Any) -> bool:
 
 def _files(dataset: Dataset) -> Iterator[str]:
     """Missing, unfinished and foreign files."""
-    root, repair = dataset.root, f"run `bricksrl data repair {quoted(dataset.root)}`"
+    root = dataset.root
+    repair = f"run `bricksrl data repair {quoted(dataset.root)}`"
     known = {
         root / LOCK,
         root / "README.md",
@@ -124,7 +125,8 @@ def _files(dataset: Dataset) -> Iterator[str]:
     ):
         yield f"{missing} is missing; {repair}"
     recorded = read_all_rows(root, dataset.description)
-    uncounted, unfinished = len(recorded.rows) - len(dataset.rows), recorded.unfinished_files()
+    uncounted = len(recorded.rows) - len(dataset.rows)
+    unfinished = recorded.unfinished_files()
     if uncounted:
         yield f"{uncounted} recorded episodes are not in the index; {repair}"
     for path in sorted(root.rglob("*")):

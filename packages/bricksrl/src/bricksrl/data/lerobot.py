@@ -274,7 +274,8 @@ def _episodes(
 
     if len(states) < 2:
         return []
-    before, after = torch.from_numpy(states[:-1].copy()), torch.from_numpy(states[1:].copy())
+    before = torch.from_numpy(states[:-1].copy())
+    after = torch.from_numpy(states[1:].copy())
     chosen = torch.from_numpy(actions[:-1].astype(np.float32))
     rewards = task.reward(before, chosen, after).reshape(-1).tolist()
     terminated = task.terminated(after).reshape(-1).tolist()

@@ -98,7 +98,8 @@ class Episodes:
             for name in ("observation", "action", "episode", "intervention")
         }
         if self.image is not None and self.next_image is not None:
-            step["image"], after["image"] = self.image, self.next_image
+            step["image"] = self.image
+            after["image"] = self.next_image
         return TensorDict({**step, "next": TensorDict(after, n)}, n)
 
 
@@ -217,14 +218,13 @@ class EpisodeReader:
         self._by_file: dict[int, list[EpisodeRow]] = defaultdict(list)
         for row in dataset.rows:
             self._by_file[row.data_file].append(row)
-        self._table, self._video = (
-            lru_cache(maxsize=1)(self._read_table),
-            lru_cache(maxsize=1)(self._read_video),
-        )
+        self._table = lru_cache(maxsize=1)(self._read_table)
+        self._video = lru_cache(maxsize=1)(self._read_video)
 
     def read(self, row: EpisodeRow) -> Episode:
         """Read an episode. Raises DataError if a file of it is missing or damaged."""
-        dataset, start = self._dataset, row.start - self._by_file[row.data_file][0].start
+        dataset = self._dataset
+        start = row.start - self._by_file[row.data_file][0].start
         table = self._table(row.data_file).slice(start, row.length)
         columns = from_table(
             table, dataset.description, self._names, dataset.path("data", row.data_file)
@@ -242,8 +242,10 @@ class EpisodeReader:
 
     def _read_table(self, file: int) -> pa.Table:
         """Steps of the episodes in one file, checked against their rows."""
-        dataset, rows = self._dataset, self._by_file[file]
-        path, lengths = dataset.path("data", file), [row.length for row in rows]
+        dataset = self._dataset
+        rows = self._by_file[file]
+        path = dataset.path("data", file)
+        lengths = [row.length for row in rows]
         table = read_parquet(path, digest=rows[0].data_sha256)
         table = table.slice(0, sum(lengths))  # episodes of an unfinished commit may follow
         stored = from_table(table, dataset.description, ("index", "episode_index"), path)
@@ -261,7 +263,8 @@ class EpisodeReader:
 
     def _read_video(self, file: int) -> NDArray[np.uint8]:
         """Images before the steps of the episodes in one file."""
-        dataset, rows = self._dataset, self._by_file[file]
+        dataset = self._dataset
+        rows = self._by_file[file]
         path = dataset.path("video", file)
         read_verified(path, rows[0].video_sha256)
         return decode(path, sum(row.length for row in rows), dataset.description.image_px)

@@ -73,10 +73,8 @@ class Recorder(contextlib.AbstractContextManager["Recorder"]):
         if not steps:
             return
         if not (steps[-1].terminated or steps[-1].truncated):
-            steps, about = (
-                [*steps[:-1], replace(steps[-1], truncated=True)],
-                replace(about, whole=False),
-            )
+            steps = [*steps[:-1], replace(steps[-1], truncated=True)]
+            about = replace(about, whole=False)
         camera = self.description.camera
         if camera is not None and (
             steps[-1].next_image is None or any(step.image is None for step in steps)

@@ -44,7 +44,9 @@ FILES = {
 }
 """Files by kind; there are several of the last three."""
 
-OBSERVATION, ACTION, NEXT = "observation.state", "action", "next.observation.state"
+OBSERVATION = "observation.state"
+ACTION = "action"
+NEXT = "next.observation.state"
 STEP_COLUMNS = {
     "observation": OBSERVATION,
     "action": ACTION,
@@ -186,7 +188,8 @@ class Description:
                 values[key] = tuple(_entry_from_json(entry) for entry in values[key])
             check_fields(cls, values)
             description = cls(**values)
-            camera, image_px = description.camera, description.image_px
+            camera = description.camera
+            image_px = description.image_px
             has_sound_camera = (
                 image_px == 0 if camera is None else camera.isidentifier() and image_px > 0
             )
@@ -200,19 +203,23 @@ class Description:
         joined."""
         phrases = []
         for name in ("env", "rate_hz", "camera", "image_px", "options"):
-            own, others = getattr(self, name), getattr(other, name)
+            own = getattr(self, name)
+            others = getattr(other, name)
             if own != others:
                 phrases.append(f"{name} {others} instead of {own}")
         for name in ("observation", "action"):
-            own, others = getattr(self, name), getattr(other, name)
-            names, other_names = [entry.name for entry in own], [entry.name for entry in others]
+            own = getattr(self, name)
+            others = getattr(other, name)
+            names = [entry.name for entry in own]
+            other_names = [entry.name for entry in others]
             changed = [a.name for a, b in zip(own, others, strict=False) if a != b]
             if names != other_names:
                 phrases.append(f"{name} [{', '.join(other_names)}] instead of [{', '.join(names)}]")
             elif changed:
                 phrases.append(f"{name} with another unit or range of {', '.join(changed)}")
         if self.robot != other.robot:
-            own, others = self.robot.get("name", "none"), other.robot.get("name", "none")
+            own = self.robot.get("name", "none")
+            others = other.robot.get("name", "none")
             same = "the same name with another description"
             phrases.append(
                 f"robot {others} instead of {own}" if own != others else f"robot {own}: {same}"

@@ -44,7 +44,8 @@ def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str =
             f"{root} is not sound: {faults[0].detail}; see `bricksrl data check {quoted(root)}`"
         )
     summary = summarise(root)
-    tags, files = ("LeRobot", "BricksRL", "reinforcement-learning"), "data/*/*.parquet"
+    tags = ("LeRobot", "BricksRL", "reinforcement-learning")
+    files = "data/*/*.parquet"
     title = f"{summary.env} on {summary.robot or 'no robot'}"
     card = _card(
         title,
@@ -190,10 +191,8 @@ def _card(
     licence: str,
 ) -> str:
     """Card of a dataset, as Markdown."""
-    listed, table = (
-        "".join(f"- {tag}\n" for tag in tags),
-        "".join(f"| {name} | {value} |\n" for name, value in rows),
-    )
+    listed = "".join(f"- {tag}\n" for tag in tags)
+    table = "".join(f"| {name} | {value} |\n" for name, value in rows)
     return f"""---
 license: {licence}
 task_categories:

@@ -48,7 +48,8 @@ def new_episode(steps: Sequence[Step], about: About, description: Description) -
         columns[column] = np.stack(
             [np.asarray(getattr(step, name), dtypes[column]).reshape(-1) for step in steps]
         )
-    frames, zeros = np.arange(len(steps), dtype=np.int64), np.zeros(len(steps), np.int64)
+    frames = np.arange(len(steps), dtype=np.int64)
+    zeros = np.zeros(len(steps), np.int64)
     columns["next.done"] = columns["next.terminated"] | columns["next.truncated"]
     columns["timestamp"] = (frames / description.rate_hz).astype(np.float32)
     columns |= {"frame_index": frames, "episode_index": zeros, "index": frames, "task_index": zeros}

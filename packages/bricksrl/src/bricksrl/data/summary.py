@@ -114,10 +114,8 @@ def plot(path: Path | str, out: Path | str) -> None:
     out = check_picture(out)
     refuse_within_dataset(out)
     dataset = read_dataset(path)
-    description, columns = (
-        dataset.description,
-        read_columns(dataset, [OBSERVATION, ACTION, "next.reward", "frame_index"]),
-    )
+    description = dataset.description
+    columns = read_columns(dataset, [OBSERVATION, ACTION, "next.reward", "frame_index"])
     names = [
         f"{channel.name} [{channel.unit}]" if channel.unit else channel.name
         for channel in description.observation
@@ -173,9 +171,11 @@ def _plot_density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[An
 
     colours = LinearSegmentedColormap.from_list("often", [LIGHT, DARK])
     steps = int(step.max()) + 1
-    low, high = float(values.min()), float(values.max())
+    low = float(values.min())
+    high = float(values.max())
     if low == high:
-        low, high = low - 0.5, high + 0.5
+        low = low - 0.5
+        high = high + 0.5
     axes.hist2d(
         step,
         values,

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 
-_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 15.0
+_FIRST_PAUSE_S = 0.5
+_LONGEST_PAUSE_S = 15.0
 
 Placement = Callable[[np.random.Generator], None]
 """Places the robot at the start of an episode: a virtual robot is moved by a method, a real one by
@@ -117,7 +118,9 @@ class Reconnect:
 
     def recovered(self) -> None:
         """Record an answer to a step; one to a reset does not count as recovery."""
-        self._error, self._tries, self._spent_s = None, 0, 0.0
+        self._error = None
+        self._tries = 0
+        self._spent_s = 0.0
 
     def failed(self, error: HubError | CameraError) -> None:
         """Record that the link or the camera broke in a step or a reset. Raises the error if trying

@@ -116,7 +116,8 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             episode.age_s = age_s  # of the last step that has an outcome
             self.link_error = error
             self.reconnect.failed(error)
-            no, yes = torch.zeros(1, dtype=torch.bool), torch.ones(1, dtype=torch.bool)
+            no = torch.zeros(1, dtype=torch.bool)
+            yes = torch.ones(1, dtype=torch.bool)
             ends = {
                 "terminated": no,
                 "truncated": yes,
@@ -130,7 +131,8 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
     def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
         # a copy: the agent's tensor is not changed
         action = tensordict["action"].detach().cpu().clamp(-1.0, 1.0)
-        task, episode = self.task, self._episode
+        task = self.task
+        episode = self._episode
         if action.shape != (len(self._spans),):
             raise BricksError(
                 f"{task.id} got an action of shape {list(action.shape)}; give [{len(self._spans)}]"

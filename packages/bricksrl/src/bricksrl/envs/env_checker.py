@@ -19,7 +19,8 @@ from bricksrl.errors import BricksError, RenderingUnavailableError
 
 _STEPS = 5
 _SEED = 7
-_EPISODES, _LONG = 3, 10
+_EPISODES = 3
+_LONG = 10
 """Episodes of random actions, and their longest, whose values are looked at."""
 _MOST_SHOWN = 160
 """Most characters that are shown of what a library says."""
@@ -239,7 +240,8 @@ def _twin(env_id: str) -> str:
         if twin is None:
             raise Skip("it is simulated without a robot")
         state = env.reset()
-        started_s, before = twin.now_s(), state["observation"]
+        started_s = twin.now_s()
+        before = state["observation"]
         changed = torch.zeros_like(before, dtype=torch.bool)
         for value in (1.0, 0.0, -1.0, 0.5, 0.5):
             state["action"] = torch.full(env.action_spec.shape, value)
@@ -260,7 +262,8 @@ def _twin(env_id: str) -> str:
 def _values(env_id: str, task: Task) -> str:
     """What random actions change in some episodes: entries, rewards, and the robot by each
     action."""
-    observed, rewards = [], []
+    observed = []
+    rewards = []
     with closing(make(env_id, seed=_SEED)) as env, torch.random.fork_rng(devices=[]):
         torch.manual_seed(_SEED)  # of the actions
         for _ in range(_EPISODES):
@@ -272,7 +275,8 @@ def _values(env_id: str, task: Task) -> str:
     if outside:
         text = ", ".join(outside_text(entries[name], value) for name, value in outside.items())
         raise Broken(f"{text}; correct the client, or the range")
-    values, reward = torch.cat(observed), torch.cat(rewards)
+    values = torch.cat(observed)
+    reward = torch.cat(rewards)
     wrong = [
         name for index, name in enumerate(entries) if not bool(values[:, index].isfinite().all())
     ]
@@ -336,7 +340,8 @@ def _functions(task: Task) -> str:
     batch."""
     if task.base_env is not None:
         raise Skip("its resets and steps are its own")
-    generator, steps = torch.Generator().manual_seed(_SEED), _STEPS
+    generator = torch.Generator().manual_seed(_SEED)
+    steps = _STEPS
     low, high = (
         torch.tensor([getattr(entry, end) for entry in task.task_entries])
         for end in ("low", "high")

@@ -44,17 +44,16 @@ class SeenInputs(nn.Module):
     def __init__(self, names: Sequence[str], wraps: Sequence[bool], free: Sequence[int]) -> None:
         super().__init__()
         n = len(wraps)
-        self.names, self.warned = names, set[str]()
+        self.names = names
+        self.warned = set[str]()
         self.register_buffer("least", torch.full((n,), LARGEST))
         self.register_buffer("greatest", torch.full((n,), -LARGEST))
         # count, mean, sum of squared deviations
         self.register_buffer("moments", torch.zeros(3, n, dtype=torch.float64))
         is_free = torch.zeros(n, dtype=torch.bool)
         is_free[list(free)] = True
-        self.wraps, self.free = (
-            nn.Buffer(torch.tensor(wraps), persistent=False),
-            nn.Buffer(is_free, persistent=False),
-        )
+        self.wraps = nn.Buffer(torch.tensor(wraps), persistent=False)
+        self.free = nn.Buffer(is_free, persistent=False)
 
     @torch.no_grad()
     def see(self, inputs: Tensor) -> None:
@@ -63,8 +62,10 @@ class SeenInputs(nn.Module):
         torch.minimum(self.least, rows.amin(0), out=self.least)
         torch.maximum(self.greatest, rows.amax(0), out=self.greatest)
         count, mean, squares = self.moments
-        added, values = len(rows), rows.double()
-        difference, total = values.mean(0) - mean, count + added
+        added = len(rows)
+        values = rows.double()
+        difference = values.mean(0) - mean
+        total = count + added
         squares += (values - values.mean(0)).square().sum(
             0
         ) + difference.square() * count * added / total
@@ -100,11 +101,9 @@ class SeenInputs(nn.Module):
             name = self.names[index] if self.names else f"input {index}"
             if name not in self.warned:
                 self.warned.add(name)
-                low, high, value = (
-                    float(least[index]),
-                    float(greatest[index]),
-                    float(rows[row, index]),
-                )
+                low = float(least[index])
+                high = float(greatest[index])
+                value = float(rows[row, index])
                 learned = f"{low:g}" if low == high else f"{low:g} to {high:g}"
                 _log.warning(
                     "%s reads %g, but the agent learned with %s: it acts as if it read that",
@@ -149,13 +148,16 @@ class ObservationEncoder(nn.Module):
         normalize: bool = False,
     ) -> None:
         super().__init__()
-        self.normalize, self.is_scaled = normalize, bool(layout.scale)
-        self.unit_scale, self.unit_offset = _constant(layout.scale), _constant(layout.offset)
+        self.normalize = normalize
+        self.is_scaled = bool(layout.scale)
+        self.unit_scale = _constant(layout.scale)
+        self.unit_offset = _constant(layout.offset)
         self.seen = SeenInputs(layout.names, layout.wraps, [goal for goal, _ in layout.goals])
         wraps = [w and angles != "raw" for w in layout.wraps]
         angle_index = [i for i, w in enumerate(wraps) if w]
         linear_index = [i for i, w in enumerate(wraps) if not w]
-        low, high = torch.tensor(layout.low), torch.tensor(layout.high)
+        low = torch.tensor(layout.low)
+        high = torch.tensor(layout.high)
         bounded = torch.isfinite(low) & torch.isfinite(high) & (high > low)
         scale = torch.where(bounded, 2.0 / (high - low), 1.0)
         offset = torch.where(bounded, -(high + low) / (high - low), 0.0)
@@ -173,11 +175,10 @@ class ObservationEncoder(nn.Module):
         angle_matrix = torch.cat(
             (one_rad[angle_index], one_rad[first] - one_rad[second])
         ).T.contiguous()
-        self.angle_matrix, self.linear = (
-            _constant(angle_matrix),
-            _constant(linear_index, torch.int64),
-        )
-        self.scale, self.offset = _constant(scale[self.linear]), _constant(offset[self.linear])
+        self.angle_matrix = _constant(angle_matrix)
+        self.linear = _constant(linear_index, torch.int64)
+        self.scale = _constant(scale[self.linear])
+        self.offset = _constant(offset[self.linear])
         self.has_past = bool(past)
         self.past_matrix = _constant(less_newest[linear_index][:, linear_index].T.contiguous())
         is_old = [[i in past for i in index] for index in (linear_index, angle_index)]

@@ -49,7 +49,8 @@ class GoalRelabelling:
 def relabelling(env: EnvBase, hindsight: float, new_goals: float) -> GoalRelabelling | None:
     """Relabelling of shares of a batch; ``None`` if there is none, if not all goals can be reached,
     and behind transforms of observation or reward, which the task's functions know nothing of."""
-    task, layout = interface_of(env).task, layout_of(env)
+    task = interface_of(env).task
+    layout = layout_of(env)
     if task is None or not hindsight + new_goals or not layout.goals or not changes_nothing(env):
         return None
     is_whole = len(layout.goals) == sum(name.endswith("_goal") for name in layout.names)

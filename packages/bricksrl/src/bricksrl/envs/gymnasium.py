@@ -150,7 +150,9 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         if seed is not None:
             self.env.set_seed(seed)
             self._close_renderer()  # its virtual robot is replaced by the new seed
-        self._observations, self._info, self._ended = [], {}, False
+        self._observations = []
+        self._info = {}
+        self._ended = False
         return self._observation(self.env.reset()), {}
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -314,10 +316,8 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._episodes = torch.zeros(num_envs, task.max_steps, len(task.entries))
         self._copies = torch.arange(num_envs)
-        self._steps, self._ended = (
-            torch.zeros_like(self._copies),
-            torch.zeros(num_envs, dtype=torch.bool),
-        )
+        self._steps = torch.zeros_like(self._copies)
+        self._ended = torch.zeros(num_envs, dtype=torch.bool)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -338,10 +338,8 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
                 wanted = f"a reset_mask of {self.num_envs} bools, one of them True at least"
                 raise UnknownOptionError(f"{self.env.task.id} needs {wanted}")
             return self._restart(torch.from_numpy(copies)), {}
-        self._steps, self._ended = (
-            torch.zeros_like(self._copies),
-            torch.zeros(self.num_envs, dtype=torch.bool),
-        )
+        self._steps = torch.zeros_like(self._copies)
+        self._ended = torch.zeros(self.num_envs, dtype=torch.bool)
         return self.env.reset()["observation"].cpu().numpy().copy(), {}
 
     def step(
@@ -401,7 +399,8 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         """Observations of all copies after those of a mask have been reset."""
         done = dict.fromkeys(self.env.done_keys, copies[:, None].to(self.env.device))
         state = self.env.maybe_reset(TensorDict(done, self.env.batch_size, device=self.env.device))
-        self._steps, self._ended = self._steps.masked_fill(copies, 0), self._ended & ~copies
+        self._steps = self._steps.masked_fill(copies, 0)
+        self._ended = self._ended & ~copies
         observation: Array = state["observation"].cpu().numpy().copy()
         return observation
 
@@ -536,10 +535,8 @@ class _Goals:
             torch.as_tensor(np.asarray(goal, np.float32)) for goal in (achieved_goal, desired_goal)
         )
         state = torch.zeros(*achieved.shape[:-1], self._size)
-        state[..., self._parts["achieved_goal"]], state[..., self._parts["desired_goal"]] = (
-            achieved,
-            desired,
-        )
+        state[..., self._parts["achieved_goal"]] = achieved
+        state[..., self._parts["desired_goal"]] = desired
         return state
 
 

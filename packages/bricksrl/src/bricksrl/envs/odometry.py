@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-_DISTANCE_LIMITS_MM, _TURN_LIMITS_DEG = (-1e5, 1e5), (-180.0, 180.0)
+_DISTANCE_LIMITS_MM = (-1e5, 1e5)
+_TURN_LIMITS_DEG = (-180.0, 180.0)
 
 
 @dataclass(frozen=True)
@@ -39,11 +40,9 @@ class FloorPose:
     def seen_from(self, robot: FloorPose) -> tuple[float, float, float]:
         """This pose in the robot's frame: mm ahead, mm to the left, and the heading difference in
         -180..180 deg."""
-        x_mm, y_mm, heading = (
-            self.x_mm - robot.x_mm,
-            self.y_mm - robot.y_mm,
-            math.radians(robot.heading_deg),
-        )
+        x_mm = self.x_mm - robot.x_mm
+        y_mm = self.y_mm - robot.y_mm
+        heading = math.radians(robot.heading_deg)
         ahead_mm = x_mm * math.cos(heading) - y_mm * math.sin(heading)
         left_mm = x_mm * math.sin(heading) + y_mm * math.cos(heading)
         return ahead_mm, left_mm, (self.heading_deg - robot.heading_deg + 180.0) % 360.0 - 180.0
@@ -57,10 +56,8 @@ class FloorPose:
             if turn_deg
             else way_mm
         )
-        x_mm, y_mm = (
-            self.x_mm + chord_mm * math.cos(heading),
-            self.y_mm - chord_mm * math.sin(heading),
-        )
+        x_mm = self.x_mm + chord_mm * math.cos(heading)
+        y_mm = self.y_mm - chord_mm * math.sin(heading)
         return FloorPose(x_mm, y_mm, self.heading_deg + turn_deg)
 
 
@@ -102,7 +99,8 @@ class Target:
 def wheels(robot: Robot, interface: Interface) -> tuple[int, int]:
     """Indices of the left and the right wheel's angle among the channels. Raises DescriptionError
     if the robot has no drive base, or the angles are not observed."""
-    base, indices = robot.drive_base, interface.angle_indices
+    base = robot.drive_base
+    indices = interface.angle_indices
     if base is None or not {base.left, base.right} <= set(indices):
         raise DescriptionError(
             f"robot '{robot.name}' cannot tell where its target is; give it a drive base and "
@@ -133,12 +131,10 @@ class TargetTracker:
         values: Sequence[float],
     ) -> None:
         assert robot.drive_base is not None  # noqa: S101 - the task checked it
-        self._target, self._base, self._true_pose, self.pose = (
-            target,
-            robot.drive_base,
-            true_pose,
-            pose,
-        )
+        self._target = target
+        self._base = robot.drive_base
+        self._true_pose = true_pose
+        self.pose = pose
         self._wheels = wheels(robot, interface)
         self._angles_deg = self._angles(values)
         self._last_step = (0.0, 0.0)
@@ -218,14 +214,17 @@ class TrueOdometer:
 
     def forward_mm(self, time_s: float, _values: Sequence[float]) -> float:
         """Distance forward since the last call, in mm; ``time_s`` is the time of this one."""
-        pose, heading = self._pose(), math.radians(self._start.heading_deg)
+        pose = self._pose()
+        heading = math.radians(self._start.heading_deg)
         self._path_m += math.hypot(pose.x_m - self._last.x_m, pose.y_m - self._last.y_m)
         # Headings are clockwise, y points left.
         forward_m = (pose.x_m - self._start.x_m) * math.cos(heading) - (
             pose.y_m - self._start.y_m
         ) * math.sin(heading)
         step_mm = (forward_m - self._forward_m) * 1000
-        self._forward_m, self._last, self._now_s = forward_m, pose, time_s
+        self._forward_m = forward_m
+        self._last = pose
+        self._now_s = time_s
         return step_mm
 
     def metrics(self) -> dict[str, float]:

@@ -424,7 +424,8 @@ def simulation_text(env_id: str) -> str:
     spec = _spec(env_id)
     if spec.kinematics is None:
         return ""
-    task, kinematics = get_task(env_id), spec.kinematics
+    task = get_task(env_id)
+    kinematics = spec.kinematics
     commanded = set(task.interface.angle_indices.values())
     silent = [
         channel.name

@@ -180,7 +180,8 @@ class RobotEnv(BricksEnv):
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
         host, place, twin = np.random.SeedSequence(seed).spawn(3)
-        self._host_rng, self._place_rng = np.random.default_rng(host), np.random.default_rng(place)
+        self._host_rng = np.random.default_rng(host)
+        self._place_rng = np.random.default_rng(place)
         self._twin_seed = int(twin.generate_state(1)[0])
         if self._connection is not None and self._connection.twin is not None:
             self._close_link()
@@ -190,9 +191,12 @@ class RobotEnv(BricksEnv):
         """Begin an episode: place the robot and read its sensors. Raises HubError if it cannot be
         reached."""
         reading = self._guarded(self._start)
-        link, true_pose, task = self._connected().link, self._connected().true_pose, self.task
+        link = self._connected().link
+        true_pose = self._connected().true_pose
+        task = self.task
         measured_s = link.now_s() - reading.age_s
-        drawn, tracker = [entry.draw(self._host_rng) for entry in task.sampled_entries], None
+        drawn = [entry.draw(self._host_rng) for entry in task.sampled_entries]
+        tracker = None
         if task.target is not None:
             start = start_pose(task.scene, task.id, true_pose, self._host_rng)
             tracker = TargetTracker(
@@ -227,7 +231,8 @@ class RobotEnv(BricksEnv):
     def move(self, shares: Sequence[float]) -> Floats:
         """The observation ``[n]`` after a step with the action ``[m]``, in -1..1. Raises
         BricksError without an episode, HubError if the link broke."""
-        episode, link = self._episode, self._connected().link
+        episode = self._episode
+        link = self._connected().link
         if episode is None:
             raise BricksError(f"{self.task.id} has no episode to step; reset the environment first")
         commands = self._commanded(episode, shares)
@@ -275,7 +280,8 @@ class RobotEnv(BricksEnv):
             for index, zero in zip(self._observed, episode.zeros, strict=True)
         ]
         for reader in self._connected().sensors:
-            sensor, (sensed, age_s) = reader.sensor, self._guarded(reader.latest)
+            sensor = reader.sensor
+            (sensed, age_s) = self._guarded(reader.latest)
             if sensor.image_px:
                 self._images[sensor.name] = np.array(sensed, dtype=np.uint8)
             values += [
@@ -317,7 +323,8 @@ class RobotEnv(BricksEnv):
                 watcher(self._connection)
             if self._connection.twin is not None:
                 # which breaks by a fault of the robot
-                twin, own = self._connection.twin, self._connection.twin.in_reach
+                twin = self._connection.twin
+                own = self._connection.twin.in_reach
                 twin.in_reach = lambda: own() and self.in_reach()
             self._check_stop()  # a stop requested before this had no link to act on
         return self._connection

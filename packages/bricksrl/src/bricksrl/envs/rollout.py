@@ -165,7 +165,8 @@ class Rollout:
         if ours.task is None or self.is_lost or not self.rewards:
             return None, {}
         seen = ours.task_observations(torch.stack(self.observations))
-        metrics, walked = metrics_of(ours.task, seen), ours.walk_metrics()
+        metrics = metrics_of(ours.task, seen)
+        walked = ours.walk_metrics()
         if twice := sorted(metrics.keys() & walked.keys()):
             reason = (
                 f"metrics of {ours.task.id} have the name '{twice[0]}', which is measured of "
@@ -205,7 +206,8 @@ def play_episodes(
         )
         return
     for number in range(1, episodes + 1):
-        episode, lost = None, 0
+        episode = None
+        lost = 0
         # what a pause truncated does not count either
         while episode is None or episode.is_lost or interface_of(env).is_cut:
             episode = Rollout()
@@ -239,7 +241,8 @@ def _play_copies(
     that judges more than the agent sees, such as the true pose of a robot in another process, or
     what it sees through transforms, gives no success and no metrics. Raises HubError if the links
     of all copies break again and again."""
-    copies, task = env.batch_size.numel(), interface_of(env).task
+    copies = env.batch_size.numel()
+    task = interface_of(env).task
     judge = None if task is None or task.has_hidden_entries or not changes_nothing(env) else task
     started = played = in_vain = 0
     while played < episodes:
@@ -247,7 +250,8 @@ def _play_copies(
         started += copies
         reset_policy()
         rollout = env.rollout(longest_of(env), policy, break_when_any_done=False).cpu()
-        frames, sizes = rollout["next"], rollout["action"].abs().mean(-1)
+        frames = rollout["next"]
+        sizes = rollout["action"].abs().mean(-1)
         done = frames["done"].squeeze(-1)
         lengths = torch.where(done.any(-1), done.int().argmax(-1) + 1, done.shape[-1])
         whole = [

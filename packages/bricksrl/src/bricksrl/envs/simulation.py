@@ -74,7 +74,8 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
 
     def _plan(self, task: Task) -> None:
         """Convert the task's commands and channels into tensors, with one row per command."""
-        commands, channels = task.interface.commands, task.interface.channels
+        commands = task.interface.commands
+        channels = task.interface.channels
         if task.measured_entries or task.observes_commands or task.has_hidden_entries:
             unknown = "distances, last commands, targets and cameras"
             raise DescriptionError(
@@ -97,7 +98,8 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._half = tensor([(c.high - c.low) / 2 for c in commands])
         self._noise = self._kinematics.noise * self._half
         self._limit = tensor([turn.speed_deg_s for turn in turns])
-        step_ms, is_instant = task.interface.settle.fixed_ms, self._kinematics.motion == "instant"
+        step_ms = task.interface.settle.fixed_ms
+        is_instant = self._kinematics.motion == "instant"
         # end stops are not modelled
         if not is_instant and (step_ms is None or not all(angle.wraps for angle in angles)):
             raise DescriptionError(
@@ -106,11 +108,13 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             )
         # until the next command
         self._time_s = None if is_instant or step_ms is None else step_ms / 1000
-        self._low, self._high = tensor([a.low for a in angles]), tensor([a.high for a in angles])
+        self._low = tensor([a.low for a in angles])
+        self._high = tensor([a.high for a in angles])
         # Wrap and stop in one formula: whole turns are subtracted for endless motors, then all
         # angles are clamped.
         wraps = tensor([float(angle.wraps) for angle in angles])
-        self._turns_per_deg, self._deg_per_turn = wraps / 360.0, wraps * 360.0
+        self._turns_per_deg = wraps / 360.0
+        self._deg_per_turn = wraps * 360.0
         # A slice where the commanded motors are contiguous: indexing then copies nothing.
         contiguous = indices == list(range(indices[0], indices[0] + len(indices)))
         self._angles = (
@@ -169,7 +173,8 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             .t()
             .contiguous()
         )
-        before, (self._state, self._speed) = self._state, self._move(self._state, action)
+        before = self._state
+        (self._state, self._speed) = self._move(self._state, action)
         self._steps = self._steps + 1
         observation = self._state.t()
         terminated = self.task.terminated(observation)
@@ -295,7 +300,8 @@ def turned_angle(
     top = torch.where(is_triangular, (2.0 * first * (ramped - origin)).clamp_min(0.0).sqrt(), top)
     t1 = (top - start) / first
     t2 = t1 + torch.where(top > 0, (braking - ramped) / top.clamp_min(1e-6), 0.0)
-    u1, u3 = t1.clamp_max(time_s), (time_s - t2).clamp_min(0.0).minimum(top / a)
+    u1 = t1.clamp_max(time_s)
+    u3 = (time_s - t2).clamp_min(0.0).minimum(top / a)
     cruise = (time_s - t1).clamp_min(0.0).minimum(t2 - t1)
     turned = start * u1 + first * u1.square() / 2.0 + top * (cruise + u3) - a * u3.square() / 2.0
     speed = torch.where(time_s < t1, start + first * u1, top - a * u3)

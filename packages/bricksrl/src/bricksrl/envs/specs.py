@@ -153,7 +153,8 @@ def end_specs(batch: Sequence[int] = (), device: torch.device | None = None) -> 
 
 def set_vector_specs(env: EnvBase, task: Task) -> None:
     """Set the specs of an environment of one robot, or of copies of it, without an image."""
-    batch, device = env.batch_size, env.device
+    batch = env.batch_size
+    device = env.device
     env.observation_spec = Composite(
         observation=NominalBounded.of(task.entries, batch, device), shape=batch, device=device
     )
@@ -166,7 +167,8 @@ def spec_entries(spec: Any, prefix: str | tuple[str, ...]) -> tuple[Entry, ...]:
     """Entries of a spec; where it has none, numbered ones with its bounds, infinite where it has
     none. ``prefix``: its key."""
     entries: tuple[Entry, ...] = getattr(spec, "entries", ())
-    space, n = getattr(spec, "space", None), spec.shape.numel()
+    space = getattr(spec, "space", None)
+    n = spec.shape.numel()
     if len(entries) == n:
         return entries
     ends = [getattr(space, end, None) for end in ("low", "high")]
@@ -338,7 +340,8 @@ class ObservationLayout:
     @property
     def past(self) -> dict[int, int]:
         """Numbers of older frames, each with that of its entry in the newest frame that has it."""
-        numbers, newest = list(zip(self.frames, self.names, strict=False)), dict[str, int]()
+        numbers = list(zip(self.frames, self.names, strict=False))
+        newest = dict[str, int]()
         for _, name, index in sorted((*number, index) for index, number in enumerate(numbers)):
             newest.setdefault(name, index)
         return {
@@ -421,7 +424,8 @@ class SpecsEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         super().__init__(batch_size=torch.Size(batch))
         for name, spec in specs.items():
             setattr(self, name, spec)
-        self.task, self.layout = task, layout
+        self.task = task
+        self.layout = layout
 
     def _reset(self, _tensordict: Any = None, **_: Any) -> Any:
         raise BricksError("this environment is elsewhere; act in the one that it stands for")

@@ -398,7 +398,8 @@ class Mirror:
 def mirrors(task: Task) -> tuple[Mirror, Mirror]:
     """Mirrors of the task's observation and action. Raises DescriptionError if its robot is not
     declared symmetric, or a number has no mirror image."""
-    robot, interface = task.robot, task.interface
+    robot = task.robot
+    interface = task.interface
     if not robot.mirrored:
         raise DescriptionError(
             f"{task.id} is symmetric and its robot {robot.name} is not; give the robot mirrored="
@@ -417,10 +418,8 @@ def mirrors(task: Task) -> tuple[Mirror, Mirror]:
             raise command.error(
                 f" has no mirror image in {task.id}: give it a range about 0, or omit symmetric"
             )
-    names, commands = (
-        [entry.name for entry in task.entries],
-        [command.name for command in interface.commands],
-    )
+    names = [entry.name for entry in task.entries]
+    commands = [command.name for command in interface.commands]
     wraps = [entry.wraps for entry in task.entries]
     return _mirror(task, names, observed, wraps), _mirror(
         task, commands, actions, [False] * len(commands)
@@ -446,7 +445,8 @@ def _mirror(
 def task_of(env: BaseEnv) -> Task:
     """What everybody asks of an environment. Raises DescriptionError if a part of it is missing."""
     try:
-        action, state = env.action_spec.space, env.observation_spec[env.observation_key].space
+        action = env.action_spec.space
+        state = env.observation_spec[env.observation_key].space
         commands = zip(action.low.flatten().tolist(), action.high.flatten().tolist(), strict=True)
         channels = zip(state.low.flatten().tolist(), state.high.flatten().tolist(), strict=True)
         return Task(

@@ -49,12 +49,14 @@ from bricksrl.envs.specs import (
 )
 from bricksrl.errors import DataError, DescriptionError
 
-_TRIES, _STEPS = 8, (2, 24)
+_TRIES = 8
+_STEPS = (2, 24)
 """Random episodes, and their steps; the longer ones if a number is the same in all short ones, as
 it is of an earlier step."""
 RUNNING = (VecNorm, VecNormV2)
 """Transforms by running statistics, which can be undone (``denorm``) and frozen."""
-_TOLERANCE, _ROUNDING = 1e-4, 0.1
+_TOLERANCE = 1e-4
+_ROUNDING = 0.1
 """Largest deviations, in standard deviations: from a linear function, that of single precision;
 from an entry itself, that of whole numbers and half precision."""
 
@@ -81,7 +83,8 @@ def layout_of(env: EnvBase) -> ObservationLayout:
     DescriptionError for an entry that no agent can read."""
     if isinstance(env, SpecsEnv) and env.layout is not None:
         return env.layout
-    specs, vectors = observed_specs(env), numbers_of(env)
+    specs = observed_specs(env)
+    vectors = numbers_of(env)
     if not specs:
         raise DescriptionError(
             "there is nothing that an agent observes; leave a vector or an image"
@@ -112,7 +115,8 @@ class Tap(Transform):  # type: ignore[misc]
 
     def _step(self, _tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         if not next_tensordict.batch_dims:  # copies are judged by their task's kinematics
-            before, after = self.noted["state"], next_tensordict.clone()
+            before = self.noted["state"]
+            after = next_tensordict.clone()
             ends = ("done", "terminated", "truncated")
             state = before.exclude("reward", *ends).set("action", self.noted["action"])
             self.noted["frames"].append(state.set("next", after))
@@ -133,7 +137,8 @@ def own_frames(env: EnvBase, frame: TensorDictBase) -> list[TensorDictBase]:
     first = next(iter(transforms_of(env)), None)
     if not isinstance(first, Tap):
         return [frame]
-    frames, first.noted["frames"] = first.noted["frames"], []
+    frames = first.noted["frames"]
+    first.noted["frames"] = []
     if "intervention" in frame:
         for own in frames:
             own["intervention"] = frame["intervention"]
@@ -146,7 +151,9 @@ class FrameSkip(FrameSkipTransform):  # type: ignore[misc]
     before it count."""
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        parent, state, outcome = self.parent, tensordict, next_tensordict
+        parent = self.parent
+        state = tensordict
+        outcome = next_tensordict
         reward = outcome["reward"]
         for _ in range(self.frame_skip - 1):
             done = outcome["done"]
@@ -171,7 +178,8 @@ class KeepUnits(Transform):  # type: ignore[misc]
         super().__init__()
         self.is_tried = False
         before = statistics.parent
-        specs, numbers = observed_specs(before), numbers_of(before)
+        specs = observed_specs(before)
+        numbers = numbers_of(before)
         self.kept = {
             (key, out): torch.tensor([_has_unit(number.entry) for number in numbers[key]]).view(
                 specs[key].shape
@@ -210,7 +218,8 @@ def prepare(env: EnvBase) -> None:
     """Prepare the transforms of an environment for an agent: its own steps are noted, running
     statistics keep units. To do it again changes nothing."""
     while isinstance(env, TransformedEnv):
-        inner, chain = env.base_env, _chain(env)
+        inner = env.base_env
+        chain = _chain(env)
         for place, (transform, after) in reversed(
             list(enumerate(zip(chain, [*chain[1:], None], strict=True)))
         ):
@@ -276,7 +285,8 @@ class Playback(SpecsEnv):
         specs = {name: getattr(env, name) for name in SPECS}
         specs = {name: spec.expand(*batch, *spec.shape).clone() for name, spec in specs.items()}
         super().__init__(specs, interface_of(env).task, batch=(*batch, *env.batch_size))
-        self.outcome, self.played = outcome, [outcome(0)]
+        self.outcome = outcome
+        self.played = [outcome(0)]
         self.acted: list[Tensor] = []
 
     def _reset(self, _tensordict: Any = None, **_: Any) -> Any:
@@ -290,7 +300,8 @@ class Playback(SpecsEnv):
 
 def over(env: EnvBase, base: EnvBase, *, is_tried: bool = False) -> EnvBase:
     """A base, such as a playback, behind copies of an environment's transforms, in their state."""
-    chain, memo = transforms_of(env), dict[int, Any]()
+    chain = transforms_of(env)
+    memo = dict[int, Any]()
     level = env
     while isinstance(level, TransformedEnv):  # they are copied without the environment
         memo[id(level)] = None
@@ -318,7 +329,8 @@ def numbers_of(env: EnvBase) -> dict[str, list[Number]]:
     vectors = _vectors(observed_specs(env))
     if not isinstance(env, TransformedEnv) or not vectors:
         return {key: [Number(entry) for entry in entries] for key, entries in vectors.items()}
-    chain, known = transforms_of(env), env.__dict__.get("_known", ([None], {}))
+    chain = transforms_of(env)
+    known = env.__dict__.get("_known", ([None], {}))
     if known[0] != chain:  # to try them takes time
         given, seen, entries = _tried(env, list(vectors))
         known = env.__dict__["_known"] = (
@@ -335,7 +347,8 @@ def keeps_vectors(env: EnvBase) -> bool:
     base = base_of(env)
     if base is env:
         return True
-    own, seen = layout_of(base), layout_of(env)
+    own = layout_of(base)
+    seen = layout_of(env)
     is_same = numbers_of(env) == numbers_of(base) and (seen.vectors, seen.keys) == (
         own.vectors,
         own.keys,
@@ -371,7 +384,8 @@ def one_step(env: EnvBase) -> tuple[Tensor, int, bool]:
         -0.9, 0.7, start["action"].shape[-1], device=start["action"].device
     )
     paid: Tensor = view.step(start.clone())["next", "reward"]
-    acted, action = playback.acted[0], start["action"]
+    acted = playback.acted[0]
+    action = start["action"]
     is_same = acted.shape == action.shape and torch.allclose(acted, action, atol=_TOLERANCE)
     return paid, len(playback.played) - 1, is_same
 
@@ -388,7 +402,8 @@ def runs_on(env: EnvBase) -> bool:
     playback = Playback(
         base, partial(_random_outcome, base, ends, torch.Generator().manual_seed(0))
     )
-    view, kept = over(env, playback), list[dict[str, Any]]()
+    view = over(env, playback)
+    kept = list[dict[str, Any]]()
     with torch.random.fork_rng(devices=[]), torch.no_grad():
         for _ in range(2):
             torch.manual_seed(0)
@@ -420,10 +435,13 @@ def _tried(env: EnvBase, wanted: list[str]) -> tuple[Tensor, dict[str, Tensor], 
     a transform fails."""
     base = base_of(env)
     specs = given_specs(base)
-    vectors, ends = _vectors(specs), {key: _ends(spec) for key, spec in specs.items()}
-    given, seen = list[Tensor](), dict[str, list[Tensor]]()
+    vectors = _vectors(specs)
+    ends = {key: _ends(spec) for key, spec in specs.items()}
+    given = list[Tensor]()
+    seen = dict[str, list[Tensor]]()
     for steps in _STEPS:
-        given, seen = [], {key: [] for key in wanted}
+        given = []
+        seen = {key: [] for key in wanted}
         for number in range(_TRIES):
             generator = torch.Generator().manual_seed(number)
             playback = Playback(base, partial(_random_outcome, base, ends, generator))
@@ -466,7 +484,8 @@ def _random_outcome(
     env: EnvBase, ends: dict[str, tuple[Tensor, Tensor]], generator: torch.Generator, _: int
 ) -> TensorDictBase:
     """A random observation, the same for all copies, that ends nothing."""
-    outcome, copies = still(env), env.batch_size
+    outcome = still(env)
+    copies = env.batch_size
     for key, (low, high) in ends.items():
         zeros = outcome[key]
         value = low + (high - low) * torch.rand(zeros.shape[len(copies) :], generator=generator)
@@ -486,7 +505,8 @@ def _numbers(given: Tensor, seen: Tensor, entries: Sequence[Entry], key: str) ->
     _, frames, n = given.shape
     x = given.flatten(1) - given.flatten(1).mean(0)
     y = seen - seen.mean(0)
-    covariance, variance = x.T @ y, x.square().sum(0)[:, None]  # [frames * n, numbers]
+    covariance = x.T @ y  # of shape [frames * n, numbers]
+    variance = x.square().sum(0)[:, None]
     slope = covariance / variance.clamp_min(1e-12)
     rest = (y[:, None] - x[:, :, None] * slope).square().sum(0).sqrt()
     size = y.square().sum(0).sqrt()
@@ -500,7 +520,8 @@ def _numbers(given: Tensor, seen: Tensor, entries: Sequence[Entry], key: str) ->
         if index is None:
             numbers.append(Number(Entry(f"{key}_{j}")))
             continue
-        scale, offset = 1.0, 0.0
+        scale = 1.0
+        offset = 0.0
         if not is_same[index, j]:
             scale = _exact(float(slope[index, j]))
             offset = _exact(
@@ -522,7 +543,8 @@ def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
     not those that would pass the transforms."""
     if base_of(env) is env:
         return frames
-    base, start = base_of(env), 0
+    base = base_of(env)
+    start = 0
     if base.batch_size:  # copies: the frames are of one
         base = SpecsEnv(
             {name: getattr(base, f"{name}_unbatched").clone() for name in SPECS},
@@ -591,7 +613,8 @@ def load_transform_state(env: EnvBase, state: dict[str, Any], *, frozen: bool = 
 @contextmanager
 def unaffected(env: EnvBase) -> Iterator[None]:
     """Nothing that transforms keep, nor torch's generator, is changed by what happens inside."""
-    generator, state = torch.get_rng_state(), transform_state(env)
+    generator = torch.get_rng_state()
+    state = transform_state(env)
     try:
         yield
     finally:

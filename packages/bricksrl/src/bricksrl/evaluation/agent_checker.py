@@ -26,7 +26,9 @@ from bricksrl.training.restore import reproducible
 
 ENV = "RoboArmSim-v0"
 """A small environment with goals."""
-_SEED, _STEPS, _COPIES = 7, 40, 3
+_SEED = 7
+_STEPS = 40
+_COPIES = 3
 _CHECKS = ("settings", "build", "acting", "memory", "learning", "saving", "copies")
 
 
@@ -64,7 +66,8 @@ class _Checked:
         settings_type = self.algorithm.settings
         if not settings_type.__dataclass_params__.frozen:
             raise Broken(f"{settings_type.__name__} can be changed; write @dataclass(frozen=True)")
-        fields, none = dataclasses.fields(settings_type), dataclasses.MISSING
+        fields = dataclasses.fields(settings_type)
+        none = dataclasses.MISSING
         missing = [
             field.name
             for field in fields
@@ -106,7 +109,8 @@ class _Checked:
         )
 
     def acting(self) -> str:
-        learner, env = self._learner(), make(ENV, seed=_SEED)
+        learner = self._learner()
+        env = make(ENV, seed=_SEED)
         for act in (learner.explore, learner.exploit):
             learner.reset_policy()
             action = act(env.reset().select(*learner.policy.in_keys))["action"]
@@ -166,7 +170,8 @@ class _Checked:
         )
 
     def saving(self) -> str:
-        learner, env = self._learner(), make(ENV, seed=_SEED)
+        learner = self._learner()
+        env = make(ENV, seed=_SEED)
         file = io.BytesIO()
         torch.save(learner.state_dict(), file)
         file.seek(0)

@@ -86,7 +86,8 @@ def class_table(folder: Path | str) -> ClassTable:
     """The table of all runs below a folder, at any depth. Raises RunError if there is none that can
     be read."""
     folder = Path(folder)
-    runs, unread = list[_Run](), list[str]()
+    runs = list[_Run]()
+    unread = list[str]()
     for path in sorted(config.parent for config in folder.rglob("config.json")):
         try:
             if (path / "metrics.csv").exists():
@@ -96,7 +97,8 @@ def class_table(folder: Path | str) -> ClassTable:
     if not runs:
         why = unread[0] if unread else "put the folders of the runs into it"
         raise RunError(f"there is no run in {folder} that can be compared; {why}")
-    rows, sentences = list[ClassRow](), list[str]()
+    rows = list[ClassRow]()
+    sentences = list[str]()
     for env in dict.fromkeys(run.row.env for run in runs):
         members = sorted(
             (run for run in runs if run.row.env == env), key=lambda run: run.row.score, reverse=True
@@ -117,7 +119,8 @@ def class_table(folder: Path | str) -> ClassTable:
 
 def _read(path: Path, folder: Path) -> _Run:
     run = RunFolder(path)
-    config, episodes = run.read_config(), run.read_episodes()
+    config = run.read_config()
+    episodes = run.read_episodes()
     if not episodes:
         raise RunError("it has no episode yet")
     returns = tuple(episode.return_ for episode in episodes)

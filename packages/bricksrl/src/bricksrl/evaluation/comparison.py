@@ -127,7 +127,8 @@ def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
             members[0],
             [group[0] for (group_env, _), group in by_config.items() if group_env == env],
         )
-        curves, steps = tuple(run.curve for run in members), max(run.steps for run in members)
+        curves = tuple(run.curve for run in members)
+        steps = max(run.steps for run in members)
         groups.append(
             Group(
                 env,
@@ -179,7 +180,8 @@ class _Run:
     @classmethod
     def read(cls, path: Path) -> "_Run":
         folder = RunFolder(path)
-        config, episodes = folder.read_config(), folder.read_episodes()
+        config = folder.read_config()
+        episodes = folder.read_episodes()
         if not episodes:
             raise RunError(f"the run in {path} has no episode yet; omit it")
         curve = tuple(moving_mean([episode.return_ for episode in episodes], WINDOW))

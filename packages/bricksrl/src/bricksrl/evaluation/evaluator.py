@@ -166,14 +166,13 @@ def evaluate(
     check_seed(seed)
     origin = RunFolder(run_dir).origin()
     drawn = evaluation_seed(origin.seed, seed)
-    env_id, hub = origin.env, origin.options.hub
+    env_id = origin.env
+    hub = origin.options.hub
     own: EnvBase | None = None
     if env is None or isinstance(env, str):
         env_id = with_absolute_file(env or origin.env)
-        nominal, options = (
-            evaluation_options(origin, origin.env),
-            evaluation_options(origin, env_id, **named),
-        )
+        nominal = evaluation_options(origin, origin.env)
+        options = evaluation_options(origin, env_id, **named)
         if left_out := [
             name
             for name in nominal.options
@@ -234,7 +233,8 @@ def evaluate(
 def evaluation_options(origin: Origin, env: str, **named: Any) -> EnvOptions:
     """Options of the environment of an evaluation: those of the training that it has, without
     physics, link and faults of another environment or hub, neither randomized nor in real time."""
-    same_env, before = env == origin.env, origin.options
+    same_env = env == origin.env
+    before = origin.options
     keeps_link = same_env and named.get("hub", before.hub) == "virtual"
     link, physics = (before.link, before.physics) if keeps_link else (None, None)
     physics = None if named.get("randomize", False) else physics

@@ -30,13 +30,16 @@ from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
 from bricktwin.twin.render.video import Filmed, Room, captioned, check_film
 
-SIZE, BUDGET_S = (1280, 720), 15.0
+SIZE = (1280, 720)
+BUDGET_S = 15.0
 """Width and height in px, and the approximate time for drawing an episode; a small one reduces the
 frame rate."""
-_FPS, _LAST_S = 25, 0.8
+_FPS = 25
+_LAST_S = 0.8
 """Images a second, and how long the last one of an episode is shown."""
 _HOLDS = (1, 2, 3, 4)
-_NORMAL_SPEED_S, _SPEED = 12.0, 2.0
+_NORMAL_SPEED_S = 12.0
+_SPEED = 2.0
 """Longer episodes are shown twice as fast."""
 _ARENA_FRAME_MS = 50
 
@@ -81,12 +84,15 @@ def filmed_env(
         return
     check_film(path)
     check_filmable(env)
-    ours, task, number = interface_of(env), env.task, 0
+    ours = interface_of(env)
+    task = env.task
+    number = 0
     # draws how the episode ended, when its last step is counted
     last: list[Callable[[], Image]] = []
     expected_s = task.max_steps / task.rate_hz
     speed = _SPEED if expected_s > _NORMAL_SPEED_S else 1.0
-    video, renderers = VideoWriter(path, _FPS), ExitStack()
+    video = VideoWriter(path, _FPS)
+    renderers = ExitStack()
 
     def end_episode() -> None:
         for draw in last:
@@ -109,16 +115,15 @@ def filmed_env(
         renderer, cost_s = _renderer(body, room, size, limit_s)
         renderers.callback(renderer.close)
         hold = next((n for n in _HOLDS if cost_s <= n * limit_s), _HOLDS[-1])
-        number, machine = number + 1, connection.twin.machine
+        number = number + 1
+        machine = connection.twin.machine
 
         def render(episode: EpisodeState | None) -> Image:
             parts = [f"episode {number}"]
             if episode is not None:
                 room.aim_for(task.goal(episode.observation.tolist()))
-                total, reward = (
-                    sum(episode.rewards),
-                    episode.rewards[-1] if episode.rewards else 0.0,
-                )
+                total = sum(episode.rewards)
+                reward = episode.rewards[-1] if episode.rewards else 0.0
                 parts += [
                     f"step {len(episode.rewards)}",
                     f"reward {reward:.2f}",

@@ -43,7 +43,9 @@ _ENVIRONMENT = {
     "MKL_NUM_THREADS": "1",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
 }
-_END_TIMEOUT_S, _STOP_TIMEOUT_S, _POLL_S = 60.0, 10.0, 0.5
+_END_TIMEOUT_S = 60.0
+_STOP_TIMEOUT_S = 10.0
+_POLL_S = 0.5
 
 OnLine = Callable[[int, dict[str, Any]], None]
 """Called with a seed and a message: an episode and its return, or the return of the evaluation."""
@@ -152,7 +154,8 @@ def _train_in_processes(
     configs: Sequence[TrainConfig], jobs: int | None, on_line: OnLine
 ) -> list[str | None]:
     """Train all in local processes, so many at a time; returns the error of each, or ``None``."""
-    waiting, running = deque(range(len(configs))), dict[int, ChildProcess]()
+    waiting = deque(range(len(configs)))
+    running = dict[int, ChildProcess]()
     messages: SimpleQueue[tuple[int, Message | None]] = SimpleQueue()
     errors: list[str | None] = [None] * len(configs)
 
@@ -309,7 +312,8 @@ class Keeper:
 
     def messages(self) -> list[tuple[int, dict[str, Any]]]:
         """Messages since the last call, each with the index of its run."""
-        messages, self._messages = self._messages, []
+        messages = self._messages
+        self._messages = []
         return messages
 
 
@@ -342,7 +346,8 @@ def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | N
             self.send({"started": episodes_done, "pid": os.getpid(), "node": platform.node()})
 
     with tempfile.TemporaryDirectory(prefix="bricksrl-") as temporary:
-        folder, known = Path(temporary) / "run", dict[str, tuple[int, int]]()
+        folder = Path(temporary) / "run"
+        known = dict[str, tuple[int, int]]()
 
         def send(message: dict[str, Any]) -> None:
             ray.get(keeper.keep.remote(number, changed_files(folder, known), message))

@@ -71,7 +71,8 @@ def write_report(
     Returns:
         Path of the report, and of the film, or the reason why there is none.
     """
-    films, reason = None, "it was left out (--no-film)"
+    films = None
+    reason = "it was left out (--no-film)"
     try:
         films = film_before_and_after(run_dir, result.env) if film else None
     except (RenderingUnavailableError, TwinError) as error:
@@ -102,11 +103,9 @@ def write_report(
 
 
 def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | None) -> str:
-    last, learned, played = (
-        episodes[-1],
-        counted(episodes[-1].episode, "episode"),
-        counted(result.episodes, "episode"),
-    )
+    last = episodes[-1]
+    learned = counted(episodes[-1].episode, "episode")
+    played = counted(result.episodes, "episode")
     text = (
         f"The agent <b>{html.escape(result.agent)}</b> learned for {learned} "
         f"({counted(last.steps, 'step')} of the robot) in "
@@ -161,7 +160,8 @@ def _film(films: Films | None, no_films: str) -> Iterable[str]:
         f'<a href="{path.name}">{path.name}</a>'
         for path in (films.before.path, films.after.path, films.both)
     )
-    before, after = plain_number(films.before.return_), plain_number(films.after.return_)
+    before = plain_number(films.before.return_)
+    after = plain_number(films.after.return_)
     yield (
         f"<p>Left before learning (return {before}), right after it (return {after}). The "
         f"files: {links}.</p>"
@@ -229,7 +229,8 @@ def _table(rows: Iterable[tuple[str, str]]) -> str:
 
 
 def _commands(run_dir: Path, origin: Origin, trained_episodes: int) -> str:
-    run, env = quoted(run_dir), quoted(origin.env)
+    run = quoted(run_dir)
+    env = quoted(origin.env)
     longer = f"bricksrl resume {run} --episodes {2 * trained_episodes} --page"
     commands = {
         "watch it, and compare it with how it began": f"bricksrl play {run} --page",

@@ -100,10 +100,12 @@ def probability_of_improvement(
         raise DescriptionError(
             "a comparison needs at least one score of each; leave out what has none"
         )
-    first, second = np.asarray(scores, dtype=np.float64), np.asarray(others, dtype=np.float64)
+    first = np.asarray(scores, dtype=np.float64)
+    second = np.asarray(others, dtype=np.float64)
 
     def share(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-        higher, equal = a[..., :, None] > b[..., None, :], a[..., :, None] == b[..., None, :]
+        higher = a[..., :, None] > b[..., None, :]
+        equal = a[..., :, None] == b[..., None, :]
         return np.asarray((higher + 0.5 * equal).mean((-2, -1)), dtype=np.float64)
 
     probability = float(share(first, second))

@@ -138,7 +138,8 @@ def _space(start: Any, *, goals: bool) -> _Space:
             low, high = sorted((value / 10.0, value * 10.0)) if value else (0.0, 1.0)
             for limits in getattr(hints.get(name), "__metadata__", ()):
                 if isinstance(limits, Range):
-                    low, high = max(low, limits.low), min(high, limits.high)
+                    low = max(low, limits.low)
+                    high = min(high, limits.high)
             space[name] = (low, high, low > 0)
     return space
 
@@ -179,7 +180,8 @@ def tune(
             f"{tuning.agent} does not learn from a robot, and tuning gives it nothing else; "
             "choose another agent"
         )
-    name, storage = f"{tuning.env} {tuning.agent}", f"sqlite:///{(folder / STUDY).absolute()}"
+    name = f"{tuning.env} {tuning.agent}"
+    storage = f"sqlite:///{(folder / STUDY).absolute()}"
     # several commands may begin with the same study at once
     with _storage(folder / STUDY), serialized(folder):
         for other in set(optuna.get_all_study_names(storage)) - {name}:

@@ -36,13 +36,11 @@ class ArenaPage(LivePage):
         self, task: ArenaTask, subtitle: str = "", options: PageOptions | None = None
     ) -> None:
         robots = zip(task.robots, task.interfaces, strict=True)
-        self._arena, self.drivers = (
-            task,
-            {
-                name: PageDriver([command.entry for command in interface.commands])
-                for name, interface in robots
-            },
-        )
+        self._arena = task
+        self.drivers = {
+            name: PageDriver([command.entry for command in interface.commands])
+            for name, interface in robots
+        }
         super().__init__(task.id, subtitle, speed="1x", options=options)
         self.board.update_status(goal=" ".join(task.doc.strip().partition("\n\n")[0].split()))
 
@@ -154,19 +152,24 @@ def play_arena(
     group = next(iter(env.task.groups))
 
     def episode(number: str) -> Steps:
-        state, total, steps, is_over = env.reset(), 0.0, 0, False
+        state = env.reset()
+        total = 0.0
+        steps = 0
+        is_over = False
         yield
         while not is_over:
             frame = env.step(page.steered(policy(state)))
             after = frame["next"]
             if bool(after["link_lost"]):
                 raise interface_of(env).link_error
-            reward, steps = float(after[group, "reward"].mean()), steps + 1
+            reward = float(after[group, "reward"].mean())
+            steps = steps + 1
             total += reward
             page.note(**{"return of": group})
             page.show_outcome([], reward, total)
             yield
-            state, is_over = env.step_mdp(frame), bool(after["done"])
+            state = env.step_mdp(frame)
+            is_over = bool(after["done"])
         outcome = f"succeeds after {steps} steps" if bool(after["success"]) else "does not succeed"
         page.board.update_status(note=f"Episode {number}: {group} {outcome}.")
         return total

@@ -19,12 +19,14 @@ from numpy.typing import NDArray
 
 from bricksrl.page.scene import Floats, Scene
 
-MAX_STEPS, MAX_EPISODES = 400, 4000
+MAX_STEPS = 400
+MAX_EPISODES = 4000
 """Maximum numbers of values that are kept, for browsers that connect later."""
 Poses = Floats | Callable[[], Floats]
 """Poses ``[bodies, 7]``, or a function that computes them on demand, in the thread that serves the
 page."""
-POSES, IMAGE = 1, 2
+POSES = 1
+IMAGE = 2
 """Kind of a binary message, its first byte."""
 
 
@@ -52,7 +54,8 @@ class Series:
 
     def since(self, count: int) -> tuple[int, list[Sequence[float]]]:
         """The kept rows from number ``count`` on, and the number of the first of them."""
-        end, rows = self.count, list(self.rows)
+        end = self.count
+        rows = list(self.rows)
         missing = min(max(0, end - count), len(rows))
         return end - missing, rows[len(rows) - missing :]
 
@@ -106,10 +109,12 @@ class BoardReader:
     def changes(self, *, numbers: bool) -> list[bytes | dict[str, Any]]:
         """Messages with the changes since the last call, in order; ``numbers`` includes image,
         status and series."""
-        board, messages = self._board, list[bytes | dict[str, Any]]()
+        board = self._board
+        messages = list[bytes | dict[str, Any]]()
         version, _ = board.scene
         if version != self._scene and version:
-            self._scene, self._poses = version, -1
+            self._scene = version
+            self._poses = -1
             messages.append({"scene": version})
         version, poses = board.poses
         if poses is not None and version != self._poses:

@@ -47,7 +47,8 @@ class Hand:
 
     def act(self, body: MujocoBody, numbers: list[int]) -> None:
         """Apply the force to the twin, given the model's number of each drawn body."""
-        pull, data = self._pull, body.data
+        pull = self._pull
+        data = body.data
         if self._held >= 0:
             data.xfrc_applied[self._held] = 0.0
             self._held = -1
@@ -58,7 +59,8 @@ class Hand:
         ):
             self._pull = self._grip_m = None
             return
-        number, model = numbers[pull[0]], body.model
+        number = numbers[pull[0]]
+        model = body.model
         # what has no mass, such as a wall, comes at once
         if (mocap := int(model.body_mocapid[number])) >= 0:
             if self._grip_m is None:

@@ -70,10 +70,8 @@ class PageDriver:
             return False
         if not all(map(is_finite, values)):
             return False
-        self._pushes, self._pushed_s = (
-            [min(max(float(value), -1.0), 1.0) for value in values],
-            time.monotonic(),
-        )
+        self._pushes = [min(max(float(value), -1.0), 1.0) for value in values]
+        self._pushed_s = time.monotonic()
         return True
 
     def release(self) -> None:
@@ -186,10 +184,15 @@ class LivePage(PageServer):
         from bricksrl.data.schema import describe_task
 
         super().__init__(Board(), self._press, self.stop, options)
-        self._end_run, self._halted, self._changed = on_stop, threading.Event(), threading.Event()
-        self._paused, self._requested_steps, self._speed = False, 0, speed
+        self._end_run = on_stop
+        self._halted = threading.Event()
+        self._changed = threading.Event()
+        self._paused = False
+        self._requested_steps = 0
+        self._speed = speed
         self.is_reset_requested = self._is_cutting = False
-        self._env, self._is_paced_here = BricksEnv(), False
+        self._env = BricksEnv()
+        self._is_paced_here = False
         self._unwatch: Callable[[], None] = lambda: None
         self._is_real = self._is_ended = False
         self._policies = tuple(policies)
@@ -210,7 +213,11 @@ class LivePage(PageServer):
         ]
         self._channels = self.board.new_series("channels", channels)
         self._facts: dict[str, Any] = {}
-        self._sum, self._steps, self._count, self._due_s, self._last_step_s = 0.0, 0, 0, 0.0, 0.0
+        self._sum = 0.0
+        self._steps = 0
+        self._count = 0
+        self._due_s = 0.0
+        self._last_step_s = 0.0
         self._last_rate: tuple[float, int] = (time.monotonic(), 0)
         self.board.update_status(title=title, subtitle=subtitle, state="waiting")
         self.board.update_status(speeds=list(SPEEDS), policies=list(self._policies))
@@ -255,7 +262,8 @@ class LivePage(PageServer):
             case "pause" | "resume":
                 self._pause(name == "pause")
             case "step" if not self._is_real:
-                self._paused, self._requested_steps = True, self._requested_steps + 1
+                self._paused = True
+                self._requested_steps = self._requested_steps + 1
             case "reset":
                 self.is_reset_requested = True
             case "speed":
@@ -331,7 +339,8 @@ class LivePage(PageServer):
         self._publish()
 
     def _pause(self, paused: bool) -> None:
-        self._paused, self._requested_steps = paused, 0
+        self._paused = paused
+        self._requested_steps = 0
         if self._halted.is_set():
             return
         if paused and self._is_real:
@@ -354,7 +363,8 @@ class LivePage(PageServer):
     def attach(self, env: EnvBase) -> None:
         """Show another environment."""
         self._unwatch()
-        self._env, self._unwatch = interface_of(env), lambda: None
+        self._env = interface_of(env)
+        self._unwatch = lambda: None
         self._is_paced_here = not env.batch_size and self._env.robots != 1
         if env.batch_size:  # robots of other processes, or none
             self.board.update_status(
@@ -381,7 +391,8 @@ class LivePage(PageServer):
 
     def begin(self) -> None:
         """Begin an episode."""
-        self._sum, self._steps = 0.0, 0
+        self._sum = 0.0
+        self._steps = 0
         self.clear_reset()
         self._publish()
 
@@ -393,10 +404,8 @@ class LivePage(PageServer):
     def show_step(self, frame: TensorDictBase) -> None:
         """Show a step, as returned by TorchRL's ``EnvBase.step``."""
         after = frame["next"]
-        reward, image = (
-            float(after["reward"]),
-            {"image": after["image"].numpy()} if "image" in after else {},
-        )
+        reward = float(after["reward"])
+        image = {"image": after["image"].numpy()} if "image" in after else {}
         self.show_outcome(after["observation"].tolist(), reward, self._sum + reward, **image)
 
     def show_outcome(
@@ -404,7 +413,9 @@ class LivePage(PageServer):
     ) -> None:
         """Show the observation ``[n]`` after a step, its reward, if it is known, the return so far,
         and the camera's image."""
-        self._sum, self._steps, self._count = total, self._steps + 1, self._count + 1
+        self._sum = total
+        self._steps = self._steps + 1
+        self._count = self._count + 1
         if reward is not None:
             self._rewards.add((reward,))
         self._channels.add(values)

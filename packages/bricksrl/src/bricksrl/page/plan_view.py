@@ -41,7 +41,8 @@ class PlanView(PageServer):
             raise PlanError(
                 f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it"
             )
-        self._plan, self._lock = plan, threading.Lock()
+        self._plan = plan
+        self._lock = threading.Lock()
         self._steps = list(plan.different_steps)
         self._robot: PlannedRobot | None = None
         self._linkage: Linkage | None = None
@@ -53,7 +54,8 @@ class PlanView(PageServer):
             self._sliders = _sliders(self._robot, self._linkage)
         except PlanError as error:
             message = f"{error}. The joints are not shown."
-        self._step, self._angles = len(self._steps), dict[str, float]()
+        self._step = len(self._steps)
+        self._angles = dict[str, float]()
         self.board.show_scene(_scene(plan), self._poses())
         self.board.update_status(
             title=plan.title,
@@ -71,7 +73,8 @@ class PlanView(PageServer):
                 case "step", _:
                     self._step = self._step % len(self._steps) + 1
                 case "reset", _:
-                    self._angles, self._step = {}, len(self._steps)
+                    self._angles = {}
+                    self._step = len(self._steps)
                     self._linkage = (
                         None if self._robot is None else Linkage(self._robot.articulation)
                     )
@@ -112,7 +115,8 @@ class PlanView(PageServer):
         """Poses of the parts [parts, 7]."""
         if self._linkage is not None:
             self._linkage.turn(self._angles)
-        visible, positions = self._plan.present_parts(self._steps[self._step - 1]), []
+        visible = self._plan.present_parts(self._steps[self._step - 1])
+        positions = []
         turns = np.empty((len(self._plan.parts), 4))
         for quaternion, placed in zip(turns, self._plan.parts, strict=True):
             turn, shift = (
@@ -139,7 +143,8 @@ def _sliders(robot: PlannedRobot, linkage: Linkage) -> dict[str, str]:
 def _scene(plan: Plan) -> Scene:
     """Scene with a body for each part, with the part's origin."""
     pieces: dict[Part, dict[Tint, Mesh]] = {}
-    bodies, corners = [], []
+    bodies = []
+    corners = []
     for placed in plan.parts:
         part = placed.part
         if part not in pieces:
@@ -163,7 +168,8 @@ def _scene(plan: Plan) -> Scene:
             TO_TWIN @ placed.to_plan(np.array([high]))[0],
         ]
     points = np.array(corners) * M_PER_LDU
-    lowest, highest = points.min(axis=0), points.max(axis=0)
+    lowest = points.min(axis=0)
+    highest = points.max(axis=0)
     x, y, z = ((lowest + highest) / 2).tolist()
     size = float(np.linalg.norm(highest - lowest))
     view = replace(View(), target=(x, y, z), distance_m=1.8 * size, yaw_deg=35.0)

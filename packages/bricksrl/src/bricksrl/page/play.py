@@ -47,7 +47,8 @@ class PageCallback(Callback):
     """
 
     def __init__(self, page: LivePage, stop: threading.Event) -> None:
-        self._page, self._stop = page, stop
+        self._page = page
+        self._stop = stop
         self._episodes = 0
 
     def on_env(self, env: EnvBase) -> None:
@@ -127,18 +128,15 @@ def play_on_page(
     player = functools.cache(lambda name: players[name]())
 
     def episode(_number: str) -> Steps:
-        start, total = env.reset(), 0.0
+        start = env.reset()
+        total = 0.0
         yield
-        policy, again = (
-            (lambda s: player(page.policy).act(s)),
-            (lambda: player(page.policy).reset()),
-        )
         for frame in play(
             env,
-            policy,
+            lambda state: player(page.policy).act(state),
             start,
             driver=page.driver,
-            reset_policy=again,
+            reset_policy=lambda: player(page.policy).reset(),
             goes_on=lambda: page.is_driven,
         ):
             for step in own_frames(env, frame):
@@ -170,7 +168,8 @@ def play_endlessly(
         episode: the steps of an episode, given its number.
         stop: set if a stop is to end the playing, as by a key in the terminal.
     """
-    returns, stop = list[float](), stop or threading.Event()
+    returns = list[float]()
+    stop = stop or threading.Event()
     page.attach(env)
     while episodes is None or len(returns) < episodes:
         number = f"{len(returns) + 1}"

@@ -16,14 +16,16 @@ from bricksrl.page.visitors import Visitor
 
 _MAX_CHARACTERS = 8000
 """Length of the shown end of what a program prints."""
-_POLL_S, _RELOAD_S = 0.2, 3.0
+_POLL_S = 0.2
+_RELOAD_S = 3.0
 
 
 class Told:
     """A stream whose text, or bytes, are shown by a function too."""
 
     def __init__(self, stream: Any, show: Callable[[str], None]) -> None:
-        self._stream, self._show = stream, show
+        self._stream = stream
+        self._show = show
 
     def write(self, said: Any) -> int:
         """Write to the stream, and show it."""
@@ -45,7 +47,9 @@ class ProgramPage(PageServer):
 
     def __init__(self, title: str, options: PageOptions | None = None) -> None:
         super().__init__(Board(), self._press, self.stop, options)
-        self._halted, self._speed, self._said = threading.Event(), "1x", ""
+        self._halted = threading.Event()
+        self._speed = "1x"
+        self._said = ""
         self._machine: Machine | None = None
         self._view = RobotView(self.board, self._halted, lambda: SPEEDS[self._speed])
         self.board.update_status(

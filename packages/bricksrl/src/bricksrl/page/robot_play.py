@@ -32,7 +32,9 @@ class Judge:
     def begin(self) -> None:
         """Begin an episode."""
         self._seen: list[tuple[Any, Any, Any]] = []
-        self.total, self.rewards, self.is_over = 0.0, list[float](), False
+        self.total = 0.0
+        self.rewards = list[float]()
+        self.is_over = False
 
     def see(self, previous: Any, action: Any, observation: Any) -> None:
         """Judge a step, now or later: observation ``[n]`` before it, action ``[m]``, observation
@@ -48,7 +50,8 @@ class Judge:
     def end(self) -> float:
         """The return of the episode."""
         while self._seen and self._torch is not None:
-            torch, row = self._torch.result(), self._seen.pop(0)
+            torch = self._torch.result()
+            row = self._seen.pop(0)
             before, moved, after = (torch.tensor(values, dtype=torch.float32) for values in row)
             self.rewards.append(float(self._task.reward(before, moved, after)))
             self.total += self.rewards[-1]
@@ -66,7 +69,8 @@ def play_robot(
 ) -> list[float]:
     """Play as `play_endlessly`, with policies of arrays. While a human drives, only a reset ends an
     episode."""
-    judge, made = Judge(env.task), dict[str, ArrayPolicy]()
+    judge = Judge(env.task)
+    made = dict[str, ArrayPolicy]()
     seen = slice(len(env.task.entries))  # without what only the task's functions get
 
     def action_of(inputs: Mapping[str, Any]) -> Any:
@@ -77,14 +81,16 @@ def play_robot(
         return made[page.policy](inputs)
 
     def episode(_number: str) -> Steps:
-        observation, steps = env.begin().observation, 0
+        observation = env.begin().observation
+        steps = 0
         judge.begin()
         yield
         while page.is_driven or not (judge.is_over or steps >= env.task.max_steps):
             action = np.clip(
                 action_of({"observation": observation[seen].copy()} | env.image()), -1.0, 1.0
             )
-            previous, observation = observation, env.move(action.tolist())
+            previous = observation
+            observation = env.move(action.tolist())
             judge.see(previous, action, observation)
             steps += 1
             reward = judge.rewards[-1] if judge.rewards else None

@@ -53,9 +53,11 @@ if TYPE_CHECKING:
 Floats64 = NDArray[np.float64]
 SPEEDS = {"1x": 1.0, "10x": 10.0, "max": 0.0}
 """Speeds of simulated time; 0 is as fast as possible."""
-VIEW_PERIOD_S, NUMBERS_S = 0.04, 0.2
+VIEW_PERIOD_S = 0.04
+NUMBERS_S = 0.2
 """Periods of the view's updates, in wall time: of poses, and of numbers."""
-_MAX_LAG_S, _MIN_LEAD_S = 0.05, 0.01
+_MAX_LAG_S = 0.05
+_MIN_LEAD_S = 0.01
 """Lag beyond which the clock is restarted instead of catching up; least lead for which it waits."""
 _NO_MODEL = "This robot has no model to draw; its numbers are below."
 _GEOM = mujoco.mjtGeom
@@ -99,16 +101,15 @@ class SteeredPace(Pace):
     ) -> None:
         super().__init__()
         self._halt = halt
-        self._machine, self._halted, self._speed, self._update_view = (
-            machine,
-            halted,
-            speed,
-            update_view,
-        )
+        self._machine = machine
+        self._halted = halted
+        self._speed = speed
+        self._update_view = update_view
         self._on_loop = on_loop
         self._view_due_s = 0.0
         self._last_speed = -1.0
-        self._start_s, self._start_ms = 0.0, 0.0
+        self._start_s = 0.0
+        self._start_ms = 0.0
 
     def keep(self, time_ms: float) -> None:
         """Update the view, and wait if simulated time is ahead."""
@@ -129,7 +130,9 @@ class SteeredPace(Pace):
             return
         ahead_s = self._start_s + (time_ms - self._start_ms) / 1000 / speed - now_s
         if speed != self._last_speed or ahead_s < -_MAX_LAG_S:
-            self._last_speed, self._start_s, self._start_ms = speed, now_s, time_ms
+            self._last_speed = speed
+            self._start_s = now_s
+            self._start_ms = time_ms
         elif ahead_s > _MIN_LEAD_S:
             self._halted.wait(ahead_s)
 
@@ -200,7 +203,8 @@ class Mirror:
     def __init__(self, body: MujocoBody, view: View | None = None) -> None:
         self.body = body
         scene, self.numbers = twin_scene(self.body)
-        roots, moving = self.body.model.body_rootid, self.body.model.body_weldid
+        roots = self.body.model.body_rootid
+        moving = self.body.model.body_weldid
         own = [
             moving[number] != 0 and roots[number] == roots[self.body.chassis]
             for number in self.numbers
@@ -263,7 +267,9 @@ class RobotView:
     """
 
     def __init__(self, board: Board, halted: threading.Event, speed: Callable[[], float]) -> None:
-        self._board, self._halted, self._speed = board, halted, speed
+        self._board = board
+        self._halted = halted
+        self._speed = speed
         self._mirrors: dict[tuple[str, Surroundings], Mirror] = {}
         self._current: Mirror | None = None
         self._due_s = self._sensed_s = 0.0
@@ -301,7 +307,8 @@ class RobotView:
         def update() -> None:
             """Copy the joint positions; called in the thread that steps the robot."""
             if mirror is not None and isinstance(body, MujocoBody):
-                qpos, moved_m = body.data.qpos.copy(), body.data.mocap_pos.copy()
+                qpos = body.data.qpos.copy()
+                moved_m = body.data.mocap_pos.copy()
                 self._board.show_poses(lambda: mirror.poses(qpos, self.goal, moved_m))
             now_s = time.monotonic()
             if now_s >= self._due_s:

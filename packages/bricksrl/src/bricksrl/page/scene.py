@@ -123,7 +123,8 @@ class Scene:
         )
         numbers = {id(mesh): number for number, mesh in enumerate(meshes)}
         described: list[dict[str, int]] = []
-        arrays, length = list[bytes](), 0
+        arrays = list[bytes]()
+        length = 0
         for mesh in meshes:
             normals = np.zeros((len(mesh.points), 4), np.int8)
             normals[:, :3] = np.round(np.clip(mesh.normals, -1.0, 1.0) * 127)

@@ -46,8 +46,11 @@ _CONTENT_TYPES = {
     **{ending: f"{kind}; charset=utf-8" for ending, kind in _TEXT.items()},
     "jpg": "image/jpeg",
 }
-_MAX_CONNECTIONS, _MAX_MESSAGE_BYTES, _MAX_SHOWN = 12, 4096, 40
-_SECRET, _NAME = "bricksrl_visitor", "bricksrl_name"
+_MAX_CONNECTIONS = 12
+_MAX_MESSAGE_BYTES = 4096
+_MAX_SHOWN = 40
+_SECRET = "bricksrl_visitor"  # noqa: S105  the name of a cookie
+_NAME = "bricksrl_name"
 """Cookies of all pages of this computer: a secret, by which a browser is known again, and the
 visitor's name."""
 _KEPT = "HttpOnly; SameSite=Strict; Path=/; Max-Age=31536000"
@@ -55,13 +58,16 @@ _UNSEEN = ("arrived", "left", "renamed", "drive", "pull")
 """Presses after which a note to the visitor stays, as they are not made by a click."""
 _GOING_AWAY = 1001
 """Code with which a browser closes the connection of a tab that is closed."""
-_PING_S, _SILENT_S = 2.0, 8.0
+_PING_S = 2.0
+_SILENT_S = 8.0
 """Period of the questions whether a browser is there; time without an answer after which it is
 gone."""
-_TICK_S, _CONFIRM_POLL_S = 0.5, 0.02
+_TICK_S = 0.5
+_CONFIRM_POLL_S = 0.02
 CONFIRM_S = 3.0
 """Time that a robot has to confirm an emergency stop."""
-_START_TIMEOUT_S, _JOIN_TIMEOUT_S = 10.0, 2.0
+_START_TIMEOUT_S = 10.0
+_JOIN_TIMEOUT_S = 2.0
 _CLOSE_TIMEOUT_S = 0.5
 """Time that a browser has to answer the end of its connection."""
 
@@ -184,7 +190,9 @@ class PageServer:
         on_stop: Callable[[], None],
         options: PageOptions | None = None,
     ) -> None:
-        self.board, self._on_press, self._on_stop = board, on_press, on_stop
+        self.board = board
+        self._on_press = on_press
+        self._on_stop = on_stop
         self._options = options or PageOptions()
         self._presses: queue.SimpleQueue[tuple[str, Any, Visitor | None] | None] = (
             queue.SimpleQueue()
@@ -245,7 +253,8 @@ class PageServer:
 
         logger = logging.getLogger(f"{__name__}.websockets")
         logger.setLevel(logging.CRITICAL)  # refused requests are not our errors
-        self._loop, self._closing = asyncio.get_running_loop(), asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self._closing = asyncio.Event()
         self._loop.set_exception_handler(_note)
         async with serve(
             self._serve_browser,
@@ -276,25 +285,31 @@ class PageServer:
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Response to a request; ``None`` accepts a WebSocket."""
         path = urllib.parse.urlsplit(request.path).path
-        status, content_type = http.HTTPStatus.OK, "text/plain"
+        status = http.HTTPStatus.OK
+        content_type = "text/plain"
         refusal = self._guard.refusal(request.path, request.headers, is_socket=path == "/ws")
         if refusal is not None:
-            status, data = http.HTTPStatus.FORBIDDEN, f"{refusal}\n".encode()
+            status = http.HTTPStatus.FORBIDDEN
+            data = f"{refusal}\n".encode()
         elif path == "/ws":
             if self._connections < _MAX_CONNECTIONS:
                 return None
-            status, data = http.HTTPStatus.SERVICE_UNAVAILABLE, b"too many tabs look at this page\n"
+            status = http.HTTPStatus.SERVICE_UNAVAILABLE
+            data = b"too many tabs look at this page\n"
         elif path == "/visitors.json":
-            content_type, data = "application/json", json.dumps(self.visitors.described()).encode()
+            content_type = "application/json"
+            data = json.dumps(self.visitors.described()).encode()
         elif path == "/scene.bin":
             version, scene = self.board.scene
             if version != self._scene[0] and scene is not None:
                 self._scene = (version, scene.to_bytes())
-            content_type, data = "application/octet-stream", self._scene[1]
+            content_type = "application/octet-stream"
+            data = self._scene[1]
         elif (file := self.file(path[1:])) is not None:
             content_type, data = file
         else:
-            status, data = http.HTTPStatus.NOT_FOUND, b"there is no such file here\n"
+            status = http.HTTPStatus.NOT_FOUND
+            data = b"there is no such file here\n"
         response = connection.respond(status, "")
         headers = {"Content-Type": content_type, "Content-Length": str(len(data)), **HEADERS}
         if path.endswith("/report.html"):
@@ -338,7 +353,8 @@ class PageServer:
         self.board.update_status(visitors=[visitor.name for visitor in self.visitors.here()])
 
     async def _send_changes(self, connection: ServerConnection, visitor: Visitor) -> None:
-        reader, due_s = BoardReader(self.board), 0.0
+        reader = BoardReader(self.board)
+        due_s = 0.0
         told: dict[str, str] | None = None
         while True:
             you = {"name": visitor.name, "note": visitor.note}
@@ -358,7 +374,8 @@ class PageServer:
         """Handle a press; other messages, as of another version of the page, are ignored."""
         try:
             content = json.loads(message)
-            name, value = content["press"], content.get("value")
+            name = content["press"]
+            value = content.get("value")
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             return
         if name == "stop":

@@ -37,15 +37,22 @@ from bricksrl.policies.by_name import TRAINED
 from bricksrl.training.run_folder import RunFolder
 from bricktwin.robots import ROBOTS
 
-_MAX_JOBS, _MAX_LINES, _MAX_RUNS, _MAX_POINTS, _LAST_EPISODES = 12, 60, 30, 60, 5
-_REFRESH_S, _READ_S, _ANSWER_S = 1.0, 0.5, 0.5
+_MAX_JOBS = 12
+_MAX_LINES = 60
+_MAX_RUNS = 30
+_MAX_POINTS = 60
+_LAST_EPISODES = 5
+_REFRESH_S = 1.0
+_READ_S = 0.5
+_ANSWER_S = 0.5
 _END_S = 4.0
 """Time that a job has to end."""
 _CLOSE_S = DEADLINE_S - 1.5
 """The same at the end of the page, whose own process has not much longer."""
 _MAX_ROBOTS = 6
 """Robots of all visitors at a time."""
-_DESERTED_S, _ASLEEP_S = 5.0, 120.0
+_DESERTED_S = 5.0
+_ASLEEP_S = 120.0
 """Time after which a play ends that nobody looks at: closed tabs; not looked at yet, or connections
 that broke."""
 _DIRECTLY = urllib.request.build_opener(urllib.request.ProxyHandler({}))
@@ -243,12 +250,10 @@ class StartPage(PageServer):
         self, folder: Path, options: PageOptions | None = None, launch: Launch = launch
     ) -> None:
         super().__init__(Board(), self._press, lambda: None, options)
-        self._folder, self._launch, self._jobs, self._ended = (
-            folder,
-            launch,
-            list[Job](),
-            threading.Event(),
-        )
+        self._folder = folder
+        self._launch = launch
+        self._jobs = list[Job]()
+        self._ended = threading.Event()
         self._seats = Seats(holds_several=True)
         self._results: Path | None = None
         self._envs = {
@@ -351,7 +356,8 @@ class StartPage(PageServer):
         """Start the command of an action for names; the robot that the visitor had before ends.
         Raises PageError for names that the page does not know, and where others have all robots, or
         the hub, already."""
-        action, runs = ACTIONS[name], self._runs()
+        action = ACTIONS[name]
+        runs = self._runs()
         known: dict[str, Iterable[str]] = {
             "environment": self._envs,
             "arena": ARENAS,
@@ -410,7 +416,8 @@ class StartPage(PageServer):
                 and ACTIONS[job.action].ends_alone
             ):
                 continue
-            seen, now_s = job.visitors(), time.monotonic()
+            seen = job.visitors()
+            now_s = time.monotonic()
             if not seen or job.owner.key in seen["here"]:
                 job.owner.left_s = now_s  # is not away, but at the robot, as far as is known
                 if self._seats.holder(_seat(job)) is None:
@@ -449,7 +456,8 @@ class StartPage(PageServer):
 
     def _runs_and_untrusted(self) -> tuple[list[dict[str, Any]], list[dict[str, str]]]:
         """The runs; and those that need trust before they are read, with the command for it."""
-        found, untrusted = [], []
+        found = []
+        untrusted = []
         paths = sorted(self._folder.glob("runs/*/config.json"), key=_changed_s, reverse=True)
         for path in paths[:_MAX_RUNS]:
             run = RunFolder(path.parent)

@@ -19,7 +19,8 @@ AWAY_S = 5.0
 """Time without a tab after which a visitor is away."""
 ASK_S = 60.0
 """Time after which a question that is not answered is withdrawn."""
-_MAX_NAME, _MAX_KNOWN = 24, 64
+_MAX_NAME = 24
+_MAX_KNOWN = 64
 _OUR_NAME = re.compile(r"Visitor \d+( \(\d+\))?")
 
 
@@ -91,7 +92,8 @@ class Visitors:
         if not wanted:
             return
         others = {other.name for other in self._known.values() if other is not visitor}
-        number, unique = 1, wanted
+        number = 1
+        unique = wanted
         while unique in others:
             number += 1
             unique = f"{wanted} ({number})"
@@ -195,7 +197,8 @@ class Seats:
     def refresh(self) -> tuple[list[str], list[str]]:
         """Look who is away, and who is back: names of what is free now, and of what is held again
         by its former holder."""
-        freed, again = list[str](), list[str]()
+        freed = list[str]()
+        again = list[str]()
         for name, visitor in list(self._holders.items()):
             if visitor.is_away:
                 self.give_back(name)

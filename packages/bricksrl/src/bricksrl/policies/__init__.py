@@ -38,13 +38,15 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
     from bricksrl.training.restore import load_learner
 
     check_value("path", path, Path | str)
-    path, given = Path(path), env
+    path = Path(path)
+    given = env
     if which != "last" and is_policy(path):
         raise RunError(f"{path} holds the policy of one checkpoint; take the last one")
     from bricksrl.envs.transforms import base_of, transformed, with_unit_actions
 
     with closing(make_env_of(path)) if env is None else nullcontext(env) as env:
-        options, base = config_of(path).robot, base_of(env)
+        options = config_of(path).robot
+        base = base_of(env)
         trained = transformed(env, options) if base is env else with_unit_actions(env)
         takes_own = trained is not base and (base is env or given is None)
         learner = (

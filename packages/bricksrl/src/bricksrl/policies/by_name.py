@@ -107,7 +107,8 @@ def path_of(env_id: str) -> Path:
 def array_policies(env_id: str, task: Task, seed: int) -> dict[str, Callable[[], ArrayPolicy]]:
     """Factories of the policies of an environment, the best one last; ``seed`` is that of the
     random actions."""
-    rng, size = np.random.default_rng(seed), len(task.interface.commands)
+    rng = np.random.default_rng(seed)
+    size = len(task.interface.commands)
     policies: dict[str, Callable[[], ArrayPolicy]] = {
         "random": lambda: lambda _state: rng.uniform(-1.0, 1.0, size)
     }

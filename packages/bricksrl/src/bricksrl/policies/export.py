@@ -44,7 +44,8 @@ class BestAction(nn.Module):
 
     def __init__(self, policy: Policy) -> None:
         super().__init__()
-        self.module, self.names = policy.module, [str(key) for key in policy.in_keys]
+        self.module = policy.module
+        self.names = [str(key) for key in policy.in_keys]
 
     def forward(self, *inputs: Tensor) -> Tensor:
         observed = TensorDict(dict(zip(self.names, inputs, strict=True)), inputs[0].shape[:1])
@@ -79,7 +80,8 @@ def export_model(
             "torch-export"
         )
     with closing(make_env_of(Path(path))) as env:
-        policy, layout = load_policy(path, env, which=which), layout_of(env)
+        policy = load_policy(path, env, which=which)
+        layout = layout_of(env)
         named = _observations(env, layout)
         inputs = tuple(named[key] for key in policy.in_keys)
     acting = BestAction(policy).eval().requires_grad_(False)
@@ -140,7 +142,8 @@ def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) ->
     """Content of the file, for any batch size. Raises RunError if torch cannot export the
     policy."""
     any_batch = tuple({0: torch.export.Dim.DYNAMIC} for _ in inputs)
-    buffer, logger = io.BytesIO(), logging.getLogger("torch.onnx")
+    buffer = io.BytesIO()
+    logger = logging.getLogger("torch.onnx")
     level = logger.level
     logger.setLevel(logging.ERROR)
     try:

@@ -77,10 +77,8 @@ def export_program(
     """
     refuse_existing(out, RunError)
     check_writable(out)
-    physics, twin = (
-        config_of(Path(path)).known_physics,
-        {"hub": "virtual", "realtime": False, "randomize": False},
-    )
+    physics = config_of(Path(path)).known_physics
+    twin = {"hub": "virtual", "realtime": False, "randomize": False}
     with closing(make_env_of(Path(path), **twin)) as trained, reproducible(_SEED):
         # the hub observes what the robot does, and the policy brings its transforms
         env = base_of(trained)
@@ -119,7 +117,8 @@ def export_program(
             and isinstance(actor, StructuredActor)
             and isinstance(actor.structure, Oscillators)
         ):
-            kind, source = "gait", actor.structure.hub_source(actor.best)
+            kind = "gait"
+            source = actor.structure.hub_source(actor.best)
         else:
             kind = "network"
             network = HubNetwork(
@@ -144,7 +143,8 @@ def export_program(
     if len(blob) + heap_bytes > task.robot.hub.model.program_bytes:
         raise RunError(f"the program and its objects need {len(blob) + heap_bytes} bytes; {_FEWER}")
     write_durably(out, program.source.encode())
-    policy_return, hub_return = fmean(before), fmean(episode.return_ for episode in alone)
+    policy_return = fmean(before)
+    hub_return = fmean(episode.return_ for episode in alone)
     return HubExport(kind, age_ms, len(blob), heap_bytes, computing_ms, policy_return, hub_return)
 
 
@@ -195,16 +195,15 @@ class Alone:
     def _step(self, numbers: list[float]) -> None:
         """Take the reward of the step that ended with these numbers, if they are not the first.
         Raises _Over at the end."""
-        task, count = self.task, len(self.task.observed_channels)
+        task = self.task
+        count = len(self.task.observed_channels)
         commands = task.interface.commands
         self.computing_ms, self.heap_bytes = (
             max(self.computing_ms, round(numbers[0])),
             max(self.heap_bytes, self.heap()),
         )
-        seen, last = (
-            numbers[1 : count + 1],
-            (self._commanded or [0.0] * len(commands))[: len(task.command_entries)],
-        )
+        seen = numbers[1 : count + 1]
+        last = (self._commanded or [0.0] * len(commands))[: len(task.command_entries)]
         moved = [self.odometer.forward_mm(self.machine.body_ms / 1000, seen)][
             : len(task.measured_entries)
         ]
@@ -217,7 +216,8 @@ class Alone:
             (2 * value - command.low - command.high) / (command.high - command.low)
             for command, value in zip(commands, self._commanded, strict=True)
         ]
-        before, self._before = self._before, (observation, torch.tensor(actions))
+        before = self._before
+        self._before = (observation, torch.tensor(actions))
         if before is None:
             return
         self.return_ += float(task.reward(*before, observation))

@@ -21,9 +21,12 @@ from bricksrl.policies.policy import Policy
 
 HIDDEN = (16, 16)
 """Units of the hidden layers."""
-ROUNDS, STEPS = 4, 600
+ROUNDS = 4
+STEPS = 600
 """Rounds of collection, and steps of each: first the policy's, then the student's."""
-UPDATES, BATCH, LEARNING_RATE = 1500, 256, 5e-3
+UPDATES = 1500
+BATCH = 256
+LEARNING_RATE = 5e-3
 """Of each round; the rate falls to 0 within it."""
 _ANYTHING = 1e30
 LEAK = 0.01
@@ -156,7 +159,9 @@ def distil(env: EnvBase, policy: Policy, network: HubNetwork, seed: int) -> Tens
     student = TensorDictModule(network, in_keys=["observation"], out_keys=["action"])
     acting = torch.no_grad()(student.forward)
     optimizer = torch.optim.Adam(network.parameters(), lr=LEARNING_RATE)
-    seen, said, episode = list[Tensor](), list[Tensor](), 0
+    seen = list[Tensor]()
+    said = list[Tensor]()
+    episode = 0
     for number in range(ROUNDS):
         steps = 0
         while steps < STEPS:
@@ -166,7 +171,8 @@ def distil(env: EnvBase, policy: Policy, network: HubNetwork, seed: int) -> Tens
                 seen.append(frame["observation"])
                 said.append(frame["action"] if number == 0 else policy.act(frame["observation"]))
                 steps += 1
-        observations, actions = torch.stack(seen), torch.stack(said)
+        observations = torch.stack(seen)
+        actions = torch.stack(said)
         for update in range(UPDATES):
             optimizer.param_groups[0]["lr"] = LEARNING_RATE * (1.0 - update / UPDATES)
             rows = torch.randint(len(seen), (BATCH,))

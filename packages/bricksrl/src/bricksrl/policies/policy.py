@@ -43,10 +43,8 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
         super().__init__()
         layout = layout_of(env)
         self.shapes = dict(layout.vectors)
-        self.in_keys, self.out_keys = (
-            list(module.in_keys if through is None else layout.keys),
-            ["action"],
-        )
+        self.in_keys = list(module.in_keys if through is None else layout.keys)
+        self.out_keys = ["action"]
         self.module = module.eval()
         self._transforms = None if through is None else PolicyTransforms(through)
 
@@ -78,10 +76,8 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
         array, a tensor for a tensor. ``image``: uint8 ``[*batch, side, side, 3]``, for a policy
         that uses images. Raises DescriptionError for another n, or without the image that the
         policy needs."""
-        values, key = (
-            torch.as_tensor(observation, dtype=torch.float32),
-            next(iter(self.shapes), "observation"),
-        )
+        values = torch.as_tensor(observation, dtype=torch.float32)
+        key = next(iter(self.shapes), "observation")
         inputs = {key: values} if image is None else {key: values, "image": torch.as_tensor(image)}
         action: Tensor = self(
             TensorDict(inputs, values.shape[: values.ndim - len(self.shapes.get(key, (0,)))])
@@ -102,7 +98,8 @@ class PolicyTransforms:
     other."""
 
     def __init__(self, env: EnvBase) -> None:
-        self._env, self._skip = env, one_step(env)[1]
+        self._env = env
+        self._skip = one_step(env)[1]
         self._given: deque[TensorDictBase] = deque()
         self._last: TensorDictBase
         self._playback: Playback
@@ -111,7 +108,8 @@ class PolicyTransforms:
     def action(self, module: TensorDictModuleBase, given: TensorDictBase) -> Tensor:
         """The module's action behind the transforms, as the environment gets it; between two steps
         of theirs its last one."""
-        base, batch = base_of(self._env), given.batch_size
+        base = base_of(self._env)
+        batch = given.batch_size
 
         def outcome(_: int) -> TensorDictBase:
             # else the transforms step in their reset, where nothing more is observed

@@ -22,7 +22,8 @@ from bricksrl.training.restore import load_learner, make_learner_for, one_robot
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.trust import is_trusted, remember, require_trusted
 
-TENSORS, ABOUT = "policy.safetensors", POLICY
+TENSORS = "policy.safetensors"
+ABOUT = POLICY
 _VERSION = 1
 
 
@@ -48,7 +49,8 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     with closing(make_env(config.env, config.robot, seed=config.seed)) as env:
         prepare(env)
         made = transform_state(env)
-        trained, kept = load_learner(run_dir, env), transform_state(env)
+        trained = load_learner(run_dir, env)
+        kept = transform_state(env)
         if kept.keys() != made.keys() or any(str(kept[name]) != str(made[name]) for name in kept):
             raise RunError(
                 "a shared policy has no statistics that a transform measured; train it with "
@@ -95,9 +97,11 @@ def _read_files(path: Path) -> tuple[bytes, dict[str, Any], dict[str, Any]]:
     if not is_policy(path):
         raise CheckpointError(f"there is no policy in {path}; choose {folder_with(path, TENSORS)}")
     with reading("the policy", path / ABOUT, CheckpointError, "fetch the policy again"):
-        text, data = (path / ABOUT).read_bytes(), (path / TENSORS).read_bytes()
+        text = (path / ABOUT).read_bytes()
+        data = (path / TENSORS).read_bytes()
         about = json.loads(text)
-        config, version = dict(about["config"]), about["bricksrl_policy"]
+        config = dict(about["config"])
+        version = about["bricksrl_policy"]
     if version != _VERSION:
         raise CheckpointError(
             f"{path / ABOUT} describes no policy of this version of BricksRL; choose another"
@@ -180,11 +184,9 @@ def _card(
     """Card of a policy, as Markdown, with the results of an evaluation if there is one."""
     result = "It has not been evaluated yet."
     if evaluation is not None:
-        mean, std, count = (
-            evaluation["return_mean"],
-            evaluation["return_std"],
-            evaluation["episodes"],
-        )
+        mean = evaluation["return_mean"]
+        std = evaluation["return_std"]
+        count = evaluation["episodes"]
         result = f"Return {mean:.4g} ± {std:.4g} in {counted(count, 'episode')} of evaluation."
     return f"""---
 license: {licence}

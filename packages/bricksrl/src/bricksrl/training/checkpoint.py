@@ -38,10 +38,8 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
         raise CheckpointError(
             f"{path} is not a checkpoint of this version of BricksRL; choose another or train again"
         )
-    digest, payload = (
-        data[len(MAGIC) : len(MAGIC) + _DIGEST_SIZE],
-        data[len(MAGIC) + _DIGEST_SIZE :],
-    )
+    digest = data[len(MAGIC) : len(MAGIC) + _DIGEST_SIZE]
+    payload = data[len(MAGIC) + _DIGEST_SIZE :]
     if hashlib.sha256(payload).digest() != digest:
         raise CheckpointError(f"the checkpoint {path} is damaged; restore a copy or train again")
     try:

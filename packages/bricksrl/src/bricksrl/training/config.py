@@ -124,10 +124,8 @@ class TrainConfig(RunOptions, EnvOptions):
             object.__setattr__(self, "asynchronous", self.realtime or self.hub != "virtual")
         for is_wrong, message in _RULES:
             if is_wrong(self):
-                updates, episodes = (
-                    counted(self.updates, "update"),
-                    counted(self.episodes, "episode"),
-                )
+                updates = counted(self.updates, "update")
+                episodes = counted(self.episodes, "episode")
                 raise RunError(message.format(self, updates=updates, episodes=episodes))
         if self.settings is None:  # stored, so that later versions use the same
             object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))

@@ -5,7 +5,8 @@ from pathlib import Path
 from brickhub.files import folder_with
 from bricksrl.errors import RunError
 
-CONFIG, POLICY = "config.json", "policy.json"
+CONFIG = "config.json"
+POLICY = "policy.json"
 """Files that say what was trained: of a run, and of a shared policy."""
 
 

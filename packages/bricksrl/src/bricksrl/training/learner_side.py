@@ -36,7 +36,8 @@ from bricksrl.training.config import TrainConfig
 from bricksrl.training.restore import attach_dataset, make_learner_for, stand_in
 
 _CHECK_S = 0.1
-_END_TIMEOUT_S, _INTERRUPTED_TIMEOUT_S = 120.0, 5.0
+_END_TIMEOUT_S = 120.0
+_INTERRUPTED_TIMEOUT_S = 5.0
 _SLACK_STEPS = 4
 """Maximum lead of a simulated robot over its learner, steps."""
 
@@ -63,7 +64,8 @@ class InLoopLearner:
     learned from yet."""
 
     def __init__(self, actor: Learner, state: dict[str, Any]) -> None:
-        self.actor, self.pace = actor, LearningPace(state["pace"]["asked"], state["pace"]["asked"])
+        self.actor = actor
+        self.pace = LearningPace(state["pace"]["asked"], state["pace"]["asked"])
         self._collected: list[TensorDictBase] = [
             TensorDict(frames).auto_batch_size_(1) for frames in state["collected"]
         ]
@@ -122,13 +124,12 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         # a simulated robot may wait
         self._may_wait = config.hub == "virtual" and not config.realtime
         self._changed = threading.Condition()
-        self._asked, self._done, self._saves, self._saved = (
-            state["pace"]["asked"],
-            state["pace"]["done"],
-            0,
-            0,
-        )
-        self._is_ready, self._failure = False, ""
+        self._asked = state["pace"]["asked"]
+        self._done = state["pace"]["done"]
+        self._saves = 0
+        self._saved = 0
+        self._is_ready = False
+        self._failure = ""
         self._metrics: list[dict[str, Tensor]] = []
         try:
             with self._changed:  # it may report its end before the attribute is set
@@ -137,7 +138,8 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
             raise LearnerError(
                 f"cannot start the learner's process ({error.strerror}); train synchronously"
             ) from None
-        specs, layout = {name: getattr(env, name).cpu() for name in SPECS}, layout_of(env)
+        specs = {name: getattr(env, name).cpu() for name in SPECS}
+        layout = layout_of(env)
         # of which it would think that it fits
         has_task = interface_of(env).task is not None and changes_nothing(env)
         if (
@@ -202,7 +204,8 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         if self._may_wait:
             self._wait(lambda: self._asked - self._done <= _SLACK_STEPS)
         with self._changed:
-            metrics, self._metrics = self._metrics, []
+            metrics = self._metrics
+            self._metrics = []
         return means(metrics)
 
     def save(self, path: Path, state: dict[str, Any]) -> None:
@@ -287,7 +290,8 @@ def main() -> None:
 def serve(begin: dict[str, Any], inbox: Inbox, send: Send) -> None:
     """Learn until the robot's side ends the run or disconnects."""
     torch.set_num_threads(1)  # the other cores are for the robot
-    asked, done = begin["state"]["pace"]["asked"], begin["state"]["pace"]["done"]
+    asked = begin["state"]["pace"]["asked"]
+    done = begin["state"]["pace"]["done"]
     config = TrainConfig.from_dict(begin["config"])
     torch.manual_seed(derive_seed(config.seed, "learner", asked))
     if config.is_transformed:

@@ -102,7 +102,8 @@ class Loop:
             self._recorder = RunRecorder(folder.path / DATA_FOLDER, description, self.recorded)
         try:
             self.callback.on_start(self.config, folder.path, len(self.episodes))
-            updates_per_step, caught_up = None, 0
+            updates_per_step = None
+            caught_up = 0
             try:
                 if self.is_evaluation_due:  # the run was interrupted before or in it
                     self._evaluate()
@@ -161,7 +162,8 @@ class Loop:
         )
         policy = "random" if phase is Phase.PREFILL else without_folder(self.config.agent)
         playing = Playing(number, phase, episode_seed("training", self.config.seed, number), policy)
-        total, episodes = self.config.updates, self.config.episodes
+        total = self.config.updates
+        episodes = self.config.episodes
         due = total * number // episodes - total * (number - 1) // episodes
         for start in range(0, due, STRIDE):
             playing.metrics.append(self.actor.make_updates(min(STRIDE, due - start)))
@@ -171,7 +173,8 @@ class Loop:
 
     def _moved(self, moved: Moved) -> None:
         """Store a step, or a batch of copies, and learn from it."""
-        playing, frame = moved.playing, moved.frame
+        playing = moved.playing
+        frame = moved.frame
         if playing.phase is Phase.OFFLINE:
             return
         frames = frame if frame.batch_dims else frame[None]
@@ -185,7 +188,8 @@ class Loop:
     def _ended(self, ended: Ended) -> None:
         """Keep an episode that has ended, in dataset, metrics and checkpoint; then evaluate, if it
         is time."""
-        playing, episode = ended.playing, ended.episode
+        playing = ended.playing
+        episode = ended.episode
         if episode is None:
             self.learner.end_episodes(playing.robot)
             self._again.append(playing.number)

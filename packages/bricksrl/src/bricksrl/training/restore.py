@@ -133,7 +133,8 @@ def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = Non
 
 def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     """Values that must be equal in a checkpoint and its run."""
-    data, layout = config.to_dict(), asdict(layout_of(env))
+    data = config.to_dict()
+    layout = asdict(layout_of(env))
     run = {key: data[key] for key in ("env", "agent", "seed", "settings")}
     del layout["names"]  # for messages
     return {**run, "layout": layout, "action_size": action_size(env)}
@@ -217,12 +218,11 @@ def _differences(saved: Any, identity: dict[str, Any], config: TrainConfig) -> s
         saved = {**saved, "settings": {**defaults, **with_present_names(saved["settings"])}}
     with contextlib.suppress(LookupError, TypeError):  # of a layout what it had then
         layout = {key: value for key, value in identity["layout"].items() if key in saved["layout"]}
-        identity, saved = (
-            {**identity, "layout": layout},
-            {**saved, "layout": {key: saved["layout"][key] for key in layout}},
-        )
+        identity = {**identity, "layout": layout}
+        saved = {**saved, "layout": {key: saved["layout"][key] for key in layout}}
     try:
-        saved, identity = portable(saved), portable(identity)
+        saved = portable(saved)
+        identity = portable(identity)
         return {key for key, value in identity.items() if value != saved[key]}
     except (AttributeError, LookupError, RuntimeError, TypeError):
         # a part is missing, or a tensor in place of a number
@@ -344,7 +344,8 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
         # of a user, with batches of its own kind: it comes first
         learner.remember(frames)
     else:
-        size, keys = getattr(config.settings, "batch_size", 256), learner.policy.in_keys
+        size = getattr(config.settings, "batch_size", 256)
+        keys = learner.policy.in_keys
         learner.dataset = recorded_memory(
             frames, size, keys, chunk=learner.chunk, device=learner.device
         )

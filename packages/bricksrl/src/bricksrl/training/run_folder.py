@@ -49,12 +49,12 @@ class RunFolder:
     def __init__(self, path: Path | str) -> None:
         check_value("run", path, Path | str)
         self.path = path = Path(path)
-        self.config_path, self.metrics_path = path / CONFIG, path / "metrics.csv"
-        self.checkpoint_path, self.best_path = path / "checkpoint.bin", path / "best.bin"
-        self.curve_path, self.evaluation_path = (
-            path / "learning_curve.png",
-            path / "evaluation.json",
-        )
+        self.config_path = path / CONFIG
+        self.metrics_path = path / "metrics.csv"
+        self.checkpoint_path = path / "checkpoint.bin"
+        self.best_path = path / "best.bin"
+        self.curve_path = path / "learning_curve.png"
+        self.evaluation_path = path / "evaluation.json"
 
     @classmethod
     def create(cls, config: TrainConfig, state: dict[str, Any]) -> "RunFolder":
@@ -108,7 +108,8 @@ class RunFolder:
         ):
             text = self.config_path.read_bytes()
             data = json.loads(text)
-            config, version = dict(data["config"]), data["bricksrl_run"]
+            config = dict(data["config"])
+            version = data["bricksrl_run"]
         if version != 1:
             raise RunError(f"{self.config_path} is of another version of BricksRL; start a new run")
         require_trusted(self.config_path, text, code_in(config))

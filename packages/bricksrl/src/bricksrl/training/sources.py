@@ -128,7 +128,8 @@ class Source(ABC):
             return None
         reconnect = reconnect_of(self.env)
         if reconnect is not None:
-            reconnect.patience_s, reconnect.wait = self.patience_s, self.signals.wait
+            reconnect.patience_s = self.patience_s
+            reconnect.wait = self.signals.wait
             reconnect.on_error = lambda error: self.callback.on_link_lost(
                 playing.number, playing.length, error
             )
@@ -148,10 +149,13 @@ class OneRobot(Source):
     """A robot of this process."""
 
     def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
-        self.playing[0], phase = playing, playing.phase
+        self.playing[0] = playing
+        phase = playing.phase
         if self.is_recorded:
             playing.about = about(self.env, playing.policy, seed=playing.seed, hub=self.hub)
-        rollout, random, actor = Rollout(), RandomPolicy(self.env.action_spec), self.learner.actor
+        rollout = Rollout()
+        random = RandomPolicy(self.env.action_spec)
+        actor = self.learner.actor
         policy = {Phase.PREFILL: random, Phase.TRAIN: actor.explore, Phase.OFFLINE: actor.exploit}[
             phase
         ]
@@ -181,7 +185,8 @@ class OneRobot(Source):
             # a measurement has to be complete, and its updates are made once
             raise interface_of(self.env).link_error
         success, measures = rollout.judged(self.env)
-        length, return_ = playing.length, rollout.return_
+        length = playing.length
+        return_ = rollout.return_
         episode = Episode(
             playing.number,
             phase,
@@ -224,7 +229,8 @@ class Copies(Source):
             # of the robots: a frame may be several
             steps += (after["step_count"] - frames["step_count"]).sum()
         count = max(1.0, float(ended))
-        length, return_ = round(float(lengths) / count), float(returns) / count
+        length = round(float(lengths) / count)
+        return_ = float(returns) / count
         yield Ended(
             playing, Episode(playing.number, playing.phase, int(steps), length, return_, None)
         )

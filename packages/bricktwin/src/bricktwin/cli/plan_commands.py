@@ -75,7 +75,8 @@ class CheckPlan:
                 f"{remedy}"
             )
         kinds = len({placed.part for placed in plan.parts})
-        parts, steps = counted(len(plan.parts), "part"), counted(len(plan.different_steps), "step")
+        parts = counted(len(plan.parts), "part")
+        steps = counted(len(plan.different_steps), "step")
         summary = f"{parts} of {counted(kinds, 'kind')}, {steps}, {plan.mass_g:.0f} g"
         print_line(
             f"{summary}: {counted(len(findings), 'finding')}"
@@ -123,7 +124,8 @@ class PlanParts:
                 print_line(f"{part.number:10}{part.family:12}{part.mass_g:8.2f} g  {part.name}")
             return
         plan = read_named_plan(self.plan)
-        entries, advice = parts_list(plan), purchases(plan)
+        entries = parts_list(plan)
+        advice = purchases(plan)
         if self.own is not None:
             advice = [owned(plan, self.own.split(","))]
             entries = still_needed(entries, advice[0].missing)

@@ -78,7 +78,8 @@ class RecordMotion:
 
         check_writable(self.out)
         target = find(self.robot)
-        robot, scene = target.robot, target.scene
+        robot = target.robot
+        scene = target.scene
         interface = whole_interface(robot)
         commands = identification_commands(interface, self.steps, np.random.default_rng(self.seed))
         with self._link(robot, _bench_scene(scene), interface) as link:
@@ -245,7 +246,8 @@ class FitTwin:
                 "such as --robot my_robot.py"
             )
         target = find(self.robot or log.robot)
-        robot, scene = target.robot, target.scene
+        robot = target.robot
+        scene = target.scene
         out = self.out or self.log.with_suffix(".physics.json")
         check_writable(out)
         result = fit(
@@ -274,7 +276,8 @@ def _print(result: FittedPhysics) -> None:
     print_line("parameters")
     default = Physics()
     for name, parameter in PARAMETERS.items():
-        value, before = getattr(result.physics, name), getattr(default, name)
+        value = getattr(result.physics, name)
+        before = getattr(default, name)
         if name in result.identified or value != before:
             print_line(
                 (

@@ -12,7 +12,8 @@ from bricktwin.twin.mujoco_body import MujocoBody, Pose
 
 _TURN_DEG_S = 120.0
 _LIFT_M = 0.3
-_GRIP_NM_S, _GRIP_NM = 1e3, 10.0
+_GRIP_NM_S = 1e3
+_GRIP_NM = 10.0
 """Damping of a chassis in the hand, and friction of a shaft in the hand: neither is moved by a
 motor."""
 
@@ -70,8 +71,11 @@ class SimulatedPerson:
                 f"the virtual '{hub.robot.name}' cannot be taken in hand; choose a robot that "
                 "moves, or --hub ble"
             )
-        self._hub, self._body, self._rng = hub, hub.body, rng
-        self._error_deg, self._error_s = error_deg, error_s
+        self._hub = hub
+        self._body = hub.body
+        self._rng = rng
+        self._error_deg = error_deg
+        self._error_s = error_s
         model = self._body.model
         self._nominal = [
             (array, array.copy())
@@ -81,7 +85,8 @@ class SimulatedPerson:
         self._now_s = self._done_s = hub.now_s()
 
     def begin(self, deed: Deed) -> None:
-        body, model = self._body, self._body.model
+        body = self._body
+        model = self._body.model
         for array, nominal in self._nominal:
             array[:] = nominal
         # The edge along which the robot lies does not move, so that errors do not add up.

@@ -18,7 +18,8 @@ from bricktwin.report_page import plain_number, report_page
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_ROBOT, _TWIN = "#d55e00", "#0b5cad"
+_ROBOT = "#d55e00"
+_TWIN = "#0b5cad"
 _OUTSIDE = -0.3, 1.3
 """Where numbers are drawn that are far outside of the range."""
 HEAD = ("", "robot", "twin", "drawn twins", "")
@@ -30,7 +31,8 @@ def lines(comparison: Comparison) -> Iterator[tuple[str, str, str, str, str]]:
     for one in comparison.quantities:
         if one.name not in comparison.robot:
             continue
-        name, value = f"{one.name}, {one.unit}", comparison.robot[one.name]
+        name = f"{one.name}, {one.unit}"
+        value = comparison.robot[one.name]
         if one.name not in comparison.twin:
             yield name, plain_number(value), "", "", ""
         elif not one.parameter:

@@ -148,10 +148,8 @@ def _inertial(rows: Iterable[Row]) -> dict[str, float]:
             float(values[turned][:_ENDS].mean()),
         )
 
-    (first_min, last_min, after_min), (first_deg, last_deg, after_deg) = (
-        ends(times_min),
-        ends(headings_deg),
-    )
+    (first_min, last_min, after_min) = ends(times_min)
+    (first_deg, last_deg, after_deg) = ends(headings_deg)
     drift_deg_min = (last_deg - first_deg) / (last_min - first_min)
     turn_deg = after_deg - last_deg - drift_deg_min * (after_min - last_min)
     pitch, roll, rate = (_column(turning, name) for name in ("pitch", "roll", "yaw_rate"))
@@ -214,7 +212,8 @@ class Comparison:
 
 def compare(log: SessionLog, robot: Robot) -> Comparison:
     """A robot's log beside its twin. A robot without a body that moves has no twin to measure."""
-    numbers, known = measured(log), quantities(robot)
+    numbers = measured(log)
+    known = quantities(robot)
     volts = numbers.get("battery at rest", Physics().battery_v)
     noises = [one.parameter for one in known if "noise" in one.parameter and one.name in numbers]
     base = Physics(

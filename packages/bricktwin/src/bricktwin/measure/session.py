@@ -31,8 +31,12 @@ from bricktwin.twin.motion_log import read_lines, write_lines
 TURNED_DEG = 1260.0
 WALL_MM = 300.0
 WALL_DEG = 30.0
-_REST_S, _TURNED_S, _LIFTED_S, _WALL_S = 60.0, 8.0, 2.0, 6.0
-_FREE_S, _HELD_S = 1.2, 0.6
+_REST_S = 60.0
+_TURNED_S = 8.0
+_LIFTED_S = 2.0
+_WALL_S = 6.0
+_FREE_S = 1.2
+_HELD_S = 0.6
 _STEP = Wait(50)
 _FORMAT = 1
 
@@ -124,7 +128,9 @@ class SessionLog:
 
 class _Session:
     def __init__(self, transport: Transport, robot: Robot, person: Person) -> None:
-        self._transport, self._robot, self._person = transport, robot, person
+        self._transport = transport
+        self._robot = robot
+        self._person = person
         self.rows: list[Row] = []
 
     def link(self, channels: Sequence[Channel], motors: Sequence[str] = ()) -> HubLink:

@@ -20,12 +20,14 @@ from bricktwin.plans.plan import Placed
 
 RATE_LENGTH = 100.0
 """LDU: scales angular rates, so that linear and angular rates have the same magnitude."""
-_RANK_TOLERANCE, _MOTION_TOLERANCE = 1e-4, 1e-4
+_RANK_TOLERANCE = 1e-4
+_MOTION_TOLERANCE = 1e-4
 _AXIS_TOLERANCE = 1.5
 MAX_BODIES = 250
 """No motions are computed above this number."""
 _MAX_LOOSE_DISTANCE = 60.0
-_STOP_LOW, _STOP_HIGH = -2.0, 9.0
+_STOP_LOW = -2.0
+_STOP_HIGH = 9.0
 """Distance between bush and beam at which an axle still cannot slide: up to 3.6 mm of play."""
 
 
@@ -73,7 +75,8 @@ class Bodies:
     def motions(self, *, locked: Iterable[int] = ()) -> Floats:
         """Possible motions [6 x bodies, n], orthonormal; the first body is at rest, the motors in
         ``locked`` are braked."""
-        count, braked = len(self.members), set(locked)
+        count = len(self.members)
+        braked = set(locked)
         rows = [_rows(count, (0, np.eye(6)))]
         for joint in self.joints:
             can_turn = joint.motor not in braked
@@ -241,7 +244,8 @@ def _bundles(links: Sequence[_Link], groups: _Groups) -> dict[tuple[int, int], l
     slide come first."""
     bundles_of: dict[tuple[int, int], list[list[_Link]]] = {}
     for link in sorted(links, key=lambda link: link.connection.is_axle):
-        first, second = groups[link.male], groups[link.female]
+        first = groups[link.male]
+        second = groups[link.female]
         if first == second:
             continue
         bundles = bundles_of.setdefault((min(first, second), max(first, second)), [])
@@ -368,7 +372,9 @@ def _sliding(
             fixed_to[link.male].append(link.connection)
     stops: dict[frozenset[int], list[int]] = defaultdict(lambda: [0, 0])
     for link in links:
-        first, second, connection = groups[link.male], groups[link.female], link.connection
+        first = groups[link.male]
+        second = groups[link.female]
+        connection = link.connection
         if not link.connection.is_axle or first == second:
             continue
         ends = stops[frozenset((first, second))]

@@ -22,9 +22,11 @@ _MARGIN = 0.8
 smaller."""
 _MIN_POINTS = 2
 """Minimum number of points inside."""
-_MAX_PAIRS, _MAX_COMPARED = 200, 50_000
+_MAX_PAIRS = 200
+_MAX_COMPARED = 50_000
 """Limits of the collision search."""
-_MAX_QUERIES, _MAX_ITEMS = 6000, 60
+_MAX_QUERIES = 6000
+_MAX_ITEMS = 60
 """Limits of the search for paths: collision queries per plan, parts per step."""
 
 
@@ -39,7 +41,8 @@ class Occupancy:
 
     def __init__(self, parts: Sequence[Placed], most_queries: int = _MAX_QUERIES) -> None:
         self._parts = parts
-        self.queries, self.most_queries = 0, most_queries
+        self.queries = 0
+        self.most_queries = most_queries
         self.low: Floats = np.array([placed.bounds[0] for placed in parts]).reshape(-1, 3)
         self.high: Floats = np.array([placed.bounds[1] for placed in parts]).reshape(-1, 3)
 
@@ -70,7 +73,8 @@ class Occupancy:
 
     def _near(self, index: int, shift: Floats) -> Bools:
         """Parts with bounds that overlap those of a moved part [n]."""
-        low, high = self.low[index] + shift + 1.5, self.high[index] + shift - 1.5
+        low = self.low[index] + shift + 1.5
+        high = self.high[index] + shift - 1.5
         return np.asarray(((low < self.high) & (self.low < high)).all(axis=1))
 
     def _collide(self, index: int, other: int, shift: Floats) -> bool:
@@ -86,7 +90,8 @@ class Occupancy:
         if np.count_nonzero(near) < _MIN_POINTS:
             return False
         target = self._parts[other]
-        inner, holes = target.to_part(points[near]), open_holes(self._parts[index], shift, target)
+        inner = target.to_part(points[near])
+        holes = open_holes(self._parts[index], shift, target)
         # In large overlaps a few points are enough.
         return any(
             np.count_nonzero(target.part.blocks(sample, _MARGIN, holes)) >= _MIN_POINTS
@@ -157,7 +162,8 @@ def step_faults(
 ) -> Iterator[StepFault]:
     """All steps that fail. Parts with unmodelled connections count as connected, and so do groups
     around unknown parts."""
-    graph, links = neighbours(connections, groups), links_of(plan.parts, connections)
+    graph = neighbours(connections, groups)
+    links = links_of(plan.parts, connections)
     built: dict[tuple[str, ...], set[int]] = defaultdict(set)
     for step in plan.steps:
         before = built[step.assembly]

@@ -38,7 +38,8 @@ class Structure:
 
 def structure_of(plan: Plan) -> Structure:
     """Compute the structure of a plan."""
-    links, gears = connections(plan.parts), meshes(plan.parts)
+    links = connections(plan.parts)
+    gears = meshes(plan.parts)
     return Structure(tuple(links), tuple(gears), find_bodies(plan.parts, links, gears))
 
 
@@ -46,7 +47,8 @@ def check(plan: Plan) -> list[Finding]:
     """All findings about a plan, in the order of its lines; empty if it can be built."""
     mistakes = [(fault.line, "unreadable", fault.text) for fault in plan.faults]
     if plan.parts:
-        structure, occupancy = structure_of(plan), Occupancy(plan.parts)
+        structure = structure_of(plan)
+        occupancy = Occupancy(plan.parts)
         guesses = held_by_unknown(plan, plan.unknown)
         mistakes += _check_connections(plan, structure, guesses)
         collisions = [
@@ -118,7 +120,8 @@ def _check_connections(
     """Pins in axle holes, misaligned axles, connections that are not deep enough, unconnected
     parts."""
     for link in structure.connections:
-        male, female = plan.parts[link.male], plan.parts[link.female]
+        male = plan.parts[link.male]
+        female = plan.parts[link.female]
         pair = f"{male.name} and {female.name} of line {female.line}"
         if not link.fits:
             yield male.line, "misfit", f"{pair}: a pin does not go into an axle hole; use an axle"
@@ -163,7 +166,8 @@ def _check_gears(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
     for mesh in structure.meshes:
         if mesh.is_good:
             continue
-        first, second = plan.parts[mesh.first], plan.parts[mesh.second]
+        first = plan.parts[mesh.first]
+        second = plan.parts[mesh.second]
         if abs(mesh.error) <= 1.0:
             fault = (
                 f"meet over only {percent(mesh.engaged)} of their width; shift one along its axle"
@@ -221,7 +225,8 @@ def _remove_spin(plan: Plan, members: tuple[int, ...], rates: Floats) -> Floats:
     bars = [one for family in _SPINNING[:2] for one in placed if one.part.family == family]
     if not bars or any(one.part.family not in _SPINNING for one in placed):
         return rates
-    axis, point = bars[0].rotation[:, 0], bars[0].position / RATE_LENGTH
+    axis = bars[0].rotation[:, 0]
+    point = bars[0].position / RATE_LENGTH
     angular = rates[3:]
     return np.concatenate(
         [rates[:3] + np.cross(angular, point, axis=0), angular - np.outer(axis, axis @ angular)]

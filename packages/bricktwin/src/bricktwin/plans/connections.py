@@ -17,15 +17,18 @@ from bricktwin.plans.geometry import AXES, Floats
 from bricktwin.plans.part import Fit, Gear, GearForm, Site
 from bricktwin.plans.plan import Placed
 
-_MAX_OFFSET, _MAX_TILT = 1.2, 0.03
+_MAX_OFFSET = 1.2
+_MAX_TILT = 0.03
 """Tolerances of a pin: offset from the hole's axis (LDU), tilt (sine)."""
-_MAX_LOOSE_OFFSET, _MAX_LOOSE_TILT = 2.5, 0.1
+_MAX_LOOSE_OFFSET = 2.5
+_MAX_LOOSE_TILT = 0.1
 """The same where it only has room: real parts give way."""
 _MIN_DEPTH = 3.5
 """Minimum depth of a connection, LDU; a stud is 4 high."""
 _MIN_SEATED_SHARE = 0.7
 """Minimum depth as a share of the shorter length."""
-_MESH_TOLERANCE, _NEAR_TOLERANCE = 1.0, 9.0
+_MESH_TOLERANCE = 1.0
+_NEAR_TOLERANCE = 9.0
 """Tolerances of two gears' distance, LDU: up to the first they mesh; above the second they are
 unrelated."""
 _MAX_COMPARED = 20_000
@@ -34,7 +37,8 @@ _CROSS_DEG = 6.0
 _WORM_PITCH_RADIUS = 10.0
 _TOOTH = 7.854
 """Length of a tooth, pi mm: lead of a worm, pitch of a rack."""
-_LINK, _LINK_TOLERANCE = 16.0, 1.5
+_LINK = 16.0
+_LINK_TOLERANCE = 1.5
 """Length of a chain's link, along its z axis: two teeth. Its largest offset from a gear. From the
 previous link it may be half of its length away: LSynth fills a straight part with whole links."""
 _BARS = (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.PEG)
@@ -175,10 +179,8 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
         return result
     females.sort(key=lambda entry: float(entry[2][0]))
     owners = np.array([entry[0] for entry in females])
-    centres, axes = (
-        np.array([entry[2] for entry in females]),
-        np.array([entry[3] for entry in females]),
-    )
+    centres = np.array([entry[2] for entry in females])
+    axes = np.array([entry[3] for entry in females])
     lengths = np.array([entry[1].length for entry in females])
     is_for_stud = np.array([entry[1].fit is Fit.STUD_HOLE for entry in females])
     for owner, site, centre, axis in males:
@@ -200,7 +202,8 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
         fitting &= is_for_stud[nearby] == (site.fit is Fit.STUD)
         for index in np.flatnonzero(fitting):
             depth = float(high[index] - low[index])
-            other, hole = females[int(start) + index][0], females[int(start) + index][1]
+            other = females[int(start) + index][0]
+            hole = females[int(start) + index][1]
             is_seated = depth >= _MIN_SEATED_SHARE * min(20.0, site.length, hole.length)
             is_crossed = _is_crossed(parts[owner], site, parts[other], hole)
             point = centre + axis * float(low[index] + high[index]) / 2
@@ -231,7 +234,8 @@ def _is_crossed(axle: Placed, site: Site, holder: Placed, hole: Site) -> bool:
     fit."""
     if site.fit is not Fit.AXLE or hole.fit is not Fit.AXLE_HOLE or hole.turns:
         return False
-    first, second = axle.rotation @ _arm(site), holder.rotation @ _arm(hole)
+    first = axle.rotation @ _arm(site)
+    second = holder.rotation @ _arm(hole)
     angle = np.degrees(np.arccos(np.clip(abs(float(first @ second)), 0.0, 1.0)))
     return bool(min(angle, 90 - angle) > _CROSS_DEG)
 
@@ -246,7 +250,8 @@ def _coinciding(joints: list[_Placed]) -> list[Connection]:
     result = []
     for owner, site, centre, axis in joints:
         for other, hole, centre2, direction in joints:
-            distance, pair = np.linalg.norm(centre2 - centre), (site.fit, hole.fit)
+            distance = np.linalg.norm(centre2 - centre)
+            pair = (site.fit, hole.fit)
             if owner == other or distance > (
                 _SEAT_PLAY if pair == (Fit.RIM, Fit.TYRE) else _MAX_OFFSET
             ):
@@ -322,7 +327,10 @@ def _mesh(first: _Geared, second: _Geared) -> Mesh | None:
 
 
 def _parallel(first: _Geared, second: _Geared) -> Mesh | None:
-    gear, other, axis, offset = first.gear, second.gear, first.axis, second.centre - first.centre
+    gear = first.gear
+    other = second.gear
+    axis = first.axis
+    offset = second.centre - first.centre
     along = float(offset @ axis)
     across = offset - along * axis
     distance = float(np.linalg.norm(across))
@@ -348,9 +356,12 @@ def _parallel(first: _Geared, second: _Geared) -> Mesh | None:
 
 def _right_angle(first: _Geared, second: _Geared) -> Mesh | None:
     """Bevel and crown gears, or a crown gear and a spur gear, with intersecting axes."""
-    gear, other, offset = first.gear, second.gear, second.centre - first.centre
+    gear = first.gear
+    other = second.gear
+    offset = second.centre - first.centre
     normal = np.cross(first.axis, second.axis)
-    along, along2 = float(offset @ first.axis), float(offset @ second.axis)
+    along = float(offset @ first.axis)
+    along2 = float(offset @ second.axis)
     error = max(_set_back_error(along, gear, other), _set_back_error(along2, other, gear), key=abs)
     if abs(float(offset @ normal)) > _NEAR_TOLERANCE or abs(error) > _NEAR_TOLERANCE:
         return None
@@ -376,7 +387,9 @@ def _set_back_error(along: float, gear: Gear, other: Gear) -> float:
 
 
 def _worm(worm: _Geared, wheel: _Geared) -> Mesh | None:
-    axis, offset, radius = worm.axis, wheel.centre - worm.centre, wheel.gear.pitch_radius
+    axis = worm.axis
+    offset = wheel.centre - worm.centre
+    radius = wheel.gear.pitch_radius
     is_beside = (
         abs(float(offset @ wheel.axis)) > wheel.gear.width / 2
         or abs(float(offset @ axis)) > worm.gear.width / 2
@@ -396,7 +409,9 @@ def _worm(worm: _Geared, wheel: _Geared) -> Mesh | None:
 
 
 def _rack(rack: _Geared, wheel: _Geared) -> Mesh | None:
-    along, up, axis = rack.axis, rack.placed.rotation @ np.array(rack.gear.up), wheel.axis
+    along = rack.axis
+    up = rack.placed.rotation @ np.array(rack.gear.up)
+    axis = wheel.axis
     offset = wheel.centre - rack.centre
     error = float(offset @ up) - wheel.gear.pitch_radius
     if (
@@ -458,7 +473,8 @@ def _loops(parts: Sequence[Placed]) -> list[tuple[Floats, Floats]]:
         distances = np.linalg.norm(starts - link.to_plan(np.array([[0.0, 0.0, _LINK]])), axis=1)
         if distances.min() < _LINK / 2:
             next_link[number] = int(distances.argmin())
-    remaining, loops = dict.fromkeys(range(len(links))), []
+    remaining = dict.fromkeys(range(len(links)))
+    loops = []
     while remaining:
         loop = [next(iter(remaining))]
         while loop[-1] in remaining:
@@ -489,16 +505,15 @@ def _is_driven(placed: _Geared, points: Floats, axis: Floats) -> bool:
 def _chained(first: _Geared, second: _Geared, axis: Floats) -> Mesh | None:
     """Two gears in a chain: where its straight part touches them, both move equally fast along it;
     ``None`` if one is inside the other."""
-    radius, radius2, offset = (
-        first.gear.pitch_radius,
-        second.gear.pitch_radius,
-        second.centre - first.centre,
-    )
+    radius = first.gear.pitch_radius
+    radius2 = second.gear.pitch_radius
+    offset = second.centre - first.centre
     offset = offset - (offset @ axis) * axis
     distance = float(np.linalg.norm(offset))
     if distance <= abs(radius - radius2) + _LINK_TOLERANCE:
         return None
     sine = (radius - radius2) / distance
     outward = sine * offset / distance + math.sqrt(1 - sine**2) * np.cross(axis, offset / distance)
-    point, point2 = first.centre + radius * outward, second.centre + radius2 * outward
+    point = first.centre + radius * outward
+    point2 = second.centre + radius2 * outward
     return _make_mesh(first, second, 0.0, point, np.cross(axis, outward), point2=point2)

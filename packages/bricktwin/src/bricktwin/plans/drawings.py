@@ -145,7 +145,8 @@ def axle(length: float) -> Piece:
 
 def wheel(diameter: float) -> Piece:
     """A wheel with a black tyre on a light six-spoked rim, axis along y, centred."""
-    outer, inner = diameter / 2, diameter / 2 - 7.5
+    outer = diameter / 2
+    inner = diameter / 2 - 7.5
     half = [(inner, 6.2), (outer - 3.4, 7.0), (outer - 1.0, 5.6), (outer - 0.3, 3.0)]
     tyre = turned([*half, *((radius, -y) for radius, y in reversed(half)), half[0]])
     treads = [

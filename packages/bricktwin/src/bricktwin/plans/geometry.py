@@ -91,7 +91,8 @@ class Solid:
             return np.asarray(
                 local @ axes / np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-9)
             )
-        normals, rows = np.zeros_like(local), np.arange(len(local))
+        normals = np.zeros_like(local)
+        rows = np.arange(len(local))
         if self.form is Form.BOX:
             face = np.argmin(np.array(self.half) - np.abs(local), axis=1)
             normals[rows, face] = np.sign(local[rows, face])
@@ -191,7 +192,9 @@ def ball(centre: Triple, radius: float) -> Solid:
 
 def bar(start: Triple, end: Triple, normal: Triple, width: float, thickness: float) -> Solid:
     """A box from ``start`` to ``end``; ``normal`` is the direction of its thickness."""
-    a, b, up = np.array(start), np.array(end), np.array(normal)
+    a = np.array(start)
+    b = np.array(end)
+    up = np.array(normal)
     along = (b - a) / np.linalg.norm(b - a)
     half = (float(np.linalg.norm(b - a)) / 2, width / 2, thickness / 2)
     return Solid(

@@ -28,7 +28,8 @@ _ENDS = {
     "MLCAD SKIP": "0 MLCAD SKIP_END",
 }
 """The line that ends lines that are no parts, by what it has in common with their first line."""
-_MAX_DEG, _MAX_COORDINATE = 36_000.0, 1e6
+_MAX_DEG = 36_000.0
+_MAX_COORDINATE = 1e6
 """Limits of the numbers of a file, the coordinates in LDU."""
 
 
@@ -274,7 +275,8 @@ class Document:
 
     def _lsynth(self, number: int, words: list[str]) -> None:
         """Do what a line of LSynth means."""
-        meaning, synth = meaning_of(words), self._synth
+        meaning = meaning_of(words)
+        synth = self._synth
         if meaning is Meaning.SYNTH and not self._ignored:
             self._end_synth()
             kind = synth_kind(words[2])
@@ -289,7 +291,8 @@ class Document:
 
     def _end_synth(self) -> None:
         """Place what LSynth draws as one piece, unless its segments are parts."""
-        synth, self._synth = self._synth, None
+        synth = self._synth
+        self._synth = None
         if synth is not None and not synth.count:
             drawn = Model(f"{synth.name} of line {synth.line}", synth.line, is_drawn=True)
             self.models[key_of(drawn.name)] = drawn
@@ -330,11 +333,14 @@ class Document:
         for pair, line in self._ignored.items():
             remedy = "write it after the last line that is no part"
             raise self._error(line, f"no {_ENDS[pair]} follows", remedy)
-        self._model, self._range, self._buffers = model, None, {}
+        self._model = model
+        self._range = None
+        self._buffers = {}
         self._generator_line = 0
 
     def _file(self, number: int, name: str) -> None:
-        key, model = key_of(name), Model(name, number)
+        key = key_of(name)
+        model = Model(name, number)
         if not name or (key in self.models and not key.endswith(".dat")):
             fault = f"'{name}' is the name of two models" if name else "a model without a name"
             raise self._error(number, fault, "give each one its own")
@@ -376,7 +382,8 @@ class Document:
                 )
 
     def _reference(self, number: int, words: list[str], is_ghost: bool = False) -> None:
-        drawn, name = colour_and_numbers(words, 12, _MAX_COORDINATE), unquoted(words[14:])
+        drawn = colour_and_numbers(words, 12, _MAX_COORDINATE)
+        name = unquoted(words[14:])
         if self._is_no_part(name):
             self._marks = {}
         elif drawn is None or not name:

@@ -65,7 +65,9 @@ def triangles_of(root: Path, name: str) -> Triangles:
 @functools.lru_cache(maxsize=4096)
 def _triangles_of(root: Path, name: str) -> Triangles:
     pieces: dict[int, list[Floats]] = defaultdict(list)
-    certified, clockwise, inverted = False, False, False
+    certified = False
+    clockwise = False
+    inverted = False
     for line in _text(root, name).splitlines():
         words = line.split()
         if words[:2] == ["0", "BFC"]:
@@ -83,7 +85,8 @@ def _triangles_of(root: Path, name: str) -> Triangles:
         if drawn is not None:
             colour, numbers = drawn
             if words[0] == "1":
-                matrix, offset = np.array(numbers[3:]).reshape(3, 3), np.array(numbers[:3])
+                matrix = np.array(numbers[3:]).reshape(3, 3)
+                offset = np.array(numbers[:3])
                 is_flipped = inverted != bool(np.linalg.det(matrix) < 0)
                 for code, local in _triangles_of(root, key_of(" ".join(words[14:]))).items():
                     triangles = local @ matrix.T + offset

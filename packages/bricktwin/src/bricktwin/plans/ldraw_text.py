@@ -9,7 +9,8 @@ from pathlib import Path, PurePosixPath
 
 from brickhub.errors import PlanError
 
-MAX_BYTES, MAX_LINES = 8_000_000, 100_000
+MAX_BYTES = 8_000_000
+MAX_LINES = 100_000
 MAX_FILES = 500
 """Number of files that a plan may be made of."""
 _STUDIO_MODELS = ("model.ldr", "model2.ldr")
@@ -121,7 +122,8 @@ def _plain(name: str) -> str:
 
 def named_files(text: str) -> Iterator[str]:
     """Names of the files that the lines of a text place, each once, and that are not in it."""
-    inside, placed = set(), {}
+    inside = set()
+    placed = {}
     for line in text.splitlines():
         words = line.split()
         if words[:2] == ["0", "FILE"]:
@@ -140,7 +142,8 @@ def unquoted(words: Sequence[str]) -> str:
 def sources_of(path: Path) -> Iterator[bytes]:
     """Contents of a plan and of the files beside it that it is made of. Raises OSError if one
     cannot be read, PlanError if one is no LDraw file."""
-    waiting, seen = [path], {path.resolve()}
+    waiting = [path]
+    seen = {path.resolve()}
     beside = Beside(path)
     while waiting and len(seen) <= MAX_FILES:
         file = waiting.pop()

@@ -27,16 +27,23 @@ from bricktwin.plans.geometry import (
 )
 from bricktwin.plans.part import HOLE_RADIUS, Fit, Gear, GearForm, Part, Site
 
-_STUD_RADIUS, _PIN_RADIUS, _BORE_RADIUS, _COLLAR_RADIUS = 6.0, 6.0, 4.0, 7.8
-_RECESS_RADIUS, _RECESS_DEPTH = 8.0, 2.0
+_STUD_RADIUS = 6.0
+_PIN_RADIUS = 6.0
+_BORE_RADIUS = 4.0
+_COLLAR_RADIUS = 7.8
+_RECESS_RADIUS = 8.0
+_RECESS_DEPTH = 2.0
 """The wider ends of a pin hole."""
-_BLADE, _CROSS = (6.0, 2.2), (6.2, 2.4)
+_BLADE = (6.0, 2.2)
+_CROSS = (6.2, 2.4)
 """Half length and half width of an axle's blade, and of the cross that it goes into."""
-_TOOTH_HEIGHT, _TOOTH_DEPTH = 2.2, 2.8
+_TOOTH_HEIGHT = 2.2
+_TOOTH_DEPTH = 2.8
 """Height of teeth above the pitch circle, and below it."""
 _RUBBER = 0.4
 """Rings of a wheel that are wider than this share of its diameter are its tyre."""
-_CABLE_RADIUS, _CABLE_LENGTH = 5.0, 14.0
+_CABLE_RADIUS = 5.0
+_CABLE_LENGTH = 14.0
 
 
 class Tint(enum.IntEnum):
@@ -178,10 +185,8 @@ def _hole(site: Site) -> list[Solid]:
     """The empty space of a hole."""
     if site.fit is Fit.AXLE_HOLE:
         return _cross(site, *_CROSS, site.length + 1.0)
-    through, depth = (
-        cylinder(site.centre, site.axis, site.length + 1.0, HOLE_RADIUS),
-        _RECESS_DEPTH + 0.5,
-    )
+    through = cylinder(site.centre, site.axis, site.length + 1.0, HOLE_RADIUS)
+    depth = _RECESS_DEPTH + 0.5
     ends = (
         [_along(site, side * (site.length + 1.0 - depth) / 2) for side in (-1, 1)]
         if site.length > 3 * depth
@@ -204,7 +209,8 @@ def _along(site: Site, offset: float) -> Triple:
 
 def _pin(site: Site) -> Iterator[Piece]:
     """A pin: hollow, its ends slit, with a collar a module from them."""
-    frame, half = frame_of(site.axis), site.length / 2
+    frame = frame_of(site.axis)
+    half = site.length / 2
     slits = tuple(
         Solid(Form.BOX, _along(site, side * half), (1.3, 9.0, 8.0), frame) for side in (-1, 1)
     )
@@ -225,9 +231,11 @@ def _teeth(part: Part) -> Iterator[Solid]:
     """The teeth of a gear, and the ring that they stand on."""
     gear = part.gears[0]
     width = min(gear.width, 2 * part.solids[0].half[2]) if part.family == "gears" else gear.width
-    root, tip = _root(gear), gear.pitch_radius + _TOOTH_HEIGHT
+    root = _root(gear)
+    tip = gear.pitch_radius + _TOOTH_HEIGHT
     if gear.form is GearForm.CROWN:  # its teeth stand on the rim, along the axis
-        root, tip = part.solids[0].half[0] - _TOOTH_HEIGHT - _TOOTH_DEPTH, part.solids[0].half[0]
+        root = part.solids[0].half[0] - _TOOTH_HEIGHT - _TOOTH_DEPTH
+        tip = part.solids[0].half[0]
     if part.family == "gears":
         yield ring(gear.centre, gear.axis, width, root, max(root - 4.0, 5.0))
     first, second, axis = (np.array(direction) for direction in frame_of(gear.axis))
@@ -254,7 +262,8 @@ def _cable(part: Part) -> Iterator[Piece]:
 
 def solids_meet(solid: Solid, other: Solid) -> bool:
     """Whether the bounding boxes of two solids touch."""
-    first, second = solid.corners(), other.corners()
+    first = solid.corners()
+    second = other.corners()
     return bool(
         (
             (first.min(axis=0) <= second.max(axis=0)) & (second.min(axis=0) <= first.max(axis=0))

@@ -17,7 +17,8 @@ _CHORD_ERROR = 0.3
 """Largest distance of a circle from the polygon that is drawn for it."""
 _ON_AXIS = 1e-9
 """Radii of a profile below this lie on its axis, where triangles have no area."""
-_SPREAD, _OFFSET = 0.9, 0.05
+_SPREAD = 0.9
+_OFFSET = 0.05
 """Sample points around a triangle: share of the way from its middle to its corners, and distance
 from it, LDU."""
 _DISC_OFFSET = 0.15
@@ -51,18 +52,14 @@ def surface_of(part: Part) -> Surface:
 def _solid(solid: Solid) -> Floats:
     """Triangles [n, 3, 3] of a solid: a profile of (radius, height), each up to 1, all around its
     third axis."""
-    sides, phase, scale = (
-        circle_sides(solid.half[0], _CHORD_ERROR),
-        0.0,
-        np.array([solid.half[0], solid.half[0], solid.half[2]]),
-    )
+    sides = circle_sides(solid.half[0], _CHORD_ERROR)
+    phase = 0.0
+    scale = np.array([solid.half[0], solid.half[0], solid.half[2]])
     profile = [(0.0, -1.0), (1.0, -1.0), (1.0, 1.0), (0.0, 1.0)]
     if solid.form is Form.BOX:
-        sides, phase, scale = (
-            4,
-            math.pi / 4,
-            np.array(solid.half) * [math.sqrt(2), math.sqrt(2), 1.0],
-        )
+        sides = 4
+        phase = math.pi / 4
+        scale = np.array(solid.half) * [math.sqrt(2), math.sqrt(2), 1.0]
     elif solid.form is Form.RING:
         inner = solid.half[1] / solid.half[0]
         profile = [(inner, -1.0), (1.0, -1.0), (1.0, 1.0), (inner, 1.0), (inner, -1.0)]
@@ -97,7 +94,8 @@ def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Flo
         outer, inner = (
             offset_points(triangles, distance).reshape(-1, 3) for distance in (_OFFSET, -_OFFSET)
         )
-        covered, duplicate = np.zeros(len(outer), dtype=bool), np.zeros(len(outer), dtype=bool)
+        covered = np.zeros(len(outer), dtype=bool)
+        duplicate = np.zeros(len(outer), dtype=bool)
         for other, solid in enumerate(solids):
             if not solids_meet(solids[number], solid):
                 continue

@@ -11,7 +11,8 @@ from bricktwin.plans.geometry import Bools, Floats, Solid, Triple
 
 HOLE_RADIUS = 6.2
 """Radius of pin and axle holes; that of a pin is 6."""
-_RECESS, _RECESS_DEPTH = 2.0, 2.0
+_RECESS = 2.0
+_RECESS_DEPTH = 2.0
 """By how much the ends of a pin hole are wider, for a pin's collar or an axle's stop."""
 
 

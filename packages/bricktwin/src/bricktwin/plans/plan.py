@@ -16,7 +16,8 @@ from bricktwin.plans.geometry import Floats, Triple, triple
 from bricktwin.plans.ldraw_file import Document, LineFault, Marks, Model, Reference
 from bricktwin.plans.part import Device, DeviceKind, Part
 
-MAX_PARTS, MAX_DEPTH = 10_000, 16
+MAX_PARTS = 10_000
+MAX_DEPTH = 16
 _MAIN_COLOUR = 16
 _STRETCHED = "'{}' is stretched; place it without scaling"
 
@@ -76,7 +77,9 @@ class Placed(Marks):
         stops_deg = self.stops_deg if reference.stops_deg is None else reference.stops_deg
         if reference.port is None:
             return replace(self, stops_deg=stops_deg)
-        port, device, angle_deg = reference.port, reference.device, reference.angle_deg
+        port = reference.port
+        device = reference.device
+        angle_deg = reference.angle_deg
         return replace(self, port=port, device=device, angle_deg=angle_deg, stops_deg=stops_deg)
 
     @property
@@ -197,13 +200,13 @@ def make_plan(document: Document, path: Path | None = None) -> Plan:
         )
         for number, references in sorted(builder.unknown.items())
     )
-    title, faults = (
-        document.main.title or Path(document.path).stem,
-        (*document.faults, *builder.faults),
-    )
+    title = document.main.title or Path(document.path).stem
+    faults = (*document.faults, *builder.faults)
     if faults and not (builder.parts or unknown):
         raise PlanError(f"{document.path}, line {faults[0].line}: {faults[0].text}")
-    parts, steps, drawn = tuple(builder.parts), tuple(builder.steps), tuple(builder.drawn)
+    parts = tuple(builder.parts)
+    steps = tuple(builder.steps)
+    drawn = tuple(builder.drawn)
     return Plan(
         document.path, title, document.robot, document.count, parts, steps, unknown, drawn, faults
     )
@@ -218,7 +221,8 @@ class SubModels:
     """
 
     def __init__(self, document: Document, path: Path | None) -> None:
-        self._document, self._path = document, path
+        self._document = document
+        self._path = path
         self._beside = None if path is None else ldraw_text.Beside(path)
         self._files: dict[Path, Document] = {}
         self._owners: dict[int, tuple[Document, Path]] = {}
@@ -313,7 +317,8 @@ class _Builder:
                 for own_line, ref, inner in lines
                 if inner is not None
             ]
-            step, groups = len(self.steps), tuple(group for group in joined if len(group) > 1)
+            step = len(self.steps)
+            groups = tuple(group for group in joined if len(group) > 1)
             placed = [
                 self._place(ref, step, assembly, model) for _, ref, inner in lines if inner is None
             ]
@@ -440,7 +445,8 @@ class _Builder:
         if reference.is_stretched:
             self.faults.append(LineFault(reference.line, _STRETCHED.format(reference.name)))
             return None
-        rotation, marks = reference.matrix, reference.marks
+        rotation = reference.matrix
+        marks = reference.marks
         # editors mirror halves of a model; a symmetric part can be turned instead
         if np.linalg.det(rotation) < 0.0:
             if part.mirror is None:
@@ -481,5 +487,6 @@ class _Builder:
 def _located(reference: Reference, place: Reference) -> Reference:
     """A reference in a model, in the frame of the model's place and with its colour."""
     colour = place.colour if reference.colour == _MAIN_COLOUR else reference.colour
-    matrix, offset = place.matrix @ reference.matrix, place.matrix @ reference.offset + place.offset
+    matrix = place.matrix @ reference.matrix
+    offset = place.matrix @ reference.offset + place.offset
     return replace(reference, colour=colour, matrix=matrix, offset=offset)

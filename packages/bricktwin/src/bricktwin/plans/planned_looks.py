@@ -135,7 +135,8 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
         make, axes = _DETAILED[device]
         drawing = make()
     elif part.wheel_mm > _SPOKED_MM:
-        drawing, axes = drawings.wheel(part.wheel_mm), _WHEEL_AXES
+        drawing = drawings.wheel(part.wheel_mm)
+        axes = _WHEEL_AXES
     else:
         return []
     turn = np.zeros((3, 3))  # from the part's axes to ours
@@ -187,8 +188,10 @@ def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[drawin
     for placed, device in devices:
         if hub is None or placed is hub or device is None or placed.port not in sockets:
             continue
-        socket, plug = np.array(sockets[placed.port]), np.array(device.plug)
-        outward, back = np.sign(socket) * [_BEND, 0.0, 0.0], np.sign(plug) * [0.0, 0.0, _BEND]
+        socket = np.array(sockets[placed.port])
+        plug = np.array(device.plug)
+        outward = np.sign(socket) * [_BEND, 0.0, 0.0]
+        back = np.sign(plug) * [0.0, 0.0, _BEND]
         line = np.concatenate(
             [
                 hub.to_plan(np.stack([socket, socket + outward])),

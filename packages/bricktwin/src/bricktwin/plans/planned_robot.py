@@ -96,7 +96,8 @@ def planned(plan: Plan) -> PlannedRobot:
     return PlannedRobot(plan, gear_trains, articulation(robot_mechanism, gear_trains))
 
 
-_STEP_DEG, _FINE_DEG = 5.0, 0.5
+_STEP_DEG = 5.0
+_FINE_DEG = 0.5
 """Steps of the search, degrees of the driven part: coarse and fine."""
 _LEAST_WAY_DEG = 5.0
 """Less than this between two stops is no way, degrees of the driven part."""
@@ -130,7 +131,8 @@ def stops_deg(planned: PlannedRobot, port: str) -> tuple[float, float] | None:
         or any(wheel.link in carried for wheel in articulation.wheels)
     ):
         return None
-    start, turn = planned.device(port).angle_deg, 360.0 * abs(drive.gear)
+    start = planned.device(port).angle_deg
+    turn = 360.0 * abs(drive.gear)
     low, high = free_deg(planned, port, start - turn, start + turn)
     is_all_around = low <= start - turn or high >= start + turn
     is_locked = high - low < _LEAST_WAY_DEG * abs(drive.gear)  # as it is drawn too closely
@@ -150,16 +152,15 @@ class _Sweep:
     """Collision test of the parts that a motor moves."""
 
     def __init__(self, planned: PlannedRobot, drive: Drive) -> None:
-        articulation, motor = planned.articulation, planned.device(drive.port)
+        articulation = planned.articulation
+        motor = planned.device(drive.port)
         sites = tuple(site for site in motor.part.sites if not site.turns)
         # Without the motor's disc, which turns with the driven parts.
         case = replace(motor, part=replace(motor.part, turning=(), sites=sites))
         self._parts = tuple(case if part is motor else part for part in planned.plan.parts)
         # In the plan's frame, LDU.
-        self._axis, self._point = (
-            TO_TWIN.T @ drive.joint.axis,
-            TO_TWIN.T @ drive.joint.point_m / M_PER_LDU,
-        )
+        self._axis = TO_TWIN.T @ drive.joint.axis
+        self._point = TO_TWIN.T @ drive.joint.point_m / M_PER_LDU
         carried = carried_by(articulation, drive)
         self._moved = {part for body in carried for part in articulation.bodies[body].parts}
         self._others = np.ones(len(self._parts), dtype=bool)
@@ -178,7 +179,8 @@ class _Sweep:
         """Collision-free part of a travel, degrees of the driven part."""
         if not self._is_clear_at_start:
             return 0.0
-        sign, free = math.copysign(1.0, travel_deg), 0.0
+        sign = math.copysign(1.0, travel_deg)
+        free = 0.0
         while free < abs(travel_deg):
             blocked = min(free + _STEP_DEG, abs(travel_deg))
             if self._is_clear(sign * blocked):
@@ -193,7 +195,8 @@ class _Sweep:
         return travel_deg
 
     def _is_clear(self, angle_deg: float) -> bool:
-        turn, parts = rotation(self._axis, math.radians(angle_deg)), list(self._parts)
+        turn = rotation(self._axis, math.radians(angle_deg))
+        parts = list(self._parts)
         for index in self._moved:
             placed = parts[index]
             position = turn @ (placed.position - self._point) + self._point

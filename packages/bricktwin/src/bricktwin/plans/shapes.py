@@ -16,7 +16,9 @@ _CHORD_ERROR_MM = 0.12
 _SHARP = np.cos(np.radians(38.0))
 """Cosine of the smallest angle between two faces whose edge is drawn sharp."""
 
-X_AXIS, Y_AXIS, Z_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+X_AXIS = (1.0, 0.0, 0.0)
+Y_AXIS = (0.0, 1.0, 0.0)
+Z_AXIS = (0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -59,11 +61,10 @@ def box(length: float, width: float, height: float, radius: float = 0.6, arc: in
     polar = np.concatenate([quarter, quarter + math.pi / 2])
     azimuth = np.concatenate([quarter + quadrant * math.pi / 2 for quadrant in range(4)])
     signs_z = np.repeat([1.0, -1.0], arc + 1)
-    signs_x, signs_y = (
-        np.repeat([1.0, -1.0, -1.0, 1.0], arc + 1),
-        np.repeat([1.0, 1.0, -1.0, -1.0], arc + 1),
-    )
-    rows, columns = len(polar), len(azimuth)
+    signs_x = np.repeat([1.0, -1.0, -1.0, 1.0], arc + 1)
+    signs_y = np.repeat([1.0, 1.0, -1.0, -1.0], arc + 1)
+    rows = len(polar)
+    columns = len(azimuth)
     normals = np.empty((rows, columns, 3))
     normals[..., 0] = np.sin(polar)[:, None] * np.cos(azimuth)
     normals[..., 1] = np.sin(polar)[:, None] * np.sin(azimuth)
@@ -103,15 +104,19 @@ def turned(profile: Sequence[tuple[float, float]]) -> Shape:
     """Solid of revolution about z. ``profile``: (radius, z) from the top of the axis outwards and
     down to its bottom; all edges are sharp."""
     segments = circle_sides(max(radius for radius, _ in profile), _CHORD_ERROR_MM)
-    parts, angles = [], np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
+    parts = []
+    angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
     for (radius_0, z_0), (radius_1, z_1) in itertools.pairwise(profile):
         slope = np.array([z_0 - z_1, radius_1 - radius_0])
         across, up = slope / max(float(np.hypot(*slope)), 1e-9)
         rim = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        points, normals = np.empty((2, segments, 3)), np.empty((2, segments, 3))
+        points = np.empty((2, segments, 3))
+        normals = np.empty((2, segments, 3))
         for row, (radius, z) in enumerate(((radius_0, z_0), (radius_1, z_1))):
-            points[row, :, :2], points[row, :, 2] = radius * rim, z
-        normals[..., :2], normals[..., 2] = across * rim, up
+            points[row, :, :2] = radius * rim
+            points[row, :, 2] = z
+        normals[..., :2] = across * rim
+        normals[..., 2] = up
         left, right = np.split(_grid(2, segments), 2)
         # on the axis, triangles have no area
         faces = [left] * (radius_1 > 0) + [right] * (radius_0 > 0)
@@ -152,7 +157,8 @@ def discs(radius: float, distance: float, segments: int = 10) -> Shape:
 
 def ring(outer: float, inner: float, length: float) -> Shape:
     """Flat ring along z, centred."""
-    half, bevel = length / 2, min(0.6, length / 4)
+    half = length / 2
+    bevel = min(0.6, length / 4)
     edge = [
         (outer - bevel, half),
         (outer, half - bevel),
@@ -168,7 +174,9 @@ def extruded(outline: Floats, height: float, bevel: float = 0.4) -> Shape:
     edges = np.roll(outline, -1, axis=0) - np.roll(outline, 1, axis=0)
     outwards = np.stack([edges[:, 1], -edges[:, 0]], axis=-1)
     outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
-    inner, half, count = outline - bevel * outwards, height / 2, len(outline)
+    inner = outline - bevel * outwards
+    half = height / 2
+    count = len(outline)
     rings = [(inner, half), (outline, half - bevel), (outline, bevel - half), (inner, -half)]
     levels = np.stack([np.column_stack([points, np.full(count, z)]) for points, z in rings])
     side = np.column_stack([outwards, np.zeros(count)])
@@ -202,7 +210,8 @@ def rounded_rectangle(length: float, width: float, radius: float) -> Floats:
 
 def tube(points: Sequence[Triple], radius: float, steps: int = 14, segments: int = 8) -> Shape:
     """Tube along a Bezier curve with these control points."""
-    order, t = len(points) - 1, np.linspace(0.0, 1.0, steps)[:, None]
+    order = len(points) - 1
+    t = np.linspace(0.0, 1.0, steps)[:, None]
     path = sum(
         math.comb(order, i) * t**i * (1 - t) ** (order - i) * np.array(point)
         for i, point in enumerate(points)
@@ -241,7 +250,9 @@ def shape_of(triangles: Floats) -> Shape | None:
     area."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(cross, axis=1)
-    triangles, cross, area = triangles[area > 1e-6], cross[area > 1e-6], area[area > 1e-6]
+    triangles = triangles[area > 1e-6]
+    cross = cross[area > 1e-6]
+    area = area[area > 1e-6]
     if not len(triangles):
         return None
     points = triangles.reshape(-1, 3)
@@ -262,7 +273,8 @@ def _grid(rows: int, columns: int) -> NDArray[np.int32]:
     row, column = np.meshgrid(np.arange(rows - 1), np.arange(columns), indexing="ij")
     a = (row * columns + column).ravel()
     b = (row * columns + (column + 1) % columns).ravel()
-    c, d = a + columns, b + columns
+    c = a + columns
+    d = b + columns
     return np.concatenate([np.stack([a, c, d], -1), np.stack([a, d, b], -1)]).astype(np.int32)
 
 

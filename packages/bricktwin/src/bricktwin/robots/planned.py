@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from bricktwin.plans.plan import Placed, Plan
     from bricktwin.plans.planned_robot import PlannedRobot
 
-_WHEEL_TOLERANCE_MM, _TRACK_TOLERANCE_MM = 0.5, 2.0
+_WHEEL_TOLERANCE_MM = 0.5
+_TRACK_TOLERANCE_MM = 2.0
 _RATIO_TOLERANCE = 0.01
 _ALIGNED_COSINE = 0.999
 _Mistake = tuple[int, str, str]
@@ -118,9 +119,12 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
             for name, look in LOOKS.items()
             if axis @ look > _ALIGNED_COSINE
         ]
-        port, train = placed.port or "", trains.get(placed.port or "")
+        port = placed.port or ""
+        train = trains.get(placed.port or "")
         gears, ratio = (train.gears, train.ratio) if train is not None else ((), 0.0)
-        name, part, stops_deg = placed.electric.name, placed.name, placed.stops_deg or ()
+        name = placed.electric.name
+        part = placed.name
+        stops_deg = placed.stops_deg or ()
         driven = (gears, ratio, *wheels.get(port, ()))
         return DeviceFacts(
             name, part, placed.line, port, placed.device, tuple(sides), stops_deg, *driven
@@ -194,7 +198,8 @@ def completed(
                     f"robot '{robot.name}': '{name}' turns no wheel in {robot.plan}; correct the "
                     "drive base"
                 )
-        left, right = driven[base.left], driven[base.right]
+        left = driven[base.left]
+        right = driven[base.right]
         base = replace(
             base,
             wheel_diameter_mm=base.wheel_diameter_mm or left.wheel_mm,
@@ -272,7 +277,8 @@ def disagreements(
 ) -> Iterator[_Mistake]:
     """Contradictions between a description, with these devices, drive base and hub sides, and a
     plan."""
-    name, hub = robot.name, robot.hub.value
+    name = robot.name
+    hub = robot.hub.value
     parts = {part.port: part for part in (*design.motors, *design.sensors)}
     for hub_part in design.hubs:
         if hub_part.name != hub:
@@ -383,7 +389,8 @@ def check_named(plan: Plan) -> list[Finding]:
     from bricktwin.plans.planned_robot import planned
 
     try:
-        robot, design = robots.get(plan.robot), facts_of(planned(plan))
+        robot = robots.get(plan.robot)
+        design = facts_of(planned(plan))
     except UnknownNameError as error:
         return [Finding("wiring", Outcome.ERROR, str(error))]
     except PlanError:

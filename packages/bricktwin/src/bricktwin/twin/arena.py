@@ -33,9 +33,12 @@ from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
 from bricktwin.twin.senses import SummedNoise, Turns, clockwise_deg
 
-_WALL_HALF_HEIGHT_M, _WALL_HALF_WIDTH_M = 0.04, 0.012
-_WALL_RGB, _LOAD_RGB = (0.55, 0.58, 0.62), (0.85, 0.55, 0.15)
-_MAX_DRAWS, _DRAWS_AT_ONCE = 20_000, 200
+_WALL_HALF_HEIGHT_M = 0.04
+_WALL_HALF_WIDTH_M = 0.012
+_WALL_RGB = (0.55, 0.58, 0.62)
+_LOAD_RGB = (0.85, 0.55, 0.15)
+_MAX_DRAWS = 20_000
+_DRAWS_AT_ONCE = 200
 _MAX_MOTORS = 31
 """Number of actuator groups that MuJoCo can disable."""
 
@@ -158,7 +161,8 @@ def _built(arena: Arena) -> mujoco.MjSpec:
         for geom in child.geoms:
             if geom.contype:  # robots collide with one another and with their surroundings
                 others = sum(2 << other for other in range(len(arena.robots)) if other != number)
-                geom.contype, geom.conaffinity = 1 | 2 << number, others
+                geom.contype = 1 | 2 << number
+                geom.conaffinity = others
         for light in list(child.lights):
             child.delete(light)
         child.option.jacobian = spec.option.jacobian  # one for all
@@ -180,7 +184,8 @@ def _built(arena: Arena) -> mujoco.MjSpec:
 
 def _add_walls(world: mujoco.MjsBody, half_x_m: float, half_y_m: float) -> None:
     for axis, side in ((0, 1), (0, -1), (1, 1), (1, -1)):
-        position, size = [0.0, 0.0, _WALL_HALF_HEIGHT_M], [half_x_m, half_y_m, _WALL_HALF_HEIGHT_M]
+        position = [0.0, 0.0, _WALL_HALF_HEIGHT_M]
+        size = [half_x_m, half_y_m, _WALL_HALF_HEIGHT_M]
         position[axis] = side * ((half_x_m, half_y_m)[axis] + _WALL_HALF_WIDTH_M)
         size[axis] = _WALL_HALF_WIDTH_M
         add_geom(world, f"wall_{axis}{'+' if side > 0 else '-'}", position, size, _WALL_RGB)
@@ -222,7 +227,8 @@ class ArenaWorld:
         self._nominal = _compiled(arena)
         self.model = copy.copy(self._nominal)
         self.data = mujoco.MjData(self.model)
-        self.time_ms, self.steps = 0, 0
+        self.time_ms = 0
+        self.steps = 0
         self.runners: list[Callable[[int], None]] = []
         self.on_time: Callable[[int], None] = lambda _: None
         self._target_ms: dict[int, int] = {}
@@ -330,16 +336,19 @@ class ArenaBody(MujocoBody):
         physics: Physics,
         seed: np.random.SeedSequence,
     ) -> None:
-        self.robot, self.scene, self._arena = contestant.robot, OPEN_FLOOR, world
+        self.robot = contestant.robot
+        self.scene = OPEN_FLOOR
+        self._arena = world
         self._use(physics)
-        self.model, self.data = world.model, world.data
-        self._number, self.steps = world.arena.robots.index(contestant), 0
-        self._noise, self._heading_noise = (
-            np.random.default_rng(seed),
-            SummedNoise(np.random.default_rng(seed.spawn(1)[0])),
-        )
+        self.model = world.model
+        self.data = world.data
+        self._number = world.arena.robots.index(contestant)
+        self.steps = 0
+        self._noise = np.random.default_rng(seed)
+        self._heading_noise = SummedNoise(np.random.default_rng(seed.spawn(1)[0]))
         self._bind(f"{contestant.name}/")
-        self._turns, self._heading_at_start_deg = Turns(), 0.0
+        self._turns = Turns()
+        self._heading_at_start_deg = 0.0
         self.coast()
 
     def reset(self, rng: Rng) -> None:

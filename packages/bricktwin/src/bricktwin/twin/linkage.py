@@ -19,7 +19,10 @@ from bricktwin.twin.scene import Goal
 
 _TURN_RAD = 0.25
 """Largest turn between two solutions, so that a linkage does not flip."""
-_MAX_STEPS, _STEP_RAD, _TOLERANCE, _OPEN = 8, 0.3, 1e-6, 1e-3
+_MAX_STEPS = 8
+_STEP_RAD = 0.3
+_TOLERANCE = 1e-6
+_OPEN = 1e-3
 
 
 def turn_joints(
@@ -44,7 +47,8 @@ def turn_joints(
 
 def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, passive: Sequence[int]) -> None:
     """Gauss-Newton from the present angles."""
-    addresses, dofs = model.jnt_qposadr[passive], model.jnt_dofadr[passive]
+    addresses = model.jnt_qposadr[passive]
+    dofs = model.jnt_dofadr[passive]
     start = data.qpos[addresses].copy()
     for _ in range(_MAX_STEPS):
         gaps, slopes = _constraints(model, data)
@@ -86,12 +90,15 @@ class Linkage:
         spec = mujoco.MjSpec()
         self._gears = {f"motor_{drive.port}": drive.gear for drive in made.drives}
         drives = {drive.joint: f"motor_{drive.port}" for drive in made.drives}
-        bodies, origins = [spec.worldbody.add_body(name="body_0")], [np.zeros(3)]
+        bodies = [spec.worldbody.add_body(name="body_0")]
+        origins = [np.zeros(3)]
         for joint in made.joints:
             body = bodies[joint.parent].add_body(
                 name=f"body_{joint.child}", pos=joint.point_m - origins[joint.parent]
             )
-            body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0] * 3
+            body.explicitinertial = True
+            body.mass = 1.0
+            body.inertia = [1.0] * 3
             for number, axis in enumerate(np.eye(3) if joint.is_ball else [joint.axis]):
                 name = drives.get(joint, f"joint_{joint.child}_{number}")
                 body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
@@ -164,7 +171,8 @@ def sensed_qpos(
         tilt_deg: pitch (nose down positive) and roll (right side down positive), as reported by the
             hub.
     """
-    model, data = body.model, body.data
+    model = body.model
+    data = body.data
     motors = [motor for motor in body.robot.motors if motor.name in angles_deg]
     joints = [model.joint(f"motor_{motor.port}") for motor in motors]
     addresses = [int(joint.qposadr[0]) for joint in joints]
@@ -218,7 +226,8 @@ def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, fl
     drawn = np.flatnonzero(
         (model.body_weldid[model.geom_bodyid] != 0) & (model.geom_group != SHAPE_GROUP)
     )
-    middle, half = model.geom_aabb[drawn, :3], model.geom_aabb[drawn, 3:]
+    middle = model.geom_aabb[drawn, :3]
+    half = model.geom_aabb[drawn, 3:]
     frames = data.geom_xmat[drawn].reshape(-1, 3, 3)
     lowest = (
         data.geom_xpos[drawn, 2]

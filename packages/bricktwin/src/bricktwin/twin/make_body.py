@@ -124,7 +124,8 @@ def check_mujoco() -> None:
             backend,
             error,
         )
-        os.environ["MUJOCO_GL"], os.environ[ASKED_GL] = "disable", backend
+        os.environ["MUJOCO_GL"] = "disable"
+        os.environ[ASKED_GL] = backend
         for name in [
             name
             for name in sys.modules

@@ -26,7 +26,8 @@ from brickhub.robot import Robot
 
 _Log = TypeVar("_Log")
 _FORMAT = 1
-_REST_STEPS, _RUN_STEPS = 16, 16
+_REST_STEPS = 16
+_RUN_STEPS = 16
 _RUN_SHARE = 0.6
 
 
@@ -62,7 +63,9 @@ def record(
         link: open link to its hub.
     """
     first = link.read()
-    rows, answers, gaps_ms = [], [first], []
+    rows = []
+    answers = [first]
+    gaps_ms = []
     for row in commands:
         answer = link.act(row)
         idle_ms = answer.hub_time_ms - answers[-1].hub_time_ms - answer.round_trip_s * 1000
@@ -179,7 +182,8 @@ def _part(data: dict[str, Any]) -> Any:
     fields = {
         key: tuple(value) if isinstance(value, list) else value for key, value in data.items()
     }
-    named, kinds = fields.pop("kind", None), [Command, Channel, Wait, UntilDone]
+    named = fields.pop("kind", None)
+    kinds = [Command, Channel, Wait, UntilDone]
     for kind in kinds:  # the list grows by all subclasses, including the user's
         kinds += kind.__subclasses__()
     kinds = [kind for kind in kinds if kind.__name__ == named and not inspect.isabstract(kind)]

@@ -29,14 +29,16 @@ from bricktwin.twin.scene import Scene
 from bricktwin.twin.senses import FixedBase, FloatingBase, SummedNoise, Turns, Vector, WorldSenses
 from bricktwin.twin.stance import Feet, refuse_overlap, standing_pose
 
-_NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
+_NEAREST_MM = UltrasonicSensor.NEAREST_MM
+_FARTHEST_MM = UltrasonicSensor.FARTHEST_MM
 _CONE_DEG = (-12.0, -6.0, 0.0, 6.0, 12.0)
 _SETTLING_STEPS = 400
 _FAR_M = 100.0
 _GRAVITY_MM_S2 = 9810.0
 # Steps between two updates of the turns: few enough that no robot turns by half a turn.
 _STEPS_PER_UPDATE = 20
-STEPS_PER_LOAD, _LOADS_PER_AVERAGE = 2, 128
+STEPS_PER_LOAD = 2
+_LOADS_PER_AVERAGE = 128
 _AT_REST = 5e-3
 """Speed of each joint below which a robot is at rest, m/s and rad/s."""
 _HELD_KG_M2 = 1e3
@@ -102,12 +104,11 @@ class MujocoBody:
         self._bind()
         self._apply(Physics() if isinstance(physics, RandomPhysics) else physics)
         noise_seed, start_seed, heading_seed = np.random.SeedSequence(seed).spawn(3)
-        self._noise, self._heading_noise = (
-            np.random.default_rng(noise_seed),
-            SummedNoise(np.random.default_rng(heading_seed)),
-        )
+        self._noise = np.random.default_rng(noise_seed)
+        self._heading_noise = SummedNoise(np.random.default_rng(heading_seed))
         self.steps = self._steps_since_update = 0
-        self._turns, self._heading_at_start_deg = Turns(), 0.0
+        self._turns = Turns()
+        self._heading_at_start_deg = 0.0
         self._settle()
         self._check_starts()
         self.reset(np.random.default_rng(start_seed))
@@ -125,18 +126,18 @@ class MujocoBody:
     def _bind(self, prefix: str = "") -> None:
         """Look up all names and arrays once; ``prefix`` begins the names of this robot in an
         arena."""
-        model, data = self.model, self.data
+        model = self.model
+        data = self.data
         root = int(model.body(f"{prefix}chassis").jntadr[0]) if prefix else 0
-        self.chassis, self.moves = (
-            int(model.jnt_bodyid[root]),
-            bool(model.jnt_type[root] == mujoco.mjtJoint.mjJNT_FREE),
-        )
+        self.chassis = int(model.jnt_bodyid[root])
+        self.moves = bool(model.jnt_type[root] == mujoco.mjtJoint.mjJNT_FREE)
         self._bind_motors(prefix)
         self._backlash = _backlash_joints(model)
         feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
         # Nothing stands on one foot; in an arena a robot keeps the stance in which it has settled.
         self._feet = Feet(model, feet) if len(feet) > 1 and not prefix else None
-        self.base_address, dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
+        self.base_address = int(model.jnt_qposadr[root])
+        dof = int(model.jnt_dofadr[root])
         imu = f"{prefix}imu"
         self._base = (
             FloatingBase(model, data, self.base_address, dof, imu)
@@ -153,14 +154,17 @@ class MujocoBody:
         # Other robots are obstacles too, but not this one.
         self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP] if prefix else OBSTACLE_GROUP] = 1
         self._undetected_body = self.chassis if prefix else -1
-        self._qpos, self._qvel, self._options = data.qpos, data.qvel, model.opt
+        self._qpos = data.qpos
+        self._qvel = data.qvel
+        self._options = model.opt
         # NumPy is slow for single values.
         self._joint_positions = cast("memoryview[float]", memoryview(data.qpos))
         self._voltages_v = cast("memoryview[float]", memoryview(data.ctrl))
         self._torques_nm = cast("memoryview[float]", memoryview(data.actuator_force))
 
     def _bind_motors(self, prefix: str) -> None:
-        model, ports = self.model, [motor.port for motor in self.robot.motors]
+        model = self.model
+        ports = [motor.port for motor in self.robot.motors]
         base = self.robot.drive_base
         wheels = (
             []
@@ -238,7 +242,8 @@ class MujocoBody:
 
     def _use(self, physics: Physics) -> None:
         """Set the parameters that are not the model's."""
-        self.physics, self.link = physics, physics.link
+        self.physics = physics
+        self.link = physics.link
         self._up = _up(physics)
         self.battery_mv = round(physics.battery_v * 1000)
         self._terminal_v = self._average_v = physics.battery_v
@@ -258,7 +263,8 @@ class MujocoBody:
         self._use(physics)
         set_physics(model, self._nominal, physics, [self], range(model.nbody))
         for joint in self._backlash:
-            play, address = model.jnt_range[joint, 1], model.jnt_qposadr[joint]
+            play = model.jnt_range[joint, 1]
+            address = model.jnt_qposadr[joint]
             self._qpos[address] = min(max(self._qpos[address], -play), play)
 
     def coast(self) -> None:
@@ -353,12 +359,15 @@ class MujocoBody:
         present leg angles on legs."""
         if self._feet is None:
             return self._standing
-        model, data = self.model, self.data
+        model = self.model
+        data = self.data
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         chassis = self.chassis
-        frame, origin = data.xmat[chassis].reshape(3, 3), data.xpos[chassis]
-        points_m, centre_m = self._feet.points_m(data) - origin, data.subtree_com[chassis] - origin
+        frame = data.xmat[chassis].reshape(3, 3)
+        origin = data.xpos[chassis]
+        points_m = self._feet.points_m(data) - origin
+        centre_m = data.subtree_com[chassis] - origin
         quaternion, height_m = standing_pose(points_m @ frame, centre_m @ frame)
         return quaternion, height_m + self._feet.radius_m
 
@@ -407,10 +416,13 @@ class MujocoBody:
         current from it. The firmware chooses the share by its slow average (Pybricks'
         ``battery.c``).
         """
-        voltages, torques, power_w = self._voltages_v, self._torques_nm, 0.0
+        voltages = self._voltages_v
+        torques = self._torques_nm
+        power_w = 0.0
         for motor, amperes_per_nm in self._amperes:
             power_w += voltages[motor] * torques[motor] * amperes_per_nm
-        before_v, physics = self._terminal_v, self.physics
+        before_v = self._terminal_v
+        physics = self.physics
         self._terminal_v = terminal_v = physics.battery_v - physics.battery_ohm * power_w / before_v
         change = terminal_v / before_v
         for motor, _ in self._amperes:
@@ -452,7 +464,9 @@ class MujocoBody:
             return _FARTHEST_MM
         position, rays = self._sonars[port]
         origin = self._base.in_world(position) + self._base.position()
-        nearest_mm, geom, normal = math.inf, np.empty(1, np.int32), np.empty(3)
+        nearest_mm = math.inf
+        geom = np.empty(1, np.int32)
+        normal = np.empty(3)
         for ray in rays:
             direction = self._base.in_world(ray)
             distance_m = mujoco.mj_ray(
@@ -495,10 +509,8 @@ class MujocoBody:
         if sense is Sense.COUNT:
             return 0.0
         position, frame = self._sensor_frames[port]
-        eye, gaze = (
-            self._base.in_world(position) + self._base.position(),
-            self._base.in_world(frame[:, 0].copy()),
-        )
+        eye = self._base.in_world(position) + self._base.position()
+        gaze = self._base.in_world(frame[:, 0].copy())
         if sense is Sense.DISTANCE:
             return 100.0 * min(
                 self._world.distance_mm(eye, gaze) / INFRARED_MM[self._sensor_kinds[port]], 1.0
@@ -529,15 +541,11 @@ class MujocoBody:
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
         """Gyroscope in the frame of the hub, with noise, scale error and drift; counter-clockwise
         about each axis is positive."""
-        scale, noise_deg_s, drift_deg_s = (
-            self._gyro_scale,
-            self.physics.gyro_noise_deg_s,
-            self.physics.gyro_drift_deg_min / 60.0,
-        )
-        rates, noise = (
-            self._base.angular_velocity().tolist(),
-            self._noise.standard_normal(3).tolist(),
-        )
+        scale = self._gyro_scale
+        noise_deg_s = self.physics.gyro_noise_deg_s
+        drift_deg_s = self.physics.gyro_drift_deg_min / 60.0
+        rates = self._base.angular_velocity().tolist()
+        noise = self._noise.standard_normal(3).tolist()
         # NumPy is slow for three values.
         x, y, z = (
             math.degrees(rate) * scale + (noise_deg_s * a - drift_deg_s)
@@ -683,13 +691,12 @@ def _add_side_load(
 ) -> None:
     """Add a point mass at the side of a chassis: mass, centre of mass and inertia change (parallel
     axis theorem)."""
-    model.body_ipos[body], model.body_iquat[body] = (
-        nominal.body_ipos[body],
-        nominal.body_iquat[body],
-    )
+    model.body_ipos[body] = nominal.body_ipos[body]
+    model.body_iquat[body] = nominal.body_iquat[body]
     if load_kg == 0.0:
         return
-    mass_kg, offset = float(model.body_mass[body]), np.array(SIDE_LOAD_OFFSET_M)
+    mass_kg = float(model.body_mass[body])
+    offset = np.array(SIDE_LOAD_OFFSET_M)
     frame = np.empty(9)
     mujoco.mju_quat2Mat(frame, nominal.body_iquat[body])
     axes = frame.reshape(3, 3)

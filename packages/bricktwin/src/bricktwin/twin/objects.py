@@ -77,7 +77,8 @@ class Line:
         """Start, rotation to the x axis, and length of each segment as complex numbers, ``[3, n]``,
         its middle, and how far from there it covers something, ``[n]`` each."""
         starts, ends = (points @ _COMPLEX for points in self.ends_mm)
-        lengths, turns = np.abs(ends - starts), np.exp(-1j * np.angle(ends - starts))
+        lengths = np.abs(ends - starts)
+        turns = np.exp(-1j * np.angle(ends - starts))
         return (
             np.stack([starts, turns, lengths]),
             (starts + ends) / 2,
@@ -244,7 +245,8 @@ Object = Line | Field | Wall | Block | Ramp | Lamp
 def oval(length_mm: float, width_mm: float) -> tuple[Point, ...]:
     """Points of a closed line with half circles as ends, of this total size, from the origin along
     x, then to the left."""
-    radius, straight = width_mm / 2, length_mm - width_mm
+    radius = width_mm / 2
+    straight = length_mm - width_mm
     if straight < 0 or radius <= 0:
         raise TwinError(
             f"scene: an oval of {length_mm} x {width_mm} mm; give a length of at least its width"

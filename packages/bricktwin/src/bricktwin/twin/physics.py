@@ -264,7 +264,8 @@ class Physics:
 
     def __post_init__(self) -> None:
         for name, parameter in PARAMETERS.items():
-            value, (low, high) = getattr(self, name), parameter.allowed_range
+            value = getattr(self, name)
+            (low, high) = parameter.allowed_range
             if not (math.isfinite(value) and low <= value <= high):
                 unit = "" if parameter.unit == "1" else f" {parameter.unit}"
                 raise TwinError(
@@ -347,12 +348,14 @@ class RandomPhysics:
 
     def sample(self, rng: Rng) -> Physics:
         """Draw the parameters."""
-        nominal, values = Physics(), {}
+        nominal = Physics()
+        values = {}
         drawn_link = nominal.with_link(
             DRAWN_LINKS[int(rng.uniform(0.0, 1.0) * len(DRAWN_LINKS)) % len(DRAWN_LINKS)]
         )
         for name, parameter in PARAMETERS.items():
-            default, link_value = getattr(nominal, name), getattr(drawn_link, name)
+            default = getattr(nominal, name)
+            link_value = getattr(drawn_link, name)
             bounds = (
                 (link_value, link_value) if name.startswith("link_") else parameter.random_range
             )

@@ -61,7 +61,9 @@ class SummedNoise:
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
-        self._rng, self._samples, self._sum = rng, 0, 0.0
+        self._rng = rng
+        self._samples = 0
+        self._sum = 0.0
 
     def deg(self, time_s: float, noise_deg_s: float) -> float:
         """The sum at a time, which must not decrease, for a noise of this standard deviation."""
@@ -81,7 +83,8 @@ class _Base(ABC):
     _frame: Vector
 
     def __init__(self, model: mujoco.MjModel, imu: str) -> None:
-        self._hub, self._to_hub = model.site(imu).pos.copy(), np.empty(4)
+        self._hub = model.site(imu).pos.copy()
+        self._to_hub = np.empty(4)
         mujoco.mju_negQuat(self._to_hub, model.site(imu).quat)
 
     @abstractmethod
@@ -106,7 +109,8 @@ class _Base(ABC):
 
     def up(self, vertical: Vector) -> Vector:
         """A direction [3] of the world in the hub's axes."""
-        from_world, rotated = np.empty(4), np.empty(3)
+        from_world = np.empty(4)
+        rotated = np.empty(3)
         mujoco.mju_negQuat(from_world, self.orientation())
         mujoco.mju_rotVecQuat(rotated, vertical, from_world)
         return self.in_hub(rotated)
@@ -141,8 +145,10 @@ class FloatingBase(_Base):
     def specific_force(self) -> Vector:
         """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2;
         at rest +9.81 upwards."""
-        spin, angular = self._spin, self._qacc[3:6]
-        to_hub, force = np.empty(4), np.empty(3)
+        spin = self._spin
+        angular = self._qacc[3:6]
+        to_hub = np.empty(4)
+        force = np.empty(3)
         mujoco.mju_negQuat(to_hub, self._frame)
         mujoco.mju_rotVecQuat(force, self._qacc[0:3] - self._gravity, to_hub)
         force += np.cross(angular, self._hub) + np.cross(spin, np.cross(spin, self._hub))
@@ -156,12 +162,14 @@ class FixedBase(_Base):
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, imu: str) -> None:
-        self._model, self._data = model, data
+        self._model = model
+        self._data = data
         self._site = int(model.site(imu).id)
         self._body = int(model.site_bodyid[self._site])
         super().__init__(model, imu)
         first = int(model.body_rootid[self._body])
-        self._position, self._frame = data.xpos[first], data.xquat[first]
+        self._position = data.xpos[first]
+        self._frame = data.xquat[first]
 
     def orientation(self) -> Vector:
         orientation: Vector = self._data.xquat[self._body].copy()
@@ -186,7 +194,8 @@ class FixedBase(_Base):
         return acceleration[3:6]
 
 
-_SPOT_MM, _SPOT_RATIO = 1.0, 0.3
+_SPOT_MM = 1.0
+_SPOT_RATIO = 0.3
 """Radius of the spot that a colour sensor sees: at zero distance, and its increase per
 millimetre."""
 _POINTS = 19
@@ -205,7 +214,9 @@ class WorldSenses:
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> None:
-        self._model, self._data, self._scene = model, data, scene
+        self._model = model
+        self._data = data
+        self._scene = scene
         self._marks = [(mark, np.array(COLORS[mark.color])) for mark in scene.marks]
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
         self._colors = {
@@ -216,7 +227,8 @@ class WorldSenses:
         self._obstacles[OBSTACLE_GROUP] = 1
         # Sunflower pattern: points that fill a disc evenly (Vogel 1979).
         number = np.arange(_POINTS) + 0.5
-        angle, radius = number * math.pi * (3.0 - math.sqrt(5.0)), np.sqrt(number / _POINTS)
+        angle = number * math.pi * (3.0 - math.sqrt(5.0))
+        radius = np.sqrt(number / _POINTS)
         self._disc = np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
         self._bare_floor = np.full((_POINTS, 3), FLOOR)
 
@@ -226,7 +238,8 @@ class WorldSenses:
         distance_m, geom = self._ray(eye_m, gaze)
         floor_m = float(-eye_m[2] / gaze[2]) if gaze[2] < -1e-6 else math.inf
         if floor_m < distance_m:
-            rgb, distance_m = self._floor(eye_m + floor_m * gaze, floor_m), floor_m
+            rgb = self._floor(eye_m + floor_m * gaze, floor_m)
+            distance_m = floor_m
         elif geom >= 0:
             rgb = self._colors.get(geom, _WALL_COLOR)
         else:

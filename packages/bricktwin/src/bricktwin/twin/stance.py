@@ -33,19 +33,19 @@ class Feet:
 
     def __init__(self, model: mujoco.MjModel, geoms: list[int]) -> None:
         self.radius_m = 0.0
-        centres, halves = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
+        centres = model.geom_aabb[geoms, :3]
+        halves = model.geom_aabb[geoms, 3:]
         signs = list(itertools.product((1, -1), repeat=3))
         is_round = np.isin(
             model.geom_type[geoms], (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE)
         ).all()
         if is_round and len(set(model.geom_size[geoms, 0])) == 1:
             self.radius_m = float(model.geom_size[geoms[0], 0])
-            halves, signs = (
-                np.column_stack([np.zeros((len(geoms), 2)), model.geom_size[geoms, 1]]),
-                [(1, 1, 1), (1, 1, -1)],
-            )
+            halves = np.column_stack([np.zeros((len(geoms), 2)), model.geom_size[geoms, 1]])
+            signs = [(1, 1, 1), (1, 1, -1)]
         offsets = [centres + halves * sign for sign in signs]
-        self._offsets_m, self._geoms = np.concatenate(offsets), np.tile(geoms, len(offsets))
+        self._offsets_m = np.concatenate(offsets)
+        self._geoms = np.tile(geoms, len(offsets))
 
     def points_m(self, data: mujoco.MjData) -> Floats:
         """The points in the world ``[n, 3]``, of the present positions of the geoms."""
@@ -69,7 +69,9 @@ def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
         frame's origin above the touching points, m.
     """
     triples = points[_triples(len(points))]
-    first, second, third = triples[:, 0], triples[:, 1], triples[:, 2]
+    first = triples[:, 0]
+    second = triples[:, 1]
+    third = triples[:, 2]
     normal = np.cross(second - first, third - first)
     normal *= np.where(normal[:, 2:] < 0.0, -1.0, 1.0)
     length = np.linalg.norm(normal, axis=1)

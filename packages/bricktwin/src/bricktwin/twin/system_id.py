@@ -34,8 +34,13 @@ OnReplay = Callable[[int, float], None]
 # Parameters that affect all angles. The others affect details, and are fitted after these.
 _STRONG = ("battery_v", "motor_friction_scale", "mass_scale")
 _STARTS = 2
-_WIDE, _NARROW = 0.15, 0.06  # of a parameter's range
-_SCAN, _LONG, _SHORT = 21, 20, 16  # replays per parameter
+# of a parameter's range
+_WIDE = 0.15
+_NARROW = 0.06
+# replays per parameter
+_SCAN = 21
+_LONG = 20
+_SHORT = 16
 # share of the randomization range: a parameter is identified if a deviation by this
 _DEVIATION = 0.25
 _MIN_RISE = 0.15  # raises the error by this share or more
@@ -136,7 +141,8 @@ def fit(
         )
     search = _Search(log, robot, scene, _noise(log), on_replay)
     before = search.errors(Physics())
-    physics, rises = Physics(**search.noise), {}
+    physics = Physics(**search.noise)
+    rises = {}
     if log.commands.any():
         physics = search.find(tuple(names), seed)
         rises = search.rises(physics, tuple(names))
@@ -162,7 +168,10 @@ class _Search:
     ) -> None:
         self.noise = noise
         self.replays = 0
-        self._log, self._robot, self._scene, self._on_replay = log, robot, scene, on_replay
+        self._log = log
+        self._robot = robot
+        self._scene = scene
+        self._on_replay = on_replay
         self._lowest = np.inf
         channels = log.interface.channels
         self._wraps = np.array([channel.wraps for channel in channels])
@@ -251,12 +260,11 @@ class _Search:
 
     def rises(self, best: Physics, names: tuple[str, ...]) -> dict[str, float]:
         """Relative rise of the error when one parameter is off, averaged over both sides."""
-        lowest, rises = max(self.error(best), _MIN_ERROR), {}
+        lowest = max(self.error(best), _MIN_ERROR)
+        rises = {}
         for name in names:
-            deviation, (low, high) = (
-                _DEVIATION * np.ptp(PARAMETERS[name].random_range),
-                PARAMETERS[name].allowed_range,
-            )
+            deviation = _DEVIATION * np.ptp(PARAMETERS[name].random_range)
+            (low, high) = PARAMETERS[name].allowed_range
             values = [getattr(best, name) + sign * deviation for sign in (-1.0, 1.0)]
             errors = [
                 self.error(replace(best, **{name: float(value)}))

@@ -68,7 +68,8 @@ def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
         raise CalibrationError(
             f"motor '{motor.name}' has no range, so no stops; calibrate it by hand"
         )
-    width, required = stops_deg[1] - stops_deg[0], motor.range_deg[1] - motor.range_deg[0]
+    width = stops_deg[1] - stops_deg[0]
+    required = motor.range_deg[1] - motor.range_deg[0]
     if width < required:
         raise CalibrationError(
             f"motor '{motor.name}' is blocked after {width} degrees and has to turn by "

@@ -209,11 +209,10 @@ def check_kit(
         before = {ports: device.reports for ports, device in link.devices.items()}
         radio.sleep(_WATCHED_S)
         for ports, device in link.devices.items():
-            lego, name = device.lego, f"{device.part.product.title} {ports}"
-            version, battery_pct = (
-                ".".join(map(str, lego.version_firmware)),
-                lego.info_device.batteryLevel,
-            )
+            lego = device.lego
+            name = f"{device.part.product.title} {ports}"
+            version = ".".join(map(str, lego.version_firmware))
+            battery_pct = lego.info_device.batteryLevel
             is_low = battery_pct < _LOW_BATTERY_PCT, Outcome.WARNING, ", charge it"
             yield judged(name, f"firmware {version}, battery {battery_pct} %", is_low)
             rate_hz = (device.reports - before[ports]) / _WATCHED_S
@@ -228,11 +227,9 @@ def check_hub(identity: HubIdentity | None, robot: Robot) -> Iterator[Finding]:
     hub."""
     if identity is None:
         return
-    kind, firmware, version = (
-        identity.kind,
-        identity.firmware,
-        ".".join(map(str, identity.profile_version)),
-    )
+    kind = identity.kind
+    firmware = identity.firmware
+    version = ".".join(map(str, identity.profile_version))
     if kind is not robot.hub:
         detail = (
             f"it is a {kind.value} hub, '{robot.name}' has a {robot.hub.value} hub; take "
@@ -241,10 +238,8 @@ def check_hub(identity: HubIdentity | None, robot: Robot) -> Iterator[Finding]:
         yield Finding("hub", Outcome.ERROR, detail)
     else:
         yield Finding("hub", Outcome.OK, f"'{identity.name}', {kind.value}, {identity.address}")
-    is_old, is_newer = (
-        firmware.partition(".")[0] in ("2", "3"),
-        identity.profile_version > NEWEST_PROFILE,
-    )
+    is_old = firmware.partition(".")[0] in ("2", "3")
+    is_newer = identity.profile_version > NEWEST_PROFILE
     yield judged(
         "firmware",
         f"Pybricks {firmware}, profile {version}",
@@ -270,8 +265,10 @@ def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
     """Port check: expected against connected device."""
     expected = {device.port: device for device in (*robot.motors, *robot.sensors)}
     for port in robot.hub.model.ports:
-        found_id, device = result.ports.get(port, 0), expected.get(port)
-        found_name, name = device_name(found_id), f"port {port}"
+        found_id = result.ports.get(port, 0)
+        device = expected.get(port)
+        found_name = device_name(found_id)
+        name = f"port {port}"
         if device is None:
             detail = "nothing is expected" + (
                 "" if not found_id else f", {found_name} is there, which does no harm"
@@ -312,7 +309,8 @@ def check_battery(hub: AnyHub, battery_mv: int) -> Finding:
     """Battery check: enough voltage for the motors."""
     # Below the first voltage the hub warns, below the second it soon switches off; limits of the
     # firmware (battery.c).
-    cells, lithium = (5400, 4800, "put fresh batteries in"), (6800, 6000, "charge it")
+    cells = (5400, 4800, "put fresh batteries in")
+    lithium = (6800, 6000, "charge it")
     low_mv, critical_mv, remedy = lithium if hub.model.is_rechargeable else cells
     return judged(
         "battery",
@@ -439,7 +437,8 @@ def _check_move(
     value = small_move(command, motors[0].range_deg, angles_before[0])
     name = f"motor {command.name}" if len(motors) == 1 else command.name
     link.act([value if i == index else 0.0 for i in range(len(interface.commands))])
-    after, end_s = before, link.now_s() + _TEST_MOVE_S
+    after = before
+    end_s = link.now_s() + _TEST_MOVE_S
     while link.now_s() < end_s:  # a step may end before its move does
         after = link.read().values
     if not command.ends:
@@ -479,7 +478,8 @@ def _check_move(
     )
 
 
-_TURNED_SHARE, _STILL_SHARE = 0.8, 0.15
+_TURNED_SHARE = 0.8
+_STILL_SHARE = 0.15
 """Shares of the expected turn of the hub: less than the first is slip, less than the second no turn
 at all, which is slip too if the other wheel turned the robot."""
 

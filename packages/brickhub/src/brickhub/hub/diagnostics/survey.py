@@ -191,7 +191,8 @@ def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str
         HubTimeoutError: the program took too long, or ended without that line.
         HubProgramError: the program raised.
     """
-    output, errors = io.BytesIO(), io.StringIO()
+    output = io.BytesIO()
+    errors = io.StringIO()
     code = run_program(transport, program, stdout=output, stderr=errors, time_limit_s=timeout_s)
     if code not in (0, TIME_LIMIT_EXIT_CODE):
         raise HubProgramError(describe_traceback(errors.getvalue(), program.source))

@@ -32,7 +32,8 @@ HOLD_S = 0.4
 of a hub."""
 _SILENCE_S = 1.0
 """Silence after which a device is taken for lost, whose reports come at least that often."""
-_CONNECT_S, _DISCONNECT_S = 20.0, 3.0
+_CONNECT_S = 20.0
+_DISCONNECT_S = 3.0
 _WAIT_S = 0.005
 _DRIVE_DEG_S = 400.0
 """Speed of wheels that drive a distance or turn by an angle: Pybricks' default, 40 % of the
@@ -47,7 +48,8 @@ class _Device:
     connection event before."""
 
     def __init__(self, part: KitPart, radio: Radio) -> None:
-        self.part, self._radio = part, radio
+        self.part = part
+        self._radio = radio
         self.lego: Any = vars(lego_package(is_silent=True))[part.product.title.replace(" ", "")]()
         self.arrived_s = self.before_s = -math.inf
         self.reports = 0
@@ -106,7 +108,9 @@ class KitLink(RobotLink):
 
     def __init__(self, radio: Radio, robot: Robot, interface: kinds.Interface) -> None:
         super().__init__(HOLD_S)
-        self._radio, self._robot, self._interface = radio, robot, interface
+        self._radio = radio
+        self._robot = robot
+        self._interface = interface
         for command in interface.commands:
             command.check(robot)
             if type(command) not in _MOVES:
@@ -128,7 +132,8 @@ class KitLink(RobotLink):
                 )
         self._parts = parts_of(robot)
         self.devices: dict[str, _Device] = {}
-        self._due_s, self._opened_s = -math.inf, 0.0
+        self._due_s = -math.inf
+        self._opened_s = 0.0
 
     def open(self) -> None:
         """Connect to all devices that are not connected; without effect on an open link.
@@ -151,7 +156,8 @@ class KitLink(RobotLink):
                     device.disconnect()
                 if not device.lego.connected:
                     device.connect()
-            self._opened_s, self._due_s = self.now_s(), -math.inf
+            self._opened_s = self.now_s()
+            self._due_s = -math.inf
             # before the package ends its thread, which it could not start again
             atexit.register(self.close)
             self.state = after(self.state, Cause.OPENED)
@@ -178,12 +184,10 @@ class KitLink(RobotLink):
         """
         self._require_open()
         self._radio.sleep(0.0)  # a world in real time catches up with what the caller took
-        started_s, settle, commands, given = (
-            self.now_s(),
-            self._interface.settle,
-            self._interface.commands,
-            list(values),
-        )
+        started_s = self.now_s()
+        settle = self._interface.settle
+        commands = self._interface.commands
+        given = list(values)
         if len(given) != len(commands) or not all(map(math.isfinite, given)):
             raise EncodingError(
                 f"{given} are no {len(commands)} numbers; give one for each command"

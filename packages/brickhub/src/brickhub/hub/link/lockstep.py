@@ -79,12 +79,10 @@ class HubLink(RobotLink):
         calibrate: Callable[[Robot], Robot] | None = None,
     ) -> None:
         super().__init__(WATCHDOG_MS / 1000)
-        self._robot, self._interface, self._pipe, self._calibrate = (
-            robot,
-            interface,
-            pipe,
-            calibrate,
-        )
+        self._robot = robot
+        self._interface = interface
+        self._pipe = pipe
+        self._calibrate = calibrate
         self.program = self._program_of(robot)
         self.wire = protocol.WireFormat(interface, robot)
         self._saturated = set[str]()  # channels of which that was said
@@ -99,7 +97,9 @@ class HubLink(RobotLink):
         self._least_watchdog_ms = _watchdog_ms(watchdog_s)
         self._watchdog_ms = WATCHDOG_MS
         self._seq = 0
-        self._frame, self._sent_s, self._written_s = b"", 0.0, -math.inf
+        self._frame = b""
+        self._sent_s = 0.0
+        self._written_s = -math.inf
         self._clock = HubClock()
         self._begin_to_listen()
 
@@ -262,7 +262,8 @@ class HubLink(RobotLink):
         self._run_program()
         self._clock = HubClock()
         self._seq = 0
-        self._watchdog_ms, self.statistics.watchdog_s = WATCHDOG_MS, WATCHDOG_MS / 1000
+        self._watchdog_ms = WATCHDOG_MS
+        self.statistics.watchdog_s = WATCHDOG_MS / 1000
         # The program sends a HELLO at its start; it is requested if that one does not come.
         check_hello(self._receive_hello() or self._request_hello(), self.program.hash)
         watchdog_ms = self._needed_watchdog_ms()
@@ -309,7 +310,8 @@ class HubLink(RobotLink):
     def _write(self, frame: bytes) -> None:
         """Write a frame, and time the round trip of its acknowledgement, which after a pause is
         longer but then keeps no motor waiting."""
-        started_s, before_s = self.now_s(), self._written_s
+        started_s = self.now_s()
+        before_s = self._written_s
         self._transport.write(frame)
         self._written_s = self.now_s()
         if started_s - before_s < PAUSE_MS / 1000:
@@ -322,7 +324,8 @@ class HubLink(RobotLink):
         Most keepalives of a long step tell the watchdog's time instead, which the hub may not have
         heard, and ask for no answer.
         """
-        limit_s, watchdog_s = longest_move_s + self._timeout_s, self._watchdog_ms / 1000
+        limit_s = longest_move_s + self._timeout_s
+        watchdog_s = self._watchdog_ms / 1000
         for number, time_s in enumerate(repeat_times_s(known_move_s, watchdog_s)):
             answer = self._wait_for(
                 self._is_answer, self._sent_s + min(time_s, limit_s) - self.now_s()
@@ -405,7 +408,8 @@ class HubLink(RobotLink):
 
     def _set_watchdog(self, watchdog_ms: int) -> None:
         self._write(_watchdog_frame(watchdog_ms))
-        self._watchdog_ms, self.statistics.watchdog_s = watchdog_ms, watchdog_ms / 1000
+        self._watchdog_ms = watchdog_ms
+        self.statistics.watchdog_s = watchdog_ms / 1000
 
     # ---- what the hub's program sends
 
@@ -430,7 +434,8 @@ class HubLink(RobotLink):
         """Take bytes, and count the invalid ones. Raises HubProgramError for a traceback among
         them."""
         decoder = self._decoder
-        crc_errors, skipped_bytes = decoder.crc_errors, decoder.skipped_bytes
+        crc_errors = decoder.crc_errors
+        skipped_bytes = decoder.skipped_bytes
         self._frames.extend(decoder.feed(data))
         self.statistics.crc_errors += decoder.crc_errors - crc_errors
         self.statistics.skipped_bytes += decoder.skipped_bytes - skipped_bytes

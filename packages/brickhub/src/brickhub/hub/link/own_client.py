@@ -117,7 +117,8 @@ class _AnswerDecoder(FrameDecoder):
 
     def __init__(self, size: int) -> None:
         super().__init__(size, {})
-        self._size, self.rest = size, b""
+        self._size = size
+        self.rest = b""
 
     def feed(self, data: bytes) -> list[Frame]:
         self.rest += data
@@ -125,7 +126,8 @@ class _AnswerDecoder(FrameDecoder):
             self._text = bytearray(self.rest[self.rest.index(_TRACEBACK) :])
             return []
         whole = len(self.rest) // self._size * self._size
-        answers, self.rest = self.rest[:whole], self.rest[whole:]
+        answers = self.rest[:whole]
+        self.rest = self.rest[whole:]
         return [DataFrame(1, answers[at : at + self._size]) for at in range(0, whole, self._size)]
 
 
@@ -218,7 +220,8 @@ class ClientLink(HubLink):
             remedy = "let it answer each command, and look whether the hub is on and near"
             raise HubTimeoutError(f"{self.program.name} sent {sent} within {limit_s:g} s; {remedy}")
         self._require_no_more()
-        round_trip_s, running_s = self.now_s() - self._sent_s, self.now_s() - self._started_s
+        round_trip_s = self.now_s() - self._sent_s
+        running_s = self.now_s() - self._started_s
         self.statistics.record(round_trip_s, 0.0)
         values = tuple(map(float, struct.unpack(self._client.answer, answer.payload)))
         if not all(map(math.isfinite, values)):

@@ -44,7 +44,8 @@ class RobotLink(ABC):
     """
 
     def __init__(self, watchdog_s: float) -> None:
-        self.state, self.statistics = LinkState.DISCONNECTED, LinkStatistics(watchdog_s=watchdog_s)
+        self.state = LinkState.DISCONNECTED
+        self.statistics = LinkStatistics(watchdog_s=watchdog_s)
         self._halted = threading.Event()
 
     @property

@@ -22,9 +22,11 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
-_RECENT, _RECENT_EXCHANGES = 200, 500
+_RECENT = 200
+_RECENT_EXCHANGES = 500
 _WRAP_MS = 1 << 16
-REPEATS_PER_WATCHDOG, _IN_SHORT_STEP = 6, 2
+REPEATS_PER_WATCHDOG = 6
+_IN_SHORT_STEP = 2
 
 
 class HubClock:
@@ -69,7 +71,8 @@ def repeat_times_s(move_s: float | None, watchdog_s: float) -> Iterator[float]:
     if move_s is None:
         return itertools.accumulate(itertools.repeat(longest_s))
     count = int(move_s / longest_s)
-    pause_s, overdue_s = move_s / (count + 1), watchdog_s / 2
+    pause_s = move_s / (count + 1)
+    overdue_s = watchdog_s / 2
     return itertools.accumulate(
         itertools.chain([pause_s] * count, [pause_s + overdue_s], itertools.repeat(overdue_s))
     )
@@ -79,7 +82,8 @@ def percentile(values: Iterable[float], percent: float) -> float:
     """Percentile of some values, interpolated between the two nearest; 0 for none."""
     ordered = sorted(values) or [0.0]
     position = (len(ordered) - 1) * (percent / 100)
-    low, high = ordered[math.floor(position)], ordered[math.ceil(position)]
+    low = ordered[math.floor(position)]
+    high = ordered[math.ceil(position)]
     share = position % 1
     return low + (high - low) * share if share < 0.5 else high - (high - low) * (1 - share)
 

@@ -54,7 +54,9 @@ def validate(robot: Robot, interface: Interface) -> None:
         for number in numbers:
             if counts[number.name] > 1:
                 raise number.error(f" is named {counts[number.name]} times; name each once")
-            low, high, largest = number.low, number.high, WIRE_MAX / number.scale
+            low = number.low
+            high = number.high
+            largest = WIRE_MAX / number.scale
             if not -largest <= low < high <= largest:
                 raise number.error(
                     f" ranges from {low} to {high}; give low < high within +-{largest:g}"
@@ -261,7 +263,8 @@ def _header(robot: Robot, interface: Interface, end: str = "") -> str:
 
 
 def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
-    motors, sensors = _motors(robot, interface), _sensors(robot, interface)
+    motors = _motors(robot, interface)
+    sensors = _sensors(robot, interface)
     names = {("pybricks.hubs", robot.hub.model.class_name)}
     names |= {("pybricks.pupdevices", motor.kind.model.class_name) for motor in motors}
     names |= {("pybricks.pupdevices", sensor.kind.value) for sensor in sensors}
@@ -426,7 +429,8 @@ def _from_zero(motor: Motor, angle: str) -> str:
     the range."""
     if not motor.turn_deg.is_integer():
         return f"{angle} - {motor.zero_deg}"
-    turn, middle = int(motor.turn_deg), sum(motor.range_deg or (0, 0)) // 2
+    turn = int(motor.turn_deg)
+    middle = sum(motor.range_deg or (0, 0)) // 2
     lowest = middle - turn // 2
     return f"({angle} - {motor.zero_deg + lowest}) % {turn} + {lowest}"
 
@@ -438,7 +442,8 @@ def _start_moves(robot: Robot, interface: Interface) -> str:
     ]
     calls: dict[str, list[tuple[Command, str]]] = {}
     for index, command in enumerate(interface.commands):
-        low, high = round(command.low * command.scale), round(command.high * command.scale)
+        low = round(command.low * command.scale)
+        high = round(command.high * command.scale)
         amount = f"whole(actions[{index}], {low}, {high}, {command.scale})"
         calls.setdefault(command.call or command.name, []).append((command, amount))
     for group in calls.values():

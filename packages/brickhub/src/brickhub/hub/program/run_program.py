@@ -168,7 +168,8 @@ def run_program(
     check_time_limit(time_limit_s)
     transcript = Transcript(stdout, stderr)
     transport.start(program)
-    pieces, pending = _pieces_of(stdin), b""
+    pieces = _pieces_of(stdin)
+    pending = b""
     deadline_s = None if time_limit_s is None else transport.now_s() + time_limit_s
     is_late = False
     try:

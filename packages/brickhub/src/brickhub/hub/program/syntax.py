@@ -92,7 +92,8 @@ def _with_parentheses(source: str) -> str:
             brackets.append([[]])
         for argument in arguments if token.string == ")" and len(arguments) > 1 else []:
             if any(part.string == "for" for part in argument):
-                (first_line, first), (last_line, last) = argument[0].start, argument[-1].end
+                (first_line, first) = argument[0].start
+                (last_line, last) = argument[-1].end
                 insertions += (
                     (starts[first_line - 1] + first, "("),
                     (starts[last_line - 1] + last, ")"),

@@ -281,7 +281,8 @@ def _matches(
 
 
 def _found_hub(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
-    name, kind = advertisement.local_name or device.name or "", None
+    name = advertisement.local_name or device.name or ""
+    kind = None
     # it does not say, or is another device with Pybricks' service
     with contextlib.suppress(errors.HubProtocolError):
         kind = parse_hub_kind((advertisement.service_data or {}).get(PNP_ID_UUID, b""), name)
@@ -310,7 +311,8 @@ class BleTransport(ProfileTransport):
         **options: Any,
     ) -> None:
         super().__init__(**options)
-        self._name, self._address = name, address
+        self._name = name
+        self._address = address
         self._backend = backend
 
     async def _find(self, timeout_s: float) -> Port:
@@ -336,11 +338,13 @@ class BlePort:
         def on_disconnect(_: BleakClient) -> None:
             self._on_loss("it is out of reach, or was switched off")
 
-        self.name, self.address = device.name or "", device.address
+        self.name = device.name or ""
+        self.address = device.address
         self._client = BleakClient(device, on_disconnect, timeout=timeout_s, backend=client_backend)
 
     async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
-        self._on_event, self._on_loss = on_event, on_loss
+        self._on_event = on_event
+        self._on_loss = on_loss
         with self._errors():
             await self._client.connect()
 

@@ -53,7 +53,8 @@ class Output:
     def end(self, kind: type[HubError], reason: str) -> None:
         """End the output. The last reason counts: the link may be lost after the program's end."""
         with self._changed:
-            self._end, self._reason = kind, reason
+            self._end = kind
+            self._reason = reason
             self._changed.notify_all()
 
     def contains(self, data: bytes) -> bool:
@@ -378,7 +379,8 @@ class HubConnection:
         before = self.status.flags if self._reports else Status(0)
         self._reports += 1
         self.status = report
-        set_flags, cleared_flags = report.flags & ~before, before & ~report.flags
+        set_flags = report.flags & ~before
+        cleared_flags = before & ~report.flags
         if set_flags & (Status.BATTERY_LOW | Status.BATTERY_EMPTY):
             _log.warning("the hub's battery is low; charge it soon")
         if set_flags & (Status.BATTERY_HOT | Status.BATTERY_TOO_HOT):

@@ -30,7 +30,8 @@ LEGO_COMPANY_ID = 0x0397
 STATUS_PERIOD_S = 0.5
 """Period of a hub's status reports; changes are reported at once."""
 
-OLDEST_PROFILE, NEWEST_PROFILE = (1, 3), (1, 7)
+OLDEST_PROFILE = (1, 3)
+NEWEST_PROFILE = (1, 7)
 """Versions of the profile that this module was written for. A newer one adds to them, by its
 promise."""
 _PEAK_PREFIX = "Peak-"
@@ -140,7 +141,8 @@ def parse_event(data: bytes) -> StatusReport | bytes | None:
         raise HubProtocolError(
             "a notification of the hub is empty; update its firmware on code.pybricks.com"
         )
-    kind, payload = data[0], data[1:]
+    kind = data[0]
+    payload = data[1:]
     if kind in (Event.WRITE_STDOUT, Event.WRITE_APP_DATA):
         return payload
     if kind != Event.STATUS_REPORT:

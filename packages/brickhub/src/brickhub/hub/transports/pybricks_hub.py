@@ -224,8 +224,10 @@ class ProfileTransport(ABC):
     def close(self) -> None:
         """Stop the program and disconnect. May be called in any state and repeatedly; failures are
         logged."""
-        loop, self._loop = self._loop, None
-        connection, self._connection = self._connection, None
+        loop = self._loop
+        self._loop = None
+        connection = self._connection
+        self._connection = None
         if loop is None:
             return
         atexit.unregister(self.close)
@@ -298,10 +300,8 @@ class ProfileTransport(ABC):
 
     async def _start(self, program: HubProgram, modules: dict[str, bytes]) -> None:
         connection = await self._connected()
-        kind, location = (
-            connection.identity.kind,
-            f"{connection.identity.address} slot {connection.status.slot}",
-        )
+        kind = connection.identity.kind
+        location = f"{connection.identity.address} slot {connection.status.slot}"
         if kind.model.stdin_bytes == 0 and program.says_hello:
             raise errors.HubProtocolError("a Move Hub cannot run our programs; use another hub")
         blob = program_blob(modules, kind)

@@ -120,9 +120,14 @@ _LAST_READ_S = 1.0
 _PLUGGED_IN_S = 6.0
 """Time limit to find and connect a hub for the first time; one that does not answer says so within
 it."""
-_SUBSCRIBE, _COMMAND, _READ = 1, 2, 3
-_RESPONSE, _EVENT, _VALUE = 1, 2, 3
-_STANDARD, _PYBRICKS = 1, 2
+_SUBSCRIBE = 1
+_COMMAND = 2
+_READ = 3
+_RESPONSE = 1
+_EVENT = 2
+_VALUE = 3
+_STANDARD = 1
+_PYBRICKS = 2
 _RESPONSE_BODY = struct.Struct("<BI")
 _SELECTOR = struct.Struct("<BH")
 _CHARACTERISTICS = {
@@ -207,11 +212,9 @@ class UsbTransport(ProfileTransport):
         )
 
     async def _find(self, timeout_s: float) -> Port:
-        hubs, port, first = (
-            await asyncio.to_thread(self._find_hubs),
-            self._serial_port,
-            self._first_hub,
-        )
+        hubs = await asyncio.to_thread(self._find_hubs)
+        port = self._serial_port
+        first = self._first_hub
         if first is not None:  # it may be at another port after it was plugged in again
             hubs = [hub for hub in hubs if hub.address == first.address]
         elif port is not None:
@@ -244,8 +247,10 @@ class UsbPort:
     )
 
     def __init__(self, hub: UsbHub, open_serial: OpenSerial) -> None:
-        self.name, self.address = hub.device, hub.address
-        self._hub, self._open_serial = hub, open_serial
+        self.name = hub.device
+        self.address = hub.address
+        self._hub = hub
+        self._open_serial = open_serial
         self._serial: SerialPort | None = None
         self._framer = Framer()
         self._is_closing = threading.Event()
@@ -255,7 +260,8 @@ class UsbPort:
 
     async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
         self._loop = asyncio.get_running_loop()
-        self._on_event, self._on_loss = on_event, on_loss
+        self._on_event = on_event
+        self._on_loss = on_loss
         with _serial_errors(f"open the serial port {self._hub.device}"):
             self._serial = await asyncio.to_thread(self._open_serial, self._hub.device)
         self._reader = threading.Thread(
@@ -290,7 +296,8 @@ class UsbPort:
             raise refusal(operation, code)
 
     async def close(self) -> None:
-        serial, self._serial = self._serial, None
+        serial = self._serial
+        self._serial = None
         if serial is None:
             return
         self._is_closing.set()
@@ -328,7 +335,8 @@ class UsbPort:
 
     def _handle(self, message: bytes) -> None:
         """Handle one message, in the event loop's thread; truncated ones are dropped."""
-        kind, body = message[0], message[1:]
+        kind = message[0]
+        body = message[1:]
         if kind == _EVENT:
             self._on_event(body)
         elif kind == _RESPONSE and len(body) >= _RESPONSE_BODY.size:

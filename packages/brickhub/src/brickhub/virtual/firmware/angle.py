@@ -62,7 +62,9 @@ def to_unit_float(angle: Angle, steps_per_unit: int) -> float:
 
 def _normalized(turns: int, mdeg: int) -> Angle:
     while mdeg > TURN_MDEG:
-        turns, mdeg = turns + 1, mdeg - TURN_MDEG
+        turns = turns + 1
+        mdeg = mdeg - TURN_MDEG
     while mdeg < -TURN_MDEG:
-        turns, mdeg = turns - 1, mdeg + TURN_MDEG
+        turns = turns - 1
+        mdeg = mdeg + TURN_MDEG
     return turns, mdeg

@@ -27,7 +27,8 @@ class PositionIntegrator:
 
     def __init__(self, settings: ControlSettings, time: int) -> None:
         self._settings = settings
-        self.running, self.pause_began = True, time
+        self.running = True
+        self.pause_began = time
         self.integral = self._paused_total = 0
 
     def trajectory_time(self, time: int) -> int:
@@ -44,7 +45,8 @@ class PositionIntegrator:
     def update(self, error: int, target_error: int) -> int:
         """Add the error of one control step, unless it winds up, and return the integral (mdeg
         s)."""
-        s, integral = self._settings, self.integral
+        s = self._settings
+        integral = self.integral
         change = trunc(error / LOOPS_PER_S)
         shrinks = abs(integral + change) < abs(integral)
         if not shrinks:
@@ -55,7 +57,8 @@ class PositionIntegrator:
                 change = trunc((rate if error > 0 else -rate) / LOOPS_PER_S)
                 shrinks = abs(integral + change) < abs(integral)
         if shrinks or s.integral_deadzone <= abs(target_error) <= s.saturation_error * 2:
-            integral, limit = integral + change, s.max_integral
+            integral = integral + change
+            limit = s.max_integral
             self.integral = integral = (
                 limit if integral > limit else -limit if integral < -limit else integral
             )
@@ -97,7 +100,8 @@ class SpeedIntegrator:
 
 def _stalls(s: ControlSettings, since: int, time: int, speed: int, reference_speed: int) -> bool:
     if reference_speed < 0:
-        reference_speed, speed = -reference_speed, -speed
+        reference_speed = -reference_speed
+        speed = -speed
     if reference_speed != 0 and speed > s.stall_speed:
         return False
     return time - since >= s.stall_time
@@ -115,12 +119,10 @@ class Logger:
     def start(self, time_ms: int, capacity: int, down_sample: int) -> None:
         """Start anew: record one of ``down_sample`` rows, up to ``capacity`` of them."""
         self.rows = []
-        self._start_ms, self._capacity, self._down_sample, self._skipped = (
-            time_ms,
-            capacity,
-            down_sample,
-            0,
-        )
+        self._start_ms = time_ms
+        self._capacity = capacity
+        self._down_sample = down_sample
+        self._skipped = 0
         self.is_active = True
 
     def add(self, time_ms: int, *values: int) -> None:
@@ -184,7 +186,8 @@ Action = tuple[int, int, int, OnCompletion | None, bool]
 
 ACTUATIONS = {OnCompletion.COAST: 0, OnCompletion.BRAKE: 1, None: 3}
 """Codes of a log, as in the firmware; 2 is a voltage, 3 a torque."""
-_POSITION, _TIMED = ControlType.POSITION, ControlType.TIMED
+_POSITION = ControlType.POSITION
+_TIMED = ControlType.TIMED
 
 
 def _sign(value: int) -> int:
@@ -225,7 +228,9 @@ class Controller:
     def stop(self) -> None:
         """Become passive; ``on_completion`` is kept for smart stops."""
         self.type = ControlType.NONE
-        self.is_done, self._stalled, self.pid_average = True, False, 0
+        self.is_done = True
+        self._stalled = False
+        self.pid_average = 0
 
     def reset(self) -> None:
         self.stop()
@@ -325,7 +330,8 @@ class Controller:
         stalled.
         """
         self.start_forever(time, state, speed)
-        self.on_completion, self._acts_when_done = then, False
+        self.on_completion = then
+        self._acts_when_done = False
         self._until_stalled = True
         self.torque_limit = torque_limit
 
@@ -362,7 +368,8 @@ class Controller:
             speed_estimate: the observer's.
             paused_by_other: whether the drive base pauses both its controllers.
         """
-        s, limit = self.settings, self.torque_limit
+        s = self.settings
+        limit = self.torque_limit
         end_time, end_position, end_speed, _ = self.trajectory.end
         integrator: PositionIntegrator | SpeedIntegrator
         if self.type is _POSITION:
@@ -373,9 +380,12 @@ class Controller:
             target_error = end_position - position
             integral = integrator.update(error, target_error)
         else:
-            integrator, reference_time = self._speed, time
+            integrator = self._speed
+            reference_time = time
             reference, reference_speed, acceleration = self.trajectory.at(time)
-            error, target_error, integral = reference - position, _UNBOUNDED, 0
+            error = reference - position
+            target_error = _UNBOUNDED
+            integral = 0
             used_error = integrator.error(error)
         kp = s.kp if self._is_fast or error == 0 else self._soft_kp(error, target_error)
         proportional = trunc(kp * used_error / 1000)
@@ -450,15 +460,18 @@ class Controller:
             self._position = PositionIntegrator(self.settings, time)
         else:
             self._speed = SpeedIntegrator(self.settings)
-        self.type, self._until_stalled = new, False
+        self.type = new
+        self._until_stalled = False
 
     def _soft_kp(self, error: int, target_error: int) -> int:
         """Position gain of a slow move: reduced for small errors, full near the target."""
         s = self.settings
-        target_error, near = abs(target_error), s.saturation_error
+        target_error = abs(target_error)
+        near = s.saturation_error
         if target_error < near:
             return s.kp
-        error, low = abs(error), s.kp * s.kp_low_pct // 100
+        error = abs(error)
+        low = s.kp * s.kp_low_pct // 100
         piecewise = (
             low if error <= s.kp_low_error else s.kp - s.kp_low_error * (s.kp - low) // error
         )

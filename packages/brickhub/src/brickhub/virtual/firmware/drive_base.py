@@ -62,7 +62,8 @@ class GyroHeading:
 
     def angle(self, steps_per_deg: int) -> Angle:
         """Heading in control units, in single precision as in the firmware."""
-        angle_deg, turn_deg = single(self.angle_deg()), single(TURN_MDEG / steps_per_deg)
+        angle_deg = single(self.angle_deg())
+        turn_deg = single(TURN_MDEG / steps_per_deg)
         turns = trunc(single(angle_deg / turn_deg))
         rest = single(angle_deg - single(turns * turn_deg))
         return turns, trunc(single(rest * steps_per_deg))
@@ -100,14 +101,16 @@ class GyroHeading:
     def calibrate(self, gyro_deg: _Vector) -> None:
         """Set the reading of the gyroscope for a whole turn about each axis of the hub; earlier
         rotation stays."""
-        yaw_deg, rotation_deg = self.yaw_deg(), self.rotation_deg(calibrated=True)
+        yaw_deg = self.yaw_deg()
+        rotation_deg = self.rotation_deg(calibrated=True)
         self._gyro_deg = gyro_deg
         self._yaw_deg += yaw_deg - self.yaw_deg()
         x, y, z = map(sub, rotation_deg, self._scaled(self._body.rotation_deg()))
         self._rotation_deg = x, y, z
 
     def _scaled(self, vector: _Vector) -> _Vector:
-        (x, y, z), (scale_x, scale_y, scale_z) = vector, self._gyro_deg
+        (x, y, z) = vector
+        (scale_x, scale_y, scale_z) = self._gyro_deg
         return x * 360.0 / scale_x, y * 360.0 / scale_y, z * 360.0 / scale_z
 
     def _total_deg(self) -> float:
@@ -140,12 +143,15 @@ class DriveBaseControl:
             raise RefusedError("a drive base needs two motors with the same gears")
         if left.parent is not None or right.parent is not None:
             raise UnavailableError(errno.EBUSY, "a motor belongs to another drive base")
-        self.left, self.right = left, right
-        self._clock, self._gyro = left.clock, heading
+        self.left = left
+        self.right = right
+        self._clock = left.clock
+        self._gyro = heading
         # As in the firmware, both motors now belong to it, even if its geometry is refused below.
         left.parent = right.parent = self
         distance_settings, heading_settings = drive_base_settings(left.settings, right.settings)
-        self.distance, self.heading = Controller(distance_settings), Controller(heading_settings)
+        self.distance = Controller(distance_settings)
+        self.heading = Controller(heading_settings)
         self._paused = self._uses_gyro = False
         self._set_zero((0, 0), (0, 0))
         self.stop(OnCompletion.COAST)
@@ -163,7 +169,8 @@ class DriveBaseControl:
     @property
     def is_open(self) -> bool:
         """Whether its control loop runs: both motors are open and belong to it."""
-        left, right = self.left, self.right
+        left = self.left
+        right = self.right
         return left.parent is self and right.parent is self and left.is_open and right.is_open
 
     def release(self) -> None:
@@ -220,12 +227,11 @@ class DriveBaseControl:
         if abs(radius_mm) < _MIN_RADIUS_MM:
             raise RefusedError("the radius of an arc is too small")
         if distance_mm is None:
-            distance_mm, goes_right = trunc(10 * angle_deg * abs(radius_mm) / 573), radius_mm >= 0
+            distance_mm = trunc(10 * angle_deg * abs(radius_mm) / 573)
+            goes_right = radius_mm >= 0
         else:
-            angle_deg, goes_right = (
-                abs(distance_mm) * 573 // abs(radius_mm) // 10,
-                (radius_mm < 0) == (distance_mm < 0),
-            )
+            angle_deg = abs(distance_mm) * 573 // abs(radius_mm) // 10
+            goes_right = (radius_mm < 0) == (distance_mm < 0)
         self._drive_relative(distance_mm, angle_deg if goes_right else -angle_deg, then)
 
     def drive(self, speed_mm_s: int, turn_rate_deg_s: int) -> None:
@@ -326,7 +332,8 @@ class DriveBaseControl:
         """Distance (mm), speed (mm/s), heading (deg), turn rate (deg/s)."""
         distance, heading = self._measured()
         distance_angle, heading_angle = self._angles()
-        sd, sh = self.distance.settings, self.heading.settings
+        sd = self.distance.settings
+        sh = self.heading.settings
         return (
             to_unit(distance_angle, sd.steps_per_unit),
             sd.to_unit(distance.speed),
@@ -341,7 +348,8 @@ class DriveBaseControl:
 
     def update(self) -> None:
         """One control step, before those of the servos."""
-        distance, heading = self.distance, self.heading
+        distance = self.distance
+        heading = self.heading
         if distance.type is _NONE or heading.type is _NONE or not self.is_open:
             return
         time = self._clock.time_ms * 10
@@ -383,28 +391,33 @@ class DriveBaseControl:
         return distance, difference(distance, right)
 
     def _set_zero(self, distance: Angle, heading: Angle) -> None:
-        self._distance_zero, self._heading_zero = distance, heading
-        self._distance_zero_mdeg, self._heading_zero_mdeg = to_mdeg(distance), to_mdeg(heading)
+        self._distance_zero = distance
+        self._heading_zero = heading
+        self._distance_zero_mdeg = to_mdeg(distance)
+        self._heading_zero_mdeg = to_mdeg(heading)
 
     def _measured(self) -> tuple[State, State]:
         """Distance and heading. The gyroscope gives only position and speed of the heading; the
         estimates are the motors'."""
-        right_position, left, right = self.right.position(), self.left.observer, self.right.observer
+        right_position = self.right.position()
+        left = self.left.observer
+        right = self.right.observer
         position, is_odd = divmod(self.left.position() + right_position, 2)
         if is_odd:
             position = to_mdeg(mean(self.left.angle(), self.right.angle()))
         speed = trunc((left.measured_speed + right.measured_speed) / 2)
         estimate = trunc((left.speed + right.speed) / 2)
         angle = trunc((left.angle + right.angle) / 2)
-        distance_zero, heading_zero = self._distance_zero_mdeg, self._heading_zero_mdeg
-        lead, lead_estimate = (
-            position - right_position - heading_zero,
-            angle - right.angle - heading_zero,
-        )
+        distance_zero = self._distance_zero_mdeg
+        heading_zero = self._heading_zero_mdeg
+        lead = position - right_position - heading_zero
+        lead_estimate = angle - right.angle - heading_zero
         turn_rate = speed - right.measured_speed
         if self._uses_gyro:
-            gyro, steps = self._gyro, self.heading.settings.steps_per_unit
-            lead, turn_rate = to_mdeg(gyro.angle(steps)), trunc(gyro.rate_deg_s() * steps)
+            gyro = self._gyro
+            steps = self.heading.settings.steps_per_unit
+            lead = to_mdeg(gyro.angle(steps))
+            turn_rate = trunc(gyro.rate_deg_s() * steps)
         distance = State(position - distance_zero, speed, estimate, angle - distance_zero)
         return distance, State(lead, turn_rate, estimate - right.speed, lead_estimate)
 
@@ -421,14 +434,13 @@ class DriveBaseControl:
         return self._measured()
 
     def _drive_relative(self, distance_mm: int, angle_deg: int, then: OnCompletion) -> None:
-        length, turn = (
-            distance_mm * self.distance.settings.steps_per_unit,
-            angle_deg * self.heading.settings.steps_per_unit,
-        )
+        length = distance_mm * self.distance.settings.steps_per_unit
+        turn = angle_deg * self.heading.settings.steps_per_unit
         distance, heading, time = *self._begin(), self._clock.time_ticks
         self.distance.start_relative(time, distance, length, 0, then, allow_shift=False)
         self.heading.start_relative(time, heading, turn, 0, then, allow_shift=False)
-        leader, follower = self.heading.trajectory, self.distance.trajectory
+        leader = self.heading.trajectory
+        follower = self.distance.trajectory
         if follower.t3 > leader.t3:
             leader, follower = follower, leader
         follower.stretch(leader)

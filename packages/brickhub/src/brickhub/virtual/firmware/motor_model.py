@@ -181,10 +181,8 @@ class Observer:
 
     def __init__(self, motor: MotorType, settings: ControlSettings) -> None:
         model = motor.model
-        gain, negligible_mv = (
-            motor.observer_gain,
-            trunc(model.voltage_mv(model.friction_unm) * 5 / 2),
-        )
+        gain = motor.observer_gain
+        negligible_mv = trunc(model.voltage_mv(model.friction_unm) * 5 / 2)
         stall = (settings.stall_speed, settings.stall_time, negligible_mv, _STALL_RATIO_PCT)
         self.tune(
             ObserverSettings(
@@ -202,7 +200,9 @@ class Observer:
     def reset(self, angle: int) -> None:
         """Restart at rest at a measured angle (mdeg). As in the firmware, the measured speed stays
         until the next step."""
-        self.angle, self.speed, self.current = angle, 0, 0
+        self.angle = angle
+        self.speed = 0
+        self.current = 0
         self.stalled_since: int | None = None
         self.history.clear()
         self.history.extend([angle] * (_HISTORY + 1))
@@ -236,7 +236,8 @@ class Observer:
         history = self.history
         history.append(angle)
         self.measured_speed = (angle - history[_WINDOW_START]) * 10
-        speed, feedback = self.speed, self.feedback_mv(angle)
+        speed = self.speed
+        feedback = self.feedback_mv(angle)
         if (
             voltage_mv * feedback < 0
             and (speed if voltage_mv > 0 else -speed) < self._stall_speed
@@ -260,12 +261,12 @@ class Observer:
         else:
             slip, friction, drop = self._full_friction
         if speed < 0:
-            slip, friction, drop = -slip, -friction, -drop
-        ps, pc, pv = (
-            PRESCALE_SPEED * speed,
-            PRESCALE_CURRENT * self.current,
-            PRESCALE_VOLTAGE * voltage,
-        )
+            slip = -slip
+            friction = -friction
+            drop = -drop
+        ps = PRESCALE_SPEED * speed
+        pc = PRESCALE_CURRENT * self.current
+        pv = PRESCALE_VOLTAGE * voltage
         a0, a1, a2, s0, s1, s2, c0, c1, c2 = self._rows
         self.angle += trunc(ps / a0) + trunc(pc / a1) + trunc(pv / a2) + slip
         next_speed = trunc(ps / s0) + trunc(pc / s1) + trunc(pv / s2) + friction

@@ -47,7 +47,10 @@ class Servo:
     """
 
     def __init__(self, kind: MotorKind, port: str, body: Body, clock: Clock) -> None:
-        self.kind, self.port, self.body, self.clock = kind, port, body, clock
+        self.kind = kind
+        self.port = port
+        self.body = body
+        self.clock = clock
         self.type = MOTOR_TYPES[kind]
         self._drive_mv = self.type.model.drive_mv
         self.is_taken = self.is_plain = self._is_updated = False
@@ -97,10 +100,8 @@ class Servo:
         self.max_voltage_mv = self.type.max_voltage_mv
         self.control.reset()
         self.control = Controller(servo_settings(self.type, gear_ratio_milli, profile_deg))
-        measured_speed, self.observer = (
-            self.observer.measured_speed,
-            Observer(self.type, self.settings),
-        )
+        measured_speed = self.observer.measured_speed
+        self.observer = Observer(self.type, self.settings)
         self.observer.measured_speed = measured_speed  # until the next step
         self.observer.reset(self.position())
         self._is_updated = True
@@ -175,12 +176,14 @@ class Servo:
 
     def reset_angle(self, angle_deg: int | None) -> None:
         """Set the angle, with ``None`` to the absolute angle of the shaft. A running move stops."""
-        was_active, then = self.control.is_active, self.control.on_completion
+        was_active = self.control.is_active
+        then = self.control.on_completion
         voltage = self.voltage_mv
         self.stop(OnCompletion.COAST)
         self.control.reset()
         if angle_deg is None:
-            turns, mdeg = 0, self._absolute_mdeg() * self.direction
+            turns = 0
+            mdeg = self._absolute_mdeg() * self.direction
         else:
             turns, mdeg = from_unit(angle_deg, self.settings.steps_per_unit)
         self._set_zero(
@@ -286,11 +289,10 @@ class Servo:
         """One control step: controller, voltage, observer."""
         if not self._is_updated:
             return
-        time, position = (
-            self.clock.time_ms * 10,
-            (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self.direction,
-        )
-        control, observer = self.control, self.observer
+        time = self.clock.time_ms * 10
+        position = (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self.direction
+        control = self.control
+        observer = self.observer
         torque = speed = acceleration = 0
         if control.type is not _NONE:
             torque, speed, acceleration, passive, _ = control.update(
@@ -325,12 +327,14 @@ class Servo:
         self.body.set_voltage(self.port, voltage_mv * self.direction)
 
     def _log_row(self, position: int, feedback_unm: int, feedforward_unm: int) -> None:
-        s, observer = self.settings, self.observer
+        s = self.settings
+        observer = self.observer
         measured = s.position_to_unit(position), s.to_unit(observer.measured_speed)
         actuation = (0 if self.voltage_mv is None else _VOLTAGE) | self.is_stalled() << 2
         estimated = s.position_to_unit(observer.angle), s.to_unit(observer.speed)
         torques = feedback_unm, feedforward_unm, observer.feedback_mv(position)
-        time_ms, time_ticks = self.clock.time_ms, self.clock.time_ticks
+        time_ms = self.clock.time_ms
+        time_ticks = self.clock.time_ticks
         self.log.add(
             time_ms, time_ticks, *measured, actuation, self.voltage_mv or 0, *estimated, *torques
         )
@@ -359,4 +363,5 @@ class Servo:
         return (self.body.angle_mdeg(self.port) + TURN_MDEG // 2) % TURN_MDEG - TURN_MDEG // 2
 
     def _set_zero(self, zero: Angle) -> None:
-        self._zero, self._zero_mdeg = zero, to_mdeg(zero)
+        self._zero = zero
+        self._zero_mdeg = to_mdeg(zero)

@@ -61,10 +61,8 @@ class ControlSettings:
 
     def limits(self) -> tuple[int, int, int, int]:
         """Speed, acceleration and deceleration in the program's units, torque in mNm."""
-        acceleration, deceleration = (
-            self.to_unit(self.acceleration),
-            self.to_unit(self.deceleration),
-        )
+        acceleration = self.to_unit(self.acceleration)
+        deceleration = self.to_unit(self.deceleration)
         return self.to_unit(self.max_speed), acceleration, deceleration, self.max_torque // 1000
 
     def set_limits(self, speed: int, acceleration: int, deceleration: int, torque_mnm: int) -> None:

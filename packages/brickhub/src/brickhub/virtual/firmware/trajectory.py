@@ -14,7 +14,8 @@ from brickhub.virtual.firmware import InfeasibleMoveError, RefusedError
 FOREVER_MS = 60_000
 _ANGLE_MAX_MDEG = (2**31 - 1) // 2
 _SPEED_MAX = 20_000
-_ACCELERATION_MIN, _ACCELERATION_MAX = 50, 20_000
+_ACCELERATION_MIN = 50
+_ACCELERATION_MAX = 20_000
 _TIME_MAX = _ANGLE_MAX_MDEG // (_SPEED_MAX * 100) * 10_000
 TURN_MDEG = 360_000
 _TURNS_MAX = _ANGLE_MAX_MDEG // TURN_MDEG - 1
@@ -74,7 +75,8 @@ class Trajectory:
 
     def __init__(self, time: int, position: int) -> None:
         """A constant trajectory."""
-        self.time, self.position = time, position
+        self.time = time
+        self.position = position
         self.t1 = self.t2 = self.t3 = 0
         self.th1 = self.th2 = self.th3 = 0
         self.w0 = self.w1 = self.wu = self.w3 = 0
@@ -110,7 +112,8 @@ class Trajectory:
             return self.position + self.th1 + trunc(w * (t - self.t1) / 100), w * 100, 0
         if t < self.t3:
             t -= self.t2
-            a, w = self.a2, self.w1
+            a = self.a2
+            w = self.w1
             gain = trunc(a * t / 1000)
             th = self.th2 + trunc(w * t / 100) + trunc(trunc(gain * t / 100) / 2)
             return self.position + th, (w + gain) * 100, a * 1000
@@ -122,7 +125,9 @@ class Trajectory:
     def stretch(self, leader: "Trajectory") -> None:
         """Cover the same angle with the phases of a longer trajectory, so that both end
         together."""
-        self.t1, self.t2, self.t3 = leader.t1, leader.t2, leader.t3
+        self.t1 = leader.t1
+        self.t2 = leader.t2
+        self.t3 = leader.t3
         if self.t3 == 0:
             self.end = self._endpoint()
             return
@@ -151,9 +156,15 @@ class Trajectory:
         return self._point(self.t3, self.th3, self.w3, 0)
 
     def _mirror(self) -> None:
-        self.th1, self.th2, self.th3 = -self.th1, -self.th2, -self.th3
-        self.wu, self.w0, self.w1, self.w3 = -self.wu, -self.w0, -self.w1, -self.w3
-        self.a0, self.a2 = -self.a0, -self.a2
+        self.th1 = -self.th1
+        self.th2 = -self.th2
+        self.th3 = -self.th3
+        self.wu = -self.wu
+        self.w0 = -self.w0
+        self.w1 = -self.w1
+        self.w3 = -self.w3
+        self.a0 = -self.a0
+        self.a2 = -self.a2
 
 
 def to_angle(command: TrajectoryCommand) -> Trajectory:
@@ -207,10 +218,8 @@ def validate_speed(steps_per_unit: int, speed: int) -> None:
 
 def validate_acceleration(steps_per_unit: int, acceleration: int) -> None:
     """Raise ValueError for an acceleration limit that the firmware refuses."""
-    low, high = (
-        _ACCELERATION_MIN * 1000 // steps_per_unit,
-        _ACCELERATION_MAX * 1000 // steps_per_unit,
-    )
+    low = _ACCELERATION_MIN * 1000 // steps_per_unit
+    high = _ACCELERATION_MAX * 1000 // steps_per_unit
     if not low <= acceleration <= high:
         raise RefusedError("the acceleration limit is out of range")
 
@@ -242,7 +251,8 @@ def _start(command: TrajectoryCommand) -> tuple[Trajectory, int, int, int]:
     trajectory = Trajectory(command.time, command.position)
     speeds = (trunc(speed / 100) for speed in (command.target_speed, command.speed))
     target, trajectory.w0 = (max(-_SPEED_MAX, min(_SPEED_MAX, speed)) for speed in speeds)
-    trajectory.wu, trajectory.w3 = target, target if command.keep_running else 0
+    trajectory.wu = target
+    trajectory.w3 = target if command.keep_running else 0
     rates = (trunc(rate / 1000) for rate in (command.acceleration, command.deceleration))
     acceleration, deceleration = (
         max(_ACCELERATION_MIN, min(_ACCELERATION_MAX, rate)) for rate in rates

@@ -174,10 +174,8 @@ class HubSuper(super):
     """``super()`` over the program's and native classes; ``object`` has no methods."""
 
     def __getattribute__(self, name: str) -> Any:
-        instance, owner = (
-            super().__getattribute__("__self__"),
-            super().__getattribute__("__thisclass__"),
-        )
+        instance = super().__getattribute__("__self__")
+        owner = super().__getattribute__("__thisclass__")
         ancestors = (instance if isinstance(instance, type) else type(instance)).__mro__
         for kind in ancestors[ancestors.index(owner) + 1 : -1]:
             if defines(kind, name) or (
@@ -281,7 +279,8 @@ def with_keywords(function: Any) -> Any:
     called = inspect.unwrap(called) if isinstance(called, FunctionType) else called
     if not isinstance(called, FunctionType) or not called.__module__.startswith(FIRMWARE):
         return function
-    code, flags = called.__code__, called.__code__.co_flags
+    code = called.__code__
+    flags = called.__code__.co_flags
     bound = called is not function
     first = max(code.co_posonlyargcount, bound)
     if first == code.co_argcount and not (code.co_kwonlyargcount or flags & inspect.CO_VARKEYWORDS):
@@ -292,7 +291,8 @@ def with_keywords(function: Any) -> Any:
         or code.co_kwonlyargcount
     ):
         return function
-    names, optional = code.co_varnames[bound : code.co_argcount], len(called.__defaults__ or ())
+    names = code.co_varnames[bound : code.co_argcount]
+    optional = len(called.__defaults__ or ())
 
     def call(*args: Any, **kwargs: Any) -> Any:
         for name in names[len(args) : len(names) - optional]:
@@ -328,10 +328,8 @@ class Manager:
     """
 
     def __init__(self, value: Any, reword: Callable[[BaseException], BaseException]) -> None:
-        self._exit, self._enter = (
-            visible_attribute(value, "__exit__"),
-            visible_attribute(value, "__enter__"),
-        )
+        self._exit = visible_attribute(value, "__exit__")
+        self._enter = visible_attribute(value, "__enter__")
         self._reword = reword
 
     def __enter__(self) -> Any:

@@ -24,7 +24,10 @@ _UNCHANGED = """
     min object ord range reversed slice str tuple type zip
 """.split()  # noqa: SIM905  a list would take a line for each
 
-_ENTER, _CTRL_C, _CTRL_D, _BACKSPACES = "\r", "\x03", "\x04", "\b\x7f"
+_ENTER = "\r"
+_CTRL_C = "\x03"
+_CTRL_D = "\x04"
+_BACKSPACES = "\b\x7f"
 _MISSING = object()
 
 

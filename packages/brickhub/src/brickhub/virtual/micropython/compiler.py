@@ -22,7 +22,10 @@ _LEADING_ZERO = re.compile(
     rf"{TEXT}|(?<![\w.])(?P<number>0[0-9_]*[1-9][0-9_]*)(?![\w.])", re.DOTALL
 )
 _HEADER_BYTES = 4
-_TEXT, _INTEGER, _FLOAT, _TUPLE = (5, 6), 7, 8, 10
+_TEXT = (5, 6)
+_INTEGER = 7
+_FLOAT = 8
+_TUPLE = 10
 _WITHOUT_DATA = 4
 _KINDS_OF_NAMES = ("co_names", "co_varnames", "co_cellvars", "co_freevars")
 _MAX_DIGITS = 20
@@ -98,7 +101,9 @@ class _Loser(ast.NodeTransformer):
     def visit_ListComp(self, node: _Comprehension) -> ast.AST:
         first = node.generators[0]
         first.iter = self.visit(first.iter)
-        iterable, first.iter = first.iter, ast.Constant(None)  # computed in the scope around
+        # computed in the scope around
+        iterable = first.iter
+        first.iter = ast.Constant(None)
         names = [part for part in ast.walk(node) if isinstance(part, ast.Name)]
         own = {
             name.id
@@ -117,7 +122,9 @@ class _Loser(ast.NodeTransformer):
 
     def visit_NamedExpr(self, node: ast.NamedExpr) -> ast.AST:
         self.generic_visit(node)
-        name, reads, around = node.target.id, self._scopes[-1].reads, self._scopes[-2:][0]
+        name = node.target.id
+        reads = self._scopes[-1].reads
+        around = self._scopes[-2:][0]
         if reads is None or around.keeps or name in around.declared:
             return node
         if around.variables is not None and name in reads and reads >= around.variables:
@@ -209,7 +216,8 @@ def compile_string(source: str, mode: str = "exec") -> CodeType:
 
 
 def _at_line(line: int, error: SyntaxError) -> SyntaxError:
-    error.filename, error.lineno = STRING, line
+    error.filename = STRING
+    error.lineno = line
     return error
 
 
@@ -266,7 +274,9 @@ def _compile_for_hub(source: str, filename: str) -> bytes:
     kind, _, message = report.splitlines()[-1].partition(": ")
     error = (IndentationError if kind == "IndentationError" else SyntaxError)(message or kind)
     if location := re.search(r'File ".*", line (\d+)(?:, in (\S+))?', report):
-        error.filename, error.lineno, error.text = filename, int(location[1]), location[2]
+        error.filename = filename
+        error.lineno = int(location[1])
+        error.text = location[2]
     raise error
 
 
@@ -280,13 +290,16 @@ def _constants(mpy: bytes) -> Iterator[tuple[int, bytes]]:
 
     def number() -> int:
         nonlocal position
-        value, more = 0, True
+        value = 0
+        more = True
         while more:
-            value, more = value << 7 | mpy[position] & 0x7F, bool(mpy[position] & 0x80)
+            value = value << 7 | mpy[position] & 0x7F
+            more = bool(mpy[position] & 0x80)
             position += 1
         return value
 
-    names, constants = number(), number()
+    names = number()
+    constants = number()
     for _ in range(names):
         length = number()
         position += 0 if length & 1 else (length >> 1) + 1

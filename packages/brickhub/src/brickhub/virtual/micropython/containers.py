@@ -56,7 +56,8 @@ class _Mark:
     """Marks an empty or deleted slot."""
 
 
-_FREE, _DELETED = _Mark(), _Mark()
+_FREE = _Mark()
+_DELETED = _Mark()
 
 
 def hash_of(value: Any) -> int | None:
@@ -122,11 +123,13 @@ class HashTable:
         self._added += 1
 
     def _put(self, key: Any, hash_: int) -> None:
-        slots, size = self.slots, len(self.slots)
+        slots = self.slots
+        size = len(self.slots)
         for step in range(size):
             index = (hash_ + step) % size
             if isinstance(slots[index], _Mark):
-                slots[index], self._hashes[index] = key, hash_
+                slots[index] = key
+                self._hashes[index] = hash_
                 return
         entries = [
             pair for pair in zip(slots, self._hashes, strict=True) if not isinstance(pair[0], _Mark)
@@ -134,7 +137,8 @@ class HashTable:
         required = size + 1
         size = next((size for size in _SIZES if size >= required), required + required // 2 | 1)
         check_allocation(_SLOT_BYTES * size)
-        self.slots, self._hashes = [_FREE] * size, [0] * size
+        self.slots = [_FREE] * size
+        self._hashes = [0] * size
         for entry in (*entries, (key, hash_)):
             self._put(*entry)
 
@@ -157,12 +161,15 @@ class HashTable:
 
     def clear(self) -> None:
         """Remove all keys and slots."""
-        self.slots, self._hashes = [], []
+        self.slots = []
+        self._hashes = []
 
     def copy(self) -> HashTable:
         """A copy with the same keys in the same slots."""
         other = HashTable()
-        other.slots, other._hashes, other._added = list(self.slots), list(self._hashes), self._added
+        other.slots = list(self.slots)
+        other._hashes = list(self._hashes)
+        other._added = self._added
         return other
 
     def __iter__(self) -> Iterator[Any]:
@@ -175,7 +182,9 @@ class TableIterator:
     __slots__ = ("_function", "_next", "_table")
 
     def __init__(self, table: HashTable, function: Callable[[Any], Any] | None = None) -> None:
-        self._table, self._function, self._next = table, function, 0
+        self._table = table
+        self._function = function
+        self._next = 0
 
     def __iter__(self) -> TableIterator:
         return self
@@ -230,7 +239,8 @@ class HubDict(_Slotted, dict[Any, Any]):
         """An ordered dict, as made by the firmware."""
         result = cls()
         dict.update(result, values)
-        result._table.slots, result._table._hashes = list(values), [0] * len(values)
+        result._table.slots = list(values)
+        result._table._hashes = [0] * len(values)
         return result
 
     def __setitem__(self, key: Any, value: Any, /) -> None:
@@ -299,7 +309,8 @@ class DictView:
     __slots__ = ("kind", "owner")
 
     def __init__(self, owner: HubDict, kind: str) -> None:
-        self.owner, self.kind = owner, kind
+        self.owner = owner
+        self.kind = kind
 
     def __iter__(self) -> Iterator[Any]:
         owner = self.owner
@@ -413,10 +424,14 @@ class HubSet(_Slotted, set[Any]):
     def intersection(self, other: Iterable[Any], /) -> HubSet:  # type: ignore[override]
         return self.copy() if other is self else HubSet(value for value in other if value in self)
 
-    __or__, __ior__ = _operator("union"), _operator("update")
-    __sub__, __isub__ = _operator("difference"), _operator("difference_update")
-    __xor__, __ixor__ = _operator("symmetric_difference"), _operator("symmetric_difference_update")
-    __and__, __iand__ = _operator("intersection"), _operator("intersection_update")
+    __or__ = _operator("union")
+    __ior__ = _operator("update")
+    __sub__ = _operator("difference")
+    __isub__ = _operator("difference_update")
+    __xor__ = _operator("symmetric_difference")
+    __ixor__ = _operator("symmetric_difference_update")
+    __and__ = _operator("intersection")
+    __iand__ = _operator("intersection_update")
 
 
 for _kind, _name in (

@@ -424,7 +424,8 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
     """Replace CPython's message by the hub's; ``namespaces`` are the globals of the program's
     modules. Returns the error."""
     for trace in _traces(error)[-1:]:
-        code, position = trace.tb_frame.f_code.co_code, trace.tb_lasti
+        code = trace.tb_frame.f_code.co_code
+        position = trace.tb_lasti
         if (
             "@n" in trace.tb_frame.f_builtins
             and code[position] == _RAISE
@@ -486,7 +487,8 @@ def function_name(function: object) -> str:
 
 def _traces(error: BaseException) -> list[TracebackType]:
     """Entries of the traceback, the innermost last."""
-    traces, trace = [], error.__traceback__
+    traces = []
+    trace = error.__traceback__
     while trace is not None:
         traces.append(trace)
         trace = trace.tb_next
@@ -526,7 +528,8 @@ def _call_message(
     match = re.fullmatch(r"(.*?)\(\) (.*?)(?:\. Did you mean '\w+'\?)?", message)
     if match is None:
         return message
-    name, problem = match[1], match[2]
+    name = match[1]
+    problem = match[2]
     traces = _traces(error)
     function = next(filter(None, (_find(name, names) for names in namespaces)), None)
     if function is None:  # a lambda or an inner function

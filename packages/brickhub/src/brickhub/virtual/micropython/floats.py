@@ -13,7 +13,8 @@ from collections.abc import Collection
 
 SMALL_MAX = 2**30 - 1
 SMALL_MIN = -(2**30)
-_SINGLE, _BITS = struct.Struct("<f"), struct.Struct("<I")
+_SINGLE = struct.Struct("<f")
+_BITS = struct.Struct("<I")
 _EXPONENT_BITS = 0x7F800000
 _EXACT_POWERS_OF_FIVE = 10
 _INFINITE_POWER = 60
@@ -29,7 +30,8 @@ _ROUGH_POWERS = {
 """Powers of five that a hub's ``powf`` does not round to the nearest float."""
 _FULL_MANTISSA = 0x19999998
 _DECIMAL = re.compile(r"(\d*)(?:\.(\d*))?(?:e([+-]?\d+))?", re.IGNORECASE)
-_MAX_DIGITS, _SAFE_DIGITS = 9, 6
+_MAX_DIGITS = 9
+_SAFE_DIGITS = 6
 _BUFFER_CHARS = 33
 _REPR_EXPONENT = 16
 _ALL_BEHIND = 255  # no decimal point among the digits
@@ -73,7 +75,8 @@ def scaled(x: float, exponent: int) -> float:
 def read_digits(digits: int, exponent: int) -> float:
     """The float that a hub reads from ``digits`` and a decimal exponent."""
     while digits and digits % 10 == 0:
-        digits, exponent = digits // 10, exponent + 1
+        digits = digits // 10
+        exponent = exponent + 1
     return scaled(to_single(digits), exponent)
 
 
@@ -85,7 +88,8 @@ def read_float(text: str) -> float:
     match = _DECIMAL.fullmatch(unsigned)
     if match is None:  # inf, nan
         return value
-    all_digits, fraction = match[1] + (match[2] or ""), match[2] or ""
+    all_digits = match[1] + (match[2] or "")
+    fraction = match[2] or ""
     significant = all_digits.rstrip("0")
     digits = count = 0
     while count < len(significant) and digits < _FULL_MANTISSA:
@@ -118,7 +122,8 @@ def format_float(x: float, code: str, precision: int | None, sign: str = "") -> 
         sign: prefix of positive numbers.
     """
     if math.copysign(1, x) < 0 and not math.isnan(x):
-        x, sign = -x, "-"
+        x = -x
+        sign = "-"
     text = (
         f"{x:g}"
         if not math.isfinite(x)
@@ -134,7 +139,8 @@ def _unsigned(x: float, kind: str, precision: int | None, width: int) -> str:
     count = _MAX_DIGITS if precision is None else precision
     max_exponent = _REPR_EXPONENT if precision is None else min(count, width - 3)
     if kind == "f" and exponent > 0 and exponent + count + 2 > width:
-        kind, count = "g", count + 1
+        kind = "g"
+        count = count + 1
     lead_zeros = 0
     if kind == "f":
         count = min(count, width - 3)
@@ -150,7 +156,9 @@ def _unsigned(x: float, kind: str, precision: int | None, width: int) -> str:
     max_digits = min(count, _MAX_DIGITS)
     zeros = min(count - max_digits, width - max_digits - (3 if kind == "f" else 7))
     for digits in range(min(_SAFE_DIGITS, max_digits), max_digits + 1):
-        shift, point, lead = digits - 1 - exponent, 0, ""
+        shift = digits - 1 - exponent
+        point = 0
+        lead = ""
         if x == 0:
             shift = 0
         elif kind == "f" and exponent >= 0:
@@ -158,7 +166,9 @@ def _unsigned(x: float, kind: str, precision: int | None, width: int) -> str:
         elif kind == "f":
             shift = digits - 1
             if lead_zeros > 0:
-                shift, point, lead = shift + lead_zeros + 1, _ALL_BEHIND, "0." + "0" * lead_zeros
+                shift = shift + lead_zeros + 1
+                point = _ALL_BEHIND
+                lead = "0." + "0" * lead_zeros
         mantissa, is_exact = _search(x, kind, digits, shift)
         if is_exact:
             break
@@ -180,16 +190,21 @@ def _written(
     """So many digits with a point after the one at index ``point``, a prefix, zeros behind, and the
     exponent of the first digit, for which ``g`` writes zeros up to ``max_exponent``."""
     if mantissa >= 10**digits and kind == "f":
-        digits, point = digits + 1, point + 1
+        digits = digits + 1
+        point = point + 1
     elif mantissa >= 10**digits:
-        mantissa, exponent = mantissa // 10, exponent + 1
+        mantissa = mantissa // 10
+        exponent = exponent + 1
     if kind == "g" and 0 < exponent < max_exponent:
-        point, exponent = point + exponent, 0
+        point = point + exponent
+        exponent = 0
         zeros = point - (digits - 1) if point >= digits else zeros
     elif kind == "g" and -4 <= exponent < 0:
         written = digits
         while exponent < 0 and mantissa % 10 == 0:
-            mantissa, exponent, digits = mantissa // 10, exponent + 1, digits - 1
+            mantissa = mantissa // 10
+            exponent = exponent + 1
+            digits = digits - 1
         point, exponent, lead = _ALL_BEHIND, 0, "0." + "0" * (written - digits - exponent - 1)
     text = f"{mantissa:0{digits}}"[-digits:]
     if point + 1 < digits:
@@ -235,7 +250,8 @@ def _search(x: float, kind: str, digits: int, shift: int) -> tuple[int, bool]:
         first = 100 if extra > 1 and shift > 2 else 10
     mantissa = first * int(to_single(scaled(x, shift - len(str(first)) + 1) + 0.5))
     difference = difference_of(mantissa)
-    best, best_difference = mantissa, difference
+    best = mantissa
+    best_difference = difference
     step = 8**extra if extra > 0 else 1
     for _ in range(3 + 3 * (_MAX_DIGITS - _SAFE_DIGITS)):
         if difference == 0:
@@ -244,7 +260,8 @@ def _search(x: float, kind: str, digits: int, shift: int) -> tuple[int, bool]:
         difference = difference_of(mantissa)
         gain = abs(best_difference) - abs(difference)
         if difference and (gain > 0 or (gain == 0 and mantissa % 10 == 0)):
-            best, best_difference = mantissa, difference
+            best = mantissa
+            best_difference = difference
         if step == 1 and difference:
             return best, False
         step = max(1, step // 2)

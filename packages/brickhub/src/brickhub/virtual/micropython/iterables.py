@@ -159,7 +159,8 @@ def _quicksort(
     comparison."""
     while first < last:
         pivot = key(items[last])
-        low, high = first, last - 1
+        low = first
+        high = last - 1
         while True:
             while low <= high and _is_less(key(items[low]), pivot) is is_less:
                 low += 1
@@ -168,7 +169,8 @@ def _quicksort(
             if low >= high:
                 break
             items[low], items[high] = items[high], items[low]
-            low, high = low + 1, high - 1
+            low = low + 1
+            high = high - 1
         items[low], items[last] = items[last], items[low]
         if high - first < last - low - 1:
             _quicksort(items, first, high, key, is_less)

@@ -67,7 +67,8 @@ class Heap:
     def __init__(self, hub: HubModel) -> None:
         self.size_bytes = int((hub.program_bytes - hub.stored_bytes) * (1.0 - _TABLES_SHARE))
         self.namespaces: list[dict[str, Any]] = []
-        self._used_bytes, self._interval = 0, 1
+        self._used_bytes = 0
+        self._interval = 1
 
     def statistics(self) -> tuple[int, int]:
         """Bytes of all objects that the program can reach, and of the rest, negative if they do not
@@ -78,7 +79,8 @@ class Heap:
             if "@n" in frame.f_builtins:
                 roots += local_values(frame)
             frame = frame.f_back
-        used_bytes, seen = 0, set[int]()
+        used_bytes = 0
+        seen = set[int]()
         while roots:
             value = roots.pop()
             # a hub's integers are in their references
@@ -94,7 +96,8 @@ class Heap:
         """The number of branches until the next check: the earlier, the faster the program grows.
         Raises MemoryError if the objects do not fit."""
         used_bytes, free_bytes = self.statistics()
-        growth, self._used_bytes = max(0, used_bytes - self._used_bytes), used_bytes
+        growth = max(0, used_bytes - self._used_bytes)
+        self._used_bytes = used_bytes
         branch_bytes = growth // self._interval
         longest = self._interval * min(2.0, free_bytes / (4 * growth) if growth else 2.0)
         self._interval = max(1, min(round(longest), _LONGEST_INTERVAL))

@@ -16,7 +16,9 @@ from brickhub.virtual.micropython.text import to_number
 
 _MASK = 0xFFFFFFFF
 _PI = to_single(math.pi)
-_RADIANS, _DEGREES = to_single(_PI / 180), to_single(180 / _PI)  # as computed by the hub's compiler
+# as computed by the hub's compiler
+_RADIANS = to_single(_PI / 180)
+_DEGREES = to_single(180 / _PI)
 _BINARY_FUNCTIONS = ("atan2", "pow", "fmod", "copysign")
 _CODES = re.compile(r"(\d*)([xbBhHiIlLqQPOsefd])")
 _WIDE = frozenset("iIlLqQd")
@@ -111,12 +113,16 @@ class _Yasmarang:
     """The hub's pseudo-random generator: equal seeds give equal sequences."""
 
     def seed(self, seed: int) -> None:
-        self._pad, self._n, self._d, self._dat = seed & _MASK, 69, 233, 0
+        self._pad = seed & _MASK
+        self._n = 69
+        self._d = 233
+        self._dat = 0
 
     def next(self) -> int:
         pad = (self._pad + self._dat + self._d * self._n) & _MASK
         pad = ((pad << 3) + (pad >> 29)) & _MASK
-        self._pad, self._n = pad, pad | 2
+        self._pad = pad
+        self._n = pad | 2
         self._d ^= ((pad << 31) + (pad >> 1)) & _MASK
         self._dat ^= (pad ^ (self._d >> 8) ^ 1) & 0xFF
         return (pad ^ (self._d << 5) ^ (pad >> 18) ^ (self._dat << 1)) & _MASK
@@ -171,7 +177,8 @@ def random_module(clock_us: int) -> ModuleType:
         return values[source.below(len(values))]
 
     def uniform(a: float, b: float, /) -> float:
-        low, high = _as_float(a), _as_float(b)
+        low = _as_float(a)
+        high = _as_float(b)
         return to_single(low + to_single(to_single(high - low) * source.fraction()))
 
     def seed(a: int | None = None, /) -> None:

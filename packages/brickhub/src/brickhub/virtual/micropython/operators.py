@@ -392,7 +392,8 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
 
     def divide(a: Any, b: Any) -> Any:
         if type(a) is int or type(b) is int:
-            a, b = _single_int(a), _single_int(b)
+            a = _single_int(a)
+            b = _single_int(b)
         return normalize(a / b)
 
     def floor_divide(a: Any, b: Any) -> Any:

@@ -36,8 +36,12 @@ _ESCAPES = {"b": "\b", "f": "\f", "n": "\n", "r": "\r", "t": "\t"}
 _SPACES = " \t\n\r\v\f"
 _NO_KEY = object()
 _SYNTAX_ERROR = "syntax error in JSON"
-_POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
-_STDIN, _CTRL_C = 0, 3
+_POLLIN = 1
+_POLLOUT = 4
+_POLLERR = 8
+_POLLHUP = 16
+_STDIN = 0
+_CTRL_C = 3
 _STACK_BYTES = 8 * 1024
 _FOREVER_MS = 1000  # polling interval
 
@@ -59,11 +63,13 @@ def read_json(source: str) -> Any:
                 break
             top = parents.pop()
             continue
-        value, opens = _value(token), token["open"] is not None
+        value = _value(token)
+        opens = token["open"] is not None
         if isinstance(top, list):
             top.append(value)
         elif top is not None and key is not _NO_KEY:
-            top[key], key = value, _NO_KEY
+            top[key] = value
+            key = _NO_KEY
         elif top is not None:
             if opens:
                 raise ValueError(_SYNTAX_ERROR)
@@ -109,7 +115,9 @@ class Terminal:
     """
 
     def __init__(self, console: Console, tick: Callable[[], None]) -> None:
-        self.console, self.tick, self.interrupt = console, tick, _CTRL_C
+        self.console = console
+        self.tick = tick
+        self.interrupt = _CTRL_C
 
     def read(self, count: int) -> bytes:
         """Bytes of the console. Raises ProgramInterrupt if one interrupts."""
@@ -123,7 +131,8 @@ class FileIO(Stream):
     """Standard input and output as bytes."""
 
     def __init__(self, number: int, terminal: Terminal) -> None:
-        self._number, self._terminal = number, terminal
+        self._number = number
+        self._terminal = terminal
 
     def __repr__(self) -> str:
         return f"<io.{type(self).__name__} {self._number}>"
@@ -215,7 +224,8 @@ class Poll:
     ms that passed."""
 
     def __init__(self, advance: Callable[[int], int], tick: Callable[[], None]) -> None:
-        self._advance, self._tick = advance, tick
+        self._advance = advance
+        self._tick = tick
         self._streams: dict[int, tuple[FileIO, int]] = {}
 
     def register(self, stream: Any, eventmask: int = _POLLIN | _POLLOUT) -> None:
@@ -294,7 +304,8 @@ def select_module(advance: Callable[[int], int], tick: Callable[[], None]) -> Mo
         readers: Any, writers: Any, others: Any, timeout: float | None = None, /
     ) -> tuple[list[FileIO], ...]:
         """Streams that can be read, be written, or failed; ``timeout`` in seconds."""
-        poll, masks = Poll(advance, tick), (_POLLIN, _POLLOUT, _POLLERR | _POLLHUP)
+        poll = Poll(advance, tick)
+        masks = (_POLLIN, _POLLOUT, _POLLERR | _POLLHUP)
         masks_by_stream: dict[FileIO, int] = {}
         for streams, mask in zip((readers, writers, others), masks, strict=True):
             if not isinstance(streams, list | tuple):

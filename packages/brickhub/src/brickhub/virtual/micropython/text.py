@@ -264,7 +264,8 @@ def format_value(value: object, spec: str) -> str:
     match = _parsed(spec)
     if match is None:
         raise ValueError("invalid format specifier")
-    code, sign = match["code"] or "", (match["sign"] or "").replace("-", "")
+    code = match["code"] or ""
+    sign = (match["sign"] or "").replace("-", "")
     if sign and code in ("s", "c"):
         kind = "in string format specifier" if code == "s" else "with integer format specifier 'c'"
         raise ValueError(f"sign not allowed {kind}")
@@ -414,7 +415,8 @@ def _format_argument(
     value: Any, match: re.Match[str], width: str, precision: str | None, is_bytes: bool
 ) -> str:
     check_allocation(int(width or 0))
-    code, flags = match["code"], match["flags"]
+    code = match["code"]
+    flags = match["flags"]
     limit = "" if precision is None else f".{precision}"
     spec = f"%{flags}{width}{limit}"
     if code in "sr":

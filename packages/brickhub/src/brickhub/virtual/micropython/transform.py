@@ -131,7 +131,9 @@ def fold(node: ast.expr) -> int | None:
         return None if value is None else int(_SIGNS[type(node.op)](value))
     if not isinstance(node, ast.BinOp) or type(node.op) not in _FOLDED:
         return None
-    kind, left, right = type(node.op), fold(node.left), fold(node.right)
+    kind = type(node.op)
+    left = fold(node.left)
+    right = fold(node.right)
     if left is None or right is None:
         return None
     if (kind in (ast.FloorDiv, ast.Mod) and right == 0) or (
@@ -160,7 +162,8 @@ def _bounds(part: ast.Slice) -> list[ast.expr]:
 
 class _Transformer(ast.NodeTransformer):
     def __init__(self, recursive: Collection[str], floats: Collection[str]) -> None:
-        self._recursive, self._floats = recursive, floats
+        self._recursive = recursive
+        self._floats = floats
         self._private: dict[str, ast.expr] = {}
         """Values of names such as ``_SPEED = const(100)``, which exist for the hub's compiler
         only."""
@@ -206,7 +209,8 @@ class _Transformer(ast.NodeTransformer):
         return ast.copy_location(ast.Pass(), node) if is_number else self.generic_visit(node)
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST | list[ast.stmt]:
-        kind, target = type(node.op), node.target
+        kind = type(node.op)
+        target = node.target
         if isinstance(target, ast.Name):
             read: ast.expr = ast.Name(target.id, ast.Load())
             if kind is ast.Sub or (kind is ast.Add and isinstance(node.value, ast.Constant)):
@@ -223,10 +227,8 @@ class _Transformer(ast.NodeTransformer):
         else:
             statements.append(self._assign("@index", target.slice, node))
             index = ast.Name("@index", ast.Load())
-            read, write = (
-                ast.Subscript(owner, index, ast.Load()),
-                ast.Subscript(owner, index, ast.Store()),
-            )
+            read = ast.Subscript(owner, index, ast.Load())
+            write = ast.Subscript(owner, index, ast.Store())
         assign = ast.copy_location(ast.Assign([write], self._operate(read, node)), node)
         return [*statements, self._store_statement(assign)]
 
@@ -255,7 +257,8 @@ class _Transformer(ast.NodeTransformer):
         return ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), at)
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
-        function, is_recursive = node.func, called_name(node) in self._recursive
+        function = node.func
+        is_recursive = called_name(node) in self._recursive
         is_of_one = (
             len(node.args) == 1 and not node.keywords and not isinstance(node.args[0], ast.Starred)
         )
@@ -407,7 +410,9 @@ class _Transformer(ast.NodeTransformer):
         return statements
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
-        left, operation, right = node.left, node.ops[0], node.comparators[0]
+        left = node.left
+        operation = node.ops[0]
+        right = node.comparators[0]
         has_text = any(
             isinstance(part, ast.Constant) and isinstance(part.value, str | bytes)
             for part in (left, right)
@@ -609,7 +614,10 @@ class _Filler(ast.NodeTransformer):
         names: dict[str, str],
         location: str,
     ) -> None:
-        self._parts, self._blocks, self._names, self._location = parts, blocks, names, location
+        self._parts = parts
+        self._blocks = blocks
+        self._names = names
+        self._location = location
 
     def _name(self, name: str) -> str:
         return self._names.get(name) or (f"@{name}{self._location}" if name.isupper() else name)

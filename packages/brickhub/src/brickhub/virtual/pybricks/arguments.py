@@ -6,7 +6,8 @@ from typing import Any
 
 from brickhub.virtual.micropython.exceptions import HubOSError
 
-_INT_MIN, _INT_MAX = -(2**31), 2**31 - 1
+_INT_MIN = -(2**31)
+_INT_MAX = 2**31 - 1
 _HINTS = """--> Check the line in your script that matches
     the line number given in the 'Traceback' above.
 

@@ -52,12 +52,10 @@ class Async:
         result: _Call | None = None,
         on_close: _Call | None = None,
     ) -> None:
-        self._context, self._is_done, self._result, self._on_close = (
-            context,
-            is_done,
-            result,
-            on_close,
-        )
+        self._context = context
+        self._is_done = is_done
+        self._result = result
+        self._on_close = on_close
         self._state = self._NEW
 
     def __iter__(self) -> "Async":
@@ -95,7 +93,9 @@ class Context:
     """
 
     def __init__(self, machine: Machine, console: Console, ports: type[Any]) -> None:
-        self.machine, self.console, self.ports = machine, console, ports
+        self.machine = machine
+        self.console = console
+        self.ports = ports
         self.start_ms = machine.time_ms
         self.peripherals: list[Any] = []
         self.is_active = self.is_waiting = False

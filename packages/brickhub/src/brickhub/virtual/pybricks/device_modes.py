@@ -31,9 +31,13 @@ _MAX_TILT_DEG = 45
 _INFRARED_MAX_RAW = 500
 _DISTS_MAX_MM = 320
 _NOTHING_NEAR = -1
-_ECHO_US_PER_MM, _MAX_ECHO_US = 2 / 0.343, 14_577
-_FORCE_RELEASED_RAW, _FORCE_MAX_RAW = 384, 701  # each sensor has its own, as CALIB reports
-_BOOST_FULL_RAW, _SPIKE_FULL_RAW = 440, 1024
+_ECHO_US_PER_MM = 2 / 0.343
+_MAX_ECHO_US = 14_577
+# each sensor has its own, as CALIB reports
+_FORCE_RELEASED_RAW = 384
+_FORCE_MAX_RAW = 701
+_BOOST_FULL_RAW = 440
+_SPIKE_FULL_RAW = 1024
 _LEGO_COLORS: Mapping[int, Hsv] = {
     -1: (0, 0, 0), 0: (0, 0, 10), 3: (240, 100, 100), 4: (180, 100, 100), 5: (120, 100, 100),
     7: (60, 100, 100), 9: (0, 100, 100),
@@ -124,10 +128,8 @@ class Plug:
 
     def speed_pct(self) -> int:
         """Mean speed of a motor since the last call, in % of its kind's maximum; at first 0."""
-        (time_ms, mdeg), self._last_sample = (
-            self._last_sample,
-            (self.machine.time_ms, self.angle_mdeg()),
-        )
+        (time_ms, mdeg) = self._last_sample
+        self._last_sample = (self.machine.time_ms, self.angle_mdeg())
         elapsed_ms = self._last_sample[0] - time_ms
         max_deg_s = self.machine.servos[self.port].type.max_speed_deg_s
         speed_pct = (
@@ -171,7 +173,8 @@ class DeviceModes:
     """
 
     def __init__(self, *modes: DeviceMode, first: int = 0, stale_ms: int = 0) -> None:
-        self.modes, self._stale_ms = modes, stale_ms
+        self.modes = modes
+        self._stale_ms = stale_ms
         self.first_mode = modes[first].name if modes else ""
 
     def stale_ms(self, mode: str) -> int:

@@ -143,7 +143,8 @@ class LightMatrix(_Timed):
         self._machine.panel.animate("display", animation())
 
     def pixel(self, row: Any, column: Any, brightness: Any = _MAX_BRIGHTNESS) -> None:
-        position, value = (get_int(row), get_int(column)), percentage(brightness)
+        position = (get_int(row), get_int(column))
+        value = percentage(brightness)
         if self._machine.panel.stop_animation("display"):
             self._machine.panel.show([0] * _SIZE**2)
         if all(0 <= x < _SIZE for x in position):
@@ -181,7 +182,8 @@ class LightMatrix(_Timed):
         self._machine.panel.show(self._turned(pixels), text)
 
     def text(self, text: Any, on: Any = 500, off: Any = 50) -> Any:
-        on_ms, off_ms = get_int(on), get_int(off)
+        on_ms = get_int(on)
+        off_ms = get_int(off)
         return self._play(self._text(get_text(text), on_ms, off_ms))
 
     def _text(self, text: str, on_ms: int, off_ms: int) -> Iterator[bool]:
@@ -224,13 +226,15 @@ class Speaker(_Timed):
 
     def beep(self, frequency: Any = 500, duration: Any = 100) -> Any:
         """Play a tone at once; whoever waits for its end also ends it."""
-        frequency_hz, duration_ms = get_int(frequency), get_int(duration)
+        frequency_hz = get_int(frequency)
+        duration_ms = get_int(duration)
         self._machine.panel.change(sound_hz=frequency_hz)
         end_ms = self._machine.time_ms + duration_ms
         return None if duration_ms < 0 else self._play(self._rest_of_tone(end_ms), self._silence)
 
     def play_notes(self, notes: Any, tempo: Any = 120) -> Any:
-        notes, bar_ms = iter(notes), 4 * 60 * 1000 // get_int(tempo)
+        notes = iter(notes)
+        bar_ms = 4 * 60 * 1000 // get_int(tempo)
         steps = (step for note in notes for step in self._sound(*_parse_note(note, bar_ms)))
         return self._play(steps, self._silence)
 

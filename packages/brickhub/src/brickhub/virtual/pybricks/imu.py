@@ -31,7 +31,9 @@ _SETTINGS: dict[str, tuple[Any, float]] = {
 """Default values, and the largest deviation from them that the firmware accepts."""
 _Vector = tuple[float, float, float]
 _MM_S2_PER_STEP = 0.244 * 9.81  # of the accelerometer (LSM6DS3TR-C) at 8 g
-_COUNTS_PER_G, _G_MM_S2 = 64, 9806.65  # of the sensor (LIS3DH) at 2 g, 8 bits
+# of the sensor (LIS3DH) at 2 g, 8 bits
+_COUNTS_PER_G = 64
+_G_MM_S2 = 9806.65
 _MM_S2_PER_COUNT = 158
 _ARC_TANGENTS = (
     (0, 0),
@@ -90,10 +92,12 @@ class IMU(Native):
     def _orient(self, top_side: Any, front_side: Any) -> None:
         """Set the directions of the hub's top and front in the robot's frame, and the heading to 0.
         Raises ValueError if they are not at right angles."""
-        front, top = _axis(front_side), _axis(top_side)
+        front = _axis(front_side)
+        top = _axis(top_side)
         expect(not abs(_dot(front, top)) > 1e-3 and _dot(front, front) and _dot(top, top))
         front, top = (tuple(x / math.sqrt(_dot(v, v)) for x in v) for v in (front, top))  # type: ignore[assignment]
-        (a, b, c), (x, y, z) = top, front
+        (a, b, c) = top
+        (x, y, z) = front
         left = b * z - c * y, c * x - a * z, a * y - b * x
         self._frame = self._heading.frame = front, left, top
         if self._bench is not None:
@@ -174,7 +178,8 @@ class IMU(Native):
     def stationary(self) -> bool:
         """Whether the hub has been at rest for a second, its motors coasting. It rests while no
         motor drives it and it is not seen to turn."""
-        servos, limit = self._machine.servos.values(), self._settings["angular_velocity_threshold"]
+        servos = self._machine.servos.values()
+        limit = self._settings["angular_velocity_threshold"]
         if any(abs(rate) >= limit for rate in self._machine.body.angular_velocity_deg_s()):
             self._turned_ms = self._machine.time_ms
         moved_ms = [
@@ -257,7 +262,8 @@ class Accelerometer(Native):
     def _orient(self, top_side: Any, front_side: Any) -> None:
         """Set the axes, 1 to 3 or negative, along which top and front of the hub are in the robot.
         Raises ValueError if they are not at right angles."""
-        top, front = get_int(top_side), get_int(front_side)
+        top = get_int(top_side)
+        front = get_int(front_side)
         axes = {abs(top), abs(front)}
         expect(len(axes) == 2 and axes <= {1, 2, 3})
         (left,) = {1, 2, 3} - axes

@@ -125,7 +125,8 @@ class UARTDevice(Native):
             self._ask_for_power(pin)
         self._busy: set[str] = set()
         self._awaits_pattern = False
-        self._reads, self._writes = Awaited(self._context), Awaited(self._context)
+        self._reads = Awaited(self._context)
+        self._writes = Awaited(self._context)
 
     def _ask_for_power(self, pin: int) -> None:
         """Ask a person for permission to put the battery's voltage on a pin."""

@@ -56,7 +56,8 @@ _ROWS = {
     "FALSE": (17, 10, 4, 10, 17),
 }
 """Icons: for each row of pixels the number of which its lights are the bits."""
-_GRAY, _FULL = (0, 0), (100, 100)
+_GRAY = (0, 0)
+_FULL = (100, 100)
 """Hue and saturation of a gray, saturation and value of a full color."""
 _MAX_GRAY_SATURATION_PCT = 40  # up to this saturation a color is a gray,
 _MAX_GRAY_VALUE_PCT = 1  # and up to this value
@@ -125,7 +126,8 @@ def _cone_distance(a: Hsv, b: Hsv) -> int:
     from all colors."""
     ax, ay, az = _in_cone(a)
     bx, by, bz = _in_cone(b)
-    dx, dy = trunc((bx - ax) / 10_000), trunc((by - ay) / 10_000)
+    dx = trunc((bx - ax) / 10_000)
+    dy = trunc((by - ay) / 10_000)
     return dx * dx + dy * dy + (bz - az) ** 2
 
 
@@ -276,7 +278,8 @@ class _Palette:
             raise AttributeError(name)
         return self._colors[name]
 
-    __setattr__, __delattr__ = __setitem__, __delitem__
+    __setattr__ = __setitem__
+    __delattr__ = __delitem__
 
     def __iter__(self) -> Iterator[Any]:
         return iter(self._colors)

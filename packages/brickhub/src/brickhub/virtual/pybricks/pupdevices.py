@@ -63,7 +63,8 @@ class Control(Native):
     """Settings of one controller. Without arguments, each method returns what is set."""
 
     def __init__(self, controller: Callable[[], Controller], context: Context) -> None:
-        self._controller, self._machine = controller, context.machine
+        self._controller = controller
+        self._machine = context.machine
         self.scale = controller().settings.steps_per_unit
         self.log = Log(lambda: controller().log, context)
 
@@ -111,10 +112,8 @@ class Control(Native):
         if not controller.is_active:
             return None
         t = controller.trajectory
-        times, angles = (
-            (trunc(x / 10) for x in (t.t1, t.t2, t.t3)),
-            (trunc(x / 1000) for x in (t.th1, t.th2, t.th3)),
-        )
+        times = (trunc(x / 10) for x in (t.t1, t.t2, t.t3))
+        angles = (trunc(x / 1000) for x in (t.th1, t.th2, t.th3))
         return 0, *times, 0, *angles, *(trunc(w / 10) for w in (t.w0, t.w1, t.w3)), t.a0, t.a2
 
     def done(self) -> bool:
@@ -132,7 +131,9 @@ class Log(Native):
     """Records the state at each control loop, and prints it as a file that pybricksdev saves."""
 
     def __init__(self, logger: Callable[[], Logger], context: Context) -> None:
-        self._logger, self._machine, self._console = logger, context.machine, context.console
+        self._logger = logger
+        self._machine = context.machine
+        self._console = context.console
 
     def start(self, duration: Any, down_sample: Any = 1) -> None:
         step = max(get_int(down_sample), 1)
@@ -167,7 +168,8 @@ class MotorModel(Native):
     (``pb_type_motor_model.c``)."""
 
     def __init__(self, observer: Callable[[], Observer], machine: Machine) -> None:
-        self._observer, self._machine = observer, machine
+        self._observer = observer
+        self._machine = machine
 
     def state(self) -> tuple[float, float, float, bool]:
         """Angle (deg), speed (deg/s), current (mA), and whether it stalls at this moment, however
@@ -271,7 +273,8 @@ class Motor(_BaseMotor):
     ) -> None:
         super().__init__(port, positive_direction)
         self._machine.plug_in(self._letter, "Motor")
-        servo, mode = self._machine.servos.get(self._letter), self._machine.modes.get(self._letter)
+        servo = self._machine.servos.get(self._letter)
+        mode = self._machine.modes.get(self._letter)
         if (
             servo is None
             or servo.is_plain
@@ -346,7 +349,8 @@ class Motor(_BaseMotor):
         return self._finish() if wait else None
 
     def run_until_stalled(self, speed: Any, then: Any = Stop.COAST, duty_limit: Any = None) -> Any:
-        speed_deg_s, stop = get_int(speed), completion(then)
+        speed_deg_s = get_int(speed)
+        stop = completion(then)
         self._servo.run_until_stalled(
             speed_deg_s, stop, None if duty_limit is None else percentage(duty_limit)
         )
@@ -355,7 +359,8 @@ class Motor(_BaseMotor):
     def _finish(self, returns_angle: bool = False, ends_by_time: bool = False) -> Any:
         """Wait for the end of the move. Raises TwinError if the bench blocks it, so that it never
         ends."""
-        machine, angle_deg = self._machine, self._servo.angle_deg()
+        machine = self._machine
+        angle_deg = self._servo.angle_deg()
         since_ms = machine.time_ms
 
         def is_done() -> bool:
@@ -365,7 +370,8 @@ class Motor(_BaseMotor):
             if self._servo.is_done():
                 return True
             if self._servo.angle_deg() != angle_deg:
-                angle_deg, since_ms = self._servo.angle_deg(), machine.time_ms
+                angle_deg = self._servo.angle_deg()
+                since_ms = machine.time_ms
             elif machine.time_ms - since_ms > _STUCK_MS and not (
                 ends_by_time or self._context.is_active or machine.pace
             ):

@@ -72,7 +72,8 @@ class Device(Native):
             # changed before the driver knew that another task asks for this one
             if self._mode.name != mode:
                 raise os_error(errno.EPERM)
-            value, log = get(), self._machine.log
+            value = get()
+            log = self._machine.log
             if log is not None:
                 parts = (value.h, value.s, value.v) if quantities == _HSV else value
                 log.read([f"{self._letter}_{quantity}" for quantity in quantities], parts)
@@ -97,7 +98,8 @@ class Device(Native):
     def _set_mode(self, mode: str) -> None:
         """Begin a change of mode, unless it is in that mode. Raises OSError (EAGAIN) during another
         change or command."""
-        state, machine = self._mode, self._machine
+        state = self._mode
+        machine = self._machine
         if mode == state.name or (mode == state.previous and machine.body_ms <= state.changed_ms):
             return
         if not self._is_ready():
@@ -134,7 +136,9 @@ class LightArray(Native):
     """Lights around the eye of a sensor; the panel shows the brightest."""
 
     def __init__(self, device: Device, count: int) -> None:
-        self._device, self._machine, self._count = device, device._machine, count
+        self._device = device
+        self._machine = device._machine
+        self._count = count
 
     def on(self, brightness: Any = 100) -> Any:
         values = brightness if isinstance(brightness, list | tuple) else (brightness,) * self._count
@@ -155,7 +159,8 @@ class ColorLight(Native):
     """Light of a device; ``command`` tells the device its color, without a visible effect."""
 
     def __init__(self, device: Any, command: Callable[[], Any]) -> None:
-        self._machine, self._command = device._machine, command
+        self._machine = device._machine
+        self._command = command
 
     def on(self, color: Any) -> Any:
         expect_type(color, Color)
@@ -345,7 +350,8 @@ class PFMotor(Native):
         expect_type(color, Color)
         expect(color.h in (NAMED_COLORS["BLUE"].h, NAMED_COLORS["RED"].h))
         expect_type(positive_direction, Direction)
-        self._sensor, self._machine = sensor, sensor._machine
+        self._sensor = sensor
+        self._machine = sensor._machine
 
     def dc(self, duty: Any) -> Any:
         get_int(duty)

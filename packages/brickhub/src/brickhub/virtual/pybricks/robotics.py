@@ -75,11 +75,13 @@ class DriveBase(Native):
     def move_by(self, dx: Any, dy: Any, then: Any = Stop.HOLD) -> Any:
         """Turn the shorter way and drive to a point, x ahead of heading 0 and y to its left.
         Direction and distance are truncated to whole degrees and mm."""
-        x, y = get_int(dx), get_int(dy)
+        x = get_int(dx)
+        y = get_int(dy)
         direction = truncated(to_single(math.atan2(y, x) * _DEG_PER_RAD))
         expect(max(abs(x), abs(y)) <= _MAX_DISTANCE_MM)
         self._base.turn_to(-direction, OnCompletion.HOLD)
-        distance, end = truncated(to_single(math.sqrt(x * x + y * y))), completion(then)
+        distance = truncated(to_single(math.sqrt(x * x + y * y)))
+        end = completion(then)
         return self._finish(lambda: self._base.straight(distance, end))
 
     def curve(self, radius: Any, angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
@@ -154,7 +156,8 @@ class DriveBase(Native):
         turn_rate: Any = None,
         turn_acceleration: Any = None,
     ) -> tuple[Any, ...] | None:
-        distance, heading = self._base.distance.settings, self._base.heading.settings
+        distance = self._base.distance.settings
+        heading = self._base.heading.settings
         straight = distance.to_unit(distance.default_speed), *distance.limits()[1:3]
         turn = heading.to_unit(heading.default_speed), *heading.limits()[1:3]
         if all(
@@ -247,7 +250,8 @@ class Car(Native):
 
     def _end_stop(self, speed: int, torque_unm: int) -> int:
         self._context.assert_blocking()
-        servo, start_ms = self._steer, self._machine.time_ms
+        servo = self._steer
+        start_ms = self._machine.time_ms
         servo.run_until_stalled(speed, OnCompletion.COAST, None, torque_unm)
         while not servo.is_done():
             if self._machine.time_ms - start_ms > _SEARCH_TIMEOUT_MS:

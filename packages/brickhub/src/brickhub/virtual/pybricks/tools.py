@@ -63,7 +63,8 @@ class Task:
         return self
 
     def __next__(self) -> None:
-        context, all_wait = self._context, True
+        context = self._context
+        all_wait = True
         try:
             for index in tuple(self._open):
                 context.is_waiting = False
@@ -121,7 +122,8 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
             return context.is_active
         if context.is_active:
             raise RuntimeError("Run loop already active.")
-        context.is_active, context.is_waiting = True, False
+        context.is_active = True
+        context.is_waiting = False
         try:
             iterator = _iterator(task)
             while next(iterator, _DONE) is not _DONE:
@@ -164,7 +166,9 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
 def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
     """The entry selected by the left, right and center buttons. Raises TwinError if nobody can
     press them."""
-    machine, display, panel = context.machine, bind(context, LightMatrix)(), context.machine.panel
+    machine = context.machine
+    display = bind(context, LightMatrix)()
+    panel = context.machine.panel
     for entry in reversed(entries):
         display._show_symbol(entry)
     context.assert_blocking()

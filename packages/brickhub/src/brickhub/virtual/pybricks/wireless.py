@@ -49,13 +49,15 @@ _XBOX_BUTTONS = (
 """By their bit."""
 _XBOX_EXTRAS = ("upload", "p1", "p2", "p3", "p4")
 _RUMBLE_MOTORS = 4
-_STICK_MAX, _TRIGGER_MAX = 2**15 - 1, 1023
+_STICK_MAX = 2**15 - 1
+_TRIGGER_MAX = 1023
 _MESSAGE_BYTES = range(3, 21)
 _LAST_CHANNEL = 255
 _MAX_PAYLOAD_BYTES = 26
 _NOTHING_HEARD_DBM = -128
 _MAX_EVENT_BYTES = 19
-_SET_UP, _CONFIGURE = 0, 1
+_SET_UP = 0
+_CONFIGURE = 1
 
 
 def _unavailable(name: str) -> Callable[..., Any]:
@@ -146,7 +148,9 @@ class _Buttons(Native):
     """Buttons of a device in the firmware's order, pressed by the panel."""
 
     def __init__(self, device: Wireless, names: tuple[str, ...]) -> None:
-        self._device, self._machine, self._names = device, device._machine, names
+        self._device = device
+        self._machine = device._machine
+        self._names = names
 
     def pressed(self) -> Any:
         down = self._device._down()
@@ -215,16 +219,16 @@ class TechnicMoveHub(Wireless):
 
 
 class DuploTrain(Wireless):
-    drive, headlights, sound = (
-        _unavailable("drive"),
-        _unavailable("headlights"),
-        _unavailable("sound"),
-    )
-    speed, color = _unavailable("speed"), _unavailable("color")
+    drive = _unavailable("drive")
+    headlights = _unavailable("headlights")
+    sound = _unavailable("sound")
+    speed = _unavailable("speed")
+    color = _unavailable("color")
 
 
 class MarioHub(Wireless):
-    color, hsv = _unavailable("color"), _unavailable("hsv")
+    color = _unavailable("color")
+    hsv = _unavailable("hsv")
 
     def detectable_colors(self, colors: Any = None) -> None:
         for color in colors or ():
@@ -304,7 +308,8 @@ def _stick(down: frozenset[str], side: str, limit: int) -> tuple[int, int]:
 
 def _dpad(down: frozenset[str]) -> int:
     """Direction of the pad: 0 for none, 1 for up, then clockwise."""
-    x, y = ("right" in down) - ("left" in down), ("up" in down) - ("down" in down)
+    x = ("right" in down) - ("left" in down)
+    y = ("up" in down) - ("down" in down)
     return {
         (0, 1): 1,
         (1, 1): 2,
@@ -331,7 +336,8 @@ class Radio(Native):
         ]
         if not all(0 <= channel <= _LAST_CHANNEL for channel in channels):
             raise ValueError("observe channel must be 0 to 255")
-        self._broadcast_channel, self._observed = broadcast_channel, frozenset(channels)
+        self._broadcast_channel = broadcast_channel
+        self._observed = frozenset(channels)
 
     def broadcast(self, data: Any) -> Any:
         if self._broadcast_channel is None:
@@ -393,7 +399,8 @@ def _payload(data: Any) -> bytes:
 
 
 def messaging_module(context: Context) -> ModuleType:
-    console, machine = context.console, context.machine
+    console = context.console
+    machine = context.machine
 
     class AppData:
         """A byte buffer besides the standard streams; the host overwrites it."""
@@ -408,7 +415,8 @@ def messaging_module(context: Context) -> ModuleType:
             for pair in sorted(modes):
                 if len(get_array(pair)) != 2 or get_exact_int(pair[0]) > 255:
                     raise TypeError("modes must be a list of (mode, size) tuples")
-                mode, size = pair[0] & 0xFF, get_exact_int(pair[1])
+                mode = pair[0] & 0xFF
+                size = get_exact_int(pair[1])
                 if mode in self._slices:
                     raise ValueError("mode numbers must be unique")
                 self._slices[mode] = (start, size)

@@ -22,18 +22,19 @@ class MirrorRows(Transform):  # type: ignore[misc]
 
     def __init__(self, layout: ObservationLayout, observation: Mirror, action: Mirror) -> None:
         super().__init__()
-        self.key, self.observation, self.action = layout.keys[0], observation, action
-        self.scale, self.offset = (
-            torch.tensor(layout.scale or (1.0,)),
-            torch.tensor(layout.offset or (0.0,)),
-        )
+        self.key = layout.keys[0]
+        self.observation = observation
+        self.action = action
+        self.scale = torch.tensor(layout.scale or (1.0,))
+        self.offset = torch.tensor(layout.offset or (0.0,))
 
     def forward(self, batch: TensorDictBase) -> TensorDictBase:
         """The batch, with new tensors for what is mirrored."""
         drawn = torch.rand(len(batch), 1, device=batch["action"].device) < 0.5
         for part in (batch, batch["next"]):
             seen = part[self.key].flatten(1)
-            scale, offset = self.scale.to(seen), self.offset.to(seen)
+            scale = self.scale.to(seen)
+            offset = self.offset.to(seen)
             image = self.observation((seen - offset) / scale) * scale + offset
             part[self.key] = torch.where(drawn, image, seen).view_as(part[self.key])
         batch["action"] = torch.where(drawn, self.action(batch["action"]), batch["action"])
@@ -45,7 +46,8 @@ class ShiftImages(Transform):  # type: ignore[misc]
 
     def __init__(self, images: Sequence[ImageShape], most_px: int) -> None:
         super().__init__()
-        self.images, self.most_px = images, most_px
+        self.images = images
+        self.most_px = most_px
 
     def forward(self, batch: TensorDictBase) -> TensorDictBase:
         for image in self.images:
@@ -58,7 +60,8 @@ class ShiftImages(Transform):  # type: ignore[misc]
 
 def augmentations(env: EnvBase, settings: OffPolicySettings) -> Iterator[Transform]:
     """The augmentations of the settings for an environment."""
-    task, layout = interface_of(env).task, layout_of(env)
+    task = interface_of(env).task
+    layout = layout_of(env)
     if settings.shift_px and layout.images:
         yield ShiftImages(layout.images, settings.shift_px)
     if settings.mirror and task is not None and task.symmetric and keeps_actions(env):
@@ -74,15 +77,19 @@ def behind_transforms(
     """The mirror of entries with ``names`` for what transforms make of them: the n-th number of an
     entry changes places with the n-th of its image, as in frames that follow one another. ``None``
     where a number has no image, or an unknown scale."""
-    numbers, is_own = defaultdict[str, list[int]](list), layout.names == tuple(names)
+    numbers = defaultdict[str, list[int]](list)
+    is_own = layout.names == tuple(names)
     for index, name in enumerate(layout.names):
         numbers[name].append(index)
-    places, signs = [], []
+    places = []
+    signs = []
     for index, name in enumerate(layout.names):
         if len(layout.keys) > 1 or name not in names:
             return None
-        entry, nth = names.index(name), numbers[name].index(index)
-        images, sign = numbers[names[mirror.places[entry]]], mirror.signs[entry]
+        entry = names.index(name)
+        nth = numbers[name].index(index)
+        images = numbers[names[mirror.places[entry]]]
+        sign = mirror.signs[entry]
         has_unit = is_own or layout.wraps[index] or layout.high[index] - layout.low[index] < inf
         if nth >= len(images) or not (has_unit or (images[nth] == index and sign > 0)):
             return None

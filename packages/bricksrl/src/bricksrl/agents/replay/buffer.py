@@ -50,8 +50,12 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
             if memory_mapped
             else LazyTensorStorage(capacity, device="cpu")
         )
-        self._rows, self._observed, self._sampled_to = batch_size, keys, torch.device(device)
-        self._gamma, self._n_step, self._goals = gamma, n_step, goals
+        self._rows = batch_size
+        self._observed = keys
+        self._sampled_to = torch.device(device)
+        self._gamma = gamma
+        self._n_step = n_step
+        self._goals = goals
         self._keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
         self._has_links = n_step > 1 or (goals is not None and goals.hindsight > 0)
         self._none = capacity  # index of the missing successor
@@ -92,7 +96,8 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
             raise DescriptionError(f"{message}; give buffer_size {len(rows)} or more")
         index: Tensor = super().extend(rows.to("cpu"))
         if self._has_links and robot is not None:
-            places, time = index, frames.shape[-1]
+            places = index
+            time = frames.shape[-1]
             if lost is not None:
                 places = torch.full(lost.shape, self._none).masked_scatter(~lost.cpu(), index)
             self._link(places.view(-1, time), frames["next", "done"].cpu().view(-1, time), robot)
@@ -142,7 +147,8 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
     def _augmented(self, batch: TensorDictBase, index: Tensor, size: int) -> TensorDictBase:
         """Rows ``[batch]``, which may be several batches of ``size``, relabelled and summed over n
         steps."""
-        chain, known = [index], [torch.ones_like(index, dtype=torch.bool)]
+        chain = [index]
+        known = [torch.ones_like(index, dtype=torch.bool)]
         for _ in range(1, self._n_step):
             chain.append(self._successor[chain[-1]])
             known.append(chain[-1] != self._none)
@@ -180,7 +186,8 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
     def _observed_later(self, index: Tensor) -> Tensor:
         """For each index an observation up to `HORIZON` steps later, or its own outcome if the
         episode ends before."""
-        steps, later = torch.randint(1, HORIZON + 1, index.shape, device=index.device), index
+        steps = torch.randint(1, HORIZON + 1, index.shape, device=index.device)
+        later = index
         for step in range(1, HORIZON + 1):
             later = torch.where(steps >= step, self._successor[later], later)
         later = torch.where(later == self._none, index, later)
@@ -227,6 +234,7 @@ def make_replay_buffer(
     env: EnvBase, settings: OffPolicySettings, device: torch.device | str
 ) -> TransitionReplayBuffer:
     """The replay buffer of the settings for an environment."""
-    layout, goals = layout_of(env), relabelling(env, settings.hindsight, settings.new_goals)
+    layout = layout_of(env)
+    goals = relabelling(env, settings.hindsight, settings.new_goals)
     args = (settings.buffer_size, settings.batch_size, layout.keys, settings.memory_mapped, device)
     return TransitionReplayBuffer(*args, gamma=settings.gamma, n_step=settings.n_step, goals=goals)

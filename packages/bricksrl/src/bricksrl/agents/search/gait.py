@@ -36,7 +36,8 @@ known."""
 NEAR = 0.2
 """Standard deviation of the latter, as a share of half the range; of an angle that wraps, in
 radians."""
-REACH, LEVEL = 0.3, 0.5
+REACH = 0.3
+LEVEL = 0.5
 """Of what is peculiar to a later world: its lengths as a share of those that all worlds share; its
 level, of the amplitude."""
 
@@ -90,7 +91,9 @@ class Posterior:
 
     def __init__(self, points: Tensor, scores: Tensor, worlds: Tensor) -> None:
         scores = scores.double()
-        self.points, self.worlds, self.mean = points, worlds, scores.mean()
+        self.points = points
+        self.worlds = worlds
+        self.mean = scores.mean()
         self.unit = scores.std().clamp_min(1e-6) if len(scores) > 1 else torch.ones_like(self.mean)
         self._values = (scores - self.mean) / self.unit
         length, *others = self.MEDIAN
@@ -150,13 +153,12 @@ class Posterior:
     def gain(self, point: Tensor, other: Tensor) -> tuple[float, float]:
         """Mean and standard deviation of the score of ``point`` ``[p, 2]`` less that of the
         ``other``."""
-        both, here = torch.stack((point, other)), self.worlds[-1:]
+        both = torch.stack((point, other))
+        here = self.worlds[-1:]
         kernel = self._kernel(both, self.points, here, self.worlds)
         half = torch.linalg.solve_triangular(self._root, kernel.T, upper=False)
-        covariance, sign = (
-            self._kernel(both, both, here, here) - half.T @ half,
-            torch.tensor([1.0, -1.0]).double(),
-        )
+        covariance = self._kernel(both, both, here, here) - half.T @ half
+        sign = torch.tensor([1.0, -1.0]).double()
         deviation = (sign @ covariance @ sign).clamp_min(0).sqrt()
         return float(self.unit * (sign @ kernel @ self._weights)), float(self.unit * deviation)
 
@@ -202,10 +204,8 @@ class PolicySearch(Learner):
             return
         for frame in frames.unbind(-1):
             self.rewards.append(float(frame["next", "reward"].mean()))
-            observation, ended = (
-                frame["next", "observation"],
-                bool(frame["next", "terminated"].any()),
-            )
+            observation = frame["next", "observation"]
+            ended = bool(frame["next", "terminated"].any())
             tilts = observation[..., self.tilts].abs() > self.settings.tilt_deg
             if bool(tilts.any()) or (
                 ended and not bool(self.succeeds(observation[..., None, :]).all())
@@ -221,10 +221,8 @@ class PolicySearch(Learner):
         places = torch.arange(1.0, len(counted) + 1)
         weights = torch.minimum(places, places.flip(0))
         score = ((counted * weights).sum() / weights.sum()).clamp_max(highest)[None].to(self.scores)
-        self.numbers, self.scores = (
-            torch.cat((self.numbers, self.actor.trial[None])),
-            torch.cat((self.scores, score)),
-        )
+        self.numbers = torch.cat((self.numbers, self.actor.trial[None]))
+        self.scores = torch.cat((self.scores, score))
         self.worlds = torch.cat((self.worlds, torch.tensor([self.world])))
         self.end_episodes()
 
@@ -245,7 +243,8 @@ class PolicySearch(Learner):
             return {}
         self.updates = len(self.scores)
         entries = self.actor.structure.numbers
-        points, here = embedded(self.numbers, entries), self.worlds == self.world
+        points = embedded(self.numbers, entries)
+        here = self.worlds == self.world
         posterior = Posterior(points, self.scores, self.worlds)
         means, _ = posterior.at(points[here])
         likeliest = self.numbers[here][means.argmax()]
@@ -292,7 +291,8 @@ class PolicySearch(Learner):
         structure."""
         super().load_state_dict(state)
         try:
-            search, self.world = state["search"], int(state["world"])
+            search = state["search"]
+            self.world = int(state["world"])
             self.start, self.numbers, self.scores, self.worlds = (
                 search[n] for n in ("start", "numbers", "scores", "worlds")
             )
@@ -330,7 +330,8 @@ def build(env: EnvBase, settings: GaitSettings, device: torch.device | str = "cp
     )
     actor = StructuredActor(structure, (low + high) / 2).to(device)
     policy = TensorDictModule(actor, in_keys=["observation"], out_keys=["action"])
-    places, task = layout_of(env).places, interface_of(env).task
+    places = layout_of(env).places
+    task = interface_of(env).task
     if task is not None and settings.trial_steps > task.max_steps // steps_of(env):
         steps = counted(task.max_steps // steps_of(env), "step")
         raise DescriptionError(

@@ -64,14 +64,13 @@ class Oscillators(nn.Module):
         size: int,
     ) -> None:
         super().__init__()
-        self.numbers, self.size = numbers, size
+        self.numbers = numbers
+        self.size = size
         self.angles, self.actions, self.signs = (
             nn.Buffer(column, persistent=False) for column in torch.tensor(legs).T
         )
-        self.lags, self.gains = (
-            nn.Buffer(lags, persistent=False),
-            nn.Buffer(actions_per_deg, persistent=False),
-        )
+        self.lags = nn.Buffer(lags, persistent=False)
+        self.gains = nn.Buffer(actions_per_deg, persistent=False)
 
     def forward(self, observation: Tensor, numbers: Tensor) -> Tensor:
         error_rad = (observation[..., self.angles] * self.signs - self._phases(numbers)).deg2rad()
@@ -133,7 +132,8 @@ def act(observed):
 def oscillators(env: EnvBase) -> Oscillators:
     """Oscillators for the legs of an environment's robot. Raises DescriptionError if it has fewer
     than two motors that turn endlessly and whose angles are observed."""
-    task, layout = interface_of(env).task, layout_of(env)
+    task = interface_of(env).task
+    layout = layout_of(env)
     legs: dict[str, tuple[int, int, float]] = {}  # angle, action and degrees of an action, by motor
     if task is None or layout.keys != ["observation"] or not keeps_actions(env):
         raise DescriptionError(_NO_LEGS)
@@ -154,7 +154,8 @@ def oscillators(env: EnvBase) -> Oscillators:
     paired = set(itertools.chain(*pairs))
     groups = [*pairs, *((name,) for name in legs if name not in paired)]
     lags = torch.zeros(len(legs), len(groups))
-    order, rows = [name for group in groups for name in group], []
+    order = [name for group in groups for name in group]
+    rows = []
     for index, (place, name) in enumerate(
         (place, name) for group in groups for place, name in enumerate(group)
     ):
@@ -174,7 +175,8 @@ class Linear(nn.Module):
 
     def __init__(self, encoder: Any, size: int) -> None:
         super().__init__()
-        self.encoder, self.size = encoder, size
+        self.encoder = encoder
+        self.size = size
         self.numbers = tuple(
             Entry(f"weight_{row}_{column}", -1.0, 1.0)
             for row in range(size)

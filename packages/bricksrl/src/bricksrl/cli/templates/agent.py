@@ -29,7 +29,8 @@ class Settings(settings.OffPolicySettings):
 def build(env: EnvBase, settings: Settings, device: str = "cpu") -> learner.Learner:
     """The algorithm in an environment: networks, loss, optimiser, replay buffer."""
     # Networks: features of the observation, the actor, and a critic of observation and action.
-    features, actions = encoder.make_encoder(env, settings), networks.action_size(env)
+    features = encoder.make_encoder(env, settings)
+    actions = networks.action_size(env)
     body = networks.make_body(settings, features.size, actions, norm="layer")
     critic = operators.critic_operator(
         features, networks.make_body(settings, features.size + actions, 1, norm="layer")

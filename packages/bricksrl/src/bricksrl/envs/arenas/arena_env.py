@@ -64,7 +64,9 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         super().__init__(batch_size=copies, device=device)
         self.task = task
         self.group_map = {group: list(names) for group, names in task.groups.items()}
-        observations, actions, rewards = {}, {}, {}
+        observations = {}
+        actions = {}
+        rewards = {}
         is_bounded = all(
             math.isfinite(end) for entry in task.entries for end in (entry.low, entry.high)
         )
@@ -89,7 +91,8 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
 
     def _actions(self, tensordict: TensorDictBase) -> Tensor:
         """Actions ``[*batch, robots, 2]`` in the arena's order, `clamped`."""
-        task, parts = self.task, [torch.empty(0)] * len(self.task.robots)
+        task = self.task
+        parts = [torch.empty(0)] * len(self.task.robots)
         for group, names in task.groups.items():
             actions = clamped(
                 tensordict[group, "action"],
@@ -116,7 +119,8 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         """Output of a reset or, with the reward and the end of a step, of a step. Raises
         DescriptionError if a function of the task returns something else than a tensor of the right
         shape and type."""
-        task, batch = self.task, self.batch_size
+        task = self.task
+        batch = self.batch_size
         per_robot = {
             "observation": self._checked(
                 "observe", task.observe(state), len(task.robots), len(task.entries)
@@ -183,14 +187,16 @@ class ArenaEnv(GroupedEnv):
         realtime: bool = False,
     ) -> None:
         super().__init__(task)
-        self._physics, self._realtime = physics, realtime
+        self._physics = physics
+        self._realtime = realtime
         self._world: ArenaWorld | None = None
         self._hubs: list[VirtualHub] = []
         self._links: list[HubLink] = []
         self._state: ArenaState | None = None
         self.reconnect = Reconnect()
         spans = [[(c.low, c.high) for c in interface.commands] for interface in task.interfaces]
-        self._low, self._high = torch.tensor(spans)[..., 0], torch.tensor(spans)[..., 1]
+        self._low = torch.tensor(spans)[..., 0]
+        self._high = torch.tensor(spans)[..., 1]
         self._set_seed(seed)
         self.is_closed = False
 
@@ -322,7 +328,9 @@ class ArenaSimulation(GroupedEnv):
     ) -> None:
         device = resolve_device(device)
         super().__init__(task, batch_shape(copies), device)
-        travel_deg, track, radius = [], [], []
+        travel_deg = []
+        track = []
+        radius = []
         for contestant, interface in zip(task.arena.robots, task.interfaces, strict=True):
             base = contestant.robot.drive_base
             if base is None or task.arena.loads:
@@ -386,8 +394,10 @@ class ArenaSimulation(GroupedEnv):
         )
         count = int(is_reset.sum())
         if count:
-            poses, moved = self._state.poses.clone(), self._state.moved.clone()
-            poses[is_reset], moved[is_reset] = self._starts(count), 0.0
+            poses = self._state.poses.clone()
+            moved = self._state.moved.clone()
+            poses[is_reset] = self._starts(count)
+            moved[is_reset] = 0.0
             self._state = ArenaState(poses, moved)
             self._last_command[is_reset] = 0.0
             self._lag[is_reset] = LAG[0] + (LAG[1] - LAG[0]) * self._uniform(count, 1, 1)
@@ -395,15 +405,18 @@ class ArenaSimulation(GroupedEnv):
         return self._frame(self._state)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        before, actions = self._state, self._actions(tensordict)
+        before = self._state
+        actions = self._actions(tensordict)
         noise = NOISE * torch.randn(actions.shape, generator=self._rng, device=self.device)
         moved = (1.0 - self._lag) * actions + self._lag * self._last_command + noise
         self._last_command = actions
         left_m, right_m = (moved * self._way_m).unbind(-1)
         x, y, heading = before.poses.unbind(-1)
-        turn, forward = (right_m - left_m) / self._track_m, (left_m + right_m) / 2.0
+        turn = (right_m - left_m) / self._track_m
+        forward = (left_m + right_m) / 2.0
         middle = heading + turn / 2.0
-        x, y = x + forward * middle.cos(), y + forward * middle.sin()
+        x = x + forward * middle.cos()
+        y = y + forward * middle.sin()
         if self.task.arena.half_size_m is not None:
             half_x, half_y = self.task.arena.half_size_m
             x = x.clamp(-half_x + MARGIN_M, half_x - MARGIN_M)

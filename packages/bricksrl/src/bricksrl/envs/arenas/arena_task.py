@@ -154,9 +154,11 @@ def seen_from(poses: Tensor, viewer: int, seen: int) -> Tensor:
     """Pose of a thing in a robot's frame, ``[*batch, 4]``: metres ahead and to the left, cosine and
     sine of the difference of their headings."""
     x, y, heading = (poses[..., viewer, i] for i in range(3))
-    dx, dy = poses[..., seen, 0] - x, poses[..., seen, 1] - y
+    dx = poses[..., seen, 0] - x
+    dy = poses[..., seen, 1] - y
     turn = poses[..., seen, 2] - heading
-    ahead, left = dx * heading.cos() + dy * heading.sin(), dy * heading.cos() - dx * heading.sin()
+    ahead = dx * heading.cos() + dy * heading.sin()
+    left = dy * heading.cos() - dx * heading.sin()
     return torch.stack((ahead, left, turn.cos(), turn.sin()), -1)
 
 
@@ -170,6 +172,7 @@ def steer_towards(ahead: Tensor, left: Tensor, speed: float = 1.0) -> Tensor:
     """Action ``[*batch, 2]`` that turns a robot on two wheels towards a direction in its frame, and
     drives on as far as it faces it."""
     angle = torch.atan2(left, ahead)
-    forward, turn = speed * angle.cos().clamp_min(0.0), (1.5 * angle).clamp(-1.0, 1.0) * 0.6
+    forward = speed * angle.cos().clamp_min(0.0)
+    turn = (1.5 * angle).clamp(-1.0, 1.0) * 0.6
     action = torch.stack((forward - turn, forward + turn), -1)
     return action / action.abs().amax(-1, keepdim=True).clamp_min(1.0)

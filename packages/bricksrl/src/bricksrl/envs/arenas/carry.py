@@ -55,7 +55,8 @@ from bricksrl.envs.arenas.arena_task import (
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.arena import Arena, Contestant, Load, Place
 
-START_M, GOAL_M = 0.12, 0.52
+START_M = 0.12
+GOAL_M = 0.52
 """Position of the beam's middle along x, at the start and at the goal."""
 MAX_TURN = math.radians(45.0)
 STEP_MS = 250
@@ -115,13 +116,16 @@ def reward(before: ArenaState, after: ArenaState) -> Tensor:
 def push(observation: Tensor) -> Tensor:
     """Script of both: drive along x, more slowly if the robot's half of the beam is ahead;
     ``[*batch, 12]`` to ``[*batch, 2]``."""
-    y, cos, sin = observation[..., 1], observation[..., 2], observation[..., 3]
+    y = observation[..., 1]
+    cos = observation[..., 2]
+    sin = observation[..., 3]
     # of the beam in the world: positive when its left lags
     beam_sin = observation[..., 6] * sin + observation[..., 7] * cos
     home = torch.where(y >= 0, 0.2, -0.2) - y
     lead = -beam_sin * y.sign()
     speed = (1.0 - 6.0 * lead.clamp_min(0.0)).clamp(0.1, 1.0)
-    ahead, left = torch.ones_like(y), 2.0 * home.clamp(-0.3, 0.3)
+    ahead = torch.ones_like(y)
+    left = 2.0 * home.clamp(-0.3, 0.3)
     steered = steer_towards(ahead * cos + left * sin, left * cos - ahead * sin)
     return steered * speed.unsqueeze(-1)
 

@@ -56,7 +56,8 @@ from bricktwin.twin.arena import Arena, Contestant, Place
 
 HALF_M = 0.8
 CAUGHT_M = 0.2
-CATCHER, RUNNER = 0, 1
+CATCHER = 0
+RUNNER = 1
 STEP_MS = 250
 _TRAVEL_DEG = (150.0, 112.0)
 _SPEED_DEG_S = 900
@@ -66,7 +67,8 @@ _TURN_RAD = 0.7
 """Approximate angle by which the runner turns in place in a step, including acceleration."""
 _REACH_M = 0.73
 """Largest distance of a robot from the middle along x and y; the walls are at 0.8 m."""
-_DIRECTIONS, _LOOK_STEPS = 16, 16
+_DIRECTIONS = 16
+_LOOK_STEPS = 16
 _CATCH_REWARD = 5.0
 _REWARD_PER_M = 10.0
 
@@ -118,8 +120,11 @@ def flee(observation: Tensor) -> Tensor:
     """The runner's script, ``[*batch, 10]`` to ``[*batch, 2]``. Of 16 directions it takes the one
     in which it is caught latest by a catcher that drives straight at it, if it turns there first,
     drives on and slides along the walls."""
-    start, cos, sin = observation[..., 0:2], observation[..., 2], observation[..., 3]
-    ahead, left = observation[..., 4], observation[..., 5]
+    start = observation[..., 0:2]
+    cos = observation[..., 2]
+    sin = observation[..., 3]
+    ahead = observation[..., 4]
+    left = observation[..., 5]
     angles = torch.arange(_DIRECTIONS, device=observation.device) * (2.0 * math.pi / _DIRECTIONS)
     directions = torch.stack((angles.cos(), angles.sin()), -1)
     catcher = start + torch.stack((ahead * cos - left * sin, ahead * sin + left * cos), -1)
@@ -129,7 +134,8 @@ def flee(observation: Tensor) -> Tensor:
     )
     alignment = torch.stack((cos, sin), -1) @ directions.T
     turn_steps = alignment.clamp(-1.0, 1.0).arccos() / _TURN_RAD  # steps until it faces that way
-    free, score = torch.ones_like(turn_steps), torch.zeros_like(turn_steps)
+    free = torch.ones_like(turn_steps)
+    score = torch.zeros_like(turn_steps)
     for step in range(1, _LOOK_STEPS + 1):
         driven = _STEP_M[RUNNER] * (step - turn_steps).clamp(0.0, 1.0)
         runner = (runner + driven.unsqueeze(-1) * directions).clamp(-_REACH_M, _REACH_M)

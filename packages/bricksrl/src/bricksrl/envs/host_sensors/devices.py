@@ -72,7 +72,8 @@ def second_camera(view: CameraView) -> HostSensor:
 
 class _Images:
     def __init__(self, camera: Camera, image_px: int) -> None:
-        self._camera, self._px = camera, image_px
+        self._camera = camera
+        self._px = image_px
 
     def read(self) -> Any:
         return shrink(self._camera.frame(), self._px, None)

@@ -142,7 +142,9 @@ class TwinReader:
     """Reads a sensor of a virtual robot."""
 
     def __init__(self, sensor: HostSensor, twin: Callable[[World], Any], world: World) -> None:
-        self.sensor, self._twin, self._world = sensor, twin, world
+        self.sensor = sensor
+        self._twin = twin
+        self._world = world
         self._newest: Any = None
         self._read_s = -math.inf
 
@@ -153,7 +155,8 @@ class TwinReader:
         now_s = self._world.now_s()
         if now_s - self._read_s >= 1.0 / self.sensor.rate_hz:
             try:
-                self._newest, self._read_s = self.sensor.checked(self._twin(self._world)), now_s
+                self._newest = self.sensor.checked(self._twin(self._world))
+                self._read_s = now_s
             except SensorError as error:  # no lost link, which would be tried again
                 raise DescriptionError(f"the twin of a {error}") from None
         return self._newest, now_s - self._read_s
@@ -170,10 +173,8 @@ class ThreadReader:
         self.sensor = sensor
         self._thread: threading.Thread | None = None
         self._newest: Any = None
-        self._read_s, self._error = (
-            -math.inf,
-            SensorError(f"sensor '{sensor.name}' is closed; open it first"),
-        )
+        self._read_s = -math.inf
+        self._error = SensorError(f"sensor '{sensor.name}' is closed; open it first")
         self._is_over = threading.Event()
         self._is_over.set()
 
@@ -182,7 +183,9 @@ class ThreadReader:
         without effect while it is open."""
         if not self._is_over.is_set():
             return
-        self._is_over, has_come, self._read_s = threading.Event(), threading.Event(), -math.inf
+        self._is_over = threading.Event()
+        has_come = threading.Event()
+        self._read_s = -math.inf
         arguments = (self._is_over, has_come, self._thread)
         self._thread = threading.Thread(
             target=self._run, args=arguments, name=f"sensor {self.sensor.name}", daemon=True
@@ -219,10 +222,8 @@ class ThreadReader:
             try:
                 while not is_over.is_set():
                     started_s = time.perf_counter()
-                    self._newest, self._read_s = (
-                        self.sensor.checked(device.read()),
-                        time.perf_counter(),
-                    )
+                    self._newest = self.sensor.checked(device.read())
+                    self._read_s = time.perf_counter()
                     has_come.set()
                     is_over.wait(
                         max(0.0, started_s + 1.0 / self.sensor.rate_hz - time.perf_counter())

@@ -46,7 +46,8 @@ class BaseEnv:
     state: Sequence[float] = ()
 
     def __init__(self, action_dim: int, state_dim: int) -> None:
-        self.action_dim, self.state_dim = action_dim, state_dim
+        self.action_dim = action_dim
+        self.state_dim = state_dim
         # the state in its units, as the observation is
         self.original_vec_observation_key = self.observation_key
 

@@ -24,10 +24,8 @@ class OwnEnv(HubEnv):
         return self.task.base_env
 
     def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> Floats:
-        self._own.link, self._own.state = (
-            lambda: cast("ClientLink", self._connected().link),
-            reading.values,
-        )
+        self._own.link = lambda: cast("ClientLink", self._connected().link)
+        self._own.state = reading.values
         first: Floats = self._observation_in(self._guarded(lambda: self._own._reset(None))).numpy()
         return first
 
@@ -52,7 +50,8 @@ class OwnEnv(HubEnv):
         return self._observation_in(after), after["reward"].reshape(1).float(), ends.reshape(1)
 
     def _observation_in(self, state: TensorDictBase) -> torch.Tensor:
-        key, count = self._own.observation_key, len(self.task.entries)
+        key = self._own.observation_key
+        count = len(self.task.entries)
         observation = state.get(key, None)
         if observation is None or observation.numel() != count:
             raise DescriptionError(

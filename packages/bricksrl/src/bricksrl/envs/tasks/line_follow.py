@@ -70,7 +70,9 @@ BARE_PCT = 31.0
 """Difference from it at which the sensor sees only the line or only the floor."""
 SUCCESS_SHARE = 0.95
 LINE_MM = 30.0
-_RADIUS_MM, _LOBES_MM, _LOBES = 450.0, 80.0, 3
+_RADIUS_MM = 450.0
+_LOBES_MM = 80.0
+_LOBES = 3
 
 
 def course() -> tuple[tuple[float, float], ...]:

@@ -59,14 +59,20 @@ from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.objects import Field, Line
 from bricktwin.twin.scene import Scene
 
-PARKED_MM, PARKED_DEG = 15.0, 4.0
+PARKED_MM = 15.0
+PARKED_DEG = 4.0
 """Tolerances by dead reckoning, at which an episode ends."""
-WITHIN_MM, WITHIN_DEG = 20.0, 5.0
+WITHIN_MM = 20.0
+WITHIN_DEG = 5.0
 """Tolerances by the true pose if it is known: wheels slip by about 5 mm on the way."""
-REST_MM, REST_DEG = 3.0, 2.0
+REST_MM = 3.0
+REST_DEG = 2.0
 """Largest motion in the last step of a robot at rest."""
-_UNIT_MM, _UNIT_DEG, _NEAR_MM = 100.0, 60.0, 25.0
-_GAIN, _TIME_COST = 5.0, 0.6
+_UNIT_MM = 100.0
+_UNIT_DEG = 60.0
+_NEAR_MM = 25.0
+_GAIN = 5.0
+_TIME_COST = 0.6
 _BAY = (220.0, 200.0)
 _AHEAD, _LEFT, _TURN, _MOVED, _TURNED = (slice(place - 5, place - 4 or None) for place in range(5))
 
@@ -83,11 +89,9 @@ def _heading_error_deg(observation: Tensor) -> Tensor:
 def _detour_deg(observation: Tensor) -> Tensor:
     """Additional turn of a robot that faces the bay first, forwards or backwards, over a turn to
     the bay's heading."""
-    ahead_mm, left_mm, turn_deg = (
-        observation[..., _AHEAD],
-        observation[..., _LEFT],
-        observation[..., _TURN],
-    )
+    ahead_mm = observation[..., _AHEAD]
+    left_mm = observation[..., _LEFT]
+    turn_deg = observation[..., _TURN]
     bearing_deg = -left_mm.atan2(ahead_mm).rad2deg()
     turns_deg = [
         (_wrapped(first).abs() + _wrapped(turn_deg - first).abs())

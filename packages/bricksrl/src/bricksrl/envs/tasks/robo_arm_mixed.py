@@ -67,7 +67,10 @@ REACHED_PX = 40.0
 """Distance from the goal within which the ball has arrived."""
 
 _TURNS_DEG = {"rotation": 90, "low": 30, "high": 60}
-_WIDTH_PX, _HEIGHT_PX, _CIRCLE_PX, _PLACES = 640, 480, 200, 26
+_WIDTH_PX = 640
+_HEIGHT_PX = 480
+_CIRCLE_PX = 200
+_PLACES = 26
 _STEP_RAD = 1 / 8  # the discs on the circle, of 25 px each, overlap by half
 
 

@@ -18,9 +18,11 @@ ArrayPolicy = Callable[[Mapping[str, Any]], Any]
 
 TROT_DEG = np.array([0.0, 180.0, 180.0, 0.0], np.float32)
 """Phases of the legs in a trot: left front, right front, left back, right back."""
-_IMAGE_CENTRE_PX, _IMAGE_SCALE = np.array([31.5, 31.5]), np.array([640 / 64, 480 / 64])
+_IMAGE_CENTRE_PX = np.array([31.5, 31.5])
+_IMAGE_SCALE = np.array([640 / 64, 480 / 64])
 # of the ball around the image's centre: with the high joint at -70, and as it turns
-_RADIUS_PX, _RADIUS_PX_PER_DEG = 163.0, 0.8
+_RADIUS_PX = 163.0
+_RADIUS_PX_PER_DEG = 0.8
 
 
 def _signed_deg(angle: Any) -> Any:
@@ -102,7 +104,8 @@ def park(state: Mapping[str, Any]) -> Any:
     heading_error_deg = _signed_deg(-2.0 * math.degrees(math.atan2(left_mm, ahead_mm)) - turn_deg)
     speed = min(distance_mm, 100.0) * max(math.cos(math.radians(heading_error_deg)), 0.0)
     if distance_mm < 8.0:
-        speed, rate = 0.0, 2.0 * turn_deg
+        speed = 0.0
+        rate = 2.0 * turn_deg
     else:
         rate = 2.5 * heading_error_deg + math.degrees(
             2.0 * speed * math.sin(math.radians(turn_deg) / 2) / distance_mm

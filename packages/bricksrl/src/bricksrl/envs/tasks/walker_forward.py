@@ -69,7 +69,8 @@ def forward_task(
 ) -> Task:
     """A task with the distance forward behind the channels, which is its reward in ``unit_mm``.
     ``more``: further fields."""
-    forward, least_mm = len(interface.channels), SUCCESS_MM_S * interface.settle.longest_ms / 1000
+    forward = len(interface.channels)
+    least_mm = SUCCESS_MM_S * interface.settle.longest_ms / 1000
 
     def success(observations: Tensor) -> Tensor:
         fell = terminated(observations)[..., 0].any(-1)

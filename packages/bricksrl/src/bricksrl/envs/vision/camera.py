@@ -114,7 +114,8 @@ class TwinCamera:
     specular light."""
 
     def __init__(self, body: Body, view: CameraView) -> None:
-        self._body, self._view = body, view
+        self._body = body
+        self._view = view
         self._renderer: Renderer | RayCaster | None = None
 
     def frame(self) -> Frame:
@@ -216,7 +217,8 @@ class Watch:
     def __init__(self, view: CameraView, rng: np.random.Generator, frame: Frame) -> None:
         self._view = view
         self.goal = None if view.goal is None else view.goal.draw(rng)
-        self.mean_px, self.nearest_px = 0.0, view.farthest_px
+        self.mean_px = 0.0
+        self.nearest_px = view.farthest_px
         self._disc = (
             None if view.goal is None or self.goal is None else (self.goal, view.goal.radius_px)
         )
@@ -230,7 +232,8 @@ class Watch:
         found_px = distances_px(find_red(frame, self._view.goal.red), self.goal)
         self.nearest_px = self._view.farthest_px
         if len(found_px):
-            self.mean_px, self.nearest_px = float(found_px.mean()), float(found_px.min())
+            self.mean_px = float(found_px.mean())
+            self.nearest_px = float(found_px.min())
 
     def numbers(self) -> tuple[float, ...]:
         """Mean and smallest distance in px; empty for a camera without a goal."""

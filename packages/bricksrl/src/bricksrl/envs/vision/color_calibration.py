@@ -21,10 +21,13 @@ _LEAST_CHROMA = 0.12  # saturation times value; below it the hue is unreliable
 _LEAST_PX = 5  # fewer are sensor noise
 _SEED_PX = 50  # rank of the pixel whose chroma sets the threshold for seeds
 _POINT_PX = 3  # half side of the square around a given point whose colour is taken
-_UNLIKE_HUE_DEG, _LEAST_SATURATION_RATIO, _LEAST_VALUE_RATIO = 30.0, 0.5, 0.35
+_UNLIKE_HUE_DEG = 30.0
+_LEAST_SATURATION_RATIO = 0.5
+_LEAST_VALUE_RATIO = 0.35
 """Spread of one object's colour around its median: darker in shade, less saturated in
 highlights."""
-_MARGIN_DEG, _MARGIN = 8.0, 0.8
+_MARGIN_DEG = 8.0
+_MARGIN = 0.8
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,8 @@ def _colours(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64], ND
     """Hue (-60..60 degrees where red is the strongest, else 180), saturation and value (0..1);
     ``[height, width]`` each."""
     red, green, blue = np.moveaxis(frame.astype(np.float64) / 255, -1, 0)
-    value, least = frame.max(-1) / 255, frame.min(-1) / 255
+    value = frame.max(-1) / 255
+    least = frame.min(-1) / 255
     chroma = value - least
     safe = np.where(chroma > 0, chroma, 1.0)
     hue_deg = np.where((red == value) & (chroma > 0), 60.0 * (green - blue) / safe, 180.0)
@@ -132,7 +136,8 @@ def picture(frame: Frame, found: FoundRed) -> Frame:
     hue_deg, saturation, value = _colours(frame)
     inside = (hue_deg >= window.hue_deg[0]) & (hue_deg <= window.hue_deg[1])
     inside &= (saturation >= window.saturation) & (value >= window.value)
-    outlined, dimmed = frame.copy(), frame // 5
+    outlined = frame.copy()
+    dimmed = frame // 5
     outlined[ndimage.binary_dilation(found.mask, iterations=2) & ~found.mask] = (0, 255, 0)
     dimmed[inside] = frame[inside]
     return np.hstack((outlined, dimmed))

@@ -77,7 +77,8 @@ def find_red(frame: Frame, window: RedWindow) -> NDArray[np.float64]:
     rows, columns = np.divmod(pixels[is_red], frame.shape[1])
     if not len(rows):
         return np.empty((0, 2))
-    top, left = int(rows.min()), int(columns.min())
+    top = int(rows.min())
+    left = int(columns.min())
     mask = np.zeros((int(rows.max()) - top + 1, int(columns.max()) - left + 1), bool)
     mask[rows - top, columns - left] = True
     labels, _ = ndimage.label(mask, np.ones((3, 3)))
@@ -138,8 +139,10 @@ def _overlap(new_size: int, old_size: int) -> NDArray[np.float32]:
 def draw_disc(canvas: NDArray[Any], centre: Place, radius_px: int) -> None:
     """Draw a green disc into ``[height, width, 3]``; it is clipped at the edges."""
     x, y = centre
-    left, top = max(x - radius_px, 0), max(y - radius_px, 0)
+    left = max(x - radius_px, 0)
+    top = max(y - radius_px, 0)
     part = canvas[top : max(y + radius_px + 1, 0), left : max(x + radius_px + 1, 0)]
     if part.size:
-        down, right = np.arange(part.shape[0]) + (top - y), np.arange(part.shape[1]) + (left - x)
+        down = np.arange(part.shape[0]) + (top - y)
+        right = np.arange(part.shape[1]) + (left - x)
         part[down[:, None] ** 2 + right**2 <= radius_px**2] = _GREEN

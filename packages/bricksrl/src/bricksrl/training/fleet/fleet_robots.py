@@ -121,11 +121,14 @@ class Fleet(SpecsEnv):
         super().__init__(
             {name: getattr(base_of(env), name).clone() for name in SPECS}, interface_of(env).task
         )
-        self.config, self.members, self.kept = config, members_of(config), dict[str, Any]()
+        self.config = config
+        self.members = members_of(config)
+        self.kept = dict[str, Any]()
         self.robots = len(self.members)
         self.events: SimpleQueue[Event] = SimpleQueue()
         self.is_paced = config.hub == "virtual" and not config.realtime
-        self._place, self._placing = place, threading.Lock()
+        self._place = place
+        self._placing = threading.Lock()
         self._weights: dict[str, Tensor] | None = None
         self._is_paused = self._is_over = False
 
@@ -173,7 +176,8 @@ class Fleet(SpecsEnv):
                 self._start(member)
 
     def _start(self, member: Member) -> None:
-        member.restart_at_s, member.is_ready = None, False
+        member.restart_at_s = None
+        member.is_ready = False
         member.starts += 1
         start = member.starts
 
@@ -232,7 +236,8 @@ class Fleet(SpecsEnv):
         if kind == "gone":
             if content != member.starts:
                 return None
-            code, member.is_ready = self._reap(member), False
+            code = self._reap(member)
+            member.is_ready = False
             member.deaths += 1
             if member.deaths >= _MAX_DEATHS:
                 times = f"{member.deaths} times in a row without a complete episode"
@@ -277,7 +282,8 @@ class Fleet(SpecsEnv):
                 member.process.send(kind, content)
 
     def _reap(self, member: Member) -> int | None:
-        process, member.process = member.process, None
+        process = member.process
+        member.process = None
         return None if process is None else process.end(_END_TIMEOUT_S)
 
     def close(self, *, raise_if_closed: bool = True) -> None:

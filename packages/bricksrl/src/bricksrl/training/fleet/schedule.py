@@ -107,10 +107,8 @@ class FleetRobots(Source):
             case "begun":
                 self._set_state(member, RobotState.ACTING)
                 playing = self.playing[member.number]
-                playing.about, playing.started_s = (
-                    replace(content, robot=member.name),
-                    time.perf_counter(),
-                )
+                playing.about = replace(content, robot=member.name)
+                playing.started_s = time.perf_counter()
             case "frame":
                 return self._frame(member, *content)
             case "out":
@@ -136,8 +134,10 @@ class FleetRobots(Source):
         return None
 
     def _set_state(self, member: Member, state: RobotState, reason: str = "") -> None:
-        before, was_out = member.state, member.is_out
-        member.state, member.reason = state, reason
+        before = member.state
+        was_out = member.is_out
+        member.state = state
+        member.reason = reason
         if member.is_out is not was_out:
             member.since_s = time.monotonic()
         if state is not before:

@@ -104,7 +104,8 @@ class Worker:
         load_transform_state(env, begin["transforms"])
         actor = make_learner_for(config, env, device="cpu")
         actor.weights = self._weights
-        robot.reconnect.patience_s, robot.reconnect.wait = float("inf"), self._wait
+        robot.reconnect.patience_s = float("inf")
+        robot.reconnect.wait = self._wait
         robot.reconnect.on_error = lambda error: self.send("out", str(error))
         robot.in_reach = lambda: time.monotonic() >= self._cut_until_s
         self._env = robot
@@ -114,7 +115,8 @@ class Worker:
         self, env: Any, actor: Learner, begin: dict[str, Any], order: dict[str, Any]
     ) -> None:
         """One episode; ends early if the link breaks."""
-        rollout, is_random = Rollout(), order["is_random"]
+        rollout = Rollout()
+        is_random = order["is_random"]
         env.set_seed(order["seed"])
         state = env.reset()
         description = about(env, order["policy"], seed=order["seed"], hub=begin["config"]["hub"])

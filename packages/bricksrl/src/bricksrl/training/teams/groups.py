@@ -26,7 +26,8 @@ from bricksrl.errors import DescriptionError
 
 TeamAgent = Literal["mappo", "ippo", "sac"]
 
-_PPO_BATCH, _SAC_BATCH = 4096, 256
+_PPO_BATCH = 4096
+_SAC_BATCH = 256
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,9 @@ class PPOGroup:
     ) -> None:
         from torchrl.objectives.value import GAE
 
-        self._group, self._settings, n = group, settings, len(scale)
+        self._group = group
+        self._settings = settings
+        n = len(scale)
         options: dict[str, Any] = {
             "n_agents": robots,
             "share_params": True,
@@ -132,7 +135,8 @@ class PPOGroup:
         self._optimizer = torch.optim.Adam(self.loss.parameters(), lr=settings.learning_rate)
 
     def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
-        group, after = self._group, frames["next"]
+        group = self._group
+        after = frames["next"]
         for name in ("done", "terminated"):  # robots share the episode's end
             ends = after[name].unsqueeze(-2).expand(after[group, "reward"].shape)
             after[group, name] = ends.clone()
@@ -180,13 +184,17 @@ class SACGroup:
             batch_size=settings.batch_size or _SAC_BATCH,
         )
         self._learner: Learner = build(SpecsEnv(specs, None), sac_settings)
-        self._group, self._robots, self._settings, self._due = group, robots, settings, 0.0
+        self._group = group
+        self._robots = robots
+        self._settings = settings
+        self._due = 0.0
         self.policy = TensorDictModule(
             _RobotPolicy(self._learner.policy), [(group, "observation")], [(group, "action")]
         )
 
     def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
-        group, after = self._group, frames["next"]
+        group = self._group
+        after = frames["next"]
         shape = frames.batch_size
 
         def per_robot(part: TensorDictBase, name: str) -> Tensor:
@@ -206,7 +214,8 @@ class SACGroup:
         current = {name: per_robot(frames, name) for name in ("observation", "action")}
         self._learner.remember(TensorDict({**current, "next": TensorDict(outcomes, batch)}, batch))
         self._due += self._settings.updates_per_step * shape[1]
-        count, self._due = int(self._due), self._due % 1.0
+        count = int(self._due)
+        self._due = self._due % 1.0
         return self._learner.make_updates(count)
 
 
@@ -254,7 +263,8 @@ def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSetting
         torch.tensor([getattr(entry, end) for entry in env.task.entries]) for end in ("low", "high")
     )
     check_value("agent", agent, TeamAgent)
-    robots, size = len(env.task.groups[group]), 2
+    robots = len(env.task.groups[group])
+    size = 2
     if agent == "sac":
         return SACGroup(group, robots, low, high, size, settings)
     return PPOGroup(

@@ -138,7 +138,8 @@ def train_team(
 def _learn(
     env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None], stop: threading.Event
 ) -> None:
-    config, copies = team.config, max(1, team.config.copies)
+    config = team.config
+    copies = max(1, team.config.copies)
     batch = team.settings.steps * copies
     running = {group: torch.zeros(copies) for group in config.agents}
     frames_done = 0

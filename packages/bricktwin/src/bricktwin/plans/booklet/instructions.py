@@ -20,9 +20,12 @@ from bricktwin.plans.geometry import Floats
 from bricktwin.plans.part import Site
 from bricktwin.plans.plan import Placed, Plan, Step
 
-MAX_KINDS, MAX_PIECES, MIN_VISIBLE = 4, 8, 0.25
+MAX_KINDS = 4
+MAX_PIECES = 8
+MIN_VISIBLE = 0.25
 """Most kinds and pieces of a step, and the smallest share of a part that its picture shows."""
-_ENOUGH, _HIDDEN = 0.45, 0.33
+_ENOUGH = 0.45
+_HIDDEN = 0.33
 """Smallest visible share of all parts for which the view is not turned, and below which a part
 counts as hidden, while a view is tried out with few rays."""
 _MAX_QUERIES = 40_000
@@ -30,7 +33,9 @@ _MAX_QUERIES = 40_000
 arrows."""
 _TRIAL_ZOOM = 1.3
 """Rays per LDU where a view is tried out."""
-_GAP, _MAX_TRIES, _MAX_ARROWS = 28.0, 12, 4
+_GAP = 28.0
+_MAX_TRIES = 12
+_MAX_ARROWS = 4
 """Distance of a part on its way from its hole, how often a larger one is tried, and arrows of one
 move."""
 
@@ -120,7 +125,8 @@ class _Author:
         """The instructions of a step of the plan."""
         after = self.plan.present_parts(step)
         moves, _ = moves_of(step, after, self.occupancy, self.links)
-        before, note = after - {part for move in moves for part in move.parts}, step.note
+        before = after - {part for move in moves for part in move.parts}
+        note = step.note
         for few in self._split(moves, len(step.assembly), before):
             for instruction in self._shown(few, frozenset(before), step, times):
                 turned = instruction.scene.view != self.view
@@ -290,10 +296,8 @@ class _Author:
         if not others:
             return True
         where = np.array(list(others.values()))
-        low, high = (
-            self.occupancy.low[list(others)] + where,
-            self.occupancy.high[list(others)] + where,
-        )
+        low = self.occupancy.low[list(others)] + where
+        high = self.occupancy.high[list(others)] + where
         return not any(
             ((self.occupancy.low[part] + shift < high) & (low < self.occupancy.high[part] + shift))
             .all(axis=1)

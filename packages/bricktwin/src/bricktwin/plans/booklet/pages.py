@@ -41,7 +41,8 @@ if TYPE_CHECKING:
 
 FORMATS = (".pdf", ".html")
 DPI = 300
-_WIDTH, _HEIGHT = 8.27, 5.83
+_WIDTH = 8.27
+_HEIGHT = 5.83
 """Inches."""
 _LIFE_SIZE = MM_PER_LDU / 25.4 * DPI * OVERSAMPLING
 """Rays per LDU of a picture as large as the parts."""
@@ -49,13 +50,19 @@ _SCALES = tuple(_LIFE_SIZE * 1.15 * 0.84**step for step in range(30))
 """Few scales, so that the parts of many steps are drawn once."""
 _COLOURS = 64
 _HTML_DPI = 150
-_LIST_COLUMNS, _LIST_ROWS = 6, 3
+_LIST_COLUMNS = 6
+_LIST_ROWS = 3
 _NOTE_WIDTH = 112
 """Characters per line of a note."""
-_ARROW, _CABLE = "#d9480f", "#c2410c"
-_PAPER, _BOX, _SUB_ASSEMBLY = (1.0, 1.0, 1.0), (0.886, 0.933, 0.969), (1.0, 0.965, 0.843)
+_ARROW = "#d9480f"
+_CABLE = "#c2410c"
+_PAPER = (1.0, 1.0, 1.0)
+_BOX = (0.886, 0.933, 0.969)
+_SUB_ASSEMBLY = (1.0, 0.965, 0.843)
 """Colours of pages, of boxes with parts, and of sub-assemblies."""
-_BEAM_WIDTH_MM, _AXLE_WIDTH_MM, _MODULE_MM = 7.2, 4.6, 8.0
+_BEAM_WIDTH_MM = 7.2
+_AXLE_WIDTH_MM = 4.6
+_MODULE_MM = 8.0
 
 
 @dataclass(frozen=True)
@@ -110,7 +117,8 @@ def write_booklet(plan: Plan, path: Path) -> int:
 def pages_of(plan: Plan) -> Iterator[Page]:
     """All pages in order."""
     studio = Studio()
-    entries, steps = parts_list(plan), list(instructions(plan, studio))
+    entries = parts_list(plan)
+    steps = list(instructions(plan, studio))
     everything = _at_rest(plan.parts)
     text = (
         f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(steps)} steps · "
@@ -208,7 +216,8 @@ def _cables(plan: Plan) -> tuple[Cable, ...]:
     ):
         if placed.port is None or placed.port not in positions:
             continue
-        device, socket = placed.electric, hubs[0].point(positions[placed.port])
+        device = placed.electric
+        socket = hubs[0].point(positions[placed.port])
         plug = placed.point(device.plug)
         distance_mm = float(np.linalg.norm(socket - plug)) * MM_PER_LDU
         name = f" '{placed.device}'" if placed.device else ""
@@ -227,10 +236,8 @@ def _pdf(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
 
-    buffer, metadata = (
-        io.BytesIO(),
-        {"Title": plan.title, "Creator": "BricksRL", "CreationDate": None},
-    )
+    buffer = io.BytesIO()
+    metadata = {"Title": plan.title, "Creator": "BricksRL", "CreationDate": None}
     with rc_context({"text.parse_math": False}), PdfPages(buffer, metadata=metadata) as pdf:
         for number, page in enumerate(pages, 1):
             pdf.savefig(_figure(page, number))
@@ -244,7 +251,8 @@ def _html(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
 
     body = []
     for number, page in enumerate(pages, 1):
-        buffer, png = io.BytesIO(), io.BytesIO()
+        buffer = io.BytesIO()
+        png = io.BytesIO()
         with rc_context({"text.parse_math": False}):
             _figure(page, number).savefig(buffer, format="png", dpi=_HTML_DPI)
         Image.open(buffer).convert("RGB").quantize(2 * _COLOURS, dither=Image.Dither.NONE).save(
@@ -420,7 +428,8 @@ def _put(
 ) -> tuple[float, float]:
     """Put a picture's middle somewhere, in inches. Returns its upper left corner."""
     width, height = (side / DPI for side in picture.size)
-    left, top = middle[0] - width / 2, middle[1] + height / 2
+    left = middle[0] - width / 2
+    top = middle[1] + height / 2
     axes = figure.add_axes(
         (left / _WIDTH, (top - height) / _HEIGHT, width / _WIDTH, height / _HEIGHT)
     )
@@ -545,12 +554,11 @@ def _item_column(figure: Figure, items: Sequence[Item]) -> None:
 
 
 def _part_list(figure: Figure, items: Sequence[Item]) -> None:
-    width, height = (_WIDTH - 0.6) / _LIST_COLUMNS, 1.6
+    width = (_WIDTH - 0.6) / _LIST_COLUMNS
+    height = 1.6
     for index, item in enumerate(items):
-        x, y = (
-            0.32 + width * (index % _LIST_COLUMNS),
-            _HEIGHT - 0.8 - height * (index // _LIST_COLUMNS + 1),
-        )
+        x = 0.32 + width * (index % _LIST_COLUMNS)
+        y = _HEIGHT - 0.8 - height * (index // _LIST_COLUMNS + 1)
         _box(figure, (x, y + 0.04, width - 0.1, height - 0.1), _BOX, "#7a9bb8")
         _put(figure, item.picture, None, _BOX, (x + width / 2 - 0.05, y + 1.0))
         _text(figure, x + 0.08, y + height - 0.2, f"{item.count}x", 12, weight="bold")
@@ -561,9 +569,12 @@ def _life_size(figure: Figure, placed: Placed, y: float) -> None:
     """An axle or a straight beam at its real length, its modules marked."""
     from matplotlib.patches import Circle
 
-    modules, is_axle = _modules(placed), placed.part.family == "axles"
+    modules = _modules(placed)
+    is_axle = placed.part.family == "axles"
     width = (_AXLE_WIDTH_MM if is_axle else _BEAM_WIDTH_MM) / 25.4
-    length, pitch, left = modules * _MODULE_MM / 25.4, _MODULE_MM / 25.4, 2.35
+    length = modules * _MODULE_MM / 25.4
+    pitch = _MODULE_MM / 25.4
+    left = 2.35
     if left + length > _WIDTH - 0.3:
         left = 0.3
     _box(figure, (left, y - width / 2, length, width), (0.93, 0.93, 0.93), "0.2")

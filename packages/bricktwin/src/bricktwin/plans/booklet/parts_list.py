@@ -196,7 +196,8 @@ def needs(plan: Plan) -> Counter[str]:
 def purchases(plan: Plan) -> list[Purchase]:
     """Sets with the plan's hub, alone or with a set without hub that adds parts; the most complete
     first."""
-    needed, unknown = needs(plan), Counter({part.number: len(part.lines) for part in plan.unknown})
+    needed = needs(plan)
+    unknown = Counter({part.number: len(part.lines) for part in plan.unknown})
     hubs = {name for name, part in _devices().items() if part.family == "hubs"}
     extras = [lego_set for lego_set in sets() if not hubs & set(lego_set.parts)]
     result = []
@@ -223,7 +224,8 @@ def owned(plan: Plan, numbers: Sequence[str]) -> Purchase:
 
 def still_needed(entries: Iterable[Entry], missing: Counter[str]) -> list[Entry]:
     """The entries, with the counts that are missing; a missing part may have any of its colours."""
-    left, result = Counter(missing), []
+    left = Counter(missing)
+    result = []
     for entry in entries:
         keys = [
             _key(catalogue.get(number))

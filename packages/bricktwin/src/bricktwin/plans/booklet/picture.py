@@ -28,13 +28,21 @@ OVERSAMPLING = 2
 """Rays per pixel and axis."""
 _LIGHT = np.array([-0.42, -0.72, -0.55]) / np.linalg.norm([-0.42, -0.72, -0.55])
 """Direction of the light: right, down, away from the viewer."""
-_AMBIENT, _DIFFUSE, _HOLLOW = 0.66, 0.40, 0.80
+_AMBIENT = 0.66
+_DIFFUSE = 0.40
+_HOLLOW = 0.80
 """Brightness in the shade, what the light adds, and the share that is left in holes."""
 _EPSILON = 0.02
-_FOLD, _JUMP = 0.80, 5.0
+_FOLD = 0.80
+_JUMP = 5.0
 """Cosine of the smallest angle of a fold, and smallest jump in depth, that are drawn as a line."""
-_FADED, _FADE_TO, _FADED_EDGE = 0.52, 0.95, 0.50
-_DARKEST, _BLACK, _EDGE, _LIGHT_EDGE = 0.12, 0.25, 0.10, 0.50
+_FADED = 0.52
+_FADE_TO = 0.95
+_FADED_EDGE = 0.50
+_DARKEST = 0.12
+_BLACK = 0.25
+_EDGE = 0.10
+_LIGHT_EDGE = 0.50
 """Smallest component of a colour; below ``_BLACK``, lines are light."""
 _MAX_PASSES = 12
 _MAX_POINTS = 25_000_000
@@ -58,7 +66,8 @@ class View:
     @property
     def axes(self) -> Floats:
         """Rows right, down, away from the viewer [3, 3], in the plan's frame."""
-        turn, tilt = math.radians(self.turn_deg), math.radians(self.tilt_deg)
+        turn = math.radians(self.turn_deg)
+        tilt = math.radians(self.tilt_deg)
         away = -np.array(
             [-math.sin(turn) * math.cos(tilt), -math.sin(tilt), math.cos(turn) * math.cos(tilt)]
         )
@@ -114,10 +123,8 @@ class _Rays(NamedTuple):
     def spans(self, solid: Solid) -> list[_Spans]:
         """Where they are in a solid: for a ring, before and behind its bore."""
         frame = np.array(solid.axes, dtype=np.float32)
-        turned, centre = (
-            frame @ self.axes.T.astype(np.float32),
-            frame @ np.array(solid.centre, dtype=np.float32),
-        )
+        turned = frame @ self.axes.T.astype(np.float32)
+        centre = frame @ np.array(solid.centre, dtype=np.float32)
         across = [
             row[0] * self.x + row[1] * self.y[:, None] - middle
             for row, middle in zip(turned, centre, strict=True)
@@ -141,7 +148,8 @@ def _common(first: _Spans, *others: _Spans) -> _Spans:
     """Where all spans are."""
     enter, leave = first
     for other in others:
-        enter, leave = np.maximum(enter, other.enter), np.minimum(leave, other.leave)
+        enter = np.maximum(enter, other.enter)
+        leave = np.minimum(leave, other.leave)
     return _Spans(enter, leave)
 
 
@@ -149,7 +157,8 @@ def _slab(across: Reals, along: float, half: float) -> _Spans:
     if abs(along) < 1e-7:
         inside = np.abs(across) < half
         return _Spans(np.where(inside, -np.inf, np.inf), np.where(inside, np.inf, -np.inf))
-    middle, reach = across / -along, half / abs(along)
+    middle = across / -along
+    reach = half / abs(along)
     return _Spans(middle - reach, middle + reach)
 
 
@@ -174,7 +183,8 @@ def sprite_of(part: Part, axes: Reals, zoom: float) -> Sprite:
     LDU."""
     look = look_of(part)
     boxes = [_pixel_box(piece.solid, axes, zoom) for piece in look]
-    left, top = min(box[0] for box in boxes), min(box[1] for box in boxes)
+    left = min(box[0] for box in boxes)
+    top = min(box[1] for box in boxes)
     shape = (max(box[3] for box in boxes) - top, max(box[2] for box in boxes) - left)
     depth = np.full(shape, np.inf, dtype=np.float32)
     source = np.full(shape, -1, dtype=np.int32)
@@ -184,7 +194,10 @@ def sprite_of(part: Part, axes: Reals, zoom: float) -> Sprite:
         cuts: list[tuple[Solid, _Window, _Spans]] = []
         for cut in piece.cuts:
             a0, b0, a1, b1 = _pixel_box(cut, axes, zoom)
-            a0, b0, a1, b1 = max(a0, x0), max(b0, y0), min(a1, x1), min(b1, y1)
+            a0 = max(a0, x0)
+            b0 = max(b0, y0)
+            a1 = min(a1, x1)
+            b1 = min(b1, y1)
             if a0 < a1 and b0 < b1:
                 inner = (slice(b0 - y0, b1 - y0), slice(a0 - x0, a1 - x0))
                 cuts += [
@@ -222,17 +235,16 @@ def _rays(left: int, top: int, right: int, bottom: int, axes: Reals, zoom: float
 def _first_material(span: _Spans, cuts: Sequence[tuple[_Window, _Spans]]) -> tuple[Reals, Ints]:
     """Where rays meet the material of a solid (infinite if nowhere), and the index of the cut that
     they come out of, -1 for none. Each cut has the window of the rays that may meet it."""
-    at, cut_by = span.enter.copy(), np.full(span.enter.shape, -1)
+    at = span.enter.copy()
+    cut_by = np.full(span.enter.shape, -1)
     for _ in range(_MAX_PASSES if cuts else 0):
         has_moved = False
         for number, (window, cut) in enumerate(cuts):
             is_empty = (cut.enter <= at[window] + _EPSILON) & (at[window] < cut.leave - _EPSILON)
             if is_empty.any():
-                at[window][is_empty], cut_by[window][is_empty], has_moved = (
-                    cut.leave[is_empty],
-                    number,
-                    True,
-                )
+                at[window][is_empty] = cut.leave[is_empty]
+                cut_by[window][is_empty] = number
+                has_moved = True
         if not has_moved:
             break
     return np.where(at < span.leave - _EPSILON, at, np.inf), cut_by
@@ -249,10 +261,8 @@ def _shaded(
 ) -> Sprite:
     """The sprite of rays that meet these sources: solids, their material, and whether the rays come
     out of them."""
-    normals, tint = (
-        np.zeros((*depth.shape, 3), dtype=np.float32),
-        np.zeros(depth.shape, dtype=np.uint8),
-    )
+    normals = np.zeros((*depth.shape, 3), dtype=np.float32)
+    tint = np.zeros(depth.shape, dtype=np.uint8)
     shade = np.ones(depth.shape, dtype=np.float32)
     order = np.argsort(source, axis=None, kind="stable")
     bounds = np.searchsorted(source.ravel()[order], np.arange(len(sources) + 1))
@@ -267,7 +277,8 @@ def _shaded(
                 @ axes.T
                 * (-1.0 if is_cut else 1.0)
             )
-            normals[rows, columns], tint[rows, columns] = outward, material
+            normals[rows, columns] = outward
+            tint[rows, columns] = material
             shade[rows, columns] = (_AMBIENT + _DIFFUSE * np.maximum(outward @ _LIGHT, -0.4)) * (
                 _HOLLOW if is_cut else 1.0
             )
@@ -283,7 +294,9 @@ def _shaded(
 
 def _neighbours() -> Iterator[tuple[_Window, _Window]]:
     """Windows of all points with one to their right, and with one below."""
-    every, but_last, but_first = slice(None), slice(None, -1), slice(1, None)
+    every = slice(None)
+    but_last = slice(None, -1)
+    but_first = slice(1, None)
     yield (every, but_last), (every, but_first)
     yield (but_last, every), (but_first, every)
 
@@ -358,8 +371,10 @@ class Picture:
                     _LIGHT_EDGE if tones[part, 0].max() < _BLACK else _EDGE,
                 )
             else:
-                tones[part], white[part] = (1 - _FADED) * tones[part], _FADED * _FADE_TO
-        white[-1], line[-1] = paper, 1.0
+                tones[part] = (1 - _FADED) * tones[part]
+                white[part] = _FADED * _FADE_TO
+        white[-1] = paper
+        line[-1] = 1.0
         image = np.minimum(
             white[self.owner, self.tint] + tones[self.owner, self.tint] * self.shade[..., None], 1.0
         )
@@ -398,22 +413,16 @@ class Studio:
             places.append(
                 (placed, sprite, round(x * zoom) + sprite.left, round(y * zoom) + sprite.top, away)
             )
-        left, top = (
-            min(place[2] for place in places) - margin,
-            min(place[3] for place in places) - margin,
-        )
+        left = min(place[2] for place in places) - margin
+        top = min(place[3] for place in places) - margin
         width = max(x + sprite.depth.shape[1] for _, sprite, x, _, _ in places) + margin - left
         height = max(y + sprite.depth.shape[0] for _, sprite, _, y, _ in places) + margin - top
         width, height = (side + -side % OVERSAMPLING for side in (width, height))
         depth = np.full((height, width), np.inf, dtype=np.float32)
-        owner, tint = (
-            np.full((height, width), -1, dtype=np.int32),
-            np.zeros((height, width), dtype=np.uint8),
-        )
-        shade, edge = (
-            np.ones((height, width), dtype=np.float32),
-            np.zeros((height, width), dtype=bool),
-        )
+        owner = np.full((height, width), -1, dtype=np.int32)
+        tint = np.zeros((height, width), dtype=np.uint8)
+        shade = np.ones((height, width), dtype=np.float32)
+        edge = np.zeros((height, width), dtype=bool)
         for placed, sprite, x, y, away in places:
             rows, columns = sprite.depth.shape
             window = (slice(y - top, y - top + rows), slice(x - left, x - left + columns))
@@ -421,10 +430,8 @@ class Studio:
             is_nearer = distance < depth[window]
             depth[window][is_nearer] = distance[is_nearer]
             owner[window][is_nearer] = placed.index
-            tint[window][is_nearer], shade[window][is_nearer] = (
-                sprite.tint[is_nearer],
-                sprite.shade[is_nearer],
-            )
+            tint[window][is_nearer] = sprite.tint[is_nearer]
+            shade[window][is_nearer] = sprite.shade[is_nearer]
             edge[window][is_nearer] = sprite.edge[is_nearer]
         alone = {placed.index: sprite.count for placed, sprite, *_ in places}
         colours = {placed.index: placed.colour for placed, *_ in places}

@@ -46,7 +46,8 @@ _WITHOUT_SOLIDS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE, Fit.BALL, Fit.SOCKET,
 is added to its part."""
 _NOTCH = "notch "
 _MODULE = 20.0
-_WALL_RADIUS, _PIN_RADIUS = 9.0, 6.0
+_WALL_RADIUS = 9.0
+_PIN_RADIUS = 6.0
 
 
 def points(text: str) -> list[Triple]:
@@ -69,7 +70,8 @@ def _coordinates(text: str) -> list[float]:
         ends, _, step = word.partition("/")
         first, _, last = ends.partition("..")
         if last:
-            start, span = float(first), float(last) - float(first)
+            start = float(first)
+            span = float(last) - float(first)
             stride = math.copysign(float(step or _MODULE), span)
             values += [start + stride * index for index in range(round(span / stride) + 1)]
         else:
@@ -97,7 +99,8 @@ def sites(text: str, *, turns: bool = False) -> tuple[Site, ...]:
 def _tilted(vector: Triple, angle_deg: float) -> Triple:
     """A vector turned about x."""
     x, y, z = vector
-    sine, cosine = math.sin(math.radians(angle_deg)), math.cos(math.radians(angle_deg))
+    sine = math.sin(math.radians(angle_deg))
+    cosine = math.cos(math.radians(angle_deg))
     return (x, y * cosine - z * sine, y * sine + z * cosine) if angle_deg else vector
 
 
@@ -108,7 +111,8 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
     for chain in _groups(text):
         head, _, places = chain.partition(":")
         _, along, kinds = head.split()
-        (axis, thickness), centres = _axis(along), points(places)
+        (axis, thickness) = _axis(along)
+        centres = points(places)
         bars += [
             bar(start, end, axis, 2 * _WALL_RADIUS, thickness)
             for start, end in itertools.pairwise(centres)

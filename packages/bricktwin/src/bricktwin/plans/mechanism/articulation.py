@@ -130,7 +130,8 @@ class _Simplifier:
     """Stepwise simplification of a mechanism."""
 
     def __init__(self, mechanism: Mechanism, trains: tuple[Train, ...]) -> None:
-        self.mechanism, self.trains = mechanism, trains
+        self.mechanism = mechanism
+        self.trains = trains
         self.merged_into = np.arange(len(mechanism.links))
         """For each link, the one that it has been merged into."""
         self.hinges = dict(enumerate(mechanism.hinges))
@@ -241,7 +242,9 @@ class _Simplifier:
         """The tree of the remaining links from the first body on, and the loops."""
         mechanism = self.mechanism
         base = int(self.merged_into[mechanism.fixed or 0])
-        order, tree, loops = [base], [], []
+        order = [base]
+        tree = []
+        loops = []
         remaining = sorted(self.hinges, key=lambda number: number not in self.coupled)
         while remaining:
             ends = {number: self._ends(self.hinges[number]) for number in remaining}
@@ -319,7 +322,8 @@ class _Simplifier:
 def _joint(hinge: Hinge, body_of: dict[int, int]) -> Hinge:
     """A hinge between bodies; the child is the later body, and the axis is reversed if that was the
     parent."""
-    parent, child = body_of[hinge.parent], body_of[hinge.child]
+    parent = body_of[hinge.parent]
+    child = body_of[hinge.child]
     sign = 1 if parent < child else -1
     return replace(
         hinge, parent=min(parent, child), child=max(parent, child), axis=sign * hinge.axis

@@ -24,7 +24,8 @@ TO_TWIN = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _SPACING = 2.5
 """LDU: minimum spacing of the points that carry a part's mass."""
 _MAX_POINTS = 30_000
-_SHAFT_KG, _SHAFT_RADIUS_M = 0.002, 0.01
+_SHAFT_KG = 0.002
+_SHAFT_RADIUS_M = 0.01
 """Estimates for a motor's shaft with nothing on it."""
 
 
@@ -166,7 +167,8 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
             remaining.append((joint, first, second))
     is_fixed = [any(plan.parts[part].is_fixed for part in parts) for parts in bodies.members]
     root = is_fixed.index(True) if any(is_fixed) else 0
-    reached, hinges = {root}, []
+    reached = {root}
+    hinges = []
     while remaining:
         open_ends = [edge for edge in remaining if (edge[1] in reached) != (edge[2] in reached)]
         edge = (open_ends or remaining)[0]
@@ -176,7 +178,8 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
         port = plan.parts[joint.motor].port if joint.motor is not None else None
         # If a motor is held by its shaft, its case turns; reversing the axis keeps the direction.
         sign = -1.0 if port is not None and parent != first else 1.0
-        point_m, axis = point_m_of(joint.point), sign * TO_TWIN @ joint.axis
+        point_m = point_m_of(joint.point)
+        axis = sign * TO_TWIN @ joint.axis
         hinge = Hinge(
             parent, child, point_m, axis, port, not open_ends, parent == first, joint.is_ball
         )
@@ -277,11 +280,14 @@ class Train:
         """Teeth ``(motor, output)`` of one pair with the same ratio; empty without gears."""
         if not self.teeth:
             return ()
-        driving, driven = Counter(self.teeth[::2]), Counter(self.teeth[1::2])
-        first, last = list((driving - driven).elements()), list((driven - driving).elements())
+        driving = Counter(self.teeth[::2])
+        driven = Counter(self.teeth[1::2])
+        first = list((driving - driven).elements())
+        last = list((driven - driving).elements())
         if len(first) == len(last) == 1:  # an idler does not change the ratio
             return first[0], last[0]
-        before, after = math.prod(first), math.prod(last)
+        before = math.prod(first)
+        after = math.prod(last)
         shared = math.gcd(before, after)
         return before // shared, after // shared
 

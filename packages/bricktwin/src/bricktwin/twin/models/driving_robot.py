@@ -22,8 +22,10 @@ from bricktwin.twin.scene import Scene
 
 _CASTER_RADIUS_MM = 9.6
 _TYRE_WIDTH_MM = 14.0
-_FRAME_KG, _CASTER_KG = 0.040, 0.010
-_WHEEL_KG, _WHEEL_MM = 0.018, 56.0
+_FRAME_KG = 0.040
+_CASTER_KG = 0.010
+_WHEEL_KG = 0.018
+_WHEEL_MM = 56.0
 """Mass of a wheel of this diameter; other wheels are scaled by area."""
 _HUB_X_MM = -16.0
 _CLEARANCE_MM = 3.0
@@ -41,7 +43,8 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
             "model=...)"
         )
     frame = _Frame(robot, robot.drive_base)
-    spec, axle_m = mjcf.new_spec(robot.name, scene), frame.axle / 1000
+    spec = mjcf.new_spec(robot.name, scene)
+    axle_m = frame.axle / 1000
     chassis = spec.worldbody.add_body(name="chassis", pos=[0.0, 0.0, axle_m])
     chassis.add_freejoint(name="root")
     frame.add_masses(chassis)
@@ -73,7 +76,8 @@ class _Frame:
     def __init__(self, robot: Robot, base: DriveBase) -> None:
         self.robot = robot
         self.driving = {robot.motor(base.left): 1.0, robot.motor(base.right): -1.0}
-        self.axle, self.half_track = base.wheel_diameter_mm / 2, base.axle_track_mm / 2
+        self.axle = base.wheel_diameter_mm / 2
+        self.half_track = base.axle_track_mm / 2
         self.motor_size, _ = _motor_case(robot.motor(base.left).kind)
         self.hub_size, self.hub_g = case_of(DeviceKind.HUB, robot.hub.value) or _UNKNOWN_HUB
         _, motor_height, motor_width = self.motor_size
@@ -151,8 +155,11 @@ class _Frame:
 
     def _holder(self, at_mm: Triple) -> Piece:
         """Strut from the frame to a sensor."""
-        ahead, left, up = at_mm[0] - 12.0, at_mm[1], at_mm[2] - self.axle
-        length, height = max(abs(ahead) - 20.0, 8.0), max(abs(self.top - up) - 8.0, 8.0)
+        ahead = at_mm[0] - 12.0
+        left = at_mm[1]
+        up = at_mm[2] - self.axle
+        length = max(abs(ahead) - 20.0, 8.0)
+        height = max(abs(self.top - up) - 8.0, 8.0)
         sign = 1.0 if ahead >= 0 else -1.0
         bar = box(length, 7.6, 7.6, radius=1.0).at(sign * (20.0 + length / 2), left, self.top)
         post = box(7.6, 7.6, height, radius=1.0).at(ahead, left, (self.top + up) / 2)

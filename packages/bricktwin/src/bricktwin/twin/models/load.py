@@ -141,7 +141,8 @@ def _set_end_stops(spec: mujoco.MjSpec, robot: Robot, motor: Motor) -> None:
     not start between them."""
     if motor.end_stops_deg is None:
         return
-    joint, actuator = spec.joint(f"motor_{motor.port}"), spec.actuator(f"motor_{motor.port}")
+    joint = spec.joint(f"motor_{motor.port}")
+    actuator = spec.actuator(f"motor_{motor.port}")
     stops = [
         math.radians(angle * motor.shaft_turns) / float(actuator.gear[0])
         for angle in motor.end_stops_deg
@@ -154,7 +155,8 @@ def _set_end_stops(spec: mujoco.MjSpec, robot: Robot, motor: Motor) -> None:
             "of its end stops "
             f"{motor.end_stops_deg}; correct them, or the angle in its plan"
         )
-    joint.limited, joint.range = True, [low, high]
+    joint.limited = True
+    joint.range = [low, high]
 
 
 def _from_function(robot: Robot, model: str, scene: Scene) -> mujoco.MjSpec:

@@ -25,7 +25,10 @@ from bricktwin.twin.scene import Scene
 TIMESTEP_S = 0.0025
 TYRE_FRICTION = 1.0
 """Sliding friction of rubber on a smooth floor; an estimate."""
-OBSTACLE_GROUP, FLOOR_GROUP, LOOKS_GROUP, SHAPE_GROUP = 0, 1, 2, 3
+OBSTACLE_GROUP = 0
+FLOOR_GROUP = 1
+LOOKS_GROUP = 2
+SHAPE_GROUP = 3
 WALL_X_M = 0.35
 """Position of the wall's face."""
 _TURNTABLE_FRICTION_NM = 0.02
@@ -33,7 +36,8 @@ _TURNTABLE_FRICTION_NM = 0.02
 estimate: 500 g at 20 mm, 0.2."""
 WEBCAM_HEIGHT_M = 0.68
 """Height of the webcam over the table."""
-BALL_RADIUS_M, _BALL_KG = 0.024, 0.006
+BALL_RADIUS_M = 0.024
+_BALL_KG = 0.006
 _WALL_HALF_SIZE = (0.012, 1.5, 0.096)
 _BRICK = (0.78, 0.16, 0.12)
 
@@ -82,7 +86,8 @@ def add_motor(
     actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
     actuator.gainprm[0] = motor.torque_nm_v
     actuator.biasprm[2] = -motor.drag_nm_s
-    actuator.forcelimited, most_nm = True, LIMIT_A * motor.torque_nm_a
+    actuator.forcelimited = True
+    most_nm = LIMIT_A * motor.torque_nm_a
     actuator.forcerange = [-most_nm, most_nm]
     # A separate group, so that the body can open this motor's circuit.
     actuator.group = len(spec.actuators) - 1
@@ -149,7 +154,9 @@ def add_rotor(
     shaft = rotor.add_joint(
         name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=list(axis)
     )
-    rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
+    rotor.explicitinertial = True
+    rotor.mass = 0.002
+    rotor.inertia = [1e-7, 1e-7, 1e-7]
     add_motor(spec, shaft, motor.port, motor.kind, gear=gear, train_friction_nm=train_friction_nm)
     return rotor
 
@@ -182,7 +189,8 @@ def add_tyre(
 ) -> None:
     """Add a tyre with these half sizes. An ellipsoid touches in one point, which takes the solver
     half the time of a cylinder."""
-    shape, attributes = mujoco.mjtGeom.mjGEOM_ELLIPSOID, contact_attributes(TYRE_FRICTION, mass_kg)
+    shape = mujoco.mjtGeom.mjGEOM_ELLIPSOID
+    attributes = contact_attributes(TYRE_FRICTION, mass_kg)
     body.add_geom(
         name=name, type=shape, size=list(size_m), pos=list(at_m), quat=list(turn), **attributes
     )
@@ -197,7 +205,8 @@ def add_caster(
 ) -> None:
     """Add a ball caster without friction. (Dry friction of a sliding ball would make the contact
     chatter.)"""
-    shape, attributes = mujoco.mjtGeom.mjGEOM_SPHERE, contact_attributes(1.0, mass_kg)
+    shape = mujoco.mjtGeom.mjGEOM_SPHERE
+    attributes = contact_attributes(1.0, mass_kg)
     body.add_geom(
         name=name, type=shape, pos=list(centre_m), size=[radius_m, 0, 0], condim=1, **attributes
     )
@@ -264,7 +273,8 @@ def overview_of(scene: Scene) -> tuple[Triple, float]:
                     (item.at_mm[0] + side * reach, item.at_mm[1] + side * reach) for side in (-1, 1)
                 ]
     points = np.array(points_mm) / 1000
-    low, high = points.min(0), points.max(0)
+    low = points.min(0)
+    high = points.max(0)
     x, y = ((low + high) / 2).tolist()
     return (x, y, 0.0), max(1.1, 1.25 * float(np.linalg.norm(high - low)))
 
@@ -286,7 +296,9 @@ def pair_contacts(spec: mujoco.MjSpec) -> None:
                 shape.condim if shape.priority > other.priority else max(shape.condim, other.condim)
             )
             # NaN: MuJoCo derives these from the two geoms, as without an explicit pair.
-            pair.friction, pair.solref, pair.solimp = [math.nan] * 5, [math.nan] * 2, [math.nan] * 5
+            pair.friction = [math.nan] * 5
+            pair.solref = [math.nan] * 2
+            pair.solimp = [math.nan] * 5
     for geom in (*surroundings, *shapes):
         geom.contype = geom.conaffinity = 0
 
@@ -319,7 +331,8 @@ def add_webcam(world: mujoco.MjsBody) -> None:
 
 def add_ball(body: mujoco.MjsBody, at_m: Triple) -> None:
     """Add the red ball that a gripper holds."""
-    shape, size = mujoco.mjtGeom.mjGEOM_SPHERE, [BALL_RADIUS_M, 0, 0]
+    shape = mujoco.mjtGeom.mjGEOM_SPHERE
+    size = [BALL_RADIUS_M, 0, 0]
     body.add_geom(
         name="ball", type=shape, pos=list(at_m), size=size, mass=_BALL_KG, material="red", **LOOKS
     )
@@ -353,15 +366,15 @@ def add_light(body: mujoco.MjsBody) -> None:
 
 def _add_looks(spec: mujoco.MjSpec) -> None:
     visual = spec.visual
-    visual.map.znear, visual.map.zfar = 0.02, 30.0
+    visual.map.znear = 0.02
+    visual.map.zfar = 30.0
     visual.map.shadowclip = 4.0
     visual.quality.shadowsize = 4096
-    visual.headlight.ambient, visual.headlight.diffuse, visual.headlight.specular = (
-        [0.38] * 3,
-        [0.30] * 3,
-        [0.1] * 3,
-    )
-    spec.stat.extent, spec.stat.center = 0.5, [0.0, 0.0, 0.05]
+    visual.headlight.ambient = [0.38] * 3
+    visual.headlight.diffuse = [0.30] * 3
+    visual.headlight.specular = [0.1] * 3
+    spec.stat.extent = 0.5
+    spec.stat.center = [0.0, 0.0, 0.05]
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
@@ -411,7 +424,8 @@ def _floor_tile() -> NDArray[np.uint8]:
 
 def _brick_tile() -> NDArray[np.uint8]:
     """Wall texture of two staggered courses of bricks."""
-    rows, columns = np.arange(64), np.arange(128)
+    rows = np.arange(64)
+    columns = np.arange(128)
     shift = np.where(rows < 32, 0, 32)
     joint = (rows % 32 < 2)[:, None] | ((columns[None, :] + shift[:, None]) % 64 < 2)
     light = (rows % 32 > 29)[:, None] & ~joint

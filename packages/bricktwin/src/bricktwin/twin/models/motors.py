@@ -100,15 +100,14 @@ def motor_constants(kind: MotorKind) -> MotorConstants:
     per_rad = 180.0 / math.pi * 1e-3  # from mdeg and uNm
     torque_nm_v = PRESCALE_VOLTAGE / model.torque_by_voltage * 1e-3
     drag_nm_s = PRESCALE_SPEED / model.torque_by_speed * per_rad
-    friction_nm, ohm = model.friction_unm * 1e-6, _blocked_ohm(kind)
+    friction_nm = model.friction_unm * 1e-6
+    ohm = _blocked_ohm(kind)
     sheet = SHEETS.get(kind.model.like or kind.value)
     if sheet is not None:
         free_rad_s, stall_nm = sheet.line()
-        torque_nm_v, drag_nm_s, ohm = (
-            (stall_nm + friction_nm) / SHEET_V,
-            stall_nm / free_rad_s,
-            sheet.ohm,
-        )
+        torque_nm_v = (stall_nm + friction_nm) / SHEET_V
+        drag_nm_s = stall_nm / free_rad_s
+        ohm = sheet.ohm
     inertia_kg_m2 = PRESCALE_ACCELERATION / model.torque_by_acceleration * per_rad
     return MotorConstants(torque_nm_v, drag_nm_s, inertia_kg_m2, friction_nm, ohm)
 

@@ -17,7 +17,8 @@ from bricktwin.plans.shapes import X_AXIS, Z_AXIS, box, cylinder, ring
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box, quaternion
 
 _BUTTON_MM = 8.0
-_AHEAD, _FACING_FLOOR = Mount((60.0, 0.0, 40.0)), Mount((60.0, 0.0, 12.0), "down")
+_AHEAD = Mount((60.0, 0.0, 40.0))
+_FACING_FLOOR = Mount((60.0, 0.0, 12.0), "down")
 _MOUNTS = {
     SensorKind.COLOR: _FACING_FLOOR,
     SensorKind.COLOR_DISTANCE: _FACING_FLOOR,
@@ -105,7 +106,8 @@ def add_sensor_site(
 
 def add_touch(spec: mujoco.MjSpec, sensor: Sensor) -> None:
     """Add a touch sensor of the contact forces (N) within a sensor's site."""
-    touch, site = mujoco.mjtSensor.mjSENS_TOUCH, mujoco.mjtObj.mjOBJ_SITE
+    touch = mujoco.mjtSensor.mjSENS_TOUCH
+    site = mujoco.mjtObj.mjOBJ_SITE
     spec.add_sensor(
         name=f"force_{sensor.port}", type=touch, objtype=site, objname=site_name(sensor)
     )
@@ -119,7 +121,9 @@ def _turn_to(gaze: Floats) -> tuple[Triple, float]:
 
 def _small_sensor(size: Triple) -> Piece:
     """Sensor with one round eye, facing x; its eye is the origin."""
-    depth, width, height = min(size), size[0], size[1]
+    depth = min(size)
+    width = size[0]
+    height = size[1]
     return piece(
         white=box(depth - 2, width, height, radius=2.0).at(-depth / 2 - 1, 0, 0),
         black=cylinder(8.8, 1.6, bevel=0.4).along(X_AXIS).at(-1.4, 0, 0),

@@ -32,8 +32,10 @@ from bricktwin.twin.models.mounts import add_hub_site, add_sensor_site, mount_se
 from bricktwin.twin.models.turning import add_coupling, add_loop, add_rod, add_spinner
 from bricktwin.twin.scene import Scene
 
-_HINGE, _BALL = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_BALL
-_ROTOR_KG, _ROTOR_KG_M2 = 1e-4, 1e-8
+_HINGE = mujoco.mjtJoint.mjJNT_HINGE
+_BALL = mujoco.mjtJoint.mjJNT_BALL
+_ROTOR_KG = 1e-4
+_ROTOR_KG_M2 = 1e-8
 """Mass and inertia of the body between a motor's joint and its backlash; the rotor's inertia is the
 joint's armature."""
 _TRAIN_FRICTION_NM = 0.033
@@ -87,7 +89,10 @@ class _Builder:
     def __init__(
         self, spec: mujoco.MjSpec, robot: Robot, planned: PlannedRobot, *, holds_ball: bool
     ) -> None:
-        self.spec, self.robot, self.planned, self.holds_ball = spec, robot, planned, holds_ball
+        self.spec = spec
+        self.robot = robot
+        self.planned = planned
+        self.holds_ball = holds_ball
         self.articulation: Articulation = planned.articulation
         self.motors = {motor.port: motor for motor in robot.motors}
         carried = [
@@ -113,7 +118,8 @@ class _Builder:
             raise TwinError(f"{planned.plan.path}, line {placed.line}: {fault}")
         self.bodies: dict[int, mujoco.MjsBody] = {}
         self.origins: dict[int, Floats] = {0: self._origin()}
-        self.casters, self.feet = _casters(planned), _feet(planned)
+        self.casters = _casters(planned)
+        self.feet = _feet(planned)
         self.tyres = self._tyres()
         self.subtree_kg = self._subtree_kg()
         self.ports = self._ports()
@@ -219,7 +225,8 @@ class _Builder:
         """Set mass and inertia of a body."""
         link = self.articulation.bodies[number]
         xx, yy, zz = np.diag(link.inertia)
-        body.explicitinertial, body.mass = True, link.mass_kg
+        body.explicitinertial = True
+        body.mass = link.mass_kg
         body.ipos = self._local(number, link.centre_m)
         body.fullinertia = [xx, yy, zz, link.inertia[0, 1], link.inertia[0, 2], link.inertia[1, 2]]
 
@@ -237,8 +244,10 @@ class _Builder:
     def _add_drive(self, drive: Drive) -> None:
         """Add what a motor drives: a body on the geared shaft and, with backlash, the driven body
         on it."""
-        joint, port = drive.joint, drive.port
-        motor, start = self.motors[port], self._start_deg(self.motors[port])
+        joint = drive.joint
+        port = drive.port
+        motor = self.motors[port]
+        start = self._start_deg(self.motors[port])
         angle = math.radians(start - self.planned.device(port).angle_deg) / drive.gear
         friction = _TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0
         x, y, z = joint.axis.tolist()
@@ -246,11 +255,9 @@ class _Builder:
         rotor = mjcf.add_rotor(
             self.spec, self.bodies[joint.parent], motor, at_m, (x, y, z), drive.gear, friction
         )
-        rotor.quat, rotor.mass, rotor.inertia = (
-            mjcf.quaternion(joint.axis, angle),
-            _ROTOR_KG,
-            [_ROTOR_KG_M2] * 3,
-        )
+        rotor.quat = mjcf.quaternion(joint.axis, angle)
+        rotor.mass = _ROTOR_KG
+        rotor.inertia = [_ROTOR_KG_M2] * 3
         is_heavy = self.subtree_kg[joint.child] > _HEAVY_KG
         shaft = rotor.joints[0]
         shaft.damping[0], shaft.ref = 1e-3 if is_heavy else 0.0, math.radians(start) / drive.gear
@@ -276,7 +283,8 @@ class _Builder:
         self._register(joint, body)
 
     def _register(self, joint: Hinge, body: mujoco.MjsBody) -> None:
-        self.bodies[joint.child], self.origins[joint.child] = body, joint.point_m
+        self.bodies[joint.child] = body
+        self.origins[joint.child] = joint.point_m
         self._set_inertia(body, joint.child)
 
     def _start_deg(self, motor: Motor) -> float:
@@ -297,7 +305,8 @@ class _Builder:
             self._limit_by_collisions(shaft, motor, gear)
         else:
             shaft.limited = True
-            lowest, highest = ends[0] - _BEYOND_DEG, ends[1] + _BEYOND_DEG
+            lowest = ends[0] - _BEYOND_DEG
+            highest = ends[1] + _BEYOND_DEG
             # wider if the plan's position is outside
             low, high = free_deg(self.planned, motor.port, lowest, highest)
             shaft.range = sorted(
@@ -309,14 +318,16 @@ class _Builder:
         other parts."""
         stops = stops_deg(self.planned, motor.port)
         if stops is not None:
-            shaft.limited, shaft.range = True, sorted(math.radians(angle) / gear for angle in stops)
+            shaft.limited = True
+            shaft.range = sorted(math.radians(angle) / gear for angle in stops)
 
     def _couple(self) -> None:
         """Couple bodies that are geared to a motor's joint."""
         for geared in self.articulation.geared:
             if geared.port not in self.motors:
                 continue
-            joint, port = geared.joint, geared.port
+            joint = geared.joint
+            port = geared.port
             add_coupling(self.spec, geared, f"geared_{joint.child}", f"turn_{joint.child}")
             # Its start angle relative to the plan follows from the motor's.
             drive = next(drive for drive in self.articulation.drives if drive.port == port)
@@ -330,7 +341,8 @@ class _Builder:
         for wheel in self.tyres:
             placed = self.planned.plan.parts[wheel.part]
             low, high = placed.part.bounds
-            radius, half_width = wheel.diameter_mm / 2000, float(high[2] - low[2]) / 2 * M_PER_LDU
+            radius = wheel.diameter_mm / 2000
+            half_width = float(high[2] - low[2]) / 2 * M_PER_LDU
             quaternion = np.empty(4)
             mujoco.mju_quatZ2Vec(quaternion, TO_TWIN @ placed.rotation[:, 2])
             name = self._free_name(f"tyre_{self.ports.get(wheel.link, wheel.part)}")
@@ -350,10 +362,8 @@ class _Builder:
         for number, foot in enumerate(self.feet):
             name = self._free_name(f"foot_{self.ports.get(foot.body, number)}")
             ends = [*self._local(foot.body, foot.start_m), *self._local(foot.body, foot.end_m)]
-            shape, attributes = (
-                mujoco.mjtGeom.mjGEOM_CAPSULE,
-                mjcf.contact_attributes(_PLASTIC_FRICTION),
-            )
+            shape = mujoco.mjtGeom.mjGEOM_CAPSULE
+            attributes = mjcf.contact_attributes(_PLASTIC_FRICTION)
             self.bodies[foot.body].add_geom(
                 name=name, type=shape, fromto=ends, size=[foot.radius_m, 0, 0], **attributes
             )
@@ -385,7 +395,8 @@ class _Builder:
             return
         # Corners closer than 2 mm make no difference in a collision.
         corners = points[np.unique(np.round(points / 0.002), axis=0, return_index=True)[1]]
-        name, shell = f"hull_{number}", mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+        name = f"hull_{number}"
+        shell = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
         self.spec.add_mesh(name=name, uservert=corners.ravel().tolist(), inertia=shell)
         self.bodies[number].add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, mass=0, **mjcf.COLLIDING
@@ -417,7 +428,8 @@ class _Builder:
                     f"{self.planned.plan.path}: '{sensor.name}' moves against the chassis; put it "
                     "on the chassis"
                 )
-            looks, (low, high) = np.array(placed.electric.direction), placed.part.bounds
+            looks = np.array(placed.electric.direction)
+            (low, high) = placed.part.bounds
             eye_m = point_m_of(
                 placed.point(np.where(looks > 0.5, high, np.where(looks < -0.5, low, 0.0)))
             )
@@ -499,7 +511,8 @@ def _facing(looks: Floats) -> list[float]:
 def _axes_along(direction: Floats) -> Floats:
     """Axes, as rows [3, 3], of the frame in which MuJoCo's shortest rotation takes z to a
     direction."""
-    quaternion, matrix = np.empty(4), np.empty(9)
+    quaternion = np.empty(4)
+    matrix = np.empty(9)
     mujoco.mju_quatZ2Vec(quaternion, direction)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return matrix.reshape(3, 3).T

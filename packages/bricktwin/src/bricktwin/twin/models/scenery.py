@@ -15,7 +15,9 @@ from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, draw, yaw_quaternion
 from bricktwin.twin.objects import COLORS, Field, Line, Mark, Point, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
-LOWEST_MM, _LAYER_MM, _HIGHEST_MM = 0.6, 0.2, 2.4
+LOWEST_MM = 0.6
+_LAYER_MM = 0.2
+_HIGHEST_MM = 2.4
 """Heights above the floor of the lowest layer of marks, of each further one above the one that it
 covers, and of the uppermost at most."""
 _RAMP_MM = 8.0
@@ -28,10 +30,13 @@ def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
     world = spec.worldbody
     _draw_marks(spec, scene.marks)
     for number, solid in enumerate(scene.solids):
-        name, rgb = f"object_{number}", COLORS[solid.color]
+        name = f"object_{number}"
+        rgb = COLORS[solid.color]
         if isinstance(solid, Wall):
-            start, end = np.array(solid.from_mm) / 1000, np.array(solid.to_mm) / 1000
-            (x, y), (along_x, along_y) = ((start + end) / 2).tolist(), end - start
+            start = np.array(solid.from_mm) / 1000
+            end = np.array(solid.to_mm) / 1000
+            (x, y) = ((start + end) / 2).tolist()
+            (along_x, along_y) = end - start
             half = [
                 float(np.hypot(along_x, along_y)) / 2,
                 solid.thickness_mm / 2000,
@@ -46,7 +51,8 @@ def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
                 yaw_quaternion(math.atan2(along_y, along_x)),
             )
             continue
-        (x, y), yaw = (value / 1000 for value in solid.at_mm), -math.radians(solid.heading_deg)
+        (x, y) = (value / 1000 for value in solid.at_mm)
+        yaw = -math.radians(solid.heading_deg)
         # a plate whose upper side rises from the floor to the ramp's height
         if isinstance(solid, Ramp):
             rise = math.atan2(solid.height_mm, solid.length_mm)

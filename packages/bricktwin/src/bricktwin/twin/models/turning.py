@@ -13,7 +13,8 @@ from bricktwin.plans.geometry import Floats, Triple
 from bricktwin.plans.mechanism.articulation import Follower, Geared
 from bricktwin.twin.models.mjcf import SHAPE_GROUP
 
-_SPINNER, _ROD = "spin_", "rod_"
+_SPINNER = "spin_"
+_ROD = "rod_"
 """First letters of the names of the bodies."""
 
 
@@ -41,12 +42,11 @@ def add_rod(
     constraint = spec.add_equality(
         name=name, type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON
     )
-    constraint.name1, constraint.data[:5] = name, 0.0
+    constraint.name1 = name
+    constraint.data[:5] = 0.0
     # Stiff: with MuJoCo's default the ends of a light rod separate by fractions of a millimetre.
-    constraint.solref, constraint.solimp = (
-        [2 * spec.option.timestep, 1.0],
-        [0.99, 0.99, 0.001, 0.5, 2.0],
-    )
+    constraint.solref = [2 * spec.option.timestep, 1.0]
+    constraint.solimp = [0.99, 0.99, 0.001, 0.5, 2.0]
     body: mujoco.MjsBody = near[0].add_body(name=name, pos=list(near[1]))
     return body
 
@@ -64,7 +64,8 @@ def add_coupling(spec: mujoco.MjSpec, geared: Geared, name: str, joint: str) -> 
     equal = spec.add_equality(
         name=name, type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT
     )
-    equal.name1, equal.name2 = joint, f"motor_{geared.port}"
+    equal.name1 = joint
+    equal.name2 = f"motor_{geared.port}"
     equal.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
 
 
@@ -75,7 +76,9 @@ def add_loop(
     equal = spec.add_equality(
         name=name, type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY
     )
-    equal.name1, equal.name2, equal.data[:3] = body.name, other.name, at_m
+    equal.name1 = body.name
+    equal.name2 = other.name
+    equal.data[:3] = at_m
     equal.solref = [2 * spec.option.timestep, 1.0]
 
 

@@ -68,20 +68,18 @@ class MovingParts:
     def __init__(
         self, model: mujoco.MjModel, camera: int, width: int, height: int, groups: NDArray[np.uint8]
     ) -> None:
-        self._camera, self._width, self._height = camera, width, height
+        self._camera = camera
+        self._width = width
+        self._height = height
         moves = model.body_weldid[model.geom_bodyid] != 0
         self._geoms = np.flatnonzero(moves & (groups[model.geom_group] != 0))
-        middle, half = (
-            model.geom_aabb[self._geoms, None, :3],
-            model.geom_aabb[self._geoms, None, 3:],
-        )
+        middle = model.geom_aabb[self._geoms, None, :3]
+        half = model.geom_aabb[self._geoms, None, 3:]
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         self._corners = middle + half * signs  # [geoms, 8, 3], in the frame of each geometry
         focal_px = height / 2 / math.tan(math.radians(float(model.cam_fovy[camera])) / 2)
-        self._focal_px, self._middle_px = (
-            np.array((focal_px, -focal_px)),
-            np.array((width, height)) / 2,
-        )
+        self._focal_px = np.array((focal_px, -focal_px))
+        self._middle_px = np.array((width, height)) / 2
         self._whole = 0, 0, width, height
 
     def box(self, data: mujoco.MjData) -> Box:
@@ -121,8 +119,10 @@ class MovingParts:
 def aim(scene: mujoco.MjvScene, box: Box, width: int, height: int) -> None:
     """Narrow the view of the scene's camera to a part of its image of ``width`` x ``height`` px."""
     for camera in scene.camera:
-        top, bottom = camera.frustum_top, camera.frustum_bottom
-        half_width, height_m = (top - bottom) / 2 * width / height, top - bottom
+        top = camera.frustum_top
+        bottom = camera.frustum_bottom
+        half_width = (top - bottom) / 2 * width / height
+        height_m = top - bottom
         camera.frustum_center = half_width * ((box.left + box.right) / width - 1.0)
         camera.frustum_width = half_width * box.width / width
         camera.frustum_top = top - height_m * box.top / height
@@ -211,7 +211,8 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
                 model, self._camera.fixedcamid, width, height, self._option.geomgroup
             )
             self._is_composited = not smooth and is_opaque(model, self._option.geomgroup)
-        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        model.vis.global_.offwidth = width
+        model.vis.global_.offheight = height
         model.vis.quality.offsamples = 4 if smooth else 0
         self._gl, self._context = _open_context(model, width, height)
         # OpenGL objects must be freed in their own context, or another context's objects of the
@@ -235,7 +236,8 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         if self._background is None:
             self._background = self._draw(self._whole, mujoco.mjtCatBit.mjCAT_STATIC)
         background, background_depth = self._background
-        image, box = background.copy(), self._moving.box(data)
+        image = background.copy()
+        box = self._moving.box(data)
         if box.width and box.height:
             part = slice(box.top, box.bottom), slice(box.left, box.right)
             pixels, depth = self._draw(
@@ -268,10 +270,8 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         if self._decorate is not None:
             self._decorate(self._scene)
         aim(self._scene, box, self._whole.width, self._whole.height)
-        viewport, pixels = (
-            mujoco.MjrRect(0, 0, box.width, box.height),
-            np.empty((box.height, box.width, 3), np.uint8),
-        )
+        viewport = mujoco.MjrRect(0, 0, box.width, box.height)
+        pixels = np.empty((box.height, box.width, 3), np.uint8)
         depth = np.empty((box.height, box.width), np.float32)
         # A buffer of exactly this size is cleared at once, a part of a larger one pixel by pixel.
         mujoco.mjr_resizeOffscreen(box.width, box.height, self._context)
@@ -349,7 +349,8 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
         """Finish and rename the file, or delete it if it is not ``complete``; closing twice does
         nothing."""
         self._is_closed = True
-        file, self._file = self._file, None
+        file = self._file
+        self._file = None
         if file is None or self._part is None:
             return
         try:

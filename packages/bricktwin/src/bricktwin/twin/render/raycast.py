@@ -43,12 +43,15 @@ class RayCaster:
                 "positive sizes in px"
             )
         model = body.model
-        self._body, self._spot_px = body, spot_px
+        self._body = body
+        self._spot_px = spot_px
         self._camera = named_camera(model, camera).fixedcamid
-        self._width, self._height = width, height
+        self._width = width
+        self._height = height
         focal_px = height / 2 / math.tan(math.radians(float(model.cam_fovy[self._camera])) / 2)
         rows, columns = np.mgrid[:height:spot_px, :width:spot_px] + spot_px / 2
-        across, down = (columns - width / 2) / focal_px, (rows - height / 2) / focal_px
+        across = (columns - width / 2) / focal_px
+        down = (rows - height / 2) / focal_px
         rays = np.stack([across, -down, np.full_like(across, -1.0)], -1)
         # [rows, columns, 3], in the frame of the camera
         self._rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
@@ -85,12 +88,11 @@ class RayCaster:
 
     def _cast(self, rays: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """First geometry that each ray ``[rays, 3]`` hits, or -1, and the surface normal there."""
-        model, data = self._body.model, self._body.data
-        eye, hits, normals = (
-            data.cam_xpos[self._camera],
-            np.empty((len(rays), 1), np.int32),
-            np.empty_like(rays),
-        )
+        model = self._body.model
+        data = self._body.data
+        eye = data.cam_xpos[self._camera]
+        hits = np.empty((len(rays), 1), np.int32)
+        normals = np.empty_like(rays)
         # One at a time: the function for many rays misses geometries that do not collide (MuJoCo
         # 4.0.0).
         for ray, geom, normal in zip(rays, hits, normals, strict=True):
@@ -102,7 +104,8 @@ class RayCaster:
     ) -> NDArray[np.uint8]:
         """Colours ``[rays, 3]`` under the headlight and the lights of the scene, without specular
         light."""
-        model, data = self._body.model, self._body.data
+        model = self._body.model
+        data = self._body.data
         lamp = model.vis.headlight
         facing = np.clip(-(normals * rays).sum(-1, keepdims=True), 0.0, 1.0)
         light = lamp.ambient + facing * lamp.diffuse
@@ -119,16 +122,15 @@ class RayCaster:
 def _colours(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Colour and mean texture colour (RGB in 0..1) of each geometry, and of the sky; ``[geometries
     + 1, 3]`` each."""
-    colours, textures = (
-        np.vstack((model.geom_rgba[:, :3].astype(float), _SKY)),
-        np.ones((model.ngeom + 1, 3)),
-    )
+    colours = np.vstack((model.geom_rgba[:, :3].astype(float), _SKY))
+    textures = np.ones((model.ngeom + 1, 3))
     for geom, material in enumerate(model.geom_matid):
         if material >= 0:
             colours[geom] = model.mat_rgba[material, :3]
             texture = int(model.mat_texid[material].max())
             if texture >= 0:
-                start, channels = int(model.tex_adr[texture]), int(model.tex_nchannel[texture])
+                start = int(model.tex_adr[texture])
+                channels = int(model.tex_nchannel[texture])
                 size = int(model.tex_height[texture]) * int(model.tex_width[texture]) * channels
                 textures[geom] = (
                     model.tex_data[start : start + size].reshape(-1, channels)[:, :3].mean(0) / 255

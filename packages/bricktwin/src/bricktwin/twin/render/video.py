@@ -27,7 +27,10 @@ from bricktwin.twin.render.opengl import Renderer, VideoWriter
 from bricktwin.twin.scene import Goal
 
 Pixels = NDArray[np.uint8]
-_INK, _MUTED, _BACKGROUND, _OPACITY = (31, 36, 48), (73, 81, 94), (255, 255, 255), 205
+_INK = (31, 36, 48)
+_MUTED = (73, 81, 94)
+_BACKGROUND = (255, 255, 255)
+_OPACITY = 205
 
 
 @functools.lru_cache(maxsize=8)
@@ -48,7 +51,8 @@ def captioned(
     """The image ``[height, width, 3]`` with title and line in its upper left corner, and labels
     (column, row, text)."""
     height = image.shape[0]
-    large, small = max(11, height // 26), max(9, height // 34)
+    large = max(11, height // 26)
+    small = max(9, height // 34)
     picture = Image.fromarray(image)
     pen = ImageDraw.Draw(picture)
     for column, row, text in labels:
@@ -78,13 +82,16 @@ def captioned(
     return np.asarray(picture)
 
 
-_BACK_M, _HEIGHT_M, _SKIRTING_M = 1.3, 1.6, 0.07
+_BACK_M = 1.3
+_HEIGHT_M = 1.6
+_SKIRTING_M = 0.07
 """Wall behind the robot: distance to the left of its start, height, and height of its skirting
 board."""
 _LINE = (0.45, 0.50, 0.58, 1.0)
 _PAINT_M = 0.0002
 """Height of a metre line, below whatever lies on the floor."""
-_WALL, _BOARD = (0.90, 0.90, 0.87, 1.0), (0.97, 0.97, 0.96, 1.0)
+_WALL = (0.90, 0.90, 0.87, 1.0)
+_BOARD = (0.97, 0.97, 0.96, 1.0)
 _GHOST = (0.10, 0.62, 0.25, 0.30)
 _LAG = 0.06
 """Share of the distance to the robot by which the camera's target moves per image."""
@@ -102,13 +109,15 @@ class Room:
     """
 
     def __init__(self, body: MujocoBody, goal: Goal | None = None) -> None:
-        self._body, self._place = body, None if goal is None else goal.at_mm
+        self._body = body
+        self._place = None if goal is None else goal.at_mm
         self.camera = mujoco.MjvCamera()
         self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         self._moves = body.model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
         self.camera.distance = 0.72 if not self._moves else 0.62 if self._place is None else 1.1
         # from behind, so that no wall ahead hides the robot
-        self.camera.azimuth, self.camera.elevation = 62.0, -21.0
+        self.camera.azimuth = 62.0
+        self.camera.elevation = -21.0
         self._target = np.array(self._robot())
         self.camera.lookat[:] = self._target
         self._option = mujoco.MjvOption()
@@ -148,13 +157,16 @@ class Room:
             )
         for metre in range(-2, 2):
             _box(scene, (middle, metre, 0.0), (6.0, 0.003, _PAINT_M), _LINE)
-        ghost, first, category = self._ghost, scene.ngeom, mujoco.mjtCatBit.mjCAT_DYNAMIC
+        ghost = self._ghost
+        first = scene.ngeom
+        category = mujoco.mjtCatBit.mjCAT_DYNAMIC
         if ghost is not None:
             mujoco.mjv_addGeoms(
                 ghost.model, ghost.data, self._option, mujoco.MjvPerturb(), category, scene
             )
         for geom in scene.geoms[first : scene.ngeom]:
-            geom.rgba[:], geom.matid = _GHOST, -1
+            geom.rgba[:] = _GHOST
+            geom.matid = -1
 
     def metre_marks(self, width: int, height: int) -> list[tuple[int, int, str]]:
         """Labels of the metre lines in an image of that size in px: column, row, text."""
@@ -168,7 +180,8 @@ class Room:
     def _project(
         self, point: NDArray[np.float64], width: int, height: int
     ) -> tuple[int, int] | None:
-        azimuth, elevation = math.radians(self.camera.azimuth), math.radians(self.camera.elevation)
+        azimuth = math.radians(self.camera.azimuth)
+        elevation = math.radians(self.camera.elevation)
         forward = np.array(
             [
                 math.cos(elevation) * math.cos(azimuth),
@@ -183,7 +196,8 @@ class Room:
         if depth < 0.05:
             return None
         focal_px = height / 2 / math.tan(math.radians(float(self._body.model.vis.global_.fovy)) / 2)
-        x, y = float(offset @ right), float(offset @ up)
+        x = float(offset @ right)
+        y = float(offset @ up)
         return round(width / 2 + focal_px * x / depth), round(height / 2 - focal_px * y / depth)
 
 

@@ -7,7 +7,8 @@ the hub turned."""
 
 def turn(motor, angle):
     """Turn the motor, for a limited time. Returns its angle and the hub's turn, clockwise."""
-    motor_before, heading_before = motor.angle(), hub.imu.heading()
+    motor_before = motor.angle()
+    heading_before = hub.imu.heading()
     motor.run_angle(SPEED_DEG_S, angle, wait=False)
     watch = StopWatch()
     while not motor.done() and watch.time() < LIMIT_MS:
