@@ -14,9 +14,9 @@ from torchrl.envs import (
 )
 
 import bricksrl
+from bricksrl.agents.frozen_encoders import encode_images
 from bricksrl.envs import get_task
 from bricksrl.envs.vision.camera import CameraView
-from bricksrl.envs.vision.encoders import encode_images
 from bricksrl.errors import EncoderError
 
 TASK = replace(

@@ -25,7 +25,7 @@ OF_USERS = (
     "bricksrl.agents.operators",
     "bricksrl.agents.settings",
     "bricksrl.envs",
-    "bricksrl.envs.gymnasium",
+    "bricksrl.interfaces.gymnasium",
     "bricksrl.hub.interface",
     "bricksrl.robots",
     "bricksrl.twin.objects",

@@ -16,7 +16,7 @@ ONBOARD = "brickhub.hub.program.onboard"
 """Of this package only the folder is ours: its files run on a hub, under MicroPython."""
 FROZEN = "brickhub.virtual.frozen"
 """Of this one too: its files are those of the firmware."""
-EXTRAS = ("brickhub.virtual.lego_transport",)
+EXTRAS = ("brickhub.kits.lego_transport",)
 """Modules that need an extra."""
 MODULES = [
     module.name

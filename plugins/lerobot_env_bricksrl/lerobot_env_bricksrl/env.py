@@ -9,8 +9,8 @@ import numpy as np
 from gymnasium.spaces import Dict
 from gymnasium.wrappers import RescaleAction
 
-from bricksrl.envs.gymnasium import GymnasiumEnv
 from bricksrl.envs.registry import is_simulation
+from bricksrl.interfaces.gymnasium import GymnasiumEnv
 
 
 class BricksEnv(gymnasium.Wrapper[Any, Any, Any, Any]):

@@ -19,7 +19,7 @@ from lerobot.envs.configs import EnvConfig
 from lerobot.envs.factory import make_env
 from lerobot.envs.utils import env_to_policy_features, preprocess_observation
 
-import bricksrl.envs.gymnasium
+import bricksrl.interfaces.gymnasium
 
 ACT = (
     *(
@@ -85,7 +85,7 @@ def test_actions_are_commands_in_their_units() -> None:
     """Those of the robot of ``lerobot_robot_bricksrl``, so that a policy trained on its recordings
     can be evaluated."""
     _, envs = one("RunAway-v0")
-    ours = bricksrl.envs.gymnasium.GymnasiumEnv("RunAway-v0")
+    ours = bricksrl.interfaces.gymnasium.GymnasiumEnv("RunAway-v0")
     envs.reset(seed=[5])
     ours.reset(seed=5)
     for _ in range(3):

@@ -18,8 +18,8 @@ from described import ROBO_ARM, TWO_WHEELER
 from brickhub import target
 from brickhub.cli import main
 from brickhub.hub.program.generate import generate
+from brickhub.kits import virtual_kit
 from brickhub.target import Target, whole_interface
-from brickhub.virtual import virtual_kit
 
 CAR, LEGS, ARM = (f"{described.__file__}:{name}" for name in ("TWO_WHEELER", "WALKER", "ROBO_ARM"))
 

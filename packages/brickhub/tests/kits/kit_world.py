@@ -15,12 +15,12 @@ from brickhub.hub.interface import (
     UntilDone,
     Wait,
 )
-from brickhub.hub.kit_protocol import COMMANDS, REPORTS
-from brickhub.hub.link.kit_link import KitLink
 from brickhub.hub.link.profiles import PROFILES, LinkProfile
+from brickhub.kits.link import KitLink
+from brickhub.kits.protocol import COMMANDS, REPORTS
+from brickhub.kits.virtual_kit import VirtualKit
 from brickhub.robot import Direction, DriveBase, KitKind, Motor, PoweredUpSensor, Robot, SensorKind
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.virtual_kit import VirtualKit
 
 ROBOT = Robot(
     "kit",

@@ -7,12 +7,9 @@ import math
 import pytest
 from kit_world import encode, reports_in
 
-from brickhub.hub.kit_protocol import NOTIFICATION, Done, MotorState
-from brickhub.hub.kit_radio import parts
-from brickhub.robot import KitKind
-from brickhub.virtual.bench_body import FittedBench
-from brickhub.virtual.given_readings import parse_reading
-from brickhub.virtual.kit_device import (
+from brickhub.kits.protocol import NOTIFICATION, Done, MotorState
+from brickhub.kits.radio import parts
+from brickhub.kits.virtual_devices import (
     ColorSensor,
     Controller,
     DoubleMotor,
@@ -20,6 +17,9 @@ from brickhub.virtual.kit_device import (
     SingleMotor,
     devices_of,
 )
+from brickhub.robot import KitKind
+from brickhub.virtual.bench_body import FittedBench
+from brickhub.virtual.given_readings import parse_reading
 from brickhub.virtual.machine import Machine
 
 RUN_DONE, RUN_TIME_DONE, RUN_DEGREES_DONE, TANK_DONE, TURN_DONE = 123, 127, 125, 157, 161

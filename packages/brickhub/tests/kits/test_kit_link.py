@@ -15,11 +15,11 @@ from kit_world import DRIVE, TURN, connected
 
 from brickhub.errors import HubError, HubNotFoundError, HubTimeoutError, StoppedError
 from brickhub.hub.interface import Wait
-from brickhub.hub.kit_protocol import FULL_SPEED_DEG_S, SUPERVISION_S
-from brickhub.hub.link.kit_link import HOLD_S, PERIOD_MS, KitLink
 from brickhub.hub.link.profiles import LinkProfile
 from brickhub.hub.link.states import LinkState
-from brickhub.virtual.virtual_kit import VirtualKit
+from brickhub.kits.link import HOLD_S, PERIOD_MS, KitLink
+from brickhub.kits.protocol import FULL_SPEED_DEG_S, SUPERVISION_S
+from brickhub.kits.virtual_kit import VirtualKit
 
 pytest.importorskip("legoeducation")
 _MM_PER_DEG = 3.14159 * 56 / 360

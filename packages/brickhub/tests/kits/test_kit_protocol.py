@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from kit_world import encode, reports_in
 
 from brickhub.errors import HubProtocolError
-from brickhub.hub.kit_protocol import (
+from brickhub.kits.protocol import (
     COMMANDS,
     REPORTS,
     RPC_VERSION,

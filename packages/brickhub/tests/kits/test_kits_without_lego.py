@@ -17,15 +17,15 @@ from brickhub.errors import (
     UnknownNameError,
 )
 from brickhub.hub.interface import Interface, RunDuty, SensorReading, Wait
-from brickhub.hub.kit_protocol import Product
-from brickhub.hub.kit_radio import KitPart, RealRadio, lego_package, parts_of
-from brickhub.hub.link.kit_link import KitLink
 from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES
 from brickhub.hub.program.generate import generate
 from brickhub.hub.transports.address import parse_hub
+from brickhub.kits.link import KitLink
+from brickhub.kits.protocol import Product
+from brickhub.kits.radio import KitPart, RealRadio, lego_package, parts_of, real_radio
+from brickhub.kits.virtual_kit import VirtualKit, virtual_robot
 from brickhub.robot import KitKind, Motor, Robot
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.virtual_kit import VirtualKit, virtual_robot
 
 
 def test_devices_of_a_robot() -> None:
@@ -77,9 +77,9 @@ def test_radio_ends_what_never_answers() -> None:
 
 
 def test_address() -> None:
-    assert parse_hub("ble:azure-3683").radio() == RealRadio("azure-3683")
+    assert real_radio(parse_hub("ble:azure-3683")) == RealRadio("azure-3683")
     with pytest.raises(UnknownNameError):
-        parse_hub("usb").radio()
+        real_radio(parse_hub("usb"))
     with pytest.raises(UnknownNameError, match="connection card"):
         RealRadio("pink-1").search(KitPart(Product.COLOR_SENSOR, "D"))
 

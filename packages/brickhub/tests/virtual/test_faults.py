@@ -13,11 +13,11 @@ from brickhub.errors import DescriptionError, HubError
 from brickhub.finding import Outcome
 from brickhub.hub.diagnostics.preflight import check_robot
 from brickhub.hub.link.lockstep import HubLink
+from brickhub.kits.virtual_kit import virtual_robot
 from brickhub.robot import Sense
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.faults import FAULT_KINDS, FaultyBody, parse_fault, sound_body, with_faults
 from brickhub.virtual.run import run_file
-from brickhub.virtual.virtual_kit import virtual_robot
 
 
 def faulty(*faults: str) -> FaultyBody:

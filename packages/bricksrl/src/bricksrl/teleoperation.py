@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from brickhub.entry import Entry
-from brickhub.hub.kit_radio import RealRadio, lego_package
+from brickhub.kits.radio import RealRadio, lego_package
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:

@@ -14,11 +14,11 @@ from toys import Cart
 
 from brickhub.entry import Entry
 from bricksrl.agents.encoder import Encoder, ObservationEncoder, encoder_keys, make_encoder
+from bricksrl.agents.features import PAST_SHARE
+from bricksrl.agents.image_networks import Convolutions, Keypoints, shift_images
 from bricksrl.agents.networks import mlp
-from bricksrl.envs.features import PAST_SHARE
 from bricksrl.envs.specs import ImageShape, NominalBounded, ObservationLayout
 from bricksrl.envs.transforms import layout_of
-from bricksrl.envs.vision.image_networks import Convolutions, Keypoints, shift_images
 from bricksrl.errors import DescriptionError
 
 MIXED = ObservationLayout(

@@ -24,10 +24,10 @@ from torchrl.data import LazyTensorStorage, SamplerWithoutReplacement, TensorDic
 from torchrl.objectives.common import LossModule
 
 import bricksrl
+from bricksrl.agents.features import ENOUGH, reward_unit
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer
 from bricksrl.agents.td3 import TD3Loss
-from bricksrl.envs.features import ENOUGH, reward_unit
 
 
 class Counting(LossModule):  # type: ignore[misc]

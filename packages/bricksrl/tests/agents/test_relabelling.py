@@ -11,7 +11,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from bricksrl.agents.replay.buffer import HORIZON, TransitionReplayBuffer, make_replay_buffer
-from bricksrl.envs.goals import GoalRelabelling
+from bricksrl.agents.replay.goals import GoalRelabelling
 
 GOALS = GoalRelabelling(TASK, LAYOUT, 0.5, 0.5)
 

@@ -20,13 +20,13 @@ from torchrl.envs import GymEnv, GymWrapper
 from torchrl.envs.utils import check_env_specs
 
 import bricksrl
-from bricksrl.envs.gymnasium import GoalObservation, GymnasiumEnv
 from bricksrl.errors import (
     BricksError,
     DescriptionError,
     RenderingUnavailableError,
     UnknownOptionError,
 )
+from bricksrl.interfaces.gymnasium import GoalObservation, GymnasiumEnv
 
 IDS = pytest.mark.parametrize("env_id", ["RunAway-v0", "Spinning-v0"])
 
@@ -458,7 +458,7 @@ def test_missing_graphics_library_disables_pictures_only() -> None:
 def test_features_are_those_of_our_agents(env_id):
     from bricksrl.agents import preset
     from bricksrl.agents.encoder import make_encoder
-    from bricksrl.envs.gymnasium import FeatureObservation
+    from bricksrl.interfaces.gymnasium import FeatureObservation
 
     env = FeatureObservation(gymnasium.make(f"bricksrl/{env_id}"))
     observation, _ = env.reset(seed=0)
@@ -475,7 +475,7 @@ def test_features_are_those_of_our_agents(env_id):
 
 
 def test_features_need_an_environment_of_ours():
-    from bricksrl.envs.gymnasium import FeatureObservation
+    from bricksrl.interfaces.gymnasium import FeatureObservation
 
     with pytest.raises(DescriptionError, match="no vector of ours"):
         FeatureObservation(gymnasium.make("CartPole-v1"))
@@ -485,7 +485,7 @@ def test_features_need_an_environment_of_ours():
 def test_another_library_learns_with_the_features():
     """The documentation's example; return 93 is a trot."""
     sb3 = pytest.importorskip("stable_baselines3")
-    from bricksrl.envs.gymnasium import FeatureObservation
+    from bricksrl.interfaces.gymnasium import FeatureObservation
 
     env = FeatureObservation(gymnasium.make(gymnasium.spec("bricksrl/Walker-v1")))
     options = {

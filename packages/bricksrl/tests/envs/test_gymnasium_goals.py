@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from bricksrl.envs.gymnasium import GoalObservation, VectorGoalObservation
 from bricksrl.errors import DescriptionError
+from bricksrl.interfaces.gymnasium import GoalObservation, VectorGoalObservation
 
 
 @pytest.mark.parametrize("env_id", ["RoboArm-v0", "RoboArmSim-v0"])

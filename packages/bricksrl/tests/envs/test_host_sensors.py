@@ -26,13 +26,13 @@ from bricksrl.cli import main
 from bricksrl.data import load
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.env_checker import check_env
-from bricksrl.envs.gymnasium import GymnasiumEnv
 from bricksrl.envs.host_sensors.devices import second_camera, serial_numbers
 from bricksrl.envs.host_sensors.host_sensor import HostSensor, ThreadReader, World
 from bricksrl.envs.registry import get_task, register
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.vision.camera import CameraView
 from bricksrl.errors import DescriptionError, SensorError
+from bricksrl.interfaces.gymnasium import GymnasiumEnv
 from bricksrl.page.live import LivePage
 from bricksrl.policies import load_policy
 from bricksrl.training import RunFolder, TrainConfig, train

@@ -60,7 +60,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Bounded, Composite
 
-from bricksrl.envs.own.base_env import BaseEnv
+from bricksrl.envs.base_env import BaseEnv
 from bricksrl.robots import TWO_WHEELER
 from bricksrl.twin.scene import Scene
 

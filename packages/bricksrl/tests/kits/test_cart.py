@@ -83,9 +83,9 @@ def test_address_of_a_kit(hub: str) -> None:
 
 def test_controller_drives(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("legoeducation")
-    from brickhub.virtual.kit_device import Controller
-    from brickhub.virtual.lego_transport import VirtualTransport
-    from brickhub.virtual.virtual_kit import VirtualKit
+    from brickhub.kits.lego_transport import VirtualTransport
+    from brickhub.kits.virtual_devices import Controller
+    from brickhub.kits.virtual_kit import VirtualKit
 
     kit = VirtualKit(make_body(CART))
     kit.attach()
@@ -101,8 +101,8 @@ def test_controller_drives(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_controller_out_of_reach(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("legoeducation")
-    from brickhub.virtual.lego_transport import VirtualTransport
-    from brickhub.virtual.virtual_kit import VirtualKit
+    from brickhub.kits.lego_transport import VirtualTransport
+    from brickhub.kits.virtual_kit import VirtualKit
 
     kit = VirtualKit(make_body(CART))
     kit.attach()

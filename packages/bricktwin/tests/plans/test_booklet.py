@@ -21,8 +21,8 @@ from bricktwin.plans.booklet.instructions import (
 from bricktwin.plans.booklet.pages import pages_of, write_booklet
 from bricktwin.plans.booklet.picture import VIEWS, Shown, Studio, View, sprite_of
 from bricktwin.plans.building import Occupancy
-from bricktwin.plans.looks import look_of
-from bricktwin.plans.meshes import surface_of
+from bricktwin.plans.drawing.looks import look_of
+from bricktwin.plans.drawing.meshes import surface_of
 from bricktwin.plans.plan import read_plan
 
 WHITE = (1.0, 1.0, 1.0)

@@ -56,7 +56,7 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
     # processes started from here import nothing from the present folder by themselves
     os.environ["PYTHONSAFEPATH"] = "1"
     from brickhub.cli.ending import ended_in_time
-    from brickhub.cli.options import SavesNothing
+    from brickhub.options import SavesNothing
 
     with ended_in_time() as end:
         at_once = ending_at_once()

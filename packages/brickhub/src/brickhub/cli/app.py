@@ -20,10 +20,10 @@ from tyro.conf import FlagCreatePairsOff
 from tyro.extras import SubcommandApp
 
 from brickhub import HOUSES
-from brickhub.cli.options import check_existing
 from brickhub.cli.terminal import Interrupted, print_error, print_line, print_note
 from brickhub.errors import BricksError, hint
 from brickhub.fields import check_fields
+from brickhub.options import check_existing
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from importlib import metadata
 from typing import Annotated, ClassVar
 
-from brickhub.cli.options import JsonFlag, option
 from brickhub.cli.terminal import print_findings
 from brickhub.errors import BluetoothUnavailableError, DescriptionError
 from brickhub.finding import Finding, Outcome
+from brickhub.options import JsonFlag, option
 
 _SCAN_S = 1.0
 _MAX_TIMEOUT_S = 3600.0

@@ -9,15 +9,6 @@ from typing import Annotated, Any
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import (
-    Existing,
-    Faults,
-    Flag,
-    JsonFlag,
-    SavesNothing,
-    option,
-    refuse_ignored,
-)
 from brickhub.cli.terminal import ask, confirm, print_findings, print_line, print_note
 from brickhub.errors import DescriptionError, HubNotFoundError, counted, percent
 from brickhub.fields import Count
@@ -30,7 +21,7 @@ from brickhub.hub.diagnostics.calibration import (
     calibration_of,
     zero_between,
 )
-from brickhub.hub.diagnostics.preflight import advice, check_kit, check_robot, measure
+from brickhub.hub.diagnostics.preflight import advice, check_robot, measure
 from brickhub.hub.diagnostics.survey import find_stops, survey
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.profiles import profile
@@ -39,6 +30,15 @@ from brickhub.hub.transport import Transport
 from brickhub.hub.transports.address import parse_hub
 from brickhub.hub.transports.ble import FoundHub, scan
 from brickhub.hub.transports.profile import Status
+from brickhub.options import (
+    Existing,
+    Faults,
+    Flag,
+    JsonFlag,
+    SavesNothing,
+    option,
+    refuse_ignored,
+)
 from brickhub.robot import HubKind, Robot
 from brickhub.target import Target, find
 from brickhub.user_files import check_there
@@ -276,6 +276,8 @@ class Check(SavesNothing):
                 command=self._calibration(),
             )
         else:
+            from brickhub.kits.preflight import check_kit
+
             radio = _reach(self.hub, target, self.link, self.fault)
             findings = check_kit(
                 radio, target.robot, target.interface, may_move=may_move, is_right=is_right
@@ -404,8 +406,9 @@ class Calibrate:
 def _reach(hub: str, target: Target, link: str | None, faults: Sequence[str]) -> Any:
     """An unopened transport to a hub, or a radio to devices of LEGO's kits. ``link``: that of a
     virtual one, by name, and its faults. Raises DescriptionError if a real one is given such."""
+    from brickhub.kits.radio import real_radio
+    from brickhub.kits.virtual_kit import virtual_robot
     from brickhub.virtual.faults import with_faults
-    from brickhub.virtual.virtual_kit import virtual_robot
 
     address = parse_hub(hub)
     chosen = None if link is None else profile(link)
@@ -419,7 +422,9 @@ def _reach(hub: str, target: Target, link: str | None, faults: Sequence[str]) ->
         raise DescriptionError(
             "a real hub has a link of its own; leave out --link, or take --hub virtual"
         )
-    return address.transport() if target.robot.hub.model.runs_programs else address.radio()
+    if target.robot.hub.model.runs_programs:
+        return address.transport()
+    return real_radio(address)
 
 
 def _transport(

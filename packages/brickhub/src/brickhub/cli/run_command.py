@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO, cast
 
 from tyro.conf import Positional, UseAppendAction
 
-from brickhub.cli.options import Existing, Faults, Flag, changed_options, option
 from brickhub.cli.terminal import Interrupted, print_note
 from brickhub.errors import DescriptionError
+from brickhub.options import Existing, Faults, Flag, changed_options, option
 from brickhub.user_files import check_there
 
 if TYPE_CHECKING:
@@ -90,9 +90,9 @@ class Run:
             raise Interrupted(f"the program was stopped; {saved}") from None
 
     def _run(self) -> int:
-        from brickhub.hub.kit_radio import LEGO_PACKAGE
         from brickhub.hub.program.run_program import imports, load_program
         from brickhub.hub.transports.address import parse_hub
+        from brickhub.kits.radio import LEGO_PACKAGE
 
         # which raises before a film begins
         address = parse_hub(self.hub)
@@ -102,7 +102,7 @@ class Run:
         if isinstance(stdin, io.TextIOWrapper):
             stdin.reconfigure(errors="surrogateescape")  # a program may be given any bytes
         if address.is_virtual:
-            from brickhub.virtual.kit_run import run_kit_file
+            from brickhub.kits.run import run_kit_file
             from brickhub.virtual.run import run_file
 
             source = None if stdin is None or stdin.isatty() else stdin

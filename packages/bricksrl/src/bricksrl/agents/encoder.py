@@ -7,13 +7,12 @@ import torch
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
-from bricksrl.agents.settings import Settings
-
 # users find it here
-from bricksrl.envs.features import ObservationEncoder as ObservationEncoder  # noqa: PLC0414
+from bricksrl.agents.features import ObservationEncoder as ObservationEncoder  # noqa: PLC0414
+from bricksrl.agents.image_networks import Convolutions, Keypoints, pixels
+from bricksrl.agents.settings import Settings
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.transforms import layout_of
-from bricksrl.envs.vision.image_networks import Convolutions, Keypoints, pixels
 
 
 class Encoder(nn.Module):

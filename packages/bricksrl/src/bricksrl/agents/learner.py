@@ -17,9 +17,9 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import LossModule
 
 from bricksrl.agents.encoder import Encoder
+from bricksrl.agents.features import reward_unit
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer
 from bricksrl.agents.settings import CriticSettings, OffPolicySettings, Settings
-from bricksrl.envs.features import reward_unit
 from bricksrl.envs.rollout import cut_at_lost_links, lost_links, with_outcome
 from bricksrl.errors import CheckpointError, message_of
 

@@ -7,9 +7,9 @@ from typing import Annotated
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Existing, Flag, option, refuse_ignored
 from brickhub.cli.terminal import print_line
 from brickhub.fields import Count
+from brickhub.options import Existing, Flag, option, refuse_ignored
 from brickhub.user_files import check_there
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.vision.camera import TwinCamera, VideoCamera

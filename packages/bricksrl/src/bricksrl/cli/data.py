@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Existing, Flag, Seed, option
 from brickhub.cli.terminal import print_line
 from brickhub.fields import Range
 from brickhub.files import folder_with, only_writer, quoted
+from brickhub.options import Existing, Flag, Seed, option
 from bricksrl.cli.terminal import load_learning
 from bricksrl.data.dataset import Dataset, dataset_folder, existing_dataset
 from bricksrl.data.edit import merge, salvage, split

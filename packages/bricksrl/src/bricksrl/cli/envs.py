@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.table import Column, Table
 from tyro.conf import Positional
 
-from brickhub.cli.options import Existing, Flag, SavesNothing, option
 from brickhub.cli.terminal import print_findings, print_line
+from brickhub.options import Existing, Flag, SavesNothing, option
 from brickhub.user_files import check_there, is_reference
 from bricksrl import agents, envs, robots
 from bricksrl.cli.terminal import load_learning

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import (
+from brickhub.cli.terminal import Interrupted, print_line, print_note
+from brickhub.options import (
     Existing,
     Faults,
     Flag,
@@ -22,7 +23,6 @@ from brickhub.cli.options import (
     existing_file,
     option,
 )
-from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.user_files import check_there, without_folder
 from bricksrl.cli.terminal import EmergencyStop, load_learning, placing, telling
 from bricksrl.errors import DescriptionError, StoppedError, TwinError, counted, percent

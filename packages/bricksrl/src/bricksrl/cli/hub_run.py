@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO, cast
 
-from brickhub.cli.options import Existing, option
+from brickhub.options import Existing, option
 from brickhub.user_files import check_there
 from bricksrl.cli.page import LivePageGroup, PageFlag, announce, has_screen, shown
 from bricksrl.errors import DescriptionError

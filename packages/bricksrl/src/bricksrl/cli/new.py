@@ -8,9 +8,9 @@ from typing import Annotated, ClassVar
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import option
 from brickhub.cli.terminal import print_line
 from brickhub.files import quoted, refuse_existing, write_durably
+from brickhub.options import option
 from bricksrl.errors import DescriptionError
 
 

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from tyro.conf import OmitArgPrefixes, Positional
 
 from brickhub.cli.ending import wait_for_end
-from brickhub.cli.options import Existing, SavesNothing, Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import Range
 from brickhub.files import folder_with
 from brickhub.hub.transports.address import parse_hub
+from brickhub.options import Existing, SavesNothing, Seed, option, refuse_ignored
 from brickhub.seed import evaluation_seed
 from brickhub.user_files import check_there, is_reference
 from bricksrl.cli.terminal import EmergencyStop, driving, load_learning, placing

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Existing, Flag, Seed, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import Count
 from brickhub.files import quoted
+from brickhub.options import Existing, Flag, Seed, option
 from brickhub.user_files import check_there
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
 from bricksrl.cli.terminal import (

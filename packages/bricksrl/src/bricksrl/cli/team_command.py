@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
-from brickhub.cli.options import Existing, Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count
 from brickhub.files import check_writable, folder_with, quoted
+from brickhub.options import Existing, Seed, option, refuse_ignored
 from brickhub.seed import evaluation_seed
 from bricksrl.cli.page import LivePageGroup, play_until_stopped, shown
 from bricksrl.cli.terminal import load_learning

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction
 
-from brickhub.cli.options import Existing, Flag, Seed, existing_file, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count, Range
 from brickhub.files import only_writer, quoted, remove_unfinished
 from brickhub.hub.transports.address import parse_hub
+from brickhub.options import Existing, Flag, Seed, existing_file, option, refuse_ignored
 from brickhub.user_files import check_there
 from bricksrl.agents import check_agent
 from bricksrl.cli.evaluate import describe

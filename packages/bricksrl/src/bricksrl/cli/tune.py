@@ -9,10 +9,10 @@ from typing import Annotated
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, Seed, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count
 from brickhub.files import quoted
+from brickhub.options import Flag, Seed, option, refuse_ignored
 from bricksrl.cli.terminal import load_learning
 from bricksrl.envs.registry import get_task
 from bricksrl.errors import RunError

@@ -15,7 +15,7 @@ from bricksrl.errors import BricksError, CameraError, HubError
 
 if TYPE_CHECKING:
     from brickhub.hub.link.robot_link import RobotLink
-    from brickhub.virtual.virtual_kit import VirtualRobot
+    from brickhub.kits.virtual_kit import VirtualRobot
     from bricksrl.envs.host_sensors.host_sensor import Reader
     from bricksrl.envs.vision.camera import Camera
     from bricktwin.twin.mujoco_body import Pose

@@ -12,7 +12,7 @@ from bricksrl.errors import BricksError, CameraError, HubError
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from brickhub.virtual.virtual_kit import VirtualRobot
+    from brickhub.kits.virtual_kit import VirtualRobot
     from bricksrl.envs.connection import Connection, Reconnect
     from bricksrl.envs.robot_env import EpisodeState
     from bricksrl.envs.task import Task

@@ -12,9 +12,9 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 
-from brickhub.cli.options import Existing, Faults, Flag, existing_file, option, parsed
 from brickhub.fields import Range, check_fields
 from brickhub.hub.link.profiles import profile
+from brickhub.options import Existing, Faults, Flag, existing_file, option, parsed
 from brickhub.user_files import NotCode, check_there, with_absolute_file
 from brickhub.virtual.faults import parse_fault
 from bricksrl.errors import DescriptionError, TwinError

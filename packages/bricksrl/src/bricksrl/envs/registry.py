@@ -22,10 +22,10 @@ from brickhub.robot import Robot
 from brickhub.seed import check_seed
 from brickhub.user_files import NotCode, beside, is_reference, load_object
 from bricksrl.envs.arenas import ARENAS
+from bricksrl.envs.base_env import BaseEnv
 from bricksrl.envs.connection import Connection, Placement
 from bricksrl.envs.host_sensors.host_sensor import World, reader_of
 from bricksrl.envs.options import TRANSFORMS, EnvOptions
-from bricksrl.envs.own.base_env import BaseEnv
 from bricksrl.envs.task import Kinematics, Task, task_of
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK
@@ -209,7 +209,7 @@ def make(
         raise DescriptionError(f"{env_id} is one robot; omit batch_size, device and kinematics")
     of_robot = _connected(task, options, place)
     from bricksrl.envs.env import HubEnv
-    from bricksrl.envs.own.own_env import OwnEnv
+    from bricksrl.envs.own_env import OwnEnv
 
     env = HubEnv(*of_robot, seed=seed) if task.base_env is None else OwnEnv(*of_robot, seed=seed)
     if address.is_virtual:
@@ -230,8 +230,8 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
     import numpy as np
 
     from brickhub.hub.diagnostics.calibration import calibration_of
+    from brickhub.kits.virtual_kit import virtual_robot
     from brickhub.virtual.faults import with_faults
-    from brickhub.virtual.virtual_kit import virtual_robot
     from brickhub.virtual.virtual_transport import VirtualHub
 
     physics = RandomPhysics() if options.randomize else options.known_physics
@@ -302,6 +302,7 @@ def _real(
     task: Task, options: EnvOptions, address: HubAddress, place: Placement | None
 ) -> tuple[Task, Callable[[int], Connection]]:
     from brickhub.hub.diagnostics.calibration import calibration_of
+    from brickhub.kits.radio import real_radio
     from bricksrl.envs.vision.color_calibration import saved_red
 
     def ask_to_place(_rng: np.random.Generator) -> None:
@@ -320,7 +321,7 @@ def _real(
         transport = address.transport()
         link = _link(task, options, transport, calibration_of(transport))
     else:
-        link = _link(task, options, address.radio())
+        link = _link(task, options, real_radio(address))
     readers = tuple(reader_of(sensor, None) for sensor in task.sensors)
     connection = Connection(link, place or ask_to_place, camera=camera, sensors=readers)
     return task, lambda _seed: connection
@@ -336,10 +337,10 @@ def _link(
 ) -> RobotLink:
     """Link over a transport to a hub, or over a radio to devices of LEGO's kits, as the robot has
     them. ``warns`` is whether it says what it lacks."""
-    from brickhub.hub.link.kit_link import KitLink
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.hub.link.own_client import ClientLink
     from brickhub.hub.link.streaming import StreamingLink
+    from brickhub.kits.link import KitLink
 
     if not task.robot.hub.model.runs_programs:
         options.refuse(
@@ -618,8 +619,8 @@ def register_with_gymnasium(env_ids: Iterable[str] | None = None) -> None:
         gymnasium.registry.pop(gym_id, None)
         gymnasium.register(
             id=gym_id,
-            entry_point="bricksrl.envs.gymnasium:GymnasiumEnv",
-            vector_entry_point="bricksrl.envs.gymnasium:GymnasiumVectorEnv"
+            entry_point="bricksrl.interfaces.gymnasium:GymnasiumEnv",
+            vector_entry_point="bricksrl.interfaces.gymnasium:GymnasiumVectorEnv"
             if _specs[env_id].kinematics
             else None,
             max_episode_steps=get_task(env_id).max_steps,

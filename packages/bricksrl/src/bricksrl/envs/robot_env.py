@@ -20,7 +20,7 @@ from bricksrl.errors import BricksError, CameraError, HubError, StoppedError
 
 if TYPE_CHECKING:
     from brickhub.hub.link.robot_link import Reading
-    from brickhub.virtual.virtual_kit import VirtualRobot
+    from brickhub.kits.virtual_kit import VirtualRobot
 
 Floats = NDArray[np.float32]
 PAUSE_PERIOD_S = 0.2

@@ -19,9 +19,9 @@ from brickhub.hub.link.own_client import OwnClient
 from brickhub.hub.program.generate import generate
 from brickhub.hub.transport import HubProgram
 from brickhub.robot import Robot
+from bricksrl.envs.base_env import BaseEnv
 from bricksrl.envs.host_sensors.host_sensor import HostSensor
 from bricksrl.envs.odometry import Target, wheels
-from bricksrl.envs.own.base_env import BaseEnv
 from bricksrl.envs.vision.camera import CameraView
 from bricksrl.errors import DescriptionError
 from bricktwin.twin.scene import OPEN_FLOOR, Goal, Scene

@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Existing, option
 from brickhub.fields import Count, check_fields
 from brickhub.files import serialized, write_durably
+from brickhub.options import Existing, option
 from brickhub.seed import LARGEST_SEED, check_seed
 from brickhub.user_files import check_there
 from bricksrl.agents import make_learner

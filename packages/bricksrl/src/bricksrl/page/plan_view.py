@@ -14,14 +14,14 @@ from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, V
 from bricksrl.page.server import PageOptions, PageServer, is_finite
 from bricksrl.page.visitors import Visitor
 from bricktwin.plans.catalogue import colour_of
+from bricktwin.plans.drawing.looks import TINTS, Tint
+from bricktwin.plans.drawing.meshes import surface_of
+from bricktwin.plans.drawing.shapes import shape_of
 from bricktwin.plans.geometry import M_PER_LDU
-from bricktwin.plans.looks import TINTS, Tint
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
-from bricktwin.plans.meshes import surface_of
 from bricktwin.plans.part import Part
 from bricktwin.plans.plan import Plan
 from bricktwin.plans.planned_robot import PlannedRobot, planned
-from bricktwin.plans.shapes import shape_of
 from bricktwin.twin.linkage import Linkage
 
 _MAX_DEG = 360

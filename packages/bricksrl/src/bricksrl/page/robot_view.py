@@ -38,7 +38,7 @@ from bricksrl.page.scene import (
     mesh_of,
     poses,
 )
-from bricktwin.plans import shapes as solids
+from bricktwin.plans.drawing import shapes as solids
 from bricktwin.twin.linkage import pose_at, sensed_qpos
 from bricktwin.twin.make_body import lies_on_bench
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, overview_of

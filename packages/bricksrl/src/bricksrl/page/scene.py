@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bricksrl.errors import PageError
 
 if TYPE_CHECKING:
-    from bricktwin.plans.shapes import Shape as LegoShape
+    from bricktwin.plans.drawing.shapes import Shape as LegoShape
 
 Floats = NDArray[np.float32]
 Triple = tuple[float, float, float]
@@ -186,6 +186,6 @@ def mesh_of(shape: LegoShape, scale: float | Triple = 1.0) -> Mesh:
 
 def box(half_size: Triple) -> Mesh:
     """Box around the origin."""
-    from bricktwin.plans.shapes import block
+    from bricktwin.plans.drawing.shapes import block
 
     return mesh_of(block(2.0, 2.0, 2.0), half_size)

@@ -26,7 +26,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeGuard
 
-from brickhub.cli.options import option
+from brickhub.options import option
 from bricksrl.errors import BricksError, PageError, installed
 from bricksrl.page.board import Board, BoardReader, to_json
 from bricksrl.page.visitors import Visitor, Visitors

@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from brickhub.cli.options import Existing, Flag, option
 from brickhub.fields import Count, Range, check_fields
+from brickhub.options import Existing, Flag, option
 from brickhub.seed import check_seed
 from brickhub.user_files import NotCode, code_names, with_absolute_file, without_folder
 from bricksrl.agents import AGENTS, algorithm, preset, with_present_names

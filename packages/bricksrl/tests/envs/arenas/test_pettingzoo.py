@@ -18,7 +18,7 @@ def test_pettingzoo_checks_its_interface(name: str) -> None:
         warnings.simplefilter("ignore")
         from pettingzoo.test import parallel_api_test
 
-        from bricksrl.envs.arenas.pettingzoo_env import ArenaParallelEnv
+        from bricksrl.interfaces.pettingzoo import ArenaParallelEnv
 
         env = ArenaParallelEnv(name)
         parallel_api_test(env, num_cycles=15)
@@ -35,7 +35,7 @@ def test_pettingzoo_checks_its_interface(name: str) -> None:
 
 
 def test_pettingzoo_needs_an_episode_and_an_action_of_each_robot() -> None:
-    from bricksrl.envs.arenas.pettingzoo_env import ArenaParallelEnv
+    from bricksrl.interfaces.pettingzoo import ArenaParallelEnv
 
     still = np.zeros(2, np.float32)
     env = ArenaParallelEnv("Carry-v0")
@@ -55,7 +55,7 @@ def test_pettingzoo_needs_an_episode_and_an_action_of_each_robot() -> None:
 
 
 def test_pettingzoo_draws_the_arena() -> None:
-    from bricksrl.envs.arenas.pettingzoo_env import ArenaParallelEnv
+    from bricksrl.interfaces.pettingzoo import ArenaParallelEnv
 
     env = ArenaParallelEnv("Tag-v0", render_mode="rgb_array")
     images = []
@@ -76,7 +76,7 @@ def test_pettingzoo_state_is_what_all_robots_observe() -> None:
     from pettingzoo.test.state_test import test_state_space as check_state_space
     from torchrl.envs import PettingZooWrapper, check_env_specs
 
-    from bricksrl.envs.arenas.pettingzoo_env import ArenaParallelEnv
+    from bricksrl.interfaces.pettingzoo import ArenaParallelEnv
 
     env = ArenaParallelEnv("Carry-v0", render_mode=None)
     with pytest.raises(

@@ -18,11 +18,11 @@ from torchrl.data import Unbounded
 from torchrl.envs import Transform
 
 import bricksrl
+from bricksrl.agents.frozen_encoders import encode_images
 from bricksrl.envs.registry import register
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.transforms import layout_of
 from bricksrl.envs.vision.camera import CameraView
-from bricksrl.envs.vision.encoders import encode_images
 from bricksrl.errors import EncoderError
 
 SEEN = dataclasses.replace(

@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import option, refuse_ignored
 from brickhub.cli.terminal import print_line
 from brickhub.errors import PlanError, counted
 from brickhub.files import write_durably
+from brickhub.options import option, refuse_ignored
 from bricktwin import robots
 from bricktwin.plans import catalogue
 from bricktwin.plans.booklet.parts_list import as_text, owned, parts_list, purchases, still_needed

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from brickhub.cli import run_command as run
-from brickhub.cli.options import Existing, option
 from brickhub.cli.terminal import print_note
+from brickhub.options import Existing, option
 from brickhub.user_files import check_there
 
 if TYPE_CHECKING:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Existing, Flag, Seed, existing_file, option
 from brickhub.cli.terminal import confirm, print_line, print_note
 from brickhub.errors import TwinError, counted
 from brickhub.fields import Count
 from brickhub.files import check_writable
+from brickhub.options import Existing, Flag, Seed, existing_file, option
 from brickhub.target import find, whole_interface
 from brickhub.user_files import check_there
 from bricktwin import robots

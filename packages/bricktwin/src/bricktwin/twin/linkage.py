@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 import mujoco
 import numpy as np
 
+from bricktwin.plans.drawing.shapes import X_AXIS, Y_AXIS
 from bricktwin.plans.geometry import Floats, triple
 from bricktwin.plans.mechanism.articulation import Articulation
-from bricktwin.plans.shapes import X_AXIS, Y_AXIS
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, quaternion
 from bricktwin.twin.models.turning import TurningParts, add_coupling, add_loop, add_rod, add_spinner
 from bricktwin.twin.mujoco_body import MujocoBody, Pose

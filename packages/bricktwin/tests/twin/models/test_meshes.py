@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bricktwin.plans import catalogue
+from bricktwin.plans.drawing.meshes import surface_of
+from bricktwin.plans.drawing.shapes import Shape, block, cylinder, ring, turned
 from bricktwin.plans.geometry import circle_sides
-from bricktwin.plans.meshes import surface_of
-from bricktwin.plans.shapes import Shape, block, cylinder, ring, turned
 
 SHAPES = {
     "block": (block(2.0, 3.0, 4.0), 24.0),

@@ -1,5 +1,5 @@
-"""Preflight check of a robot, with a hub or of LEGO's kits: ports, battery, latency, sensors,
-motors against the description."""
+"""Preflight check of a robot with a hub: ports, battery, latency, sensors, motors against the
+description."""
 
 import functools
 import re
@@ -11,8 +11,6 @@ from brickhub.errors import HubError, percent
 from brickhub.finding import Finding, Outcome
 from brickhub.hub.diagnostics.survey import Survey, WheelTurn, survey, turn_wheels
 from brickhub.hub.interface import Command, Distance, Interface
-from brickhub.hub.kit_radio import Radio
-from brickhub.hub.link.kit_link import PERIOD_MS, KitLink
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.robot_link import RobotLink
 from brickhub.hub.link.timing import percentile
@@ -182,44 +180,6 @@ def judged(name: str, detail: str, *problems: tuple[bool, Outcome, str]) -> Find
         if is_there
     )
     return next(found, Finding(name, Outcome.OK, detail))
-
-
-_WATCHED_S = 1.0
-_LEAST_REPORTS = 0.5
-"""Share of the reports of a device of LEGO's kits below which its link is slow."""
-_LOW_BATTERY_PCT = 20
-
-
-def check_kit(
-    radio: Radio,
-    robot: Robot,
-    interface: Interface,
-    *,
-    may_move: Callable[[], bool],
-    is_right: Callable[[str], bool | None] | None = None,
-) -> Iterator[Finding]:
-    """Check everything that a task needs of a robot of LEGO's kits. Raises HubError if a device
-    cannot be reached.
-
-    Args:
-        radio: how to reach the devices.
-        robot, interface, may_move, is_right: as for ``check_robot``.
-    """
-    with KitLink(radio, robot, interface) as link:
-        before = {ports: device.reports for ports, device in link.devices.items()}
-        radio.sleep(_WATCHED_S)
-        for ports, device in link.devices.items():
-            lego = device.lego
-            name = f"{device.part.product.title} {ports}"
-            version = ".".join(map(str, lego.version_firmware))
-            battery_pct = lego.info_device.batteryLevel
-            is_low = battery_pct < _LOW_BATTERY_PCT, Outcome.WARNING, ", charge it"
-            yield judged(name, f"firmware {version}, battery {battery_pct} %", is_low)
-            rate_hz = (device.reports - before[ports]) / _WATCHED_S
-            remedy = ", of 67; disconnect other Bluetooth devices, and bring it near"
-            is_slow = rate_hz < _LEAST_REPORTS * 1000 / PERIOD_MS, Outcome.WARNING, remedy
-            yield judged(f"reports {ports}", f"{rate_hz:.0f} a second", is_slow)
-        yield from check_moves(link, robot, interface, may_move, is_right)
 
 
 def check_hub(identity: HubIdentity | None, robot: Robot) -> Iterator[Finding]:

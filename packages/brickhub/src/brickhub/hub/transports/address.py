@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from brickhub.errors import UnknownNameError, hint
-from brickhub.hub.kit_radio import RealRadio
 
 if TYPE_CHECKING:
     from brickhub.hub.transports.pybricks_hub import ProfileTransport
@@ -57,16 +56,6 @@ class HubAddress:
         if self.which is not None and _BLE_ADDRESS.fullmatch(self.which):
             return BleTransport(address=self.which)
         return BleTransport(name=self.which)
-
-    def radio(self) -> RealRadio:
-        """Bluetooth to devices of LEGO's kits; ``which`` is their connection card. Raises
-        UnknownNameError for another medium."""
-        if self.medium != "ble":
-            raise UnknownNameError(
-                f"devices of LEGO's kits are reached over Bluetooth, not '{self.medium}'; "
-                "choose 'ble'"
-            )
-        return RealRadio(self.which)
 
 
 def parse_hub(text: str) -> HubAddress:

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 from brickhub import errors
 from brickhub.files import user_cache, write_durably
-from brickhub.hub.kit_radio import is_done, settle
+from brickhub.futures import is_done, settle
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.protocol import WRITE_BYTES, Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot

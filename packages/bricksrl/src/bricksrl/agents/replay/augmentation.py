@@ -8,12 +8,12 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase, Transform
 
+from bricksrl.agents.image_networks import shift_images
 from bricksrl.agents.settings import OffPolicySettings
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.specs import ImageShape, ObservationLayout
 from bricksrl.envs.task import Mirror, mirrors
 from bricksrl.envs.transforms import keeps_actions, layout_of
-from bricksrl.envs.vision.image_networks import shift_images
 
 
 class MirrorRows(Transform):  # type: ignore[misc]

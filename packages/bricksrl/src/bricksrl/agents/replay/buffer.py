@@ -13,8 +13,8 @@ from torch import Tensor
 from torchrl.data import LazyMemmapStorage, LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.envs import EnvBase, Transform
 
+from bricksrl.agents.replay.goals import GoalRelabelling, relabelling
 from bricksrl.agents.settings import OffPolicySettings
-from bricksrl.envs.goals import GoalRelabelling, relabelling
 from bricksrl.envs.rollout import lost_links, with_outcome
 from bricksrl.envs.transforms import layout_of
 from bricksrl.errors import DescriptionError

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bricktwin.plans.catalogue import colour_of
+from bricktwin.plans.drawing.looks import TINTS, Tint, look_of
 from bricktwin.plans.geometry import Bools, Floats, Form, Solid
-from bricktwin.plans.looks import TINTS, Tint, look_of
 from bricktwin.plans.part import Part
 from bricktwin.plans.plan import Placed
 

@@ -11,11 +11,11 @@ import mujoco
 
 from brickhub.errors import TwinError
 from brickhub.robot import AnyHub, DriveBase, Motor, MotorKind, Robot
-from bricktwin.plans import drawings
-from bricktwin.plans.drawings import Piece, piece
+from bricktwin.plans.drawing import pieces as drawings
+from bricktwin.plans.drawing.pieces import Piece, piece
+from bricktwin.plans.drawing.shapes import X_AXIS, Y_AXIS, Z_AXIS, box, cylinder, merge
 from bricktwin.plans.geometry import Triple
 from bricktwin.plans.part import DeviceKind
-from bricktwin.plans.shapes import X_AXIS, Y_AXIS, Z_AXIS, box, cylinder, merge
 from bricktwin.twin.models import mjcf
 from bricktwin.twin.models.mounts import add_hub_site, case_of, hub_axes, mount_of, mount_sensor
 from bricktwin.twin.scene import Scene

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brickhub.robot import Motor, MotorKind
-from bricktwin.plans.drawings import COLOURS, GLOWING, Piece
+from bricktwin.plans.drawing.pieces import COLOURS, GLOWING, Piece
+from bricktwin.plans.drawing.shapes import Shape, merge
 from bricktwin.plans.geometry import Floats, Triple
-from bricktwin.plans.shapes import Shape, merge
 from bricktwin.twin.models.motors import LIMIT_A, motor_constants
 from bricktwin.twin.objects import Block, Field, Lamp, Line, Ramp, Wall
 from bricktwin.twin.scene import Scene

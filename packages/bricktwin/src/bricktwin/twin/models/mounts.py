@@ -9,11 +9,12 @@ import numpy as np
 
 from brickhub.robot import Mount, Sense, Sensor, SensorKind
 from brickhub.robot.spec import LOOKS
-from bricktwin.plans import catalogue, drawings
-from bricktwin.plans.drawings import Piece, piece
+from bricktwin.plans import catalogue
+from bricktwin.plans.drawing import pieces as drawings
+from bricktwin.plans.drawing.pieces import Piece, piece
+from bricktwin.plans.drawing.shapes import X_AXIS, Z_AXIS, box, cylinder, ring
 from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple, triple
 from bricktwin.plans.part import DeviceKind
-from bricktwin.plans.shapes import X_AXIS, Z_AXIS, box, cylinder, ring
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box, quaternion
 
 _BUTTON_MM = 8.0

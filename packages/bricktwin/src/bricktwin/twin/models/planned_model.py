@@ -18,13 +18,13 @@ import numpy as np
 
 from brickhub.errors import TwinError
 from brickhub.robot import Motor, Robot
-from bricktwin.plans.drawings import Piece
+from bricktwin.plans.drawing.pieces import Piece
+from bricktwin.plans.drawing.planned_looks import cables_of, looks_of
 from bricktwin.plans.geometry import M_PER_LDU, MM_PER_LDU, Floats, Form
 from bricktwin.plans.mechanism.articulation import Articulation, Drive
 from bricktwin.plans.mechanism.kinematics import TO_TWIN, Hinge, Wheel, point_m_of
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Placed
-from bricktwin.plans.planned_looks import cables_of, looks_of
 from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned_robot, stops_deg
 from bricktwin.robots.planned import check_description
 from bricktwin.twin.models import mjcf

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from bricktwin.plans.drawings import Piece, colour_name
+from bricktwin.plans.drawing.pieces import Piece, colour_name
+from bricktwin.plans.drawing.shapes import Shape, discs, merge
 from bricktwin.plans.geometry import Floats, Triple
-from bricktwin.plans.shapes import Shape, discs, merge
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, draw, yaw_quaternion
 from bricktwin.twin.objects import COLORS, Field, Line, Mark, Point, Ramp, Wall
 from bricktwin.twin.scene import Scene

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bricktwin.plans.drawing.looks import Piece, Tint, hole_ends, look_of, solids_meet
 from bricktwin.plans.geometry import Floats, Form, Solid, circle_sides
-from bricktwin.plans.looks import Piece, Tint, hole_ends, look_of, solids_meet
 from bricktwin.plans.part import Part
 
 _CHORD_ERROR = 0.3

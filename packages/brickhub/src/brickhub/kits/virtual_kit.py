@@ -15,12 +15,13 @@ from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 from brickhub.errors import HubNotFoundError, HubTimeoutError
-from brickhub.hub.kit_protocol import SUPERVISION_S
-from brickhub.hub.kit_radio import KitPart, lego_package, parts, settle
+from brickhub.futures import settle
 from brickhub.hub.link.profiles import LinkProfile
+from brickhub.kits.protocol import SUPERVISION_S
+from brickhub.kits.radio import KitPart, lego_package, parts
+from brickhub.kits.virtual_devices import KitDevice, devices_of
 from brickhub.virtual.body import Body, Rng
 from brickhub.virtual.faults import BreakingLink, FaultyBody
-from brickhub.virtual.kit_device import KitDevice, devices_of
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine, Pace
 from brickhub.virtual.virtual_transport import PLACEMENT_MS, Radio, VirtualHub
 
@@ -182,7 +183,7 @@ class VirtualKit:
         lego_package()
         from legoeducation.ble_transport import register_transport
 
-        from brickhub.virtual.lego_transport import VirtualTransport
+        from brickhub.kits.lego_transport import VirtualTransport
 
         register_transport(VirtualTransport)
 

@@ -16,11 +16,11 @@ from typing import Any
 
 from brickhub import errors
 from brickhub.hub import interface as kinds
-from brickhub.hub.kit_protocol import FULL_SPEED_DEG_S, Product
-from brickhub.hub.kit_radio import KitPart, Radio, lego_package, parts_of
 from brickhub.hub.link.robot_link import Reading, RobotLink
 from brickhub.hub.link.states import Cause, LinkState, after
 from brickhub.hub.protocol import EncodingError
+from brickhub.kits.protocol import FULL_SPEED_DEG_S, Product
+from brickhub.kits.radio import KitPart, Radio, lego_package, parts_of
 from brickhub.robot import Motor, Robot
 
 _log = logging.getLogger(__name__)

@@ -8,8 +8,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from bricktwin.plans.geometry import Triple
-from bricktwin.plans.shapes import (
+from bricktwin.plans.drawing.shapes import (
     X_AXIS,
     Y_AXIS,
     Z_AXIS,
@@ -25,6 +24,7 @@ from bricktwin.plans.shapes import (
     tube,
     turned,
 )
+from bricktwin.plans.geometry import Triple
 
 
 @dataclass(frozen=True)

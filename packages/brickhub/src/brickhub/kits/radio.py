@@ -7,7 +7,6 @@ The package ``legoeducation`` is optional: its licence, BUSL-1.1, permits non-co
 import concurrent.futures
 import importlib
 import logging
-import math
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -21,13 +20,14 @@ from brickhub.errors import (
     Reason,
     UnknownNameError,
 )
-from brickhub.hub.kit_protocol import Product
+from brickhub.futures import is_done, settle
+from brickhub.hub.transports.address import HubAddress
+from brickhub.kits.protocol import Product
 from brickhub.robot import AnyHub, KitKind, Robot
 
 LEGO_PACKAGE = "legoeducation"
 _T = TypeVar("_T")
 _SILENT = logging.NullHandler()
-_PIECE_S = 0.2
 _CARD_COLORS = ("RED", "YELLOW", "BLUE", "GREEN", "PURPLE", "MAGENTA", "AZURE", "ORANGE")
 
 
@@ -145,18 +145,12 @@ class RealRadio:
         time.sleep(seconds)
 
 
-def is_done(future: concurrent.futures.Future[Any], limit_s: float | None) -> bool:
-    """Whether a future is done, or is so within a time; ``None`` for no limit. The wait is in
-    pieces, as Windows tells of a Ctrl-C only when one is over."""
-    end_s = math.inf if limit_s is None else time.monotonic() + limit_s
-    while not future.done() and (left_s := end_s - time.monotonic()) > 0.0:
-        concurrent.futures.wait([future], min(left_s, _PIECE_S))
-    return future.done()
-
-
-def settle(future: concurrent.futures.Future[_T], function: Callable[[], _T]) -> None:
-    """Call a function in this thread, for another one that waits for what it returns or raises."""
-    try:
-        future.set_result(function())
-    except BaseException as error:  # noqa: BLE001  raised again in the thread that waits for it
-        future.set_exception(error)
+def real_radio(address: HubAddress) -> RealRadio:
+    """Bluetooth to devices of LEGO's kits; what the address names is their connection card. Raises
+    UnknownNameError for another medium."""
+    if address.medium != "ble":
+        raise UnknownNameError(
+            f"devices of LEGO's kits are reached over Bluetooth, not '{address.medium}'; choose "
+            "'ble'"
+        )
+    return RealRadio(address.which)

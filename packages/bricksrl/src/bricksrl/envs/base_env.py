@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 class BaseEnv:
     """Environment of the paper's template (appendix), run by
-    :class:`~bricksrl.envs.own.own_env.OwnEnv`.
+    :class:`~bricksrl.envs.own_env.OwnEnv`.
 
     A subclass sets ``action_spec`` ``[1, m]`` and ``observation_spec``, with ``observation_key``
     ``[1, n]``, of what ``_reset`` and ``_step`` take and return in batches of one. The client gets

@@ -16,11 +16,11 @@ from brickhub.hub.program.run_program import (
     read_program,
     time_limit_note,
 )
+from brickhub.kits.virtual_kit import VirtualKit
 from brickhub.robot import KitKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
 from brickhub.virtual.run import Operation, ProgramStopped
-from brickhub.virtual.virtual_kit import VirtualKit
 
 BENCH_PORTS = {"A": "Motor", "B": "Motor", "C": "Motor", "D": "ColorSensor"}
 """Bench of a program without a robot: a Double Motor, a Single Motor and a Color Sensor; there is
@@ -62,7 +62,7 @@ def run_kit_file(
     check_time_limit(time_limit_s)
     kit = _kit(body, operation)
     kit.attach()
-    from brickhub.virtual.lego_transport import VirtualTransport
+    from brickhub.kits.lego_transport import VirtualTransport
 
     if operation.attend is not None:
         operation.attend(kit.machine)

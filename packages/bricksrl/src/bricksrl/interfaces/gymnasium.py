@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 
 from brickhub.fields import Count, check_value
+from bricksrl.agents.features import ObservationEncoder
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.features import ObservationEncoder
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import is_simulation, make
 from bricksrl.envs.rollout import link_lost

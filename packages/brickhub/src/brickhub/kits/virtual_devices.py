@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import trunc
 
-from brickhub.hub import kit_protocol as protocol
-from brickhub.hub.kit_radio import KitPart
+from brickhub.kits import protocol
+from brickhub.kits.radio import KitPart
 from brickhub.robot import Direction
 from brickhub.robot.spec import LOOKS
 from brickhub.virtual.firmware import RefusedError, UnavailableError

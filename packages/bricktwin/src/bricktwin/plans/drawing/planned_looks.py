@@ -7,16 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from bricktwin.plans import drawings, ldraw_library
+from bricktwin.plans import ldraw_library
 from bricktwin.plans.catalogue import colour_of
-from bricktwin.plans.drawings import colour_name
+from bricktwin.plans.drawing import pieces as drawings
+from bricktwin.plans.drawing.looks import TINTS, Tint
+from bricktwin.plans.drawing.meshes import offset_points, surface_of
+from bricktwin.plans.drawing.pieces import colour_name
+from bricktwin.plans.drawing.shapes import Shape, shape_of
 from bricktwin.plans.geometry import MM_PER_LDU, Floats
-from bricktwin.plans.looks import TINTS, Tint
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
-from bricktwin.plans.meshes import offset_points, surface_of
 from bricktwin.plans.part import DeviceKind, Part
 from bricktwin.plans.plan import Placed, Plan
-from bricktwin.plans.shapes import Shape, shape_of
 
 _CLEARANCE = 0.5
 """LDU: 0.1 mm on each side of a part."""
