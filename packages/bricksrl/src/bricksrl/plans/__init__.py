@@ -1,1 +1,0 @@
-"""Names of `bricktwin.plans` under their earlier place."""

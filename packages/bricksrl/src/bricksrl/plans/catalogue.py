@@ -1,3 +1,0 @@
-"""Catalogue of parts, of `bricktwin.plans.catalogue`."""
-
-from bricktwin.plans.catalogue import *

@@ -1,1 +1,0 @@
-"""Names of `bricktwin.plans.mechanism` under their earlier place."""

@@ -1,3 +1,0 @@
-"""Kinematics of building plans, of `bricktwin.plans.mechanism.kinematics`."""
-
-from bricktwin.plans.mechanism.kinematics import *

@@ -1,3 +1,0 @@
-"""Building plans, of `bricktwin.plans.plan`."""
-
-from bricktwin.plans.plan import *

@@ -1,3 +1,0 @@
-"""Arenas, of `bricktwin.twin.arena`."""
-
-from bricktwin.twin.arena import *
