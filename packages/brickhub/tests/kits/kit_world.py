@@ -16,8 +16,8 @@ from brickhub.hub.interface import (
     Wait,
 )
 from brickhub.hub.link.profiles import PROFILES, LinkProfile
+from brickhub.kits.kit_protocol import COMMANDS, REPORTS
 from brickhub.kits.link import KitLink
-from brickhub.kits.protocol import COMMANDS, REPORTS
 from brickhub.kits.virtual_kit import VirtualKit
 from brickhub.robot import Direction, DriveBase, KitKind, Motor, PoweredUpSensor, Robot, SensorKind
 from brickhub.virtual.bench_body import BenchBody

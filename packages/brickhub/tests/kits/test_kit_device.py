@@ -7,7 +7,7 @@ import math
 import pytest
 from kit_world import encode, reports_in
 
-from brickhub.kits.protocol import NOTIFICATION, Done, MotorState
+from brickhub.kits.kit_protocol import NOTIFICATION, Done, MotorState
 from brickhub.kits.radio import parts
 from brickhub.kits.virtual_devices import (
     ColorSensor,

@@ -17,8 +17,8 @@ from brickhub.errors import HubError, HubNotFoundError, HubTimeoutError, Stopped
 from brickhub.hub.interface import Wait
 from brickhub.hub.link.profiles import LinkProfile
 from brickhub.hub.link.states import LinkState
+from brickhub.kits.kit_protocol import FULL_SPEED_DEG_S, SUPERVISION_S
 from brickhub.kits.link import HOLD_S, PERIOD_MS, KitLink
-from brickhub.kits.protocol import FULL_SPEED_DEG_S, SUPERVISION_S
 from brickhub.kits.virtual_kit import VirtualKit
 
 pytest.importorskip("legoeducation")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from kit_world import encode, reports_in
 
 from brickhub.errors import HubProtocolError
-from brickhub.kits.protocol import (
+from brickhub.kits.kit_protocol import (
     COMMANDS,
     REPORTS,
     RPC_VERSION,

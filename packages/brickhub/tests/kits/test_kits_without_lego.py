@@ -20,8 +20,8 @@ from brickhub.hub.interface import Interface, RunDuty, SensorReading, Wait
 from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES
 from brickhub.hub.program.generate import generate
 from brickhub.hub.transports.address import parse_hub
+from brickhub.kits.kit_protocol import Product
 from brickhub.kits.link import KitLink
-from brickhub.kits.protocol import Product
 from brickhub.kits.radio import KitPart, RealRadio, lego_package, parts_of, real_radio
 from brickhub.kits.virtual_kit import VirtualKit, virtual_robot
 from brickhub.robot import KitKind, Motor, Robot

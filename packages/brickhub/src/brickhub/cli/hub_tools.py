@@ -276,7 +276,7 @@ class Check(SavesNothing):
                 command=self._calibration(),
             )
         else:
-            from brickhub.kits.preflight import check_kit
+            from brickhub.kits.kit_preflight import check_kit
 
             radio = _reach(self.hub, target, self.link, self.fault)
             findings = check_kit(

@@ -102,7 +102,7 @@ class Run:
         if isinstance(stdin, io.TextIOWrapper):
             stdin.reconfigure(errors="surrogateescape")  # a program may be given any bytes
         if address.is_virtual:
-            from brickhub.kits.run import run_kit_file
+            from brickhub.kits.kit_run import run_kit_file
             from brickhub.virtual.run import run_file
 
             source = None if stdin is None or stdin.isatty() else stdin

@@ -19,7 +19,7 @@ from brickhub.hub import interface as kinds
 from brickhub.hub.link.robot_link import Reading, RobotLink
 from brickhub.hub.link.states import Cause, LinkState, after
 from brickhub.hub.protocol import EncodingError
-from brickhub.kits.protocol import FULL_SPEED_DEG_S, Product
+from brickhub.kits.kit_protocol import FULL_SPEED_DEG_S, Product
 from brickhub.kits.radio import KitPart, Radio, lego_package, parts_of
 from brickhub.robot import Motor, Robot
 

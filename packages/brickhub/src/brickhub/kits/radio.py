@@ -22,7 +22,7 @@ from brickhub.errors import (
 )
 from brickhub.futures import is_done, settle
 from brickhub.hub.transports.address import HubAddress
-from brickhub.kits.protocol import Product
+from brickhub.kits.kit_protocol import Product
 from brickhub.robot import AnyHub, KitKind, Robot
 
 LEGO_PACKAGE = "legoeducation"

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 from brickhub.errors import HubNotFoundError, HubTimeoutError
 from brickhub.futures import settle
 from brickhub.hub.link.profiles import LinkProfile
-from brickhub.kits.protocol import SUPERVISION_S
+from brickhub.kits.kit_protocol import SUPERVISION_S
 from brickhub.kits.radio import KitPart, lego_package, parts
 from brickhub.kits.virtual_devices import KitDevice, devices_of
 from brickhub.virtual.body import Body, Rng
