@@ -55,7 +55,7 @@ def test_program_that_raises_shows_its_own_lines(tmp_path: Path) -> None:
     assert (
         done.stderr.startswith("Traceback")
         and "line 3" in done.stderr
-        and "kits/run.py" not in done.stderr
+        and "kit_run.py" not in done.stderr
     )
 
 
