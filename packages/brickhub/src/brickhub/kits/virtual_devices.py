@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import trunc
 
-from brickhub.kits import kit_protocol
+from brickhub.kits import kit_protocol as protocol
 from brickhub.kits.radio import KitPart
 from brickhub.robot import Direction
 from brickhub.robot.spec import LOOKS
