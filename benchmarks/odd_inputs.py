@@ -61,7 +61,7 @@ FLAGS = {
     "record RoboArmSim-v0 --episodes 1 --out NEW": ("--policy", "--episodes", "--seed", "--out",
         "--hub", "--option"),
     "data split DATA --out NEW --rest NEW2": ("--share", "--seed", "--out"),
-    "data export DATA --format numpy --out NEW": ("--format", "--out"),
+    "data export DATA --out NEW": ("--out",),
     "data plot DATA --out NEW.png": ("--out",),
     "compare RUN": ("--out",),
     "hub program RunAway-v0": ("--out",),

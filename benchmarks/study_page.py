@@ -28,7 +28,7 @@ def page(result: Numbers) -> str:
         if result["quick"]
         else ""
     )
-    command = f"bricksrl study {result['study']}{' --quick' if result['quick'] else ''}"
+    command = f"python -m benchmarks {result['study']}{' --quick' if result['quick'] else ''}"
     lines = [f"# {result['title']}{quick}", ""]
     lines += [
         f"Command: `{command}`. Numbers are interquartile means over seeds. Square brackets are"

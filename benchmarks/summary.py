@@ -173,13 +173,13 @@ ROWS: tuple[tuple[str, str, str | Callable[[Result], str], str], ...] = (
             "agent (the paper's training time)"
         ),
         robot_time,
-        "bricksrl study robot-time",
+        "python -m benchmarks robot-time",
     ),
     (
         "study_sim-to-robot",
         "walking on virtual robots after training in `WalkerSim-v0` alone, five seeds",
         sim_to_robot,
-        "bricksrl study sim-to-robot",
+        "python -m benchmarks sim-to-robot",
     ),
     (
         "camera_learning",

@@ -70,8 +70,8 @@ RoboArm-v0 --policy random --episodes 100 --seed N`, then `bricksrl train-offlin
 
 STUDIES_HEAD = """# Studies
 
-A study is a table of trainings with several seeds. In a clone of the repository `bricksrl study` lists the studies and the other
-[benchmarks](benchmarks.md), and `bricksrl study NAME` runs one. With `--quick` it takes a few minutes, to check that everything
+A study is a table of trainings with several seeds. In a clone of the repository `python -m benchmarks` lists the studies and the other
+[benchmarks](benchmarks.md), and `python -m benchmarks NAME` runs one. With `--quick` it takes a few minutes, to check that everything
 works. This page is written by `python -m benchmarks tables` from the studies that were run at full length
 (`benchmarks/results/study_*.json`), all but `paper` and `drawn-worlds` before the virtual robots had today's motors, links and
 sensors. The studies

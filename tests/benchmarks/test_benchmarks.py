@@ -58,6 +58,32 @@ def test_each_benchmark_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert modules == {one.module for one in BENCHMARKS.values()}
 
 
+def test_unknown_name_and_wrong_options_are_refused() -> None:
+    with pytest.raises(UnknownNameError, match="no benchmark 'poetry'"):
+        run(["poetry"])
+    with pytest.raises(DescriptionError, match="jobs is 0"):
+        run(["agents", "--jobs", "0"])
+    with pytest.raises(
+        DescriptionError, match=r"--only bc-\*; `python -m benchmarks datasets --help`"
+    ):
+        run(["datasets", "--only", "bc-*"])
+
+
+@pytest.mark.parametrize("started", [False, True])
+def test_interrupted_study_tells_what_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, started: bool
+) -> None:
+    def press(_session: object) -> None:
+        if started:
+            (tmp_path / "study").mkdir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("benchmarks.datasets.main", press)
+    kept = "what is finished is in .*study; the same command" if started else "nothing was saved"
+    with pytest.raises(Interrupted, match=kept):
+        run(["datasets", "--quick", "--folder", str(tmp_path / "study")])
+
+
 @pytest.mark.parametrize(
     ("name", "options"),
     [("link_fuzz", ["--seconds", "1"]), pytest.param("baselines", [], marks=pytest.mark.slow)],

@@ -97,7 +97,7 @@ def test_seed_with_a_damaged_outcome_is_evaluated_again(tmp_path: Path, damaged:
     for _ in range(2):
         text = run_study(TOY, tmp_path, quick=True, seeds=1, jobs=1, only=("random-*",)).read_text()
         assert (
-            "Command: `bricksrl study toy --quick`." in text
+            "Command: `python -m benchmarks toy --quick`." in text
             and "| random | WalkerSim-v0 | default | 1 | -" in text
         )
         (tmp_path / "random-WalkerSim-v0" / "seed-0" / "outcome.json").write_text(damaged)

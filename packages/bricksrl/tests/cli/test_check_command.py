@@ -40,7 +40,7 @@ def test_unknown_task_prints_one_line(fails, tmp_path):
         "check missing.py",
         "train RunAway-v0 --agent missing.py",
         "play missing",
-        "data export missing --format numpy --out x",
+        "data export missing --out x",
     ],
 )
 def test_what_is_missing_is_said_before_anything_is_loaded(monkeypatch, capsys, arguments):

@@ -323,7 +323,7 @@ def test_video_on_a_full_disk_raises(tmp_path: Path) -> None:
         "tune RunAway-v0 --trials 1 --folder {}/tuning",
         "data merge {data} --out {}/data",
         "data plot {data} --out {}/data.png",
-        "data export {data} --format parquet --out {}/data.parquet",
+        "data export {data} --out {}/lego/data-v0",
         "evaluate {run} --video {}/film.mp4",
     ],
 )

@@ -1,4 +1,4 @@
-"""Progress of several seeds, the list of studies, and what an interrupted study or tuning tells."""
+"""Progress of several seeds, and what an interrupted tuning tells."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import pytest
 
 from bricksrl.cli import main
 from bricksrl.cli.progress import SeedsProgress
-from bricksrl.cli.tune import StudyCommand
-from bricksrl.errors import DescriptionError, RunError, UnknownNameError
 
 
 def test_progress_lines_show_episodes_and_lost_workers(capsys: pytest.CaptureFixture[str]) -> None:
@@ -33,56 +31,6 @@ def test_progress_lines_show_episodes_and_lost_workers(capsys: pytest.CaptureFix
     )
 
 
-def test_studies_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    StudyCommand().execute()
-    listed = capsys.readouterr().out
-    assert "sim-to-robot" in listed and "on two cores" in listed
-    with pytest.raises(UnknownNameError, match="no benchmark 'poetry'"):
-        StudyCommand("poetry").execute()
-    with pytest.raises(DescriptionError, match="jobs is 0"):
-        StudyCommand("agents", jobs=0).execute()
-
-
-@pytest.mark.parametrize(
-    ("command", "says"),
-    [
-        (StudyCommand(quick=True), "--quick has no effect without a study's name"),
-        (
-            StudyCommand("datasets", only=("bc-*",)),
-            "--only bc-\\*; `python -m benchmarks datasets --help`",
-        ),
-    ],
-)
-def test_study_ignores_no_option(command: StudyCommand, says: str) -> None:
-    with pytest.raises(DescriptionError, match=says):
-        command.execute()
-
-
-def test_study_shows_published_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    benchmarks = Path(__file__).parents[4] / "benchmarks"
-    StudyCommand("datasets", folder=tmp_path / "study", benchmarks=benchmarks).execute()
-    page = tmp_path / "study" / "study.md"
-    assert str(page) in capsys.readouterr().out and "-69.1" in page.read_text()
-
-
-def test_study_outside_of_a_clone_says_where_studies_are(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with pytest.raises(RunError, match=r"not in .*elsewhere; run this in the folder of"):
-        StudyCommand("agents", benchmarks=tmp_path / "elsewhere").execute()
-    monkeypatch.setattr(
-        "bricksrl.cli.tune.__file__",
-        str(tmp_path / "site-packages" / "bricksrl" / "cli" / "study.py"),
-    )
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(
-        RunError,
-        match="in the folder benchmarks of the repository, not in this package; run this "
-        "in the folder of the repository",
-    ):
-        StudyCommand("agents").execute()
-
-
 def test_interrupted_tuning_tells_what_is_there(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -92,25 +40,3 @@ def test_interrupted_tuning_tells_what_is_there(
     monkeypatch.setattr("bricksrl.cli.tune.load_learning", press)
     assert main(["tune", "RoboArmSim-v0", "--folder", str(tmp_path / "study")]) == 130
     assert capfd.readouterr().err == "interrupted: nothing was saved\n"
-
-
-@pytest.mark.parametrize("started", [False, True])
-def test_interrupted_study_tells_what_is_there(
-    tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    started: bool,
-) -> None:
-    def press(_session: object) -> None:
-        if started:
-            (tmp_path / "study").mkdir()
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("benchmarks.datasets.main", press)
-    assert main(["study", "datasets", "--quick", "--folder", str(tmp_path / "study")]) == 130
-    kept = (
-        f"what is finished is in {tmp_path / 'study'}; the same command goes on"
-        if started
-        else "nothing was saved"
-    )
-    assert capfd.readouterr().err == f"interrupted: {kept}\n"

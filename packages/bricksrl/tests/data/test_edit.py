@@ -13,7 +13,7 @@ from toy_data import SEEING, TOY, record
 
 from bricksrl.data import Episodes, load
 from bricksrl.data.edit import merge, salvage, split
-from bricksrl.data.formats import export_numpy, export_parquet
+from bricksrl.data.formats import export_minari
 from bricksrl.data.integrity import check, recover
 from bricksrl.data.summary import plot
 from bricksrl.errors import DataError, WriteError
@@ -189,8 +189,7 @@ def test_nothing_is_written_into_a_dataset(tmp_path: Path, way: int) -> None:
         lambda: split(part, tmp_path / "first", out, 0.5, 0),
         lambda: split(part, out, tmp_path / "second", 0.5, 0),
         lambda: salvage(part, out),
-        lambda: export_numpy(part, out.with_suffix(".npz")),
-        lambda: export_parquet(part, out.with_suffix(".parquet")),
+        lambda: export_minari(part, out),
         lambda: plot(part, out.with_suffix(".png")),
         lambda: record(out),
         lambda: RunFolder.create(TrainConfig("WalkerSim-v0", run_dir=out), {}),

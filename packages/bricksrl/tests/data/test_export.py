@@ -1,55 +1,22 @@
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 import torch
-from toy_data import SEEING, TOY, record
+from toy_data import record
 
 import bricksrl
-from brickhub.entry import Entry
 from bricksrl.data import load
 from bricksrl.data.collect import collect, random_policy
-from bricksrl.data.formats import export_minari, export_numpy, export_parquet
+from bricksrl.data.formats import export_minari
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.replay import replay
 from bricksrl.data.schema import describe, describe_task
 from bricksrl.data.summary import plot, summarise
 from bricksrl.envs import get_task
 from bricksrl.errors import DataError
-
-
-def test_numpy_export_is_complete_without_pickle(tmp_path: Path) -> None:
-    episodes = load(record(tmp_path / "set", description=SEEING))
-    export_numpy(tmp_path / "set", tmp_path / "set.npz")
-    with np.load(tmp_path / "set.npz", allow_pickle=False) as found:
-        for name in (
-            "observation",
-            "action",
-            "reward",
-            "next_observation",
-            "truncated",
-            "episode",
-            "image",
-            "next_image",
-        ):
-            assert np.array_equal(found[name], getattr(episodes, name)), name
-        assert "Toy-v0" in str(found["description"])
-    with pytest.raises(DataError, match="exists already"):
-        export_numpy(tmp_path / "set", tmp_path / "set.npz")
-
-
-def test_parquet_names_its_columns_after_the_channels(tmp_path: Path) -> None:
-    episodes = load(record(tmp_path / "set"))
-    export_parquet(tmp_path / "set", tmp_path / "set.parquet")
-    table = pq.read_table(tmp_path / "set.parquet")
-    assert table["distance"].to_pylist() == episodes.observation[:, 1].tolist()
-    assert table["next_angle"].to_pylist() == episodes.next_observation[:, 0].tolist()
-    assert table["action_motor"].to_pylist() == episodes.action[:, 0].tolist()
-    assert table["reward"].to_pylist() == episodes.reward.tolist()
 
 
 @pytest.mark.filterwarnings("ignore")  # of Minari's own
@@ -141,11 +108,3 @@ def test_picture_is_drawn(tmp_path: Path) -> None:
 
 def test_dataset_description_omits_model() -> None:
     assert "model" not in describe_task(get_task("RunAway-v0"), {}).robot
-
-
-@pytest.mark.parametrize("name", ["reward", "episode", "next_distance", "action_motor", "age_s"])
-def test_parquet_export_refuses_two_columns_of_one_name(tmp_path: Path, name: str) -> None:
-    named = replace(TOY, observation=(Entry(name), TOY.observation[1]))
-    with pytest.raises(DataError, match="two columns of one name"):
-        export_parquet(record(tmp_path / "set", description=named), tmp_path / "set.parquet")
-    assert not (tmp_path / "set.parquet").exists()

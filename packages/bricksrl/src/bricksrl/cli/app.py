@@ -33,7 +33,6 @@ Examples:
         "team": "bricksrl.cli.team_command:TrainTeam",
         "resume": "bricksrl.cli.train:Resume",
         "tune": "bricksrl.cli.tune:Tune",
-        "study": "bricksrl.cli.tune:StudyCommand",
         "evaluate": "bricksrl.cli.evaluate:Evaluate",
         "page": "bricksrl.cli.page:ShowStart",
         "demo": "bricksrl.cli.page:Demo",

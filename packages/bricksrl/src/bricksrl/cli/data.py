@@ -3,7 +3,7 @@ datasets."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional
 
@@ -16,8 +16,6 @@ from bricksrl.data.dataset import Dataset, dataset_folder, existing_dataset
 from bricksrl.data.edit import merge, salvage, split
 from bricksrl.data.formats import (
     export_minari,
-    export_numpy,
-    export_parquet,
     import_lerobot,
     import_paper,
 )
@@ -228,26 +226,20 @@ class Import:
 
 @dataclass(frozen=True)
 class ExportData:
-    """Export a dataset to the format of another tool.
+    """Export a dataset to Minari's format. What reads Parquet reads the dataset itself.
 
-    Examples:
-      bricksrl data export datasets/walker --format numpy --out walker.npz
-      bricksrl data export datasets/walker --format parquet --out walker.parquet
-      bricksrl data export datasets/walker --format minari --out ~/.minari/datasets/lego/walker-v0
+    Example:
+      bricksrl data export datasets/walker --out ~/.minari/datasets/lego/walker-v0
     """
 
     dataset: DatasetArgument
-    format: Literal["numpy", "parquet", "minari"]
-    """Format to write. A Parquet file has no images."""
-    out: Annotated[Path, option(metavar="PATH")]
-    """File or folder to write, which must not exist."""
+    out: Annotated[Path, option(metavar="DIR")]
+    """Folder to write, which must not exist."""
 
     def execute(self) -> None:
         load_learning()
-        {"numpy": export_numpy, "parquet": export_parquet, "minari": export_minari}[self.format](
-            self.dataset, self.out
-        )
-        print_line(f"{self.format}  {self.out}")
+        export_minari(self.dataset, self.out)
+        print_line(f"minari  {self.out}")
 
 
 def _look_for_shared(path: Path) -> None:

@@ -1,5 +1,5 @@
-"""Datasets in the formats of others: export to NumPy, one plain Parquet file, and Minari; import of
-what LeRobot recorded, and of the paper's datasets.
+"""Datasets in the formats of others: export to Minari; import of what LeRobot recorded, and of the
+paper's datasets.
 
 The paper's datasets are folders of memory-mapped tensors, as the released code saved its replay
 buffers. A folder holds ``meta.json`` with shapes and types, one ``.memmap`` file of plain numbers
@@ -14,7 +14,6 @@ like any other end; here they become truncations.
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import os
@@ -27,16 +26,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from brickhub.entry import Entry
-from brickhub.files import atomic_folder, reading, write_durably
-from bricksrl.data.columns import read_bytes, to_parquet
+from brickhub.files import atomic_folder, reading
+from bricksrl.data.columns import read_bytes
 from bricksrl.data.dataset import About, Dataset, refuse_target
 from bricksrl.data.edit import write_dataset
 from bricksrl.data.lerobot import read_lerobot
-from bricksrl.data.reader import COLUMNS, Episodes, load
+from bricksrl.data.reader import Episodes, load
 from bricksrl.data.schema import describe_task
 from bricksrl.data.steps import Step, new_episode
 from bricksrl.envs.registry import options_of
@@ -60,47 +58,6 @@ _ORDERS = {
 """Columns of the released code's observations and actions, in our order, by environment."""
 
 
-def export_numpy(path: Path, out: Path) -> None:
-    """Write an ``.npz`` file of arrays over all steps, as in `Episodes`, and ``description``, a
-    JSON text. Raises DataError if the dataset cannot be read, or ``out`` exists."""
-    refuse_target(out)
-    episodes = load(path)
-    tensors = {name: getattr(episodes, name) for name in (*COLUMNS, "image", "next_image")}
-    arrays: dict[str, Any] = {
-        name: tensor.numpy() for name, tensor in tensors.items() if tensor is not None
-    }
-    arrays["description"] = np.array(episodes.description.to_json().decode())
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, allow_pickle=False, **arrays)
-    write_durably(out, buffer.getvalue())
-
-
-def export_parquet(path: Path, out: Path) -> None:
-    """Write a Parquet file with a row per step and a column per number, named after its channel;
-    without images. Raises DataError as in `export_numpy`."""
-    refuse_target(out)
-    episodes = load(path, images=False)
-    columns: dict[str, Any] = {}
-    names = [channel.name for channel in episodes.description.observation]
-    for prefix, values in (("", episodes.observation), ("next_", episodes.next_observation)):
-        columns |= {f"{prefix}{name}": values[:, i].numpy() for i, name in enumerate(names)}
-    columns |= {
-        f"action_{c.name}": episodes.action[:, i].numpy()
-        for i, c in enumerate(episodes.description.action)
-    }
-    flat = ("reward", "terminated", "truncated", "episode", "intervention", "age_s", "hub_time_s")
-    vectors = 2 * len(names) + len(episodes.description.action)
-    if len(columns) < vectors or not columns.keys().isdisjoint(flat):
-        raise DataError(
-            f"{path} has two columns of one name ({', '.join(names)}, {', '.join(flat)}); export "
-            "it as numpy"
-        )
-    columns |= {name: getattr(episodes, name).numpy() for name in flat}
-    units = {c.name: c.unit for c in episodes.description.observation}
-    about = {"env": episodes.description.env, "units": json.dumps(units)}
-    write_durably(out, to_parquet(pa.table(columns).replace_schema_metadata(about)))
-
-
 def export_minari(path: Path, out: Path) -> None:
     """Write a Minari dataset into the folder ``out``, named as Minari requires:
     ``namespace/name-v0`` below any folder.
@@ -109,8 +66,8 @@ def export_minari(path: Path, out: Path) -> None:
     makes the environment with a virtual robot, if it is one that comes with BricksRL.
 
     Raises:
-        DataError: as in `export_numpy`; also if Minari is not installed, or ``out`` does not end
-            like ``bricksrl/walker-v0``.
+        DataError: the dataset cannot be read, ``out`` exists or does not end like
+            ``bricksrl/walker-v0``, or Minari is not installed.
     """
     with installed("Minari", DataError, '"bricksrl[data]"'):
         import minari
