@@ -277,7 +277,13 @@ class Push:
         from bricksrl.policies.sharing import push_policy
 
         load_learning()
-        push = push_policy if self.policy else push_log if self.folder.is_file() else push_dataset
+        if self.policy:
+            push = push_policy
+        elif self.folder.is_file():
+            # A log of a measured robot is a single file, a dataset always a folder.
+            push = push_log
+        else:
+            push = push_dataset
         print_line(push(self.folder, self.repo, private=self.private, licence=self.licence))
 
 

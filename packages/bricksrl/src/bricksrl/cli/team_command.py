@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 TEAM_FILE = "team.bin"
 FILM_FILE = "film.mp4"
 _SIMULATED_FRAMES = 300_000
+_COPIES = 256
 _ARENA_FRAMES = 10_000
 _EVALUATION_SEED = 7000
 _FILMED_EPISODES = 2
@@ -177,7 +178,10 @@ class TrainTeam:
             for group in task.groups
             if group not in learning
         }
-        copies = self.copies if self.copies is not None else 0 if task.arena.loads else 256
+        copies = self.copies
+        if copies is None:
+            # What is pushed has no kinematic simulation, which alone makes copies.
+            copies = 0 if task.arena.loads else _COPIES
         default_frames = _SIMULATED_FRAMES if copies else _ARENA_FRAMES
         frames = default_frames if self.frames is None else self.frames
         agent = self.agent or ("ippo" if copies else "sac")

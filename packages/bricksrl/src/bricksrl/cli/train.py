@@ -196,34 +196,39 @@ class Train:
         """Configuration of the run from the flags."""
         if self.asynchronous and self.synchronous:
             raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")
-        source = (
-            None if self.learning.start is None else RunFolder(self.learning.start).read_config()
-        )
-        agent = self.agent if self.agent is not None else "sac" if source is None else source.agent
+        start = self.learning.start
+        source = None if start is None else RunFolder(start).read_config()
+        agent = self.agent
+        if agent is None:
+            agent = "sac" if source is None else source.agent
+        # The same agent goes on with the settings that it was trained with.
         if source is not None and self.preset is None and source.agent == agent:
             settings = source.settings
         else:
             settings = settings_for(env, "default" if self.preset is None else self.preset, agent)
-        base = (
-            self.learning.base if source is None or self.learning.base is not None else source.base
-        )
+        base = self.learning.base
+        if base is None and source is not None:
+            base = source.base
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
         known = {**vars(self.learning), "base": base}
-        for name in ("start", "base", "demonstrations"):  # the run can then go on in any folder
-            known[name] = (
-                known[name]
-                if known[name] in (None, SCRIPTED)
-                else str(Path(known[name]).absolute())
-            )
+        # Absolute paths, with which the run can go on in any folder.
+        for name in ("start", "base", "demonstrations"):
+            if known[name] not in (None, SCRIPTED):
+                known[name] = str(Path(known[name]).absolute())
+        # Neither flag leaves the choice to the run, which knows whether the robot is a real one.
+        asynchronous = None
+        if self.asynchronous or self.synchronous:
+            asynchronous = self.asynchronous
+        robot = self.robot if self.take_over is None else with_human(self.robot, env)
         return TrainConfig(
-            **vars(self.robot if self.take_over is None else with_human(self.robot, env)),
+            **vars(robot),
             **known,
             env=env,
             agent=agent,
             episodes=training_episodes(env) if self.episodes is None else self.episodes,
             seed=self.seed,
-            asynchronous=True if self.asynchronous else False if self.synchronous else None,
+            asynchronous=asynchronous,
             settings=with_changes(settings, self.changes),
             run_dir=run_folder(self.run, env, agent, self.seed),
         )

@@ -184,16 +184,18 @@ def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[tup
     imported = []
     for folder in folders:
         task = env or _task_of(folder)
-        policy = (
-            "expert"
-            if "expert" in folder.name
-            else "random"
-            if "random" in folder.name
-            else folder.name
-        )
+        policy = _policy_of(folder)
         target = out if folder == source else out / f"{task}-{policy}"
         imported.append((folder, _import_one(folder, target, task, policy)))
     return imported
+
+
+def _policy_of(folder: Path) -> str:
+    """Which policy the paper recorded with, as its folders are named after it."""
+    for policy in ("expert", "random"):
+        if policy in folder.name:
+            return policy
+    return folder.name
 
 
 def _task_of(folder: Path) -> str:

@@ -152,15 +152,14 @@ def twin_scene(body: MujocoBody) -> tuple[Scene, list[int]]:
         number = int(model.geom_dataid[geom])
         if kind == _GEOM.mjGEOM_MESH and number not in meshes:
             meshes[number] = _triangles(model, number)
-        mesh = (
-            meshes[number]
-            if kind == _GEOM.mjGEOM_MESH
-            else PRIMITIVES[kind](*model.geom_size[geom].tolist())
-        )
+        if kind == _GEOM.mjGEOM_MESH:
+            mesh = meshes[number]
+        else:
+            mesh = PRIMITIVES[kind](*model.geom_size[geom].tolist())
         material = int(model.geom_matid[geom])
-        red, green, blue, opacity = (
-            model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
-        ).tolist()
+        # Without a material MuJoCo writes -1, and the geom has the colour itself.
+        color = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+        red, green, blue, opacity = color.tolist()
         px, py, pz = model.geom_pos[geom].tolist()
         w, qx, qy, qz = model.geom_quat[geom].tolist()
         pattern = "bricks" if model.geom(geom).name == "wall" else ""
