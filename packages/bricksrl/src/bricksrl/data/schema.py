@@ -266,11 +266,7 @@ def describe_task(task: Task, options: dict[str, Any] | None = None) -> Descript
         ),
         action=tuple(command.entry for command in task.interface.commands),
         # of its simulation
-        robot={
-            name: value
-            for name, value in _plain(task.robot).items()
-            if name not in ("model", "plan")
-        },
+        robot={name: value for name, value in _plain(task.robot).items() if name != "model"},
         options=_plain(options or {}),
         camera=None if camera is None else camera.name,
         image_px=0 if camera is None else camera.image_px,
