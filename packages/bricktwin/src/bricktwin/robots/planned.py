@@ -381,7 +381,7 @@ def _port_of(name: str, parts: Sequence[DeviceFacts], robot: str, path: Path) ->
 def disagreements(robot: Robot | _Description, design: PlanFacts) -> Iterator[_Mistake]:
     """Contradictions between a description and a plan."""
     name = robot.name
-    devices = (*robot.motors, *robot.sensors)
+    devices: tuple[Motor | Sensor, ...] = (*robot.motors, *robot.sensors)
     base = robot.drive_base
     sides = robot.hub_sides
     hub = robot.hub.value
