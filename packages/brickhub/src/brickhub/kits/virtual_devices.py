@@ -68,11 +68,18 @@ _EMPTY_MV = 6000
 _MG_PER_MM_S2 = 1000 / 9810
 """Thousandths of g of an acceleration: the unit of the reports, after SPIKE App 3."""
 _DETECTABLE: Mapping[int, Hsv] = {
-    protocol.NO_COLOR: (0, 0, 0), 1: (300, 100, 100), 2: (270, 100, 100), 3: (240, 100, 100),
+    protocol.NO_COLOR: (0, 0, 0),
+    1: (300, 100, 100),
+    2: (270, 100, 100),
+    3: (240, 100, 100),
     4: (200, 100, 100),
-    5: (170, 100, 100), 6: (120, 100, 100), 7: (60, 100, 100), 8: (30, 100, 100), 9: (0, 100, 100),
+    5: (170, 100, 100),
+    6: (120, 100, 100),
+    7: (60, 100, 100),
+    8: (30, 100, 100),
+    9: (0, 100, 100),
     10: (0, 0, 100),
-}  # fmt: skip
+}
 """Colors that a Color Sensor names, by LEGO's numbers for them; black is none."""
 
 
@@ -201,8 +208,12 @@ class SingleMotor(KitDevice):
     def __init__(self, machine: Machine, part: KitPart) -> None:
         super().__init__(machine, part)
         # Commands name motors by bits, so that one can name several.
-        self._servos = {1 << index: machine.servos[port] for index, port in enumerate(part.ports)}
-        self._drives = {bit: _Drive() for bit in self._servos}
+        self._servos: dict[int, Servo] = {}
+        self._drives: dict[int, _Drive] = {}
+        for index, port in enumerate(part.ports):
+            bit = 1 << index
+            self._servos[bit] = machine.servos[port]
+            self._drives[bit] = _Drive()
         self._moves: list[_Move] = []
         self._endless: dict[int, float] = {}
         """Shares of the speed of motors, by their bits, that run until their next command."""
@@ -370,7 +381,11 @@ class SingleMotor(KitDevice):
         drives = self._named(message)
         # The sign of the angle says where; a second one, of the speed, would turn it round.
         shares = {bit: math.copysign(1.0, drive.speed_pct) for bit, drive in drives.items()}
-        self._start(message, drives, shares, angle_deg=lambda bit: angle_deg(self._servos[bit]))
+
+        def angle_of(bit: int) -> float:
+            return angle_deg(self._servos[bit])
+
+        self._start(message, drives, shares, angle_deg=angle_of)
 
     def _run_to_absolute(self, message: protocol.Message) -> None:
         direction = message.values["direction"]
@@ -484,7 +499,11 @@ class DoubleMotor(SingleMotor):
         self._set_yaw(0)
 
     def _reports(self) -> list[Report]:
-        return [*super()._reports(), ("imu", self._imu_report()), ("gesture", (_NO_GESTURE,))]
+        return [
+            *super()._reports(),
+            ("imu", self._imu_report()),
+            ("gesture", (_NO_GESTURE,)),
+        ]
 
     def _imu_report(self) -> tuple[int, ...]:
         # In this order: each reading of a noisy sensor draws a random number.
@@ -540,16 +559,21 @@ class DoubleMotor(SingleMotor):
 
     def _tank(self, message: protocol.Message, degrees: int | None) -> None:
         """Move at two speeds, by ``degrees`` of the faster motor."""
-        shares = {_LEFT: -message.values["left"] / 100, _RIGHT: message.values["right"] / 100}
+        left = -message.values["left"] / 100
+        right = message.values["right"] / 100
+        shares = {_LEFT: left, _RIGHT: right}
         # The two speeds are of the full one, whatever speed is set for the pair.
         drives = {bit: _Drive(100, drive.then) for bit, drive in self._pair.items()}
         if degrees is None:
             self._start(message, drives, shares)
             return
         # Two motors at rest have no faster one: they turn by nothing.
-        fastest = max(map(abs, shares.values())) or 1.0
-        angles_deg = {bit: degrees * abs(share) / fastest for bit, share in shares.items()}
-        self._start(message, drives, shares, angle_deg=angles_deg.__getitem__)
+        fastest = max(abs(left), abs(right)) or 1.0
+
+        def angle_deg(bit: int) -> float:
+            return degrees * abs(shares[bit]) / fastest
+
+        self._start(message, drives, shares, angle_deg=angle_deg)
 
     def _turn(self, message: protocol.Message) -> None:
         """Turn by the IMU: slow down where the rest of the turn is as long as that takes, and
@@ -602,7 +626,8 @@ class ColorSensor(KitDevice):
         self._mode = message.values["mode"]
 
     def _reports(self) -> list[Report]:
-        return [*super()._reports(), ("color", (*self._seen(), self._mode))]
+        color = (*self._seen(), self._mode)
+        return [*super()._reports(), ("color", color)]
 
     def _seen(self) -> tuple[int, ...]:
         """Color, reflection, raw red, green and blue, hue, saturation, value."""
@@ -630,8 +655,9 @@ class Controller(KitDevice):
         self.levers_pct = (0, 0)
 
     def _reports(self) -> list[Report]:
-        degrees = (round(lever * _FULL_LEVER_DEG / 100) for lever in self.levers_pct)
-        return [*super()._reports(), ("controller", (*self.levers_pct, *degrees))]
+        levers_deg = (round(lever * _FULL_LEVER_DEG / 100) for lever in self.levers_pct)
+        levers = (*self.levers_pct, *levers_deg)
+        return [*super()._reports(), ("controller", levers)]
 
 
 def devices_of(machine: Machine, parts: Iterable[KitPart]) -> list[KitDevice]:
@@ -647,7 +673,8 @@ _KINDS = {kind.product: kind for kind in (SingleMotor, DoubleMotor, ColorSensor)
 
 def _along(vector: tuple[float, float, float], face: int) -> float:
     """Component of a vector in the axes of a device out of one of its faces."""
-    return sum(a * b for a, b in zip(vector, LOOKS[protocol.FACES[face]], strict=True))
+    direction = LOOKS[protocol.FACES[face]]
+    return sum(a * b for a, b in zip(vector, direction, strict=True))
 
 
 def _clamp(value: float, low: int, high: int) -> int:
