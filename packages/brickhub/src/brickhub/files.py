@@ -32,11 +32,13 @@ _REPLACE_S = 2.0
 _PLAIN_ON_WINDOWS = re.compile(r"[\w.:/\\+=@~-]+")
 """Words that neither PowerShell nor the command prompt takes for something else."""
 _DEVICES_OF_WINDOWS = re.compile(r"(aux|con|nul|prn|(com|lpt)[1-9¹²³])\s*(\..*)?", re.IGNORECASE)
+"""Names that Windows takes for devices: a file ``con.json`` cannot be made there."""
 
 
 def quoted(path: Path | str) -> str:
     """A path as one word of a command line."""
     if sys.platform == "win32":
+        # It quotes only what has spaces; a shell also takes `&` or `(` for something of its own.
         word = subprocess.list2cmdline([str(path)])
         is_plain = word.startswith('"') or _PLAIN_ON_WINDOWS.fullmatch(word)
         return word if is_plain else f'"{word}"'
@@ -70,19 +72,33 @@ def folder_with(folder: Path, *files: str) -> str:
     """``a folder with a config.json, such as runs/a or runs/b``, for a message that ``folder`` has
     none of these files. Names up to three folders that have one: the one that it is in, the newest
     of those in it, or those beside it with a similar name."""
-    found: list[str] = []
+    found: list[Path] = []
+    # A folder that cannot be looked into, or that is gone meanwhile, only costs the advice.
     with contextlib.suppress(OSError):
-        around, inside, beside = (
-            [path for path in paths if any((path / file).is_file() for file in files)]
-            for paths in (folder.parents, folder.glob("*"), folder.parent.glob("*"))
-        )
-        inside.sort(key=lambda path: path.stat().st_mtime, reverse=True)
-        similar = difflib.get_close_matches(folder.name, [path.name for path in beside])
-        found = [
-            str(path)
-            for path in around[:1] or inside[:3] or [folder.parent / name for name in similar]
-        ]
-    return f"a folder with a {files[0]}{', such as ' if found else ''}{' or '.join(found)}"
+        found = _folders_with(folder, files)
+    wanted = f"a folder with a {files[0]}"
+    if not found:
+        return wanted
+    return f"{wanted}, such as {' or '.join(map(str, found))}"
+
+
+def _folders_with(folder: Path, files: tuple[str, ...]) -> list[Path]:
+    """Up to three folders around, in or beside a folder that have one of these files."""
+
+    def has_one(path: Path) -> bool:
+        return any((path / file).is_file() for file in files)
+
+    # All three are looked for first: what cannot be read in one spoils the advice as a whole.
+    around = [path for path in folder.parents if has_one(path)]
+    inside = [path for path in folder.glob("*") if has_one(path)]
+    beside = [path for path in folder.parent.glob("*") if has_one(path)]
+    inside.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+    if around:
+        return around[:1]
+    if inside:
+        return inside[:3]
+    similar = difflib.get_close_matches(folder.name, [path.name for path in beside])
+    return [folder.parent / name for name in similar]
 
 
 @contextlib.contextmanager
@@ -93,7 +109,8 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as failure:
         reason = failure.strerror or str(failure)
-        if isinstance(failure, FileExistsError):  # a folder was to be made
+        # A folder was to be made where there is a file.
+        if isinstance(failure, FileExistsError):
             reason = os.strerror(errno.ENOTDIR)
         remedy = "name another place"
         if failure.errno in FULL:
@@ -119,11 +136,11 @@ def reading(what: str, path: Path | str, error: type[BricksError], remedy: str) 
     except DescriptionError as failure:
         reason = str(failure)
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
-        reason = (
-            "it is not JSON as we write it, or damaged"
-            if str(path).endswith(".json")
-            else "it is another file, or damaged"
-        )
+        # Their own words are about Python's values, and tell a user nothing.
+        if str(path).endswith(".json"):
+            reason = "it is not JSON as we write it, or damaged"
+        else:
+            reason = "it is another file, or damaged"
     else:
         return
     raise error(f"cannot read {what} {path} ({reason}); {remedy}") from None
@@ -136,13 +153,15 @@ def check_writable(path: Path) -> None:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "it is a folder")
         if path.exists():
+            # To append nothing asks for the right to write, and leaves the file as it is.
             path.open("ab").close()
-        else:
-            folder = next(parent for parent in path.absolute().parents if parent.exists())
-            # not by tempfile, which tries for ever on Windows with a Python before 3.11.9
-            trial = temporary_beside(folder / "trial")
-            trial.open("xb").close()
-            trial.unlink()
+            return
+        # The folders in between are made when it is written; the first one that exists decides.
+        folder = next(parent for parent in path.absolute().parents if parent.exists())
+        # Not by tempfile, which tries for ever on Windows with a Python before 3.11.9.
+        trial = temporary_beside(folder / "trial")
+        trial.open("xb").close()
+        trial.unlink()
 
 
 def write_durably(path: Path, data: bytes) -> None:
@@ -154,14 +173,16 @@ def write_durably(path: Path, data: bytes) -> None:
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = temporary_beside(path)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+        # Windows would turn each line's end into two bytes.
+        flags |= getattr(os, "O_BINARY", 0)
         # The system takes the user's umask off; tempfile would allow the owner alone.
-        handle = os.open(
-            temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666
-        )
+        handle = os.open(temporary, flags, 0o666)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(data)
                 file.flush()
+                # Before the renaming: a power cut must not leave the new name with no data.
                 os.fsync(file.fileno())
             # Who may read it stays as it was. Windows knows no modes, but takes a folder's rights.
             if sys.platform != "win32" and path.is_file():
@@ -170,6 +191,7 @@ def write_durably(path: Path, data: bytes) -> None:
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
+        # The renaming itself is on the disk only when its folder is.
         _sync_folder(path.parent)
 
 
@@ -181,6 +203,7 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     ``path`` is always complete, even if the process is killed; a remnant then has a name that
     begins with `TEMPORARY_PREFIX`. Raises WriteError if it cannot be written.
     """
+    # From the innermost outwards, the order in which they can be removed again.
     made = [parent for parent in path.parents if not parent.exists()]
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -192,10 +215,11 @@ def atomic_folder(path: Path) -> Iterator[Path]:
             put_in_place(folder, path)
     except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
-        with contextlib.suppress(OSError):  # one that is used meanwhile stays
+        # One that is used meanwhile stays.
+        with contextlib.suppress(OSError):
             for parent in made:
                 parent.rmdir()
-        # of a file in it: a user knows nothing of the temporary folder
+        # Of a file in it, but a user knows nothing of the temporary folder: the error names `path`.
         if isinstance(error, WriteError):
             with writing(path):
                 raise
@@ -227,7 +251,8 @@ def temporary_beside(path: Path, suffix: str = "") -> Path:
 
 
 def _sync_folder(path: Path) -> None:
-    if sys.platform == "win32":  # folders cannot be opened there, and names are kept without
+    # Folders cannot be opened on Windows, where names are kept without.
+    if sys.platform == "win32":
         return
     handle = os.open(path, os.O_RDONLY)
     try:
@@ -278,6 +303,7 @@ def serialized(root: Path, timeout_s: float = 60.0) -> Iterator[None]:
                 _lock(file.fileno())
                 break
             except OSError:
+                # Not a lock that blocks: it would wait for ever for a process that hangs.
                 time.sleep(0.05)
         yield
 
@@ -285,6 +311,8 @@ def serialized(root: Path, timeout_s: float = 60.0) -> Iterator[None]:
 def _lock_file(root: Path) -> BinaryIO:
     with writing(root):
         root.mkdir(parents=True, exist_ok=True)
+        # It stays there when the lock is released: to remove it would let two processes lock two
+        # files of that name.
         return (root / LOCK).open("a+b")
 
 
