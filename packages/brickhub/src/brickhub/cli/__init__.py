@@ -75,12 +75,14 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
         try:
             code = _run(table, sys.argv[1:], begin)
             end.is_said.set()
+            # A Ctrl-C from here on has come too late.
             if signal.SIGINT in at_once:
-                signal.signal(signal.SIGINT, signal.SIG_IGN)  # it has come too late
+                signal.signal(signal.SIGINT, signal.SIG_IGN)
         except OSError:
             if not end.is_asked.is_set():
                 raise
-            code = INTERRUPTED  # the terminal is closed, and nobody reads what we say
+            # The terminal is closed, and nobody reads what we say.
+            code = INTERRUPTED
         if code == INTERRUPTED or end.is_asked.is_set():
             _leave(code)
     for number, handler in before.items():
@@ -133,6 +135,7 @@ def _leave(code: int) -> NoReturn:
     threads."""
     import atexit
 
+    # What an end in order does all the same: links are closed there, and motors stop.
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):

@@ -119,6 +119,7 @@ def _answer_interrupt(end: End) -> None:
     """Say what a Ctrl-C waits for, until the command has said how it ended."""
     if end.is_said.wait(_NOTE_S):
         return
+    # The terminal may be closed meanwhile.
     with contextlib.suppress(OSError, ValueError):
         sys.stderr.write("ending, and saving first; another Ctrl-C ends at once\n")
         for number in itertools.count(1):
@@ -144,10 +145,12 @@ def end_with_parent() -> None:
     held = take_input()
 
     def watch() -> None:
+        # What the parent says does not matter, only that it holds the pipe open.
         with contextlib.suppress(OSError):
             while os.read(held, 64):
                 pass
         end_after(DEADLINE_S)
+        # To the main thread itself, whose blocking call it interrupts.
         if hasattr(signal, "pthread_kill"):
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
         else:
