@@ -112,16 +112,13 @@ class PybricksHub:
 
         body = self._body(robot, readings, end_stops)
         # What is said of a Robot by name, and the end stops of any body, are in the body already.
-        bench_readings = []
-        if not isinstance(readings, Mapping):
-            bench_readings = [parse_reading(text, self._folder) for text in readings]
-        bench_stops = {}
-        if body is None and not isinstance(end_stops, Mapping):
-            bench_stops = dict(map(parse_end_stop, end_stops))
+        has_stops = body is not None or isinstance(end_stops, Mapping)
+        texts_of_readings = () if isinstance(readings, Mapping) else readings
+        texts_of_stops = () if has_stops else end_stops
         operation = Operation(
             presses=[parse_press(text) for text in presses],
-            readings=bench_readings,
-            end_stops=bench_stops,
+            readings=[parse_reading(text, self._folder) for text in texts_of_readings],
+            end_stops=dict(map(parse_end_stop, texts_of_stops)),
             devices=dict(map(parse_device, ports)),
             attend=attend,
         )
