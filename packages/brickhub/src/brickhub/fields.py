@@ -248,6 +248,7 @@ def _matches(value: Any, hint: Any) -> bool:
     if cls in _UNIONS:
         return any(_matches(value, part) for part in parts)
     if cls is Literal:
+        # By type too, as 1 equals True.
         return any(type(value) is type(part) and value == part for part in parts)
     if cls is Any or not isinstance(cls, type):
         return True

@@ -52,7 +52,8 @@ class _Device:
         self.part = part
         self._radio = radio
         # LEGO's classes have the names of the products, such as DoubleMotor.
-        kind = vars(lego_package(is_silent=True))[part.product.title.replace(" ", "")]
+        package = lego_package(is_silent=True)
+        kind = getattr(package, part.product.title.replace(" ", ""))
         self.lego: Any = kind()
         self.arrived_s = -math.inf
         self.before_s = -math.inf
@@ -144,7 +145,8 @@ class KitLink(RobotLink):
         with self._fault():
             if not self.devices:
                 self._radio.attach()
-                self.devices = {part.ports: _Device(part, self._radio) for part in self._parts}
+                for part in self._parts:
+                    self.devices[part.ports] = _Device(part, self._radio)
             for device in self.devices.values():
                 # The package believes in a link until the radio gives it up, which takes long.
                 if device.lego.connected and self._age_s(device) > _SILENCE_S:
@@ -192,7 +194,8 @@ class KitLink(RobotLink):
                 step_s = settle.fixed_ms / 1000
                 due_s = self._due_s + step_s
                 self._due_s = due_s if due_s > started_s else started_s + step_s
-                self._radio.sleep(max(0.0, self._due_s - self.now_s()))
+                rest_s = self._due_s - self.now_s()
+                self._radio.sleep(max(0.0, rest_s))
             else:
                 self._await_moves(started_s + settle.longest_ms / 1000)
             self._await_reports(started_s, under_commands=True)
@@ -203,14 +206,15 @@ class KitLink(RobotLink):
     def _amounts(self, values: list[float]) -> list[float]:
         """The commands, each within its range. Raises EncodingError if they are none."""
         commands = self._interface.commands
-        if len(values) != len(commands) or not all(map(math.isfinite, values)):
-            raise EncodingError(
-                f"{values} are no {len(commands)} numbers; give one for each command"
-            )
-        return [
-            min(max(value, command.low), command.high)
-            for value, command in zip(values, commands, strict=True)
-        ]
+        count = len(commands)
+        is_finite = all(map(math.isfinite, values))
+        if len(values) != count or not is_finite:
+            raise EncodingError(f"{values} are no {count} numbers; give one for each command")
+        amounts = []
+        for value, command in zip(values, commands, strict=True):
+            amount = max(value, command.low)
+            amounts.append(min(amount, command.high))
+        return amounts
 
     def rest(self) -> None:
         """Stop the motors. Raises HubError if the link is not open, or failed."""
@@ -254,8 +258,11 @@ class KitLink(RobotLink):
 
     def _find(self, motor: Motor) -> tuple[_Device, int]:
         """The device of a motor, and its number there."""
-        ports = next(ports for ports in self.devices if motor.port in ports)
-        return self.devices[ports], ports.index(motor.port)
+        for ports, device in self.devices.items():
+            if motor.port in ports:
+                return device, ports.index(motor.port)
+        # `parts_of` has made a device of each motor.
+        raise KeyError(motor.port)
 
     def _start(self, amounts: list[float]) -> None:
         """Start the moves of a step; those of one device in one packet."""
@@ -279,8 +286,8 @@ class KitLink(RobotLink):
         """Moves of the motors, by name, in a step."""
         moves: dict[str, Move] = {}
         for command, amount in zip(self._interface.commands, amounts, strict=True):
-            moves_by_command = _MOVES[type(command)](self._robot, command, amount)
-            for name, (speed_deg_s, angle_deg) in moves_by_command.items():
+            moves_by = _MOVES[type(command)]
+            for name, (speed_deg_s, angle_deg) in moves_by(self._robot, command, amount).items():
                 # A speed of driving and a rate of turn move the same wheels, and add up.
                 before_deg_s, _ = moves.get(name, (0.0, None))
                 moves[name] = (before_deg_s + speed_deg_s, angle_deg)
@@ -294,13 +301,15 @@ class KitLink(RobotLink):
         shaft_deg_s = speed_deg_s * motor.shaft_turns
         is_reversed = shaft_deg_s * (1.0 if angle_deg is None else angle_deg) < 0
         how = {"motor": index, "direction": int(is_reversed), "blocking": False}
-        speed_pct = min(100, round(100 * abs(shaft_deg_s) / FULL_SPEED_DEG_S))
+        speed_pct = round(100 * abs(shaft_deg_s) / FULL_SPEED_DEG_S)
+        speed_pct = min(100, speed_pct)
         if angle_deg is not None:
             shaft_deg = round(abs(angle_deg * motor.shaft_turns))
             lego.motor_run_for_degrees(shaft_deg, speed=speed_pct, **how)
         elif speed_pct:
             # It has to end by itself, should no other command follow.
-            hold_ms = self._interface.settle.longest_ms + round(1000 * HOLD_S)
+            step_ms = self._interface.settle.longest_ms
+            hold_ms = step_ms + round(1000 * HOLD_S)
             lego.motor_run_for_time(hold_ms, speed=speed_pct, **how)
         else:
             lego.motor_stop(motor=index, blocking=False)
@@ -369,16 +378,17 @@ class KitLink(RobotLink):
             self._await_reports(self.now_s())
 
     def _reading(self, started_s: float) -> Reading:
-        values = tuple(
-            float(_VALUES[type(channel)](self, channel)) for channel in self._interface.channels
-        )
+        values = []
+        for channel in self._interface.channels:
+            read = _VALUES[type(channel)]
+            values.append(float(read(self, channel)))
         now_s = self.now_s()
         # A reading is as old as the oldest of the reports that it is made of.
         age_s = max(self._age_s(device) for device in self.devices.values())
         round_trip_s = now_s - started_s
         self.statistics.record(round_trip_s, age_s)
         time_ms = round(1000 * (now_s - self._opened_s))
-        return Reading(values, time_ms, round_trip_s, age_s)
+        return Reading(tuple(values), time_ms, round_trip_s, age_s)
 
 
 def _check(robot: Robot, interface: kinds.Interface) -> None:
@@ -467,8 +477,10 @@ def _imu(quantity: str) -> Callable[[KitLink, kinds.Channel], float]:
 
 
 def _sensed(link: KitLink, channel: kinds.SensorReading) -> float:
-    sensor = link.devices[link._robot.sensor(channel.sensor).port].lego.sensor
-    return float(vars(sensor)[_SEEN[channel.part]])
+    sensor = link._robot.sensor(channel.sensor)
+    # A Color Sensor is a device of its own, and so alone on its port.
+    device = link.devices[sensor.port]
+    return float(vars(device.lego.sensor)[_SEEN[channel.part]])
 
 
 _VALUES: Mapping[type[kinds.Channel], Callable[[KitLink, Any], float]] = {

@@ -132,7 +132,9 @@ class KitDevice:
     def receive(self, packet: bytes) -> None:
         """Obey a packet. Raises HubProtocolError if it holds a message that no device knows."""
         for message in protocol.decode(packet):
-            command = self._later.get(message.name, self._commands.get(message.name))
+            command = self._later.get(message.name)
+            if command is None:
+                command = self._commands.get(message.name)
             # What the firmware refuses is answered so, and the device goes on.
             try:
                 if command is None:
@@ -253,7 +255,8 @@ class SingleMotor(KitDevice):
     def update(self) -> None:
         for move in list(self._moves):
             # Stalled first: `is_done` of a timed move or a turn stops the motors as it ends.
-            is_stalled = any(self._servos[bit].is_stalled() for bit in move.bits)
+            servos = [self._servos[bit] for bit in move.bits]
+            is_stalled = any(servo.is_stalled() for servo in servos)
             if is_stalled or move.is_done():
                 self._moves.remove(move)
                 status = protocol.Done.INTERRUPTED if is_stalled else protocol.Done.COMPLETED
@@ -272,13 +275,13 @@ class SingleMotor(KitDevice):
         voltage_mv = servo.voltage_mv or 0
         power = trunc(voltage_mv * 10_000 / self._machine.body.battery_mv)  # in 0.01 %
         absolute_deg = self._machine.body.angle_mdeg(servo.port) % 360_000 // 1000
-        speed_pct = _clamp(100 * servo.speed_deg_s() / protocol.FULL_SPEED_DEG_S, -128, 127)
+        speed_pct = 100 * servo.speed_deg_s() / protocol.FULL_SPEED_DEG_S
         return (
             bit,
             _state_of(servo),
             absolute_deg,
             power,
-            speed_pct,
+            _clamp(speed_pct, -128, 127),
             servo.angle_deg(),
             _NO_GESTURE,
         )
@@ -380,7 +383,9 @@ class SingleMotor(KitDevice):
         """Turn each motor by an angle at the magnitude of its speed."""
         drives = self._named(message)
         # The sign of the angle says where; a second one, of the speed, would turn it round.
-        shares = {bit: math.copysign(1.0, drive.speed_pct) for bit, drive in drives.items()}
+        shares = {}
+        for bit, drive in drives.items():
+            shares[bit] = math.copysign(1.0, drive.speed_pct)
 
         def angle_of(bit: int) -> float:
             return angle_deg(self._servos[bit])
@@ -403,10 +408,12 @@ class SingleMotor(KitDevice):
         self._run_by(message, angle_deg)
 
     def _run_to_relative(self, message: protocol.Message) -> None:
-        self._run_by(message, lambda servo: message.values["position"] - servo.angle_deg())
+        position_deg = message.values["position"]
+        self._run_by(message, lambda servo: position_deg - servo.angle_deg())
 
     def _reset_position(self, message: protocol.Message) -> None:
-        self._set(message, lambda servo: servo.reset_angle(message.values["position"]))
+        position_deg = message.values["position"]
+        self._set(message, lambda servo: servo.reset_angle(position_deg))
 
     def _set_duty(self, message: protocol.Message) -> None:
         duty_pct = trunc(message.values["duty"] / 100)  # in 0.01 % in the message
@@ -511,13 +518,15 @@ class DoubleMotor(SingleMotor):
         force_mm_s2 = body.acceleration_mm_s2()
         spin_deg_s = body.angular_velocity_deg_s()
         # At rest, an accelerometer feels a force upward: the face with the most of it is on top.
-        face = max(range(len(protocol.FACES)), key=lambda index: _along(force_mm_s2, index))
+        parts_mm_s2 = [_along(force_mm_s2, face) for face in range(len(protocol.FACES))]
+        upper_face = parts_mm_s2.index(max(parts_mm_s2))
         yaw_deg = (self._turned() + self._yaw_offset + 180) % 360 - 180
         tilt_deg = body.tilt_deg()
         force_mg = [_MG_PER_MM_S2 * value for value in force_mm_s2]
         numbers = (yaw_deg, *tilt_deg, *force_mg, *spin_deg_s)
         # All are int16 in a report.
-        return face, self._yaw_face, *(_clamp(number, -32768, 32767) for number in numbers)
+        fields = [_clamp(number, -32768, 32767) for number in numbers]
+        return (upper_face, self._yaw_face, *fields)
 
     def _turned(self) -> float:
         """Degrees by which it has turned clockwise, as seen on the yaw face."""
@@ -563,7 +572,9 @@ class DoubleMotor(SingleMotor):
         right = message.values["right"] / 100
         shares = {_LEFT: left, _RIGHT: right}
         # The two speeds are of the full one, whatever speed is set for the pair.
-        drives = {bit: _Drive(100, drive.then) for bit, drive in self._pair.items()}
+        drives = {}
+        for bit, drive in self._pair.items():
+            drives[bit] = _Drive(100, drive.then)
         if degrees is None:
             self._start(message, drives, shares)
             return
@@ -598,7 +609,8 @@ class DoubleMotor(SingleMotor):
             speed_steps_s = abs(servos[0].speed_deg_s(_WINDOW_MS)) * settings.steps_per_unit
             slow_s = speed_steps_s / (2 * settings.deceleration)
             rest_deg = wanted_deg - abs(self._turned() - start_deg)
-            if rest_deg <= slow_s * abs(self._machine.body.angular_velocity_deg_s()[2]):
+            _, _, yaw_rate_deg_s = self._machine.body.angular_velocity_deg_s()
+            if rest_deg <= slow_s * abs(yaw_rate_deg_s):
                 is_slowing = True
                 for servo in servos:
                     servo.run(0)
@@ -662,7 +674,10 @@ class Controller(KitDevice):
 
 def devices_of(machine: Machine, parts: Iterable[KitPart]) -> list[KitDevice]:
     """The devices of a robot, and a Controller."""
-    devices: list[KitDevice] = [_KINDS[part.product](machine, part) for part in parts]
+    devices: list[KitDevice] = []
+    for part in parts:
+        kind = _KINDS[part.product]
+        devices.append(kind(machine, part))
     # A Controller is no part of any robot, but a program may ask for one.
     devices.append(Controller(machine, KitPart(protocol.Product.CONTROLLER, "")))
     return devices

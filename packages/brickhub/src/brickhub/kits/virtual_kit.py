@@ -9,9 +9,10 @@ reality.
 
 import asyncio
 import concurrent.futures
+import math
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeVar
 
 from brickhub.errors import HubNotFoundError, HubTimeoutError
@@ -113,8 +114,7 @@ class Peer:
             silent_ms = now_ms - self._lost_ms
             if silent_ms >= SUPERVISION_S * 1000:
                 device.disconnect()
-        while self._down and self._down[0][0] <= now_ms:
-            packet = self._down.popleft()[1]
+        for packet in _arrived(self._down, now_ms):
             if device.is_connected and not is_lost:
                 device.receive(packet)
         if device.is_connected:
@@ -122,14 +122,24 @@ class Peer:
         # All that it has to say goes at one connection event, of one random delay.
         if device.outbox and not is_lost:
             due_ms = self._radio.to_computer_ms(now_ms, self._kit.link)
-            self._up.extend((due_ms, packet) for packet in device.outbox)
+            for packet in device.outbox:
+                self._up.append((due_ms, packet))
         device.outbox.clear()
-        arrived = []
-        while self._up and self._up[0][0] <= now_ms:
-            packet = self._up.popleft()[1]
-            if self._notify is not None and not is_lost:
-                arrived.append((self._notify, packet))
-        return arrived
+        arrived = list(_arrived(self._up, now_ms))
+        notify = self._notify
+        if notify is None or is_lost:
+            return []
+        return [(notify, packet) for packet in arrived]
+
+
+def _arrived(packets: deque[tuple[float, bytes]], now_ms: int) -> Iterator[bytes]:
+    """Take the packets that are due off a queue, in order."""
+    while packets:
+        due_ms, packet = packets[0]
+        if due_ms > now_ms:
+            return
+        packets.popleft()
+        yield packet
 
 
 class VirtualKit:
@@ -204,7 +214,10 @@ class VirtualKit:
             raise HubNotFoundError(
                 f"no {part.product.title} is in reach; switch it on, and bring it near"
             )
-        return {"device": next(peer for peer in self.peers if peer.device.part == part)}
+        for peer in self.peers:
+            if peer.device.part == part:
+                return {"device": peer}
+        raise KeyError(part)
 
     def now_s(self) -> float:
         """Simulated time."""
@@ -249,14 +262,15 @@ class VirtualKit:
                 self.wake()
 
         self._is_stopped = False
-        limit_ms = None if limit_s is None else self.machine.time_ms + limit_s * 1000
+        limit_ms = math.inf
+        if limit_s is not None:
+            limit_ms = self.machine.time_ms + limit_s * 1000
         # A daemon, as a program that computes for ever cannot be ended.
         threading.Thread(target=work, name="program", daemon=True).start()
         try:
             while not future.done():
                 self._go_on()
-                is_over = limit_ms is not None and self.machine.time_ms >= limit_ms
-                if is_over and not future.done():
+                if self.machine.time_ms >= limit_ms and not future.done():
                     raise HubTimeoutError(
                         f"nothing answered within {limit_s:g} s; check that the devices are on "
                         "and near"
