@@ -57,7 +57,8 @@ def check_fields(cls: type, values: dict[str, Any], **named: Any) -> None:
     """Check values against the annotations of a dataclass's fields, by name; unknown names are
     ignored. ``named``: types that annotations name and their module does not import. Raises
     DescriptionError if an annotation does not allow a value."""
-    for name, hint in typing.get_type_hints(cls, localns=named, include_extras=True).items():
+    hints = typing.get_type_hints(cls, localns=named, include_extras=True)
+    for name, hint in hints.items():
         if name in values:
             check_value(name, values[name], hint)
 
@@ -183,13 +184,16 @@ def _hint_of(parameter: inspect.Parameter) -> Any:
     if parameter.annotation is not parameter.empty:
         # An annotation in a text that could not be evaluated says nothing.
         return Any if isinstance(parameter.annotation, str) else parameter.annotation
-    return _HINT_OF_DEFAULT.get(type(parameter.default), Any)
+    kind = type(parameter.default)
+    return _HINT_OF_DEFAULT.get(kind, Any)
 
 
 def _wanted(parameter: inspect.Parameter) -> str:
     """Name of a parameter, and what it wants, in words, if it says so."""
     hint = _hint_of(parameter)
-    return parameter.name if hint is Any else f"{parameter.name} ({_describe(hint)})"
+    if hint is Any:
+        return parameter.name
+    return f"{parameter.name} ({_describe(hint)})"
 
 
 def _converted(value: Any, hint: Any) -> Any:
@@ -227,7 +231,8 @@ def _tuple_of(values: list[Any], parts: tuple[Any, ...]) -> tuple[Any, ...]:
     # One of another length is refused by the check, which tells how many there should be.
     if len(kinds) != len(values):
         return tuple(values)
-    return tuple(_converted(value, kind) for value, kind in zip(values, kinds, strict=True))
+    converted = map(_converted, values, kinds)
+    return tuple(converted)
 
 
 def _member_of(cls: type[enum.Enum], value: str) -> Any:
@@ -262,13 +267,15 @@ def _matches(value: Any, hint: Any) -> bool:
     if not parts:
         return True
     if cls is dict:
-        keys_match = all(_matches(key, parts[0]) for key in value)
-        return keys_match and all(_matches(item, parts[1]) for item in value.values())
-    is_of_one_kind = cls is list or (cls is tuple and parts[-1] is ...)
-    if is_of_one_kind:
+        key_hint, item_hint = parts
+        keys_match = all(_matches(key, key_hint) for key in value)
+        return keys_match and all(_matches(item, item_hint) for item in value.values())
+    has_any_length = cls is list or parts[-1] is ...
+    if cls in (list, tuple) and has_any_length:
         return all(_matches(item, parts[0]) for item in value)
     if cls is tuple:
-        return len(value) == len(parts) and all(map(_matches, value, parts))
+        has_length = len(value) == len(parts)
+        return has_length and all(map(_matches, value, parts))
     # Of other containers and of functions, what is within cannot be checked, or not without use.
     return True
 
@@ -303,7 +310,9 @@ def _describe(hint: Any) -> str:
 def _either(words: Iterable[str]) -> str:
     """``"a, b or c"``."""
     *others, last = words
-    return f"{', '.join(others)} or {last}" if others else last
+    if not others:
+        return last
+    return f"{', '.join(others)} or {last}"
 
 
 _UNIONS = (types.UnionType, typing.Union)

@@ -59,7 +59,9 @@ def as_file_name(text: str) -> str:
 def user_cache() -> Path:
     """Folder of what is kept between processes and can be lost. Raises RuntimeError if the user has
     no home."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bricksrl"
+    # An empty variable is one that is not set, as the standard of these folders says.
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(root) / "bricksrl"
 
 
 def refuse_existing(path: Path, error: type[BricksError]) -> None:
@@ -97,7 +99,8 @@ def _folders_with(folder: Path, files: tuple[str, ...]) -> list[Path]:
         return around[:1]
     if inside:
         return inside[:3]
-    similar = difflib.get_close_matches(folder.name, [path.name for path in beside])
+    names = [path.name for path in beside]
+    similar = difflib.get_close_matches(folder.name, names)
     return [folder.parent / name for name in similar]
 
 
@@ -247,7 +250,9 @@ def put_in_place(complete: Path, path: Path) -> None:
 
 def temporary_beside(path: Path, suffix: str = "") -> Path:
     """A new name of an incomplete file or folder in the folder of ``path``."""
-    return path.parent / f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{suffix}"
+    # In the same folder: a renaming is atomic only within a file system.
+    token = secrets.token_hex(8)
+    return path.parent / f"{TEMPORARY_PREFIX}{token}{suffix}"
 
 
 def _sync_folder(path: Path) -> None:
@@ -264,14 +269,20 @@ def _sync_folder(path: Path) -> None:
 def is_unused(root: Path) -> bool:
     """Whether a folder is empty, except for remnants of a writer that was killed before it wrote
     anything."""
-    files = (path for path in root.rglob("*") if not path.is_dir())
-    return all(path.name.startswith((TEMPORARY_PREFIX, LOCK)) for path in files)
+    remnants = (TEMPORARY_PREFIX, LOCK)
+    for path in root.rglob("*"):
+        is_remnant = path.is_dir() or path.name.startswith(remnants)
+        if not is_remnant:
+            return False
+    return True
 
 
 def remove_unfinished(root: Path) -> int:
     """Remove the unfinished files of killed writers below ``root``, and return their number; only
     for the folder's writer."""
-    unfinished = [path for path in root.rglob(f"{TEMPORARY_PREFIX}*") if path.is_file()]
+    # All are listed before one is removed, as a listing goes on while it is read.
+    candidates = list(root.rglob(f"{TEMPORARY_PREFIX}*"))
+    unfinished = [path for path in candidates if path.is_file()]
     for path in unfinished:
         path.unlink(missing_ok=True)
     return len(unfinished)

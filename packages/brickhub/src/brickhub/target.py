@@ -79,13 +79,17 @@ def whole_interface(robot: Robot) -> Interface:
 def find_in_files(name: str) -> Target:
     """The robot in a user's file, or ``bench``, on the bench. Raises UnknownNameError if there is
     none, DescriptionError if the file is wrong."""
-    if not is_reference(name) and name != BENCH.name:
+    if name == BENCH.name:
+        robot = BENCH
+    elif is_reference(name):
+        robot = load_robot(name)
+    else:
         raise UnknownNameError(
             f"there is no robot '{name}'; name a Python file with one, such as my_robot.py, "
             "or bench"
         )
-    robot = BENCH if name == BENCH.name else load_robot(name)
-    return Target(robot.name, robot, whole_interface(robot), functools.partial(BenchBody, robot))
+    make_body = functools.partial(BenchBody, robot)
+    return Target(robot.name, robot, whole_interface(robot), make_body)
 
 
 def find(name: str) -> Target:
