@@ -261,7 +261,7 @@ def _matches(value: Any, hint: Any) -> bool:
     if cls in (int, float) and isinstance(value, bool):
         return False
     # As for type checkers, a whole number is a number.
-    accepted = int | float if cls is float else cls
+    accepted: Any = int | float if cls is float else cls
     if not isinstance(value, accepted):
         return False
     if not parts:

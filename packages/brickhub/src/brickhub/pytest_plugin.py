@@ -7,7 +7,7 @@ the first test that runs one.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -113,8 +113,8 @@ class PybricksHub:
         body = self._body(robot, readings, end_stops)
         # What is said of a Robot by name, and the end stops of any body, are in the body already.
         has_stops = body is not None or isinstance(end_stops, Mapping)
-        texts_of_readings = () if isinstance(readings, Mapping) else readings
-        texts_of_stops = () if has_stops else end_stops
+        texts_of_readings: Iterable[str] = () if isinstance(readings, Mapping) else readings
+        texts_of_stops: Iterable[str] = () if has_stops else end_stops
         operation = Operation(
             presses=[parse_press(text) for text in presses],
             readings=[parse_reading(text, self._folder) for text in texts_of_readings],

@@ -151,10 +151,11 @@ def load_object(reference: str, default: str | type, *, missing: str = "write on
         )
     location, name = _parts(reference)
     module = _load(location, reference)
-    if not name and isinstance(default, str):
-        name = default
-    elif not name:
-        name = _only(default, module, reference, missing)
+    if not name:
+        if isinstance(default, str):
+            name = default
+        else:
+            name = _only(default, module, reference, missing)
     try:
         return getattr(module, name)
     except AttributeError:

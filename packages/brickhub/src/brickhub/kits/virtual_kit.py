@@ -27,6 +27,8 @@ from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine, Pace
 from brickhub.virtual.virtual_transport import PLACEMENT_MS, Radio, VirtualHub
 
 _T = TypeVar("_T")
+_Delivery = tuple[Callable[[Any, bytes], Any], bytes]
+"""A packet, and the function of LEGO's package that is given it."""
 _IDLE_S = 1.0
 """Time without a call after which a program is taken to poll: long, as another program may have the
 processor."""
@@ -101,7 +103,7 @@ class Peer:
 
     # ---- in the thread of the world
 
-    def exchange(self, now_ms: int) -> list[tuple[Callable[[Any, bytes], Any], bytes]]:
+    def exchange(self, now_ms: int) -> list[_Delivery]:
         """Hand the device what has arrived, take what it sends, and return what has arrived at this
         computer."""
         device = self.device
@@ -306,7 +308,7 @@ class VirtualKit:
         with self.awake:
             machine = self.machine
             machine.advance(CONTROL_LOOP_MS - machine.time_ms % CONTROL_LOOP_MS)
-            arrived = []
+            arrived: list[_Delivery] = []
             for peer in self.peers:
                 arrived += peer.exchange(machine.time_ms)
             self._sleepers = [due_ms for due_ms in self._sleepers if due_ms > machine.time_ms]
@@ -317,7 +319,7 @@ class VirtualKit:
         if self._pace is not None:
             self._pace.keep(self.machine.time_ms)
 
-    def _hand_over(self, arrived: list[tuple[Callable[[Any, bytes], Any], bytes]]) -> int:
+    def _hand_over(self, arrived: list[_Delivery]) -> int:
         """Give LEGO's package what has arrived; returns how many of its calls waited for something
         before and still do."""
         if self.loop is None or self.loop.is_closed():
