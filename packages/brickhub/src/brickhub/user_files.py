@@ -152,10 +152,7 @@ def load_object(reference: str, default: str | type, *, missing: str = "write on
     location, name = _parts(reference)
     module = _load(location, reference)
     if not name:
-        if isinstance(default, str):
-            name = default
-        else:
-            name = _only(default, module, reference, missing)
+        name = default if isinstance(default, str) else _only(default, module, reference, missing)
     try:
         return getattr(module, name)
     except AttributeError:
