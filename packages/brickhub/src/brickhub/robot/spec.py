@@ -2,13 +2,11 @@
 data."""
 
 import enum
-import functools
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from importlib import metadata
-from typing import Any, ClassVar, TypeVar
+from typing import ClassVar, TypeVar
 
 from brickhub.errors import DescriptionError
 from brickhub.fields import check_fields
@@ -27,9 +25,11 @@ class Motor:
     """Motor on a port; angles and speeds are those of the gear train's output.
 
     Attributes:
-        port: port of the hub; "" takes the one of that name in the robot's plan.
-        gears: teeth from the motor to the output, as in Pybricks, e.g. ``(20, 60)``. Empty takes
-            those of the robot's plan, if any; ``(1, 1)`` means the motor's shaft.
+        port: port of the hub; "" for ``bricktwin.robots.planned.robot_of_plan``, which takes the
+            one of that name in a building plan.
+        gears: teeth from the motor to the output, as in Pybricks, e.g. ``(20, 60)``. Empty means
+            the motor's shaft, or those of a building plan, if the robot is made of one; ``(1, 1)``
+            means the motor's shaft in any case.
         range_deg: range that the hub clamps every target to; ``None`` for endless rotation.
         end_stops_deg: lowest and highest angle at which what the motor drives meets something, so
             that it stalls there; ``None`` if nothing is known. A virtual robot stops there; a real
@@ -177,8 +177,8 @@ _Device = TypeVar("_Device", Motor, Sensor)
 
 @dataclass(frozen=True)
 class DriveBase:
-    """Drive base of two named motors. A wheel diameter or axle track of 0 is taken from the robot's
-    plan."""
+    """Drive base of two named motors. A wheel diameter or axle track of 0 is for
+    ``bricktwin.robots.planned.robot_of_plan``, which takes that of a building plan."""
 
     left: str
     right: str
@@ -238,16 +238,13 @@ class Robot:
 
     Attributes:
         hub_sides: where the hub's top and its front, with the USB port, look: names of
-            :data:`LOOKS`. By default as in the plan, or ``("up", "ahead")``. The IMU's values are
+            :data:`LOOKS`; by default ``("up", "ahead")``. The IMU's values are
             along the robot's axes, however the hub is mounted.
         model: MuJoCo model of a virtual robot: ``"package.module:function"``, which is called with
             the robot and its scene and returns an ``MjSpec``, or the path of an MJCF file (see
             ``bricktwin.twin.models.load``) or of a building plan. Without a model, a robot with a
             drive base gets a generated body, and any other one is a bench.
-        plan: path of the building plan, an LDraw file. It completes this description: missing
-            motors and sensors, ports that are "", gears, wheel diameter and axle track; and it is
-            the model if there is none.
-        chassis: chassis of the generated body of a drive base without model and plan.
+        chassis: chassis of the generated body of a drive base without model.
         mirrored: of a body whose left and right sides are alike, the pairs of motors, or of
             sensors, that change places in a mirror. A motor that is paired with itself turns the
             other way there; one in no pair turns as it does.
@@ -261,7 +258,6 @@ class Robot:
     needs_imu: bool = False
     hub_sides: tuple[str, ...] = ()
     model: str | None = None
-    plan: str | None = None
     chassis: Chassis = Chassis()
     mirrored: tuple[tuple[str, str], ...] = ()
 
@@ -271,11 +267,6 @@ class Robot:
             value = getattr(self, field)
             object.__setattr__(self, field, tuple(value) if isinstance(value, list) else value)
         check_fields(Robot, vars(self))
-        if self.plan is not None:
-            for field, value in zip(
-                ("motors", "sensors", "drive_base", "hub_sides"), _completion()(self), strict=True
-            ):
-                object.__setattr__(self, field, value)
         if not self.hub_sides:
             object.__setattr__(self, "hub_sides", HUB_FLAT)
         known = [LOOKS[side] for side in self.hub_sides if side in LOOKS]
@@ -297,7 +288,7 @@ class Robot:
             if not (self.drive_base.wheel_diameter_mm and self.drive_base.axle_track_mm):
                 raise self._error(
                     "its drive base has no wheel diameter or no axle track; say both in mm, or "
-                    "name a plan"
+                    "make the robot with robot_of_plan"
                 )
             left = self.motor(self.drive_base.left)
             right = self.motor(self.drive_base.right)
@@ -321,7 +312,10 @@ class Robot:
                     )
         for device in devices:
             if not device.port:
-                raise self._error(f"'{device.name}' has no port; say it, or name a plan that does")
+                raise self._error(
+                    f"'{device.name}' has no port; say it, or make the robot with robot_of_plan "
+                    "of a plan that does"
+                )
             if len(device.port) != 1 or device.port not in self.hub.model.ports:
                 ports = f"a {self.hub.value} hub has ports {', '.join(self.hub.model.ports)}"
                 raise self._error(
@@ -374,18 +368,6 @@ class Robot:
     def sensor(self, name: str) -> Sensor:
         """The sensor of that name. Raises DescriptionError if the robot has no such sensor."""
         return _find_device(self, "sensor", self.sensors, name)
-
-
-@functools.cache
-def _completion() -> Callable[[Robot], tuple[Any, ...]]:
-    """Function that reads a robot's plan: the entry point ``complete`` of the group
-    ``brickhub.plan``."""
-    for point in metadata.entry_points(group="brickhub.plan", name="complete"):
-        complete: Callable[[Robot], tuple[Any, ...]] = point.load()
-        return complete
-    raise DescriptionError(
-        "a building plan is read by bricktwin, which is not installed; run `pip install bricktwin`"
-    )
 
 
 def _check_device(device: Motor | Sensor) -> None:
