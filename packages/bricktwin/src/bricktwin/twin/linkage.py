@@ -111,11 +111,8 @@ class Linkage:
         self._passive = [joint for joint, name in enumerate(names) if name not in self._gears]
         _, slopes = _constraints(model, self._data)
         is_held = np.abs(slopes).max(axis=0, initial=0.0) > _TOLERANCE  # [nv]
-        free = []
-        for joint in self._passive:
-            if not is_held[model.jnt_dofadr[joint]]:
-                free.append(names[joint])
-        self.free = tuple(free)
+        free = [joint for joint in self._passive if not is_held[model.jnt_dofadr[joint]]]
+        self.free = tuple(names[joint] for joint in free)
 
         # Motions are from the plan's configuration, as it is with all loops closed.
         self.turn({})

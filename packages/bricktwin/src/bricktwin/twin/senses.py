@@ -346,6 +346,6 @@ class WorldSenses:
         # The uppermost mark is the last, and hides those below it.
         for mark, color in self._marks:
             rgb[mark.covers(points_mm)] = color
-        # `mean` takes twice as long for so few points.
+        # `mean` takes longer for so few points.
         red, green, blue = (np.add.reduce(rgb) / _POINTS).tolist()
         return red, green, blue

@@ -15,8 +15,8 @@ from bricktwin.twin.models.mjcf import FLOOR_GROUP, OBSTACLE_GROUP
 from bricktwin.twin.scene import Scene
 
 _MIN_INSIDE = -1e-9
-"""Least distance of the centre of mass from the edges of a triangle: rounding may put one that is on
-an edge just beyond it."""
+"""Least distance of the centre of mass from the edges of a triangle: rounding may put one that is
+on an edge just beyond it."""
 _ROUNDING_M = 1e-9
 """Rounding error of a length."""
 
@@ -46,9 +46,7 @@ class Feet:
             across_m = np.zeros((len(geoms), 2))
             halves_m = np.column_stack([across_m, model.geom_size[geoms, 1]])
             corner_signs = [(1, 1, 1), (1, 1, -1)]
-        offsets_m = []
-        for signs in corner_signs:
-            offsets_m.append(centres_m + halves_m * signs)
+        offsets_m = [centres_m + halves_m * signs for signs in corner_signs]
         self._offsets_m = np.concatenate(offsets_m)
         self._geoms = np.tile(geoms, len(offsets_m))
 

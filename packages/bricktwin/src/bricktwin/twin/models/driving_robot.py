@@ -192,8 +192,7 @@ class _Frame:
         post = box(14, 14, length, radius=1.0).at(x, y, self.top - length / 2)
         parts.append(drawings.ball_caster(_CASTER_RADIUS_MM).at(x, y, height))
         parts.append(piece(dark_grey=post))
-        for sensor in self.robot.sensors:
-            parts.append(self._holder(mount_of(sensor).at_mm))
+        parts.extend(self._holder(mount_of(sensor).at_mm) for sensor in self.robot.sensors)
         return parts
 
     def _holder(self, at_mm: Triple) -> Piece:

@@ -123,10 +123,7 @@ def mount_sensor(
         turn=turn,
         collides=is_sonar,
     )
-    if is_sonar:
-        drawing = drawings.ultrasonic_sensor().at(-13.0, 0, 0)
-    else:
-        drawing = _small_sensor(size)
+    drawing = drawings.ultrasonic_sensor().at(-13.0, 0, 0) if is_sonar else _small_sensor(size)
     return drawing.turned(axis, angle_deg).at(*eye.tolist())
 
 
