@@ -134,9 +134,10 @@ class Field:
         scaled = np.abs(offsets_mm) / (np.array(self.size_mm) / 2)
         covered: NDArray[np.bool_]
         if self.round:
-            covered = (scaled**2).sum(-1) <= 1.0
-        else:
-            covered = scaled.max(-1) <= 1.0
+            radii = (scaled**2).sum(-1)
+            covered = radii <= 1.0
+            return covered
+        covered = scaled.max(-1) <= 1.0
         return covered
 
 
