@@ -36,16 +36,17 @@ def _in_scene(target: Target, reference: str) -> Target:
     scenes = objects_in(reference, Scene)
     if len(scenes) == 1:
         (scene,) = scenes.values()
-        return replace(target, make_body=partial(make_body, target.robot, scene=scene), scene=scene)
-    file = without_name(reference)
-    note = (
-        (
+        make_in_scene = partial(make_body, target.robot, scene=scene)
+        return replace(target, make_body=make_in_scene, scene=scene)
+    # Of several, none is the right one by itself: the user is told how to name one.
+    note = ""
+    if scenes:
+        file = without_name(reference)
+        first = next(iter(scenes))
+        note = (
             f"{file} has scenes {', '.join(scenes)}, and none is taken; name one: --scene "
-            f"{file}:{next(iter(scenes))}"
+            f"{file}:{first}"
         )
-        if scenes
-        else ""
-    )
     return replace(target, make_body=partial(make_body, target.robot), note=note)
 
 
@@ -90,13 +91,18 @@ def robot_of_plan(path: Path) -> Robot:
     hub = facts.hubs[0] if facts.hubs else None
     kinds = {kind.value: kind for kind in HubKind}
     if hub is None or hub.name not in kinds:
-        raise DescriptionError(
-            f"{path} has {'no hub' if hub is None else hub.part}; a robot needs one that runs "
-            "Pybricks"
-        )
+        what = "no hub" if hub is None else hub.part
+        raise DescriptionError(f"{path} has {what}; a robot needs one that runs Pybricks")
     kind = kinds[hub.name]
+    # An inertial sensor is of use where the plan says how the hub lies.
     needs_imu = kind.model.has_imu and len(facts.hub_sides) == 2
-    stem = "".join(letter if letter.isalnum() else "_" for letter in path.stem)
+    # The name of a robot is an identifier, that of a file may be anything.
+    name = "".join(letter if letter.isalnum() else "_" for letter in path.stem)
+    if not name.isidentifier():
+        name = f"robot_{name}"
     return Robot(
-        stem if stem.isidentifier() else f"robot_{stem}", kind, needs_imu=needs_imu, plan=str(path)
+        name,
+        kind,
+        needs_imu=needs_imu,
+        plan=str(path),
     )

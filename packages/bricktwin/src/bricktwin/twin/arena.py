@@ -153,7 +153,6 @@ def _built(arena: Arena) -> mujoco.MjSpec:
     # Each model numbers its motors from 0; a group of its own opens one circuit alone.
     for group, actuator in enumerate(spec.actuators):
         actuator.group = group
-    # After the robots, as each body reads its robot's joints by their numbers.
     for load in arena.loads:
         _add_load(world, load)
     return spec
