@@ -80,7 +80,12 @@ def body_of(target: Target, scene: Scene | None, **options: Any) -> Body:
 
 def with_body(robot: Robot) -> Target:
     """A robot on an open floor, or on the bench if it has no body."""
-    return Target(robot.name, robot, whole_interface(robot), partial(make_body, robot))
+    return Target(
+        robot.name,
+        robot,
+        whole_interface(robot),
+        partial(make_body, robot),
+    )
 
 
 def robot_of_plan(path: Path) -> Robot:

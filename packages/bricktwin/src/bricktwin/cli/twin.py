@@ -91,7 +91,12 @@ class RecordMotion:
             f"{self.out}"
         )
 
-    def _link(self, robot: Robot, scene: Scene | None, interface: Interface) -> HubLink:
+    def _link(
+        self,
+        robot: Robot,
+        scene: Scene | None,
+        interface: Interface,
+    ) -> HubLink:
         """An unopened link to the robot; asks the user before a real one may move."""
         from brickhub.hub.diagnostics.calibration import calibration_of
         from brickhub.hub.link.lockstep import HubLink

@@ -129,7 +129,12 @@ class SessionLog:
 
 
 class _Session:
-    def __init__(self, transport: Transport, robot: Robot, person: Person) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        robot: Robot,
+        person: Person,
+    ) -> None:
         self._transport = transport
         self._robot = robot
         self._person = person
@@ -151,7 +156,13 @@ class _Session:
         while not self._person.is_done():
             self._add("hands")
 
-    def watch(self, phase: str, duration_s: float, motor: str = "", duty_pct: float = 0.0) -> None:
+    def watch(
+        self,
+        phase: str,
+        duration_s: float,
+        motor: str = "",
+        duty_pct: float = 0.0,
+    ) -> None:
         """Read the robot for a time, with one motor on if it is named."""
         command = None
         if motor:
@@ -183,7 +194,10 @@ class _Session:
 
 
 def measure(
-    transport: Transport, robot: Robot, person: Person, about: dict[str, str]
+    transport: Transport,
+    robot: Robot,
+    person: Person,
+    about: dict[str, str],
 ) -> SessionLog:
     """Measure a robot in about two minutes. Raises HubError if the link failed, TwinError if there
     is nothing to measure.

@@ -158,7 +158,12 @@ def _built(arena: Arena) -> mujoco.MjSpec:
     return spec
 
 
-def _add_robot(spec: mujoco.MjSpec, contestant: Contestant, number: int, count: int) -> None:
+def _add_robot(
+    spec: mujoco.MjSpec,
+    contestant: Contestant,
+    number: int,
+    count: int,
+) -> None:
     """Add a robot, one of ``count``. Raises TwinError if it cannot move."""
     # Takes longer to import than a kept model to load.
     from bricktwin.twin.models.load import load_model
@@ -238,7 +243,12 @@ class ArenaWorld:
         steps: of the physics since the world was made.
     """
 
-    def __init__(self, arena: Arena, physics: Physics | None = None, seed: int = 0) -> None:
+    def __init__(
+        self,
+        arena: Arena,
+        physics: Physics | None = None,
+        seed: int = 0,
+    ) -> None:
         self.arena = arena
         self._nominal = _compiled(arena)
         self.model = copy.copy(self._nominal)

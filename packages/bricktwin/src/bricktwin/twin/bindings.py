@@ -89,7 +89,12 @@ class Motors:
     torques_nm: "memoryview[float]"
 
 
-def bind_motors(model: mujoco.MjModel, data: mujoco.MjData, robot: Robot, prefix: str) -> Motors:
+def bind_motors(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    robot: Robot,
+    prefix: str,
+) -> Motors:
     """The motors of a robot, in the order of its description."""
     terminals = {}
     shafts = {}
@@ -214,7 +219,10 @@ def _rays() -> Floats:
 
 
 def _frame(
-    model: mujoco.MjModel, robot: Robot, sensor: Sensor, prefix: str
+    model: mujoco.MjModel,
+    robot: Robot,
+    sensor: Sensor,
+    prefix: str,
 ) -> tuple[Vector, Floats]:
     """Position of a sensor's site on the chassis [3], and its axes as columns [3, 3]. Raises
     TwinError if there is no such site."""

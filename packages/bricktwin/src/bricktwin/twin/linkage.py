@@ -60,8 +60,9 @@ def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, passive: Sequence[i
         if np.abs(gaps).max(initial=0.0) < _TOLERANCE:
             return
         # Least squares: there may be more hinges than constraints, and the other way round.
-        step, *_ = np.linalg.lstsq(slopes[:, dofs], -gaps, rcond=1e-6)
-        data.qpos[addresses] += np.clip(step, -_STEP_RAD, _STEP_RAD)
+        solution = np.linalg.lstsq(slopes[:, dofs], -gaps, rcond=1e-6)
+        step = np.clip(solution[0], -_STEP_RAD, _STEP_RAD)
+        data.qpos[addresses] += step
     gaps, _ = _constraints(model, data)
     if np.abs(gaps).max() > _OPEN:
         data.qpos[addresses] = start
@@ -86,7 +87,9 @@ def _constraints(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Floats, Fl
     else:
         slopes = data.efc_J.reshape(slopes.shape)
     # Equalities come first; limits, friction and contacts after them.
-    return data.efc_pos[: data.ne].copy(), slopes[: data.ne]
+    equalities = slice(0, data.ne)
+    gaps = data.efc_pos[equalities].copy()
+    return gaps, slopes[equalities]
 
 
 class Linkage:
@@ -97,46 +100,68 @@ class Linkage:
     """
 
     def __init__(self, made: Articulation) -> None:
-        self._gears = {f"motor_{drive.port}": drive.gear for drive in made.drives}
+        self._gears: dict[str, float] = {}
+        for drive in made.drives:
+            self._gears[f"motor_{drive.port}"] = drive.gear
         spec = mujoco.MjSpec()
         body_of = _add_linkage(spec, made)
-        self._model = model = spec.compile()
-        self._data = mujoco.MjData(model)
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        self._model = model
+        self._data = data
         # Bodies have their numbers only now.
-        self._body_of = {part: int(body.id) for part, body in body_of.items()}
+        self._body_of: dict[int, int] = {}
+        for part, body in body_of.items():
+            self._body_of[part] = int(body.id)
         self._turning = TurningParts(model)
 
         # A hinge that no constraint depends on is free for the user to turn.
-        names = [model.joint(joint).name for joint in range(model.njnt)]
-        self._passive = [joint for joint, name in enumerate(names) if name not in self._gears]
-        _, slopes = _constraints(model, self._data)
-        is_held = np.abs(slopes).max(axis=0, initial=0.0) > _TOLERANCE  # [nv]
-        free = [joint for joint in self._passive if not is_held[model.jnt_dofadr[joint]]]
-        self.free = tuple(names[joint] for joint in free)
+        _, slopes = _constraints(model, data)
+        steepest = np.abs(slopes).max(axis=0, initial=0.0)  # [nv]
+        is_held = steepest > _TOLERANCE
+        self._passive: list[int] = []
+        free: list[str] = []
+        for joint in range(model.njnt):
+            name = model.joint(joint).name
+            if name in self._gears:
+                continue
+            self._passive.append(joint)
+            dof = model.jnt_dofadr[joint]
+            if not is_held[dof]:
+                free.append(name)
+        self.free = tuple(free)
 
         # Motions are from the plan's configuration, as it is with all loops closed.
         self.turn({})
-        self._start_m = self._data.xpos.copy()
-        self._start_axes = self._data.xmat.reshape(-1, 3, 3).copy()
+        self._start_m = data.xpos.copy()  # [nbody, 3]
+        self._start_axes = data.xmat.reshape(-1, 3, 3).copy()  # [nbody, 3, 3]
 
     def turn(self, angles: Mapping[str, float]) -> None:
         """Turn joints to angles (rad) by name: those in `free`, and the shafts of motors,
         clockwise, such as ``"motor_A"``."""
-        addresses = [int(self._model.joint(name).qposadr[0]) for name in angles]
-        # Angles are those of shafts, the joints are behind the gears.
-        wanted = np.array([angle / self._gears.get(name, 1.0) for name, angle in angles.items()])
-        changes = wanted - self._data.qpos[addresses]
-        turn_joints(self._model, self._data, addresses, changes, self._passive)
-        mujoco.mj_kinematics(self._model, self._data)
-        self._turning.turn(self._model, self._data)
+        model = self._model
+        data = self._data
+        addresses = []
+        wanted = []
+        for name, angle in angles.items():
+            addresses.append(int(model.joint(name).qposadr[0]))
+            # Angles are those of shafts, the joints are behind the gears.
+            gear = self._gears.get(name, 1.0)
+            wanted.append(angle / gear)
+        changes = np.array(wanted) - data.qpos[addresses]
+        turn_joints(model, data, addresses, changes, self._passive)
+        mujoco.mj_kinematics(model, data)
+        self._turning.turn(model, data)
 
     def motion(self, part: int) -> tuple[Floats, Floats]:
         """Rotation [3, 3] and shift [3], m, of a part from its place in the plan; none of a part
         that is not in the linkage."""
         body = self._body_of.get(part, 0)
-        axes = self._data.xmat[body].reshape(3, 3)
+        data = self._data
+        axes = data.xmat[body].reshape(3, 3)
         turn = axes @ self._start_axes[body].T
-        shift_m = self._data.xpos[body] - turn @ self._start_m[body]
+        turned_start_m = turn @ self._start_m[body]
+        shift_m = data.xpos[body] - turned_start_m
         return turn, shift_m
 
 
@@ -151,8 +176,9 @@ def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.Mj
     bodies = [spec.worldbody.add_body(name="body_0")]
     origins_m = [np.zeros(3)]
     for joint in made.joints:
+        parent = bodies[joint.parent]
         at_m = joint.point_m - origins_m[joint.parent]
-        body = bodies[joint.parent].add_body(name=f"body_{joint.child}", pos=at_m)
+        body = parent.add_body(name=f"body_{joint.child}", pos=at_m)
         # Nothing here has forces, but MuJoCo compiles no body that moves without a mass.
         body.explicitinertial = True
         body.mass = 1.0
@@ -169,7 +195,13 @@ def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.Mj
         add_coupling(spec, geared, "", f"joint_{geared.joint.child}_0")
     for loop in made.loops:
         pin_m = triple(loop.point_m - origins_m[loop.parent])
-        add_loop(spec, "", bodies[loop.parent], bodies[loop.child], pin_m)
+        add_loop(
+            spec,
+            "",
+            bodies[loop.parent],
+            bodies[loop.child],
+            pin_m,
+        )
 
     body_of: dict[int, mujoco.MjsBody] = {}
     for number, body in enumerate(bodies):
@@ -178,14 +210,17 @@ def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.Mj
     # Rods, shafts and gears are parts of those bodies too, but move apart from them: they come
     # last, and replace the entries of their parts.
     for number, rod in enumerate(made.rods):
-        near = (bodies[rod.near], tuple(rod.near_m - origins_m[rod.near]))
-        far = (bodies[rod.far], tuple(rod.far_m - origins_m[rod.far]))
+        near_m = tuple(rod.near_m - origins_m[rod.near])
+        far_m = tuple(rod.far_m - origins_m[rod.far])
+        near = (bodies[rod.near], near_m)
+        far = (bodies[rod.far], far_m)
         body = add_rod(spec, str(number), near, far)
         for part in rod.parts:
             body_of[part] = body
     for number, follower in enumerate(made.followers):
+        carrier = bodies[follower.body]
         at_m = triple(follower.point_m - origins_m[follower.body])
-        body = add_spinner(bodies[follower.body], number, follower, at_m)
+        body = add_spinner(carrier, number, follower, at_m)
         for part in follower.parts:
             body_of[part] = body
     return body_of
@@ -212,7 +247,8 @@ def sensed_qpos(
     for motor in motors:
         actuator = model.actuator(f"motor_{motor.port}").id
         gear = float(model.actuator_gear[actuator, 0])
-        joint_per_output.append(motor.direction.value * 360.0 / motor.turn_deg / gear)
+        shaft_per_output = motor.direction.value * 360.0 / motor.turn_deg
+        joint_per_output.append(shaft_per_output / gear)
     factors = np.array(joint_per_output)
     sensed_deg = np.array([angles_deg[motor.name] for motor in motors])
     present_deg = np.degrees(data.qpos[addresses]) / factors
@@ -227,7 +263,13 @@ def sensed_qpos(
         is_play = model.joint(joint).name.startswith("backlash_")
         if is_hinge and joint not in driven and not is_play:
             passive.append(joint)
-    turn_joints(model, data, addresses, np.radians(turns_deg * factors), passive)
+    turn_joints(
+        model,
+        data,
+        addresses,
+        np.radians(turns_deg * factors),
+        passive,
+    )
     if model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         _stand(model, data, tilt_deg)
     qpos: Floats = data.qpos.copy()
@@ -237,7 +279,8 @@ def sensed_qpos(
 def pose_at(body: MujocoBody, goal: Goal) -> None:
     """Put a body that is drawn only at a goal."""
     if goal.angles_deg:
-        body.data.qpos[:] = sensed_qpos(body, dict(goal.angles_deg), (0.0, 0.0))
+        level = (0.0, 0.0)
+        body.data.qpos[:] = sensed_qpos(body, dict(goal.angles_deg), level)
     if goal.at_mm is not None:
         x_mm, y_mm = goal.at_mm
         body.put(Pose(x_mm / 1000, y_mm / 1000, goal.heading_deg))
@@ -260,7 +303,10 @@ def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, fl
     # Lowest corner of each bounding box: of its frame, only the row of heights counts.
     middle_m = model.geom_aabb[drawn, :3]  # [n, 3]
     half_m = model.geom_aabb[drawn, 3:]  # [n, 3]
-    heights = data.geom_xmat[drawn].reshape(-1, 3, 3)[:, 2]  # [n, 3]
-    centres_m = data.geom_xpos[drawn, 2] + (heights * middle_m).sum(1)
-    lowest_m = centres_m - (np.abs(heights) * half_m).sum(1)
+    frames = data.geom_xmat[drawn].reshape(-1, 3, 3)
+    heights = frames[:, 2]  # [n, 3]
+    raised_m = (heights * middle_m).sum(1)
+    centres_m = data.geom_xpos[drawn, 2] + raised_m
+    reach_m = (np.abs(heights) * half_m).sum(1)
+    lowest_m = centres_m - reach_m
     data.qpos[2] -= float(lowest_m.min())

@@ -31,7 +31,12 @@ class BenchTwin(BenchBody):
         physics: the present parameters.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics | None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene,
+        physics: Physics | RandomPhysics | None,
+    ) -> None:
         super().__init__(robot, scene.readings, scene.end_stops)
         self.physics = Physics()
         self._random_physics = physics if isinstance(physics, RandomPhysics) else None

@@ -58,7 +58,10 @@ class RunLog:
 
 
 def record(
-    link: HubLink, robot: Robot, interface: Interface, commands: Iterable[Sequence[float]]
+    link: HubLink,
+    robot: Robot,
+    interface: Interface,
+    commands: Iterable[Sequence[float]],
 ) -> RunLog:
     """Record a robot that carries out commands one by one. Raises HubError if the link failed.
 

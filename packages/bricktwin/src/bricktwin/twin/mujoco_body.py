@@ -100,7 +100,11 @@ class MujocoBody:
     """
 
     def __init__(
-        self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int
+        self,
+        robot: Robot,
+        scene: Scene,
+        physics: Physics | RandomPhysics,
+        seed: int,
     ) -> None:
         self.robot = robot
         self.scene = scene
@@ -195,12 +199,19 @@ class MujocoBody:
         """Set all parameters, those of the model too."""
         model = self.model
         self._use(physics)
-        set_physics(model, self._nominal, physics, [self], range(model.nbody))
+        set_physics(
+            model,
+            self._nominal,
+            physics,
+            [self],
+            range(model.nbody),
+        )
         # With less play than before, a joint may be beyond its limit, which would throw it back.
         for joint in self._backlash:
             play = model.jnt_range[joint, 1]
             address = model.jnt_qposadr[joint]
-            self._qpos[address] = min(max(self._qpos[address], -play), play)
+            angle = self._qpos[address]
+            self._qpos[address] = min(max(angle, -play), play)
 
     def coast(self) -> None:
         """Let all motors coast."""
@@ -220,7 +231,8 @@ class MujocoBody:
         self.record_stance()
         # The stance is kept, but a motor begins at 0, in the middle of its play.
         shaft_addresses = [address for address, _ in self._motors.shafts.values()]
-        self._qpos[self.model.jnt_qposadr[self._backlash]] = 0.0
+        play_addresses = self.model.jnt_qposadr[self._backlash]
+        self._qpos[play_addresses] = 0.0
         self._qpos[shaft_addresses] = 0.0
 
     def reset(self, rng: Rng) -> None:
@@ -252,14 +264,21 @@ class MujocoBody:
 
     def _reset_blocks(self, rng: Rng) -> None:
         """Put pushable blocks, and what a hand has moved, back to their start positions."""
-        self.data.mocap_pos[:] = self.model.body_pos[self.model.body_mocapid >= 0]
-        for address, block in zip(self._block_addresses, self.scene.pushable.values(), strict=True):
-            self._qpos[address : address + 7] = self.model.qpos0[address : address + 7]
-            if any(block.spread_mm):
-                shifts_m = [
-                    rng.uniform(-spread / 1000, spread / 1000) for spread in block.spread_mm
-                ]
-                self._qpos[address : address + 2] += shifts_m
+        model = self.model
+        is_moved_by_hand = model.body_mocapid >= 0
+        self.data.mocap_pos[:] = model.body_pos[is_moved_by_hand]
+        blocks = self.scene.pushable.values()
+        for address, block in zip(self._block_addresses, blocks, strict=True):
+            pose = slice(address, address + 7)
+            self._qpos[pose] = model.qpos0[pose]
+            # What has one place draws nothing.
+            if not any(block.spread_mm):
+                continue
+            shifts_m = []
+            for spread_mm in block.spread_mm:
+                spread_m = spread_mm / 1000
+                shifts_m.append(rng.uniform(-spread_m, spread_m))
+            self._qpos[address : address + 2] += shifts_m
 
     def _place(self, draw: Callable[[float, float], float]) -> None:
         """Place the robot on the floor, in front of the wall if there is one; ``draw`` chooses from
@@ -279,7 +298,9 @@ class MujocoBody:
         """Put the robot on the floor with its first ultrasonic sensor at this distance from the
         scene's wall."""
         self.put(Pose(0.0, 0.0, heading_deg))
-        face_m = self.model.body("wall").pos[0] - self.model.geom("wall").size[0]
+        middle_m = self.model.body("wall").pos[0]
+        half_thickness_m = self.model.geom("wall").size[0]
+        face_m = middle_m - half_thickness_m
         # A floating base reads its orientation from the positions, which `put` has set: no physics
         # has to run before the sensor's place is known.
         position_m, _ = next(iter(self._sensors.sonars.values()))
@@ -291,7 +312,8 @@ class MujocoBody:
         """Put the standing robot on the floor."""
         standing, height_m = self._stand()
         # A heading is clockwise, a rotation about the vertical counter-clockwise.
-        turn = np.array(yaw_quaternion(-math.radians(start.heading_deg)))
+        yaw = -math.radians(start.heading_deg)
+        turn = np.array(yaw_quaternion(yaw))
         quaternion = np.empty(4)
         mujoco.mju_mulQuat(quaternion, turn, standing)
         self._qpos[self.base_address : self.base_address + 7] = (
@@ -493,7 +515,8 @@ class MujocoBody:
             return sensors.world.ambient(eye_m, gaze)
         hue, saturation, value = sensors.world.surface(eye_m, gaze)
         noise_pct = self.physics.color_noise_pct * self._noise.standard_normal()
-        return hue, saturation, min(max(value + noise_pct, 0.0), 100.0)
+        reading_pct = min(max(value + noise_pct, 0.0), 100.0)
+        return hue, saturation, reading_pct
 
     def tilt_deg(self) -> tuple[float, float]:
         """Pitch (nose down positive) and roll (right side down positive) from the direction of "up"
@@ -505,7 +528,8 @@ class MujocoBody:
         bias = self._acceleration_bias_mm_s2 / _GRAVITY_MM_S2
         up = self._base.up(self._up) + bias
         up_x, up_y, up_z = up.tolist()
-        pitch_deg = math.degrees(math.atan2(-up_x, math.hypot(up_y, up_z)))
+        across = math.hypot(up_y, up_z)
+        pitch_deg = math.degrees(math.atan2(-up_x, across))
         roll_deg = math.degrees(math.atan2(up_y, up_z))
         noise_deg = self.physics.tilt_noise_deg * self._noise.standard_normal(2)
         pitch_noise_deg, roll_noise_deg = noise_deg.tolist()
@@ -569,8 +593,9 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData, robots: Sequence[MujocoBo
     places = []
     shafts = []
     for robot in robots:
-        coordinates = 2 if robot.moves else 0
-        places.append(slice(robot.base_address, robot.base_address + coordinates))
+        start = robot.base_address
+        end = start + 2 if robot.moves else start
+        places.append(slice(start, end))
         shafts += robot.shaft_dofs
     starts_m = [data.qpos[place].copy() for place in places]
 
@@ -628,7 +653,8 @@ def set_physics(
     """
     # Always from the nominal values: a second call must not multiply what the first one did. A
     # slope is a floor that stays level under a gravity that is aslant.
-    model.opt.gravity[:] = nominal.opt.gravity[2] * _up(physics)
+    downwards = nominal.opt.gravity[2]
+    model.opt.gravity[:] = downwards * _up(physics)
     model.geom_friction[:] = nominal.geom_friction * physics.friction_scale
     model.pair_friction[:] = nominal.pair_friction * physics.friction_scale
     model.body_mass[bodies] = nominal.body_mass[bodies] * physics.mass_scale
@@ -653,7 +679,8 @@ def set_physics(
             added_nm = (physics.motor_friction_scale - 1.0) * friction_nm
             model.dof_frictionloss[dof] = nominal.dof_frictionloss[dof] + added_nm
             # A faster motor has less back-EMF per speed, and the same torque at a standstill.
-            model.actuator_biasprm[actuator, 2] = nominal.actuator_biasprm[actuator, 2] / scale
+            drag = nominal.actuator_biasprm[actuator, 2]
+            model.actuator_biasprm[actuator, 2] = drag / scale
         if robot.moves:
             _add_side_load(model, nominal, robot.chassis, physics.side_load_g / 1000)
         elif physics.side_load_g:
@@ -672,7 +699,10 @@ def _up(physics: Physics) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 
 
 def _add_side_load(
-    model: mujoco.MjModel, nominal: mujoco.MjModel, body: int, load_kg: float
+    model: mujoco.MjModel,
+    nominal: mujoco.MjModel,
+    body: int,
+    load_kg: float,
 ) -> None:
     """Add a point mass at the side of a chassis: mass, centre of mass and inertia change (parallel
     axis theorem)."""
@@ -688,12 +718,15 @@ def _add_side_load(
     # Steiner's theorem for two masses: about their common centre, they count as one mass (the
     # reduced one) at their distance.
     reduced_kg = mass_kg * load_kg / (mass_kg + load_kg)
-    inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T  # in the body's axes
-    inertia += reduced_kg * (offset_m @ offset_m * np.eye(3) - np.outer(offset_m, offset_m))
+    principal = np.diag(model.body_inertia[body])
+    inertia = axes @ principal @ axes.T  # in the body's axes
+    square = offset_m @ offset_m
+    inertia += reduced_kg * (square * np.eye(3) - np.outer(offset_m, offset_m))
     # MuJoCo wants principal moments, and a rotation to their axes.
     moments, columns = np.linalg.eigh(inertia)
     columns[:, 0] *= np.linalg.det(columns)  # a rotation, not a mirror image
     mujoco.mju_mat2Quat(model.body_iquat[body], columns.ravel())
     model.body_inertia[body] = moments
-    model.body_ipos[body] = nominal.body_ipos[body] + offset_m * load_kg / (mass_kg + load_kg)
+    shift_m = offset_m * load_kg / (mass_kg + load_kg)
+    model.body_ipos[body] = nominal.body_ipos[body] + shift_m
     model.body_mass[body] = mass_kg + load_kg

@@ -121,7 +121,13 @@ class Field:
     round: bool = False
 
     def __post_init__(self) -> None:
-        _check(self.color, "a field", self.size_mm, 2, (self.at_mm, (self.heading_deg, 0.0)))
+        _check(
+            self.color,
+            "a field",
+            self.size_mm,
+            2,
+            (self.at_mm, (self.heading_deg, 0.0)),
+        )
 
     def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
         """Whether points ``[n, 2]`` are on it; ``[n]``."""
@@ -155,7 +161,13 @@ class Wall:
 
     def __post_init__(self) -> None:
         sizes = (self.height_mm, self.thickness_mm)
-        _check(self.color, "a wall", sizes, 2, (self.from_mm, self.to_mm))
+        _check(
+            self.color,
+            "a wall",
+            sizes,
+            2,
+            (self.from_mm, self.to_mm),
+        )
         if self.from_mm == self.to_mm:
             raise TwinError(f"scene: a wall from {self.from_mm} to the same point; give two")
 
@@ -221,7 +233,13 @@ class Ramp:
 
     def __post_init__(self) -> None:
         size = (self.length_mm, self.width_mm, self.height_mm)
-        _check(self.color, "a ramp", size, 3, (self.at_mm, (self.heading_deg, 0.0)))
+        _check(
+            self.color,
+            "a ramp",
+            size,
+            3,
+            (self.at_mm, (self.heading_deg, 0.0)),
+        )
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,11 @@ DRAWN_LINKS = (PROFILES["mac"], PROFILES["linux"])
 
 
 def _parameter(
-    default: float, unit: str, random_range: Range, allowed_range: Range, source: str
+    default: float,
+    unit: str,
+    random_range: Range,
+    allowed_range: Range,
+    source: str,
 ) -> Any:
     return dataclasses.field(
         default=default,
@@ -64,7 +68,12 @@ def _motor_scale() -> Any:
     return _parameter(1.0, "1", (0.85, 1.15), (0.1, 2.0), "LEGO's data sheets: speeds within 15 %")
 
 
-def _link_parameter(name: str, unit: str, allowed_range: Range, source: str) -> Any:
+def _link_parameter(
+    name: str,
+    unit: str,
+    allowed_range: Range,
+    source: str,
+) -> Any:
     """A number of the link's profile. Randomization draws one of ``DRAWN_LINKS``, with all its
     numbers."""
     drawn = [getattr(link, name) for link in DRAWN_LINKS]

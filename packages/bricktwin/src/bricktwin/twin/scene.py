@@ -106,7 +106,12 @@ class Scene:
         }
 
 
-def _check_range(name: str, bounds: tuple[float, float], lowest: float, highest: float) -> None:
+def _check_range(
+    name: str,
+    bounds: tuple[float, float],
+    lowest: float,
+    highest: float,
+) -> None:
     try:
         low, high = map(float, bounds)
     except (TypeError, ValueError):  # no pair of numbers

@@ -184,7 +184,12 @@ class FixedBase(_Base):
     All values are those that MuJoCo derived in its last step, one step behind the joints.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, imu: str) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        imu: str,
+    ) -> None:
         self._model = model
         self._data = data
         self._site = int(model.site(imu).id)
@@ -252,7 +257,12 @@ class WorldSenses:
         scene: scene with the objects.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        scene: Scene,
+    ) -> None:
         self._model = model
         self._data = data
         self._scene = scene

@@ -117,7 +117,11 @@ def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
 
 
 def _distance_inside(
-    first: Floats, second: Floats, third: Floats, normal: Floats, centre: Floats
+    first: Floats,
+    second: Floats,
+    third: Floats,
+    normal: Floats,
+    centre: Floats,
 ) -> Floats:
     """How far a point is inside of the nearest edge of each triangle, times that edge's length
     ``[n]``; negative outside. Corners and normals are ``[n, 3]``."""

@@ -84,7 +84,10 @@ class FittedPhysics:
 
 
 def replay(
-    log: RunLog, physics: Physics, robot: Robot | None = None, scene: Scene | None = None
+    log: RunLog,
+    physics: Physics,
+    robot: Robot | None = None,
+    scene: Scene | None = None,
 ) -> Vector:
     """Channels ``[n + 1, n_channels]`` of a noise-free twin that gets a log's commands at the same
     times, by default on a floor with the wall that the log shows. Raises UnknownNameError or
@@ -239,14 +242,25 @@ class _Search:
             best = self.refine(best, weak, _WIDE, _SHORT)
         return self.refine(best, strong, _NARROW, _SHORT) if strong else best
 
-    def scan(self, base: Physics, names: tuple[str, ...], seed: int) -> list[Physics]:
+    def scan(
+        self,
+        base: Physics,
+        names: tuple[str, ...],
+        seed: int,
+    ) -> list[Physics]:
         """The best of quasi-random points spread over all ranges."""
         points = qmc.Halton(len(names), rng=seed).random(_SCAN * len(names))
         candidates = [base, *(self._physics(base, names, point) for point in points)]
         best_first = sorted(candidates, key=self.error)
         return best_first[:_STARTS]
 
-    def refine(self, start: Physics, names: tuple[str, ...], width: float, replays: int) -> Physics:
+    def refine(
+        self,
+        start: Physics,
+        names: tuple[str, ...],
+        width: float,
+        replays: int,
+    ) -> Physics:
         """Local search with Nelder-Mead, without gradients, as these vanish in the rounding of the
         angles.
 
@@ -295,7 +309,12 @@ class _Search:
             rises[name] = sum(errors) / len(errors) / lowest - 1.0
         return rises
 
-    def _physics(self, base: Physics, names: tuple[str, ...], shares: Vector) -> Physics:
+    def _physics(
+        self,
+        base: Physics,
+        names: tuple[str, ...],
+        shares: Vector,
+    ) -> Physics:
         """Parameters at shares 0..1 of their search ranges."""
         values = {}
         for name, share in zip(names, shares, strict=True):

@@ -130,7 +130,12 @@ class _Frame:
 
     def add_masses(self, chassis: mujoco.MjsBody) -> None:
         """Add the masses of hub, motors, frame, ballast and caster."""
-        mjcf.add_box(chassis, self.hub, self.hub_size, self.hub_g / 1000)
+        mjcf.add_box(
+            chassis,
+            self.hub,
+            self.hub_size,
+            self.hub_g / 1000,
+        )
         for motor in self.robot.motors:
             size, mass_g = _motor_case(motor.kind)
             length, height, width = size
@@ -142,9 +147,19 @@ class _Frame:
             else:
                 # Where other motors are is unknown: above the hub, as an arm would be.
                 centre = (self.hub[0], 0.0, self.hub[2] + 30.0)
-            mjcf.add_box(chassis, centre, (length, width, height), mass_g / 1000)
+            mjcf.add_box(
+                chassis,
+                centre,
+                (length, width, height),
+                mass_g / 1000,
+            )
         frame_kg = _FRAME_KG + self.robot.chassis.ballast_g / 1000
-        mjcf.add_box(chassis, (self.hub[0], 0.0, self.top), _FRAME_MM, frame_kg)
+        mjcf.add_box(
+            chassis,
+            (self.hub[0], 0.0, self.top),
+            _FRAME_MM,
+            frame_kg,
+        )
         x, y = self.robot.chassis.caster_mm
         height_mm = _CASTER_RADIUS_MM - self.axle
         centre_m = (x / 1000, y / 1000, height_mm / 1000)
@@ -161,7 +176,12 @@ class _Frame:
         drives forward."""
         hub_m = (0.0, side * self.half_track / 1000, 0.0)
         rotor = mjcf.add_rotor(spec, chassis, motor, hub_m, gear=motor.shaft_turns)
-        wheel = mjcf.add_driven(rotor, f"wheel_{motor.port}", motor.port, (0.0, 1.0, 0.0))
+        wheel = mjcf.add_driven(
+            rotor,
+            f"wheel_{motor.port}",
+            motor.port,
+            (0.0, 1.0, 0.0),
+        )
         size_m = (self.axle / 1000, _TYRE_WIDTH_MM / 2000, self.axle / 1000)
         mass_kg = _WHEEL_KG * (2 * self.axle / _WHEEL_MM) ** 2
         mjcf.add_tyre(wheel, f"tyre_{motor.port}", size_m, mass_kg)
@@ -226,7 +246,12 @@ def _hub(kind: AnyHub, size: Triple) -> Piece:
         return _DRAWINGS[kind.value]()
     length, width, height = size
     lower = box(length, width, height * 0.6, radius=2.0)
-    upper = box(length - 2, width - 2, height * 0.4, radius=2.0)
+    upper = box(
+        length - 2,
+        width - 2,
+        height * 0.4,
+        radius=2.0,
+    )
     button = cylinder(6.0, 2.0, bevel=0.6)
     return piece(
         dark_grey=lower.at(0, 0, -height * 0.2),

@@ -55,7 +55,13 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     for motor in robot.motors:
         joint = _named(hinges, motor.name, "hinge", path, robot)
         joint.name = f"motor_{motor.port}"
-        mjcf.add_motor(spec, joint, motor.port, motor.kind, gear=motor.shaft_turns)
+        mjcf.add_motor(
+            spec,
+            joint,
+            motor.port,
+            motor.kind,
+            gear=motor.shaft_turns,
+        )
     for sensor in robot.sensors:
         site = _named(spec.sites, sensor.name, "site", path, robot)
         _require_first(site, base, path)

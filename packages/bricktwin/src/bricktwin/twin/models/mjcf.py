@@ -180,7 +180,12 @@ def add_rotor(
 
 
 def add_driven(
-    rotor: mujoco.MjsBody, name: str, port: str, axis: Triple, *, is_heavy: bool = False
+    rotor: mujoco.MjsBody,
+    name: str,
+    port: str,
+    axis: Triple,
+    *,
+    is_heavy: bool = False,
 ) -> mujoco.MjsBody:
     """Add a body to a rotor, with backlash; that of a heavy body is softer and more damped."""
     is_turntable = is_heavy and abs(axis[2]) > 0.9
@@ -519,7 +524,12 @@ def add_colours(spec: mujoco.MjSpec) -> None:
         )
 
 
-def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Piece], name: str = "") -> None:
+def draw(
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    parts: Sequence[Piece],
+    name: str = "",
+) -> None:
     """Draw parts, given in millimetres in the body's frame: one mesh per colour, without mass or
     contact.
 

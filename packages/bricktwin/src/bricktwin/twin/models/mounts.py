@@ -85,7 +85,10 @@ def site_name(sensor: Sensor) -> str:
 
 
 def mount_sensor(
-    spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, axle_m: float
+    spec: mujoco.MjSpec,
+    chassis: mujoco.MjsBody,
+    sensor: Sensor,
+    axle_m: float,
 ) -> Piece:
     """Add a sensor's site, mass and button to a chassis with its origin at ``axle_m`` height;
     returns the drawn part (mm)."""

@@ -90,7 +90,12 @@ class _Builder:
     """Builder of a model."""
 
     def __init__(
-        self, spec: mujoco.MjSpec, robot: Robot, planned: PlannedRobot, *, holds_ball: bool
+        self,
+        spec: mujoco.MjSpec,
+        robot: Robot,
+        planned: PlannedRobot,
+        *,
+        holds_ball: bool,
     ) -> None:
         self.spec = spec
         self.robot = robot
@@ -110,7 +115,8 @@ class _Builder:
                 f"{planned.plan.path} has no hub that is connected to the robot; add one"
             )
         self.hub, self.hub_body = self.mounted[None]
-        self.hub_m = point_m_of(self.hub.point(self.hub.electric.plug))
+        plug = self.hub.electric.plug
+        self.hub_m = point_m_of(self.hub.point(plug))
         driving_ports = {drive.port for drive in self.articulation.drives}
         for port in sorted(self.motors.keys() - driving_ports):
             placed = planned.device(port)
@@ -178,7 +184,8 @@ class _Builder:
         casters = {wheel.part for wheel, _, _ in self.casters}
         tyres: list[Wheel] = []
         # The largest first: a rim is then within the tyre around it.
-        for wheel in sorted(self.articulation.wheels, key=lambda wheel: -wheel.diameter_mm):
+        by_size = sorted(self.articulation.wheels, key=lambda wheel: -wheel.diameter_mm)
+        for wheel in by_size:
             is_inner = any(_is_around(tyre, wheel) for tyre in tyres)
             if not is_inner and wheel.part not in casters:
                 tyres.append(wheel)
@@ -186,9 +193,13 @@ class _Builder:
 
     def _lowest_m(self) -> float:
         """Height of the robot's lowest point in the plan."""
-        lowest_m = [float(wheel.centre_m[2]) - wheel.diameter_mm / 2000 for wheel in self.tyres]
-        lowest_m += [float(foot.start_m[2]) - foot.radius_m for foot in self.feet]
-        lowest_m += [float(centre_m[2]) - radius_m for _, centre_m, radius_m in self.casters]
+        lowest_m: list[float] = []
+        for wheel in self.tyres:
+            radius_m = wheel.diameter_mm / 2000
+            lowest_m.append(float(wheel.centre_m[2]) - radius_m)
+        lowest_m.extend(foot.lowest_m for foot in self.feet)
+        for _, centre_m, radius_m in self.casters:
+            lowest_m.append(float(centre_m[2]) - radius_m)
         if self.articulation.is_fixed or not lowest_m:
             # It stands on whatever part is lowest.
             for body in self.articulation.bodies:
@@ -200,7 +211,9 @@ class _Builder:
 
     def _subtree_kg(self) -> dict[int, float]:
         """Mass of each body with all its descendants, kg."""
-        mass = {number: body.mass_kg for number, body in enumerate(self.articulation.bodies)}
+        mass: dict[int, float] = {}
+        for number, body in enumerate(self.articulation.bodies):
+            mass[number] = body.mass_kg
         # From the leaves to the root: a child has all of its mass before its parent counts it.
         for joint in reversed(self.articulation.joints):
             mass[joint.parent] += mass[joint.child]
@@ -208,8 +221,11 @@ class _Builder:
 
     def _ports(self) -> dict[int, str]:
         """Port of the motor that moves each body."""
-        ports = {drive.joint.child: drive.port for drive in self.articulation.drives}
-        ports |= {geared.joint.child: geared.port for geared in self.articulation.geared}
+        ports: dict[int, str] = {}
+        for drive in self.articulation.drives:
+            ports[drive.joint.child] = drive.port
+        for geared in self.articulation.geared:
+            ports[geared.joint.child] = geared.port
         # What swings on a driven body is named after its motor too, the nearest bodies first.
         for joint in sorted(self.articulation.swings, key=lambda joint: joint.child):
             if joint.parent in ports:
@@ -230,11 +246,15 @@ class _Builder:
         body.ipos = self._local(number, link.centre_m)
         # MuJoCo's order: the diagonal, then xy, xz and yz.
         xx, yy, zz = np.diag(inertia)
-        body.fullinertia = [xx, yy, zz, inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+        xy = inertia[0, 1]
+        xz = inertia[0, 2]
+        yz = inertia[1, 2]
+        body.fullinertia = [xx, yy, zz, xy, xz, yz]
 
     def _add_base(self) -> None:
         """Add the root body: free, or fixed to the floor."""
-        height_m = float(self.origins[0][2]) - self._lowest_m()
+        origin_m = self.origins[0]
+        height_m = float(origin_m[2]) - self._lowest_m()
         name = "base" if self.articulation.is_fixed else "chassis"
         body = self.spec.worldbody.add_body(name=name, pos=[0.0, 0.0, height_m])
         if not self.articulation.is_fixed:
@@ -261,7 +281,8 @@ class _Builder:
         # The plan's configuration has the plan's angle; the joint counts as the motor does.
         start_deg = self._start_deg(motor)
         turned_deg = start_deg - self.planned.device(port).angle_deg
-        rotor.quat = mjcf.quaternion(joint.axis, math.radians(turned_deg) / drive.gear)
+        angle = math.radians(turned_deg) / drive.gear
+        rotor.quat = mjcf.quaternion(joint.axis, angle)
         rotor.mass = _ROTOR_KG
         rotor.inertia = [_ROTOR_KG_M2] * 3
         is_heavy = self.subtree_kg[joint.child] > _HEAVY_KG
@@ -270,7 +291,13 @@ class _Builder:
         shaft.ref = math.radians(start_deg) / drive.gear
         shaft.armature += drive.armature
         self._limit(shaft, motor, drive.gear)
-        body = mjcf.add_driven(rotor, f"driven_{port}", port, (x, y, z), is_heavy=is_heavy)
+        body = mjcf.add_driven(
+            rotor,
+            f"driven_{port}",
+            port,
+            (x, y, z),
+            is_heavy=is_heavy,
+        )
         self._register(joint, body)
 
     def _add_passive(self, joint: Hinge) -> None:
@@ -280,7 +307,9 @@ class _Builder:
             name=f"part_{joint.child}",
             pos=self._local(joint.parent, joint.point_m),
         )
-        kind = mujoco.mjtJoint.mjJNT_BALL if joint.is_ball else mujoco.mjtJoint.mjJNT_HINGE
+        kind = mujoco.mjtJoint.mjJNT_HINGE
+        if joint.is_ball:
+            kind = mujoco.mjtJoint.mjJNT_BALL
         body.add_joint(
             name=f"turn_{joint.child}",
             type=kind,
@@ -305,7 +334,12 @@ class _Builder:
             return self.planned.device(motor.port).angle_deg
         return sum(ends) / 2
 
-    def _limit(self, shaft: mujoco.MjsJoint, motor: Motor, gear: float) -> None:
+    def _limit(
+        self,
+        shaft: mujoco.MjsJoint,
+        motor: Motor,
+        gear: float,
+    ) -> None:
         """Set the end stops of a motor: where parts of the robot collide; with a range, at most a
         little beyond it."""
         if motor.end_stops_deg is not None:
@@ -334,23 +368,40 @@ class _Builder:
                 continue
             joint = geared.joint
             port = geared.port
-            add_coupling(self.spec, geared, f"geared_{joint.child}", f"turn_{joint.child}")
+            add_coupling(
+                self.spec,
+                geared,
+                f"geared_{joint.child}",
+                f"turn_{joint.child}",
+            )
             # Its start angle relative to the plan follows from the motor's.
             drive = next(drive for drive in self.articulation.drives if drive.port == port)
-            turned_deg = self._start_deg(self.motors[port]) - self.planned.device(port).angle_deg
+            start_deg = self._start_deg(self.motors[port])
+            turned_deg = start_deg - self.planned.device(port).angle_deg
             angle = geared.ratio * math.radians(turned_deg) / drive.gear
-            self.bodies[joint.child].quat = mjcf.quaternion(joint.axis, angle)
+            body = self.bodies[joint.child]
+            body.quat = mjcf.quaternion(joint.axis, angle)
 
     def _add_rods(self) -> None:
         """Add all rods, named after the port of a motor at one of their ends."""
         for number, rod in enumerate(self.articulation.rods):
-            near = (self.bodies[rod.near], self._local(rod.near, rod.near_m))
-            far = (self.bodies[rod.far], self._local(rod.far, rod.far_m))
-            name = self.ports.get(rod.far) or self.ports.get(rod.near) or str(number)
-            body = add_rod(self.spec, name, near, far)
+            near_m = self._local(rod.near, rod.near_m)
+            far_m = self._local(rod.far, rod.far_m)
+            port = self.ports.get(rod.far) or self.ports.get(rod.near)
+            body = add_rod(
+                self.spec,
+                name=port or str(number),
+                near=(self.bodies[rod.near], near_m),
+                far=(self.bodies[rod.far], far_m),
+            )
             # The body's axes are those into which `TurningParts` turns it.
             axes = _axes_along(rod.far_m - rod.near_m)
-            looks = looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)
+            looks = looks_of(
+                self.planned.plan,
+                rod.parts,
+                rod.near_m,
+                axes=axes,
+            )
             mjcf.draw(self.spec, body, [looks])
 
     def _add_shapes(self) -> None:
@@ -360,20 +411,29 @@ class _Builder:
         for number, (wheel, centre_m, radius_m) in enumerate(self.casters):
             name = "caster" if number == 0 else f"caster_{number}"
             local_m = self._local(wheel.link, centre_m)
-            mjcf.add_caster(self.bodies[wheel.link], name, local_m, radius_m)
+            mjcf.add_caster(
+                self.bodies[wheel.link],
+                name,
+                local_m,
+                radius_m,
+            )
         for number, foot in enumerate(self.feet):
             start_m = self._local(foot.body, foot.start_m)
             end_m = self._local(foot.body, foot.end_m)
+            port = self.ports.get(foot.body, number)
             self.bodies[foot.body].add_geom(
-                name=self._free_name(f"foot_{self.ports.get(foot.body, number)}"),
+                name=self._free_name(f"foot_{port}"),
                 type=mujoco.mjtGeom.mjGEOM_CAPSULE,
                 fromto=[*start_m, *end_m],
                 size=[foot.radius_m, 0, 0],
                 **mjcf.contact_attributes(_PLASTIC_FRICTION),
             )
         # What touches the floor has a shape of its own; a hull around it would touch beside it.
-        touching = {foot.body for foot in self.feet} | {wheel.link for wheel in self.tyres}
-        for number in sorted(self.bodies.keys() - touching | {0}):
+        # The chassis has a hull whatever it rolls on.
+        touching = {foot.body for foot in self.feet}
+        touching.update(wheel.link for wheel in self.tyres)
+        touching.discard(0)
+        for number in sorted(self.bodies.keys() - touching):
             self._add_hull(number)
 
     def _add_tyre(self, wheel: Wheel) -> None:
@@ -381,13 +441,16 @@ class _Builder:
         placed = self.planned.plan.parts[wheel.part]
         low, high = placed.part.bounds
         radius_m = wheel.diameter_mm / 2000
-        half_width_m = float(high[2] - low[2]) / 2 * M_PER_LDU
+        width_ldu = float(high[2] - low[2])
+        half_width_m = width_ldu / 2 * M_PER_LDU
         # A wheel of the parts library turns about its z axis.
+        axis = TO_TWIN @ placed.rotation[:, 2]
         quaternion = np.empty(4)
-        mujoco.mju_quatZ2Vec(quaternion, TO_TWIN @ placed.rotation[:, 2])
+        mujoco.mju_quatZ2Vec(quaternion, axis)
+        port = self.ports.get(wheel.link, wheel.part)
         mjcf.add_tyre(
             self.bodies[wheel.link],
-            self._free_name(f"tyre_{self.ports.get(wheel.link, wheel.part)}"),
+            self._free_name(f"tyre_{port}"),
             (radius_m, radius_m, half_width_m),
             at_m=self._local(wheel.link, wheel.centre_m),
             turn=quaternion,
@@ -445,7 +508,8 @@ class _Builder:
                 "say needs_imu=False"
             )
         axes = TO_TWIN @ self.hub.rotation @ TO_TWIN.T
-        add_hub_site(self.bodies[self.hub_body], axes, self._local(self.hub_body, self.hub_m))
+        at_m = self._local(self.hub_body, self.hub_m)
+        add_hub_site(self.bodies[self.hub_body], axes, at_m)
         base = self.bodies[0]
         for sensor in self.robot.sensors:
             placed, number = self.mounted.get(sensor.port, (None, 0))
@@ -458,10 +522,20 @@ class _Builder:
                     f"there is no place for '{sensor.name}' in {self.planned.plan.path}; add it "
                     "there or give a mount"
                 )
-            part = mount_sensor(self.spec, base, sensor, float(base.pos[2]))
+            part = mount_sensor(
+                self.spec,
+                base,
+                sensor,
+                float(base.pos[2]),
+            )
             self.mounted_parts.append(part)
 
-    def _add_sensor(self, sensor: Sensor, placed: Placed, body: int) -> None:
+    def _add_sensor(
+        self,
+        sensor: Sensor,
+        placed: Placed,
+        body: int,
+    ) -> None:
         """Add the site of a sensor in the plan, at the end of its case to which it looks."""
         if body != 0:
             raise TwinError(
@@ -487,7 +561,8 @@ class _Builder:
         for placed in self.planned.plan.parts:
             if placed.ball is not None:
                 body = self.articulation.body_of(placed.index) or 0
-                centre_m = TO_TWIN @ placed.point(placed.ball) * MM_PER_LDU / 1000
+                centre_ldu = TO_TWIN @ placed.point(placed.ball)
+                centre_m = centre_ldu * MM_PER_LDU / 1000
                 mjcf.add_ball(self.bodies[body], self._local(body, centre_m))
                 return
 
@@ -502,14 +577,21 @@ class _Builder:
             parts = tuple(
                 part for part in self.articulation.bodies[number].parts if part not in drawn_apart
             )
-            looks = looks_of(plan, parts, self.origins[number], shafts=self._shafts_of(number))
+            looks = looks_of(
+                plan,
+                parts,
+                self.origins[number],
+                shafts=self._shafts_of(number),
+            )
             cables = cables_of(plan, parts, self.origins[number])
             mounted = self.mounted_parts if number == 0 else []
             mjcf.draw(self.spec, body, [looks, *cables, *mounted])
         for number, follower in enumerate(self.articulation.followers):
             at_m = self._local(follower.body, follower.point_m)
-            body = add_spinner(self.bodies[follower.body], number, follower, at_m)
-            mjcf.draw(self.spec, body, [looks_of(plan, follower.parts, follower.point_m)])
+            carrier = self.bodies[follower.body]
+            body = add_spinner(carrier, number, follower, at_m)
+            looks = looks_of(plan, follower.parts, follower.point_m)
+            mjcf.draw(self.spec, body, [looks])
         self._add_cameras()
 
     def _shafts_of(self, body: int) -> tuple[int, ...]:
@@ -524,7 +606,8 @@ class _Builder:
         ]
         extent = np.ptp(np.concatenate(corners), axis=0)  # [3], LDU
         size_m = float(np.linalg.norm(extent)) * MM_PER_LDU / 1000
-        x_m, y_m, z_m = (self.articulation.bodies[0].centre_m - self.origins[0]).tolist()
+        first = self.articulation.bodies[0]
+        x_m, y_m, z_m = self._local(0, first.centre_m)
         if self.articulation.is_fixed:
             # What moves of an arm is above its base.
             parent = self.spec.worldbody
@@ -533,8 +616,20 @@ class _Builder:
             parent = self.bodies[0]
             target = (x_m, y_m, z_m)
         mjcf.add_light(parent)
-        mjcf.add_camera(parent, "chase", target, (-0.62, -0.62, 0.55), 1.6 * size_m)
-        mjcf.add_camera(parent, "portrait", target, (0.75, -0.55, 0.42), 1.55 * size_m)
+        mjcf.add_camera(
+            parent,
+            "chase",
+            target,
+            (-0.62, -0.62, 0.55),
+            1.6 * size_m,
+        )
+        mjcf.add_camera(
+            parent,
+            "portrait",
+            target,
+            (0.75, -0.55, 0.42),
+            1.55 * size_m,
+        )
         if self.articulation.is_fixed:
             mjcf.add_webcam(parent)
 
@@ -552,8 +647,10 @@ def _facing(looks: Floats) -> list[float]:
     # Backwards no rotation is the shortest: half a turn about the vertical.
     if 1.0 + looks[0] < 1e-6:
         return [0.0, 0.0, 0.0, 1.0]
-    turn = np.array([1.0 + looks[0], 0.0, -looks[2], looks[1]])
-    return [float(value) for value in turn / np.linalg.norm(turn)]
+    x, y, z = looks
+    turn = np.array([1.0 + x, 0.0, -z, y])
+    turn /= np.linalg.norm(turn)
+    return [float(value) for value in turn]
 
 
 def _axes_along(direction: Floats) -> Floats:
@@ -610,17 +707,21 @@ class _Cylinder(NamedTuple):
 
     def is_in_line_with(self, other: "_Cylinder") -> bool:
         """Whether both have one axis."""
-        across_m = np.linalg.norm(np.cross(self.centre_m - other.centre_m, other.axis))
-        return bool(across_m < _SAME_AXIS_M and abs(float(self.axis @ other.axis)) > 0.99)
+        offset_m = self.centre_m - other.centre_m
+        across_m = np.linalg.norm(np.cross(offset_m, other.axis))
+        cosine = float(self.axis @ other.axis)
+        return bool(across_m < _SAME_AXIS_M and abs(cosine) > 0.99)
 
 
 def _cylinders(placed: Placed) -> Iterator[_Cylinder]:
     """Each horizontal cylinder of a part: a leg stands on the sides of its beam's round ends."""
     for solid in placed.part.solids:
         axis = TO_TWIN @ placed.rotation @ np.array(solid.axes[2])
-        if solid.form is Form.CYLINDER and abs(float(axis[2])) < 0.1:
+        is_level = abs(float(axis[2])) < 0.1
+        if solid.form is Form.CYLINDER and is_level:
+            centres_m = _in_twin(placed, np.array([solid.centre]))
             yield _Cylinder(
-                centre_m=_in_twin(placed, np.array([solid.centre]))[0],
+                centre_m=centres_m[0],
                 axis=axis,
                 half_length_m=solid.half[2] * M_PER_LDU,
                 radius_m=solid.half[0] * M_PER_LDU,
@@ -636,7 +737,8 @@ def _lower_end(body: int, cylinders: list[_Cylinder]) -> _Foot:
             continue
         for sign in (-1.0, 1.0):
             end_m = cylinder.centre_m + lowest.axis * sign * cylinder.half_length_m
-            along_m.append(float((end_m - lowest.centre_m) @ lowest.axis))
+            offset_m = end_m - lowest.centre_m
+            along_m.append(float(offset_m @ lowest.axis))
     return _Foot(
         body,
         start_m=lowest.centre_m + lowest.axis * min(along_m),
@@ -652,9 +754,10 @@ def _casters(planned: PlannedRobot) -> list[tuple[Wheel, Floats, float]]:
         placed = planned.plan.parts[wheel.part]
         balls = [solid for solid in placed.part.solids if solid.form is Form.BALL]
         if balls:
-            centre_m = _in_twin(placed, np.array([balls[0].centre]))[0]
-            radius_m = balls[0].half[0] * M_PER_LDU
-            casters.append((wheel, centre_m, radius_m))
+            ball = balls[0]
+            centres_m = _in_twin(placed, np.array([ball.centre]))
+            radius_m = ball.half[0] * M_PER_LDU
+            casters.append((wheel, centres_m[0], radius_m))
     return casters
 
 

@@ -64,7 +64,10 @@ def add_rod(
 
 
 def add_spinner(
-    body: mujoco.MjsBody, number: int, follower: Follower, at_m: Triple
+    body: mujoco.MjsBody,
+    number: int,
+    follower: Follower,
+    at_m: Triple,
 ) -> mujoco.MjsBody:
     """Add a body that turns with a motor, to draw on."""
     # What turns it is the port in its name, and by how much its user data: both survive in a kept
@@ -78,7 +81,12 @@ def add_spinner(
     )
 
 
-def add_coupling(spec: mujoco.MjSpec, geared: Geared, name: str, joint: str) -> None:
+def add_coupling(
+    spec: mujoco.MjSpec,
+    geared: Geared,
+    name: str,
+    joint: str,
+) -> None:
     """Couple a joint to that of the motor that it is geared to."""
     constraint = spec.add_equality(
         name=name,

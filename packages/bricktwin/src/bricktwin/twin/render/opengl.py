@@ -139,7 +139,12 @@ class MovingParts:
         return whole_px
 
 
-def aim(scene: mujoco.MjvScene, box: Box, width: int, height: int) -> None:
+def aim(
+    scene: mujoco.MjvScene,
+    box: Box,
+    width: int,
+    height: int,
+) -> None:
     """Narrow the view of the scene's camera to a part of its image of ``width`` x ``height`` px."""
     for camera in scene.camera:
         top = camera.frustum_top
@@ -296,7 +301,12 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = has_sky
         if self._decorate is not None:
             self._decorate(self._scene)
-        aim(self._scene, box, self._whole.width, self._whole.height)
+        aim(
+            self._scene,
+            box,
+            self._whole.width,
+            self._whole.height,
+        )
         viewport = mujoco.MjrRect(0, 0, box.width, box.height)
         pixels = np.empty((box.height, box.width, 3), np.uint8)
         depth = np.empty((box.height, box.width), np.float32)

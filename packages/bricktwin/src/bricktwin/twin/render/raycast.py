@@ -102,7 +102,17 @@ class RayCaster:
         # One at a time: the function for many rays misses geometries that do not collide (MuJoCo
         # 4.0.0).
         for ray, geom, normal in zip(rays, hits, normals, strict=True):
-            mujoco.mj_ray(model, data, eye, ray, _DRAWN_GROUPS, True, -1, geom, normal)
+            mujoco.mj_ray(
+                model,
+                data,
+                eye,
+                ray,
+                _DRAWN_GROUPS,
+                True,
+                -1,
+                geom,
+                normal,
+            )
         return hits[:, 0], normals
 
     def _shade(
@@ -133,7 +143,12 @@ class RayCaster:
         return shaded
 
 
-def _camera_rays(width: int, height: int, spot_px: int, fovy: float) -> NDArray[np.float64]:
+def _camera_rays(
+    width: int,
+    height: int,
+    spot_px: int,
+    fovy: float,
+) -> NDArray[np.float64]:
     """Directions of the rays through the middle of each square ``[rows, columns, 3]``, in the frame
     of a camera with this vertical field of view (rad): x to the right, y up, z back."""
     focal_px = height / 2 / math.tan(fovy / 2)

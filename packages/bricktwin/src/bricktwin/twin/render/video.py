@@ -45,7 +45,10 @@ def _font(size_px: int, bold: bool) -> ImageFont.FreeTypeFont:
 
 
 def captioned(
-    image: Pixels, title: str, line: str, labels: Iterable[tuple[int, int, str]] = ()
+    image: Pixels,
+    title: str,
+    line: str,
+    labels: Iterable[tuple[int, int, str]] = (),
 ) -> Pixels:
     """The image ``[height, width, 3]`` with title and line in its upper left corner, and labels
     (column, row, text)."""
@@ -86,7 +89,12 @@ def _write(
     picture.paste(_BACKGROUND, (margin, margin, margin + width, margin + height), mask)
     top = 2.0 * margin
     for text, font in lines:
-        pen.text((2 * margin, top), text, _INK, font)
+        pen.text(
+            (2 * margin, top),
+            text,
+            _INK,
+            font,
+        )
         top += font.size + gap
 
 
@@ -170,15 +178,35 @@ class Room:
         middle = round(float(self._target[0]))
         half_height = _HEIGHT_M / 2
         half_skirting = _SKIRTING_M / 2
-        _box(scene, (middle, _BACK_M + 0.01, half_height), (6.0, 0.01, half_height), _WALL)
-        _box(scene, (middle, _BACK_M - 0.008, half_skirting), (6.0, 0.008, half_skirting), _BOARD)
+        _box(
+            scene,
+            (middle, _BACK_M + 0.01, half_height),
+            (6.0, 0.01, half_height),
+            _WALL,
+        )
+        _box(
+            scene,
+            (middle, _BACK_M - 0.008, half_skirting),
+            (6.0, 0.008, half_skirting),
+            _BOARD,
+        )
         # Lines across the robot's way end at the wall.
         line_middle = _BACK_M / 2 - 1.0
         half_line = _BACK_M / 2 + 1.0
         for metre in range(middle - 3, middle + 4):
-            _box(scene, (metre, line_middle, 0.0), (0.003, half_line, _PAINT_M), _LINE)
+            _box(
+                scene,
+                (metre, line_middle, 0.0),
+                (0.003, half_line, _PAINT_M),
+                _LINE,
+            )
         for metre in range(-2, 2):
-            _box(scene, (middle, metre, 0.0), (6.0, 0.003, _PAINT_M), _LINE)
+            _box(
+                scene,
+                (middle, metre, 0.0),
+                (6.0, 0.003, _PAINT_M),
+                _LINE,
+            )
         if self._ghost is not None:
             self._add_ghost(scene, self._ghost)
 
@@ -213,7 +241,10 @@ class Room:
         return marks
 
     def _project(
-        self, point: NDArray[np.float64], width: int, height: int
+        self,
+        point: NDArray[np.float64],
+        width: int,
+        height: int,
     ) -> tuple[int, int] | None:
         """Column and row of a point [3] in the image; ``None`` if it is behind the camera."""
         azimuth = math.radians(self.camera.azimuth)
