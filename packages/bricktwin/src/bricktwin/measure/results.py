@@ -115,9 +115,11 @@ def _link(rows: Iterable[Row]) -> dict[str, float]:
     """Numbers of the link's delays."""
     delays_ms = []
     for before, row in pairwise(rows):
-        if row.time_ms - before.time_ms < PAUSE_MS + row.delay_ms:
+        passed_ms = row.time_ms - before.time_ms
+        if passed_ms < PAUSE_MS + row.delay_ms:
             delays_ms.append(row.delay_ms)
-    median_ms, most_ms, nearly_all_ms = np.percentile(delays_ms, (50, 95, 99.9)).tolist()
+    percentiles_ms = np.percentile(delays_ms, (50, 95, 99.9))
+    median_ms, most_ms, nearly_all_ms = percentiles_ms.tolist()
     late_share = float(np.mean(np.array(delays_ms) > LATE_MS))
     return {
         "link, median": median_ms,
@@ -209,12 +211,15 @@ def _inertial(rows: Iterable[Row]) -> dict[str, float]:
     pitch_noise_deg = pitch_deg[is_rest].std()
     roll_noise_deg = roll_deg[is_rest].std()
     tilt_noise_deg = np.hypot(pitch_noise_deg, roll_noise_deg) / math.sqrt(2.0)
+    # Of the two places, half a turn apart, the table's tilt cancels out.
+    pitch_sum_deg = pitch_deg[is_rest].mean() + pitch_deg[is_turned].mean()
+    roll_sum_deg = roll_deg[is_rest].mean() + roll_deg[is_turned].mean()
     return {
         "gyroscope, scale error": 100.0 * (turn_deg / TURNED_DEG - 1.0),
         "gyroscope, drift": drift_deg_min,
         "gyroscope, noise": float(rate_deg_s[is_rest].std()),
-        "pitch at rest": float(pitch_deg[is_rest].mean() + pitch_deg[is_turned].mean()) / 2,
-        "roll at rest": float(roll_deg[is_rest].mean() + roll_deg[is_turned].mean()) / 2,
+        "pitch at rest": float(pitch_sum_deg) / 2,
+        "roll at rest": float(roll_sum_deg) / 2,
         "tilt, noise": float(tilt_noise_deg),
     }
 
@@ -237,14 +242,16 @@ class Comparison:
     def at(self, quantity: Quantity, value: float) -> float:
         """The number of a twin whose parameter has this value."""
         base: float = getattr(self.base, quantity.parameter)
-        return self.twin[quantity.name] + self._factor(quantity) * (value - base)
+        change = self._factor(quantity) * (value - base)
+        return self.twin[quantity.name] + change
 
     def scale(self, quantity: Quantity) -> tuple[float, float, float]:
         """Lowest, nominal and highest number of the twins that are drawn."""
         parameter = PARAMETERS[quantity.parameter]
         # Where a factor is negative, the lowest number has the highest parameter.
         low, high = sorted(self.at(quantity, end) for end in parameter.random_range)
-        nominal = self.at(quantity, getattr(Physics(), quantity.parameter))
+        default = getattr(Physics(), quantity.parameter)
+        nominal = self.at(quantity, default)
         return low, nominal, high
 
     def _factor(self, quantity: Quantity) -> float:
@@ -264,7 +271,8 @@ class Comparison:
             if not parameter or name not in self.robot or name not in self.twin:
                 continue
             difference = self.robot[name] - self.twin[name]
-            value = getattr(self.base, parameter) + difference / self._factor(quantity)
+            change = difference / self._factor(quantity)
+            value = getattr(self.base, parameter) + change
             values.setdefault(parameter, []).append(value)
         fitted = {}
         for parameter, estimates in values.items():

@@ -170,7 +170,7 @@ def _add_robot(
 
     child = load_model(contestant.robot, OPEN_FLOOR, alone=False)
     chassis = child.body("chassis")
-    joints = [] if chassis is None else chassis.joints
+    joints: list[mujoco.MjsJoint] = [] if chassis is None else chassis.joints
     if not joints or joints[0].type != mujoco.mjtJoint.mjJNT_FREE:
         raise TwinError(
             f"robot '{contestant.robot.name}' stands on a fixed base; an arena is for robots "
@@ -212,7 +212,8 @@ def _add_walls(world: mujoco.MjsBody, half_x_m: float, half_y_m: float) -> None:
 
 def _add_load(world: mujoco.MjsBody, load: Load) -> None:
     """Add a box that robots can push; where it lies is drawn at each start."""
-    body = world.add_body(name=load.name, pos=[0.0, 0.0, load.half_size_m[2]])
+    half_height_m = load.half_size_m[2]
+    body = world.add_body(name=load.name, pos=[0.0, 0.0, half_height_m])
     body.add_freejoint(name=load.name)
     half = list(load.half_size_m)
     # Above the priority of tyres: their friction is not that of a box on the floor.
@@ -264,10 +265,16 @@ class ArenaWorld:
         for contestant, noise_seed in zip(arena.robots, seeds, strict=True):
             self.bodies.append(ArenaBody(self, contestant, physics, noise_seed))
         # Loads are what their description says, whatever the physics of the robots.
-        loads = [int(self.model.body(load.name).id) for load in arena.loads]
-        scaled = [body for body in range(self.model.nbody) if body not in loads]
-        set_physics(self.model, self._nominal, physics, self.bodies, scaled)
-        self._loads = [int(self.model.joint(load.name).qposadr[0]) for load in arena.loads]
+        model = self.model
+        loads: list[int] = []
+        self._loads: list[int] = []
+        """Address of the first position of each load."""
+        for load in arena.loads:
+            loads.append(int(model.body(load.name).id))
+            joint = model.joint(load.name)
+            self._loads.append(int(joint.qposadr[0]))
+        scaled = [body for body in range(model.nbody) if body not in loads]
+        set_physics(model, self._nominal, physics, self.bodies, scaled)
         self._settle()
 
     def _settle(self) -> None:
@@ -302,9 +309,9 @@ class ArenaWorld:
         """Start poses that keep the arena's gap, drawn until they do."""
         starts: list[Pose] = []
         for number in range(1, _MAX_DRAWS + 1):
-            start = self.arena.robots[len(starts)].place.draw(rng)
-            gaps_m = [math.hypot(start.x_m - other.x_m, start.y_m - other.y_m) for other in starts]
-            if all(gap_m >= self.arena.gap_m for gap_m in gaps_m):
+            next_robot = self.arena.robots[len(starts)]
+            start = next_robot.place.draw(rng)
+            if all(_apart_m(start, other) >= self.arena.gap_m for other in starts):
                 starts.append(start)
             if len(starts) == len(self.arena.robots):
                 return starts
@@ -353,6 +360,11 @@ class ArenaWorld:
         self.on_time(time_ms)
 
 
+def _apart_m(pose: Pose, other: Pose) -> float:
+    """Distance of two poses."""
+    return math.hypot(pose.x_m - other.x_m, pose.y_m - other.y_m)
+
+
 class ArenaBody(MujocoBody):
     """Part of an arena's world that belongs to one robot; implements
     :class:`brickhub.virtual.body.Body`."""
@@ -373,7 +385,8 @@ class ArenaBody(MujocoBody):
         self._number = world.arena.robots.index(contestant)
         self.steps = 0
         self._noise = np.random.default_rng(seed)
-        self._heading_noise = SummedNoise(np.random.default_rng(seed.spawn(1)[0]))
+        (heading_seed,) = seed.spawn(1)
+        self._heading_noise = SummedNoise(np.random.default_rng(heading_seed))
         self._bind(f"{contestant.name}/")
         self._turns = Turns()
         self._heading_at_start_deg = 0.0

@@ -106,8 +106,11 @@ def bind_motors(
         circuit = 1 << int(model.actuator_group[actuator])
         gear = float(model.actuator_gear[actuator, 0])
         terminals[motor.port] = (actuator, circuit)
-        shafts[motor.port] = (int(joint.qposadr[0]), gear * math.degrees(1000.0))
-        amperes.append((actuator, 1.0 / motor_constants(motor.kind).torque_nm_a))
+        address = int(joint.qposadr[0])
+        mdeg_per_rad = gear * math.degrees(1000.0)
+        shafts[motor.port] = (address, mdeg_per_rad)
+        constants = motor_constants(motor.kind)
+        amperes.append((actuator, 1.0 / constants.torque_nm_a))
         dofs.append(int(joint.dofadr[0]))
     # Memory views, as NumPy is slow for single values.
     return Motors(
@@ -185,7 +188,8 @@ def bind_sensors(
         if kind.model.range_mm is not None:
             sonars[sensor.port] = (position_m, rays @ axes.T)
         if Sense.FORCE in kind.model.senses:
-            forces[sensor.port] = data.sensor(f"{prefix}force_{sensor.port}").data
+            touch = data.sensor(f"{prefix}force_{sensor.port}")
+            forces[sensor.port] = touch.data
 
     # In an arena the other robots are obstacles too, but not this one.
     is_in_arena = bool(prefix)
@@ -196,7 +200,8 @@ def bind_sensors(
     soft_geoms = set()
     for number, item in enumerate(scene.solids):
         if item.soft:
-            soft_geoms.add(int(model.geom(f"object_{number}").id))
+            geom = model.geom(f"object_{number}")
+            soft_geoms.add(int(geom.id))
     return Sensors(
         kinds=kinds,
         frames=frames,

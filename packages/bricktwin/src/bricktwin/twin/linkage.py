@@ -4,7 +4,7 @@ wheels on the floor; and of a ghost at its goal.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -184,7 +184,7 @@ def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.Mj
         body.mass = 1.0
         body.inertia = [1.0] * 3
         # Three hinges for a ball: each of them has an angle that a user can set.
-        axes = np.eye(3) if joint.is_ball else [joint.axis]
+        axes: Iterable[Floats] = np.eye(3) if joint.is_ball else [joint.axis]
         for number, axis in enumerate(axes):
             name = drives.get(joint, f"joint_{joint.child}_{number}")
             body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)

@@ -105,7 +105,8 @@ def identification_commands(
     shares = np.zeros((steps, width))  # of each command's range, -1 to 1
     moving = shares[_REST_STEPS:]
     round_trip_steps = 2 * _RUN_STEPS
-    run_steps = round(_RUN_SHARE * len(moving) / round_trip_steps) * round_trip_steps
+    round_trips = round(_RUN_SHARE * len(moving) / round_trip_steps)
+    run_steps = round_trips * round_trip_steps
 
     # Jerks and their reverses; cubed, so that most are weak, as friction shows there.
     jerks = max(0, len(moving) - run_steps) // 2
@@ -114,7 +115,8 @@ def identification_commands(
     moving[1 : 2 * jerks : 2] = -strengths
 
     # Runs at full speed, and back.
-    for start in range(len(moving) - run_steps, len(moving), round_trip_steps):
+    first_run = len(moving) - run_steps
+    for start in range(first_run, len(moving), round_trip_steps):
         back = start + _RUN_STEPS
         signs = rng.choice([-1.0, 1.0], width)
         moving[start:back] = signs
@@ -144,7 +146,7 @@ def write_log(path: Path, log: RunLog) -> None:
         "time_ms": int(log.times_ms[0]),
         "channels": log.channels[0].tolist(),
     }
-    lines = [header, first]
+    lines: list[dict[str, Any]] = [header, first]
     steps = zip(
         log.commands,
         log.gaps_ms,
@@ -176,6 +178,7 @@ def _log(header: dict[str, Any], lines: list[dict[str, Any]]) -> RunLog:
     commands = tuple(_part(part) for part in header["commands"])
     channels = tuple(_part(part) for part in header["channels"])
     times_ms = np.array([line["time_ms"] for line in lines])
+    # The type first: differences of other things than numbers are none.
     if times_ms.dtype != np.int64 or (np.diff(times_ms) < 0).any():
         raise DescriptionError("its times are not whole numbers that increase")
     # The first line has no command.

@@ -590,8 +590,8 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData, robots: Sequence[MujocoBo
     """Let robots come to rest where they are put, with their motors held: play is taken up, feet
     find the floor."""
     # Addresses of x and y of each robot that can move: settling must not shift it.
-    places = []
-    shafts = []
+    places: list[slice] = []
+    shafts: list[int] = []
     for robot in robots:
         start = robot.base_address
         end = start + 2 if robot.moves else start

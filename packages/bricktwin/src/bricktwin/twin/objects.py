@@ -92,12 +92,14 @@ class Line:
         segments, middles, reaches = self._segments
         points = points_mm @ _COMPLEX
         # All points are within this distance of the first one.
-        spread_mm = np.maximum.reduce(np.abs(points - points[0]))
-        is_near = np.abs(middles - points[0]) <= reaches + spread_mm
+        first = points[0]
+        spread_mm = np.maximum.reduce(np.abs(points - first))
+        is_near = np.abs(middles - first) <= reaches + spread_mm
         starts, turns, lengths = segments[:, is_near]
         # In the frame of each segment, which lies along the real axis: [points, segments].
         offsets = (points[:, None] - starts) * turns
-        nearest = np.minimum(np.maximum(offsets.real, 0.0), lengths.real)
+        after_start = np.maximum(offsets.real, 0.0)
+        nearest = np.minimum(after_start, lengths.real)
         is_on_segment = np.abs(offsets - nearest) <= self.width_mm / 2
         # `reduce`, as `any` takes longer for so few values, and a sensor reads often.
         covered: NDArray[np.bool_] = np.logical_or.reduce(is_on_segment, 1)
@@ -137,7 +139,8 @@ class Field:
         turn = np.array([[cosine, -sine], [sine, cosine]])
         # Points in the field's own frame, where its edges are at 1.
         offsets_mm = (points_mm - np.array(self.at_mm)) @ turn
-        scaled = np.abs(offsets_mm) / (np.array(self.size_mm) / 2)
+        half_mm = np.array(self.size_mm) / 2
+        scaled = np.abs(offsets_mm) / half_mm
         covered: NDArray[np.bool_]
         if self.round:
             radii = (scaled**2).sum(-1)
@@ -199,7 +202,8 @@ class Block:
         # A heading is checked as one of a pair, as it has to be finite, too.
         points = (self.at_mm, self.spread_mm, (self.heading_deg, 0.0))
         _check(self.color, "a block", self.size_mm, 3, points)
-        if self.mass_g is not None and not (math.isfinite(self.mass_g) and self.mass_g > 0):
+        is_mass = self.mass_g is None or (math.isfinite(self.mass_g) and self.mass_g > 0)
+        if not is_mass:
             raise TwinError(
                 f"scene: a block of {self.mass_g} g; give a positive mass, or None for one that "
                 "stands still"
@@ -300,7 +304,8 @@ def _check(
     if not _are_numbers(sizes, count) or min(sizes) <= 0:
         shown = ", ".join(map(str, sizes)) if isinstance(sizes, tuple | list) else sizes
         raise TwinError(f"scene: {noun} of {shown} mm; give {counted(count, 'positive size')}")
-    if not isinstance(points, tuple | list) or not all(_are_numbers(point, 2) for point in points):
+    is_sequence = isinstance(points, tuple | list)
+    if not is_sequence or not all(_are_numbers(point, 2) for point in points):
         raise TwinError(
             f"scene: {noun} at {points}; give places (x, y) in mm and headings in degrees, "
             "all finite"

@@ -15,7 +15,7 @@ import numpy as np
 
 from bricktwin.plans.geometry import Floats
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP
-from bricktwin.twin.objects import COLORS, Lamp
+from bricktwin.twin.objects import COLORS, Lamp, Mark
 from bricktwin.twin.scene import FLOOR, Scene
 
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
@@ -266,7 +266,9 @@ class WorldSenses:
         self._model = model
         self._data = data
         self._scene = scene
-        self._marks = [(mark, np.array(COLORS[mark.color])) for mark in scene.marks]
+        self._marks: list[tuple[Mark, Floats]] = []
+        for mark in scene.marks:
+            self._marks.append((mark, np.array(COLORS[mark.color])))
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
         self._colors: dict[int, tuple[float, float, float]] = {}
         """Colours of the scene's objects, by the indices of their geometries."""
@@ -319,7 +321,8 @@ class WorldSenses:
                 continue
             # A lamp is no point: very near it no longer gets brighter.
             distance_mm = max(distance_m * 1000.0, _LAMP_MM / 10)
-            light_pct += lamp.light_pct * cosine * (_LAMP_MM / distance_mm) ** 2
+            closeness = (_LAMP_MM / distance_mm) ** 2
+            light_pct += lamp.light_pct * cosine * closeness
         return min(light_pct, 100.0)
 
     def distance_mm(self, eye_m: Floats, gaze: Floats) -> float:
@@ -357,5 +360,6 @@ class WorldSenses:
         for mark, color in self._marks:
             rgb[mark.covers(points_mm)] = color
         # `mean` takes longer for so few points.
-        red, green, blue = (np.add.reduce(rgb) / _POINTS).tolist()
+        mean = np.add.reduce(rgb) / _POINTS
+        red, green, blue = mean.tolist()
         return red, green, blue

@@ -44,7 +44,8 @@ class Feet:
             self.radius_m = float(model.geom_size[geoms[0], 0])
             # A capsule lies along its z axis: size 1 is the half length between its balls.
             across_m = np.zeros((len(geoms), 2))
-            halves_m = np.column_stack([across_m, model.geom_size[geoms, 1]])
+            along_m = model.geom_size[geoms, 1]
+            halves_m = np.column_stack([across_m, along_m])
             corner_signs = [(1, 1, 1), (1, 1, -1)]
         offsets_m = [centres_m + halves_m * signs for signs in corner_signs]
         self._offsets_m = np.concatenate(offsets_m)
@@ -86,7 +87,8 @@ def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
 
     # The plane of each triple, with its normal upwards in the body's frame.
     normal = np.cross(second - first, third - first)
-    normal *= np.where(normal[:, 2:] < 0.0, -1.0, 1.0)
+    is_downward = normal[:, 2:] < 0.0
+    normal *= np.where(is_downward, -1.0, 1.0)
     length = np.linalg.norm(normal, axis=1)
     # Three points on one line have no plane.
     usable = length > 1e-9
@@ -107,10 +109,12 @@ def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
 
     # Of several stances, a body falls into that of the least potential energy.
     height = np.einsum("ij,ij->i", normal, centre - first)
-    best = int(np.argmin(np.where(is_stance, height, math.inf)))
+    heights = np.where(is_stance, height, math.inf)
+    best = int(np.argmin(heights))
     up = normal[best]
     # The shortest rotation that makes this direction vertical.
-    quaternion = np.array([1.0 + up[2], up[1], -up[0], 0.0])
+    x, y, z = up
+    quaternion = np.array([1.0 + z, y, -x, 0.0])
     quaternion = quaternion / np.linalg.norm(quaternion)
     height_m = float(-up @ first[best])
     return quaternion, height_m
@@ -129,7 +133,12 @@ def _distance_inside(
     around = np.cross(second - first, third - first)
     orientation = np.sign(np.einsum("ij,ij->i", around, normal))
     inside = np.full(len(first), math.inf)
-    for start, end in ((first, second), (second, third), (third, first)):
+    edges = (
+        (first, second),
+        (second, third),
+        (third, first),
+    )
+    for start, end in edges:
         moment = np.cross(end - start, centre - start)
         side = np.einsum("ij,ij->i", moment, normal)
         inside = np.minimum(inside, side * orientation)
@@ -140,7 +149,8 @@ def _distance_inside(
 def _triples(count: int) -> NDArray[np.intp]:
     """Indices ``[n, 3]`` of all triples of so many points; each reset of a legged robot needs
     them."""
-    return np.array(list(itertools.combinations(range(count), 3)))
+    triples = itertools.combinations(range(count), 3)
+    return np.array(list(triples))
 
 
 _DEPTH_M = 0.008
@@ -154,7 +164,8 @@ def refuse_overlap(model: mujoco.MjModel, data: mujoco.MjData, scene: Scene | No
     groups = model.geom_group[contacts.geom]  # [contacts, 2]
     # A block that leans on a wall is two obstacles, and on the floor it is none of a robot's.
     has_one_obstacle = (groups == OBSTACLE_GROUP).sum(-1) == 1
-    is_of_robot = has_one_obstacle & (groups != FLOOR_GROUP).all(-1)
+    has_no_floor = (groups != FLOOR_GROUP).all(-1)
+    is_of_robot = has_one_obstacle & has_no_floor
     is_deep = contacts.dist < -_DEPTH_M
     for pair in contacts.geom[is_of_robot & is_deep]:
         is_first = model.geom_group[pair[0]] == OBSTACLE_GROUP

@@ -207,7 +207,8 @@ class _Search:
         difference = np.where(self._wraps, wrapped, difference)[1:]
         self.replays += 1
         squares = (difference / self._sigma) ** 2
-        self._lowest = min(self._lowest, float(np.sqrt(np.mean(squares))))
+        error = float(np.sqrt(np.mean(squares)))
+        self._lowest = min(self._lowest, error)
         if self._on_replay is not None:
             self._on_replay(self.replays, self._lowest)
         return difference
@@ -249,7 +250,8 @@ class _Search:
         seed: int,
     ) -> list[Physics]:
         """The best of quasi-random points spread over all ranges."""
-        points = qmc.Halton(len(names), rng=seed).random(_SCAN * len(names))
+        sequence = qmc.Halton(len(names), rng=seed)
+        points = sequence.random(_SCAN * len(names))
         candidates = [base, *(self._physics(base, names, point) for point in points)]
         best_first = sorted(candidates, key=self.error)
         return best_first[:_STARTS]
@@ -271,10 +273,12 @@ class _Search:
         start_shares = []
         for name in names:
             bounds = _bounds(name)
-            start_shares.append((getattr(start, name) - bounds[0]) / np.ptp(bounds))
+            above_low = getattr(start, name) - bounds[0]
+            start_shares.append(above_low / np.ptp(bounds))
         shares = np.array(start_shares)
         # Away from the nearer bound, where the initial simplex would be clipped flat.
-        edges = np.diag(np.where(shares > 0.5, -width, width))  # [n, n]
+        inwards = np.where(shares > 0.5, -width, width)
+        edges = np.diag(inwards)  # [n, n]
         simplex = np.vstack((shares, shares + edges))  # [n + 1, n]
 
         def error_at(shares: Vector) -> float:
@@ -306,7 +310,8 @@ class _Search:
                 if low <= value <= high:
                     off = replace(best, **{name: float(value)})
                     errors.append(self.error(off))
-            rises[name] = sum(errors) / len(errors) / lowest - 1.0
+            mean = sum(errors) / len(errors)
+            rises[name] = mean / lowest - 1.0
         return rises
 
     def _physics(
@@ -328,7 +333,9 @@ def _bounds(name: str) -> Vector:
     low, high = PARAMETERS[name].random_range
     lowest, highest = PARAMETERS[name].allowed_range
     margin = (high - low) / 2
-    return np.array([max(lowest, low - margin), min(highest, high + margin)])
+    lower = max(lowest, low - margin)
+    upper = min(highest, high + margin)
+    return np.array([lower, upper])
 
 
 def _scene(log: RunLog) -> Scene | None:
@@ -375,5 +382,6 @@ def _noise(log: RunLog) -> dict[str, float]:
     noise = {}
     for name, values in squares.items():
         _, highest = PARAMETERS[name].allowed_range
-        noise[name] = min(float(np.sqrt(np.mean(values))), highest)
+        mean = float(np.sqrt(np.mean(values)))
+        noise[name] = min(mean, highest)
     return noise

@@ -69,7 +69,8 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     # Looks, lights and cameras.
     mjcf.add_colours(spec)
     drawn_sensors = [mount_sensor(spec, chassis, sensor, axle_m) for sensor in robot.sensors]
-    mjcf.draw(spec, chassis, [*frame.parts(), *drawn_sensors])
+    parts = frame.parts() + drawn_sensors
+    mjcf.draw(spec, chassis, parts)
     mjcf.add_light(chassis)
     reach_m = max(0.42, 4.0 * frame.half_track / 1000)
     mjcf.add_camera(
@@ -118,18 +119,23 @@ class _Frame:
                 "axle track"
             )
         # At the axle's height, but above the floor where wheels are small.
-        self.motor_z = max(0.0, motor_height / 2 + _CLEARANCE_MM - self.axle)
+        half_height = motor_height / 2
+        half_width = motor_width / 2
+        self.motor_z = max(0.0, half_height + _CLEARANCE_MM - self.axle)
         # Beside its wheel, without overlapping the other motor.
-        self.motor_y = max(motor_width / 2, space - 8.0 - motor_width / 2)
+        self.motor_y = max(half_width, space - 8.0 - half_width)
 
         # The frame of beams lies on the motors, the hub on the frame.
-        self.top = self.motor_z + motor_height / 2 + 4.0
+        motor_top = self.motor_z + half_height
+        self.top = motor_top + 4.0
         hub_x, hub_y = robot.chassis.hub_mm or (_HUB_X_MM, 0.0)
-        hub_z = self.motor_z + motor_height / 2 + 8.0 + self.hub_size[2] / 2
+        hub_height = self.hub_size[2]
+        hub_z = motor_top + 8.0 + hub_height / 2
         self.hub = (hub_x, hub_y, hub_z)
 
     def add_masses(self, chassis: mujoco.MjsBody) -> None:
         """Add the masses of hub, motors, frame, ballast and caster."""
+        hub_x, _, hub_z = self.hub
         mjcf.add_box(
             chassis,
             self.hub,
@@ -146,7 +152,7 @@ class _Frame:
                 centre = (middle_x, middle_y, self.motor_z)
             else:
                 # Where other motors are is unknown: above the hub, as an arm would be.
-                centre = (self.hub[0], 0.0, self.hub[2] + 30.0)
+                centre = (hub_x, 0.0, hub_z + 30.0)
             mjcf.add_box(
                 chassis,
                 centre,
@@ -182,19 +188,27 @@ class _Frame:
             motor.port,
             (0.0, 1.0, 0.0),
         )
-        size_m = (self.axle / 1000, _TYRE_WIDTH_MM / 2000, self.axle / 1000)
-        mass_kg = _WHEEL_KG * (2 * self.axle / _WHEEL_MM) ** 2
-        mjcf.add_tyre(wheel, f"tyre_{motor.port}", size_m, mass_kg)
+        radius_m = self.axle / 1000
+        diameter_ratio = 2 * self.axle / _WHEEL_MM
+        mjcf.add_tyre(
+            wheel,
+            f"tyre_{motor.port}",
+            size_m=(radius_m, _TYRE_WIDTH_MM / 2000, radius_m),
+            mass_kg=_WHEEL_KG * diameter_ratio**2,
+        )
 
         # The axle turns with the rotor, the tyre with the wheel: backlash can be seen.
         length = self.half_track - self.motor_y
         axle = drawings.axle(max(length, 16.0))
-        mjcf.draw(spec, rotor, [axle.at(0, -side * length / 2, 0)])
-        mjcf.draw(spec, wheel, [drawings.wheel(2 * self.axle)])
+        axle = axle.at(0, -side * length / 2, 0)
+        tyre = drawings.wheel(2 * self.axle)
+        mjcf.draw(spec, rotor, [axle])
+        mjcf.draw(spec, wheel, [tyre])
 
     def parts(self) -> list[Piece]:
         """Drawn parts of the chassis."""
-        parts = [_hub(self.robot.hub, self.hub_size).at(*self.hub)]
+        hub = _hub(self.robot.hub, self.hub_size)
+        parts = [hub.at(*self.hub)]
         for motor, side in self.driving.items():
             drawn = _motor(motor.kind, self.motor_size, side)
             parts.append(drawn.at(0, side * self.motor_y, self.motor_z))
@@ -209,10 +223,14 @@ class _Frame:
         x, y = self.robot.chassis.caster_mm
         height = _CASTER_RADIUS_MM - self.axle
         length = max(self.top - height - 16.0, 8.0)
-        post = box(14, 14, length, radius=1.0).at(x, y, self.top - length / 2)
-        parts.append(drawings.ball_caster(_CASTER_RADIUS_MM).at(x, y, height))
+        ball = drawings.ball_caster(_CASTER_RADIUS_MM)
+        post = box(14, 14, length, radius=1.0)
+        post = post.at(x, y, self.top - length / 2)
+        parts.append(ball.at(x, y, height))
         parts.append(piece(dark_grey=post))
-        parts.extend(self._holder(mount_of(sensor).at_mm) for sensor in self.robot.sensors)
+        for sensor in self.robot.sensors:
+            mount = mount_of(sensor)
+            parts.append(self._holder(mount.at_mm))
         return parts
 
     def _holder(self, at_mm: Triple) -> Piece:
@@ -234,7 +252,8 @@ class _Frame:
 def _motor_case(kind: MotorKind) -> tuple[Triple, float]:
     """Size (mm) and mass (g) of a motor; one without a part of its own has those of a similar
     one."""
-    case = case_of(DeviceKind.MOTOR, kind.model.like or kind.model.case or kind.value)
+    name = kind.model.like or kind.model.case or kind.value
+    case = case_of(DeviceKind.MOTOR, name)
     # The catalogue has every kind of motor, which a test checks.
     assert case is not None  # noqa: S101
     return case
@@ -266,7 +285,8 @@ def _motor(kind: MotorKind, size: Triple, side: float) -> Piece:
     draw_motor = _DRAWINGS.get(kind.model.like or kind.value)
     if draw_motor is not None:
         # Our drawings have the shaft on the left.
-        return draw_motor() if side > 0 else draw_motor().turned(X_AXIS, 180)
+        motor = draw_motor()
+        return motor if side > 0 else motor.turned(X_AXIS, 180)
     length, height, width = size
     case_length = length - 16
     case = box(case_length, width, height, radius=2.2)

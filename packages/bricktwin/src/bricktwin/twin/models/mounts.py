@@ -41,7 +41,9 @@ def case_of(kind: DeviceKind, name: str) -> tuple[Triple, float] | None:
     not in the catalogue."""
     for part in catalogue.parts():
         device = part.device
-        if device is None or device.kind != kind or device.name != name:
+        if device is None:
+            continue
+        if device.kind != kind or device.name != name:
             continue
         # The first solid of an electric part is its case.
         sides_mm = [2.0 * MM_PER_LDU * half for half in part.solids[0].half]
@@ -95,7 +97,8 @@ def mount_sensor(
     mount = mount_of(sensor)
     ahead, left, up = mount.at_mm
     # A mount is given from the floor, all else from the chassis' origin.
-    eye = np.array([ahead, left, up - axle_m * 1000.0])
+    above_axle = up - axle_m * 1000.0
+    eye = np.array([ahead, left, above_axle])
     gaze = np.array(LOOKS[mount.looks])
     case = case_of(DeviceKind.SENSOR, sensor.kind.value)
     size, mass_g = case or _UNKNOWN_SENSOR
@@ -107,7 +110,8 @@ def mount_sensor(
         # What touches the button must not touch the case, whose contacts nothing measures.
         button_middle = eye - gaze * _BUTTON_MM / 2
         button_size = (_BUTTON_MM, 16.0, 16.0)
-        case_middle = eye - gaze * (max(size) / 2 + _BUTTON_MM)
+        half_length = max(size) / 2
+        case_middle = eye - gaze * (half_length + _BUTTON_MM)
         case_kg = mass_g / 1000 - _BUTTON_KG
         add_box(chassis, button_middle, button_size, _BUTTON_KG, turn=turn)
         add_box(chassis, case_middle, size, case_kg, turn=turn, collides=False)

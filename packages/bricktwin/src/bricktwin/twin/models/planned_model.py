@@ -571,8 +571,10 @@ class _Builder:
         plan = self.planned.plan
         # Rods, shafts and gears turn against the bodies that carry them.
         drawn_apart: set[int] = set()
-        for moving in (*self.articulation.followers, *self.articulation.rods):
-            drawn_apart.update(moving.parts)
+        for follower in self.articulation.followers:
+            drawn_apart.update(follower.parts)
+        for rod in self.articulation.rods:
+            drawn_apart.update(rod.parts)
         for number, body in self.bodies.items():
             parts = tuple(
                 part for part in self.articulation.bodies[number].parts if part not in drawn_apart

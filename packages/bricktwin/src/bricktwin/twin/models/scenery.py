@@ -70,15 +70,20 @@ def _add_ramp(world: mujoco.MjsBody, name: str, ramp: Ramp) -> None:
     half_length = math.hypot(ramp.length_mm, ramp.height_mm) / 2000
     half_thickness = _RAMP_MM / 2000
     # The plate's middle is below that of its upper side, at right angles to it.
-    ahead = half_length * math.cos(rise) + half_thickness * math.sin(rise)
-    height = half_length * math.sin(rise) - half_thickness * math.cos(rise)
+    cosine = math.cos(rise)
+    sine = math.sin(rise)
+    ahead = half_length * cosine + half_thickness * sine
+    height = half_length * sine - half_thickness * cosine
+    x += ahead * math.cos(yaw)
+    y += ahead * math.sin(yaw)
     tilt = np.array([math.cos(rise / 2), 0.0, -math.sin(rise / 2), 0.0])
+    turned = np.array(yaw_quaternion(yaw))
     turn = np.empty(4)
-    mujoco.mju_mulQuat(turn, np.array(yaw_quaternion(yaw)), tilt)
+    mujoco.mju_mulQuat(turn, turned, tilt)
     add_geom(
         world,
         name,
-        position=[x + ahead * math.cos(yaw), y + ahead * math.sin(yaw), height],
+        position=[x, y, height],
         half=[half_length, ramp.width_mm / 2000, half_thickness],
         rgb=COLORS[ramp.color],
         turn=turn.tolist(),
@@ -165,10 +170,14 @@ def _draw_marks(spec: mujoco.MjSpec, marks: Sequence[Mark]) -> None:
     of their heights. Marks of one color that follow one another share a layer."""
     layers: list[tuple[str, list[Shape]]] = []
     for color, members in itertools.groupby(marks, lambda mark: mark.color):
-        shapes = [_field(mark) if isinstance(mark, Field) else _line(mark) for mark in members]
+        shapes = []
+        for mark in members:
+            shape = _field(mark) if isinstance(mark, Field) else _line(mark)
+            shapes.append(shape)
         layers.append((color, shapes))
     # Many layers get closer, as the uppermost must not hide the wheels.
-    rise_mm = min(_LAYER_MM, (_HIGHEST_MM - LOWEST_MM) / max(1, len(layers)))
+    room_mm = _HIGHEST_MM - LOWEST_MM
+    rise_mm = min(_LAYER_MM, room_mm / max(1, len(layers)))
     for number, (color, shapes) in enumerate(layers):
         height_mm = LOWEST_MM + number * rise_mm
         shape = merge(shapes).at(0.0, 0.0, height_mm)
@@ -188,14 +197,24 @@ def _field(field: Field) -> Shape:
 
 def _line(line: Line) -> Shape:
     """Shape of a line: a rectangle per segment, and a disc at each corner."""
-    pieces = [discs(line.width_mm / 2, _FLAT_MM, 24).at(x, y, 0.0) for x, y in line.points_mm]
+    half_width = line.width_mm / 2
+    pieces = []
+    for x, y in line.points_mm:
+        disc = discs(half_width, _FLAT_MM, 24)
+        pieces.append(disc.at(x, y, 0.0))
     starts, ends = line.ends_mm
     for start, end in zip(starts, ends, strict=True):
         along = end - start
         # Two equal points are a segment without a direction.
-        along_x, along_y = along / max(float(np.linalg.norm(along)), 1e-9)
+        length = max(float(np.linalg.norm(along)), 1e-9)
+        along_x, along_y = along / length
         side = np.array([-along_y, along_x]) * line.width_mm / 2
-        corners = [end + side, start + side, start - side, end - side]
+        corners = [
+            end + side,
+            start + side,
+            start - side,
+            end - side,
+        ]
         pieces.append(_flat(np.array(corners)))
     return merge(pieces)
 
@@ -203,8 +222,9 @@ def _line(line: Line) -> Shape:
 def _flat(outline: Floats) -> Shape:
     """Flat mesh of a convex outline ``[n, 2]``, counter-clockwise, of two sides without edges."""
     count = len(outline)
-    upper = np.column_stack([outline, np.full(count, _FLAT_MM / 2)])
-    lower = np.column_stack([outline, np.full(count, -_FLAT_MM / 2)])
+    heights = np.full(count, _FLAT_MM / 2)
+    upper = np.column_stack([outline, heights])
+    lower = np.column_stack([outline, -heights])
     points = np.concatenate([upper, lower])  # [2 n, 3]
     normals = np.repeat([(0.0, 0.0, 1.0), (0.0, 0.0, -1.0)], count, axis=0)
     # A fan of triangles around the first corner; seen from below, it goes the other way round.

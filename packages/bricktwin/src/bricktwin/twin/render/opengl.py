@@ -99,8 +99,10 @@ class MovingParts:
         if not len(self._geoms):
             return Box(0, 0, 0, 0)
         bounds = self._bounds(data)
-        left, top = bounds[:, :2].min(0).tolist()
-        right, bottom = bounds[:, 2:].max(0).tolist()
+        upper_left = bounds[:, :2].min(0)
+        lower_right = bounds[:, 2:].max(0)
+        left, top = upper_left.tolist()
+        right, bottom = lower_right.tolist()
         return Box(left, top, right, bottom)
 
     def mask(self, data: mujoco.MjData, spot_px: int) -> NDArray[np.bool_]:
@@ -121,10 +123,12 @@ class MovingParts:
         # Corners of the boxes from the camera [geoms, 8, 3], in the axes of the world.
         axes = data.geom_xmat[self._geoms].reshape(-1, 3, 3)
         rotated = self._corners @ axes.transpose(0, 2, 1)
-        corners = rotated + data.geom_xpos[self._geoms, None] - data.cam_xpos[self._camera]
+        middles = data.geom_xpos[self._geoms, None]
+        corners = rotated + middles - data.cam_xpos[self._camera]
 
         # In those of the camera: to the right, up, and back. Its image is a central projection.
-        local = corners @ data.cam_xmat[self._camera].reshape(3, 3)
+        camera_axes = data.cam_xmat[self._camera].reshape(3, 3)
+        local = corners @ camera_axes
         depths = np.maximum(-local[..., 2:], _NEAR_M)  # [geoms, 8, 1]
         pixels = self._middle_px + self._focal_px * local[..., :2] / depths  # [geoms, 8, 2]
         upper_left = np.floor(pixels.min(1)) - 1
@@ -151,7 +155,8 @@ def aim(
         bottom = camera.frustum_bottom
         height_m = top - bottom
         half_width = height_m / 2 * width / height
-        camera.frustum_center = half_width * ((box.left + box.right) / width - 1.0)
+        middle = (box.left + box.right) / width
+        camera.frustum_center = half_width * (middle - 1.0)
         camera.frustum_width = half_width * box.width / width
         camera.frustum_top = top - height_m * box.top / height
         camera.frustum_bottom = top - height_m * box.bottom / height
@@ -273,7 +278,9 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         box = self._moving.box(data)
         if not (box.width and box.height):
             return image
-        part = (slice(box.top, box.bottom), slice(box.left, box.right))
+        rows = slice(box.top, box.bottom)
+        columns = slice(box.left, box.right)
+        part = (rows, columns)
         is_nearer: NDArray[np.bool_] | np.bool_
         if self._is_composited:
             pixels, depth = self._draw(box, mujoco.mjtCatBit.mjCAT_DYNAMIC)
@@ -281,7 +288,8 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         else:
             pixels, _ = self._draw(box, mujoco.mjtCatBit.mjCAT_ALL)
             is_nearer = np.True_
-        np.copyto(image.view(_PIXEL)[part], pixels.view(_PIXEL), where=is_nearer)
+        target = image.view(_PIXEL)[part]
+        np.copyto(target, pixels.view(_PIXEL), where=is_nearer)
         return image
 
     def _draw(self, box: Box, categories: int) -> tuple[Image, NDArray[np.float32]]:
@@ -308,8 +316,9 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
             self._whole.height,
         )
         viewport = mujoco.MjrRect(0, 0, box.width, box.height)
-        pixels = np.empty((box.height, box.width, 3), np.uint8)
-        depth = np.empty((box.height, box.width), np.float32)
+        size = (box.height, box.width)
+        pixels = np.empty((*size, 3), np.uint8)
+        depth = np.empty(size, np.float32)
         # A buffer of exactly this size is cleared at once, a part of a larger one pixel by pixel.
         mujoco.mjr_resizeOffscreen(box.width, box.height, self._context)
         mujoco.mjr_render(viewport, self._scene, self._context)
@@ -446,7 +455,8 @@ def _free_context(gl: Any, context: Any) -> None:
 
 def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, Any]:
     """An OpenGL context and MuJoCo's rendering context in it."""
-    backend = os.environ.get("MUJOCO_GL", "").lower().strip() or _choose_backend()
+    asked_for = os.environ.get("MUJOCO_GL", "")
+    backend = asked_for.lower().strip() or _choose_backend()
     if backend:
         # MuJoCo's library reads this when it loads OpenGL's functions.
         os.environ["MUJOCO_GL"] = backend

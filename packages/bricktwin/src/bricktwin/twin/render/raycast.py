@@ -62,7 +62,8 @@ class RayCaster:
         self._is_moving = model.body_weldid[model.geom_bodyid] != 0
         self._image = np.empty(self._rays.shape, np.uint8)
         # Squares that show geometry which may have moved since; at first all are to be cast.
-        self._stale = np.ones(self._rays.shape[:2], bool)
+        rows, columns, _ = self._rays.shape
+        self._stale = np.ones((rows, columns), bool)
         self._moving: MovingParts | None = None
         if is_fixed_camera(model, self._camera):
             self._moving = MovingParts(model, self._camera, width, height, _DRAWN_GROUPS)
@@ -134,12 +135,14 @@ class RayCaster:
         for lamp in range(model.nlight):
             cosines = -normals @ data.light_xdir[lamp]
             facing = np.clip(cosines, 0.0, 1.0)[:, None]
-            light = light + model.light_ambient[lamp] + facing * model.light_diffuse[lamp]
+            diffuse = facing * model.light_diffuse[lamp]
+            light = light + model.light_ambient[lamp] + diffuse
         light[hits < 0] = 1.0  # the sky is not lit
         # As in OpenGL, the lit colour is clipped to white before the texture is applied.
         lit = np.clip(self._colours[hits] * light, 0.0, 1.0)
         colours = lit * self._textures[hits]
-        shaded: NDArray[np.uint8] = np.rint(colours * 255).astype(np.uint8)
+        levels = np.rint(colours * 255)
+        shaded: NDArray[np.uint8] = levels.astype(np.uint8)
         return shaded
 
 
@@ -152,7 +155,8 @@ def _camera_rays(
     """Directions of the rays through the middle of each square ``[rows, columns, 3]``, in the frame
     of a camera with this vertical field of view (rad): x to the right, y up, z back."""
     focal_px = height / 2 / math.tan(fovy / 2)
-    rows, columns = np.mgrid[:height:spot_px, :width:spot_px] + spot_px / 2
+    corners = np.mgrid[:height:spot_px, :width:spot_px]
+    rows, columns = corners + spot_px / 2
     across = (columns - width / 2) / focal_px
     down = (rows - height / 2) / focal_px
     ahead = np.full_like(across, -1.0)
@@ -166,7 +170,8 @@ def _colours(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.flo
     """Colour and mean texture colour (RGB in 0..1) of each geometry, and of the sky; ``[geometries
     + 1, 3]`` each."""
     # The sky is the last one, which a ray that hits nothing (-1) reads.
-    colours = np.vstack((model.geom_rgba[:, :3].astype(float), _SKY))
+    rgb = model.geom_rgba[:, :3].astype(float)
+    colours = np.vstack((rgb, _SKY))
     textures = np.ones((model.ngeom + 1, 3))
     for geom, material in enumerate(model.geom_matid):
         if material < 0:

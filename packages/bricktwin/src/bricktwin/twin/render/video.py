@@ -85,8 +85,10 @@ def _write(
     # Only the area behind the text is blended: the whole image would take longer than drawing
     # the robot.
     mask = Image.new("L", (width, height), 0)
-    ImageDraw.Draw(mask).rounded_rectangle((0, 0, width - 1, height - 1), gap, _OPACITY)
-    picture.paste(_BACKGROUND, (margin, margin, margin + width, margin + height), mask)
+    corners = (0, 0, width - 1, height - 1)
+    ImageDraw.Draw(mask).rounded_rectangle(corners, gap, _OPACITY)
+    area = (margin, margin, margin + width, margin + height)
+    picture.paste(_BACKGROUND, area, mask)
     top = 2.0 * margin
     for text, font in lines:
         pen.text(
@@ -144,7 +146,9 @@ class Room:
         self._target = np.array(self._robot())
         self.camera.lookat[:] = self._target
         self._option = mujoco.MjvOption()
-        self._ghost = None if goal is None else MujocoBody(body.robot, body.scene, Physics(), 0)
+        self._ghost: MujocoBody | None = None
+        if goal is not None:
+            self._ghost = MujocoBody(body.robot, body.scene, Physics(), 0)
         self._goal: Goal | None = None
         self.aim_for(goal)
 
@@ -169,8 +173,10 @@ class Room:
         x, y = self._body.data.qpos[:2].tolist()
         if self._place is None:
             return x, y, 0.07
-        goal_x_mm, goal_y_mm = self._place
-        return (x + goal_x_mm / 1000) / 2, (y + goal_y_mm / 1000) / 2, 0.07
+        goal_x, goal_y = (value / 1000 for value in self._place)
+        middle_x = (x + goal_x) / 2
+        middle_y = (y + goal_y) / 2
+        return middle_x, middle_y, 0.07
 
     def decorate(self, scene: mujoco.MjvScene) -> None:
         """Add walls, metre lines and ghost to a scene."""
@@ -232,7 +238,8 @@ class Room:
         middle = round(float(self._target[0]))
         for metre in range(middle - 2, middle + 3):
             # Beside the robot's way, where it does not hide them.
-            pixel = self._project(np.array([metre, -0.28, 0.0]), width, height)
+            point = np.array([metre, -0.28, 0.0])
+            pixel = self._project(point, width, height)
             if pixel is None:
                 continue
             column, row = pixel
@@ -258,7 +265,8 @@ class Room:
         )
         right = np.array([math.sin(azimuth), -math.cos(azimuth), 0.0])
         up = np.cross(right, forward)
-        eye = np.array(self.camera.lookat) - self.camera.distance * forward
+        back = self.camera.distance * forward
+        eye = np.array(self.camera.lookat) - back
         offset = point - eye
         depth = float(offset @ forward)
         if depth < 0.05:
@@ -268,6 +276,7 @@ class Room:
         focal_px = height / 2 / math.tan(fovy / 2)
         x = float(offset @ right)
         y = float(offset @ up)
+        # Rows count downwards.
         column = width / 2 + focal_px * x / depth
         row = height / 2 - focal_px * y / depth
         return round(column), round(row)
