@@ -148,12 +148,17 @@ class Cause(enum.Enum):
     )
 
 
+# Each error has one cause, so that an error alone says what happened.
 _CAUSES = {error: cause for cause in Cause for error in cause.value.errors}
 
 
 def cause_of(error: BricksError) -> Cause:
     """Cause of an error: that of its type, or of the nearest type that it is derived from."""
-    return next((_CAUSES[kind] for kind in type(error).__mro__ if kind in _CAUSES), Cause.UNKNOWN)
+    # From the type itself to its bases, the most special first.
+    for kind in type(error).__mro__:
+        if kind in _CAUSES:
+            return _CAUSES[kind]
+    return Cause.UNKNOWN
 
 
 def after(state: LinkState, cause: Cause) -> LinkState:
