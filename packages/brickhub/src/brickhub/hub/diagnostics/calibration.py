@@ -37,27 +37,21 @@ class Calibration:
 def calibrated(robot: Robot, calibration: Calibration) -> Robot:
     """The robot's description with its calibration applied. Raises DescriptionError if the
     calibration names motors that the robot does not have."""
-    unknown = sorted(
-        (set(calibration.zeros_deg) | calibration.reversed) - {motor.name for motor in robot.motors}
-    )
+    # The robot may have been described anew since.
+    named = set(calibration.zeros_deg) | calibration.reversed
+    known = {motor.name for motor in robot.motors}
+    unknown = sorted(named - known)
     if unknown:
         raise DescriptionError(
             f"robot '{robot.name}' has no motor '{unknown[0]}'; calibrate it again"
         )
     motors = []
     for motor in robot.motors:
-        direction = (
-            Direction(-motor.direction.value)
-            if motor.name in calibration.reversed
-            else motor.direction
-        )
-        motors.append(
-            replace(
-                motor,
-                direction=direction,
-                zero_deg=calibration.zeros_deg.get(motor.name, motor.zero_deg),
-            )
-        )
+        direction = motor.direction
+        if motor.name in calibration.reversed:
+            direction = Direction(-direction.value)
+        zero_deg = calibration.zeros_deg.get(motor.name, motor.zero_deg)
+        motors.append(replace(motor, direction=direction, zero_deg=zero_deg))
     return replace(robot, motors=tuple(motors))
 
 
@@ -70,11 +64,13 @@ def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
         )
     width = stops_deg[1] - stops_deg[0]
     required = motor.range_deg[1] - motor.range_deg[0]
+    # Something in its way stopped the joint before its own stops.
     if width < required:
         raise CalibrationError(
             f"motor '{motor.name}' is blocked after {width} degrees and has to turn by "
             f"{required}; clear its way and try again"
         )
+    # The difference of the two middles.
     return round((sum(stops_deg) - sum(motor.range_deg)) / 2)
 
 
@@ -125,6 +121,7 @@ def save_calibration(
     """Write a calibration atomically; returns its path. Raises WriteError if the file cannot be
     written."""
     path = _path(hub, robot, folder)
+    # The hub too, for a person who reads the file: its name is no address any more.
     data = {
         "hub": hub,
         "zeros_deg": calibration.zeros_deg,
