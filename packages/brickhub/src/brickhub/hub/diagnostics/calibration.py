@@ -77,10 +77,11 @@ def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
 def calibration_folder() -> Path:
     """Folder of the calibrations, in the user's settings folder: ``XDG_CONFIG_HOME``, or that of
     the system."""
-    given = os.environ.get("XDG_CONFIG_HOME")
+    config_home = os.environ.get("XDG_CONFIG_HOME")
     home = Path.home()
-    if given:
-        base = Path(given)
+    # On every system, as a user who sets it means it.
+    if config_home:
+        base = Path(config_home)
     elif sys.platform == "win32":
         base = Path(os.environ.get("APPDATA") or home / "AppData" / "Roaming")
     elif sys.platform == "darwin":

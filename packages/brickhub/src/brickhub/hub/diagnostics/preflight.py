@@ -305,10 +305,10 @@ def check_imu(robot: Robot, result: Survey) -> Iterator[Finding]:
         return
     tilt = f"pitch {result.pitch_deg}, roll {result.roll_deg} deg"
     if result.imu_ready is None:
-        silent = (
+        no_answer = (
             "the hub did not say anything about its IMU; update its firmware on code.pybricks.com"
         )
-        yield Finding("imu", Outcome.ERROR, silent)
+        yield Finding("imu", Outcome.ERROR, no_answer)
     elif not result.imu_ready:
         yield Finding(
             "imu",
@@ -466,9 +466,9 @@ def _check_move(
 
 
 _TURNED_SHARE = 0.8
+"""Share of the expected turn of the hub below which a wheel slips."""
 _STILL_SHARE = 0.15
-"""Shares of the expected turn of the hub: less than the first is slip, less than the second no turn
-at all, which is slip too if the other wheel turned the robot."""
+"""Share below which it did not turn at all, which is slip too if the other wheel turned it."""
 
 
 def check_wheels(
@@ -494,11 +494,11 @@ def check_wheels(
         name = f"wheel {turn.motor}"
         motion = f"turned the robot by {turn.heading_deg:.0f} of {expected_deg:.0f} deg"
         if abs(share) < _STILL_SHARE and not is_on_floor:
-            still = (
+            stayed = (
                 "the robot stayed as it was, by its gyroscope: on the bench, or its wheels "
                 "in the air"
             )
-            yield Finding(name, Outcome.SKIPPED, still)
+            yield Finding(name, Outcome.SKIPPED, stayed)
         elif share <= -_STILL_SHARE:
             port = robot.motor(turn.motor).port
             remedy = f"it turns the wrong way (port {port}): {advise([turn.motor])}"

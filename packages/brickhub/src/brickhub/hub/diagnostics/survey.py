@@ -23,6 +23,7 @@ STALL_TORQUE_MNM = 250
 """More than a medium motor has: a raised arm needs all of it, and at this speed the stops are not
 damaged."""
 STALL_LIMIT_MS = 10_000
+"""Time after which a motor counts as free: a whole turn takes 6 s at this speed."""
 STALL_LIMIT_DEG = 400
 """Angle after which a motor counts as free: more than a whole turn."""
 WHEEL_DEG = 90
@@ -198,8 +199,11 @@ def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str
     """
     output = io.BytesIO()
     errors = io.StringIO()
-    code = run_program(transport, program, stdout=output, stderr=errors, time_limit_s=timeout_s)
-    if code not in (0, TIME_LIMIT_EXIT_CODE):
+    exit_code = run_program(
+        transport, program, stdout=output, stderr=errors, time_limit_s=timeout_s
+    )
+    # One that was stopped, at its time limit or by the hub's button, lacks its last line.
+    if exit_code not in (0, TIME_LIMIT_EXIT_CODE):
         raise HubProgramError(describe_traceback(errors.getvalue(), program.source))
     text = output.getvalue().decode("utf-8", "replace")
     # The text ends with a line end. Two more before it, so that there are always enough lines.

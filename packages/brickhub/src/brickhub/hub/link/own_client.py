@@ -56,30 +56,30 @@ class OwnClient:
             )
         # Absolute, so that the client is found again after a change of the present folder.
         object.__setattr__(self, "program", str(found.resolve()))
-        for form in (self.commands, self.answer):
+        for struct_format in (self.commands, self.answer):
             try:
-                zeros = _zeros(form)
+                zeros = _zeros(struct_format)
             except (struct.error, TypeError) as error:
                 raise DescriptionError(
-                    f"'{form}' is no struct format ({error}); give one such as '!f'"
+                    f"'{struct_format}' is no struct format ({error}); give one such as '!f'"
                 ) from None
             has_text = any(isinstance(zero, bytes) for zero in zeros)
             if not zeros or has_text:
                 raise DescriptionError(
-                    f"the client's format '{form}' has no numbers or a text; give numbers only, "
-                    "such as '!f'"
+                    f"the client's format '{struct_format}' has no numbers or a text; give numbers "
+                    "only, such as '!f'"
                 )
 
     def check(self, interface: Interface) -> None:
         """Raise DescriptionError unless the formats have a number for each command and channel."""
-        for form, numbers in (
+        for struct_format, numbers in (
             (self.commands, interface.commands),
             (self.answer, interface.channels),
         ):
-            if len(_zeros(form)) != len(numbers):
+            if len(_zeros(struct_format)) != len(numbers):
                 expected = ", ".join(number.name for number in numbers)
                 raise DescriptionError(
-                    f"the client's '{form}' is not a format for {len(numbers)} numbers "
+                    f"the client's '{struct_format}' is not a format for {len(numbers)} numbers "
                     f"({expected}); correct it"
                 )
 
@@ -117,9 +117,10 @@ def _find_file(name: str) -> Path | None:
     return None
 
 
-def _zeros(form: str) -> tuple[Any, ...]:
+def _zeros(struct_format: str) -> tuple[Any, ...]:
     """Zeros in a ``struct`` format."""
-    return struct.unpack(form, bytes(struct.calcsize(form)))
+    zero_bytes = bytes(struct.calcsize(struct_format))
+    return struct.unpack(struct_format, zero_bytes)
 
 
 class _AnswerDecoder(FrameDecoder):

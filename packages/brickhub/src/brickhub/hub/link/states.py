@@ -175,12 +175,11 @@ def markdown() -> str:
         "| what happens | in state | then | the call raises | this computer | the hub |",
         "|---|---|---|---|---|---|",
     ]
-    for row in (cause.value for cause in Cause):
-        before = (
-            "any"
-            if row.before == _ANY
-            else ", ".join(state.value for state in LinkState if state in row.before)
-        )
+    for cause in Cause:
+        row = cause.value
+        before = "any"
+        if row.before != _ANY:
+            before = ", ".join(state.value for state in LinkState if state in row.before)
         error = f"`{row.errors[0].__name__}`" if row.errors else "-"
         lines.append(
             f"| {row.event} | {before} | {row.after.value} | {error} | {row.host} | {row.hub} |"

@@ -47,7 +47,7 @@ class ProgramFiles:
         self._is_printed = False  # the beginning of the present line
         self._file: BinaryIO | None = None
         self._name = ""
-        self._rows = 0
+        self._line_count = 0
 
     def write(self, data: bytes, /) -> int:
         """Take further output. Raises OSError if the output or a file cannot be written."""
@@ -100,7 +100,7 @@ class ProgramFiles:
             self._end_file()
         elif self._file is not None:
             self._file.write(line + b"\n")
-            self._rows += 1
+            self._line_count += 1
         else:
             self._output.write(line + b"\n")
 
@@ -118,7 +118,7 @@ class ProgramFiles:
                 problem = getattr(error, "strerror", None) or str(error)
         if problem is None:
             self._name = name
-            self._rows = 0
+            self._line_count = 0
             return
         # The name comes from the program, so that it is shown with escapes and cut.
         shown = repr(name[:80])
@@ -135,7 +135,7 @@ class ProgramFiles:
         # Closing may raise on a full disk; then it is not tried again.
         self._file = None
         file.close()
-        self._tell(f"saved {self._folder / self._name} ({counted(self._rows, 'line')})")
+        self._tell(f"saved {self._folder / self._name} ({counted(self._line_count, 'line')})")
 
 
 def _may_be_marker(line: bytes) -> bool:

@@ -186,19 +186,19 @@ class FoundHub:
     kind: HubKind | None = None
 
 
-_Seen: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
+_FoundHubs: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
 """Found hubs by address."""
 
 
 def scan(timeout_s: float = 5.0, *, backend: BleBackend | None = None) -> list[FoundHub]:
     """Advertising Pybricks hubs, found within ``timeout_s``, the strongest signal first. Raises
     BluetoothUnavailableError if Bluetooth is not available on this computer."""
-    seen: _Seen = {}
+    found: _FoundHubs = {}
     with contextlib.closing(EventLoopThread("bricksrl-scan")) as loop:
         loop.run(
-            _listen(seen, lambda: False, timeout_s, backend), timeout_s + 10.0, "look for hubs"
+            _listen(found, lambda: False, timeout_s, backend), timeout_s + 10.0, "look for hubs"
         )
-    return sorted((hub for _, hub in seen.values()), key=lambda hub: -hub.rssi_dbm)
+    return sorted((hub for _, hub in found.values()), key=lambda hub: -hub.rssi_dbm)
 
 
 async def find(
@@ -216,27 +216,27 @@ async def find(
         HubTakenError: Pybricks' own service keeps the link to it.
         BluetoothUnavailableError: Bluetooth is not available on this computer.
     """
-    seen: _Seen = {}
+    found: _FoundHubs = {}
     for device in await _still_connected(backend):
-        seen[device.address] = (device, FoundHub(device.name or "", device.address, 0))
-    connected = _matches(seen, name, address)
+        found[device.address] = (device, FoundHub(device.name or "", device.address, 0))
+    connected = _matches(found, name, address)
     # The service keeps the link after its programs have ended, and has to give it up first.
     if connected and service_is_running():
         what = f"{_listed(connected)} is connected to Pybricks' own background service"
         raise errors.HubTakenError(f"the hub {what}; {_RELEASE}")
     if not connected:
-        await _listen(seen, lambda: bool(_matches(seen, name, address)), timeout_s, backend)
+        await _listen(found, lambda: bool(_matches(found, name, address)), timeout_s, backend)
     # In a classroom the first hub that is heard may be another one's. An address is unique.
-    if address is None and len(_matches(seen, name, None)) == 1:
-        await _listen(seen, lambda: len(_matches(seen, name, None)) > 1, _OTHERS_S, backend)
-    matches = _matches(seen, name, address)
+    if address is None and len(_matches(found, name, None)) == 1:
+        await _listen(found, lambda: len(_matches(found, name, None)) > 1, _OTHERS_S, backend)
+    matches = _matches(found, name, address)
     if len(matches) > 1:
         raise errors.AmbiguousHubError(
             f"several hubs are in reach: {_listed(matches)}; say which one by its name or address"
         )
     if not matches:
         what = "no hub" if name is None and address is None else f"no hub '{name or address}'"
-        others = f"; others are: {_listed(seen.values())}" if seen else ""
+        others = f"; others are: {_listed(found.values())}" if found else ""
         remedy = _REMEDY
         # Not every system tells which devices are connected.
         if service_is_running():
@@ -250,7 +250,7 @@ async def find(
 
 
 async def _listen(
-    seen: _Seen, is_enough: Callable[[], bool], timeout_s: float, backend: BleBackend | None
+    found: _FoundHubs, is_enough: Callable[[], bool], timeout_s: float, backend: BleBackend | None
 ) -> None:
     """Add advertising hubs until ``is_enough()`` or the timeout."""
     from bleak import BleakScanner
@@ -263,7 +263,7 @@ async def _listen(
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(timeout_s):
                     async for device, advertisement in scanner.advertisement_data():
-                        seen[device.address] = (device, _found_hub(device, advertisement))
+                        found[device.address] = (device, _found_hub(device, advertisement))
                         if is_enough():
                             break
 
@@ -282,10 +282,10 @@ async def _still_connected(backend: BleBackend | None) -> list[BLEDevice]:
 
 
 def _matches(
-    seen: _Seen, name: str | None, address: str | None
+    found: _FoundHubs, name: str | None, address: str | None
 ) -> list[tuple[BLEDevice, FoundHub]]:
     matches = []
-    for device, hub in seen.values():
+    for device, hub in found.values():
         has_name = name is None or hub.name == name
         has_address = address is None or hub.address.casefold() == address.casefold()
         if has_name and has_address:

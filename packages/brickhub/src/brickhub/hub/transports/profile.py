@@ -31,9 +31,9 @@ STATUS_PERIOD_S = 0.5
 """Period of a hub's status reports; changes are reported at once."""
 
 OLDEST_PROFILE = (1, 3)
+"""Oldest version that this module was written for."""
 NEWEST_PROFILE = (1, 7)
-"""Versions of the profile that this module was written for. A newer one adds to them, by its
-promise."""
+"""Newest version that this module was written for. A newer one adds to it, by its promise."""
 _PEAK_PREFIX = "Peak-"
 """Begins the names of PeakHubs, of Sciurus Robotics, which run programs for a Prime hub
 (``sciro.hubs``, scirodev 0.7.7)."""
@@ -41,7 +41,9 @@ _KINDS = {kind.model.product_id: kind for kind in HubKind}
 _STATUS_REPORT = struct.Struct("<IxB")
 """Flags, the program's id, and the slot."""
 _CAPABILITIES = struct.Struct("<HIIB")
+"""Largest write, features, largest program, number of slots."""
 _DATA_HEAD = struct.Struct("<BI")
+"""Command and size, or offset, of a download."""
 
 
 class PybricksCommand(enum.IntEnum):

@@ -32,8 +32,11 @@ FRAME_END = 0x02
 _HIGH_PRIORITY = 0x01
 _XOR = 0x03
 _LARGEST_DELIMITER = 2
+"""Bytes from 0 to this one end a block."""
 _CODE_OFFSET = 2
+"""Added to every code, so that none is one of the reserved bytes."""
 _BLOCK_BYTES = 84
+"""Largest block without its code: three delimiters times this many lengths fit a byte."""
 _FULL = 0xFF
 """Code of a block of the full size that no delimiter ended."""
 
@@ -368,8 +371,9 @@ class UsbPort:
             tag, code = _RESPONSE_BODY.unpack_from(body)
             response = self._response
             # One that is done was cancelled at its timeout, or answered before.
-            is_awaited = response is not None and not response.done()
-            if tag == self._tag and response is not None and is_awaited:
+            if response is None or response.done():
+                return
+            if tag == self._tag:
                 response.set_result(code)
         elif kind == _VALUE and len(body) >= _SELECTOR.size:
             future = self._values.get(_SELECTOR.unpack_from(body))
