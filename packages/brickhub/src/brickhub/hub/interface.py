@@ -196,7 +196,9 @@ class MotorAngle(Channel):
 
     @property
     def limits(self) -> tuple[float, float] | None:
-        return None if self.wraps else (-WIDE_MAX / self.scale, WIDE_MAX / self.scale)
+        if self.wraps:
+            return None
+        return -WIDE_MAX / self.scale, WIDE_MAX / self.scale
 
     def is_wide(self, robot: Robot | None) -> bool:
         # A joint with a range stays within 16 bits, in tenths of a degree; a wheel counts on.
@@ -209,7 +211,9 @@ class MotorAngle(Channel):
 
     @property
     def expression(self) -> str:
-        return f"motor_{self.motor}.angle()" + (" % 360" if self.wraps else "")
+        # Wrapped on the hub, as a wheel's turns would soon be too many for 16 bits.
+        wrap = " % 360" if self.wraps else ""
+        return f"motor_{self.motor}.angle(){wrap}"
 
 
 class _ImuChannel(Channel):

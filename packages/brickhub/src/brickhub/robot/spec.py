@@ -171,11 +171,9 @@ Sensor = UltrasonicSensor | PoweredUpSensor
 
 def sensor_of(kind: SensorKind, name: str, port: str) -> Sensor:
     """Description of a sensor by its kind, as a user writes it."""
-    return (
-        UltrasonicSensor(name, port)
-        if kind is UltrasonicSensor.kind
-        else PoweredUpSensor(name, port, kind)
-    )
+    if kind is UltrasonicSensor.kind:
+        return UltrasonicSensor(name, port)
+    return PoweredUpSensor(name, port, kind)
 
 
 _Device = TypeVar("_Device", Motor, Sensor)

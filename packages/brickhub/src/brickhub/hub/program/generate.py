@@ -20,6 +20,10 @@ from brickhub.hub.transport import HubProgram, Pipe
 from brickhub.robot import Direction, Motor, Robot, Sensor
 from brickhub.robot.spec import HUB_FLAT
 
+WATCHDOG_MS = 400
+"""Default silence after which the hub stops its motors; a WATCHDOG frame changes it."""
+END_MS = 10_000
+"""Further silence after which the program ends, so that the hub advertises again."""
 _MAX_SETTLE_MS = 60_000
 """Longest step, shorter than the 65.5 s after which the hub's clock wraps on the wire."""
 
@@ -104,12 +108,6 @@ def _check_encoders(robot: Robot, interface: Interface) -> None:
                     f" needs an encoder, and '{motor.name}' is a {motor.kind.value} motor; "
                     "use RunDuty"
                 )
-
-
-WATCHDOG_MS = 400
-"""Default silence after which the hub stops its motors; a WATCHDOG frame changes it."""
-END_MS = 10_000
-"""Further silence after which the program ends, so that the hub advertises again."""
 
 
 def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> HubProgram:
@@ -352,7 +350,8 @@ def _device_names(robot: Robot, interface: Interface) -> list[str]:
     # A dictionary keeps the order of first mention.
     names: dict[str, None] = {}
     for part in (*interface.channels, *interface.commands):
-        names |= dict.fromkeys(part.devices(robot))
+        for name in part.devices(robot):
+            names[name] = None
     return list(names)
 
 
@@ -366,6 +365,7 @@ def _joints(robot: Robot, interface: Interface) -> set[str]:
     return turned_by_angle & with_range
 
 
+# Pybricks' axes are those of a robot: x forward, y left, z up.
 _AXES = {
     "ahead": "Axis.X",
     "back": "-Axis.X",

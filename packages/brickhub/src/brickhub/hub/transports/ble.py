@@ -30,7 +30,17 @@ if TYPE_CHECKING:
     from bleak.backends.device import BLEDevice
     from bleak.backends.scanner import AdvertisementData, BaseBleakScanner
 
+_log = logging.getLogger(__name__)
+
+_OTHERS_S = 0.5
+"""Time in which another hub of the same name, or any other one, would be heard."""
+_SERVICE_PATIENCE_S = 0.2
+"""Time in which Pybricks' background service, on this same computer, accepts a connection."""
+
 _HUB_REMEDY = "switch the hub on and bring it near"
+_NOT_FOUND_REMEDY = "switch it on, bring it near, and close other programs that are connected to it"
+_RELEASE = "release the hub with `pb disconnect`, or end the service with `pb service stop`"
+
 _BLUETOOTH_FOLDER = Path("/sys/class/bluetooth")
 _RFKILL_FOLDER = Path("/sys/class/rfkill")
 _SYSTEM_BUS = Path("/run/dbus/system_bus_socket")
@@ -56,10 +66,6 @@ _REMEDIES = {
     ),
     "win32": "switch Bluetooth on (Settings, Bluetooth & devices)",
 }
-
-
-_SERVICE_PATIENCE_S = 0.2
-_RELEASE = "release the hub with `pb disconnect`, or end the service with `pb service stop`"
 
 
 def bluetooth_problem() -> tuple[errors.Reason, str] | None:
@@ -153,13 +159,6 @@ def _text(path: Path) -> str:
         return ""
 
 
-_log = logging.getLogger(__name__)
-
-_OTHERS_S = 0.5
-"""Time in which another hub of the same name, or any other one, would be heard."""
-_REMEDY = "switch it on, bring it near, and close other programs that are connected to it"
-
-
 @dataclass(frozen=True)
 class BleBackend:
     """Bleak backend in place of the operating system's default."""
@@ -237,7 +236,7 @@ async def find(
     if not matches:
         what = "no hub" if name is None and address is None else f"no hub '{name or address}'"
         others = f"; others are: {_listed(found.values())}" if found else ""
-        remedy = _REMEDY
+        remedy = _NOT_FOUND_REMEDY
         # Not every system tells which devices are connected.
         if service_is_running():
             remedy = f"Pybricks' own background service runs, and may have it: {_RELEASE}"

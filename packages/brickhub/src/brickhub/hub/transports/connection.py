@@ -23,6 +23,16 @@ from brickhub.hub.transports import profile
 from brickhub.hub.transports.profile import PybricksCommand, Status, StatusReport
 from brickhub.robot import HubKind
 
+_log = logging.getLogger(__name__)
+
+_FIRST_STATUS_S = 3 * profile.STATUS_PERIOD_S
+"""Time for the first status report, two of which may get lost."""
+_OUTPUT_GRACE_S = 0.3
+"""Time for the rest of a program's output, which may arrive after the report of its end."""
+_BUSY_PAUSE_S = 0.01
+"""Pause before a command is repeated that a busy hub refused; it doubles each time."""
+_LONGEST_BUSY_PAUSE_S = 0.16
+
 
 class Output:
     """Standard output of a program, and its end: after that the rest can be read, and then reading
@@ -79,17 +89,6 @@ class Output:
             data = bytes(self._data)
             self._data.clear()
             return data
-
-
-_log = logging.getLogger(__name__)
-
-_FIRST_STATUS_S = 3 * profile.STATUS_PERIOD_S
-"""Time for the first status report, two of which may get lost."""
-_OUTPUT_GRACE_S = 0.3
-"""Time for the rest of a program's output, which may arrive after the report of its end."""
-_BUSY_PAUSE_S = 0.01
-"""Pause before a command is repeated that a busy hub refused; it doubles each time."""
-_LONGEST_BUSY_PAUSE_S = 0.16
 
 
 class Port(Protocol):
@@ -164,7 +163,8 @@ class HubConnection:
         self._connect_timeout_s = connect_timeout_s
         self._loss: str | None = "not connected yet"
         self._reports = 0
-        # Whether the end of a program is news: it is none after a stop, nor for one of others.
+        # Whether the end of a program is news. After a stop it is none, and of a program that was
+        # there before nobody waits for it.
         self._is_running_expected = False
         self._end_timer: asyncio.TimerHandle | None = None
         self._changed = asyncio.Event()

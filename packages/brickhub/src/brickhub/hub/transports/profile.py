@@ -186,7 +186,7 @@ def parse_version(data: bytes) -> tuple[int, int]:
 def parse_hub_kind(pnp_id: bytes, name: str = "") -> HubKind:
     """Kind of hub from its plug-and-play id, or its name. Raises HubProtocolError if neither is
     that of a known hub."""
-    # A PeakHub is not of LEGO, so that its product id says nothing.
+    # A PeakHub is not of LEGO, and known by its name alone.
     if name.startswith(_PEAK_PREFIX):
         return HubKind.PRIME
     try:

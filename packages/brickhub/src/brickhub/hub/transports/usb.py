@@ -119,7 +119,7 @@ class Framer:
             except errors.HubProtocolError:
                 self.damaged += 1
                 continue
-            # Two ends in a row: one ended what another program had begun.
+            # Between two ends in a row there is no message.
             if message:
                 messages.append(message)
         # One byte more than allowed is kept, which tells that the frame is too long.
