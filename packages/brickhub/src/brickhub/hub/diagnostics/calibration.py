@@ -101,8 +101,10 @@ def load_calibration(hub: str, robot: Robot, folder: Path | None = None) -> Cali
         "the calibration in", path, CalibrationError, "delete the file and calibrate again"
     ):
         data = json.loads(path.read_bytes())
-        zeros = {str(name): int(zero) for name, zero in data["zeros_deg"].items()}
-        return Calibration(zeros, frozenset(map(str, data["reversed"])))
+        # Converted here, so that a file of other types is refused as one that cannot be read.
+        zeros_deg = {str(name): int(zero_deg) for name, zero_deg in data["zeros_deg"].items()}
+        reversed_motors = frozenset(str(name) for name in data["reversed"])
+        return Calibration(zeros_deg, reversed_motors)
 
 
 def hub_id(transport: Transport) -> str:
@@ -113,7 +115,13 @@ def hub_id(transport: Transport) -> str:
 
 def calibration_of(transport: Transport, folder: Path | None = None) -> Callable[[Robot], Robot]:
     """Argument ``calibrate`` for a link over this transport."""
-    return lambda robot: calibrated(robot, load_calibration(hub_id(transport), robot, folder))
+
+    def apply(robot: Robot) -> Robot:
+        # Asked for only now: before it is connected, a transport does not know its hub.
+        hub = hub_id(transport)
+        return calibrated(robot, load_calibration(hub, robot, folder))
+
+    return apply
 
 
 def save_calibration(
@@ -128,7 +136,8 @@ def save_calibration(
         "zeros_deg": calibration.zeros_deg,
         "reversed": sorted(calibration.reversed),
     }
-    write_durably(path, (json.dumps(data, indent=2) + "\n").encode())
+    text = json.dumps(data, indent=2) + "\n"
+    write_durably(path, text.encode())
     return path
 
 
@@ -145,4 +154,5 @@ def forget_calibration(hub: str, robot: Robot, folder: Path | None = None) -> No
 
 
 def _path(hub: str, robot: Robot, folder: Path | None) -> Path:
-    return (folder or calibration_folder()) / as_file_name(hub) / f"{as_file_name(robot.name)}.json"
+    hub_folder = (folder or calibration_folder()) / as_file_name(hub)
+    return hub_folder / f"{as_file_name(robot.name)}.json"

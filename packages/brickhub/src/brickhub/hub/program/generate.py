@@ -166,6 +166,7 @@ def generate_alone(
     """
     validate(robot, interface)
     settle = interface.settle
+    # Of each command: middle and half of its range, on the wire, to which actions are scaled.
     spans = []
     for command in interface.commands:
         middle = (command.low + command.high) / 2
@@ -189,9 +190,8 @@ def generate_alone(
         _onboard("moves")[1],
         alone,
     ]
-    header = _header(
-        robot, interface, f"It acts by itself, by {origin}, until the center button is pressed."
-    )
+    end = f"It acts by itself, by {origin}, until the center button is pressed."
+    header = _header(robot, interface, end)
     imports = _robot_imports(robot, interface) + policy_imports + alone_imports
     return HubProgram(_joined(header, imports, parts), 0, says_hello=False)
 
@@ -217,7 +217,8 @@ def _parted(text: str) -> tuple[list[str], str]:
     lines = text.splitlines()
     imports = [line for line in lines if line.startswith(("import ", "from "))]
     rest = [line for line in lines if line not in imports]
-    return imports, "\n".join(rest).strip() + "\n"
+    body = "\n".join(rest).strip()
+    return imports, body + "\n"
 
 
 def onboard_text(name: str) -> str:
