@@ -151,8 +151,8 @@ def test_only_chosen_cells_are_run(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_workers_end_with_a_study_that_is_killed(tmp_path: Path) -> None:
-    study = ["study", "strategies", "--only", "sac-*", "--jobs", "2", "--folder", str(tmp_path)]
-    assert_runs_end_with(study, tmp_path)
+    study = ["strategies", "--only", "sac-*", "--jobs", "2", "--folder", str(tmp_path)]
+    assert_runs_end_with(study, tmp_path, "benchmarks")
 
 
 def test_training_that_ctrl_c_ends_has_no_outcome_and_is_resumed(
