@@ -308,7 +308,8 @@ def with_keywords(function: Any) -> Any:
     takes_any_keyword = code.co_flags & inspect.CO_VARKEYWORDS
     takes_any_number = code.co_flags & inspect.CO_VARARGS
     first_with_name = max(code.co_posonlyargcount, bound)
-    has_named = first_with_name < code.co_argcount
+    # Also where `self` is the first of any number.
+    has_named = first_with_name != code.co_argcount
     if not (has_named or code.co_kwonlyargcount or takes_any_keyword):
         return _without_keywords(function)
     # Others look for their arguments in ways of their own.
