@@ -164,7 +164,7 @@ def end_stops_of(robot: Robot, texts: Iterable[str]) -> dict[str, tuple[float, f
                 f"on {known}"
             )
         motor = motors[port]
-        # A gear that turns the output the other way changes which one is the lowest.
+        # Of a motor that counts up counterclockwise the lowest becomes the highest.
         low, high = sorted(angle / motor.shaft_turns for angle in angles_deg)
         stops[motor.name] = low, high
     return stops

@@ -93,8 +93,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
             if found is None:
                 raise ImportError(f"no module named '{name}'")
             imported = module(name, {"__builtins__": namespace["__builtins__"]})
-            # Known before it runs, so that modules can import each other, and it stays when it
-            # fails.
+            # Known before it runs, so that modules can import each other.
             importable[name] = imported
             importable.namespaces.append(imported.__dict__)
             exec(compile_source(found.source, found.file), imported.__dict__)

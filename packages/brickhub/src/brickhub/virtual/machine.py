@@ -326,7 +326,6 @@ class Machine:
     def stop_motors(self) -> None:
         """End a program as the firmware does: motors coast and are closed, drive bases are
         released, the display is cleared."""
-        # Before the panel, whose stop button ends programs only.
         self.runs_program = False
         self.panel.start_program()
         # Drive bases before their motors, which they drive.
