@@ -85,17 +85,19 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
     match = _READING.fullmatch(text.strip())
     if match is None:
         raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
-    port = match[1].upper()
-    name = match[2]
-    value = match[3].strip()
+    letter, name, written = match.groups()
+    port = letter.upper()
+    value = written.strip()
     if name is not None and name not in set(Sense):
-        raise TwinError(f"'{text}': nothing senses '{name}'; choose from {', '.join(Sense)}")
+        known = ", ".join(Sense)
+        raise TwinError(f"'{text}': nothing senses '{name}'; choose from {known}")
     sense = Sense(name) if name else None
     if not value.startswith("@"):
         stimulus, unit_sense = _value(value, text)
         return GivenReading(port, sense or unit_sense, (0.0,), (stimulus,))
     # In a file units do not tell the sense, as each line may have another one or none.
-    rows = read_rows(folder / value[1:])
+    file_name = value.removeprefix("@")
+    rows = read_rows(folder / file_name)
     times_s = tuple(row.time_s for row in rows)
     values = tuple(_value_of_row(row) for row in rows)
     places = tuple(row.place for row in rows)
@@ -127,7 +129,7 @@ def _value(value: str, text: str) -> tuple[Sensed, Sense | None]:
     suits_unit = len(numbers) in _COUNTS_BY_UNIT.get(unit, (1,))
     if not suits_unit or not all(map(math.isfinite, numbers)):
         raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
-    stimulus = numbers if len(numbers) > 1 else numbers[0]
+    stimulus: Sensed = numbers if len(numbers) > 1 else numbers[0]
     return stimulus, _UNIT_SENSES.get(unit or "")
 
 

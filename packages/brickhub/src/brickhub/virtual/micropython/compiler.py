@@ -72,23 +72,23 @@ class _Loser(ast.NodeTransformer):
         # Decorators and defaults are computed in the scope around the function.
         for part in (*node.decorator_list, node.args):
             self.visit(part)
-        declared: set[str] = set()
-        for part in ast.walk(node):
-            if isinstance(part, ast.Global | ast.Nonlocal):
-                declared.update(part.names)
-        is_inner = any(not scope.keeps for scope in self._scopes)
-        variables = None
+        declared = _declared(node)
+        scope = _Scope(keeps=False, declared=declared)
+        is_inner = any(not around.keeps for around in self._scopes)
         if not is_inner:
-            arguments = {part.arg for part in ast.walk(node.args) if isinstance(part, ast.arg)}
-            variables = {*arguments, *_assigned(node.body)} - declared
-        self._scopes.append(_Scope(keeps=False, declared=declared, variables=variables))
+            scope.variables = _arguments(node)
+            scope.variables.update(_assigned(node.body))
+            scope.variables -= declared
+        self._scopes.append(scope)
         node.body = [self.visit(statement) for statement in node.body]
-        lost = self._scopes.pop().lost
+        self._scopes.pop()
         # `if False: name = None` keeps each lost name a variable of the function.
-        for name in sorted(lost):
-            assign = ast.Assign([ast.Name(name, ast.Store())], ast.Constant(None))
+        for name in sorted(scope.lost):
+            target = ast.Name(name, ast.Store())
+            assign = ast.Assign([target], ast.Constant(None))
             never = ast.If(ast.Constant(False), [assign], [])
-            node.body.insert(0, ast.copy_location(never, node.body[0]))
+            first = node.body[0]
+            node.body.insert(0, ast.copy_location(never, first))
         return node
 
     visit_AsyncFunctionDef = visit_FunctionDef
@@ -111,11 +111,7 @@ class _Loser(ast.NodeTransformer):
         # The first iterable is computed in the scope around, so it is taken out meanwhile.
         iterable = self.visit(first.iter)
         first.iter = ast.Constant(None)
-        loaded = set()
-        for part in ast.walk(node):
-            if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Load):
-                loaded.add(part.id)
-        reads = loaded - _targets(node)
+        reads = _loaded(node) - _targets(node)
         self._scopes.append(_Scope(keeps=False, reads=reads))
         self.generic_visit(node)
         self._scopes.pop()
@@ -140,9 +136,34 @@ class _Loser(ast.NodeTransformer):
         return node.value
 
 
+def _declared(function: ast.AST) -> set[str]:
+    """Names that a function, or one in it, declares global or nonlocal."""
+    names: set[str] = set()
+    for node in ast.walk(function):
+        if isinstance(node, ast.Global | ast.Nonlocal):
+            names.update(node.names)
+    return names
+
+
+def _arguments(function: _Function) -> set[str]:
+    names: set[str] = set()
+    for node in ast.walk(function.args):
+        if isinstance(node, ast.arg):
+            names.add(node.arg)
+    return names
+
+
+def _loaded(comprehension: _Comprehension) -> set[str]:
+    names: set[str] = set()
+    for node in ast.walk(comprehension):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
+            names.add(node.id)
+    return names
+
+
 def _targets(node: _Comprehension) -> set[str]:
     """Names that the loops of a comprehension assign."""
-    names = set()
+    names: set[str] = set()
     for generator in node.generators:
         for part in ast.walk(generator.target):
             if isinstance(part, ast.Name):
@@ -174,36 +195,45 @@ def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
     compiler refuses it, OverflowError if a constant needs more than 31 bits."""
     # The hub's own compiler goes first: what it refuses is refused in its words, and CPython's
     # compiler sees only programs that are right.
-    constants = list(_constants(_compile_for_hub(source, filename)))
-    for kind, value in constants:
+    mpy = _compile_for_hub(source, filename)
+    floats: list[str] = []
+    for kind, value in _constants(mpy):
         # A hub reads the digits before the sign, so the range is the same on both sides of 0.
         if kind == _INTEGER and (len(value) > _MAX_DIGITS or abs(int(value)) > SMALL_MAX):
             raise OverflowError("long int not supported in this build")
-    floats: list[str] = []
-    # What `eval` and `exec` compile on the hub has no text of constants.
-    if filename != STRING:
-        floats = [value.decode() for kind, value in constants if kind == _FLOAT]
+        # What `eval` and `exec` compile on the hub has no text of constants.
+        if kind == _FLOAT and filename != STRING:
+            floats.append(value.decode())
     with deep_recursion(), warnings.catch_warnings():
         # CPython's advice on style is not for a program that runs on a hub.
         warnings.simplefilter("ignore", SyntaxWarning)
         warnings.simplefilter("ignore", DeprecationWarning)
         tree = parse(source, filename, mode)
-        if any(isinstance(node, ast.NamedExpr) for node in ast.walk(tree)):
+        has_walrus = any(isinstance(node, ast.NamedExpr) for node in ast.walk(tree))
+        if has_walrus:
             _Loser().visit(tree)
-        transformed = transform(tree, _recursive_names(tree), floats)
+        recursive = _recursive_names(tree)
+        transformed = transform(tree, recursive, floats)
         code = compile(transformed, filename, mode, dont_inherit=True)
-    return _with_names_of_hub(code, _mangled(tree, source), frozenset(re.findall(r"\w+", source)))
+    mangled = _mangled(tree, source)
+    words = frozenset(re.findall(r"\w+", source))
+    return _with_names_of_hub(code, mangled, words)
 
 
 def _mangled(tree: ast.AST, source: str) -> re.Pattern[str] | None:
     """What CPython makes of names such as ``__speed`` in the classes of a program; ``None`` if it
     has none."""
     # CPython leaves out the underscores at the beginning of a class's name.
-    classes = {node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+    classes: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            classes.add(node.name.lstrip("_"))
+    # One that has underscores alone mangles nothing.
     classes.discard("")
     if not classes or "__" not in source:
         return None
-    return re.compile(f"_(?:{'|'.join(sorted(classes))})(__\\w+)")
+    any_class = "|".join(sorted(classes))
+    return re.compile(f"_(?:{any_class})(__\\w+)")
 
 
 def compile_string(source: str, mode: str = "exec") -> CodeType:
@@ -215,18 +245,22 @@ def compile_string(source: str, mode: str = "exec") -> CodeType:
             number = match["number"].replace("_", "")
             message = f"invalid syntax for integer with base 0: '{number}'"
             raise _at_line(1, SyntaxError(message))
+    is_expression = mode == "eval"
+    program = source.strip() if is_expression else source
     # An expression has to begin where its text does; what follows it may be anything blank.
-    if mode == "eval" and source[:1] in (" ", "\t"):
+    first = source[:1]
+    if is_expression and first in (" ", "\t"):
         raise _at_line(1, IndentationError("unexpected indent"))
-    if mode == "eval" and source[:1] in ("\n", "\r"):
+    if is_expression and first in ("\n", "\r"):
         raise _at_line(1, SyntaxError("invalid syntax"))
     try:
-        code = compile_source(source.strip() if mode == "eval" else source, STRING, mode)
+        code = compile_source(program, STRING, mode)
     except SyntaxError as error:
-        error.lineno = min(error.lineno or 1, source.count("\n") + 1)
+        last_line = source.count("\n") + 1
+        error.lineno = min(error.lineno or 1, last_line)
         # An error of CPython has more than a message, which is all that the hub's has.
         if len(error.args) > 1:
-            error.args = ("invalid syntax",) if mode == "eval" else error.args[:1]
+            error.args = ("invalid syntax",) if is_expression else error.args[:1]
             error.msg = error.args[0]
         raise
     nodes = list(ast.walk(parse(source, STRING, mode)))
@@ -235,9 +269,9 @@ def compile_string(source: str, mode: str = "exec") -> CodeType:
         if isinstance(node, ast.JoinedStr):
             raise _at_line(node.lineno, SyntaxError("invalid syntax"))
     for node in nodes:
-        is_integer = isinstance(node, ast.Constant) and type(node.value) is int
+        value = node.value if isinstance(node, ast.Constant) else None
         # The digits of -1073741824 are read before the sign.
-        if is_integer and node.value > SMALL_MAX:
+        if type(value) is int and value > SMALL_MAX:
             raise OverflowError("long int not supported in this build")
     return code
 
@@ -255,19 +289,28 @@ def _recursive_names(tree: ast.AST) -> set[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.ClassDef):
             methods.update(node.body)
-    functions = [node for node in ast.walk(tree) if isinstance(node, _Function)]
-    names = [f".{node.name}" if node in methods else node.name for node in functions]
     # By name alone: of two functions with one name each calls what both call.
-    calls: dict[str, set[str]] = {name: set() for name in names}
-    for name, function in zip(names, functions, strict=True):
-        called = {called_name(node) for node in ast.walk(function) if isinstance(node, ast.Call)}
-        calls[name] |= called & calls.keys()
+    calls: dict[str, set[str]] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, _Function):
+            name = f".{node.name}" if node in methods else node.name
+            called = calls.setdefault(name, set())
+            called.update(_called_names(node))
+    # Only what the program defines.
+    for called in calls.values():
+        called &= calls.keys()
     # Warshall's algorithm: who reaches a function also reaches what that one reaches.
     for middle, beyond in calls.items():
         for reached in calls.values():
             if middle in reached:
                 reached |= beyond
     return {name for name, reached in calls.items() if name in reached}
+
+
+def _called_names(function: ast.AST) -> Iterator[str]:
+    for node in ast.walk(function):
+        if isinstance(node, ast.Call):
+            yield called_name(node)
 
 
 def _with_names_of_hub(

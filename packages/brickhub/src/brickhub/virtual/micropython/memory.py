@@ -122,45 +122,55 @@ def _size_and_parts(value: Any) -> tuple[int, Iterable[Any]]:
     """Size of an object itself, and the objects that it refers to."""
     match value:
         case bytearray() | bytes():
-            return BLOCK_BYTES + _blocks(len(value)), ()
+            return _with_block(len(value)), ()
         case str():
             zero_byte = 1
-            text_bytes = len(value.encode("utf-8", "surrogatepass"))
-            return BLOCK_BYTES + _blocks(text_bytes + zero_byte), ()
+            data = value.encode("utf-8", "surrogatepass")
+            return _with_block(len(data) + zero_byte), ()
         case list():
-            return BLOCK_BYTES + _blocks(_REFERENCE_BYTES * _slots(value)), value
+            return _with_block(_REFERENCE_BYTES * _slots(value)), value
         case tuple():
             # The items stand in the object itself, behind its class and their number.
-            return _blocks(8 + _REFERENCE_BYTES * len(value)), value
+            items_bytes = _REFERENCE_BYTES * len(value)
+            return _blocks(8 + items_bytes), value
         case dict():
             return _size_and_parts_of_dict(value)
         case set() | frozenset():
-            return BLOCK_BYTES + _blocks(_REFERENCE_BYTES * len(value)), value
+            return _with_block(_REFERENCE_BYTES * len(value)), value
         case float():
             return BLOCK_BYTES, ()
         case FunctionType() if not value.__module__.startswith(FIRMWARE):
-            # A closure is an object beside its function.
-            cells = value.__closure__ or ()
-            size_bytes = BLOCK_BYTES * (2 if cells else 1)
-            return size_bytes, (*cells, *(value.__defaults__ or ()))
+            return _size_and_parts_of_function(value)
         case CellType():
             return BLOCK_BYTES, gc.get_referents(value)
         case MethodType():
             return BLOCK_BYTES, (value.__self__,)
         case GeneratorType() | CoroutineType():
-            # A generator keeps the variables of its function, and room for what it computes.
-            code = value.gi_code if isinstance(value, GeneratorType) else value.cr_code
-            state_bytes = _REFERENCE_BYTES * (code.co_nlocals + code.co_stacksize)
-            return BLOCK_BYTES + _blocks(state_bytes), gc.get_referents(value)
+            return _size_of_generator(value), gc.get_referents(value)
         case type() if not is_native(value):
             return BLOCK_BYTES, (dict(value.__dict__),)
         case _ if not is_native(type(value)) and hasattr(value, "__dict__"):
             attributes = value.__dict__
-            size_bytes = BLOCK_BYTES + _blocks(_PAIR_BYTES * len(attributes))
-            return size_bytes, attributes.values()
+            return _with_block(_PAIR_BYTES * len(attributes)), attributes.values()
     # Native classes and functions are in the firmware's flash memory.
-    is_in_flash = isinstance(value, type | FunctionType)
-    return (0 if is_in_flash else _OBJECT), ()
+    if isinstance(value, type | FunctionType):
+        return 0, ()
+    return _OBJECT, ()
+
+
+def _size_and_parts_of_function(function: FunctionType) -> tuple[int, Iterable[Any]]:
+    cells = function.__closure__ or ()
+    defaults = function.__defaults__ or ()
+    # A closure is an object beside its function.
+    objects = 2 if cells else 1
+    return objects * BLOCK_BYTES, (*cells, *defaults)
+
+
+def _size_of_generator(value: "GeneratorType[Any, Any, Any] | CoroutineType[Any, Any, Any]") -> int:
+    code = value.gi_code if isinstance(value, GeneratorType) else value.cr_code
+    # It keeps the variables of its function, and room for what that computes.
+    kept = code.co_nlocals + code.co_stacksize
+    return _with_block(_REFERENCE_BYTES * kept)
 
 
 def _size_and_parts_of_dict(value: dict[Any, Any]) -> tuple[int, Iterable[Any]]:
@@ -169,7 +179,13 @@ def _size_and_parts_of_dict(value: dict[Any, Any]) -> tuple[int, Iterable[Any]]:
     # Most texts are in the table of names, which belongs to the program, not to its heap.
     keys = [name for name in names if not isinstance(name, str)]
     values = [value[name] for name in names]
-    return BLOCK_BYTES + _blocks(_PAIR_BYTES * len(names)), [*keys, *values]
+    size_bytes = _with_block(_PAIR_BYTES * len(names))
+    return size_bytes, [*keys, *values]
+
+
+def _with_block(size_bytes: int) -> int:
+    """Size of an object of one block that keeps its contents elsewhere in the heap."""
+    return BLOCK_BYTES + _blocks(size_bytes)
 
 
 def _blocks(size_bytes: int) -> int:

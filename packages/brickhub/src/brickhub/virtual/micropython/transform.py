@@ -166,12 +166,18 @@ def fold(node: ast.expr) -> int | None:
     to fit 31 bits."""
     if isinstance(node, ast.Constant):
         return node.value if type(node.value) is int else None
-    if isinstance(node, ast.UnaryOp) and type(node.op) in _SIGNS:
+    if isinstance(node, ast.UnaryOp):
+        sign = _SIGNS.get(type(node.op))
         value = fold(node.operand)
-        return None if value is None else int(_SIGNS[type(node.op)](value))
-    if not isinstance(node, ast.BinOp) or type(node.op) not in _FOLDED:
+        if sign is None or value is None:
+            return None
+        return sign(value)
+    if not isinstance(node, ast.BinOp):
         return None
     kind = type(node.op)
+    operation = _FOLDED.get(kind)
+    if operation is None:
+        return None
     left = fold(node.left)
     right = fold(node.right)
     if left is None or right is None:
@@ -185,7 +191,7 @@ def fold(node: ast.expr) -> int | None:
         return None
     if kind is ast.LShift and right > _MAX_BITS:
         return None
-    return int(_FOLDED[kind](left, right))
+    return operation(left, right)
 
 
 def transform(
@@ -257,31 +263,38 @@ class _Transformer(ast.NodeTransformer):
         return self.generic_visit(node)
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST | list[ast.stmt]:
-        kind = type(node.op)
         target = node.target
         if isinstance(target, ast.Name):
-            read: ast.expr = _load(target.id)
-            # `a += 1` stays, with its result checked in a second statement: the fastest form for
-            # what loops do most. Any other right side of `+=` may be an iterable, which a hub adds
-            # to a list in its own way.
-            is_number = isinstance(node.value, ast.Constant)
-            if kind is ast.Sub or (kind is ast.Add and is_number):
-                return [node, _assignment(target, call("@n", read, at=node), node)]
-            return _assignment(target, self._operate(read, node), node)
+            return self._augment_name(target, node)
         # Owner and index are computed once, before the value, as in `a[f()] += g()`.
         statements: list[ast.stmt] = [self._assign("@owner", target.value, node)]
         owner: ast.expr = _load("@owner")
+        read: ast.expr
+        write: ast.expr
         if isinstance(target, ast.Attribute):
             read = ast.Attribute(owner, target.attr, ast.Load())
-            write: ast.expr = ast.Attribute(owner, target.attr, ast.Store())
+            write = ast.Attribute(owner, target.attr, ast.Store())
         else:
             statements.append(self._assign("@index", target.slice, node))
             index = _load("@index")
             read = ast.Subscript(owner, index, ast.Load())
             write = ast.Subscript(owner, index, ast.Store())
-        assign = _assignment(write, self._operate(read, node), node)
+        new_value = self._operate(read, node)
+        assign = _assignment(write, new_value, node)
         statements.append(self._store_statement(assign))
         return statements
+
+    def _augment_name(self, target: ast.Name, node: ast.AugAssign) -> ast.AST | list[ast.stmt]:
+        kind = type(node.op)
+        read = _load(target.id)
+        # `a += 1` stays, with its result checked in a second statement: the fastest form for what
+        # loops do most. Any other right side of `+=` may be an iterable, which a hub adds to a
+        # list in its own way.
+        adds_constant = kind is ast.Add and isinstance(node.value, ast.Constant)
+        if kind is ast.Sub or adds_constant:
+            checked = call("@n", read, at=node)
+            return [node, _assignment(target, checked, node)]
+        return _assignment(target, self._operate(read, node), node)
 
     @staticmethod
     def _operate(read: ast.expr, node: ast.AugAssign) -> ast.expr:
@@ -365,25 +378,24 @@ class _Transformer(ast.NodeTransformer):
     def visit_Assign(self, node: ast.Assign) -> ast.AST:
         target = node.targets[0]
         is_single = len(node.targets) == 1
-        if isinstance(target, ast.Name) and isinstance(node.value, ast.Call):
-            called = called_name(node.value)
-            # `name = const(value)` is a directive to the compiler.
-            if is_single and called == "const" and node.value.args:
-                node.value = node.value.args[0]
+        if isinstance(target, ast.Name):
+            constant = _argument_of_const(node.value) if is_single else None
+            if constant is not None:
+                node.value = constant
+                # It stands wherever the name is read, and the name itself is in no namespace.
                 if target.id.startswith("_"):
-                    self._private[target.id] = self.visit(node.value)
+                    self._private[target.id] = self.visit(constant)
                     return ast.copy_location(ast.Pass(), node)
-        # The value may be another now, the one in `const(...)`.
-        value = node.value
-        makes_class = isinstance(value, ast.Call) and called_name(value) == "type"
-        if isinstance(target, ast.Name) and makes_class:
-            self._classes.add(target.id)
+            if isinstance(node.value, ast.Call) and called_name(node.value) == "type":
+                self._classes.add(target.id)
         self.generic_visit(node)
-        stores_slice = isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice)
-        if is_single and stores_slice:
-            store = call("@setslice", node.value, target.value, *_bounds(target.slice), at=node)
-            return _statement(store, node)
-        return self._store_statement(node)
+        if not is_single or not isinstance(target, ast.Subscript):
+            return self._store_statement(node)
+        if not isinstance(target.slice, ast.Slice):
+            return node
+        bounds = _bounds(target.slice)
+        store = call("@setslice", node.value, target.value, *bounds, at=node)
+        return _statement(store, node)
 
     def visit_Dict(self, node: ast.Dict) -> ast.expr:
         # A hub computes each value before its key.
@@ -471,11 +483,15 @@ class _Transformer(ast.NodeTransformer):
         operation = node.ops[0]
         right = node.comparators[0]
         is_single = len(node.ops) == 1
-        if is_single and type(operation) in _ORDERS and (_is_text(left) or _is_text(right)):
-            return call(_ORDERS[type(operation)], left, right, at=node)
+        if not is_single:
+            return node
+        helper = _ORDERS.get(type(operation))
+        if helper is not None:
+            has_text = _is_text(left) or _is_text(right)
+            return call(helper, left, right, at=node) if has_text else node
         is_data = isinstance(right, ast.Constant) and isinstance(right.value, bytes)
         has_constant = isinstance(left, ast.Constant) or is_data
-        if not is_single or not isinstance(operation, ast.In | ast.NotIn) or not has_constant:
+        if not isinstance(operation, ast.In | ast.NotIn) or not has_constant:
             return node
         contains = call("@in", left, right, at=node)
         if isinstance(operation, ast.In):
@@ -636,6 +652,13 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Await(self, node: ast.Await) -> ast.expr:
         return ast.copy_location(ast.YieldFrom(node.value), node)
+
+
+def _argument_of_const(value: ast.expr) -> ast.expr | None:
+    """The argument of ``const(value)``, a directive to the compiler; ``None`` if it is none."""
+    if not isinstance(value, ast.Call) or not value.args:
+        return None
+    return value.args[0] if called_name(value) == "const" else None
 
 
 def _is_text(node: ast.expr) -> bool:
