@@ -2,13 +2,11 @@
 data."""
 
 import enum
-import functools
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from importlib import metadata
-from typing import Any, ClassVar, TypeVar
+from typing import ClassVar, TypeVar
 
 from brickhub.errors import DescriptionError
 from brickhub.fields import check_fields
@@ -27,9 +25,11 @@ class Motor:
     """Motor on a port; angles and speeds are those of the gear train's output.
 
     Attributes:
-        port: port of the hub; "" takes the one of that name in the robot's plan.
-        gears: teeth from the motor to the output, as in Pybricks, e.g. ``(20, 60)``. Empty takes
-            those of the robot's plan, if any; ``(1, 1)`` means the motor's shaft.
+        port: port of the hub; "" for ``bricktwin.robots.planned.robot_of_plan``, which takes the
+            one of that name in a building plan.
+        gears: teeth from the motor to the output, as in Pybricks, e.g. ``(20, 60)``. Empty means
+            the motor's shaft, or those of a building plan, if the robot is made of one; ``(1, 1)``
+            means the motor's shaft in any case.
         range_deg: range that the hub clamps every target to; ``None`` for endless rotation.
         end_stops_deg: lowest and highest angle at which what the motor drives meets something, so
             that it stalls there; ``None`` if nothing is known. A virtual robot stops there; a real
@@ -181,8 +181,8 @@ _Device = TypeVar("_Device", Motor, Sensor)
 
 @dataclass(frozen=True)
 class DriveBase:
-    """Drive base of two named motors. A wheel diameter or axle track of 0 is taken from the robot's
-    plan."""
+    """Drive base of two named motors. A wheel diameter or axle track of 0 is for
+    ``bricktwin.robots.planned.robot_of_plan``, which takes that of a building plan."""
 
     left: str
     right: str
@@ -241,16 +241,13 @@ class Robot:
 
     Attributes:
         hub_sides: where the hub's top and its front, with the USB port, look: names of
-            :data:`LOOKS`. By default as in the plan, or ``("up", "ahead")``. The IMU's values are
+            :data:`LOOKS`; by default ``("up", "ahead")``. The IMU's values are
             along the robot's axes, however the hub is mounted.
         model: MuJoCo model of a virtual robot: ``"package.module:function"``, which is called with
             the robot and its scene and returns an ``MjSpec``, or the path of an MJCF file (see
             ``bricktwin.twin.models.load``) or of a building plan. Without a model, a robot with a
             drive base gets a generated body, and any other one is a bench.
-        plan: path of the building plan, an LDraw file. It completes this description: missing
-            motors and sensors, ports that are "", gears, wheel diameter and axle track; and it is
-            the model if there is none.
-        chassis: chassis of the generated body of a drive base without model and plan.
+        chassis: chassis of the generated body of a drive base without model.
         mirrored: of a body whose left and right sides are alike, the pairs of motors, or of
             sensors, that change places in a mirror. A motor that is paired with itself turns the
             other way there; one in no pair turns as it does.
@@ -264,7 +261,6 @@ class Robot:
     needs_imu: bool = False
     hub_sides: tuple[str, ...] = ()
     model: str | None = None
-    plan: str | None = None
     chassis: Chassis = Chassis()
     mirrored: tuple[tuple[str, str], ...] = ()
 
@@ -276,13 +272,6 @@ class Robot:
             if isinstance(value, list):
                 object.__setattr__(self, field, tuple(value))
         check_fields(Robot, vars(self))
-        # The plan first: what it completes is then checked like what was given.
-        if self.plan is not None:
-            completed = _completion()(self)
-            names = ("motors", "sensors", "drive_base", "hub_sides")
-            for field, value in zip(names, completed, strict=True):
-                object.__setattr__(self, field, value)
-        # After the plan, which may say how the hub is mounted.
         if not self.hub_sides:
             object.__setattr__(self, "hub_sides", HUB_FLAT)
         if not _are_at_right_angles(self.hub_sides):
@@ -299,7 +288,7 @@ class Robot:
             if not (self.drive_base.wheel_diameter_mm and self.drive_base.axle_track_mm):
                 raise self._error(
                     "its drive base has no wheel diameter or no axle track; say both in mm, or "
-                    "name a plan"
+                    "make the robot with robot_of_plan"
                 )
             left = self.motor(self.drive_base.left)
             right = self.motor(self.drive_base.right)
@@ -317,7 +306,10 @@ class Robot:
         self._check_unique("name", [device.name for device in devices])
         for device in devices:
             if not device.port:
-                raise self._error(f"'{device.name}' has no port; say it, or name a plan that does")
+                raise self._error(
+                    f"'{device.name}' has no port; say it, or make the robot with robot_of_plan "
+                    "of a plan that does"
+                )
             if len(device.port) != 1 or device.port not in self.hub.model.ports:
                 ports = f"a {self.hub.value} hub has ports {', '.join(self.hub.model.ports)}"
                 raise self._error(
@@ -383,19 +375,6 @@ def _are_at_right_angles(sides: tuple[str, ...]) -> bool:
     return product == 0
 
 
-@functools.cache
-def _completion() -> Callable[[Robot], tuple[Any, ...]]:
-    """Function that reads a robot's plan: the entry point ``complete`` of the group
-    ``brickhub.plan``."""
-    # By an entry point, as imports go one way: who reads plans knows robots, not the reverse.
-    for point in metadata.entry_points(group="brickhub.plan", name="complete"):
-        complete: Callable[[Robot], tuple[Any, ...]] = point.load()
-        return complete
-    raise DescriptionError(
-        "a building plan is read by bricktwin, which is not installed; run `pip install bricktwin`"
-    )
-
-
 def _check_device(device: Motor | Sensor) -> None:
     _check_name(device.name)
     # Before the check of all fields, for a remedy: Pybricks has ``Port.A`` there.
@@ -426,7 +405,7 @@ def _find_device(robot: Robot, kind: str, devices: tuple[_Device, ...], name: st
 def with_end_stops(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) -> Robot:
     """The robot whose motors of these names meet something at these angles (deg of the output).
     Raises DescriptionError if it has no such motor, or the stops leave no way."""
-    # The same robot, which need not be completed and checked again.
+    # The same robot, which need not be checked again.
     if not end_stops:
         return robot
     # Raises for a name that no motor has.
