@@ -92,6 +92,7 @@ class Motor:
                 raise DescriptionError(
                     f"motor '{self.name}': a {self.kind.value} motor has no encoder; omit {field}"
                 )
+            # The range is a pair, and was looked at before.
             if isinstance(value, int) and value < 1:
                 raise DescriptionError(
                     f"motor '{self.name}': {field} is {value}; give a positive number or None"
@@ -265,6 +266,7 @@ class Robot:
     mirrored: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
+        # Unlike that of a device, it becomes no variable on the hub, and may have hyphens.
         _check_name(str(self.name).replace("-", "_"))
         # A list is as good, but has no hash.
         for field in ("motors", "sensors"):
@@ -310,6 +312,7 @@ class Robot:
                     f"'{device.name}' has no port; say it, or make the robot with robot_of_plan "
                     "of a plan that does"
                 )
+            # The length too: "AB" is a part of the text "ABCDEF".
             if len(device.port) != 1 or device.port not in self.hub.model.ports:
                 ports = f"a {self.hub.value} hub has ports {', '.join(self.hub.model.ports)}"
                 raise self._error(
