@@ -92,6 +92,7 @@ class Motor:
                 raise DescriptionError(
                     f"motor '{self.name}': a {self.kind.value} motor has no encoder; omit {field}"
                 )
+            # The range is a pair, and was looked at before.
             if isinstance(value, int) and value < 1:
                 raise DescriptionError(
                     f"motor '{self.name}': {field} is {value}; give a positive number or None"
@@ -269,6 +270,7 @@ class Robot:
     mirrored: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
+        # Unlike that of a device, it becomes no variable on the hub, and may have hyphens.
         _check_name(str(self.name).replace("-", "_"))
         # A list is as good, but has no hash.
         for field in ("motors", "sensors"):
@@ -322,6 +324,7 @@ class Robot:
         for device in devices:
             if not device.port:
                 raise self._error(f"'{device.name}' has no port; say it, or name a plan that does")
+            # The length too: "AB" is a part of the text "ABCDEF".
             if len(device.port) != 1 or device.port not in self.hub.model.ports:
                 ports = f"a {self.hub.value} hub has ports {', '.join(self.hub.model.ports)}"
                 raise self._error(
@@ -417,7 +420,7 @@ def _find_device(robot: Robot, kind: str, devices: tuple[_Device, ...], name: st
 def with_end_stops(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) -> Robot:
     """The robot whose motors of these names meet something at these angles (deg of the output).
     Raises DescriptionError if it has no such motor, or the stops leave no way."""
-    # The same robot, which need not be completed and checked again.
+    # The same robot, which need not be checked again.
     if not end_stops:
         return robot
     # Raises for a name that no motor has.
