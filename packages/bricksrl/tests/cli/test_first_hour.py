@@ -437,6 +437,7 @@ sys.exit(bricksrl.cli.main())
     )
 
 
+@pytest.mark.usefixtures("forked_children")
 @pytest.mark.parametrize(
     "option", [pytest.param("--robots=2", marks=pytest.mark.slow), "--asynchronous"]
 )
