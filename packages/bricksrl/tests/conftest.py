@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import hermetic  # noqa: F401  before anything else is imported
 import pytest
 from ble_fixtures import world  # noqa: F401  a fixture
-from forked import CAN_FORK, ForkServer, children_of
+from forked import CAN_FORK, ForkServer, Scratch, children_of
 from quick_files import quick_files  # noqa: F401  a fixture
 
 from bricksrl import child_process
@@ -28,6 +28,12 @@ def forked_children(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPa
         forked: ForkServer = request.getfixturevalue("forked")
         monkeypatch.setattr(child_process, "subprocess", children_of(forked))
         monkeypatch.setattr(forked, "forks_children", True)
+
+
+@pytest.fixture
+def processes(request: pytest.FixtureRequest) -> ForkServer | Scratch:
+    """Starts commands and scripts: forked, or from scratch where there is no safe fork."""
+    return request.getfixturevalue("forked") if CAN_FORK else Scratch()
 
 
 @pytest.fixture(scope="session")

@@ -195,6 +195,54 @@ class ForkServer:
         self._folder.cleanup()
 
 
+class Scratch:
+    """Processes from scratch, where there is no safe fork."""
+
+    def start(
+        self,
+        arguments: Sequence[str],
+        streams: Sequence[Any],
+        *,
+        folder: str = ".",
+        environment: Mapping[str, str] | None = None,
+        script: str = "",
+    ) -> subprocess.Popen[str]:
+        """As `ForkServer.start`."""
+        stdin, stdout, stderr = streams
+        return subprocess.Popen(
+            _from_scratch(arguments, script),
+            stdin=stdin,
+            stdout=stdout,
+            stderr=stderr,
+            cwd=folder,
+            env=environment,
+            text=True,
+        )
+
+    def run(
+        self,
+        arguments: Sequence[str],
+        folder: Path,
+        environment: Mapping[str, str],
+        timeout_s: float,
+        script: str = "",
+    ) -> subprocess.CompletedProcess[str]:
+        """As `ForkServer.run`."""
+        return subprocess.run(
+            _from_scratch(arguments, script),
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=timeout_s,
+            check=False,
+        )
+
+
+def _from_scratch(arguments: Sequence[str], script: str) -> list[str]:
+    return [sys.executable, *(["-c", script] if script else ["-m", "bricksrl"]), *arguments]
+
+
 class SameServer(ForkServer):
     """The server, for a process that it has forked."""
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
-from forked import ForkServer
+from forked import ForkServer, Scratch
 from prompt_toolkit.input import create_pipe_input
 from torchrl.envs import ParallelEnv
 
@@ -174,7 +174,7 @@ def test_signal_ends_training_and_saves(start, tmp_path) -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="a terminal of POSIX")
 @pytest.mark.usefixtures("forked_children")
-def test_keys_in_a_terminal(forked: ForkServer, tmp_path) -> None:
+def test_keys_in_a_terminal(processes: ForkServer | Scratch, tmp_path) -> None:
     import pty
     import select
     import termios
@@ -196,7 +196,7 @@ def test_keys_in_a_terminal(forked: ForkServer, tmp_path) -> None:
     login = "import os, sys, fcntl, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
     login += "from bricksrl.cli import main; sys.exit(main())"
     with os.fdopen(slave, "r+b", 0, closefd=False) as terminal:
-        child = forked.start(
+        child = processes.start(
             command,
             (terminal, terminal, terminal),
             folder=str(tmp_path),

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 import torch
-from forked import ForkServer
+from forked import ForkServer, Scratch
 from tensordict import TensorDict
 from test_training_loop import Recorder, ctrl_c, rows
 from torchrl.envs.utils import ExplorationType, set_exploration_type
@@ -278,7 +278,9 @@ def test_real_time_runs_are_asynchronous_by_default() -> None:
         assert TrainConfig.from_dict(told.to_dict()) == told
 
 
-def test_error_of_a_callback_is_the_last_line(forked: ForkServer, tmp_path: Path) -> None:
+def test_error_of_a_callback_is_the_last_line(
+    processes: ForkServer | Scratch, tmp_path: Path
+) -> None:
     script = (
         "from bricksrl.training import Callback, TrainConfig, train\n"
         "class Faulty(Callback):\n"
@@ -286,5 +288,5 @@ def test_error_of_a_callback_is_the_last_line(forked: ForkServer, tmp_path: Path
         "        raise ValueError('mine')\n"
         "train(TrainConfig('RunAway-v0', episodes=2, asynchronous=True), Faulty())\n"
     )
-    done = forked.run((), tmp_path, os.environ, 100.0, script)
+    done = processes.run((), tmp_path, os.environ, 100.0, script)
     assert (done.returncode, done.stderr.splitlines()[-1]) == (1, "ValueError: mine")
