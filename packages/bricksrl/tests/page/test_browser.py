@@ -355,7 +355,7 @@ def test_memory_does_not_grow(browser: object, played: Played) -> None:
     with tab(browser, played.page.url) as page:
         page.wait_for_selector("#scene[data-frames]")
         button(page, "max").click()
-        until(lambda: played.steps > 500, "it plays")
+        until(lambda: played.steps > 410, "it plays")
         series = played.page.board.series
         assert len(series["reward"].rows) == 400 == len(series["channels"].rows)
         assert page.evaluate("document.querySelectorAll('*').length") < 250
