@@ -338,16 +338,16 @@ def test_model_of_a_function_is_not_kept(cache: Cache) -> None:
 def test_damaged_file_is_built_anew(
     damaged: Callable[[bytes], bytes], cache: Cache, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    built = cache.body(TWO_WHEELER)
+    built = cache.body(GENERATED)
     (path,) = cache.files
     path.write_bytes(damaged(path.read_bytes()))
     with monkeypatch.context() as context:
         # MuJoCo does not see it
         context.setattr("bricktwin.twin.models.kept_models._decoded", pytest.fail)
-        again = cache.body(TWO_WHEELER)
+        again = cache.body(GENERATED)
     assert len(cache.built) == 2
     assert_equal(built._nominal, again._nominal)
-    cache.body(TWO_WHEELER)
+    cache.body(GENERATED)
     assert len(cache.built) == 2, "the file is whole again"
 
 
@@ -357,13 +357,13 @@ def test_file_of_another_mujoco_is_built_anew(
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
     with monkeypatch.context() as context:
         context.setattr("bricktwin.twin.models.kept_models._encoded", lambda _: b"another form")
-        cache.body(TWO_WHEELER)
-    cache.body(TWO_WHEELER)
+        cache.body(GENERATED)
+    cache.body(GENERATED)
     assert len(cache.built) == 2
-    cache.body(TWO_WHEELER)
+    cache.body(GENERATED)
     assert len(cache.built) == 2
     monkeypatch.setattr(mujoco, "mj_versionString", lambda: "5.0.0")
-    cache.body(TWO_WHEELER)
+    cache.body(GENERATED)
     assert len(cache.built) == 3
 
 
@@ -386,7 +386,7 @@ def test_without_a_cache_all_is_as_before(
             lambda *_: (_ for _ in ()).throw(OSError(30, "read-only")),
         )
     with caplog.at_level(logging.INFO):
-        bodies = [cache.body(TWO_WHEELER), cache.body(TWO_WHEELER)]
+        bodies = [cache.body(GENERATED), cache.body(GENERATED)]
     assert len(cache.built) == 2 and not caplog.records and not cache.files
     assert_equal(bodies[0]._nominal, bodies[1]._nominal)
 
