@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 
 from bricksrl.agents import AGENTS, preset
 from bricksrl.cli import main
-from bricksrl.envs.registry import BUILT_IN, make
+from bricksrl.envs.make import make
+from bricksrl.envs.registry import BUILT_IN
 from bricksrl.errors import BricksError, RunError, UnknownNameError
 from bricksrl.page.start import StartPage
 from bricksrl.policies.sharing import export_policy

@@ -13,7 +13,8 @@ from brickhub.hub.program.compile import check_program
 from brickhub.user_files import line_of_user
 from bricksrl.envs.env import outside_text
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.registry import get_task, make
+from bricksrl.envs.make import make
+from bricksrl.envs.registry import get_task
 from bricksrl.envs.task import Task
 from bricksrl.errors import BricksError, RenderingUnavailableError
 

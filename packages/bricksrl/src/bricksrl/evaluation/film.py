@@ -18,7 +18,7 @@ from brickhub.seed import episode_seed, evaluation_seed
 from brickhub.virtual.faults import sound_body
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.registry import make_env
+from bricksrl.envs.make import make
 from bricksrl.envs.robot_env import EpisodeState
 from bricksrl.envs.rollout import play, play_episodes
 from bricksrl.errors import TwinError
@@ -198,9 +198,7 @@ def film_run(
     RenderingUnavailableError or TwinError as `filmed_env`."""
     origin = RunFolder(run_dir).origin()
     with closing(
-        make_env(
-            origin.env, evaluation_options(origin, origin.env, hub="virtual"), seed=origin.seed
-        )
+        make(origin.env, evaluation_options(origin, origin.env, hub="virtual"), seed=origin.seed)
     ) as env:
         check_filmable(env)
         seed = evaluation_seed(origin.seed, EVALUATION_SEED)  # the first episode of its evaluation

@@ -33,8 +33,9 @@ from tensordict import TensorDict, TensorDictBase
 from brickhub.fields import Count, check_value
 from bricksrl.agents.features import ObservationEncoder
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.make import make
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.registry import is_simulation, make
+from bricksrl.envs.registry import is_simulation
 from bricksrl.envs.rollout import link_lost
 from bricksrl.envs.specs import clamped
 from bricksrl.envs.task import check_measures, metrics_of, success_of

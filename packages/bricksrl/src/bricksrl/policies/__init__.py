@@ -71,10 +71,10 @@ def config_of(path: Path) -> TrainConfig:
 def make_env_of(path: Path, **changed: Any) -> EnvBase:
     """The environment that a run or a shared policy was trained in, of a single robot, with these
     options ``changed``. Raises the errors of `config_of`."""
-    from bricksrl.envs.registry import make_env
+    from bricksrl.envs.make import make
 
     config = config_of(path)
-    return make_env(config.env, config.robot.changed(**changed), seed=config.seed)
+    return make(config.env, config.robot.changed(**changed), seed=config.seed)
 
 
 __all__ = ["config_of", "load_policy", "make_env_of"]

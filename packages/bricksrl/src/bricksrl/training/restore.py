@@ -24,8 +24,8 @@ from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.agents.teachers import Base, Scripted, add_base, imitate, restore
 from bricksrl.data import Episodes, describe, load
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.make import make
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.registry import make
 from bricksrl.envs.simulation import resolve_device
 from bricksrl.envs.specs import given_specs, observed_specs
 from bricksrl.envs.tasks.scripted import CONTROLLERS

@@ -15,7 +15,8 @@ from brickhub.user_files import calling, is_reference
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.teachers import restore
 from bricksrl.envs.connection import Placement
-from bricksrl.envs.registry import make_env
+from bricksrl.envs.make import make
+from bricksrl.envs.registry import is_simulation
 from bricksrl.envs.rollout import Driver
 from bricksrl.envs.transforms import load_transform_state, with_unit_actions
 from bricksrl.errors import DescriptionError, RunError, counted
@@ -146,12 +147,15 @@ def _run(
             if len(config.hubs) > 1:
                 env = make_fleet(config, place if config.hub != "virtual" else None)
             else:
-                env = make_env(
+                # Only thousands of copies in one batch are worth a device; a robot, and a single
+                # simulation, act on the processor.
+                is_batch = config.num_envs > 1 and is_simulation(config.env)
+                env = make(
                     config.env,
                     config.robot,
-                    config.num_envs,
+                    copies=config.num_envs,
                     seed=config.seed,
-                    device=config.device,
+                    device=config.device if is_batch else "cpu",
                     place=place,
                 )
             stack.callback(env.close, raise_if_closed=False)
