@@ -13,7 +13,8 @@ from torchrl.envs import EnvBase, ParallelEnv
 from brickhub.entry import Entry
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env_interface import BricksEnv
-from bricksrl.envs.robot_env import EpisodeState, RobotEnv
+from bricksrl.envs.episode_state import EpisodeState
+from bricksrl.envs.robot_env import RobotEnv
 from bricksrl.envs.specs import set_vector_specs
 from bricksrl.envs.task import Task, never
 from bricksrl.errors import BricksError, CameraError, DescriptionError, HubError, HubProgramError

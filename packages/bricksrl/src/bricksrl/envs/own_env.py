@@ -10,7 +10,7 @@ from brickhub.hub.link.own_client import ClientLink
 from brickhub.hub.link.robot_link import Reading
 from bricksrl.envs.base_env import BaseEnv
 from bricksrl.envs.env import HubEnv
-from bricksrl.envs.robot_env import EpisodeState, Floats
+from bricksrl.envs.episode_state import EpisodeState, Floats
 from bricksrl.errors import DescriptionError
 
 

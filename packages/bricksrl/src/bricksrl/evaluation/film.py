@@ -18,8 +18,8 @@ from brickhub.seed import episode_seed, evaluation_seed
 from brickhub.virtual.faults import sound_body
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.episode_state import EpisodeState
 from bricksrl.envs.make import make
-from bricksrl.envs.robot_env import EpisodeState
 from bricksrl.envs.rollout import play, play_episodes
 from bricksrl.errors import TwinError
 from bricksrl.evaluation.evaluator import EVALUATION_SEED, evaluation_options
