@@ -1,17 +1,15 @@
 """Transforms between an environment and its agent: what they do to each number, what they hide,
 what they keep.
 
-Which number of an observation is which entry of the environment is found by trying: the transforms
-are copied onto a playback of random observations, and a number that in every try is the same linear
-function of the same entry is that entry. Nothing is concluded from the name of a class, except that
-running statistics (`RUNNING`) change while an agent learns.
+Which number of an observation is which entry of the environment is followed from transform to
+transform (`transform_rows`). One step is played through copies of them before an agent is built, so
+that a transform which fails is refused by name, and not in the middle of a run.
 """
 
 import copy
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
-from math import inf
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -47,18 +45,19 @@ from bricksrl.envs.specs import (
     specs_of,
     transform_failure,
 )
+from bricksrl.envs.transform_rows import (
+    RUNNING,
+    as_arrays,
+    as_list,
+    has_unit,
+    numbers_behind,
+)
 from bricksrl.errors import DataError, DescriptionError
 
-_TRIES = 8
-_STEPS = (2, 24)
-"""Random episodes, and their steps; the longer ones if a number is the same in all short ones, as
-it is of an earlier step."""
-RUNNING = (VecNorm, VecNormV2)
-"""Transforms by running statistics, which can be undone (``denorm``) and frozen."""
 _TOLERANCE = 1e-4
-_ROUNDING = 0.1
-"""Largest deviations, in standard deviations: from a linear function, that of single precision;
-from an entry itself, that of whole numbers and half precision."""
+"""Largest difference of two actions, in -1..1, that are the same but for single precision."""
+_MOST_REPEATS = 24
+"""Longest repetition of an action that may outlast the end of a recorded episode."""
 
 
 def base_of(env: EnvBase) -> EnvBase:
@@ -176,12 +175,11 @@ class KeepUnits(Transform):  # type: ignore[misc]
 
     def __init__(self, statistics: VecNorm | VecNormV2) -> None:
         super().__init__()
-        self.is_tried = False
         before = statistics.parent
         specs = observed_specs(before)
         numbers = numbers_of(before)
         self.kept = {
-            (key, out): torch.tensor([_has_unit(number.entry) for number in numbers[key]]).view(
+            (key, out): torch.tensor([has_unit(number.entry) for number in numbers[key]]).view(
                 specs[key].shape
             )
             for key, out in zip(statistics.in_keys, statistics.out_keys, strict=True)
@@ -189,8 +187,8 @@ class KeepUnits(Transform):  # type: ignore[misc]
         }
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        chain = self.__dict__["_container"]().transforms
-        statistics = copy.copy(chain[list(chain).index(self) - 1])  # in a copy of the chain its own
+        chain = _chain(self.container)
+        statistics = copy.copy(chain[chain.index(self) - 1])  # in a copy of the chain its own
         # not of a reward
         statistics.in_keys, statistics.out_keys = (
             [pair[end] for pair in self.kept] for end in (0, 1)
@@ -199,19 +197,13 @@ class KeepUnits(Transform):  # type: ignore[misc]
         for (key, out), kept in self.kept.items():
             if out in next_tensordict:
                 value = next_tensordict[out]
-                # no fixed function of an entry
-                other = torch.randn_like(value) if self.is_tried else value
-                next_tensordict[out] = torch.where(kept.to(value.device), before[key], other)
+                next_tensordict[out] = torch.where(kept.to(value.device), before[key], value)
         return next_tensordict
 
     def _reset(
         self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         return self._call(tensordict_reset)
-
-
-def _has_unit(entry: Entry) -> bool:
-    return entry.wraps or entry.name.endswith(("_goal", "_angle")) or entry.high - entry.low < inf
 
 
 def prepare(env: EnvBase) -> None:
@@ -298,7 +290,7 @@ class Playback(SpecsEnv):
         return self.played[-1].clone()
 
 
-def over(env: EnvBase, base: EnvBase, *, is_tried: bool = False) -> EnvBase:
+def over(env: EnvBase, base: EnvBase) -> EnvBase:
     """A base, such as a playback, behind copies of an environment's transforms, in their state."""
     chain = transforms_of(env)
     memo = dict[int, Any]()
@@ -318,8 +310,6 @@ def over(env: EnvBase, base: EnvBase, *, is_tried: bool = False) -> EnvBase:
     copied = copy.deepcopy(chain, memo)
     for transform in copied:
         transform.reset_parent()
-        if isinstance(transform, KeepUnits):
-            transform.is_tried = is_tried
     return TransformedEnv(base, Compose(*copied)) if copied else base
 
 
@@ -331,14 +321,44 @@ def numbers_of(env: EnvBase) -> dict[str, list[Number]]:
         return {key: [Number(entry) for entry in entries] for key, entries in vectors.items()}
     chain = transforms_of(env)
     known = env.__dict__.get("_known", ([None], {}))
-    if known[0] != chain:  # to try them takes time
-        given, seen, entries = _tried(env, list(vectors))
-        known = env.__dict__["_known"] = (
-            chain,
-            {key: _numbers(given, values, entries, key) for key, values in seen.items()},
-        )
+    if known[0] != chain:  # to play a step takes time
+        _check_step(env, list(vectors))
+        known = env.__dict__["_known"] = (chain, _followed(env, chain))
     numbers: dict[str, list[Number]] = known[1]
     return numbers
+
+
+def _followed(env: EnvBase, chain: list[Transform]) -> dict[str, list[Number]]:
+    """The numbers of each vector that is observed, followed through the transforms."""
+    given = given_specs(base_of(env))
+    numbers = as_arrays(_vectors(given), given)
+    for transform, after in pairwise([*chain, None]):
+        numbers = numbers_behind(transform, numbers, keeps_units=isinstance(after, KeepUnits))
+    specs = observed_specs(env)
+    return {
+        key: as_list(numbers.get(key), tuple(spec.shape), key)
+        for key, spec in specs.items()
+        if len(spec.shape) < 3
+    }
+
+
+def _check_step(env: EnvBase, wanted: list[str]) -> None:
+    """Raise DescriptionError if a transform fails in a step, or makes a vector of another shape
+    than its spec says."""
+    base = base_of(env)
+    playback = Playback(base, lambda _: still(base))
+    with torch.random.fork_rng(devices=[]), torch.no_grad():
+        try:
+            view = over(env, playback)
+            state = view.step(view.rand_action(view.reset()))["next"]
+        except Exception as error:
+            raise transform_failure(error) from error
+    for key in wanted:
+        shape = state[key].shape
+        if shape != env.full_observation_spec[key].shape:
+            raise DescriptionError(
+                f"the transforms make a '{key}' {list(shape)}; correct transform_observation_spec"
+            )
 
 
 def keeps_vectors(env: EnvBase) -> bool:
@@ -398,11 +418,7 @@ def steps_of(env: EnvBase) -> int:
 def runs_on(env: EnvBase) -> bool:
     """Whether what transforms keep depends on the episodes before, such as running statistics."""
     base = base_of(env)
-    ends = {key: _ends(spec) for key, spec in given_specs(base).items()}
-    playback = Playback(
-        base, partial(_random_outcome, base, ends, torch.Generator().manual_seed(0))
-    )
-    view = over(env, playback)
+    view = over(env, Playback(base, lambda _: still(base)))
     kept = list[dict[str, Any]]()
     with torch.random.fork_rng(devices=[]), torch.no_grad():
         for _ in range(2):
@@ -427,114 +443,6 @@ def still(env: EnvBase) -> TensorDictBase:
 
 def _vectors(specs: dict[Any, Any]) -> dict[Any, tuple[Entry, ...]]:
     return {key: spec_entries(spec, key) for key, spec in specs.items() if len(spec.shape) < 3}
-
-
-def _tried(env: EnvBase, wanted: list[str]) -> tuple[Tensor, dict[str, Tensor], list[Entry]]:
-    """Random observations ``[tries, frames, entries]`` of the environment, what its transforms make
-    of the last ones, ``[tries, numbers]`` for each key, and the entries. Raises DescriptionError if
-    a transform fails."""
-    base = base_of(env)
-    specs = given_specs(base)
-    vectors = _vectors(specs)
-    ends = {key: _ends(spec) for key, spec in specs.items()}
-    given = list[Tensor]()
-    seen = dict[str, list[Tensor]]()
-    for steps in _STEPS:
-        given = []
-        seen = {key: [] for key in wanted}
-        for number in range(_TRIES):
-            generator = torch.Generator().manual_seed(number)
-            playback = Playback(base, partial(_random_outcome, base, ends, generator))
-            with torch.random.fork_rng(devices=[]), torch.no_grad():
-                torch.manual_seed(0)  # noise that a transform adds is the same in all tries
-                try:
-                    view = over(env, playback, is_tried=True)
-                    state = view.reset()
-                    for _ in range(steps):
-                        state = view.step(view.rand_action(state))["next"]
-                except Exception as error:
-                    raise transform_failure(error) from error
-            # or images alone
-            rows = [
-                [torch.zeros(0), *(_flat(row[key], base) for key in vectors)]
-                for row in playback.played
-            ]
-            given.append(torch.stack([torch.cat(row) for row in rows]))
-            for key in wanted:
-                if (shape := state[key].shape) != env.full_observation_spec[key].shape:
-                    raise DescriptionError(
-                        f"the transforms make a '{key}' {list(shape)}; correct "
-                        "transform_observation_spec"
-                    )
-                seen[key].append(_flat(state[key], env))
-        if all(bool((torch.stack(values) != values[0]).any(0).all()) for values in seen.values()):
-            break
-    entries = [entry for of_key in vectors.values() for entry in of_key]
-    return torch.stack(given), {key: torch.stack(values) for key, values in seen.items()}, entries
-
-
-def _ends(spec: Any) -> tuple[Tensor, Tensor]:
-    """Bounds that random values are drawn from."""
-    low, high = (getattr(spec.space, end, torch.full(spec.shape, inf)) for end in ("low", "high"))
-    is_bounded = (high - low).isfinite()
-    return torch.where(is_bounded, low, -1.0), torch.where(is_bounded, high, 1.0)
-
-
-def _random_outcome(
-    env: EnvBase, ends: dict[str, tuple[Tensor, Tensor]], generator: torch.Generator, _: int
-) -> TensorDictBase:
-    """A random observation, the same for all copies, that ends nothing."""
-    outcome = still(env)
-    copies = env.batch_size
-    for key, (low, high) in ends.items():
-        zeros = outcome[key]
-        value = low + (high - low) * torch.rand(zeros.shape[len(copies) :], generator=generator)
-        outcome[key] = value.to(zeros).expand(zeros.shape).clone()
-    return outcome
-
-
-def _flat(value: Tensor, env: EnvBase) -> Tensor:
-    """The numbers of the first copy."""
-    value = value.flatten(0, len(env.batch_size) - 1)[0] if env.batch_size else value
-    return value.detach().cpu().double().flatten()
-
-
-def _numbers(given: Tensor, seen: Tensor, entries: Sequence[Entry], key: str) -> list[Number]:
-    """Each number ``[tries, numbers]`` as a linear function of an entry in one of the frames, or as
-    a new entry."""
-    _, frames, n = given.shape
-    x = given.flatten(1) - given.flatten(1).mean(0)
-    y = seen - seen.mean(0)
-    covariance = x.T @ y  # of shape [frames * n, numbers]
-    variance = x.square().sum(0)[:, None]
-    slope = covariance / variance.clamp_min(1e-12)
-    rest = (y[:, None] - x[:, :, None] * slope).square().sum(0).sqrt()
-    size = y.square().sum(0).sqrt()
-    is_same = (seen[:, None] - given.flatten(1)[:, :, None]).square().sum(
-        0
-    ).sqrt() <= _ROUNDING * size
-    found = ((rest <= _TOLERANCE * size) & (slope.abs() > 1e-9) | is_same) & (size > 1e-9)
-    numbers = []
-    for j in range(seen.shape[1]):
-        index = next(iter(found[:, j].nonzero().flatten().tolist()), None)
-        if index is None:
-            numbers.append(Number(Entry(f"{key}_{j}")))
-            continue
-        scale = 1.0
-        offset = 0.0
-        if not is_same[index, j]:
-            scale = _exact(float(slope[index, j]))
-            offset = _exact(
-                float(seen[:, j].mean() - scale * given.flatten(1)[:, index].mean()), float(size[j])
-            )
-        numbers.append(Number(entries[index % n], scale, offset, frames - 1 - index // n))
-    return numbers
-
-
-def _exact(value: float, size: float = 0.0) -> float:
-    """A value without the noise of single precision; ``size``: of what it is added to."""
-    whole = float(round(value))
-    return whole if abs(value - whole) <= 1e-6 * max(abs(whole), size) else float(f"{value:.7g}")
 
 
 def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
@@ -563,7 +471,7 @@ def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
         first = episode[0].exclude("action", "next").update(base.full_done_spec.zero())
         after = [still(base).update(first), *(still(base).update(row["next"]) for row in episode)]
         # a repeated action may outlast its episode
-        playback.outcome = [*after, *after[-1:] * _STEPS[-1]].__getitem__
+        playback.outcome = [*after, *after[-1:] * _MOST_REPEATS].__getitem__
         playback.played = after[:1]
         state = view.reset()
         while len(playback.played) <= len(episode):
