@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 
 _FIRST_PAUSE_S = 0.5
+"""Pause after the second try in vain; each later one is twice as long."""
 _LONGEST_PAUSE_S = 15.0
+"""Longest pause between two tries."""
 
 Placement = Callable[[np.random.Generator], None]
 """Places the robot at the start of an episode: a virtual robot is moved by a method, a real one by

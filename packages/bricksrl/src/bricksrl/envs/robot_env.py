@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bricksrl.envs.connection import Connection, Reconnect
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.episode_state import EpisodeState, Floats
-from bricksrl.envs.odometry import SonarOdometer, TargetTracker, TrueOdometer, start_pose
+from bricksrl.envs.odometry import Odometer, SonarOdometer, TargetTracker, TrueOdometer, start_pose
 from bricksrl.envs.task import Task
 from bricksrl.envs.vision.camera import Camera, Watch
 from bricksrl.errors import BricksError, CameraError, HubError, StoppedError
@@ -60,14 +60,18 @@ class RobotEnv(BricksEnv):
         self._watchers: list[Callable[[Connection], None]] = []
         self._episode: EpisodeState | None = None
         self._timed: EpisodeState | None = None  # also when the link has broken
-        self._spans = [
-            ((c.high + c.low) / 2, (c.high - c.low) / 2) for c in task.interface.commands
-        ]
+        self._spans = []  # middle and half of the range of each command
+        for command in task.interface.commands:
+            middle = (command.high + command.low) / 2
+            half = (command.high - command.low) / 2
+            self._spans.append((middle, half))
         self._observed = task.observed_channels
         self._images: dict[str, NDArray[np.uint8]] = {}  # the last ones of sensors
         self.reconnect = Reconnect()
-        self._changed = threading.Condition()
-        self._is_stopped = self._is_paused = self._is_confirmed = False
+        self._changed = threading.Condition()  # of what follows, as any thread may stop or pause
+        self._is_stopped = False
+        self._is_paused = False
+        self._is_confirmed = False  # that the motors of a real robot stand still
         self._set_seed(seed)
 
     def close(self, **_: Any) -> None:
@@ -85,6 +89,7 @@ class RobotEnv(BricksEnv):
         return lambda: self._watchers.remove(watcher)
 
     def stop(self) -> None:
+        # First the flag, which ends a wait and keeps a link that opens just now from moving.
         with self._changed:
             self._is_stopped = True
             self._is_confirmed = False
@@ -129,6 +134,7 @@ class RobotEnv(BricksEnv):
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
+        # Streams of their own: a place that draws more changes no goal and no twin.
         host, place, twin = np.random.SeedSequence(seed).spawn(3)
         self._host_rng = np.random.default_rng(host)
         self._place_rng = np.random.default_rng(place)
@@ -145,38 +151,54 @@ class RobotEnv(BricksEnv):
         true_pose = self._connected().true_pose
         task = self.task
         measured_s = link.now_s() - reading.age_s
+        # The order of draws is that of seeded runs: entries, target, camera.
         drawn = [entry.draw(self._host_rng) for entry in task.sampled_entries]
         tracker = None
         if task.target is not None:
             start = start_pose(task.scene, task.id, true_pose, self._host_rng)
             tracker = TargetTracker(
-                task.target, task.robot, task.interface, true_pose, start, reading.values
+                task.target,
+                task.robot,
+                task.interface,
+                true_pose,
+                start,
+                reading.values,
             )
-        odometer = (
-            SonarOdometer(task.interface)
-            if true_pose is None
-            else TrueOdometer(true_pose, link.now_s())
-        )
+        odometer: Odometer
+        if true_pose is None:
+            odometer = SonarOdometer(task.interface)
+        else:
+            odometer = TrueOdometer(true_pose, link.now_s())
+        # The first call only notes where the episode starts.
         odometer.forward_mm(link.now_s(), reading.values)
-        channels = (
-            (task.interface.channels[index], reading.values[index]) for index in self._observed
-        )
-        zeros = [value if channel.accumulates else 0.0 for channel, value in channels]
         episode = EpisodeState(
-            drawn, [0.0] * len(task.command_entries), measured_s, odometer, zeros, tracker
+            drawn=drawn,
+            commands=[0.0] * len(task.command_entries),
+            measured_s=measured_s,
+            odometer=odometer,
+            zeros=self._zeros(reading),
+            tracker=tracker,
         )
         if task.camera is not None:
-            episode.watch = Watch(task.camera, self._host_rng, self._guarded(self._camera.frame))
+            frame = self._guarded(self._camera.frame)
+            episode.watch = Watch(task.camera, self._host_rng, frame)
         self._episode = self._timed = episode
         episode.observation = self._observation_at_start(episode, reading)
         episode.images = self.image()
         return episode
 
+    def _zeros(self, reading: Reading) -> list[float]:
+        """What is subtracted from each observed channel: an accumulating one starts at 0."""
+        zeros = []
+        for index in self._observed:
+            accumulates = self.task.interface.channels[index].accumulates
+            zeros.append(reading.values[index] if accumulates else 0.0)
+        return zeros
+
     def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> Floats:
         """Hook: the first observation of an episode."""
-        return episode.observe(
-            self._channels(reading, episode), [0.0] * len(self.task.measured_entries)
-        )
+        nothing_measured = [0.0] * len(self.task.measured_entries)
+        return episode.observe(self._channels(reading, episode), nothing_measured)
 
     def move(self, shares: Sequence[float]) -> Floats:
         """The observation ``[n]`` after a step with the action ``[m]``, in -1..1. Raises
@@ -201,8 +223,11 @@ class RobotEnv(BricksEnv):
     def image(self) -> dict[str, NDArray[np.uint8]]:
         """The last images ``[side, side, 3]``: the camera's as ``image``, and those of sensors by
         their names."""
+        images = dict(self._images)
         watch = None if self._episode is None else self._episode.watch
-        return {**self._images, **({} if watch is None else {"image": watch.image})}
+        if watch is not None:
+            images["image"] = watch.image
+        return images
 
     def _measure(self, reading: Reading, episode: EpisodeState) -> Floats:
         """The observation for the task's functions after a step; reads odometer and camera only
@@ -211,16 +236,15 @@ class RobotEnv(BricksEnv):
         episode.hub_time_s = reading.hub_time_ms / 1000
         forward_mm: list[float] = []
         if self.task.walks or self.task.measured_entries:
-            forward_mm = [
-                episode.odometer.forward_mm(self._connected().link.now_s(), reading.values)
-            ]
+            now_s = self._connected().link.now_s()
+            forward_mm = [episode.odometer.forward_mm(now_s, reading.values)]
         if episode.tracker is not None:
             episode.tracker.follow(reading.values)
         if episode.watch is not None:
             episode.watch.see(self._guarded(self._camera.frame))
-        return episode.observe(
-            self._channels(reading, episode), forward_mm[: len(self.task.measured_entries)]
-        )
+        # A task may report the distance and not observe it.
+        measured = forward_mm[: len(self.task.measured_entries)]
+        return episode.observe(self._channels(reading, episode), measured)
 
     def _channels(self, reading: Reading, episode: EpisodeState) -> list[float]:
         """The channels that are in the observation, and the readings of sensors on the computer;
@@ -234,10 +258,10 @@ class RobotEnv(BricksEnv):
             (sensed, age_s) = self._guarded(reader.latest)
             if sensor.image_px:
                 self._images[sensor.name] = np.array(sensed, dtype=np.uint8)
-            values += [
-                *(() if sensor.image_px else sensed),
-                *((age_s,) if sensor.observes_age else ()),
-            ]
+            else:
+                values += sensed
+            if sensor.observes_age:
+                values.append(age_s)
         return values
 
     @property
@@ -249,12 +273,12 @@ class RobotEnv(BricksEnv):
     def walk_metrics(self) -> dict[str, float]:
         if self._episode is None:
             return {}
-        walked = self._episode.odometer.metrics() if self.task.walks else {}
-        return (
-            walked
-            if self._episode.tracker is None
-            else {**walked, **self._episode.tracker.metrics()}
-        )
+        metrics: dict[str, float] = {}
+        if self.task.walks:
+            metrics |= self._episode.odometer.metrics()
+        if self._episode.tracker is not None:
+            metrics |= self._episode.tracker.metrics()
+        return metrics
 
     @property
     def _camera(self) -> Camera:
@@ -271,11 +295,11 @@ class RobotEnv(BricksEnv):
             self._connection = self._connect(self._twin_seed)
             for watcher in self._watchers:
                 watcher(self._connection)
-            if self._connection.twin is not None:
-                # which breaks by a fault of the robot
-                twin = self._connection.twin
-                own = self._connection.twin.in_reach
-                twin.in_reach = lambda: own() and self.in_reach()
+            twin = self._connection.twin
+            if twin is not None:
+                # Its link breaks by a fault of the robot, or where a test takes it out of reach.
+                by_itself = twin.in_reach
+                twin.in_reach = lambda: by_itself() and self.in_reach()
             self._check_stop()  # a stop requested before this had no link to act on
         return self._connection
 
