@@ -80,7 +80,9 @@ class Reconnect:
     _tries: int = 0
 
     def until_answered(
-        self, begin: Callable[[], _T], is_final: Callable[[BricksError], bool] = lambda _: False
+        self,
+        begin: Callable[[], _T],
+        is_final: Callable[[BricksError], bool] = lambda _: False,
     ) -> _T:
         """What ``begin`` returns, which is tried again after each HubError or CameraError. Raises
         the error if it is final, if it is useless to try again, or if ``patience_s`` is used up."""

@@ -60,7 +60,11 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
     """
 
     def __init__(
-        self, task: Task, connect: Callable[[int], Connection], *, seed: int | None = None
+        self,
+        task: Task,
+        connect: Callable[[int], Connection],
+        *,
+        seed: int | None = None,
     ) -> None:
         super().__init__(task, connect, seed=seed, batch_size=())
         self._entries = len(task.entries)
@@ -188,7 +192,9 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             )
 
     def _outcome(
-        self, episode: EpisodeState, action: torch.Tensor
+        self,
+        episode: EpisodeState,
+        action: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Hook: carry out the action; the observation after it, the reward and whether the episode
         is over."""
@@ -228,7 +234,8 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             return
         link = self._connected().link
         _log.warning(
-            "%s: something is in the robot's way; it waits until that is gone", self.task.id
+            "%s: something is in the robot's way; it waits until that is gone",
+            self.task.id,
         )
         waited_s = 0.0
         while bool(self.task.blocked(episode.observation)):

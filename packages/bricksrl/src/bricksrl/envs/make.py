@@ -129,7 +129,14 @@ def make(
     check_mujoco()  # TorchRL imports it, whatever the environment
     if spec.kinematics is not None:
         simulation = _make_simulation(
-            env_id, spec, task, options, seed, batch_size, device, kinematics
+            env_id,
+            spec,
+            task,
+            options,
+            seed,
+            batch_size,
+            device,
+            kinematics,
         )
         return _transformed(simulation, options)
     if not is_plain:
@@ -160,7 +167,10 @@ def has_arrays(env_id: str, options: EnvOptions | None = None) -> bool:
 
 
 def _make_robot(
-    env_id: str, options: EnvOptions, seed: int | None, place: Placement | None
+    env_id: str,
+    options: EnvOptions,
+    seed: int | None,
+    place: Placement | None,
 ) -> RobotEnv:
     from bricksrl.envs.robot_env import RobotEnv
 
@@ -192,7 +202,11 @@ def _make_simulation(
     from bricksrl.envs.simulation import SimulatedEnv
 
     simulation = SimulatedEnv(
-        task, kinematics or spec.kinematics, batch_size=batch_size, device=device, seed=seed
+        task,
+        kinematics or spec.kinematics,
+        batch_size=batch_size,
+        device=device,
+        seed=seed,
     )
     # What is pickled has no transforms of its own: TorchRL pickles those around it.
     simulation.remake = functools.partial(
@@ -270,7 +284,9 @@ def _transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
 
 
 def _connected(
-    task: Task, options: EnvOptions, place: Placement | None
+    task: Task,
+    options: EnvOptions,
+    place: Placement | None,
 ) -> tuple[Task, Callable[[int], Connection]]:
     """The task, with this computer's colours for a real robot, and connections to its robot, by a
     virtual one's seed."""
@@ -324,7 +340,10 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
 
 
 def _real(
-    task: Task, options: EnvOptions, address: HubAddress, place: Placement | None
+    task: Task,
+    options: EnvOptions,
+    address: HubAddress,
+    place: Placement | None,
 ) -> tuple[Task, Callable[[int], Connection]]:
     from brickhub.hub.diagnostics.calibration import calibration_of
     from brickhub.kits.radio import real_radio

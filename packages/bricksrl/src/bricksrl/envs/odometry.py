@@ -193,7 +193,10 @@ def floor_pose(pose: Pose) -> FloorPose:
 
 
 def start_pose(
-    scene: Scene, task_id: str, true_pose: Callable[[], Pose] | None, rng: np.random.Generator
+    scene: Scene,
+    task_id: str,
+    true_pose: Callable[[], Pose] | None,
+    rng: np.random.Generator,
 ) -> FloorPose:
     """Start pose of an episode: a virtual robot's present one; for a real robot a drawn one, where
     the log asks to put it."""

@@ -97,7 +97,9 @@ class EnvOptions(TransformOptions):
         faults: object = self.fault
         if isinstance(faults, str | list):  # of one fault, or out of JSON
             object.__setattr__(
-                self, "fault", (faults,) if isinstance(faults, str) else tuple(faults)
+                self,
+                "fault",
+                (faults,) if isinstance(faults, str) else tuple(faults),
             )
         check_fields(type(self), vars(self))
         for text in self.fault:

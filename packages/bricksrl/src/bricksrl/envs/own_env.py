@@ -30,7 +30,9 @@ class OwnEnv(HubEnv):
         return first
 
     def _outcome(
-        self, episode: EpisodeState, action: torch.Tensor
+        self,
+        episode: EpisodeState,
+        action: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         commands = self._commanded(episode, action.tolist())
         before = TensorDict(

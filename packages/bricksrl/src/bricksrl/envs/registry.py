@@ -93,7 +93,8 @@ _BUILT_IN = {
     ),
     "RoboArm-v0": Registration(functools.partial(robo_arm, "RoboArm-v0"), episodes=250),
     "RoboArm_mixed-v0": Registration(
-        functools.partial(robo_arm_mixed, "RoboArm_mixed-v0"), episodes=250
+        functools.partial(robo_arm_mixed, "RoboArm_mixed-v0"),
+        episodes=250,
     ),
     "RoboArmSim-v0": Registration(
         functools.partial(robo_arm, "RoboArmSim-v0"),

@@ -323,7 +323,8 @@ class RobotEnv(BricksEnv):
         """Wait for the end of a pause, or a stop; True if there is no pause or there is a stop."""
         with self._changed:
             return self._changed.wait_for(
-                lambda: self._is_stopped or not self._is_paused, timeout_s
+                lambda: self._is_stopped or not self._is_paused,
+                timeout_s,
             )
 
     def _check_stop(self) -> None:

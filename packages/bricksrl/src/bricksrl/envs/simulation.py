@@ -284,7 +284,10 @@ def batch_shape(batch_size: int | Sequence[int]) -> torch.Size:
 
 
 def turned_angle(
-    turn_deg: Tensor, speed_deg_s: Tensor, limit_deg_s: Tensor, time_s: float
+    turn_deg: Tensor,
+    speed_deg_s: Tensor,
+    limit_deg_s: Tensor,
+    time_s: float,
 ) -> tuple[Tensor, Tensor]:
     """Angle turned after ``time_s`` (deg) and the speed then (deg/s).
 

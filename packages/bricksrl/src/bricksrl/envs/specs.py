@@ -69,7 +69,10 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
 
     @classmethod
     def of(
-        cls, entries: Sequence[Entry], batch: Sequence[int] = (), device: torch.device | None = None
+        cls,
+        entries: Sequence[Entry],
+        batch: Sequence[int] = (),
+        device: torch.device | None = None,
     ) -> "NominalBounded":
         """Spec of a vector of ``entries``, with leading dimensions ``batch``."""
         low, high = (
@@ -123,7 +126,8 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         "__getitem__",
     )
     clone, to, expand, squeeze, unsqueeze, _reshape, _unflatten, __getitem__ = map(
-        _keeping, operations
+        _keeping,
+        operations,
     )
 
     def unbind(self, dim: int = 0) -> "tuple[NominalBounded, ...]":
@@ -156,7 +160,9 @@ def set_vector_specs(env: EnvBase, task: Task) -> None:
     batch = env.batch_size
     device = env.device
     env.observation_spec = Composite(
-        observation=NominalBounded.of(task.entries, batch, device), shape=batch, device=device
+        observation=NominalBounded.of(task.entries, batch, device),
+        shape=batch,
+        device=device,
     )
     env.action_spec = Bounded(-1.0, 1.0, (*batch, len(task.interface.commands)), device=device)
     env.reward_spec = Unbounded((*batch, 1), device=device)
@@ -221,7 +227,11 @@ class ImageShape:
             for end, without in zip(ends, (0.0, 1.0), strict=True)
         )
         return cls(
-            key, side, channels, is_last, *((low, high) if inf > high > low > -inf else (0.0, 1.0))
+            key,
+            side,
+            channels,
+            is_last,
+            *((low, high) if inf > high > low > -inf else (0.0, 1.0)),
         )
 
 
@@ -399,7 +409,9 @@ def _goal_pairs(numbers: Sequence[Number]) -> tuple[tuple[int, int], ...]:
     for (name, frame), goals in places.items():
         if name.endswith("_goal"):
             pairs += zip(
-                goals, places.get((f"{name.removesuffix('_goal')}_angle", frame), ()), strict=False
+                goals,
+                places.get((f"{name.removesuffix('_goal')}_angle", frame), ()),
+                strict=False,
             )
     return tuple(
         sorted(pair for pair in pairs if len({numbers[index].entry.wraps for index in pair}) == 1)

@@ -447,7 +447,10 @@ def mirrors(task: Task) -> tuple[Mirror, Mirror]:
 
 
 def _mirror(
-    task: Task, names: Sequence[str], images: Sequence[tuple[str, int]], wraps: Sequence[bool]
+    task: Task,
+    names: Sequence[str],
+    images: Sequence[tuple[str, int]],
+    wraps: Sequence[bool],
 ) -> Mirror:
     missing = {name for name, _ in images} - set(names)
     if missing:

@@ -87,7 +87,9 @@ def _written(before: Numbers, out_key: Any, numbers: Array | None) -> Numbers:
 
 
 def _each(
-    transform: Transform, before: Numbers, change: Callable[[Any, Array], Array | None]
+    transform: Transform,
+    before: Numbers,
+    change: Callable[[Any, Array], Array | None],
 ) -> Numbers:
     """Each vector that a transform reads, changed, as the one that it writes."""
     after = before
@@ -179,7 +181,10 @@ def _normalised(transform: ObservationNorm, before: Numbers) -> Numbers:
 
 
 def _normalised_by_running(
-    transform: VecNorm | VecNormV2, before: Numbers, *, keeps_units: bool
+    transform: VecNorm | VecNormV2,
+    before: Numbers,
+    *,
+    keeps_units: bool,
 ) -> Numbers:
     def change(key: Any, numbers: Array) -> Array | None:
         if keeps_units:

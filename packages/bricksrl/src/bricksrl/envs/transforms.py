@@ -90,7 +90,9 @@ def layout_of(env: EnvBase) -> ObservationLayout:
         )
     images = tuple(ImageShape.of(key, spec) for key, spec in specs.items() if key not in vectors)
     return ObservationLayout.of_numbers(
-        vectors, [tuple(specs[key].shape) for key in vectors], images
+        vectors,
+        [tuple(specs[key].shape) for key in vectors],
+        images,
     )
 
 
@@ -107,7 +109,9 @@ class Tap(Transform):  # type: ignore[misc]
         return tensordict
 
     def _reset(
-        self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+        self,
+        _tensordict: TensorDictBase,
+        tensordict_reset: TensorDictBase,
     ) -> TensorDictBase:
         self.noted |= {"frames": [], "state": tensordict_reset.clone()}
         return tensordict_reset
@@ -201,7 +205,9 @@ class KeepUnits(Transform):  # type: ignore[misc]
         return next_tensordict
 
     def _reset(
-        self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+        self,
+        _tensordict: TensorDictBase,
+        tensordict_reset: TensorDictBase,
     ) -> TensorDictBase:
         return self._call(tensordict_reset)
 
@@ -272,7 +278,10 @@ class Playback(SpecsEnv):
     ``outcome``: the n-th."""
 
     def __init__(
-        self, env: EnvBase, outcome: Callable[[int], TensorDictBase], batch: Sequence[int] = ()
+        self,
+        env: EnvBase,
+        outcome: Callable[[int], TensorDictBase],
+        batch: Sequence[int] = (),
     ) -> None:
         specs = {name: getattr(env, name) for name in SPECS}
         specs = {name: spec.expand(*batch, *spec.shape).clone() for name, spec in specs.items()}
@@ -395,13 +404,17 @@ def one_step(env: EnvBase) -> tuple[Tensor, int, bool]:
     of these, and whether their action is the agent's."""
     base = base_of(env)
     playback = Playback(
-        base, lambda _: still(base).set("reward", torch.ones_like(base.reward_spec.zero()))
+        base,
+        lambda _: still(base).set("reward", torch.ones_like(base.reward_spec.zero())),
     )
     view = over(env, playback)
     start = view.reset().update(view.full_action_spec.zero())
     # no two are equal
     start["action"] += torch.linspace(
-        -0.9, 0.7, start["action"].shape[-1], device=start["action"].device
+        -0.9,
+        0.7,
+        start["action"].shape[-1],
+        device=start["action"].device,
     )
     paid: Tensor = view.step(start.clone())["next", "reward"]
     acted = playback.acted[0]

@@ -147,7 +147,10 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self.max_episode_steps = None
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode. A seed makes this and all later episodes reproducible."""
         self._warn_of_short_episodes()
@@ -322,7 +325,10 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self._ended = torch.zeros(num_envs, dtype=torch.bool)
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | list[int | None] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[Array, dict[str, Any]]:
         """Start an episode of all copies, or of those in ``options["reset_mask"]``, bool
         ``[copies]``. A seed makes these and all later episodes reproducible."""
@@ -346,7 +352,8 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         return self.env.reset()["observation"].cpu().numpy().copy(), {}
 
     def step(
-        self, actions: Array
+        self,
+        actions: Array,
     ) -> tuple[Array, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Take one step in all copies; returns observations, rewards, terminated, truncated and
         info."""
@@ -629,7 +636,10 @@ class VectorGoalObservation(_Goals, VectorWrapper):
         self.observation_space = self._split_space(envs.observation_space)
 
     def reset(
-        self, *, seed: Any = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: Any = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[dict[str, Array], dict[str, Any]]:
         """Start an episode of all copies, or of those in ``options["reset_mask"]``."""
         observations, info = self.env.reset(seed=seed, options=options)

@@ -84,7 +84,9 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         return self.action_spaces[agent]
 
     def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
+        self,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
         """Start an episode, reproducibly with a seed."""
         if seed is not None:
@@ -96,7 +98,8 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         return self._per_robot(self._state, "observation"), {name: {} for name in self.agents}
 
     def step(
-        self, actions: dict[str, Array]
+        self,
+        actions: dict[str, Array],
     ) -> tuple[
         dict[str, Array],
         dict[str, float],

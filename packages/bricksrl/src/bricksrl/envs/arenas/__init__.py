@@ -92,7 +92,10 @@ def make_arena(
                 "and physics"
             )
         arena: ArenaSimulation | ArenaEnv = ArenaSimulation(
-            task, shape[0], seed=seed, device=device
+            task,
+            shape[0],
+            seed=seed,
+            device=device,
         )
     elif device != "cpu":
         raise DescriptionError(
@@ -101,6 +104,11 @@ def make_arena(
     else:
         arena = ArenaEnv(task, seed=seed, physics=physics, realtime=realtime)
     arena.remake = functools.partial(
-        make_arena, env, physics=physics, realtime=realtime, batch_size=batch_size, device=device
+        make_arena,
+        env,
+        physics=physics,
+        realtime=realtime,
+        batch_size=batch_size,
+        device=device,
     )
     return arena

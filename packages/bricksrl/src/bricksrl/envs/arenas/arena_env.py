@@ -59,7 +59,10 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     task: ArenaTask  # type: ignore[assignment]
 
     def __init__(
-        self, task: ArenaTask, copies: tuple[int, ...] = (), device: torch.device | None = None
+        self,
+        task: ArenaTask,
+        copies: tuple[int, ...] = (),
+        device: torch.device | None = None,
     ) -> None:
         super().__init__(batch_size=copies, device=device)
         self.task = task

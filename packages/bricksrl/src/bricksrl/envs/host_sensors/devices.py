@@ -63,7 +63,8 @@ def second_camera(view: CameraView) -> HostSensor:
 
     def in_twin(world: World) -> Any:
         device = world.kept.setdefault(
-            view.name, _Images(TwinCamera(world.body, view), view.image_px)
+            view.name,
+            _Images(TwinCamera(world.body, view), view.image_px),
         )
         return device.read()
 

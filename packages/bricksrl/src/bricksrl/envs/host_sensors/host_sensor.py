@@ -190,7 +190,10 @@ class ThreadReader:
         self._read_s = -math.inf
         arguments = (self._is_over, has_come, self._thread)
         self._thread = threading.Thread(
-            target=self._run, args=arguments, name=f"sensor {self.sensor.name}", daemon=True
+            target=self._run,
+            args=arguments,
+            name=f"sensor {self.sensor.name}",
+            daemon=True,
         )
         self._thread.start()
         has_come.wait(self.sensor.patience_s)
@@ -215,7 +218,10 @@ class ThreadReader:
         self._is_over.set()
 
     def _run(
-        self, is_over: threading.Event, has_come: threading.Event, before: threading.Thread | None
+        self,
+        is_over: threading.Event,
+        has_come: threading.Event,
+        before: threading.Thread | None,
     ) -> None:
         if before is not None:
             before.join()  # it holds the device

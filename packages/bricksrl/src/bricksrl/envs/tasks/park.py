@@ -120,7 +120,9 @@ def reward(previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
 
 
 def parked(
-    observation: Tensor, within_mm: float = PARKED_MM, within_deg: float = PARKED_DEG
+    observation: Tensor,
+    within_mm: float = PARKED_MM,
+    within_deg: float = PARKED_DEG,
 ) -> Tensor:
     """Whether the robot stands in the bay, at rest; bool ``[*batch, 1]``."""
     in_bay = (_distance_mm(observation) <= within_mm) & (

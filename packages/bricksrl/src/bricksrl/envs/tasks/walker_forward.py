@@ -105,5 +105,9 @@ def walker_forward(*, step_ms: int = STEP_MS) -> Task:
         DescriptionError: see `timed`.
     """
     return forward_task(
-        "Walker-v1", __doc__, *timed("Walker-v1", step_ms), UNIT_MM, settings=SETTINGS
+        "Walker-v1",
+        __doc__,
+        *timed("Walker-v1", step_ms),
+        UNIT_MM,
+        settings=SETTINGS,
     )

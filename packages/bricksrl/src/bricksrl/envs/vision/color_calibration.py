@@ -197,7 +197,10 @@ def read_red(path: Path) -> RedWindow:
         data: dict[str, Any] = json.loads(path.read_bytes())["red"]
         low, high = map(float, data["hue_deg"])
         return RedWindow(
-            (low, high), float(data["saturation"]), float(data["value"]), int(data["area_px"])
+            (low, high),
+            float(data["saturation"]),
+            float(data["value"]),
+            int(data["area_px"]),
         )
 
 

@@ -91,7 +91,9 @@ def _red_pixels(frame: Frame, window: RedWindow) -> NDArray[Any]:
 
 
 def _middles_of_objects(
-    rows: NDArray[Any], columns: NDArray[Any], area_px: int
+    rows: NDArray[Any],
+    columns: NDArray[Any],
+    area_px: int,
 ) -> NDArray[np.float64]:
     """Centres ``[objects, 2]`` of the connected regions of more than ``area_px`` of these
     pixels."""
