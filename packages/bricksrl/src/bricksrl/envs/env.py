@@ -146,6 +146,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             )
         if episode is None:
             raise BricksError(f"{task.id} has no episode to step; reset the environment first")
+        # Before the action: a motor must not push against what is in the way.
         self._wait_while_blocked(episode)
         observation, reward, terminated = self._outcome(episode, action)
         self._check_outcome(episode, observation, reward, terminated)
@@ -154,6 +155,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         episode.images = self.image()
         episode.step_count += 1
         episode.rewards.append(float(reward))
+        # Only after the step, so that no step spans a pause.
         if self._is_paused:
             episode.is_cut = True
             self._guarded(self._connected().link.rest)

@@ -41,6 +41,8 @@ Calibration = Callable[[Robot], Robot]
 COPIES_PER_CORE = 8
 """Most processes of virtual robots; more than one a core only share it."""
 
+_OMIT_BATCH = "omit batch_size, device and kinematics"
+
 
 @overload
 def make(
@@ -123,6 +125,7 @@ def make(
         if copies < 1 or batch_size:
             raise DescriptionError("copies are 1 or more; give either copies or batch_size")
         return _make_copies(env_id, options, copies, seed, device, kinematics)
+    # What is given wrongly is refused before anything that takes seconds is loaded.
     address = parse_hub(options.hub)
     spec = registration(env_id)
     task = build_task(env_id, spec, options.options)
@@ -151,9 +154,6 @@ def make(
         # A real robot's environment has no `remake`: there cannot be two links to one hub.
         env.remake = functools.partial(make, env_id, options.as_it_is())
     return _transformed(env, options)
-
-
-_OMIT_BATCH = "omit batch_size, device and kinematics"
 
 
 def has_arrays(env_id: str, options: EnvOptions | None = None) -> bool:
@@ -268,6 +268,7 @@ def _make_processes(env_id: str, plain: EnvOptions, copies: int, seed: int | Non
             f"{copies} copies of {env_id} are too many: {reason}; give num_envs {most} or fewer"
         )
     make_one = functools.partial(make, env_id, plain, seed=seed)
+    # Not forked: threads of torch and MuJoCo do not survive it.
     env = Processes(copies, make_one, mp_start_method="spawn")
     env.start()
     # attributes do not cross process boundaries

@@ -117,17 +117,21 @@ class EnvOptions(TransformOptions):
     def changed(self, **named: Any) -> Self:
         """A copy with fields changed by name; any other name is an option of the task."""
         names = {option.name for option in fields(EnvOptions)}
-        values = {name: value for name, value in named.items() if name in names}
-        options = {
-            **self.options,
-            **{name: value for name, value in named.items() if name not in names},
-        }
+        values: dict[str, Any] = {}
+        options = dict(self.options)
+        for name, value in named.items():
+            if name in names:
+                values[name] = value
+            else:
+                options[name] = value
+        # Options that are given as a whole replace these.
         return replace(self, **{"options": options, **values})
 
     def refuse(self, names: Iterable[str], reason: str) -> None:
         """Raise DescriptionError with the reason if one of these options is given, as it would have
         no effect."""
-        if any(getattr(self, name) != getattr(EnvOptions(), name) for name in names):
+        default = EnvOptions()
+        if any(getattr(self, name) != getattr(default, name) for name in names):
             raise DescriptionError(reason)
 
     @property

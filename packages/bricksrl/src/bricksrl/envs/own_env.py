@@ -25,8 +25,10 @@ class OwnEnv(HubEnv):
 
     def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> Floats:
         self._own.link = lambda: cast("ClientLink", self._connected().link)
+        # The client has just answered: its reset reads this, and does not ask again.
         self._own.state = reading.values
-        first: Floats = self._observation_in(self._guarded(lambda: self._own._reset(None))).numpy()
+        state = self._guarded(lambda: self._own._reset(None))
+        first: Floats = self._observation_in(state).numpy()
         return first
 
     def _outcome(
@@ -35,6 +37,7 @@ class OwnEnv(HubEnv):
         action: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         commands = self._commanded(episode, action.tolist())
+        # The paper's template takes and returns batches of one.
         before = TensorDict(
             {
                 self._own.observation_key: episode.observation[None],
@@ -43,13 +46,15 @@ class OwnEnv(HubEnv):
             [1],
         )
         after = self._guarded(lambda: self._own._step(before))
+        # Its client sends no time of the hub.
         episode.measured_s = episode.hub_time_s = self._connected().link.now_s()
         ends = after.get("terminated", after.get("done", None))
         if ends is None or after.get("reward", None) is None:
             raise DescriptionError(
                 f"_step of {self.task.id} returns no 'reward' or no 'done'; set both"
             )
-        return self._observation_in(after), after["reward"].reshape(1).float(), ends.reshape(1)
+        reward = after["reward"].reshape(1).float()
+        return self._observation_in(after), reward, ends.reshape(1)
 
     def _observation_in(self, state: TensorDictBase) -> torch.Tensor:
         key = self._own.observation_key

@@ -59,12 +59,13 @@ def _on_robot(task: Task) -> Callable[..., Task]:
     or the cart of LEGO's kits."""
 
     def build(robot: Annotated[str, NotCode()] = task.robot.name) -> Task:
-        known = {each.name: each for each in (task.robot, CART)}
+        known = {task.robot.name: task.robot, CART.name: CART}
         if robot not in known:
             raise DescriptionError(
                 f"{task.id} is not for robot '{robot}'{hint(robot, known)}; choose "
                 f"{' or '.join(known)}"
             )
+        # The very task where nothing changes: what is registered can be compared.
         return task if robot == task.robot.name else replace(task, robot=known[robot])
 
     return build
@@ -134,16 +135,11 @@ def simulation_text(env_id: str) -> str:
     task = get_task(env_id)
     kinematics = spec.kinematics
     commanded = set(task.interface.angle_indices.values())
-    silent = [
-        channel.name
-        for index, channel in enumerate(task.interface.channels)
-        if index not in commanded
-    ]
-    motion = (
-        "at once"
-        if kinematics.motion == "instant"
-        else "as far as the firmware turns it in the time of a step"
-    )
+    channels = enumerate(task.interface.channels)
+    silent = [channel.name for index, channel in channels if index not in commanded]
+    motion = "at once"
+    if kinematics.motion == "firmware":
+        motion = "as far as the firmware turns it in the time of a step"
     noise = (
         f"normal noise with a standard deviation of {kinematics.noise:g} is added to each "
         f"{kinematics.noise_on}, in -1..1"
@@ -161,10 +157,11 @@ def training_episodes(env_id: str) -> int:
 
 def list_envs() -> dict[str, str]:
     """Summary of each environment, in one line, by id."""
-    return {
-        env_id: build_task(env_id, spec, {}).summary + spec.note
-        for env_id, spec in sorted(_specs.items())
-    }
+    summaries = {}
+    for env_id, spec in sorted(_specs.items()):
+        task = build_task(env_id, spec, {})
+        summaries[env_id] = task.summary + spec.note
+    return summaries
 
 
 def get_task(env_id: str, **options: Any) -> Task:
@@ -186,18 +183,25 @@ def option_types(env_id: str) -> dict[str, Any]:
     if env_id not in _BUILT_IN:
         return {}
     builder = _BUILT_IN[env_id].build
-    return typing.get_type_hints(getattr(builder, "func", builder), include_extras=True)
+    # Some are partial functions, which have no annotations of their own.
+    function = getattr(builder, "func", builder)
+    return typing.get_type_hints(function, include_extras=True)
 
 
 def _unknown(spec: Registration, options: Iterable[str]) -> list[str]:
     """Names of the options that an environment does not have."""
     parameters = inspect.signature(spec.build).parameters
-    takes_all = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
-    return [] if takes_all else [name for name in options if name not in parameters]
+    kinds = [parameter.kind for parameter in parameters.values()]
+    if inspect.Parameter.VAR_KEYWORD in kinds:  # a user's function that takes any
+        return []
+    return [name for name in options if name not in parameters]
 
 
 def build_task(env_id: str, spec: Registration, options: dict[str, Any]) -> Task:
-    if unknown := _unknown(spec, options):
+    """The task of a registration with options. Raises UnknownOptionError if it has no such option,
+    DescriptionError if a value is invalid."""
+    unknown = _unknown(spec, options)
+    if unknown:
         raise UnknownOptionError(_unknown_option(env_id, spec, unknown[0]))
     checked = check_call(f"{env_id}: ", spec.build, options)
     try:
@@ -224,8 +228,9 @@ def _unknown_option(env_id: str, spec: Registration, option: str) -> str:
         of_all = [*ARGUMENTS["robot"], *all_options]
     else:
         of_all = [*ARGUMENTS["simulation"], *TRANSFORMS]
-    own = f"its task has {', '.join(of_task)}" if of_task else "its task has none"
+    own = f"its task has {', '.join(of_task) or 'none'}"
     all_have = f"all environments like it have {', '.join(of_all)}"
+    # Python's own words for it, which whoever searches for the error takes.
     python_message = f"unexpected keyword argument '{option}'"
     return (
         f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, "
@@ -234,6 +239,8 @@ def _unknown_option(env_id: str, spec: Registration, option: str) -> str:
 
 
 def registration(env_id: str) -> Registration:
+    """What is registered under an id, or made of a user's task. Raises UnknownNameError if there is
+    no such environment."""
     check_value("env_id", env_id, str)
     if is_reference(env_id):
         return Registration(_user_builder(env_id))
@@ -278,23 +285,26 @@ def _user_builder(reference: str) -> Callable[..., Task]:
     def build(**options: Any) -> Task:
         with beside(reference):
             task = builder(**options)
-            task = task_of(task) if isinstance(task, BaseEnv) else task
+            if isinstance(task, BaseEnv):
+                task = task_of(task)
         if not isinstance(task, Task):
             raise DescriptionError(
                 f"{reference} returns a {type(task).__name__} and no task; let it return a "
                 "bricksrl.envs.Task"
             )
-        built_in = _BUILT_IN[task.id].build() if task.id in _BUILT_IN else task
-        if any(
-            getattr(built_in, part) != getattr(task, part)
-            for part in ("doc", "robot", "interface", "max_steps", "scene")
-        ):
+        if task.id in _BUILT_IN and not _is_alike(_BUILT_IN[task.id].build(), task):
             raise DescriptionError(
                 f"{task.id} comes with BricksRL; give your task another name or version"
             )
         return task
 
     return build
+
+
+def _is_alike(task: Task, other: Task) -> bool:
+    """Whether two tasks are one. Functions are not compared: each call makes new ones."""
+    parts = ("doc", "robot", "interface", "max_steps", "scene")
+    return all(getattr(task, part) == getattr(other, part) for part in parts)
 
 
 def register(task: Task) -> None:

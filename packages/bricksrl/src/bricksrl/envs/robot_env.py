@@ -311,6 +311,7 @@ class RobotEnv(BricksEnv):
             while not self._waited(PAUSE_PERIOD_S):
                 if connection.link.is_open:
                     connection.link.read()
+        # A stop may have come during the pause.
         self._check_stop()
         connection.link.open()  # without effect when it is open
         for reader in connection.sensors:

@@ -66,6 +66,7 @@ def play(
         if driver is not None:
             state["intervention"] = torch.tensor(driver_action is not None)
         frame = env.step(state)
+        # Read before the frame is given away, whose receiver may change it.
         done = bool(frame["next", "done"]) and not goes_on()
         yield frame
         state = env.step_mdp(frame)
@@ -105,6 +106,7 @@ def cut_at_lost_links(frames: TensorDictBase) -> TensorDictBase:
     lost = lost_links(frames)
     if lost is not None and bool(lost.any()):
         frames = frames.clone()
+        # The frame before a lost one is the last of its episode.
         frames["next", "done"][..., :-1, :] |= lost[..., 1:, None]
     return frames
 

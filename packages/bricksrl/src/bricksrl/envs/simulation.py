@@ -182,6 +182,7 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         given = clamped(tensordict["action"], self._action_shape, self.task.id)
         action = given.view(self._copies, -1).t().contiguous()  # [m, copies]
         before = self._state
+        # New tensors in place of changed ones: what an earlier step returned may be kept.
         (self._state, self._speed) = self._move(self._state, action)
         self._steps = self._steps + 1
         observation = self._state.t()

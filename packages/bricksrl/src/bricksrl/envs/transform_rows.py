@@ -47,6 +47,7 @@ RUNNING = (VecNorm, VecNormV2)
 def numbers_behind(transform: Transform, before: Numbers, *, keeps_units: bool = False) -> Numbers:
     """The numbers behind a transform, from those before it. ``keeps_units``: whether `KeepUnits`
     follows running statistics."""
+    # Statistics mean what the transform after them makes of them, so they are no plain row.
     if isinstance(transform, RUNNING):
         return _normalised_by_running(transform, before, keeps_units=keeps_units)
     row = _ROWS.get(type(transform))
@@ -238,6 +239,7 @@ def _scaled(numbers: Array, factors: NDArray[Any], summands: NDArray[Any]) -> Ar
 def _one_copy(value: Tensor, numbers: Array) -> NDArray[Any] | None:
     """Statistics in the shape of the numbers, of the first of copies that have their own; ``None``
     where they have another shape."""
+    # In double precision, as factors of several transforms are multiplied.
     given = value.detach().cpu().double().numpy()
     while given.ndim > numbers.ndim:
         given = given[0]

@@ -161,6 +161,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self._observations = []
         self._info = {}
         self._ended = False
+        # No info: nothing has happened that could be judged.
         return self._observation(self.env.reset()), {}
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -319,6 +320,7 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.single_action_space = Box(-1.0, 1.0, self.env.action_spec.shape[1:])
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        # Whole episodes are kept, as success and metrics judge them at their end.
         self._episodes = torch.zeros(num_envs, task.max_steps, len(task.entries))
         self._copies = torch.arange(num_envs)
         self._steps = torch.zeros_like(self._copies)
@@ -381,6 +383,7 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             observation = result["observation"].cpu().numpy().copy()
         self._store(torch.from_numpy(observation))
         self._steps += ~starts  # the first step overwrites the start
+        # The simulation inside has no limit: see `_ENDLESS`.
         if self._max_steps is not None:
             truncated |= self._steps >= self._max_steps
         self._ended = terminated | truncated
@@ -479,6 +482,7 @@ def _longer(steps: int | None, registered: int | None) -> str:
 
 def _made(env_id: str, options: EnvOptions | None, **named: Any) -> Any:
     env = make(env_id, options, **named)
+    # TorchRL's transforms stand around the environment, and Gymnasium's users would not see them.
     if interface_of(env) is not env:
         raise UnknownOptionError(
             "Gymnasium has wrappers of its own; omit frame_stack, frame_skip and transform"

@@ -74,7 +74,8 @@ def forward_task(
 
     def success(observations: Tensor) -> Tensor:
         fell = terminated(observations)[..., 0].any(-1)
-        return (observations[..., forward].mean(-1) >= least_mm) & ~fell
+        mean_mm = observations[..., forward].mean(-1)
+        return (mean_mm >= least_mm) & ~fell
 
     return Task(
         id=env_id,
