@@ -59,7 +59,10 @@ class EpisodeState:
     def observe(self, channels: Sequence[float], forward_mm: Sequence[float]) -> Floats:
         """The observation ``[n]`` as the task's functions get it: channels, sampled entries,
         distance forward, last commands, the target's entries and the camera's distances."""
-        target = () if self.tracker is None else self.tracker.entries()
-        distances_px = () if self.watch is None else self.watch.numbers()
-        values = (*channels, *self.drawn, *forward_mm, *self.commands, *target, *distances_px)
+        # In the order of the task's entries.
+        values = [*channels, *self.drawn, *forward_mm, *self.commands]
+        if self.tracker is not None:
+            values += self.tracker.entries()
+        if self.watch is not None:
+            values += self.watch.numbers()
         return np.array(values, dtype=np.float32)

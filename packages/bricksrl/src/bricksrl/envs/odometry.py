@@ -226,7 +226,9 @@ class TrueOdometer:
     def forward_mm(self, time_s: float, _values: Sequence[float]) -> float:
         """Distance forward since the last call, in mm; ``time_s`` is the time of this one."""
         pose = self._pose()
-        self._path_m += math.hypot(pose.x_m - self._last.x_m, pose.y_m - self._last.y_m)
+        moved_x_m = pose.x_m - self._last.x_m
+        moved_y_m = pose.y_m - self._last.y_m
+        self._path_m += math.hypot(moved_x_m, moved_y_m)
         x_m = pose.x_m - self._start.x_m
         y_m = pose.y_m - self._start.y_m
         # Headings are clockwise, y points left.

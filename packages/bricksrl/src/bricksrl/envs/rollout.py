@@ -142,7 +142,8 @@ class Rollout:
             self.rewards.append(float(step["next", "reward"]))
             self.action_sizes.append(float(step["action"].abs().mean()))
             self.observations.append(step["next"].get("observation", None))
-        if bool(own[-1]["next", "done"]) and not bool(frame["next", "done"]):
+        has_ended = bool(own[-1]["next", "done"])
+        if has_ended and not bool(frame["next", "done"]):
             raise DescriptionError(
                 "a transform hides the end of the episode; let it pass 'done' on"
             )

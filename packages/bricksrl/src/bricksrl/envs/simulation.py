@@ -87,7 +87,8 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             )
         angle_index = task.interface.angle_indices
         turns = [command for command in commands if isinstance(command, RunAngle)]
-        if len(turns) < len(commands) or {turn.motor for turn in turns} != set(angle_index):
+        motors = {turn.motor for turn in turns}
+        if len(turns) < len(commands) or motors != set(angle_index):
             raise DescriptionError(
                 f"{task.id} cannot be simulated; every motor needs a RunAngle command and an "
                 "angle channel"
@@ -315,14 +316,19 @@ def turned_angle(
     is_triangular = braking < ramped
     ramped = torch.where(is_triangular, (origin + distance) / 2.0, ramped)
     braking = torch.where(is_triangular, ramped, braking)
-    top = torch.where(is_triangular, (2.0 * first * (ramped - origin)).clamp_min(0.0).sqrt(), top)
+    peak_squared = 2.0 * first * (ramped - origin)
+    top = torch.where(is_triangular, peak_squared.clamp_min(0.0).sqrt(), top)
     # Times at which the first ramp ends, and the braking begins.
     t1 = (top - start) / first
-    t2 = t1 + torch.where(top > 0, (braking - ramped) / top.clamp_min(1e-6), 0.0)
+    cruise_s = (braking - ramped) / top.clamp_min(1e-6)
+    t2 = t1 + torch.where(top > 0, cruise_s, 0.0)
     # Parts of ``time_s`` in the first ramp, at constant speed, and braking.
     u1 = t1.clamp_max(time_s)
     u3 = (time_s - t2).clamp_min(0.0).minimum(top / a)
     cruise = (time_s - t1).clamp_min(0.0).minimum(t2 - t1)
-    turned = start * u1 + first * u1.square() / 2.0 + top * (cruise + u3) - a * u3.square() / 2.0
-    speed = torch.where(time_s < t1, start + first * u1, top - a * u3)
+    in_ramp = start * u1 + first * u1.square() / 2.0
+    turned = in_ramp + top * (cruise + u3) - a * u3.square() / 2.0
+    ramp_speed = start + first * u1
+    end_speed = top - a * u3
+    speed = torch.where(time_s < t1, ramp_speed, end_speed)
     return sign * turned, sign * speed

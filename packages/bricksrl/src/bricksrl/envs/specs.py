@@ -97,7 +97,8 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         return repeated.expand(sizes).reshape(self.shape)
 
     def is_in(self, val: Tensor) -> bool:
-        is_alike = val.dtype == self.dtype and val.shape[-self.ndim :] == self.shape
+        inner_shape = val.shape[-self.ndim :]  # it may have batch dimensions before
+        is_alike = val.dtype == self.dtype and inner_shape == self.shape
         if not is_alike or not bool(val.isfinite().all()):
             return False
         return bool((self._project(val) == val).all())
@@ -337,8 +338,8 @@ class ObservationLayout:
         """Index of each entry in the newest observation that stands there in its own units."""
         places = {}
         for index, name in enumerate(self.names):
-            is_scaled = bool(self.scale) and (self.scale[index], self.offset[index]) != (1.0, 0.0)
-            if self.frames[index] == 0 and not is_scaled:
+            factors = (self.scale[index], self.offset[index]) if self.scale else (1.0, 0.0)
+            if self.frames[index] == 0 and factors == (1.0, 0.0):
                 places[name] = index
         return places
 
@@ -347,7 +348,8 @@ class ObservationLayout:
         """Numbers of older frames, each with that of its entry in the newest frame that has it."""
         numbers = list(zip(self.frames, self.names, strict=False))
         newest = dict[str, int]()
-        for _, name, index in sorted((*number, index) for index, number in enumerate(numbers)):
+        by_age = sorted((frame, name, index) for index, (frame, name) in enumerate(numbers))
+        for _, name, index in by_age:
             newest.setdefault(name, index)
         past = {}
         for index, (frame, name) in enumerate(numbers):
@@ -397,15 +399,19 @@ def _goal_pairs(numbers: Sequence[Number]) -> tuple[tuple[int, int], ...]:
         places[number.entry.name, number.frame].append(index)
     pairs: list[tuple[int, int]] = []
     for (name, frame), goals in places.items():
-        if name.endswith("_goal"):
-            pairs += zip(
-                goals,
-                places.get((f"{name.removesuffix('_goal')}_angle", frame), ()),
-                strict=False,
-            )
-    return tuple(
-        sorted(pair for pair in pairs if len({numbers[index].entry.wraps for index in pair}) == 1)
-    )
+        if not name.endswith("_goal"):
+            continue
+        joint = name.removesuffix("_goal")
+        angles = places.get((f"{joint}_angle", frame), ())
+        # Where a transform copies both, the first belong together, then the second, and so on.
+        pairs += zip(goals, angles, strict=False)
+    # A difference has a meaning only where both run around, or neither does.
+    alike = [
+        (goal, angle)
+        for goal, angle in pairs
+        if numbers[goal].entry.wraps == numbers[angle].entry.wraps
+    ]
+    return tuple(sorted(alike))
 
 
 SPECS = ("observation_spec", "action_spec", "reward_spec", "done_spec")

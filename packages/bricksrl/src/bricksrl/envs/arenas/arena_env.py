@@ -353,7 +353,8 @@ class ArenaSimulation(GroupedEnv):
         ranges = [[place.x_m, place.y_m, place.heading_deg] for place in places]
         bounds = torch.tensor(ranges, device=device)  # [robots, 3, ends]
         # clockwise in a place, counter-clockwise in a state
-        bounds[:, 2] = -torch.deg2rad(bounds[:, 2].flip(-1))
+        headings_deg = bounds[:, 2]
+        bounds[:, 2] = -torch.deg2rad(headings_deg.flip(-1))
         self._low, self._high = bounds.unbind(-1)
         self._rng = torch.Generator(device=self.device)
         self._set_seed(seed)
@@ -432,5 +433,6 @@ class ArenaSimulation(GroupedEnv):
             half_x, half_y = self.task.arena.half_size_m
             x = x.clamp(-half_x + MARGIN_M, half_x - MARGIN_M)
             y = y.clamp(-half_y + MARGIN_M, half_y - MARGIN_M)
-        self._state = ArenaState(torch.stack((x, y, heading + turn), -1), moved)
+        poses = torch.stack((x, y, heading + turn), -1)
+        self._state = ArenaState(poses, moved)
         return self._outcome(before, self._state)

@@ -138,7 +138,10 @@ def push(observation: Tensor) -> Tensor:
     speed = (1.0 - 6.0 * lead.clamp_min(0.0)).clamp(0.1, 1.0)
     ahead = torch.ones_like(y)
     left = 2.0 * home.clamp(-0.3, 0.3)
-    steered = steer_towards(ahead * cos + left * sin, left * cos - ahead * sin)
+    # From the world's frame to the robot's.
+    own_ahead = ahead * cos + left * sin
+    own_left = left * cos - ahead * sin
+    steered = steer_towards(own_ahead, own_left)
     return steered * speed.unsqueeze(-1)
 
 

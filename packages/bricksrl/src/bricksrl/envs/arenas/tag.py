@@ -91,7 +91,9 @@ ENTRIES = (
 
 def distance_m(state: ArenaState) -> Tensor:
     """Distance of the two robots, ``[*batch, 1]``."""
-    apart = state.poses[..., CATCHER, :2] - state.poses[..., RUNNER, :2]
+    catcher = state.poses[..., CATCHER, :2]
+    runner = state.poses[..., RUNNER, :2]
+    apart = catcher - runner
     length_m: Tensor = apart.norm(dim=-1, keepdim=True)
     return length_m
 
@@ -138,7 +140,9 @@ def flee(observation: Tensor) -> Tensor:
     angles = numbers * (2.0 * math.pi / _DIRECTIONS)
     directions = torch.stack((angles.cos(), angles.sin()), -1)  # [16, 2]
     # The other robot is seen in the runner's frame; the walls are in the world's.
-    offset = torch.stack((ahead * cos - left * sin, ahead * sin + left * cos), -1)
+    x = ahead * cos - left * sin
+    y = ahead * sin + left * cos
+    offset = torch.stack((x, y), -1)
     runner = _for_each_direction(start)
     catcher = _for_each_direction(start + offset)
     alignment = torch.stack((cos, sin), -1) @ directions.T

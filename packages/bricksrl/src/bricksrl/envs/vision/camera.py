@@ -41,7 +41,8 @@ class VisualGoal:
 
     def draw(self, rng: np.random.Generator) -> Place:
         """A random goal."""
-        x, y = self.places[int(rng.integers(len(self.places)))]
+        number = int(rng.integers(len(self.places)))
+        x, y = self.places[number]
         jitter_x, jitter_y = self.jitter_px
         shift_x = int(rng.integers(-jitter_x, jitter_x, endpoint=True))
         shift_y = int(rng.integers(-jitter_y, jitter_y, endpoint=True))
@@ -90,8 +91,9 @@ class CameraView:
 
     def _shows(self, places: tuple[Place, ...]) -> bool:
         """Whether there are places, all of them in the frame."""
-        inside = [0 <= x < self.width_px and 0 <= y < self.height_px for x, y in places]
-        return bool(inside) and all(inside)
+        width = self.width_px
+        height = self.height_px
+        return bool(places) and all(0 <= x < width and 0 <= y < height for x, y in places)
 
     @property
     def farthest_px(self) -> float:

@@ -120,7 +120,8 @@ def _middles_of_objects(
 
 def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float64]:
     """Distances from each of the centres ``[objects, 2]`` to the goal; ``[objects]``."""
-    return np.hypot(centres[:, 0] - goal[0], centres[:, 1] - goal[1])
+    goal_x, goal_y = goal
+    return np.hypot(centres[:, 0] - goal_x, centres[:, 1] - goal_y)
 
 
 def shrink(frame: Frame, side_px: int, disc: Disc | None = None) -> Frame:
@@ -136,7 +137,9 @@ def shrink(frame: Frame, side_px: int, disc: Disc | None = None) -> Frame:
     columns = flat.swapaxes(0, 1).astype(float, order="C")  # [width, side, 3]
     sums = _downsample(columns, side_px).swapaxes(0, 1)  # [side, side, 3]
     height, width = frame.shape[:2]
-    weights = (height // math.gcd(side_px, height)) * (width // math.gcd(side_px, width))
+    row_weights = height // math.gcd(side_px, height)
+    column_weights = width // math.gcd(side_px, width)
+    weights = row_weights * column_weights
     image: Frame = np.rint(sums / weights).astype(np.uint8)
     return image
 
