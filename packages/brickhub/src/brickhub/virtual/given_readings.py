@@ -61,9 +61,9 @@ class GivenReading:
         sense = self.sense or next(iter(available), None)
         if sense not in available:
             names = " or ".join(available) or "nothing"
-            raise TwinError(
-                f"the {device} on port {self.port} senses {names}, not {sense}; give such a reading"
-            )
+            what = f"the {device} on port {self.port} senses {names}"
+            raise TwinError(f"{what}, not {sense}; give such a reading")
+        # Counted here, as only the device tells what a reading without a sense is for.
         counts = _VALUE_COUNTS.get(sense, (1,))
         for index, value in enumerate(self.values):
             count = len(value) if isinstance(value, tuple) else 1
@@ -122,12 +122,13 @@ def _value(value: str, text: str) -> tuple[Sensed, Sense | None]:
     numbers: tuple[float, ...] = ()
     unit = None
     if match is not None:
-        unit = match[2]
+        written, unit = match.groups()
         # What is no number after all, such as "1..2", leaves none.
         with contextlib.suppress(ValueError):
-            numbers = tuple(float(part) for part in match[1].split(","))
+            numbers = tuple(map(float, written.split(",")))
     suits_unit = len(numbers) in _COUNTS_BY_UNIT.get(unit, (1,))
-    if not suits_unit or not all(map(math.isfinite, numbers)):
+    are_finite = all(map(math.isfinite, numbers))
+    if not suits_unit or not are_finite:
         raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
     stimulus: Sensed = numbers if len(numbers) > 1 else numbers[0]
     return stimulus, _UNIT_SENSES.get(unit or "")

@@ -219,8 +219,8 @@ def may_be_hidden(name: str) -> bool:
 def visible_attribute(value: Any, name: str) -> Any:
     """``value.name`` for a name that a hub's type may lack. Raises AttributeError as on the hub."""
     owner = value if isinstance(value, type) else type(value)
-    is_first_argument = name in _FIRST_ARGUMENT and isinstance(value, BaseException)
-    if is_first_argument and not hasattr(value, name):
+    is_of_error = isinstance(value, BaseException)
+    if is_of_error and name in _FIRST_ARGUMENT and not hasattr(value, name):
         return value.args[0] if value.args else None
     if name in _CLASS_ATTRIBUTES and not is_native(owner):
         return owner.__module__ if name == "__module__" else owner.__name__
@@ -318,15 +318,25 @@ def with_keywords(function: Any) -> Any:
         return function
     names = code.co_varnames[bound : code.co_argcount]
     optional = len(called.__defaults__ or ())
+    return _with_named_arguments(function, names, len(names) - optional)
+
+
+def _with_named_arguments(
+    function: Callable[..., Any], names: tuple[str, ...], required: int
+) -> Callable[..., Any]:
+    """The function, as one of the firmware with these arguments, of which the first ones are
+    ``required``."""
 
     # The order of the refusals is the firmware's.
     def call(*args: Any, **kwargs: Any) -> Any:
-        for name in names[len(args) : len(names) - optional]:
+        count = len(args)
+        for name in names[count:required]:
             if name not in kwargs:
                 raise TypeError(f"'{name}' argument required")
-        if len(args) > len(names):
+        if count > len(names):
             raise TypeError("extra positional arguments given")
-        if kwargs.keys() - {*names[len(args) :]}:
+        remaining = names[count:]
+        if kwargs.keys() - {*remaining}:
             raise TypeError("extra keyword arguments given")
         return function(*args, **kwargs)
 
