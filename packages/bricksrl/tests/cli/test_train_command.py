@@ -399,7 +399,8 @@ def test_human_takes_over_in_a_simulation(command, tmp_path, monkeypatch, capfd)
 
 
 @pytest.mark.realtime
-def test_fleet_learns_on_a_page(forked_children, tmp_path, capfd):
+def test_fleet_learns_on_a_page(forked_children, tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr("bricksrl.evaluation.report.film_run", partial(film_run, size=(192, 108)))
     command = [
         "train",
         "RunAway-v0",

@@ -1,6 +1,7 @@
 """``bricksrl data``: inspect, check, repair, merge, split, plot, import, export and share
 datasets."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -277,7 +278,12 @@ class Push:
         from bricksrl.policies.sharing import push_policy
 
         load_learning()
-        push = push_policy if self.policy else push_log if self.folder.is_file() else push_dataset
+        push: Callable[..., str] = push_dataset
+        if self.policy:
+            push = push_policy
+        elif self.folder.is_file():
+            # A log of a measured robot is a single file, a dataset always a folder.
+            push = push_log
         print_line(push(self.folder, self.repo, private=self.private, licence=self.licence))
 
 

@@ -80,8 +80,11 @@ def collect(
     lost = 0  # one after the other
     while complete < episodes:
         number = len(recorder.rows)
-        again = [lost] if lost else []  # a virtual link would break again
-        episode_seed = int(np.random.SeedSequence([seed, number, *again]).generate_state(1)[0] >> 1)
+        # The episode's number in the dataset, so that a recording that goes on another day is the
+        # same as one in a single piece. After a lost link another seed, as a virtual link would
+        # break again at the same step.
+        words = [seed, number, lost] if lost else [seed, number]
+        episode_seed = int(np.random.SeedSequence(words).generate_state(1)[0] >> 1)
         env.set_seed(episode_seed)
         state = env.reset()
         provenance = about(env, name, seed=episode_seed, hub=hub)
@@ -89,8 +92,8 @@ def collect(
         episode = Rollout()
         try:
             for frame in play(env, policy, state, driver=driver, reset_policy=reset_policy):
-                own = episode.add(frame, env)
-                for step in own:
+                # A repeated action (`--frame-skip`) is several steps of the robot.
+                for step in episode.add(frame, env):
                     steps.append(step_of(step, env))
                     on_frame(step)
                 if episode.is_lost:
@@ -98,12 +101,11 @@ def collect(
             is_cut = ours.is_cut
             success = None if is_cut or episode.is_lost else episode.judged(env)[0]
         except BaseException:
+            # What the robot has done is data, whatever ended it.
             recorder.write(steps, dataclasses.replace(provenance, whole=False))
             raise
-        recorder.write(
-            steps,
-            dataclasses.replace(provenance, success=success, whole=not (is_cut or episode.is_lost)),
-        )
+        is_whole = not (is_cut or episode.is_lost)
+        recorder.write(steps, dataclasses.replace(provenance, success=success, whole=is_whole))
         if episode.is_lost:
             lost += 1
             on_lost(len(steps), ours.link_error)
@@ -121,16 +123,15 @@ def step_of(transition: TensorDictBase, env: EnvBase) -> Step:
     its tensors. ``env``: environment of the transition; its ``timing``, if any, is recorded."""
     after = transition["next"]
     ours = interface_of(env)
-    timing = ours.timing
-    has_image = ours.task is not None and "image" in after
-    times: dict[str, Any] = (
-        {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
-    )
-    images = (
-        {"image": _numbers(transition["image"]), "next_image": _numbers(after["image"])}
-        if has_image
-        else {}
-    )
+    extras: dict[str, Any] = {}
+    # A simulation has no hub, and so no clock and no age of what it observes.
+    if ours.timing is not None:
+        extras["age_s"] = ours.timing.age_s
+        extras["hub_time_s"] = ours.timing.hub_time_s
+    # The schema has the camera of a task; images of a stranger's environment have no place in it.
+    if ours.task is not None and "image" in after:
+        extras["image"] = _numbers(transition["image"])
+        extras["next_image"] = _numbers(after["image"])
     return Step(
         observation=_numbers(transition["observation"]),
         action=_numbers(transition["action"]),
@@ -139,8 +140,7 @@ def step_of(transition: TensorDictBase, env: EnvBase) -> Step:
         terminated=bool(after["terminated"]),
         truncated=bool(after["done"]) and not bool(after["terminated"]),
         intervention=bool(transition.get("intervention", False)),
-        **times,
-        **images,
+        **extras,
     )
 
 
@@ -159,17 +159,22 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
     ours = interface_of(env)
     task = ours.task
     on_hub = ours.robots > 0
-    has_program = on_hub and task is not None and task.robot.hub.model.runs_programs
+    program_hash = None
+    if on_hub and task is not None and task.robot.hub.model.runs_programs:
+        program_hash = task.hub_program.hash
+    physics = {}
     twin = ours.twin if on_hub and hub == "virtual" else None
-    physics = None if twin is None else getattr(twin.body, "physics", None)
+    if twin is not None:
+        # A body of the user's own may have no physics that has names.
+        known = getattr(twin.body, "physics", None)
+        if known is not None:
+            physics = dataclasses.asdict(known.with_link(twin.link))
     return About(
         policy=policy,
         seed=seed,
         started=datetime.now(UTC).astimezone().isoformat(timespec="milliseconds"),
         hub=hub if on_hub else "",
-        program_hash=task.hub_program.hash if task is not None and has_program else None,
+        program_hash=program_hash,
         versions=_VERSIONS,
-        physics={}
-        if twin is None or physics is None
-        else dataclasses.asdict(physics.with_link(twin.link)),
+        physics=physics,
     )

@@ -31,6 +31,8 @@ Statistics = tuple[NDArray[np.float64], int]
 the number of values."""
 STATISTICS = ("min", "max", "mean", "std")
 _QUIET = ("-hide_banner", "-loglevel", "error")
+# H.264 in RGB with a quantiser of 0: what was seen is what is learned from, to the last bit. A key
+# frame at every second image makes each image quick to reach, as LeRobot draws them at random.
 _LOSSLESS = (
     "-c:v",
     "libx264rgb",
@@ -43,21 +45,17 @@ _LOSSLESS = (
     "-movflags",
     "+faststart",
 )
-# a disguised playlist could name other files and servers
+# A file from elsewhere may be a playlist in disguise, which names other files and servers.
 _ONE_MP4_FILE = ("-protocol_whitelist", "file", "-f", "mp4")
 
 
 def arrow_types(description: Description) -> dict[str, tuple[int, pa.DataType]]:
     """Length and type of each column that is stored in Parquet."""
-    stored = {
-        name: feature
-        for name, feature in description.features.items()
-        if feature["dtype"] != "video"
-    }
-    return {
-        name: (feature["shape"][0], pa.from_numpy_dtype(feature["dtype"]))
-        for name, feature in stored.items()
-    }
+    types = {}
+    for name, feature in description.features.items():
+        if feature["dtype"] != "video":
+            types[name] = feature["shape"][0], pa.from_numpy_dtype(feature["dtype"])
+    return types
 
 
 def to_parquet(table: pa.Table) -> bytes:
@@ -92,7 +90,7 @@ def read_parquet(path: Path, *, digest: str | None = None) -> pa.Table:
             raise DataError(
                 f"{path} claims more rows than it can hold; it is damaged or not ours; {RESTORE}"
             )
-        # a thread of Arrow that lets go of `data` while Python exits aborts the program
+        # No threads of Arrow: one that lets go of `data` while Python exits aborts the program.
         table = file.read(use_threads=False)
         table.validate(full=True)
     except (
@@ -133,11 +131,10 @@ def from_table(
                 f"{where} has not one column {name}; it is not a file of this dataset"
             ) from None
         expected = type_ if n == 1 else pa.list_(type_, n)
-        is_list = n > 1 and (
-            pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type)
-        )
-        # other programs write other lists
-        fits = column.type == expected or (is_list and column.type.value_type == type_)
+        # Other programs write lists of any length, whose lengths are checked below.
+        is_list = pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type)
+        is_other_list = n > 1 and is_list and column.type.value_type == type_
+        fits = column.type == expected or is_other_list
         if not fits or column.null_count:
             raise DataError(
                 f"{where}: column {name} is {column.type}, not {expected}; it is not a file of "
@@ -172,12 +169,15 @@ def join_statistics(parts: Sequence[dict[str, Statistics]]) -> dict[str, dict[st
     episode."""
     joined = {}
     for name in parts[0] if parts else ():
-        values = np.array([part[name][0] for part in parts])
-        counts = np.array([part[name][1] for part in parts])
-        low, high, means, stds = values.swapaxes(0, 1)
+        values = np.array([part[name][0] for part in parts])  # [episodes, 4, ...]
+        counts = np.array([part[name][1] for part in parts])  # [episodes]
+        low, high, means, stds = values.swapaxes(0, 1)  # each [episodes, ...]
         share = (counts / counts.sum()).reshape(-1, *[1] * (means.ndim - 1))
         mean = (share * means).sum(0)
-        variance = (share * (stds**2 + (means - mean) ** 2)).sum(0)
+        # The law of total variance: that within the episodes, and that of their means.
+        within = stds**2
+        between = (means - mean) ** 2
+        variance = (share * (within + between)).sum(0)
         found = (low.min(0), high.max(0), mean, np.sqrt(variance))
         joined[name] = {stat: value.tolist() for stat, value in zip(STATISTICS, found, strict=True)}
         joined[name]["count"] = [int(counts.sum())]
@@ -216,6 +216,7 @@ def decode(path: Path, count: int, side: int) -> NDArray[np.uint8]:
     """Decode the first ``count`` images of a file, ``[count, side, side, 3]``. Raises DataError if
     the file is no such video, or too short."""
     size_bytes = count * side * side * 3
+    # A byte more is read than wanted, which tells a video of larger images.
     raw = ("-frames:v", str(count), "-f", "rawvideo", "-pix_fmt", "rgb24", "pipe:1")
     command = [_ffmpeg(), *_QUIET, "-nostdin", *_ONE_MP4_FILE, "-i", f"file:{path}", *raw]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:  # noqa: S603

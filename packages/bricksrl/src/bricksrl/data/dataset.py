@@ -106,6 +106,8 @@ class EpisodeRow:
     final_image: bytes | None = None
 
 
+# By attribute: column and type. `{key}` stands for the images' feature; where there are no images,
+# neither are these columns.
 _COLUMNS = {
     "episode": ("episode_index", _INT),
     "length": ("length", _INT),
@@ -122,12 +124,16 @@ _COLUMNS = {
 def _columns(key: str | None) -> dict[str, tuple[str, pa.DataType]]:
     """Columns, with their types, of plain attributes of `EpisodeRow`; ``key``: name of the images'
     feature, if any."""
-    present = {
-        name: column
-        for name, column in _COLUMNS.items()
-        if key is not None or "{key}" not in column[0]
-    }
-    return {name: (column.format(key=key), type_) for name, (column, type_) in present.items()}
+    columns = {}
+    for name, (column, type_) in _COLUMNS.items():
+        if key is None and "{key}" in column:
+            continue
+        columns[name] = column.format(key=key), type_
+    return columns
+
+
+Cells = dict[str, tuple[list[Any], pa.DataType]]
+"""Columns of ``meta/episodes`` by name: a value for each row, and their type."""
 
 
 @dataclass(frozen=True)
@@ -182,8 +188,12 @@ class Dataset:
     def unfinished_files(self) -> list[Path]:
         """Files of an episode without a row, because its writer was killed."""
         at = self.data_files
-        if self.path("data", at + 1).exists() or self.path("episodes", self.row_files + 1).exists():
-            return []  # a killed writer leaves one at most: here row files are missing
+        # A killed writer leaves one file of a kind at most. Where there are more, it is rows that
+        # were lost, and what they were of must not be taken for rubbish.
+        has_more_data = self.path("data", at + 1).exists()
+        has_more_rows = self.path("episodes", self.row_files + 1).exists()
+        if has_more_data or has_more_rows:
+            return []
         return [path for path in (self.path("data", at), self.path("video", at)) if path.exists()]
 
     def check_order(self, episodes: int) -> None:
@@ -198,7 +208,8 @@ class Dataset:
                 )
             start += row.length
         if len(self.rows) != episodes:
-            # more are of a writer that was killed
+            # More rows are of a writer that was killed, which is mended in place. Fewer are a loss:
+            # what is left goes to a new dataset.
             out = " --out NEW" if len(self.rows) < episodes else ""
             raise DataError(
                 f"{self.path('info')} counts {counted(episodes, 'episode')} and meta/episodes "
@@ -208,11 +219,9 @@ class Dataset:
 
     def has_task(self) -> bool:
         """True if ``meta/tasks.parquet`` holds the task of the episodes only."""
+        expected = [{"task_index": 0, "task": self.description.env}]
         try:
-            return bool(
-                read_parquet(self.path("tasks")).to_pylist()
-                == [{"task_index": 0, "task": self.description.env}]
-            )
+            return bool(read_parquet(self.path("tasks")).to_pylist() == expected)
         except DataError:
             return False
 
@@ -224,38 +233,25 @@ class Dataset:
     def write_task(self) -> None:
         """Write ``meta/tasks.parquet``: the only instruction is the id of the environment; for
         LeRobot it is pandas' index."""
-        column = {"field_name": None, "metadata": None}
+        # What pandas would write for a table whose index is the column "task"; LeRobot looks tasks
+        # up by that index. pandas itself takes a second to import.
+        text = {"pandas_type": "unicode", "numpy_type": "object", "metadata": None}
+        number = {"pandas_type": "int64", "numpy_type": "int64", "metadata": None}
         pandas = {
             "index_columns": ["task"],
-            "column_indexes": [
-                {"name": None, "pandas_type": "unicode", "numpy_type": "object", **column}
-            ],
+            "column_indexes": [{"name": None, "field_name": None, **text}],
             "columns": [
-                {
-                    "name": "task_index",
-                    "pandas_type": "int64",
-                    "numpy_type": "int64",
-                    **column,
-                    "field_name": "task_index",
-                },
-                {
-                    "name": "task",
-                    "pandas_type": "unicode",
-                    "numpy_type": "object",
-                    **column,
-                    "field_name": "task",
-                },
+                {"name": "task_index", "field_name": "task_index", **number},
+                {"name": "task", "field_name": "task", **text},
             ],
             "creator": {"library": "pyarrow", "version": pa.__version__},
             "pandas_version": "2.0.0",
         }
-        table = pa.table(
-            {"task_index": pa.array([0], _INT), "task": pa.array([self.description.env], _TEXT)}
-        )
-        write_durably(
-            self.path("tasks"),
-            to_parquet(table.replace_schema_metadata({"pandas": json.dumps(pandas)})),
-        )
+        numbers = pa.array([0], _INT)
+        names = pa.array([self.description.env], _TEXT)
+        table = pa.table({"task_index": numbers, "task": names})
+        table = table.replace_schema_metadata({"pandas": json.dumps(pandas)})
+        write_durably(self.path("tasks"), to_parquet(table))
 
     def write_episodes(self, episodes: Sequence[Episode]) -> Dataset:
         """Write the next data file and, with a camera, the next video file, with these episodes;
@@ -269,11 +265,12 @@ class Dataset:
         start = self.steps
         for number, episode in enumerate(episodes, len(self.rows)):
             length = len(episode.columns["index"])
-            own = {
+            # An episode does not know its place in the dataset, which is given to it here.
+            given = episode.columns | {
                 "episode_index": np.full(length, number),
                 "index": np.arange(start, start + length),
             }
-            columns = {name: (episode.columns | own)[name] for name in arrow_types(description)}
+            columns = {name: given[name] for name in arrow_types(description)}
             tables.append(to_table(columns, description))
             row = EpisodeRow(
                 episode=number,
@@ -292,11 +289,14 @@ class Dataset:
                 and episode.images is not None
                 and episode.image_statistics is not None
             ):
+                # A video has an image for each step, as LeRobot expects; the last image, after the
+                # last step, is one more, and goes into the row.
                 images.append(episode.images[:-1])
                 row.statistics[key] = episode.image_statistics
                 row = replace(row, final_image=episode.images[-1].tobytes())
             rows.append(row)
             start += length
+        # Digests are of the files as they are written, so that a row finds out about any damage.
         data = to_parquet(pa.concat_tables(tables))
         write_durably(self.path("data", at), data)
         rows = [replace(row, data_sha256=hashlib.sha256(data).hexdigest()) for row in rows]
@@ -311,60 +311,79 @@ class Dataset:
         with it."""
         rows = self.rows[first:]
         at = self.row_files
-        key = self.description.image_key
         cells = {
-            column: ([getattr(row, name) for row in rows], type_)
-            for name, (column, type_) in _columns(key).items()
+            **self._place_cells(rows, at),
+            **_provenance_cells(rows),
+            **self._statistics_cells(rows),
         }
-        files = {"data": [row.data_file for row in rows], "meta/episodes": [at] * len(rows)}
-        files |= {} if key is None else {f"videos/{key}": files["data"]}
+        table = pa.table({name: pa.array(values, type_) for name, (values, type_) in cells.items()})
+        write_durably(self.path("episodes", at), to_parquet(table))
+        return replace(self, row_files=at + 1)
+
+    def _place_cells(self, rows: Sequence[EpisodeRow], row_file: int) -> Cells:
+        """What the episodes are, and in which files they stand."""
+        key = self.description.image_key
+        cells: Cells = {}
+        for name, (column, type_) in _columns(key).items():
+            cells[column] = [getattr(row, name) for row in rows], type_
+        files = {"data": [row.data_file for row in rows], "meta/episodes": [row_file] * len(rows)}
+        if key is not None:
+            files[f"videos/{key}"] = files["data"]
         for place, numbers in files.items():
             cells[f"{place}/chunk_index"] = [number // CHUNK_SIZE for number in numbers], _INT
             cells[f"{place}/file_index"] = [number % CHUNK_SIZE for number in numbers], _INT
         cells["tasks"] = [[self.description.env]] * len(rows), pa.list_(_TEXT)
         cells["dataset_to_index"] = [row.start + row.length for row in rows], _INT
         if key is not None:
-            starts = {row.data_file: row.start for row in reversed(self.rows)}  # of each file
-            for name, length in (("from", 0), ("to", 1)):
-                ends = [row.start - starts[row.data_file] + length * row.length for row in rows]
-                cells[f"videos/{key}/{name}_timestamp"] = (
-                    [end / self.description.rate_hz for end in ends],
-                    _FLOAT,
-                )
-        cells |= {
-            name: ([getattr(row.about, name) for row in rows], type_)
-            for name, type_ in _ABOUT.items()
-        }
-        cells |= {
-            name: ([json.dumps(getattr(row.about, name)) for row in rows], _TEXT)
-            for name in _ABOUT_JSON
-        }
+            # LeRobot finds an episode's images by their time in the video, which begins anew in
+            # each file. In reverse, so that the first row of a file has the last word.
+            file_starts = {row.data_file: row.start for row in reversed(self.rows)}
+            from_steps = [row.start - file_starts[row.data_file] for row in rows]
+            to_steps = [
+                from_step + row.length for from_step, row in zip(from_steps, rows, strict=True)
+            ]
+            rate_hz = self.description.rate_hz
+            for name, steps in (("from", from_steps), ("to", to_steps)):
+                times_s = [step / rate_hz for step in steps]
+                cells[f"videos/{key}/{name}_timestamp"] = times_s, _FLOAT
+        return cells
+
+    def _statistics_cells(self, rows: Sequence[EpisodeRow]) -> Cells:
+        """Statistics of each episode, in LeRobot's columns."""
+        cells: Cells = {}
         for name, feature in self.description.features.items():
-            type_ = (
-                pa.list_(pa.list_(pa.list_(_FLOAT)))
-                if feature["dtype"] == "video"
-                else pa.list_(_FLOAT)
-            )
+            type_ = pa.list_(_FLOAT)
+            if feature["dtype"] == "video":
+                # LeRobot keeps those of images as [channels, 1, 1].
+                type_ = pa.list_(pa.list_(type_))
+            of_rows = [row.statistics[name] for row in rows]
             for number, stat in enumerate(STATISTICS):
                 cells[f"stats/{name}/{stat}"] = (
-                    [row.statistics[name][0][number].tolist() for row in rows],
+                    [values[number].tolist() for values, _ in of_rows],
                     type_,
                 )
-            cells[f"stats/{name}/count"] = (
-                [[row.statistics[name][1]] for row in rows],
-                pa.list_(_INT),
-            )
-        table = pa.table({name: pa.array(values, type_) for name, (values, type_) in cells.items()})
-        write_durably(self.path("episodes", at), to_parquet(table))
-        return replace(self, row_files=at + 1)
+            cells[f"stats/{name}/count"] = [[count] for _, count in of_rows], pa.list_(_INT)
+        return cells
 
     def write_index(self) -> None:
         """Write the joint statistics and the number of episodes; the latter comes last, and commits
         the newest episode."""
-        write_durably(
-            self.path("stats"), to_json(join_statistics([row.statistics for row in self.rows]))
-        )
-        write_durably(self.path("info"), to_json(self.description.info(len(self.rows), self.steps)))
+        statistics = join_statistics([row.statistics for row in self.rows])
+        write_durably(self.path("stats"), to_json(statistics))
+        # Whoever reads takes as many episodes as this file counts. A writer that is killed before
+        # has written nothing that anybody sees.
+        info = self.description.info(len(self.rows), self.steps)
+        write_durably(self.path("info"), to_json(info))
+
+
+def _provenance_cells(rows: Sequence[EpisodeRow]) -> Cells:
+    """Where the episodes come from, in columns that LeRobot does not have and lets be."""
+    cells: Cells = {}
+    for name, type_ in _ABOUT.items():
+        cells[name] = [getattr(row.about, name) for row in rows], type_
+    for name in _ABOUT_JSON:
+        cells[name] = [json.dumps(getattr(row.about, name)) for row in rows], _TEXT
+    return cells
 
 
 def is_dataset(root: Path) -> bool:
@@ -393,7 +412,9 @@ def dataset_folder(path: Path | str) -> Path:
     """Folder of the dataset: the given one, or ``data`` in the folder of a run."""
     path = Path(path)
     info = FILES["info"]
-    return path / "data" if (path / "data" / info).exists() and not (path / info).exists() else path
+    # A dataset has a folder `data` too, of files with steps: only one that has an index is a run's.
+    is_run = (path / "data" / info).exists() and not (path / info).exists()
+    return path / "data" if is_run else path
 
 
 def existing_dataset(path: Path | str) -> Path:
@@ -415,7 +436,7 @@ def read_dataset(path: Path | str) -> Dataset:
     description = read_description(root)
     episodes = read_episode_count(root, description)
     dataset = read_all_rows(root, description)
-    # later rows are from an unfinished commit of a killed writer
+    # Later rows are from an unfinished commit of a killed writer.
     dataset = replace(dataset, rows=dataset.rows[:episodes])
     dataset.check_order(episodes)
     return dataset
@@ -485,9 +506,9 @@ def _row(record: dict[str, Any], description: Description) -> EpisodeRow:
     key = description.image_key
     values = {name: record[column] for name, (column, _) in _columns(key).items()}
     values["data_file"] = _file(record, "data")
-    # older datasets name no robot
-    about = {name: record[name] for name in _ABOUT if name in record}
+    about = {name: record[name] for name in _ABOUT}
     about |= {name: json.loads(record[name]) for name in _ABOUT_JSON}
+    # A file may come from anywhere: each value is held against the annotation of its field.
     check_fields(About, about)
     check_fields(EpisodeRow, values)
     row = EpisodeRow(**values, statistics=_statistics(record, description), about=About(**about))

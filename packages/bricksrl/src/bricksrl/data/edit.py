@@ -65,11 +65,10 @@ def split(
             f"a share of {share:g} of {counted(len(dataset.rows), 'episode')} leaves one of the "
             "two empty; choose another"
         )
-    chosen = set(np.random.default_rng(seed).permutation(len(dataset.rows))[:count].tolist())
-    drawn, others = (
-        [row for row in dataset.rows if (row.episode in chosen) is is_drawn]
-        for is_drawn in (True, False)
-    )
+    shuffled = np.random.default_rng(seed).permutation(len(dataset.rows))
+    chosen = set(shuffled[:count].tolist())
+    drawn = [row for row in dataset.rows if row.episode in chosen]
+    others = [row for row in dataset.rows if row.episode not in chosen]
     for target in (first, second):
         refuse_target(target)
     if first.resolve() == second.resolve():
@@ -78,7 +77,8 @@ def split(
     part = write_dataset(first, dataset.description, map(read, drawn))
     try:
         return part, write_dataset(second, dataset.description, map(read, others))
-    except BaseException:  # both parts or none
+    except BaseException:
+        # Both parts or none: the first one alone would look like the whole dataset.
         shutil.rmtree(first, ignore_errors=True)
         raise
 
@@ -91,9 +91,9 @@ def salvage(source: Path, out: Path) -> tuple[Dataset, list[str]]:
     description = read_description(source)
     lost: list[str] = []
     rows: list[EpisodeRow] = []
-    for path in sorted(
-        (source / "meta/episodes").glob("chunk-[0-9]*/file-[0-9][0-9][0-9].parquet")
-    ):
+    # Whatever files of rows there are, not one after the other up to a gap: a file may be missing.
+    row_files = (source / "meta/episodes").glob("chunk-[0-9]*/file-[0-9][0-9][0-9].parquet")
+    for path in sorted(row_files):
         try:
             rows += read_rows(path, description)
         except DataError as error:
@@ -121,6 +121,7 @@ def write_dataset(out: Path, description: Description, episodes: Iterable[Episod
         dataset = Dataset(folder, description)
         group: list[Episode] = []
         steps = 0
+        # Episodes come one by one from their files, so that only a group of them is in memory.
         for episode in episodes:
             group.append(episode)
             steps += len(episode.columns["index"])

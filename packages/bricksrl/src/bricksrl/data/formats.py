@@ -41,6 +41,8 @@ from bricksrl.envs.registry import options_of
 from bricksrl.errors import DataError, installed
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from bricksrl.envs.task import Task
 
 _TYPES = {
@@ -77,6 +79,7 @@ def export_minari(path: Path, out: Path) -> None:
     episodes = load(path)
     name = f"{out.absolute().parent.name}/{out.name}"
     buffers = [EpisodeBuffer(**_minari_episode(episodes, k)) for k in range(len(episodes.rows))]
+    policies = dict.fromkeys(row.about.policy for row in episodes.rows)
     with atomic_folder(out) as folder, _datasets_in(folder / "new"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it warns that there are no authors
         try:
@@ -84,7 +87,7 @@ def export_minari(path: Path, out: Path) -> None:
                 name,
                 buffers,
                 **_minari_environment(episodes),
-                algorithm_name=", ".join(dict.fromkeys(row.about.policy for row in episodes.rows)),
+                algorithm_name=", ".join(policies),
                 description=f"{episodes.description.env}, recorded with BricksRL",
                 data_format="hdf5",
                 jpeg_encoding=False,
@@ -93,6 +96,8 @@ def export_minari(path: Path, out: Path) -> None:
             raise DataError(
                 f"Minari refuses the name {name} ({error}); end the path like bricksrl/walker-v0"
             ) from None
+        # Minari writes into its own folder by the dataset's name; what is asked for is the folder
+        # itself, which appears whole or not at all.
         for written in (folder / "new" / name).iterdir():
             written.rename(folder / written.name)
         namespace = (folder / "new" / name).parent / NAMESPACE_METADATA_FILENAME
@@ -103,12 +108,15 @@ def export_minari(path: Path, out: Path) -> None:
 
 def _minari_episode(episodes: Episodes, episode: int) -> dict[str, Any]:
     at = (episodes.episode == episode).numpy()
-    states = np.concatenate(
-        (episodes.observation[at].numpy(), episodes.next_observation[at][-1:].numpy())
-    )
+
+    def with_last(before: Tensor, after: Tensor) -> NDArray[Any]:
+        # Minari has an observation more than steps: the one after the last step.
+        return np.concatenate((before[at].numpy(), after[at][-1:].numpy()))
+
+    states = with_last(episodes.observation, episodes.next_observation)
     observations: Any = states
     if episodes.image is not None and episodes.next_image is not None:
-        images = np.concatenate((episodes.image[at].numpy(), episodes.next_image[at][-1:].numpy()))
+        images = with_last(episodes.image, episodes.next_image)
         observations = {"observation": states, "image": images}
     return {
         "id": episode,
@@ -130,7 +138,9 @@ def _minari_environment(episodes: Episodes) -> dict[str, Any]:
     env_id = episodes.description.env
     options = episodes.description.options
     spec = gymnasium.registry.get(f"bricksrl/{env_id}")
-    if spec is not None:  # of whatever else a file names, such as a transform, nothing
+    # Only options of the task: whatever else a file names, such as a transform, is left out, as
+    # Minari's `recover_environment` would execute it.
+    if spec is not None:
         spec = replace(spec, kwargs=spec.kwargs | options_of(env_id, options))
     box = gymnasium.spaces.Box(-np.inf, np.inf, tuple(episodes.observation.shape[1:]))
     observation_space: Any = box
@@ -173,9 +183,8 @@ def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[tup
     Args:
         env: environment of the datasets; by default inferred from the names of the folders.
     """
-    folders = [
-        path.parent for path in sorted(source.rglob("meta.json")) if (path.parent / "next").is_dir()
-    ]
+    candidates = [path.parent for path in sorted(source.rglob("meta.json"))]
+    folders = [folder for folder in candidates if (folder / "next").is_dir()]
     if not folders:
         raise DataError(
             f"there is no dataset of memory-mapped tensors in {source}; choose a folder with a "
@@ -184,16 +193,18 @@ def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[tup
     imported = []
     for folder in folders:
         task = env or _task_of(folder)
-        policy = (
-            "expert"
-            if "expert" in folder.name
-            else "random"
-            if "random" in folder.name
-            else folder.name
-        )
+        policy = _policy_of(folder)
         target = out if folder == source else out / f"{task}-{policy}"
         imported.append((folder, _import_one(folder, target, task, policy)))
     return imported
+
+
+def _policy_of(folder: Path) -> str:
+    """Which policy the paper recorded with, as its folders are named after it."""
+    for policy in ("expert", "random"):
+        if policy in folder.name:
+            return policy
+    return folder.name
 
 
 def _task_of(folder: Path) -> str:
@@ -219,23 +230,25 @@ def _import_one(folder: Path, out: Path, env: str, policy: str) -> Dataset:
     observation = _observations(current, task, folder)
     action = _rows(current, "action", folder)
     next_observation = _observations(after, task, folder / "next")
-    reward, done = (_rows(after, name, folder / "next").reshape(-1) for name in ("reward", "done"))
-    rows = {len(observation), len(next_observation), len(action), len(reward), len(done)}
-    if len(rows) != 1 or action.shape[1] != len(action_order):
+    reward = _rows(after, "reward", folder / "next").reshape(-1)
+    done = _rows(after, "done", folder / "next").reshape(-1)
+    lengths = {len(observation), len(next_observation), len(action), len(reward), len(done)}
+    if len(lengths) != 1 or action.shape[1] != len(action_order):
         raise DataError(
             f"{folder} holds tensors of shapes that are not those of {env}; name its task "
             "with --env"
         )
     done = done.astype(bool)
     # Where the next row does not continue this one, an episode ended too.
-    jumps = np.append(
-        ~np.isclose(observation[1:], next_observation[:-1], equal_nan=True).all(axis=1), True
-    )
+    is_same = np.isclose(observation[1:], next_observation[:-1], equal_nan=True)  # [N - 1, n]
+    jumps = np.append(~is_same.all(axis=1), True)
     ends = np.flatnonzero(done | jumps)
-    lengths = np.diff(ends, prepend=-1)
+    lengths_of = np.diff(ends, prepend=-1)
+    # The released code stored a time limit like any other end; an episode that reached the limit is
+    # taken as cut by it.
     terminated = np.zeros_like(done)
     truncated = np.zeros_like(done)
-    terminated[ends] = done[ends] & (lengths < task.max_steps)
+    terminated[ends] = done[ends] & (lengths_of < task.max_steps)
     truncated[ends] = ~terminated[ends]
     columns = (
         observation,
@@ -249,20 +262,16 @@ def _import_one(folder: Path, out: Path, env: str, policy: str) -> Dataset:
     description = describe_task(task)
     last = description.observation[-1]
     values = observation[:, -1]
-    # the released code reports another quantity
+    # Some versions of the released Walker report an acceleration there. A distance is 0 to 2000 mm.
     if last.name == "distance" and ((values < 0).any() or (values > 2000).any()):
         acceleration = Entry("acceleration_x", unit="mm/s^2")
         description = replace(
             description, observation=(*description.observation[:-1], acceleration)
         )
-    episodes = (
-        new_episode(
-            steps[end + 1 - length : end + 1],
-            About(policy=policy, whole=bool(done[end])),
-            description,
-        )
-        for end, length in zip(ends, lengths, strict=True)
-    )
+    episodes = []
+    for end, length in zip(ends, lengths_of, strict=True):
+        about = About(policy=policy, whole=bool(done[end]))
+        episodes.append(new_episode(steps[end + 1 - length : end + 1], about, description))
     return write_dataset(out, description, episodes)
 
 
@@ -300,7 +309,9 @@ def _observations(arrays: Arrays, task: Task, folder: Path) -> NDArray[np.float3
             f"{folder} has observations and goals of different numbers of steps; restore it "
             "from a copy"
         )
-    ordered: NDArray[np.float32] = np.concatenate(parts, axis=1).astype(np.float32)[:, order]
+    joined = np.concatenate(parts, axis=1).astype(np.float32)
+    ordered: NDArray[np.float32] = joined[:, order]
+    # Angles of the released code are in -180..179, ours in 0..360.
     wraps = [entry.wraps for entry in task.entries]
     ordered[:, wraps] %= 360.0
     return ordered
@@ -319,22 +330,20 @@ def read_tensors(folder: Path) -> Arrays:
         "choose a folder with memory-mapped tensors, or restore it from a copy",
     ):
         tensors = dict(json.loads(meta.read_bytes()))
-    described = {
-        name: entry
-        for name, entry in tensors.items()
-        if isinstance(entry, dict) and {"dtype", "shape"} <= entry.keys()
-    }
-    return {name: _read_tensor(folder, name, entry) for name, entry in described.items()}
+    arrays = {}
+    for name, entry in tensors.items():
+        # Beside tensors the file has facts on itself, such as the shape of the batch.
+        if isinstance(entry, dict) and {"dtype", "shape"} <= entry.keys():
+            arrays[name] = _read_tensor(folder, name, entry)
+    return arrays
 
 
 def _read_tensor(folder: Path, name: str, entry: dict[str, Any]) -> NDArray[Any]:
     dtype = _TYPES.get(str(entry["dtype"]))
     shape = entry["shape"]
-    is_shape = (
-        isinstance(shape, list)
-        and len(shape) <= 8
-        and all(type(side) is int and side >= 0 for side in shape)
-    )
+    is_list = isinstance(shape, list) and len(shape) <= 8
+    is_shape = is_list and all(type(side) is int and side >= 0 for side in shape)
+    # The name becomes that of a file: it must not lead out of the folder.
     if dtype is None or not is_shape or not name.isidentifier():
         raise DataError(
             f"{folder / 'meta.json'} describes a tensor '{name}' that is not of the paper; "

@@ -37,7 +37,10 @@ def check(root: Path, task: str | None = None) -> list[Finding]:
         return []
     dataset = read_dataset(root)
     faults = {"steps": _steps(dataset), "files": _files(dataset), "index": _joint(dataset)}
-    return [Finding(name, Outcome.ERROR, text) for name, texts in faults.items() for text in texts]
+    findings = []
+    for name, texts in faults.items():
+        findings += [Finding(name, Outcome.ERROR, text) for text in texts]
+    return findings
 
 
 def _steps(dataset: Dataset) -> Iterator[str]:
@@ -48,19 +51,20 @@ def _steps(dataset: Dataset) -> Iterator[str]:
         except DataError as error:
             yield f"episode {row.episode}: {error}"
             continue
+        # Each observation stands twice, after a step and before the next one, so that a row can be
+        # learned from alone; a shifted column would spoil what is learned and look right.
         if not np.array_equal(columns[OBSERVATION][1:], columns[NEXT][:-1], equal_nan=True):
             yield f"episode {row.episode}: an observation is not what followed the step before"
         done = columns["next.terminated"] | columns["next.truncated"]
-        if done[:-1].any() or not done[-1] or not np.array_equal(done, columns["next.done"]):
+        ends_once = done[-1] and not done[:-1].any()
+        if not ends_once or not np.array_equal(done, columns["next.done"]):
             yield f"episode {row.episode}: its end is marked elsewhere than at its last step"
-        if not np.isclose(
-            columns["next.reward"].sum(dtype=np.float64), row.return_, rtol=1e-5, atol=1e-5
-        ):
+        # Rewards are float32, and a sum depends on its order: the last digits may differ.
+        total = columns["next.reward"].sum(dtype=np.float64)
+        if not np.isclose(total, row.return_, rtol=1e-5, atol=1e-5):
             yield f"episode {row.episode}: its return is not the sum of its rewards"
-        if not all(
-            np.isfinite(columns[name]).all()
-            for name in (OBSERVATION, NEXT, "action", "next.reward")
-        ):
+        learned = (OBSERVATION, NEXT, "action", "next.reward")
+        if not all(np.isfinite(columns[name]).all() for name in learned):
             yield f"episode {row.episode}: a number is none"
 
 
@@ -70,8 +74,10 @@ def _joint(dataset: Dataset) -> Iterator[str]:
     info, stats, tasks = (dataset.path(kind) for kind in ("info", "stats", "tasks"))
     remedy = f"run `bricksrl data repair {quoted(dataset.root)}`"
     expected = dataset.description.info(len(dataset.rows), dataset.steps)
-    stored = json.loads(info.read_bytes())  # readable: `read_dataset` has parsed it
-    for key in sorted(key for key in expected if key not in stored or stored[key] != expected[key]):
+    # It is JSON, as `read_dataset` has parsed it.
+    stored = json.loads(info.read_bytes())
+    wrong = [key for key in expected if key not in stored or stored[key] != expected[key]]
+    for key in sorted(wrong):
         yield (
             f"{info} says '{key}' is {stored.get(key)!r:.60}, and it is {expected[key]!r:.60}; "
             f"{remedy}"
@@ -90,21 +96,18 @@ def _joint(dataset: Dataset) -> Iterator[str]:
 def _same(value: Any, expected: Any) -> bool:
     """True if two JSON values are equal up to the last digits of numbers."""
     if isinstance(expected, dict):
-        return (
-            isinstance(value, dict)
-            and value.keys() == expected.keys()
-            and all(_same(value[k], expected[k]) for k in expected)
-        )
+        if not isinstance(value, dict) or value.keys() != expected.keys():
+            return False
+        return all(_same(value[key], expected[key]) for key in expected)
     if isinstance(expected, list):
-        return (
-            isinstance(value, list)
-            and len(value) == len(expected)
-            and all(map(_same, value, expected))
-        )
+        if not isinstance(value, list) or len(value) != len(expected):
+            return False
+        return all(map(_same, value, expected))
     if isinstance(expected, float | int) and not isinstance(expected, bool):
-        return isinstance(value, float | int) and bool(
-            np.isclose(value, expected, rtol=1e-6, atol=1e-9, equal_nan=True)
-        )
+        if not isinstance(value, float | int):
+            return False
+        # A sum over all episodes depends on the processor's order of additions.
+        return bool(np.isclose(value, expected, rtol=1e-6, atol=1e-9, equal_nan=True))
     return bool(value == expected)
 
 
@@ -120,10 +123,9 @@ def _files(dataset: Dataset) -> Iterator[str]:
     known |= {dataset.path("episodes", number) for number in range(dataset.row_files)}
     for row in dataset.rows:
         known |= {dataset.path("data", row.data_file), dataset.path("video", row.data_file)}
-    for missing in (
-        path for path in (dataset.path("stats"), dataset.path("tasks")) if not path.exists()
-    ):
-        yield f"{missing} is missing; {repair}"
+    for path in (dataset.path("stats"), dataset.path("tasks")):
+        if not path.exists():
+            yield f"{path} is missing; {repair}"
     recorded = read_all_rows(root, dataset.description)
     uncounted = len(recorded.rows) - len(dataset.rows)
     unfinished = recorded.unfinished_files()
@@ -131,14 +133,13 @@ def _files(dataset: Dataset) -> Iterator[str]:
         yield f"{uncounted} recorded episodes are not in the index; {repair}"
     for path in sorted(root.rglob("*")):
         relative = path.relative_to(root)
-        if (
-            path.is_dir()
-            or path in known
-            or any(part.startswith(".") and part != path.name for part in relative.parts)
-        ):
+        # Folders such as `.git` and `.cache` are of other tools, which have their own checks.
+        is_of_a_tool = any(part.startswith(".") for part in relative.parts[:-1])
+        if path.is_dir() or path in known or is_of_a_tool:
             continue
         if path.name.startswith(TEMPORARY_PREFIX) or path in unfinished:
             yield f"{relative} was left by a recording that was killed; {repair}"
+        # Files of episodes that are not in the index were named above.
         elif not (uncounted and relative.parts[0] in ("data", "videos")):
             yield f"{relative} is not a file of a dataset; it was not opened"
 
@@ -174,6 +175,7 @@ def recover(root: Path, *, rebuild: bool = False) -> tuple[Dataset, int, int]:
         save = f"save them with `bricksrl data repair {quoted(root)} --out NEW`"
         raise DataError(f"{root} has lost rows: {left}; restore it from a copy, or {save}")
     dataset.check_order(episodes)
+    # Only now, as nothing is removed from a dataset whose rows are not in order.
     unfinished = dataset.unfinished_files()
     for path in unfinished:
         path.unlink()

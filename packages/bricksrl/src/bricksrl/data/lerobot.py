@@ -66,19 +66,19 @@ def read_lerobot(root: Path, task: Task | str | None = None) -> tuple[Descriptio
     states = _features(root, info, OBSERVATION, [entry.name for entry in task.entries])
     actions = _features(root, info, ACTION, [command.name for command in task.interface.commands])
     _check_judged(root, task)
-    if pictures := [
-        name
-        for name, feature in info["features"].items()
-        if feature.get("dtype") in ("video", "image")
-    ]:
+    features = info["features"].items()
+    pictures = [name for name, feature in features if feature.get("dtype") in ("video", "image")]
+    if pictures:
         _log.warning("%s has images (%s), which are not read", root, ", ".join(pictures))
     columns = _read_columns(root, info)
     observation = columns[OBSERVATION][:, states]
     commands = task.interface.commands
     low = np.array([command.low for command in commands], np.float32)
     high = np.array([command.high for command in commands], np.float32)
+    commanded = columns[ACTION][:, actions]  # [frames, m], in the units of the commands
+    action = 2.0 * (commanded - low) / (high - low) - 1.0
     # A robot clamps what it is told, and so do we.
-    action = (2.0 * (columns[ACTION][:, actions] - low) / (high - low) - 1.0).clip(-1.0, 1.0)
+    action = action.clip(-1.0, 1.0)
     description = describe_task(task)
     episodes: list[Episode] = []
     for number in range(info["total_episodes"]):
@@ -151,12 +151,12 @@ def _features(root: Path, info: dict[str, Any], feature: str, wanted: list[str])
     if described is None:
         raise DataError(f"{root} has no feature {feature}; record it with a robot that has one")
     names = described.get("names")
-    if isinstance(names, dict):  # such as {"motors": [...]}
-        names = [
-            name
-            for group in names.values()
-            for name in (group if isinstance(group, list) else [group])
-        ]
+    # LeRobot's own robots write them in groups, such as {"motors": [...]}.
+    if isinstance(names, dict):
+        groups = names.values()
+        names = []
+        for group in groups:
+            names += group if isinstance(group, list) else [group]
     if not isinstance(names, list) or described.get("shape") != [len(names)]:
         raise DataError(
             f"{root} does not name the numbers of {feature}; only a vector with names can be read"
@@ -168,6 +168,8 @@ def _features(root: Path, info: dict[str, Any], feature: str, wanted: list[str])
             "environment of these data"
         )
     if unused := [str(name) for name in names if name not in wanted]:
+        # Unseen entries of an observation are no loss; a command that our task does not know has
+        # moved the robot, and what it did would be put down to the others.
         if feature == ACTION:
             raise DataError(
                 f"{feature} in {root} has {', '.join(unused)} too; choose the environment of "
@@ -200,15 +202,17 @@ def _read_columns(root: Path, info: dict[str, Any]) -> dict[str, NDArray[Any]]:
             "is missing"
         )
     number = columns["episode_index"]
-    found = np.unique(number)
-    if (np.diff(number) < 0).any() or not np.array_equal(found, np.arange(info["total_episodes"])):
+    is_sorted = (np.diff(number) >= 0).all()
+    is_complete = np.array_equal(np.unique(number), np.arange(info["total_episodes"]))
+    if not (is_sorted and is_complete):
         told = counted(info["total_episodes"], "episode")
         raise DataError(
             f"{root} does not have the {told} of its info.json, one after the other; restore what "
             "is missing"
         )
-    first = np.flatnonzero(np.diff(number, prepend=-1))
-    wanted = np.arange(frames) - np.repeat(first, np.diff(first, append=frames))
+    first = np.flatnonzero(np.diff(number, prepend=-1))  # first frame of each episode
+    length = np.diff(first, append=frames)
+    wanted = np.arange(frames) - np.repeat(first, length)
     if not np.array_equal(columns["frame_index"], wanted):
         at = int(np.flatnonzero(columns["frame_index"] != wanted)[0])
         raise DataError(
@@ -230,31 +234,23 @@ def _read_file(path: Path, info: dict[str, Any]) -> dict[str, NDArray[Any]]:
             raise DataError(f"{path} has not one column {name}; restore it from a copy")
         column = table[name].combine_chunks()
         length = info["features"][name]["shape"][0] if name in (OBSERVATION, ACTION) else 1
-        is_list = (
-            pa.types.is_list(column.type)
-            or pa.types.is_fixed_size_list(column.type)
-            or pa.types.is_large_list(column.type)
-        )
+        # Which kind of list it is depends on the version of LeRobot that wrote it.
+        lists = (pa.types.is_list, pa.types.is_fixed_size_list, pa.types.is_large_list)
+        is_list = any(is_kind(column.type) for is_kind in lists)
         flat = column.flatten() if is_list else column
-        is_number = (
-            pa.types.is_floating(flat.type)
-            if length > 1 or is_list
-            else not pa.types.is_nested(flat.type)
-        )
-        if (
-            column.null_count
-            or flat.null_count
-            or not is_number
-            or len(flat) != length * len(column)
-        ):
+        if length > 1 or is_list:
+            is_number = pa.types.is_floating(flat.type)
+        else:
+            is_number = not pa.types.is_nested(flat.type)
+        has_gap = column.null_count or flat.null_count
+        if has_gap or not is_number or len(flat) != length * len(column):
             raise DataError(
                 f"{path}: the column {name} does not hold {counted(length, 'number')} in each "
                 "frame; restore it"
             )
+        dtype = np.int64 if name in _INDICES else np.float32
         try:
-            values = flat.to_numpy(zero_copy_only=False).astype(
-                np.int64 if name in _INDICES else np.float32
-            )
+            values = flat.to_numpy(zero_copy_only=False).astype(dtype)
         except (TypeError, ValueError):
             raise DataError(
                 f"{path}: the column {name} holds no numbers; restore it from a copy"
@@ -284,17 +280,15 @@ def _episodes(
     first = 0
     for number, (reward, is_over) in enumerate(zip(rewards, terminated, strict=True)):
         is_last = is_over or number == len(rewards) - 1
-        truncated = is_last and not is_over
-        steps.append(
-            Step(
-                states[number],
-                chosen[number].numpy(),
-                reward,
-                states[number + 1],
-                is_over,
-                truncated,
-            )
+        step = Step(
+            observation=states[number],
+            action=chosen[number].numpy(),
+            reward=reward,
+            next_observation=states[number + 1],
+            terminated=is_over,
+            truncated=is_last and not is_over,
         )
+        steps.append(step)
         if is_last:
             about = About(policy="lerobot", success=success_of(task, after[first : number + 1]))
             episodes.append(new_episode(steps, about, description))

@@ -69,9 +69,8 @@ class Episodes:
     def observing(self, names: Sequence[str]) -> Episodes:
         """The same transitions with these entries of the observation only, in this order; each must
         be there."""
-        places = [
-            [entry.name for entry in self.description.observation].index(name) for name in names
-        ]
+        all_names = [entry.name for entry in self.description.observation]
+        places = [all_names.index(name) for name in names]
         entries = tuple(self.description.observation[place] for place in places)
         return dataclasses.replace(
             self,
@@ -94,8 +93,10 @@ class Episodes:
             "done": (self.terminated | self.truncated)[:, None],
         }
         step = {
-            name: getattr(self, name)
-            for name in ("observation", "action", "episode", "intervention")
+            "observation": self.observation,
+            "action": self.action,
+            "episode": self.episode,
+            "intervention": self.intervention,
         }
         if self.image is not None and self.next_image is not None:
             step["image"] = self.image
@@ -115,7 +116,7 @@ def load(path: Path | str, *, images: bool = True, task: Task | str | None = Non
     """
     import torch
 
-    # which writes datasets, by what is here
+    # Here, as that module writes datasets by what is in this one.
     from bricksrl.data.lerobot import is_lerobot, read_lerobot
 
     if is_lerobot(root := dataset_folder(path)):
@@ -148,10 +149,10 @@ def _as_dataset(
     for number, episode in enumerate(episodes):
         # Single numbers are read from files as [steps], not [steps, 1]; `_joined` restores vectors
         # of length 1.
-        columns = {
-            name: values.reshape(-1) if values[0].size == 1 else values
-            for name, values in episode.columns.items()
-        }
+        columns = dict(episode.columns)
+        for name, values in columns.items():
+            if values[0].size == 1:
+                columns[name] = values.reshape(-1)
         length = len(columns["index"])
         row = EpisodeRow(
             episode=number,
@@ -166,11 +167,8 @@ def _as_dataset(
             about=episode.about,
         )
         rows.append(row)
-        numbered.append(
-            dataclasses.replace(
-                episode, columns={**columns, "episode_index": np.full(length, number)}
-            )
-        )
+        columns["episode_index"] = np.full(length, number)
+        numbered.append(dataclasses.replace(episode, columns=columns))
         start += length
     return Dataset(root, description, tuple(rows)), numbered
 
@@ -186,15 +184,12 @@ def _joined(dataset: Dataset, episodes: list[Episode]) -> dict[str, NDArray[Any]
     """Columns of all episodes together, as of `read_columns`."""
     if not episodes:
         raise DataError(f"the dataset in {dataset.root} has no episodes yet; record some")
-    joined = {
-        name: np.concatenate([episode.columns[name] for episode in episodes])
-        for name in episodes[0].columns
-    }
-    vectors = (OBSERVATION, ACTION, NEXT)
-    return {
-        name: array.reshape(len(array), -1) if name in vectors else array
-        for name, array in joined.items()
-    }
+    joined = {}
+    for name in episodes[0].columns:
+        array = np.concatenate([episode.columns[name] for episode in episodes])
+        is_vector = name in (OBSERVATION, ACTION, NEXT)
+        joined[name] = array.reshape(len(array), -1) if is_vector else array
+    return joined
 
 
 class EpisodeReader:
@@ -218,6 +213,7 @@ class EpisodeReader:
         self._by_file: dict[int, list[EpisodeRow]] = defaultdict(list)
         for row in dataset.rows:
             self._by_file[row.data_file].append(row)
+        # One file each: a merged dataset has many episodes in a file, and is read in order.
         self._table = lru_cache(maxsize=1)(self._read_table)
         self._video = lru_cache(maxsize=1)(self._read_video)
 
@@ -247,15 +243,17 @@ class EpisodeReader:
         path = dataset.path("data", file)
         lengths = [row.length for row in rows]
         table = read_parquet(path, digest=rows[0].data_sha256)
-        table = table.slice(0, sum(lengths))  # episodes of an unfinished commit may follow
+        # Episodes of an unfinished commit may follow, which are not in the index.
+        table = table.slice(0, sum(lengths))
         stored = from_table(table, dataset.description, ("index", "episode_index"), path)
-        # checked first, since a damaged row may claim any size
-        if sum(lengths) != len(table) or not (
-            np.array_equal(stored["index"], rows[0].start + np.arange(len(table)))
-            and np.array_equal(
-                stored["episode_index"], np.repeat([row.episode for row in rows], lengths)
-            )
-        ):
+        fits = sum(lengths) == len(table)
+        # Only of tables of the right length: a damaged row may claim any size.
+        if fits:
+            steps = rows[0].start + np.arange(len(table))
+            episodes = np.repeat([row.episode for row in rows], lengths)
+            has_steps = np.array_equal(stored["index"], steps)
+            fits = has_steps and np.array_equal(stored["episode_index"], episodes)
+        if not fits:
             raise DataError(
                 f"{path} holds other steps than meta/episodes says; restore both from one copy"
             )

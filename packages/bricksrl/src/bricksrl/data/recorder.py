@@ -72,21 +72,24 @@ class Recorder(contextlib.AbstractContextManager["Recorder"]):
             )
         if not steps:
             return
+        # An interrupted episode: without an end it would run into the next one.
         if not (steps[-1].terminated or steps[-1].truncated):
             steps = [*steps[:-1], replace(steps[-1], truncated=True)]
             about = replace(about, whole=False)
         camera = self.description.camera
-        if camera is not None and (
-            steps[-1].next_image is None or any(step.image is None for step in steps)
-        ):
+        lacks_image = steps[-1].next_image is None or any(step.image is None for step in steps)
+        if camera is not None and lacks_image:
             raise DataError(
                 f"{self.root} is to hold images of {camera}, and a step has none; add them to each"
             )
+        # A recording that records nothing leaves no folder: it is made with the first episode.
         if self._lock is None:
             self._open()
-        self._dataset = self._dataset.write_episodes(
-            [new_episode(steps, about, self.description)]
-        ).write_rows(len(self.rows))
+        episode = new_episode(steps, about, self.description)
+        first_new = len(self.rows)
+        # In this order: a row promises that its steps are there, the index that its row is.
+        dataset = self._dataset.write_episodes([episode])
+        self._dataset = dataset.write_rows(first_new)
         self._dataset.write_index()
 
     def close(self) -> None:

@@ -29,16 +29,14 @@ def replay(
             default single steps.
     """
     with warnings.catch_warnings():
-        # TorchRL's import warns of its own classes
+        # TorchRL's import warns of its own classes.
         warnings.simplefilter("ignore", DeprecationWarning)
         from torchrl.data.datasets import LeRobotExperienceReplay
 
     episodes = load(path)
-    columns = {
-        column: getattr(episodes, name)
-        for name, column in COLUMNS.items()
-        if name not in ("age_s", "hub_time_s")
-    }
+    # Times are of the robot, and nothing that is learned from.
+    learned = {name: column for name, column in COLUMNS.items() if not name.endswith("_s")}
+    columns = {column: getattr(episodes, name) for name, column in learned.items()}
     columns["next.done"] = episodes.terminated | episodes.truncated
     if episodes.image is not None and episodes.next_image is not None:
         columns |= {"image": episodes.image, "next.image": episodes.next_image}

@@ -168,12 +168,8 @@ class Description:
             key: [_entry_to_json(entry) for entry in getattr(self, key)]
             for key in ("observation", "action")
         }
-        return (
-            json.dumps(
-                {"bricksrl_dataset": VERSION, **dataclasses.asdict(self), **vectors}, indent=1
-            )
-            + "\n"
-        ).encode()
+        values = {"bricksrl_dataset": VERSION, **dataclasses.asdict(self), **vectors}
+        return (json.dumps(values, indent=1) + "\n").encode()
 
     @classmethod
     def from_json(cls, data: bytes, where: str) -> Description:
@@ -190,11 +186,14 @@ class Description:
             description = cls(**values)
             camera = description.camera
             image_px = description.image_px
-            has_sound_camera = (
-                image_px == 0 if camera is None else camera.isidentifier() and image_px > 0
-            )
+            if camera is None:
+                has_sound_camera = image_px == 0
+            else:
+                # Its name becomes that of a folder, and must not lead out of the dataset's.
+                has_sound_camera = camera.isidentifier() and image_px > 0
             has_entries = description.observation and description.action
-            if not (has_entries and has_sound_camera and 0 < description.rate_hz < math.inf):
+            has_rate = 0 < description.rate_hz < math.inf
+            if not (has_entries and has_sound_camera and has_rate):
                 raise ValueError("not a description")
         return description
 
@@ -212,6 +211,7 @@ class Description:
             others = getattr(other, name)
             names = [entry.name for entry in own]
             other_names = [entry.name for entry in others]
+            # A change of names is said alone, as it is the reason of all that differs then.
             changed = [a.name for a, b in zip(own, others, strict=False) if a != b]
             if names != other_names:
                 phrases.append(f"{name} [{', '.join(other_names)}] instead of [{', '.join(names)}]")
@@ -220,10 +220,10 @@ class Description:
         if self.robot != other.robot:
             own = self.robot.get("name", "none")
             others = other.robot.get("name", "none")
-            same = "the same name with another description"
-            phrases.append(
-                f"robot {others} instead of {own}" if own != others else f"robot {own}: {same}"
-            )
+            if own != others:
+                phrases.append(f"robot {others} instead of {own}")
+            else:
+                phrases.append(f"robot {own}: the same name with another description")
         return phrases
 
 
@@ -244,10 +244,15 @@ def describe(
     from bricksrl.envs.specs import spec_entries
     from bricksrl.envs.transforms import base_of
 
+    # What the environment itself observes is recorded; what transforms make of it follows from it.
     env = base_of(env)
-    vector = spec_entries(env.full_observation_spec_unbatched["observation"], "observation")
-    entries = vector, spec_entries(env.action_spec, "action")
-    return Description(name or type(env).__name__, 1.0, *entries, options=_plain(options or {}))
+    return Description(
+        env=name or type(env).__name__,
+        rate_hz=1.0,
+        observation=spec_entries(env.full_observation_spec_unbatched["observation"], "observation"),
+        action=spec_entries(env.action_spec, "action"),
+        options=_plain(options or {}),
+    )
 
 
 def describe_task(task: Task, options: dict[str, Any] | None = None) -> Description:
@@ -258,19 +263,18 @@ def describe_task(task: Task, options: dict[str, Any] | None = None) -> Descript
             "a dataset holds the images of one camera, the task's; those of %s are not recorded",
             ", ".join(unrecorded),
         )
+    robot = _plain(task.robot)
+    # It is of its simulation: data of a real robot and of its twin may be joined.
+    robot.pop("model", None)
     return Description(
         env=task.id,
         rate_hz=task.rate_hz,
         observation=tuple(
-            Entry(e.name, e.low, e.high, e.unit, wraps=e.wraps) for e in task.entries
+            Entry(entry.name, entry.low, entry.high, entry.unit, wraps=entry.wraps)
+            for entry in task.entries
         ),
         action=tuple(command.entry for command in task.interface.commands),
-        # of its simulation
-        robot={
-            name: value
-            for name, value in _plain(task.robot).items()
-            if name not in ("model", "plan")
-        },
+        robot=robot,
         options=_plain(options or {}),
         camera=None if camera is None else camera.name,
         image_px=0 if camera is None else camera.image_px,
@@ -278,16 +282,17 @@ def describe_task(task: Task, options: dict[str, Any] | None = None) -> Descript
 
 
 def _entry_to_json(entry: Entry) -> dict[str, Any]:
+    # JSON has no infinity; Python would write one that no other program reads.
     low, high = (end if math.isfinite(end) else None for end in (entry.low, entry.high))
     return {"name": entry.name, "unit": entry.unit, "low": low, "high": high, "wraps": entry.wraps}
 
 
 def _entry_from_json(values: dict[str, Any]) -> Entry:
-    low, high = (
-        default if values.get(end) is None else values[end]
-        for end, default in (("low", -math.inf), ("high", math.inf))
-    )
-    entry = Entry(**{**values, "low": low, "high": high})
+    ends = {"low": -math.inf, "high": math.inf}
+    for end in ends:
+        if values.get(end) is not None:
+            ends[end] = values[end]
+    entry = Entry(**{**values, **ends})
     check_fields(Entry, vars(entry))
     return entry
 

@@ -44,26 +44,24 @@ def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str =
             f"{root} is not sound: {faults[0].detail}; see `bricksrl data check {quoted(root)}`"
         )
     summary = summarise(root)
-    tags = ("LeRobot", "BricksRL", "reinforcement-learning")
-    files = "data/*/*.parquet"
-    title = f"{summary.env} on {summary.robot or 'no robot'}"
     card = _card(
-        title,
-        "Recorded with BricksRL, in LeRobot's dataset format v3.0.",
-        summary.rows(),
-        tags,
-        files,
-        licence,
+        title=f"{summary.env} on {summary.robot or 'no robot'}",
+        about="Recorded with BricksRL, in LeRobot's dataset format v3.0.",
+        rows=summary.rows(),
+        tags=("LeRobot", "BricksRL", "reinforcement-learning"),
+        files="data/*/*.parquet",
+        licence=licence,
     )
     with _pushed(repo, f"{card}{_about_columns(summary)}", private) as api:
-        hidden = "*/.*"
+        # Hidden files are locks and what a killed writer has left.
         api.upload_folder(
             repo_id=repo,
             repo_type="dataset",
             folder_path=str(root),
             allow_patterns=_FILES,
-            ignore_patterns=hidden,
+            ignore_patterns="*/.*",
         )
+        # LeRobot loads the revision that is named after its format.
         api.create_tag(repo, tag=CODEBASE_VERSION, repo_type="dataset", exist_ok=True)
         return f"{api.endpoint}/datasets/{repo}"
 
@@ -110,11 +108,9 @@ def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
         revision: branch, tag or commit; by default the newest.
     """
     with downloaded(repo, "dataset", out, [*_FILES, CARD], revision) as folder:
-        faults = [
-            fault.detail
-            for fault in check(folder)
-            if "is not a file of a dataset" not in fault.detail
-        ]
+        # The hub adds files of its own, such as .gitattributes.
+        found = [fault.detail for fault in check(folder)]
+        faults = [detail for detail in found if "is not a file of a dataset" not in detail]
         if faults:
             raise DataError(
                 f"{repo} is not sound: {faults[0].replace(str(folder), repo)}; ask its owner, or "
@@ -152,7 +148,7 @@ def hub_client(repo: str) -> Iterator[HfApi]:
         from huggingface_hub import HfApi, errors
         from huggingface_hub.utils.tqdm import disable_progress_bars
     disable_progress_bars()
-    # its HTTP client differs between versions
+    # Its HTTP client differs between versions: requests' before 1.0, httpx's since.
     transport_error: type[Exception] = vars(errors)["HTTPError"]
     api = HfApi(endpoint=os.environ.get("HF_ENDPOINT"))
     try:
@@ -174,8 +170,9 @@ def hub_client(repo: str) -> Iterator[HfApi]:
             raise DataError(f"the hub does not let you at {repo}; {remedy}") from None
         raise DataError(f"the hub refuses {repo} ({message_of(error)}); try again later") from None
     except (errors.OfflineModeIsEnabled, transport_error, OSError) as error:
+        # An error of a file on this computer is no matter of the network.
         if isinstance(error, OSError) and (error.errno in FULL or error.filename is not None):
-            raise  # of a file
+            raise
         raise DataError(
             f"the hub at {api.endpoint} cannot be reached ({message_of(error)}); try again with "
             "a network"
@@ -213,11 +210,9 @@ tags:
 
 
 def _about_columns(summary: Summary) -> str:
-    camera = (
-        f"\nImages of the camera `{summary.camera}` are in `videos`, without loss.\n"
-        if summary.camera
-        else ""
-    )
+    camera = ""
+    if summary.camera:
+        camera = f"\nImages of the camera `{summary.camera}` are in `videos`, without loss.\n"
     return f"""
 - `observation.state`: {", ".join(summary.observation)}
 - `action`, in -1..1: {", ".join(summary.action)}

@@ -42,19 +42,20 @@ class Step:
 def new_episode(steps: Sequence[Step], about: About, description: Description) -> Episode:
     """Episode of these steps, as the first one of a dataset; `write_episodes` gives it another
     number."""
-    dtypes = {name: feature["dtype"] for name, feature in description.features.items()}
     columns = {}
     for name, column in STEP_COLUMNS.items():
-        columns[column] = np.stack(
-            [np.asarray(getattr(step, name), dtypes[column]).reshape(-1) for step in steps]
-        )
+        dtype = description.features[column]["dtype"]
+        values = [np.asarray(getattr(step, name), dtype) for step in steps]
+        columns[column] = np.stack([value.reshape(-1) for value in values])
     frames = np.arange(len(steps), dtype=np.int64)
     zeros = np.zeros(len(steps), np.int64)
     columns["next.done"] = columns["next.terminated"] | columns["next.truncated"]
+    # LeRobot's time is nominal, by the rate of the task; the hub's clock is a column of its own.
     columns["timestamp"] = (frames / description.rate_hz).astype(np.float32)
     columns |= {"frame_index": frames, "episode_index": zeros, "index": frames, "task_index": zeros}
     if description.camera is None:
         return Episode(about, columns)
+    # The image after a step is the one before the next step: it is kept once.
     shown = [*(step.image for step in steps), steps[-1].next_image]
     images = np.stack([image for image in shown if image is not None])
     return Episode(about, columns, images, image_statistics(images[:-1]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,19 +60,18 @@ class Summary:
 
     def rows(self) -> Iterator[tuple[str, object]]:
         """Labels and values of its numbers, for readers."""
-        yield from (
-            ("environment", self.env),
-            ("robot", self.robot or "no robot"),
-            ("steps a second", f"{self.rate_hz:g}"),
-        )
+        yield "environment", self.env
+        yield "robot", self.robot or "no robot"
+        yield "steps a second", f"{self.rate_hz:g}"
         yield "episodes", f"{self.episodes}, broken off {self.broken_off}"
         yield "transitions", self.transitions
         yield "steps an episode", f"{self.length_mean:.1f}"
-        spread = f"from {self.return_min:.4g} to {self.return_max:.4g}"
-        yield "return", f"{self.return_mean:.4g} ± {self.return_std:.4g}  ({spread})"
+        mean = f"{self.return_mean:.4g} ± {self.return_std:.4g}"
+        yield "return", f"{mean}  (from {self.return_min:.4g} to {self.return_max:.4g})"
         if self.success_rate is not None:
             yield "success", percent(self.success_rate)
-        yield "policy", ", ".join(f"{name} ({count})" for name, count in self.policies.items())
+        policies = [f"{name} ({count})" for name, count in self.policies.items()]
+        yield "policy", ", ".join(policies)
         yield "steps by hand", self.interventions
 
     def to_json(self) -> str:
@@ -116,17 +116,15 @@ def plot(path: Path | str, out: Path | str) -> None:
     dataset = read_dataset(path)
     description = dataset.description
     columns = read_columns(dataset, [OBSERVATION, ACTION, "next.reward", "frame_index"])
-    names = [
-        f"{channel.name} [{channel.unit}]" if channel.unit else channel.name
-        for channel in description.observation
-    ]
-    panels = list(zip(names, columns[OBSERVATION].T, strict=True))
-    panels += [
-        (f"action: {channel.name}", values)
-        for channel, values in zip(description.action, columns[ACTION].T, strict=True)
-    ]
+    panels = []
+    for channel, values in zip(description.observation, columns[OBSERVATION].T, strict=True):
+        unit = f" [{channel.unit}]" if channel.unit else ""
+        panels.append((f"{channel.name}{unit}", values))
+    for channel, values in zip(description.action, columns[ACTION].T, strict=True):
+        panels.append((f"action: {channel.name}", values))
     panels.append(("reward", columns["next.reward"]))
-    rows = -(-(len(panels) + 2) // _COLUMNS)
+    # Two more panels, for the returns.
+    rows = math.ceil((len(panels) + 2) / _COLUMNS)
     figure = new_figure(4.0 * _COLUMNS, 2.6 * rows)
     axes = figure.subplots(rows, _COLUMNS, squeeze=False).flatten()
     _plot_returns(axes[0], axes[1], np.array([row.return_ for row in dataset.rows]))
@@ -137,10 +135,8 @@ def plot(path: Path | str, out: Path | str) -> None:
         panel.spines[["top", "right"]].set_visible(False)
     for unused in axes[2 + len(panels) :]:
         unused.set_visible(False)
-    title = (
-        f"{description.env} · {counted(len(dataset.rows), 'episode')} · "
-        f"{counted(dataset.steps, 'step')}"
-    )
+    size = f"{counted(len(dataset.rows), 'episode')} · {counted(dataset.steps, 'step')}"
+    title = f"{description.env} · {size}"
     figure.suptitle(title, x=0.01, ha="left", color=INK, fontsize=13, fontweight="bold")
     save(figure, out, 100)
 
@@ -148,7 +144,9 @@ def plot(path: Path | str, out: Path | str) -> None:
 def _plot_returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    left.hist(returns, bins=min(30, max(5, len(returns) // 3)), color=LIGHT)
+    # Some three episodes a bar, so that a few episodes make no comb of single ones.
+    bins = min(30, max(5, len(returns) // 3))
+    left.hist(returns, bins=bins, color=LIGHT)
     left.axvline(float(returns.mean()), color=STRONG, linewidth=2)
     left.set_title(
         f"returns: mean {returns.mean():.4g}, deviation {returns.std():.3g}",
@@ -173,6 +171,7 @@ def _plot_density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[An
     steps = int(step.max()) + 1
     low = float(values.min())
     high = float(values.max())
+    # A histogram needs a width.
     if low == high:
         low = low - 0.5
         high = high + 0.5

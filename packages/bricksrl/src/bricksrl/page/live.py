@@ -129,11 +129,9 @@ def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
     Commands of a left and a right side are driven like a tank; otherwise a turn, or the first one,
     follows the joystick sideways and the next one forward, and a single one forward.
     """
-    sides = [
-        1.0 if "left" in command.name else -1.0 if "right" in command.name else 0.0
-        for command in commands
-    ]
-    if all(sides):  # a leg or wheel with a range below zero moves forward with decreasing values
+    sides = [_side(command.name) for command in commands]
+    if all(sides):
+        # A leg or wheel with a range below zero moves forward with decreasing values.
         ways = [-1.0 if command.high <= 0.0 else 1.0 for command in commands]
         return [[side * way, way] for side, way in zip(sides, ways, strict=True)]
     if len(commands) == 1:
@@ -148,6 +146,13 @@ def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
         [(turns[index] or 1.0) * (index == sideways), float(index == forward)]
         for index in range(len(commands))
     ]
+
+
+def _side(command: str) -> float:
+    """Side of what a command moves, by its name: 1 on the left, -1 on the right, else 0."""
+    if "left" in command:
+        return 1.0
+    return -1.0 if "right" in command else 0.0
 
 
 class LivePage(PageServer):
@@ -537,17 +542,26 @@ class LivePage(PageServer):
             return 0.0
         return 1.0 if self.is_driven else SPEEDS[self._speed]
 
+    @property
+    def _state(self) -> str:
+        """What a run does that has not ended."""
+        if self._halted.is_set():
+            return "stopped"
+        return "paused" if self._paused or self._env.is_paused else "running"
+
     def _publish(self) -> None:
         driver = self.driver
         self.board.update_status(**self.seats.described())
-        controls = ["stop", "pause", "reset"] + ([] if self._is_real else ["step", "speed", "pull"])
-        controls += (["drive"] if driver is not None else []) + (
-            ["policy"] if len(self._policies) > 1 else []
-        )
+        controls = ["stop", "pause", "reset"]
+        # A real robot's time is its own, and nobody pulls it but by hand.
+        if not self._is_real:
+            controls += ["step", "speed", "pull"]
+        if driver is not None:
+            controls.append("drive")
+        if len(self._policies) > 1:
+            controls.append("policy")
         if not self._is_ended:
-            paused = self._paused or self._env.is_paused
-            state = "stopped" if self._halted.is_set() else "paused" if paused else "running"
-            self.board.update_status(state=state)
+            self.board.update_status(state=self._state)
         speed = "1x" if self._speed_factor == 1.0 else self._speed
         self.board.update_status(
             controls=controls, speed=speed, policy=self.policy, facts=dict(self._facts)
