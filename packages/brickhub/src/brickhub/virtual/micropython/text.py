@@ -368,6 +368,7 @@ def format_value(value: object, spec: str) -> str:
     if isinstance(value, int | float) and code in _FLOAT_CODES:
         formatted = _format_float(value, code or "g", sign, precision)
         return _padded(formatted, fill, align, width)
+    # Text, or a number with a code that is not for it.
     if not is_number and align == "=":
         raise ValueError("'=' alignment not allowed in string format specifier")
     if is_number or code not in ("", "s"):
@@ -531,21 +532,15 @@ def _format_argument(
     flags = match["flags"]
     limit = "" if precision is None else f".{precision}"
     spec = f"%{flags}{width}{limit}"
+    if code == "s" and is_bytes and isinstance(value, bytes):
+        return (spec + "s") % value.decode("latin-1")
     if code in "sr":
-        if code == "s" and is_bytes and isinstance(value, bytes):
-            return (spec + "s") % value.decode("latin-1")
         characters = text(value) if code == "s" else representation(value)
         width_in_characters = _in_characters(int(width or 0), characters)
         padded_spec = f"%{flags}{width_in_characters}{limit}s"
         return padded_spec % characters
     if code == "c":
-        if isinstance(value, str) and len(value.encode()) != 1:
-            raise TypeError("%c needs int or char")
-        if not isinstance(value, int | str):
-            raise TypeError("integer needed")
-        # A hub writes the lowest byte of a number; CPython refuses what is no character.
-        character = value & 0xFF if isinstance(value, int) else value
-        return (spec + "c") % character
+        return (spec + "c") % _character(value)
     if code in "diuxXo":
         check_allocation(int(precision or 0))
         return _format_int(value, code, spec, flags)
@@ -553,6 +548,15 @@ def _format_argument(
         return _format_float_argument(value, code, flags, width, precision)
     index = match.end() - 1
     raise ValueError(f"unsupported format character '{code}' (0x{ord(code):x}) at index {index}")
+
+
+def _character(value: Any) -> Any:
+    if isinstance(value, str) and len(value.encode()) != 1:
+        raise TypeError("%c needs int or char")
+    if not isinstance(value, int | str):
+        raise TypeError("integer needed")
+    # A hub writes the lowest byte of a number; CPython refuses what is no character.
+    return value & 0xFF if isinstance(value, int) else value
 
 
 def _format_float_argument(
