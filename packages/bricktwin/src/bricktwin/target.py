@@ -35,16 +35,17 @@ def _in_scene(target: Target, reference: str) -> Target:
     scenes = objects_in(reference, Scene)
     if len(scenes) == 1:
         (scene,) = scenes.values()
-        return replace(target, make_body=partial(make_body, target.robot, scene=scene), scene=scene)
-    file = without_name(reference)
-    note = (
-        (
+        make_in_scene = partial(make_body, target.robot, scene=scene)
+        return replace(target, make_body=make_in_scene, scene=scene)
+    # Of several, none is the right one by itself: the user is told how to name one.
+    note = ""
+    if scenes:
+        file = without_name(reference)
+        first = next(iter(scenes))
+        note = (
             f"{file} has scenes {', '.join(scenes)}, and none is taken; name one: --scene "
-            f"{file}:{next(iter(scenes))}"
+            f"{file}:{first}"
         )
-        if scenes
-        else ""
-    )
     return replace(target, make_body=partial(make_body, target.robot), note=note)
 
 
@@ -78,4 +79,9 @@ def body_of(target: Target, scene: Scene | None, **options: Any) -> Body:
 
 def with_body(robot: Robot) -> Target:
     """A robot on an open floor, or on the bench if it has no body."""
-    return Target(robot.name, robot, whole_interface(robot), partial(make_body, robot))
+    return Target(
+        robot.name,
+        robot,
+        whole_interface(robot),
+        partial(make_body, robot),
+    )

@@ -55,7 +55,10 @@ class Motor:
     @property
     def turn_deg(self) -> float:
         """Output angle per turn of the motor's shaft; absolute angles are ambiguous beyond it."""
-        return 360.0 * self.gears[0] / self.gears[-1] if self.gears else 360.0
+        if not self.gears:
+            return 360.0
+        # Gears between the first and the last one change no angle but their own.
+        return 360.0 * self.gears[0] / self.gears[-1]
 
     @property
     def shaft_turns(self) -> float:
@@ -66,7 +69,8 @@ class Motor:
 
     def __post_init__(self) -> None:
         _check_device(self)
-        if len(self.gears) == 1 or any(teeth < 1 for teeth in self.gears):
+        is_train = len(self.gears) != 1 and all(teeth >= 1 for teeth in self.gears)
+        if not is_train:
             raise DescriptionError(
                 f"motor '{self.name}': gears {self.gears} are not a train; give the teeth from "
                 "motor to output, e.g. (20, 60)"
@@ -81,6 +85,7 @@ class Motor:
                 f"motor '{self.name}': end stops {self.end_stops_deg} leave no way; give (lowest, "
                 "highest) in degrees"
             )
+        # Here rather than on the hub, where a motor without an encoder has no such methods.
         for field in ("speed_limit_deg_s", "acceleration_deg_s2", "torque_limit_mnm", "range_deg"):
             value = getattr(self, field)
             if value is not None and not self.kind.model.has_encoder:
@@ -103,6 +108,7 @@ LOOKS: dict[str, tuple[float, float, float]] = {
 }
 """Directions in the axes of a robot: x forward, y left, z up."""
 HUB_FLAT = ("up", "ahead")
+"""Where top and front of a hub look that lies flat, with its USB port ahead."""
 
 
 @dataclass(frozen=True)
@@ -165,11 +171,9 @@ Sensor = UltrasonicSensor | PoweredUpSensor
 
 def sensor_of(kind: SensorKind, name: str, port: str) -> Sensor:
     """Description of a sensor by its kind, as a user writes it."""
-    return (
-        UltrasonicSensor(name, port)
-        if kind is UltrasonicSensor.kind
-        else PoweredUpSensor(name, port, kind)
-    )
+    if kind is UltrasonicSensor.kind:
+        return UltrasonicSensor(name, port)
+    return PoweredUpSensor(name, port, kind)
 
 
 _Device = TypeVar("_Device", Motor, Sensor)
@@ -219,11 +223,10 @@ class Chassis:
     def __post_init__(self) -> None:
         check_fields(Chassis, vars(self))
         numbers = (*(self.hub_mm or (0.0, 0.0)), *self.caster_mm, self.ballast_g)
-        if (
-            not all(math.isfinite(number) for number in numbers)
-            or self.ballast_g < 0
-            or abs(self.caster_mm[0]) < 20
-        ):
+        are_finite = all(math.isfinite(number) for number in numbers)
+        # A caster below the axle would let the robot tip over.
+        is_caster_off_axle = abs(self.caster_mm[0]) >= 20
+        if not are_finite or self.ballast_g < 0 or not is_caster_off_axle:
             raise DescriptionError(
                 f"a chassis with its caster at {self.caster_mm} mm and {self.ballast_g} g; put "
                 "the caster 20 mm or more before "
@@ -263,18 +266,15 @@ class Robot:
 
     def __post_init__(self) -> None:
         _check_name(str(self.name).replace("-", "_"))
-        for field in ("motors", "sensors"):  # a list is as good, but has no hash
+        # A list is as good, but has no hash.
+        for field in ("motors", "sensors"):
             value = getattr(self, field)
-            object.__setattr__(self, field, tuple(value) if isinstance(value, list) else value)
+            if isinstance(value, list):
+                object.__setattr__(self, field, tuple(value))
         check_fields(Robot, vars(self))
         if not self.hub_sides:
             object.__setattr__(self, "hub_sides", HUB_FLAT)
-        known = [LOOKS[side] for side in self.hub_sides if side in LOOKS]
-        if (
-            len(self.hub_sides) != 2
-            or len(known) != 2
-            or sum(a * b for a, b in zip(*known, strict=True))
-        ):
+        if not _are_at_right_angles(self.hub_sides):
             remedy = f'give two of {", ".join(LOOKS)} at right angles, such as ("up", "ahead")'
             raise self._error(f"the hub's top and front cannot look {self.hub_sides}; {remedy}")
         if self.hub_sides != HUB_FLAT and not self.needs_imu:
@@ -292,6 +292,7 @@ class Robot:
                 )
             left = self.motor(self.drive_base.left)
             right = self.motor(self.drive_base.right)
+            # The firmware refuses such a pair only when the program runs.
             if left.gears != right.gears:
                 raise self._error("both motors of a drive base need the same gears")
         self._check_mirror()
@@ -301,15 +302,8 @@ class Robot:
 
     def _check_devices(self) -> None:
         devices: tuple[Motor | Sensor, ...] = (*self.motors, *self.sensors)
-        for kind, keys in (
-            ("port", [d.port for d in devices]),
-            ("name", [d.name for d in devices]),
-        ):
-            for key, count in Counter(keys).items():
-                if count > 1:
-                    raise self._error(
-                        f"{kind} {key} is used {count} times; give each device its own"
-                    )
+        self._check_unique("port", [device.port for device in devices])
+        self._check_unique("name", [device.name for device in devices])
         for device in devices:
             if not device.port:
                 raise self._error(
@@ -323,8 +317,14 @@ class Robot:
                     "another hub"
                 )
 
+    def _check_unique(self, kind: str, values: list[str]) -> None:
+        for value, count in Counter(values).items():
+            if count > 1:
+                raise self._error(f"{kind} {value} is used {count} times; give each device its own")
+
     def _check_mirror(self) -> None:
         known = [device.name for device in (*self.motors, *self.sensors)]
+        # A device that is paired with itself counts once.
         named = Counter(name for pair in self.mirrored for name in dict.fromkeys(pair))
         for name, count in named.items():
             if name not in known or count > 1:
@@ -333,20 +333,15 @@ class Robot:
                     "the robot once"
                 )
         for pair in self.mirrored:
-            sorts = {
-                ("motor", motor.kind, motor.gears) for motor in self.motors if motor.name in pair
-            }
-            if (
-                len(
-                    sorts
-                    | {
-                        ("sensor", sensor.kind, ())
-                        for sensor in self.sensors
-                        if sensor.name in pair
-                    }
-                )
-                > 1
-            ):
+            # What has to be equal of both.
+            sorts: set[tuple[MotorKind | SensorKind, tuple[int, ...]]] = set()
+            for motor in self.motors:
+                if motor.name in pair:
+                    sorts.add((motor.kind, motor.gears))
+            for sensor in self.sensors:
+                if sensor.name in pair:
+                    sorts.add((sensor.kind, ()))
+            if len(sorts) > 1:
                 raise self._error(
                     f"{pair[0]} and {pair[1]} are no mirror images; pair two of the same kind, "
                     "with the same gears"
@@ -357,9 +352,10 @@ class Robot:
         factor of its angle there. A mirror image turns the other way, seen from its shaft."""
         pairs = dict(self.mirrored) | {second: first for first, second in self.mirrored}
         other = pairs.get(name, name)
-        directions = [motor.direction for motor in self.motors if motor.name in (name, other)]
-        turns = name in pairs and bool(directions) and len(set(directions)) == 1
-        return other, -1 if turns else 1
+        directions = {motor.direction for motor in self.motors if motor.name in (name, other)}
+        # Two that are described with opposite directions count alike already; sensors have none.
+        turns_other_way = name in pairs and len(directions) == 1
+        return other, -1 if turns_other_way else 1
 
     def motor(self, name: str) -> Motor:
         """The motor of that name. Raises DescriptionError if the robot has no such motor."""
@@ -370,8 +366,18 @@ class Robot:
         return _find_device(self, "sensor", self.sensors, name)
 
 
+def _are_at_right_angles(sides: tuple[str, ...]) -> bool:
+    """Whether these are two names of `LOOKS`, neither the same nor opposite."""
+    if len(sides) != 2 or not all(side in LOOKS for side in sides):
+        return False
+    top, front = (LOOKS[side] for side in sides)
+    product = sum(a * b for a, b in zip(top, front, strict=True))
+    return product == 0
+
+
 def _check_device(device: Motor | Sensor) -> None:
     _check_name(device.name)
+    # Before the check of all fields, for a remedy: Pybricks has ``Port.A`` there.
     if not isinstance(device.port, str):
         raise DescriptionError(
             f"'{device.name}' is on port {device.port!r}; give the port's letter, such as 'A'"
@@ -380,6 +386,7 @@ def _check_device(device: Motor | Sensor) -> None:
 
 
 def _check_name(name: str) -> None:
+    # It is part of a variable's name in the hub program.
     if not isinstance(name, str) or not name.isidentifier():
         raise DescriptionError(
             f"'{name}' is not a name; use letters, digits and underscores, not starting "
@@ -391,15 +398,17 @@ def _find_device(robot: Robot, kind: str, devices: tuple[_Device, ...], name: st
     for device in devices:
         if device.name == name:
             return device
-    known = ", ".join(d.name for d in devices) or "none"
+    known = ", ".join(device.name for device in devices) or "none"
     raise DescriptionError(f"robot '{robot.name}' has no {kind} '{name}' (it has: {known})")
 
 
 def with_end_stops(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) -> Robot:
     """The robot whose motors of these names meet something at these angles (deg of the output).
     Raises DescriptionError if it has no such motor, or the stops leave no way."""
+    # The same robot, which need not be completed and checked again.
     if not end_stops:
         return robot
+    # Raises for a name that no motor has.
     for name in end_stops:
         robot.motor(name)
     motors = (

@@ -166,9 +166,10 @@ def test_kept_model_equals_built_one(robot: Robot, scene: Scene, cache: Cache) -
     built, loaded = cache.body(robot, scene), cache.body(robot, scene)
     assert cache.built == [robot.name] and len(cache.files) == 1
     assert_equal(built._nominal, loaded._nominal)
-    for parts in ("_turning", "_backlash", "_terminals", "_shaft"):
-        one, other = getattr(built, parts), getattr(loaded, parts)
-        assert str(getattr(one, "__dict__", one)) == str(getattr(other, "__dict__", other))
+    assert str(vars(built._turning)) == str(vars(loaded._turning))
+    assert built._backlash == loaded._backlash
+    assert built._motors.terminals == loaded._motors.terminals
+    assert built._motors.shafts == loaded._motors.shafts
     assert driven(built) == driven(loaded)
 
 
