@@ -319,7 +319,7 @@ class KitLink(RobotLink):
             product = device.part.product
             if product is Product.COLOR_SENSOR:
                 continue
-            # Of a pair, `motor_stop` stops one motor.
+            # Of a pair, `motor_stop` stops only the left one, if none is named.
             is_pair = product is Product.DOUBLE_MOTOR
             stop = device.lego.movement_stop if is_pair else device.lego.motor_stop
             with self._sending(device):

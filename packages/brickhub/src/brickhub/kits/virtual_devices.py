@@ -453,7 +453,7 @@ class SingleMotor(KitDevice):
             drive.then = OnCompletion[name]
 
     def _set_acceleration(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
-        # The firmware refuses 0, with which a motor would never start.
+        # The firmware refuses an acceleration of 0.
         acceleration_pct = max(message.values["acceleration"], 1)
         deceleration_pct = max(message.values["deceleration"], 1)
         for bit in drives:
@@ -468,7 +468,6 @@ class SingleMotor(KitDevice):
 
 
 def _state_of(servo: Servo) -> protocol.MotorState:
-    # A motor that coasts against something is at rest, not stalled.
     if servo.voltage_mv is not None and servo.is_stalled():
         return protocol.MotorState.STALLED
     if servo.control.is_active:
