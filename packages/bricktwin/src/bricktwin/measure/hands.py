@@ -97,10 +97,12 @@ class SimulatedPerson:
             self._edge_deg += deed.turn_deg
         else:
             self._edge_deg = deed.wall_deg
-        self._aim_deg = self._edge_deg + self._rng.uniform(-self._error_deg, self._error_deg)
+        error_deg = self._rng.uniform(-self._error_deg, self._error_deg)
+        self._aim_deg = self._edge_deg + error_deg
         self._now_s = self._hub.now_s()
         turning_s = abs(deed.turn_deg) / _TURN_DEG_S
-        self._done_s = self._now_s + turning_s + self._rng.uniform(0.0, self._error_s)
+        hesitating_s = self._rng.uniform(0.0, self._error_s)
+        self._done_s = self._now_s + turning_s + hesitating_s
         body.data.qvel[:] = 0.0
         if deed.is_lifted:
             self._lift(deed.holds)

@@ -165,9 +165,10 @@ class MujocoBody:
         self._turning = TurningParts(model)
         self._backlash = _backlash_joints(model)
         # A pushable block has a free joint, after the robot's joints.
-        self._block_addresses = [
-            int(model.joint(f"object_{number}").qposadr[0]) for number in self.scene.pushable
-        ]
+        self._block_addresses: list[int] = []
+        for number in self.scene.pushable:
+            joint = model.joint(f"object_{number}")
+            self._block_addresses.append(int(joint.qposadr[0]))
         # Each access through the data makes a new view, which takes longer than what is read.
         self._qpos = data.qpos
         self._qvel = data.qvel
@@ -721,7 +722,8 @@ def _add_side_load(
     principal = np.diag(model.body_inertia[body])
     inertia = axes @ principal @ axes.T  # in the body's axes
     square = offset_m @ offset_m
-    inertia += reduced_kg * (square * np.eye(3) - np.outer(offset_m, offset_m))
+    spread = square * np.eye(3) - np.outer(offset_m, offset_m)
+    inertia += reduced_kg * spread
     # MuJoCo wants principal moments, and a rotation to their axes.
     moments, columns = np.linalg.eigh(inertia)
     columns[:, 0] *= np.linalg.det(columns)  # a rotation, not a mirror image
