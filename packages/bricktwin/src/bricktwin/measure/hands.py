@@ -136,7 +136,7 @@ class SimulatedPerson:
             actuator = body.actuator(body.robot.motor(motor).port)
             joint = model.actuator_trnid[actuator, 0]
             model.dof_frictionloss[model.jnt_dofadr[joint]] = _GRIP_NM
-        # Nobody turns a robot while its wheels run.
+        # In the hand it stays as it is: no error of an angle counts.
         self._aim_deg = self._at_deg
 
     def _put(self) -> None:

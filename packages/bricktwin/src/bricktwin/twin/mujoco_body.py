@@ -169,7 +169,7 @@ class MujocoBody:
         for number in self.scene.pushable:
             joint = model.joint(f"object_{number}")
             self._block_addresses.append(int(joint.qposadr[0]))
-        # Each access through the data makes a new view, which takes longer than what is read.
+        # Kept, as each access through MuJoCo's bindings takes time.
         self._qpos = data.qpos
         self._qvel = data.qvel
         self._options = model.opt
@@ -366,7 +366,7 @@ class MujocoBody:
         """Integrate whole steps up to this simulated time."""
         remaining = time_ms * 2 // 5 - self.steps  # steps of 2.5 ms
         while remaining > 0:
-            # Up to the next load of the battery in one call: calls cost as much as steps do.
+            # Up to the next load of the battery in one call, as each call takes time of its own.
             steps = STEPS_PER_LOAD - self.steps % STEPS_PER_LOAD
             steps = steps if steps < remaining else remaining
             mujoco.mj_step(self.model, self.data, steps)
@@ -400,7 +400,7 @@ class MujocoBody:
         power_w = 0.0
         for motor, amperes_per_nm in motors.amperes:
             power_w += voltages[motor] * torques[motor] * amperes_per_nm
-        # The current by the voltage of the last time: that of this time depends on it.
+        # The current follows from the voltage of the last time: this time's depends on it.
         before_v = self._terminal_v
         physics = self.physics
         terminal_v = physics.battery_v - physics.battery_ohm * power_w / before_v
