@@ -95,6 +95,8 @@ class MujocoBody:
         model, data: MuJoCo's model and data, e.g. for a renderer.
         tyres: geometries of the drive base's tyres, left and right, if it has such.
         chassis: index of the first body; ``moves``: whether it moves freely.
+        base_address: of the first position of its joint.
+        shaft_dofs: degrees of freedom of the motors' joints.
         physics: the present parameters; ``link``: those of the link.
         steps: of the physics since the body was made.
     """
