@@ -110,7 +110,7 @@ def make_body(
 
 def lies_on_bench(robot: Robot, scene: Scene) -> bool:
     """Whether `make_body` gives a robot no body that can be seen, only a bench."""
-    if robot.model is not None or robot.plan is not None:
+    if robot.model is not None:
         return False
     return robot.drive_base is None or bool(scene.readings)
 

@@ -70,7 +70,7 @@ def kept_model(
 def _model_sources(robot: Robot) -> Iterator[bytes]:
     """Names and contents of the files of a robot's model: its plan with the files beside it, or its
     MJCF file with all that this includes."""
-    source = robot.model or robot.plan
+    source = robot.model
     if source is None:
         return
     plan = plan_file(source)

@@ -124,7 +124,7 @@ def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSp
 
     ``alone``: whether the robot can touch nothing but this scene's obstacles.
     """
-    source = robot.model or robot.plan
+    source = robot.model
     plan = None if source is None else plan_file(source)
     is_generated = plan is not None or source is None
     if plan is not None:
