@@ -220,8 +220,8 @@ def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.Mj
             body_of[part] = body
     for number, follower in enumerate(made.followers):
         carrier = bodies[follower.body]
-        at_m = triple(follower.point_m - origins_m[follower.body])
-        body = add_spinner(carrier, number, follower, at_m)
+        axle_m = triple(follower.point_m - origins_m[follower.body])
+        body = add_spinner(carrier, number, follower, axle_m)
         for part in follower.parts:
             body_of[part] = body
     return body_of

@@ -288,9 +288,9 @@ class WorldSenses:
         self._obstacles = np.zeros(6, np.uint8)
         self._obstacles[OBSTACLE_GROUP] = 1
         # Sunflower pattern: points that fill a disc evenly (Vogel 1979).
-        number = np.arange(_POINTS) + 0.5
-        angle = number * math.pi * (3.0 - math.sqrt(5.0))
-        radius = np.sqrt(number / _POINTS)
+        seed = np.arange(_POINTS) + 0.5
+        angle = seed * math.pi * (3.0 - math.sqrt(5.0))
+        radius = np.sqrt(seed / _POINTS)
         x = radius * np.cos(angle)
         y = radius * np.sin(angle)
         self._disc = np.stack([x, y], -1)  # [points, 2]
