@@ -537,8 +537,8 @@ def _format_argument(
     if code in "sr":
         characters = text(value) if code == "s" else representation(value)
         width_in_characters = _in_characters(int(width or 0), characters)
-        padded_spec = f"%{flags}{width_in_characters}{limit}s"
-        return padded_spec % characters
+        padded: str = f"%{flags}{width_in_characters}{limit}s" % characters
+        return padded
     if code == "c":
         return (spec + "c") % _character(value)
     if code in "diuxXo":
