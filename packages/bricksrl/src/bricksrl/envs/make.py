@@ -119,7 +119,7 @@ def make(
     is_plain = not batch_size and device == "cpu" and kinematics is None
     if arrays:
         if copies != 1 or not is_plain:
-            raise DescriptionError(f"{env_id} with arrays is one robot; {_OMIT_BATCH}")
+            raise DescriptionError(f"{env_id} with arrays is one robot; omit arrays, or the rest")
         return _make_robot(env_id, options, seed, place)
     if copies != 1:
         if copies < 1 or batch_size:

@@ -60,7 +60,8 @@ class RobotEnv(BricksEnv):
         self._watchers: list[Callable[[Connection], None]] = []
         self._episode: EpisodeState | None = None
         self._timed: EpisodeState | None = None  # also when the link has broken
-        self._spans = []  # middle and half of the range of each command
+        self._spans: list[tuple[float, float]] = []
+        """Middle and half of the range of each command."""
         for command in task.interface.commands:
             middle = (command.high + command.low) / 2
             half = (command.high - command.low) / 2

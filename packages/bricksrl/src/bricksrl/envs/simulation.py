@@ -106,8 +106,10 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._middle = self._column([(command.low + command.high) / 2 for command in commands])
         self._half = self._column([(command.high - command.low) / 2 for command in commands])
         self._noise = self._kinematics.noise * self._half
-        speeds = [turn.speed_deg_s for turn in commands if isinstance(turn, RunAngle)]
-        self._limit = self._column(speeds)
+        speeds_deg_s: list[float] = [
+            turn.speed_deg_s for turn in commands if isinstance(turn, RunAngle)
+        ]
+        self._limit = self._column(speeds_deg_s)
         step_ms = task.interface.settle.fixed_ms
         is_instant = self._kinematics.motion == "instant"
         is_endless = all(angle.wraps for angle in angles)

@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from bricksrl.envs.vision.frames import Frame, Place, RedWindow, distances_px, find_red, shrink
+from bricksrl.envs.vision.frames import (
+    Disc,
+    Frame,
+    Place,
+    RedWindow,
+    distances_px,
+    find_red,
+    shrink,
+)
 from bricksrl.errors import CameraError, DescriptionError, RenderingUnavailableError, installed
 
 if TYPE_CHECKING:
@@ -232,7 +240,7 @@ class Watch:
         self.goal = None if view.goal is None else view.goal.draw(rng)
         self.mean_px = 0.0
         self.nearest_px = view.farthest_px
-        self._disc = None
+        self._disc: Disc | None = None
         if view.goal is not None and self.goal is not None:
             self._disc = (self.goal, view.goal.radius_px)
         self.image = shrink(frame, view.image_px, self._disc)
