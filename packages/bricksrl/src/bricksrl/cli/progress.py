@@ -99,13 +99,12 @@ class RunProgress(Callback):
         print_line(f"{line}{robot}{rate}{start}{learning}")
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
-        event = (
-            f"the link broke in episode {episode} after {counted(length, 'step')}"
-            if length
-            else "the robot is out of reach"
-        )
+        event = "the robot is out of reach"
+        if length:
+            event = f"the link broke in episode {episode} after {counted(length, 'step')}"
         line = f"{event} ({error}); trying to reach it again, Ctrl-C ends it"
-        if line != self._trouble:  # each try may fail for the same reason
+        # Each try may fail for the same reason, which is said once.
+        if line != self._trouble:
             print_line(line)
         self._trouble = line
 
