@@ -111,10 +111,12 @@ class Control(Native):
         controller = self._controller()
         if not controller.is_active:
             return None
+        # From ticks of 0.1 ms, mdeg and ddeg/s; accelerations are in deg/s2 already.
         t = controller.trajectory
-        times = (trunc(x / 10) for x in (t.t1, t.t2, t.t3))
-        angles = (trunc(x / 1000) for x in (t.th1, t.th2, t.th3))
-        return 0, *times, 0, *angles, *(trunc(w / 10) for w in (t.w0, t.w1, t.w3)), t.a0, t.a2
+        times_ms = (trunc(ticks / 10) for ticks in (t.t1, t.t2, t.t3))
+        angles_deg = (trunc(mdeg / 1000) for mdeg in (t.th1, t.th2, t.th3))
+        speeds_deg_s = (trunc(speed / 10) for speed in (t.w0, t.w1, t.w3))
+        return 0, *times_ms, 0, *angles_deg, *speeds_deg_s, t.a0, t.a2
 
     def done(self) -> bool:
         return self._controller().is_done
@@ -140,9 +142,8 @@ class Log(Native):
         duration_ms = get_int(duration)
         if duration_ms < 0:
             raise MemoryError("memory allocation failed")
-        self._logger().start(
-            self._machine.time_ticks // 10, duration_ms // CONTROL_LOOP_MS // step, step
-        )
+        capacity = duration_ms // CONTROL_LOOP_MS // step
+        self._logger().start(self._machine.time_ticks // 10, capacity, step)
 
     def stop(self) -> None:
         self._logger().is_active = False
@@ -152,11 +153,11 @@ class Log(Native):
         logger.is_active = False
         if path is not None and not isinstance(path, str):
             raise TypeError(f"can't convert '{type(path).__name__}' object to str implicitly")
-        for line in (
-            f"PB_OF:{path or 'log.txt'}",
-            *(", ".join(map(str, row)) for row in logger.rows),
-            "PB_EOF",
-        ):
+        # pybricksdev writes what is between these two lines into a file.
+        lines = [f"PB_OF:{path or 'log.txt'}"]
+        lines += [", ".join(map(str, row)) for row in logger.rows]
+        lines.append("PB_EOF")
+        for line in lines:
             self._console.write(f"{line}\r\n".encode())
 
 
@@ -198,8 +199,10 @@ def _gear_ratio_milli(gears: Any) -> int:
     """1000 times the motor's turns for one of the output, from ``(12, 36)`` or ``((12, 20), (20,
     40))``."""
     trains = () if gears is None else get_array(gears)
+    # A single train may be given without a list around it.
     if trains and isinstance(trains[0], int) and isinstance(trains[-1], int):
         trains = (trains,)
+    # Gears between the first and the last of a train do not change its ratio.
     first = last = 1
     for train in map(get_array, trains):
         first *= get_int(train[0])
@@ -251,6 +254,7 @@ class DCMotor(_BaseMotor):
 
     def __init__(self, port: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
         super().__init__(port, positive_direction)
+        # On a bench a motor with an encoder may stand for what the program asks for.
         is_fitted = self._machine.plug_in(self._letter, "DCMotor")
         servo = self._machine.servos.get(self._letter)
         if servo is None or (servo.kind.model.has_encoder and not is_fitted):
@@ -275,22 +279,18 @@ class Motor(_BaseMotor):
         self._machine.plug_in(self._letter, "Motor")
         servo = self._machine.servos.get(self._letter)
         mode = self._machine.modes.get(self._letter)
-        if (
-            servo is None
-            or servo.is_plain
-            or not reports_angle(servo.kind, mode.name if mode else None)
-        ):
+        mode_name = mode.name if mode else None
+        # One that a program has set up as a DCMotor, or put into another mode, sends no angles.
+        if servo is None or servo.is_plain or not reports_angle(servo.kind, mode_name):
             raise os_error(errno.ENODEV)
         ratio = _gear_ratio_milli(gears)
         with firmware_errors():
-            servo.setup(
-                self._direction,
-                ratio,
-                bool(reset_angle),
-                0 if profile is None else abs(get_int(profile)),
-            )
+            # 0 is the profile of the motor itself.
+            profile_deg = 0 if profile is None else abs(get_int(profile))
+            servo.setup(self._direction, ratio, bool(reset_angle), profile_deg)
         self._servo = servo
         self._awaited = Awaited(self._context)
+        # Asked for at each use, as a new setup of the motor makes new ones.
         self.control = Control(lambda: servo.control, self._context)
         self.log = Log(lambda: servo.log, self._context)
         self.model = MotorModel(lambda: servo.observer, self._machine)
@@ -313,6 +313,8 @@ class Motor(_BaseMotor):
         return self._servo.is_done()
 
     # ---- commands that do not wait
+
+    # The command comes before the cancel: a refused one leaves the awaited move alone.
 
     def hold(self) -> None:
         self._servo.stop(OnCompletion.HOLD)
@@ -351,9 +353,8 @@ class Motor(_BaseMotor):
     def run_until_stalled(self, speed: Any, then: Any = Stop.COAST, duty_limit: Any = None) -> Any:
         speed_deg_s = get_int(speed)
         stop = completion(then)
-        self._servo.run_until_stalled(
-            speed_deg_s, stop, None if duty_limit is None else percentage(duty_limit)
-        )
+        duty_limit_pct = None if duty_limit is None else percentage(duty_limit)
+        self._servo.run_until_stalled(speed_deg_s, stop, duty_limit_pct)
         return self._finish(returns_angle=True)
 
     def _finish(self, returns_angle: bool = False, ends_by_time: bool = False) -> Any:
@@ -372,9 +373,10 @@ class Motor(_BaseMotor):
             if self._servo.angle_deg() != angle_deg:
                 angle_deg = self._servo.angle_deg()
                 since_ms = machine.time_ms
-            elif machine.time_ms - since_ms > _STUCK_MS and not (
-                ends_by_time or self._context.is_active or machine.pace
-            ):
+                return False
+            # Something else may end the wait: its time, another task, or a person who watches.
+            may_end = ends_by_time or self._context.is_active or machine.pace
+            if machine.time_ms - since_ms > _STUCK_MS and not may_end:
                 raise TwinError(
                     f"the program waits for the motor on port {self._letter}, which has been "
                     f"blocked at {angle_deg} degrees for "
@@ -383,9 +385,8 @@ class Motor(_BaseMotor):
                 )
             return False
 
-        return self._awaited.finish(
-            is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast
-        )
+        result = self._servo.angle_deg if returns_angle else None
+        return self._awaited.finish(is_done, result, self._servo.coast)
 
 
 _STUCK_MS = 60_000
@@ -395,8 +396,8 @@ for one that never arrives."""
 
 def pupdevices_module(context: Context) -> ModuleType:
     kinds = (Remote, TechnicMoveHub, DuploTrain, MarioHub, DCMotor, *DEVICES)
+    # A Move hub's firmware is built without these.
     hidden = () if context.machine.robot.hub.model.has_float else ("control", "log", "model")
-    return module(
-        "pupdevices",
-        {"PFMotor": PFMotor, "Motor": bind(context, Motor, *hidden), **classes(context, kinds)},
-    )
+    names = {"PFMotor": PFMotor, "Motor": bind(context, Motor, *hidden)}
+    names |= classes(context, kinds)
+    return module("pupdevices", names)
