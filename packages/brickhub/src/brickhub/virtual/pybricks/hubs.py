@@ -222,7 +222,7 @@ def _pixels(icon: Any) -> list[int]:
     if isinstance(icon, Matrix):
         expect(icon.shape == (_SIZE, _SIZE))
         return [int(max(0.0, min(float(_MAX_BRIGHTNESS), value))) for value in icon]
-    pixels = []
+    pixels: list[int] = []
     for row in _five(icon):
         pixels += [percentage(pixel) for pixel in _five(row)]
     return pixels

@@ -398,6 +398,6 @@ def pupdevices_module(context: Context) -> ModuleType:
     kinds = (Remote, TechnicMoveHub, DuploTrain, MarioHub, DCMotor, *DEVICES)
     # A Move hub's firmware is built without these.
     hidden = () if context.machine.robot.hub.model.has_float else ("control", "log", "model")
-    names = {"PFMotor": PFMotor, "Motor": bind(context, Motor, *hidden)}
+    names: dict[str, Any] = {"PFMotor": PFMotor, "Motor": bind(context, Motor, *hidden)}
     names |= classes(context, kinds)
     return module("pupdevices", names)

@@ -1,7 +1,7 @@
 """``pybricks.tools``."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from inspect import isgeneratorfunction
 from types import FunctionType, ModuleType
 from typing import Any
@@ -175,7 +175,7 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
     }
     if hub.has_float:
         names |= {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis}
-    functions = [wait, run_task, read_input_byte]
+    functions: list[Callable[..., Any]] = [wait, run_task, read_input_byte]
     if hub.has_display:
         functions.append(hub_menu)
     return module("tools", names, *functions)

@@ -275,7 +275,7 @@ class XboxController(Wireless):
     def state(self) -> tuple[int, ...]:
         """Raw values, as the controller sends them."""
         down = self._down()
-        axes = []
+        axes: list[int] = []
         for side in ("left", "right"):
             # The controller counts downwards.
             x, y = _stick(down, side, _STICK_MAX)
