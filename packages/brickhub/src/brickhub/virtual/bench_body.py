@@ -130,7 +130,9 @@ class BenchBody:
         ]
         # What is given here goes before what is described.
         stops = _end_stops_mdeg(robot, {**described_end_stops(robot), **end_stops})
-        self._motors = {motor.port: BenchMotor(stops.get(motor.port)) for motor in robot.motors}
+        self._motors: dict[str, BenchMotor] = {}
+        for motor in robot.motors:
+            self._motors[motor.port] = BenchMotor(stops.get(motor.port))
         self._time_ms = 0
 
     def reset(self, rng: Rng) -> None:
@@ -407,12 +409,14 @@ class FittedBench(BenchBody):
             return
         # As long as neither has turned, nobody can see a difference.
         first, second = pair
-        if not self._motors[first].angle and not self._motors[second].angle:
+        has_turned = self._motors[first].angle or self._motors[second].angle
+        if not has_turned:
             return
         first_kind = (self._devices[first], self.motors[first])
         second_kind = (self._devices[second], self.motors[second])
         report = self._tell
-        if directions[first] != directions[second] and first_kind == second_kind:
+        are_opposite = directions[first] != directions[second]
+        if are_opposite and first_kind == second_kind:
             self._turns = dict.fromkeys(pair, -_HEADING_PER_WHEEL / 1000.0)
             report(
                 f"The bench takes the motors on ports {first} and {second} for wheels, as they "

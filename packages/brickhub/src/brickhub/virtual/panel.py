@@ -172,7 +172,11 @@ class Panel:
             display = self.text
         elif any(self.display):
             display = self._picture()
-        parts = [f"light {light}", f"display {display}", f"sound {self.sound_hz or 'off'}"]
+        parts = [
+            f"light {light}",
+            f"display {display}",
+            f"sound {self.sound_hz or 'off'}",
+        ]
         for port, brightness_pct in sorted(self.lamps.items()):
             parts.append(f"lamp {port} {brightness_pct} %")
         return "; ".join(parts)

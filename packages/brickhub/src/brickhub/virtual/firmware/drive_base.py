@@ -226,8 +226,9 @@ class DriveBaseControl:
             turns = -(-(-180 - remaining) // 360)
         else:
             turns = 0
-        nearest_deg = angle_deg - 360 * turns if remaining > 0 else angle_deg + 360 * turns
-        target = nearest_deg * steps_per_deg
+        if remaining < 0:
+            turns = -turns
+        target = (angle_deg - 360 * turns) * steps_per_deg
 
         def start(time: int, state: State) -> None:
             heading.start_position(time, state, target, 0, then)
@@ -381,6 +382,7 @@ class DriveBaseControl:
         if distance.type is _NONE or heading.type is _NONE or not self.is_open:
             return
         time = self._clock.time_ms * 10
+        # Both controllers see the state of the same moment, before either acts.
         distance_state, heading_state = self._measured()
         action = distance.update(time, *distance_state[:3], self._paused)
         torque, speed, acceleration, end_of_distance, distance_at_limit = action
@@ -452,7 +454,8 @@ class DriveBaseControl:
             lead = to_mdeg(gyro.angle(steps))
             turn_rate = trunc(gyro.rate_deg_s() * steps)
         distance = State(position - distance_zero, speed, estimate, angle - distance_zero)
-        return distance, State(lead, turn_rate, estimate - right.speed, lead_estimate)
+        heading = State(lead, turn_rate, estimate - right.speed, lead_estimate)
+        return distance, heading
 
     def _check_open(self) -> None:
         if not self.is_open:

@@ -137,7 +137,8 @@ class Servo:
 
     def angle(self) -> Angle:
         """:meth:`position` as the firmware stores it."""
-        turns, mdeg = difference(split(self.body.angle_mdeg(self.port)), self._zero)
+        measured = split(self.body.angle_mdeg(self.port))
+        turns, mdeg = difference(measured, self._zero)
         return turns * self.direction, mdeg * self.direction
 
     def state(self) -> State:
@@ -212,7 +213,8 @@ class Servo:
         """Apply a percentage of the battery voltage, -100..100."""
         self._end_control()
         duty_pct = max(-100, min(100, duty_pct))
-        self.set_voltage(trunc(duty_pct * self.body.battery_mv / 100))
+        voltage_mv = trunc(duty_pct * self.body.battery_mv / 100)
+        self.set_voltage(voltage_mv)
 
     def coast(self) -> None:
         self._end_control()
@@ -301,7 +303,8 @@ class Servo:
 
     def track_target(self, target: int) -> None:
         self._take_over()
-        self.control.start_hold(self.clock.time_ticks, target * self.settings.steps_per_unit)
+        position = target * self.settings.steps_per_unit
+        self.control.start_hold(self.clock.time_ticks, position)
 
     # ---- the loop
 
@@ -328,7 +331,8 @@ class Servo:
             if control.log.is_active:
                 control.log_row(self.clock.time_ms, self.state(), torque, passive)
         if self.log.is_active:
-            self._log_row(position, torque, self.type.model.feedforward_unm(speed, acceleration))
+            feedforward = self.type.model.feedforward_unm(speed, acceleration)
+            self._log_row(position, torque, feedforward)
         observer.update(time, position, self.voltage_mv or 0)
 
     def actuate(self, torque_unm: int, speed: int, acceleration: int) -> None:

@@ -62,9 +62,12 @@ class ControlSettings:
 
     def limits(self) -> tuple[int, int, int, int]:
         """Speed, acceleration and deceleration in the program's units, torque in mNm."""
-        acceleration = self.to_unit(self.acceleration)
-        deceleration = self.to_unit(self.deceleration)
-        return self.to_unit(self.max_speed), acceleration, deceleration, self.max_torque // 1000
+        return (
+            self.to_unit(self.max_speed),
+            self.to_unit(self.acceleration),
+            self.to_unit(self.deceleration),
+            self.max_torque // 1000,
+        )
 
     def set_limits(self, speed: int, acceleration: int, deceleration: int, torque_mnm: int) -> None:
         """Set what :meth:`limits` returns. Raises ValueError for a value out of range; if only the
@@ -98,9 +101,10 @@ class ControlSettings:
         # All are checked before any is set, so that a refusal changes nothing.
         for setting, value in new_values.items():
             kind = kinds[setting]
+            high = INT32_MAX // self._steps(kind)
             if kind == "speed":
                 validate_speed(self.steps_per_unit, value)
-            elif kind in ("gain", "position") and not 0 <= value <= INT32_MAX // self._steps(kind):
+            elif kind in ("gain", "position") and not 0 <= value <= high:
                 raise RefusedError(f"the {kind} is out of range")
         for setting, value in new_values.items():
             kind = kinds[setting]
@@ -190,7 +194,8 @@ def drive_base_settings(
     weaker |= of_both(max, "integral_deadzone", "smart_hold_time")
     # The lower gain of both, so that neither motor is controlled too harshly, the reduced one for
     # all errors.
-    kp = min(left.kp, right.kp) * min(left.kp_low_pct, right.kp_low_pct) // 100
+    kp = min(left.kp, right.kp)
+    kp = kp * min(left.kp_low_pct, right.kp_low_pct) // 100
     max_torque = min(left.max_torque, right.max_torque)
 
     def settings(default_speed: int, torque: int) -> ControlSettings:

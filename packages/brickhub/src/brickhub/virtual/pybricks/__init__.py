@@ -32,7 +32,8 @@ def modules(machine: Machine, console: Console) -> Modules:
     """
     hub = machine.robot.hub
     machine.runs_program = True
-    context = Context(machine, console, enumeration("Port", " ".join(hub.model.ports)))
+    ports = enumeration("Port", " ".join(hub.model.ports))
+    context = Context(machine, console, ports)
     heap = Heap(hub.model)
     machine.check_memory = heap.check
     importable_modules = {

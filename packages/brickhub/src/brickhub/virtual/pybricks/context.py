@@ -229,7 +229,11 @@ def bind(context: Context, kind: type, *hidden: str) -> Any:
 def classes(context: Context, kinds: Iterable[type]) -> dict[str, Any]:
     """:func:`bind` for several classes, by name; without those that the hub lacks."""
     missing = context.machine.robot.hub.model.missing
-    return {kind.__name__: bind(context, kind) for kind in kinds if kind.__name__ not in missing}
+    bound = {}
+    for kind in kinds:
+        if kind.__name__ not in missing:
+            bound[kind.__name__] = bind(context, kind)
+    return bound
 
 
 class _Absent:

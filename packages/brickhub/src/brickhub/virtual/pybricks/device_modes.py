@@ -120,7 +120,9 @@ class Plug:
     def infrared_raw(self) -> int:
         """Reflected infrared light: the more, the nearer
         (``pb_type_pupdevices_infraredsensor.c``)."""
-        distance_pct = min(max(number(self._sensed(Sense.DISTANCE)), 1.0), 100.0)
+        distance_pct = number(self._sensed(Sense.DISTANCE))
+        # At 0 the formula, an inverse, has no value.
+        distance_pct = min(max(distance_pct, 1.0), 100.0)
         return min(round(1100 / distance_pct) - 10, _INFRARED_MAX_RAW)
 
     def passed(self) -> int:
@@ -132,9 +134,8 @@ class Plug:
 
     def tilt_deg(self) -> tuple[int, int]:
         """Pitch and roll."""
-        angles = pitch_and_roll(self._sensed(Sense.TILT))
-        pitch, roll = (min(max(round(angle), -_MAX_TILT_DEG), _MAX_TILT_DEG) for angle in angles)
-        return pitch, roll
+        pitch, roll = pitch_and_roll(self._sensed(Sense.TILT))
+        return _limited_tilt(pitch), _limited_tilt(roll)
 
     def angle_mdeg(self) -> int:
         """Angle of a motor's shaft."""
@@ -158,6 +159,10 @@ class Plug:
         return self.machine.body.sensed(self.port, sense)
 
 
+def _limited_tilt(angle_deg: float) -> int:
+    return min(max(round(angle_deg), -_MAX_TILT_DEG), _MAX_TILT_DEG)
+
+
 Read = Callable[[Plug], Iterable[int]]
 
 
@@ -174,8 +179,11 @@ class DeviceMode:
 
     def values(self, plug: Plug) -> tuple[int, ...]:
         """Present values, with zeros for unknown ones."""
-        readings = tuple(self.read(plug)) if self.read is not None else ()
-        return readings + (0,) * (self.count - len(readings))
+        readings: tuple[int, ...] = ()
+        if self.read is not None:
+            readings = tuple(self.read(plug))
+        unknown = self.count - len(readings)
+        return readings + (0,) * unknown
 
 
 class DeviceModes:
@@ -209,14 +217,18 @@ def _hsv_of_bytes(red: int, green: int, blue: int) -> Hsv:
     accurate (``pb_color_map_rgb_to_hsv``)."""
     largest = max(red, green, blue)
     chroma = largest - min(red, green, blue)
+    # A sixth of the circle to either side of the largest channel.
     if not chroma:
         hue = 0
     elif largest == red:
-        hue = math.trunc(60 * (green - blue) / chroma) % 360
+        lead = green - blue
+        hue = math.trunc(60 * lead / chroma) % 360
     elif largest == green:
-        hue = math.trunc(60 * (blue - red) / chroma) + 120
+        lead = blue - red
+        hue = math.trunc(60 * lead / chroma) + 120
     else:
-        hue = math.trunc(60 * (red - green) / chroma) + 240
+        lead = red - green
+        hue = math.trunc(60 * lead / chroma) + 240
     saturation = 100 * chroma // largest if chroma else 0
     return _shifted_hue(hue), saturation, 101 * largest // 256
 

@@ -128,7 +128,8 @@ class LightMatrix(_Timed):
             for row in range(_SIZE):
                 for column in range(_SIZE):
                     # Clockwise: a row of the new picture is a column of the old one, from below.
-                    turned.append(pixels[(_SIZE - 1 - column) * _SIZE + row])
+                    old_row = _SIZE - 1 - column
+                    turned.append(pixels[old_row * _SIZE + row])
             pixels = turned
         return pixels
 
@@ -221,7 +222,8 @@ def _pixels(icon: Any) -> list[int]:
     """
     if isinstance(icon, Matrix):
         expect(icon.shape == (_SIZE, _SIZE))
-        return [int(max(0.0, min(float(_MAX_BRIGHTNESS), value))) for value in icon]
+        limit = float(_MAX_BRIGHTNESS)
+        return [int(max(0.0, min(limit, value))) for value in icon]
     pixels: list[int] = []
     for row in _five(icon):
         pixels += [percentage(pixel) for pixel in _five(row)]
@@ -292,7 +294,8 @@ def _parse_note(note: Any, bar_ms: int) -> tuple[int, int, int]:
     name, sign, octave, slash, fraction, dot, tie = match.groups()
     if name and name + sign in _FORBIDDEN_NOTES:
         raise ValueError(f"{name}{sign} is not allowed")
-    if name and (octave is None or not 2 <= int(octave) <= 8):
+    has_octave = octave is not None and 2 <= int(octave) <= 8
+    if name and not has_octave:
         raise ValueError("Missing octave number 2-8")
     if slash is None:
         raise ValueError("Missing /")
@@ -304,7 +307,11 @@ def _parse_note(note: Any, bar_ms: int) -> tuple[int, int, int]:
     # A rest, R, has no name.
     frequency_hz = 0
     if name:
-        semitone = _SEMITONES[name] + {"#": 1, "b": -1}.get(sign, 0)
+        semitone = _SEMITONES[name]
+        if sign == "#":
+            semitone += 1
+        elif sign == "b":
+            semitone -= 1
         frequency_hz = (_LOWEST_OCTAVE_CHZ[semitone] << int(octave)) // 100
     # The last eighth of a note is silent, unless it is tied to the next one.
     sound_ms = total_ms if tie else 7 * total_ms // 8
@@ -492,7 +499,9 @@ def hubs_module(context: Context, model: HubModel) -> ModuleType:
         kinds["imu"] = IMU
     elif model.has_accelerometer:
         kinds["imu"] = Accelerometer
-    parts = {name: bind(context, kind)() for name, kind in kinds.items()}
+    parts = {}
+    for name, kind in kinds.items():
+        parts[name] = bind(context, kind)()
     # These two are modules in the firmware, not objects.
     parts["battery"] = _as_module("battery", parts["battery"])
     parts["system"] = _as_module("", parts["system"])

@@ -57,7 +57,11 @@ def _side_up(upwards: Sequence[float]) -> Any:
     """The ``Side`` of the hub through which a vector in its frame passes."""
     magnitudes = [abs(part) for part in upwards]
     largest = magnitudes.index(max(magnitudes))
-    sides_of_axes = ((Side.FRONT, Side.BACK), (Side.LEFT, Side.RIGHT), (Side.TOP, Side.BOTTOM))
+    sides_of_axes = (
+        (Side.FRONT, Side.BACK),
+        (Side.LEFT, Side.RIGHT),
+        (Side.TOP, Side.BOTTOM),
+    )
     positive, negative = sides_of_axes[largest]
     return positive if upwards[largest] >= 0 else negative
 
@@ -80,7 +84,11 @@ def _project(value: _Vector, axis: Any) -> float:
 
 def _dot(a: _Vector, b: _Vector) -> float:
     # Beginning with 0.0, so that the result is never -0.0.
-    return 0.0 + a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    total = 0.0
+    total += a[0] * b[0]
+    total += a[1] * b[1]
+    total += a[2] * b[2]
+    return total
 
 
 def _scaled_to_one(vector: _Vector) -> _Vector:
@@ -97,7 +105,9 @@ class IMU(Native):
     def __init__(self) -> None:
         body = self._machine.body
         self._bench = body if isinstance(body, FittedBench) else None
-        self._settings = {name: default for name, (default, _) in _SETTINGS.items()}
+        self._settings: dict[str, Any] = {}
+        for name, (default, _) in _SETTINGS.items():
+            self._settings[name] = default
         self._turned_ms: int | None = None
         self._orient(Axis.Z, Axis.X)
 
@@ -114,11 +124,17 @@ class IMU(Native):
         # The third axis is the vector product of the first two: top x front.
         a, b, c = top
         x, y, z = front
-        left = b * z - c * y, c * x - a * z, a * y - b * x
+        left = (
+            b * z - c * y,
+            c * x - a * z,
+            a * y - b * x,
+        )
         self._frame = front, left, top
         self._heading.frame = self._frame
         if self._bench is not None:
-            self._bench.mount((front[2], left[2], top[2]))
+            # The robot's vertical in the hub's frame.
+            up = (front[2], left[2], top[2])
+            self._bench.mount(up)
         self._heading.set_angle(0.0)
         self._is_aligned = front == (1.0, 0.0, 0.0) and top == (0.0, 0.0, 1.0)
 
@@ -208,13 +224,15 @@ class IMU(Native):
         motor drives it and it is not seen to turn."""
         servos = self._machine.servos.values()
         limit = self._settings["angular_velocity_threshold"]
-        if any(abs(rate) >= limit for rate in self._machine.body.angular_velocity_deg_s()):
+        rates = self._machine.body.angular_velocity_deg_s()
+        if any(abs(rate) >= limit for rate in rates):
             self._turned_ms = self._machine.time_ms
         # Times at which it was last turned, or driven by a motor; None for never.
         candidates_ms = [self._turned_ms, *(servo.driven_ms for servo in servos)]
         moved_ms = [time_ms for time_ms in candidates_ms if time_ms is not None]
-        rests = not moved_ms or self._machine.time_ms - max(moved_ms) >= _REST_MS
-        return rests and all(servo.voltage_mv is None for servo in servos)
+        if moved_ms and self._machine.time_ms - max(moved_ms) < _REST_MS:
+            return False
+        return all(servo.voltage_mv is None for servo in servos)
 
     def settings(
         self,
@@ -249,7 +267,9 @@ class IMU(Native):
         set."""
         limits = self._settings["acceleration_correction"]
         # The mean of both readings is the offset of an axis, half their difference its gravity.
-        readings = zip(force, limits[::2], limits[1::2], strict=True)
+        upward = limits[::2]
+        downward = limits[1::2]
+        readings = zip(force, upward, downward, strict=True)
         x, y, z = (
             (value - (up + down) / 2) * _GRAVITY_MM_S2 / ((up - down) / 2)
             for value, up, down in readings
@@ -330,6 +350,7 @@ class Accelerometer(Native):
             left = -left
         self._axes = front, left, top
         if isinstance(self._machine.body, FittedBench):
+            # Where the robot's third axis, its vertical, is in the hub's frame.
             x, y, z = (float((axis == 3) - (axis == -3)) for axis in self._axes)
             self._machine.body.mount((x, y, z))
 
@@ -341,8 +362,10 @@ class Accelerometer(Native):
 
     def tilt(self) -> tuple[int, int]:
         x, y, z = self._in_robot_frame()
-        pitch_deg = _atan2_deg(-x, math.isqrt(z * z + y * y))
-        return pitch_deg, _atan2_deg(y, z)
+        across = math.isqrt(z * z + y * y)
+        pitch_deg = _atan2_deg(-x, across)
+        roll_deg = _atan2_deg(y, z)
+        return pitch_deg, roll_deg
 
     def _counts(self) -> Sequence[int]:
         # Rounded down and saturated to the 8 bits of the sensor.
@@ -383,6 +406,7 @@ def _arc_tangent_eighths(ratio: int) -> int:
         high_ratio, high_angle = _ARC_TANGENTS[i]
         if ratio < high_ratio:
             rise = high_angle - low_angle
-            return low_angle + (ratio - low_ratio) * rise // (high_ratio - low_ratio)
+            run = high_ratio - low_ratio
+            return low_angle + (ratio - low_ratio) * rise // run
     _, last_angle = _ARC_TANGENTS[-1]
     return last_angle

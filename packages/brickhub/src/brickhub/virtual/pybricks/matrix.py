@@ -172,4 +172,8 @@ def cross(*vectors: Any) -> Matrix:
         raise TypeError("arguments must be Matrix objects")
     expect(all(sorted(value.shape) == [1, 3] for value in vectors))
     (x, y, z), (u, v, w) = vectors
-    return vector(y * w - z * v, z * u - x * w, x * v - y * u)
+    return vector(
+        y * w - z * v,
+        z * u - x * w,
+        x * v - y * u,
+    )

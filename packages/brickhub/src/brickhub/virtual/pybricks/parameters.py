@@ -90,7 +90,9 @@ class Icon:
 def _picture(rows: Sequence[int]) -> Any:
     pixels = []
     for row in rows:
-        pixels.append([100 if row >> bit & 1 else 0 for bit in (4, 3, 2, 1, 0)])
+        # The leftmost light is the highest bit.
+        lights = [row >> bit & 1 for bit in (4, 3, 2, 1, 0)]
+        pixels.append([100 if is_lit else 0 for is_lit in lights])
     return Matrix(pixels)
 
 
@@ -100,10 +102,15 @@ def nearest(measured: Hsv, candidates: Sequence[Hsv]) -> int | None:
     Grays are compared by value and full colors by hue, independent of the distance to the surface.
     If a candidate is neither, distances are in a double cone with black and white at the tips.
     """
-    is_ideal = all(candidate[:2] == _GRAY or candidate[1:] == _FULL for candidate in candidates)
+    is_ideal = all(map(_is_ideal, candidates))
     distance = _ideal_distance if is_ideal else _cone_distance
     indices = range(len(candidates))
     return min(indices, key=lambda index: distance(measured, candidates[index]), default=None)
+
+
+def _is_ideal(color: Hsv) -> bool:
+    """Whether a color is a gray, or a full color."""
+    return color[:2] == _GRAY or color[1:] == _FULL
 
 
 def _ideal_distance(measured: Hsv, candidate: Hsv) -> int:
@@ -211,10 +218,13 @@ class Color:
     hash_is_address = True
 
     def __init__(self, h: Any, s: Any = 100, v: Any = 100, name: str | None = None) -> None:
+        hue = get_int(h) % 360
+        saturation = max(0, min(100, get_int(s)))
+        value = max(-100, min(100, get_int(v)))
         # Past __setattr__, which refuses: a color cannot be changed.
-        object.__setattr__(self, "h", get_int(h) % 360)
-        object.__setattr__(self, "s", max(0, min(100, get_int(s))))
-        object.__setattr__(self, "v", max(-100, min(100, get_int(v))))
+        object.__setattr__(self, "h", hue)
+        object.__setattr__(self, "s", saturation)
+        object.__setattr__(self, "v", value)
         object.__setattr__(self, "_name", name)
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -247,8 +257,9 @@ class Color:
     def __truediv__(self, scale: Any) -> "Color":
         divisor = get_number(scale)
         # By 0, the hub's infinity saturates at the largest value of the same sign.
-        largest = 100 * ((self.v > 0) - (self.v < 0))
-        return Color(self.h, self.s, self.v / divisor if divisor else largest)
+        sign = (self.v > 0) - (self.v < 0)
+        value = self.v / divisor if divisor else 100 * sign
+        return Color(self.h, self.s, value)
 
     __floordiv__ = __truediv__
 
@@ -269,7 +280,9 @@ class _Palette:
     _colors: HubDict
 
     def __init__(self) -> None:
-        object.__setattr__(self, "_colors", HubDict.sized(len(NAMED_COLORS), NAMED_COLORS.items()))
+        # The number of slots decides the order in which a program sees the colors.
+        colors = HubDict.sized(len(NAMED_COLORS), NAMED_COLORS.items())
+        object.__setattr__(self, "_colors", colors)
 
     def __call__(self, h: Any, s: Any = 100, v: Any = 100) -> Color:
         return Color(h, s, v)

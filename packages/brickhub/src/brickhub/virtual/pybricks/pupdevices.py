@@ -76,7 +76,9 @@ class Control(Native):
         if speed is None and acceleration is None and torque is None:
             return now_speed, acceleration_value(up, down), now_torque
         up, down = acceleration_pair(acceleration, up, down)
-        settings.set_limits(magnitude(speed, now_speed), up, down, magnitude(torque, now_torque))
+        new_speed = magnitude(speed, now_speed)
+        new_torque = magnitude(torque, now_torque)
+        settings.set_limits(new_speed, up, down, new_torque)
         return None
 
     def pid(
@@ -113,10 +115,21 @@ class Control(Native):
             return None
         # From ticks of 0.1 ms, mdeg and ddeg/s; accelerations are in deg/s2 already.
         t = controller.trajectory
-        times_ms = (trunc(ticks / 10) for ticks in (t.t1, t.t2, t.t3))
-        angles_deg = (trunc(mdeg / 1000) for mdeg in (t.th1, t.th2, t.th3))
-        speeds_deg_s = (trunc(speed / 10) for speed in (t.w0, t.w1, t.w3))
-        return 0, *times_ms, 0, *angles_deg, *speeds_deg_s, t.a0, t.a2
+        return (
+            0,
+            trunc(t.t1 / 10),
+            trunc(t.t2 / 10),
+            trunc(t.t3 / 10),
+            0,
+            trunc(t.th1 / 1000),
+            trunc(t.th2 / 1000),
+            trunc(t.th3 / 1000),
+            trunc(t.w0 / 10),
+            trunc(t.w1 / 10),
+            trunc(t.w3 / 10),
+            t.a0,
+            t.a2,
+        )
 
     def done(self) -> bool:
         return self._controller().is_done
@@ -155,7 +168,8 @@ class Log(Native):
             raise TypeError(f"can't convert '{type(path).__name__}' object to str implicitly")
         # pybricksdev writes what is between these two lines into a file.
         lines = [f"PB_OF:{path or 'log.txt'}"]
-        lines += [", ".join(map(str, row)) for row in logger.rows]
+        for row in logger.rows:
+            lines.append(", ".join(map(str, row)))
         lines.append("PB_EOF")
         for line in lines:
             self._console.write(f"{line}\r\n".encode())
@@ -176,8 +190,12 @@ class MotorModel(Native):
         """Angle (deg), speed (deg/s), current (mA), and whether it stalls at this moment, however
         shortly."""
         observer = self._observer()
-        numbers = (observer.angle / 1000, observer.speed / 1000, observer.current / 10)
-        return (*map(to_single, numbers), observer.stalled_since is not None)  # type: ignore[return-value]
+        return (
+            to_single(observer.angle / 1000),
+            to_single(observer.speed / 1000),
+            to_single(observer.current / 10),
+            observer.stalled_since is not None,
+        )
 
     def settings(self, values: Any = None) -> tuple[int, ...] | None:
         """The eight ``ObserverSettings``, or set them all."""
@@ -335,19 +353,25 @@ class Motor(_BaseMotor):
     # ---- moves
 
     def run_time(self, speed: Any, time: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        self._servo.run_time(get_int(speed), max(0, get_int(time)), completion(then))
+        speed_deg_s = get_int(speed)
+        time_ms = max(0, get_int(time))
+        self._servo.run_time(speed_deg_s, time_ms, completion(then))
         return self._finish(ends_by_time=True) if wait else None
 
     def run_angle(
         self, speed: Any, rotation_angle: Any, then: Any = Stop.HOLD, wait: Any = True
     ) -> Any:
-        self._servo.run_angle(get_int(speed), get_int(rotation_angle), completion(then))
+        speed_deg_s = get_int(speed)
+        angle_deg = get_int(rotation_angle)
+        self._servo.run_angle(speed_deg_s, angle_deg, completion(then))
         return self._finish() if wait else None
 
     def run_target(
         self, speed: Any, target_angle: Any, then: Any = Stop.HOLD, wait: Any = True
     ) -> Any:
-        self._servo.run_target(get_int(speed), get_int(target_angle), completion(then))
+        speed_deg_s = get_int(speed)
+        target_deg = get_int(target_angle)
+        self._servo.run_target(speed_deg_s, target_deg, completion(then))
         return self._finish() if wait else None
 
     def run_until_stalled(self, speed: Any, then: Any = Stop.COAST, duty_limit: Any = None) -> Any:
@@ -397,7 +421,8 @@ for one that never arrives."""
 def pupdevices_module(context: Context) -> ModuleType:
     kinds = (Remote, TechnicMoveHub, DuploTrain, MarioHub, DCMotor, *DEVICES)
     # A Move hub's firmware is built without these.
-    hidden = () if context.machine.robot.hub.model.has_float else ("control", "log", "model")
+    model = context.machine.robot.hub.model
+    hidden = () if model.has_float else ("control", "log", "model")
     names: dict[str, Any] = {"PFMotor": PFMotor, "Motor": bind(context, Motor, *hidden)}
     names |= classes(context, kinds)
     return module("pupdevices", names)

@@ -77,8 +77,11 @@ class Device(Native):
             value = get()
             log = self._machine.log
             if log is not None:
-                parts = (value.h, value.s, value.v) if quantities == _HSV else value
-                log.read([f"{self._letter}_{quantity}" for quantity in quantities], parts)
+                columns = [f"{self._letter}_{quantity}" for quantity in quantities]
+                parts = value
+                if quantities == _HSV:
+                    parts = (value.h, value.s, value.v)
+                log.read(columns, parts)
             return value
 
         self._set_mode(mode)
@@ -114,7 +117,8 @@ class Device(Native):
         state.previous = state.name
         state.name = mode
         state.changed_ms = self._told_ms()
-        state.ready_ms = state.changed_ms + self._device_modes.stale_ms(mode) + 1
+        stale_ms = self._device_modes.stale_ms(mode)
+        state.ready_ms = state.changed_ms + stale_ms + 1
 
     def _told_ms(self) -> int:
         """Time at which the device answers to what it is told now: in the next millisecond if the
@@ -220,7 +224,8 @@ class _ColorDevice(Device):
         full = 12 * 100 if self._is_boost else 3 * 1024
 
         def reflection_pct() -> int:
-            return sum(self._plug.raw_rgb(self._is_boost)) * 100 // full
+            channels = self._plug.raw_rgb(self._is_boost)
+            return sum(channels) * 100 // full
 
         return self._measure("RGB I", reflection_pct, "reflection_pct")
 

@@ -90,7 +90,9 @@ class DriveBase(Native):
         return self._finish(lambda: self._base.straight(distance, end))
 
     def curve(self, radius: Any, angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        self._base.curve(get_int(radius), get_int(angle), completion(then))
+        radius_mm = get_int(radius)
+        angle_deg = get_int(angle)
+        self._base.curve(radius_mm, angle_deg, completion(then))
         return self._finish() if wait else None
 
     def arc(
@@ -229,7 +231,8 @@ class Car(Native):
         self._drive = [_servo(motor) for motor in motors]
         if self._steer in self._drive:
             raise ValueError("drive_motors and steer_motor must be different")
-        if len(set(map(id, self._drive))) < len(self._drive):
+        distinct = set(map(id, self._drive))
+        if len(distinct) < len(self._drive):
             raise ValueError("drive_motors must be unique")
         limit_unm = self._steer.settings.max_torque * percentage(torque_limit) // 100
         left_deg = self._end_stop(-_STEERING_SPEED_DEG_S, limit_unm)
