@@ -9,7 +9,7 @@ import pytest
 from brickhub.errors import DescriptionError, PlanError
 from brickhub.robot import Direction, DriveBase, HubKind, Motor, MotorKind, Robot, UltrasonicSensor
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
-from bricktwin.robots.planned import check_description, plan_file
+from bricktwin.robots.planned import check_description, plan_file, robot_of_plan
 
 PLANS = Path(plans.__path__[0])
 TWO_WHEELER_PLAN = str(PLANS / "two_wheeler.ldr")
@@ -17,7 +17,7 @@ TWO_WHEELER_PLAN = str(PLANS / "two_wheeler.ldr")
 
 def robot(**said: object) -> Robot:
     """A 2Wheeler with given fields only."""
-    return Robot("mine", HubKind.PRIME, plan=TWO_WHEELER_PLAN, **said)  # type: ignore[arg-type]
+    return robot_of_plan(TWO_WHEELER_PLAN, "mine", HubKind.PRIME, **said)  # type: ignore[arg-type]
 
 
 def test_omitted_fields_follow_from_plan():
@@ -37,12 +37,7 @@ def test_given_fields_are_kept_port_follows_from_plan():
 
 
 def test_gears_follow_from_plan_unless_given():
-    arm = Robot(
-        "mine",
-        HubKind.PRIME,
-        motors=(Motor("low", gears=(1, 1)),),
-        plan=str(PLANS / "robo_arm.ldr"),
-    )
+    arm = robot_of_plan(PLANS / "robo_arm.ldr", motors=[Motor("low", gears=(1, 1))])
     assert {motor.name: motor.gears for motor in arm.motors} == {
         "low": (1, 1),
         "rotation": (20, 60),
@@ -86,13 +81,15 @@ def test_contradictions_to_plan_raise(said, says):
 
 def test_other_hub_or_missing_plan_raises():
     with pytest.raises(DescriptionError, match="is not a technic hub"):
-        Robot("mine", HubKind.TECHNIC, plan=TWO_WHEELER_PLAN)
+        robot_of_plan(TWO_WHEELER_PLAN, hub=HubKind.TECHNIC)
     with pytest.raises(PlanError, match="name an LDraw file"):
-        Robot("mine", HubKind.PRIME, plan="nowhere.ldr")
+        robot_of_plan("nowhere.ldr")
 
 
 def test_fields_are_required_without_plan():
-    with pytest.raises(DescriptionError, match="'left' has no port; say it, or name a plan"):
+    with pytest.raises(
+        DescriptionError, match="'left' has no port; say it, or make the robot with robot_of"
+    ):
         Robot("mine", HubKind.PRIME, motors=(Motor("left"),))
     motors = (Motor("left", "A"), Motor("right", "B"))
     with pytest.raises(DescriptionError, match="no wheel diameter or no axle track"):
@@ -118,8 +115,9 @@ def test_hub_at_an_angle_has_no_imu(tmp_path, turn):
         with pytest.raises(
             DescriptionError, match="the hub is at an angle, so its IMU cannot be read"
         ):
-            Robot("mine", HubKind.PRIME, plan=str(plan), needs_imu=True, **said)
-    assert Robot("mine", HubKind.PRIME, plan=str(plan)).motors
+            robot_of_plan(plan, needs_imu=True, **said)
+    made = robot_of_plan(plan)
+    assert made.motors and not made.needs_imu
 
 
 def test_unsupported_motor_raises(tmp_path):
@@ -128,7 +126,7 @@ def test_unsupported_motor_raises(tmp_path):
     with pytest.raises(
         DescriptionError, match=r"line 2: no hub of ours runs EV3 medium motor \(99455\); take"
     ):
-        Robot("mine", HubKind.PRIME, plan=str(plan))
+        robot_of_plan(plan, hub=HubKind.PRIME)
 
 
 def test_model_in_unknown_package_raises() -> None:

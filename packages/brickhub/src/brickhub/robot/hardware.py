@@ -16,6 +16,7 @@ class KindType(enum.EnumType):
     """Type of an enumeration that names its members where a name is wrong."""
 
     def __getattr__(cls, name: str) -> Any:
+        # Python and its tools ask for names such as ``__wrapped__`` by the way.
         if name.startswith("_"):
             raise AttributeError(name)
         names = list(cls.__members__)
@@ -31,6 +32,8 @@ class _Kind(enum.Enum, metaclass=KindType):
     model: Any
 
     def __new__(cls, model: Any) -> Self:
+        # The name is the value, so that files and messages name a kind, and ``HubKind("prime")``
+        # finds it.
         kind = object.__new__(cls)
         kind._value_ = model.name
         kind.model = model

@@ -171,9 +171,8 @@ def sparkline(values: list[float]) -> str:
     high = max(values)
     if low == high:
         return _BARS[len(_BARS) // 2] * len(values)
-    return "".join(
-        _BARS[round((value - low) / (high - low) * (len(_BARS) - 1))] for value in values
-    )
+    heights = [round((value - low) / (high - low) * (len(_BARS) - 1)) for value in values]
+    return "".join(_BARS[height] for height in heights)
 
 
 class SeedsProgress(Bars):
@@ -203,6 +202,7 @@ class SeedsProgress(Bars):
         line = ""
         if "started" in message:
             changes = {"state": "training", "node": message.get("node", "")}
+            # Who starts a second time was lost in between.
             if self.tasks[self._ids[seed]].fields["state"] != "waiting":
                 line = f"its worker was lost; resumed after episode {message['started']}"
         elif "episode" in message:
