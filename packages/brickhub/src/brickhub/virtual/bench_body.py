@@ -152,7 +152,8 @@ class BenchBody:
         # Through the steps of the PWM, as the firmware's test build: they cost some millivolts.
         duty = int((voltage_mv or 0) * _MAX_DUTY / self.battery_mv)
         duty = max(-_MAX_DUTY, min(_MAX_DUTY, duty))
-        self._motors[port].voltage = int(duty * self.battery_mv / _MAX_DUTY)
+        motor = self._motors[port]
+        motor.voltage = int(duty * self.battery_mv / _MAX_DUTY)
 
     def sensed(self, port: str, sense: Sense) -> Sensed:
         """Stimulus of a sensor at the present angles. Raises SceneError if its reading raises."""
@@ -439,9 +440,8 @@ class FittedBench(BenchBody):
         self._up = x + 0.0, y + 0.0, z + 0.0
 
     def heading_deg(self) -> float:
-        return self._heading_offset_deg + sum(
-            turn * self._motors[port].angle for port, turn in self._turns.items()
-        )
+        turned_deg = sum(turn * self._motors[port].angle for port, turn in self._turns.items())
+        return self._heading_offset_deg + turned_deg
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
         rate = sum(turn * self._motors[port].speed for port, turn in self._turns.items())

@@ -299,7 +299,8 @@ class FaultyBody:
     def device(self, fault: Fault) -> Any:
         """The device of a fault. Raises DescriptionError if the robot does not have it, or it is
         unplugged."""
-        devices = {device.name: device for device in (*self.robot.motors, *self.robot.sensors)}
+        all_devices = (*self.robot.motors, *self.robot.sensors)
+        devices = {device.name: device for device in all_devices}
         if fault.device not in devices:
             known = ", ".join(devices) or "none"
             guess = hint(fault.device, devices)
@@ -385,8 +386,10 @@ class FaultyBody:
         # as is lost.
         battery_mv = self.battery_mv
         limited_mv = max(-battery_mv, min(battery_mv, voltage_mv))
-        share = self.kept_shares.get(port, 1.0) * self.directions.get(port, 1)
-        self.sound.set_voltage(self.sound_port(port), round(limited_mv * share))
+        share = self.kept_shares.get(port, 1.0)
+        direction = self.directions.get(port, 1)
+        sound_mv = round(limited_mv * (share * direction))
+        self.sound.set_voltage(self.sound_port(port), sound_mv)
 
     def sensed(self, port: str, sense: Sense) -> Sensed:
         if port not in self.dead_ports:

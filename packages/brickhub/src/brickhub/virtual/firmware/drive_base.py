@@ -92,7 +92,11 @@ class GyroHeading:
         x, y, z = map(add, scaled, self._rotation_deg)
         turn_deg = (360.0, 360.0, 360.0) if calibrated else self._gyro_deg
         scale_x, scale_y, scale_z = turn_deg
-        return x * scale_x / 360.0, y * scale_y / 360.0, z * scale_z / 360.0
+        return (
+            x * scale_x / 360.0,
+            y * scale_y / 360.0,
+            z * scale_z / 360.0,
+        )
 
     def yaw_deg(self) -> float:
         """Rotation about the vertical since the hub was switched on, without the correction of the
@@ -120,7 +124,11 @@ class GyroHeading:
     def _scaled(self, vector: _Vector) -> _Vector:
         (x, y, z) = vector
         (scale_x, scale_y, scale_z) = self._gyro_deg
-        return x * 360.0 / scale_x, y * 360.0 / scale_y, z * 360.0 / scale_z
+        return (
+            x * 360.0 / scale_x,
+            y * 360.0 / scale_y,
+            z * 360.0 / scale_z,
+        )
 
     def _total_deg(self) -> float:
         return self.yaw_deg() * (360.0 / self.turn_deg)

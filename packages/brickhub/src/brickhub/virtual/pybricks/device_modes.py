@@ -94,7 +94,11 @@ class Plug:
             raw_value = 150 - math.sqrt(22_500 - 200 * value)
             full = _SPIKE_FULL_RAW
         red, green, blue = colorsys.hsv_to_rgb(hue / 360, raw_saturation / 100, raw_value / 100)
-        return round(red * full), round(green * full), round(blue * full)
+        return (
+            round(red * full),
+            round(green * full),
+            round(blue * full),
+        )
 
     def reflected_hsv(self, is_boost: bool) -> Hsv:
         """Color that the firmware computes from the raw one, in eight bits (``get_hsv_reflected``,

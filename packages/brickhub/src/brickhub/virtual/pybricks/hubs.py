@@ -183,7 +183,9 @@ class LightMatrix(_Timed):
     def _show_symbol(self, symbol: Any) -> None:
         """Show a character or a number; numbers of more than two digits are shown as < or >."""
         if isinstance(symbol, str):
-            expect(len(symbol) == 1 and 32 <= ord(symbol) <= 126)
+            # The firmware has pictures of the printable characters of ASCII.
+            expect(len(symbol) == 1)
+            expect(32 <= ord(symbol) <= 126)
             text = symbol
         else:
             number = get_int(symbol)
@@ -408,7 +410,8 @@ class System(Native):
         data = b"" if write is None else as_bytes(write)
         size = read if write is None else len(data)
         end = start + size
-        expect(start >= 0 and size >= 0 and end <= len(self._storage))
+        expect(start >= 0 and size >= 0)
+        expect(end <= len(self._storage))
         if write is None:
             return bytes(self._storage[start:end])
         self._storage[start:end] = data

@@ -136,7 +136,9 @@ class IMU(Native):
             up = (front[2], left[2], top[2])
             self._bench.mount(up)
         self._heading.set_angle(0.0)
-        self._is_aligned = front == (1.0, 0.0, 0.0) and top == (0.0, 0.0, 1.0)
+        faces_ahead = front == (1.0, 0.0, 0.0)
+        is_upright = top == (0.0, 0.0, 1.0)
+        self._is_aligned = faces_ahead and is_upright
 
     @property
     def _heading(self) -> GyroHeading:
@@ -298,8 +300,12 @@ class IMU(Native):
             return vector
         front, left, top = self._frame
         ahead, leftward, upward = vector
-        x, y, z = (ahead * front[i] + leftward * left[i] + upward * top[i] for i in range(3))
-        return x, y, z
+        # The columns of the rotation are the hub's front, left and top in the robot's frame.
+        return (
+            ahead * front[0] + leftward * left[0] + upward * top[0],
+            ahead * front[1] + leftward * left[1] + upward * top[1],
+            ahead * front[2] + leftward * left[2] + upward * top[2],
+        )
 
 
 def _as_single(value: Any) -> Any:

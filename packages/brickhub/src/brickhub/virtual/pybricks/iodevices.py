@@ -47,8 +47,10 @@ class PUPDevice(Device):
     def info(self) -> dict[str, Any]:
         if not self._modes:
             return HubDict(id=self._id)
-        modes = tuple((mode.name, mode.count, int(mode.data_type)) for mode in self._modes)
-        return HubDict(id=self._id, modes=modes)
+        modes = []
+        for mode in self._modes:
+            modes.append((mode.name, mode.count, int(mode.data_type)))
+        return HubDict(id=self._id, modes=tuple(modes))
 
     def reset(self) -> None:
         """Reset to the state after plugging in."""

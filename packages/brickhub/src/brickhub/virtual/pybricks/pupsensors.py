@@ -63,8 +63,10 @@ class Device(Native):
         self._device_modes = SENSOR_MODES[self._kind]
         if self._machine.plug_in(self._letter, self._kind.value):
             return True
-        sensors = self._machine.robot.sensors
-        return any(sensor.port == self._letter and sensor.kind == self._kind for sensor in sensors)
+        for sensor in self._machine.robot.sensors:
+            if sensor.port == self._letter and sensor.kind == self._kind:
+                return True
+        return False
 
     def _measure(self, mode: str, get: Callable[[], Any], *quantities: str) -> Any:
         """Value of ``get`` in a mode of the device; ``quantities`` are its parts' names in the log
