@@ -59,7 +59,8 @@ class Target:
 
 def whole_interface(robot: Robot) -> Interface:
     """Interface with every motor at full speed, the IMU and the distance sensor, 50 ms after each
-    command."""
+    command. Raises DescriptionError if the robot has a plan that nobody has read."""
+    robot.check_complete()
     commands = []
     channels: list[Channel] = []
     for motor in robot.motors:
@@ -76,13 +77,13 @@ def whole_interface(robot: Robot) -> Interface:
     return Interface(tuple(commands), tuple(channels), Wait(50))
 
 
-def find_in_files(name: str) -> Target:
+def find_in_files(name: str, complete: Callable[[Robot], Robot] = lambda robot: robot) -> Target:
     """The robot in a user's file, or ``bench``, on the bench. Raises UnknownNameError if there is
-    none, DescriptionError if the file is wrong."""
+    none, DescriptionError if the file is wrong. ``complete``: of a house that reads plans."""
     if name == BENCH.name:
         robot = BENCH
     elif is_reference(name):
-        robot = load_robot(name)
+        robot = complete(load_robot(name))
     else:
         raise UnknownNameError(
             f"there is no robot '{name}'; name a Python file with one, such as my_robot.py, "

@@ -10,7 +10,7 @@ from brickhub.target import Target, find_in_files, whole_interface
 from brickhub.user_files import is_reference, load_object, objects_in, without_name
 from brickhub.virtual.body import Body
 from bricktwin import robots
-from bricktwin.robots.planned import is_plan, robot_of_plan
+from bricktwin.robots.planned import completed, is_plan, robot_of_plan
 from bricktwin.twin.make_body import lies_on_bench, make_body
 from bricktwin.twin.scene import Scene
 
@@ -27,7 +27,7 @@ def find(name: str) -> Target:
             f"there is no robot '{name}'; choose {', '.join(robots.ROBOTS)}, or name a file: "
             "my_robot.ldr or my_robot.py"
         )
-    return _in_scene(find_in_files(name), name)
+    return _in_scene(find_in_files(name, completed), name)
 
 
 def _in_scene(target: Target, reference: str) -> Target:

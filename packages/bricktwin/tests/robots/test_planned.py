@@ -8,8 +8,11 @@ import pytest
 
 from brickhub.errors import DescriptionError, PlanError
 from brickhub.robot import Direction, DriveBase, HubKind, Motor, MotorKind, Robot, UltrasonicSensor
+from brickhub.target import whole_interface
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
-from bricktwin.robots.planned import check_description, plan_file, robot_of_plan
+from bricktwin.robots.planned import check_description, completed, plan_file, robot_of_plan
+from bricktwin.target import find
+from bricktwin.twin.make_body import make_body
 
 PLANS = Path(plans.__path__[0])
 TWO_WHEELER_PLAN = str(PLANS / "two_wheeler.ldr")
@@ -86,10 +89,28 @@ def test_other_hub_or_missing_plan_raises():
         robot_of_plan("nowhere.ldr")
 
 
+def test_description_is_what_it_was_given_until_its_plan_completes_it():
+    given = Robot("mine", HubKind.PRIME, motors=(Motor("left"),), plan=str(TWO_WHEELER_PLAN))
+    assert given.motors == (Motor("left"),) and given.sensors == ()
+    whole = completed(given)
+    assert whole == robot(motors=(Motor("left"),), needs_imu=False)
+    assert whole.plan is None and whole.motor("left").port and completed(whole) is whole
+    for use in (make_body, whole_interface):
+        with pytest.raises(DescriptionError, match=r"was not read; write completed\(Robot"):
+            use(given)
+
+
+def test_robot_in_a_file_is_completed_by_the_command(tmp_path):
+    file = tmp_path / "my_robot.py"
+    file.write_text(
+        "from brickhub.robot import HubKind, Robot\n"
+        f"ROBOT = Robot('mine', HubKind.PRIME, plan={str(TWO_WHEELER_PLAN)!r})\n"
+    )
+    assert {motor.name for motor in find(str(file)).robot.motors} >= {"left", "right"}
+
+
 def test_fields_are_required_without_plan():
-    with pytest.raises(
-        DescriptionError, match="'left' has no port; say it, or make the robot with robot_of"
-    ):
+    with pytest.raises(DescriptionError, match="'left' has no port; say it, or name a plan"):
         Robot("mine", HubKind.PRIME, motors=(Motor("left"),))
     motors = (Motor("left", "A"), Motor("right", "B"))
     with pytest.raises(DescriptionError, match="no wheel diameter or no axle track"):

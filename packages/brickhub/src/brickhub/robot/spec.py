@@ -25,7 +25,7 @@ class Motor:
     """Motor on a port; angles and speeds are those of the gear train's output.
 
     Attributes:
-        port: port of the hub; "" for ``bricktwin.robots.planned.robot_of_plan``, which takes the
+        port: port of the hub; "" for ``bricktwin.robots.planned.completed``, which takes the
             one of that name in a building plan.
         gears: teeth from the motor to the output, as in Pybricks, e.g. ``(20, 60)``. Empty means
             the motor's shaft, or those of a building plan, if the robot is made of one; ``(1, 1)``
@@ -92,6 +92,7 @@ class Motor:
                 raise DescriptionError(
                     f"motor '{self.name}': a {self.kind.value} motor has no encoder; omit {field}"
                 )
+            # The range is a pair, and was looked at before.
             if isinstance(value, int) and value < 1:
                 raise DescriptionError(
                     f"motor '{self.name}': {field} is {value}; give a positive number or None"
@@ -182,7 +183,7 @@ _Device = TypeVar("_Device", Motor, Sensor)
 @dataclass(frozen=True)
 class DriveBase:
     """Drive base of two named motors. A wheel diameter or axle track of 0 is for
-    ``bricktwin.robots.planned.robot_of_plan``, which takes that of a building plan."""
+    ``bricktwin.robots.planned.completed``, which takes that of a building plan."""
 
     left: str
     right: str
@@ -247,6 +248,9 @@ class Robot:
             the robot and its scene and returns an ``MjSpec``, or the path of an MJCF file (see
             ``bricktwin.twin.models.load``) or of a building plan. Without a model, a robot with a
             drive base gets a generated body, and any other one is a bench.
+        plan: path of a building plan, an LDraw file, that completes this description:
+            ``bricktwin.robots.planned.completed`` reads it, and gives a robot without a plan. Until
+            then ports may be "", and what the plan says may be missing.
         chassis: chassis of the generated body of a drive base without model.
         mirrored: of a body whose left and right sides are alike, the pairs of motors, or of
             sensors, that change places in a mirror. A motor that is paired with itself turns the
@@ -261,10 +265,12 @@ class Robot:
     needs_imu: bool = False
     hub_sides: tuple[str, ...] = ()
     model: str | None = None
+    plan: str | None = None
     chassis: Chassis = Chassis()
     mirrored: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
+        # Unlike that of a device, it becomes no variable on the hub, and may have hyphens.
         _check_name(str(self.name).replace("-", "_"))
         # A list is as good, but has no hash.
         for field in ("motors", "sensors"):
@@ -272,6 +278,9 @@ class Robot:
             if isinstance(value, list):
                 object.__setattr__(self, field, tuple(value))
         check_fields(Robot, vars(self))
+        # What is missing is in the plan; once it is completed, it is checked like any other.
+        if self.plan is not None:
+            return
         if not self.hub_sides:
             object.__setattr__(self, "hub_sides", HUB_FLAT)
         if not _are_at_right_angles(self.hub_sides):
@@ -288,7 +297,7 @@ class Robot:
             if not (self.drive_base.wheel_diameter_mm and self.drive_base.axle_track_mm):
                 raise self._error(
                     "its drive base has no wheel diameter or no axle track; say both in mm, or "
-                    "make the robot with robot_of_plan"
+                    "name a plan"
                 )
             left = self.motor(self.drive_base.left)
             right = self.motor(self.drive_base.right)
@@ -296,6 +305,14 @@ class Robot:
             if left.gears != right.gears:
                 raise self._error("both motors of a drive base need the same gears")
         self._check_mirror()
+
+    def check_complete(self) -> None:
+        """Raise DescriptionError if the robot has a plan that nobody has read."""
+        if self.plan is not None:
+            raise self._error(
+                f"its plan {self.plan} was not read; write completed(Robot(...)), which "
+                "bricktwin.robots.planned has"
+            )
 
     def _error(self, problem: str) -> DescriptionError:
         return DescriptionError(f"robot '{self.name}': {problem}")
@@ -306,10 +323,8 @@ class Robot:
         self._check_unique("name", [device.name for device in devices])
         for device in devices:
             if not device.port:
-                raise self._error(
-                    f"'{device.name}' has no port; say it, or make the robot with robot_of_plan "
-                    "of a plan that does"
-                )
+                raise self._error(f"'{device.name}' has no port; say it, or name a plan that does")
+            # The length too: "AB" is a part of the text "ABCDEF".
             if len(device.port) != 1 or device.port not in self.hub.model.ports:
                 ports = f"a {self.hub.value} hub has ports {', '.join(self.hub.model.ports)}"
                 raise self._error(
@@ -405,7 +420,7 @@ def _find_device(robot: Robot, kind: str, devices: tuple[_Device, ...], name: st
 def with_end_stops(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) -> Robot:
     """The robot whose motors of these names meet something at these angles (deg of the output).
     Raises DescriptionError if it has no such motor, or the stops leave no way."""
-    # The same robot, which need not be completed and checked again.
+    # The same robot, which need not be checked again.
     if not end_stops:
         return robot
     # Raises for a name that no motor has.

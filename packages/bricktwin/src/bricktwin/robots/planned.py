@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from brickhub.errors import DescriptionError, PlanError, UnknownNameError
-from brickhub.fields import check_fields
 from brickhub.finding import Finding, Outcome
 from brickhub.robot import (
     AnyHub,
@@ -223,37 +222,60 @@ def robot_of_plan(
         PlanError: the plan cannot be read.
         DescriptionError: the plan has no hub of ours, or contradicts what is said here.
     """
-    path = plan_file(str(path)) or Path(path)
-    motors = tuple(motors) if isinstance(motors, list) else motors
-    sensors = tuple(sensors) if isinstance(sensors, list) else sensors
-    said = {
-        "hub": hub,
-        "motors": motors,
-        "sensors": sensors,
-        "drive_base": drive_base,
-        "needs_imu": needs_imu,
-        "hub_sides": hub_sides,
-    }
-    # A wrong type is named as such, before something that follows from it fails.
-    check_fields(Robot, {field: value for field, value in said.items() if value is not None})
-    design = read_facts(path)
+    file = plan_file(str(path)) or Path(path)
+    design = read_facts(file)
     if hub is None:
-        hub = _hub_of(path, design)
+        hub = _hub_of(file, design)
     if needs_imu is None:
+        # An inertial sensor is of use where the plan says how the hub lies.
         needs_imu = hub.model.has_imu and len(design.hub_sides) == 2
-    description = _Description(
-        _name_of(path) if name is None else name,
+    description = Robot(
+        _name_of(file) if name is None else name,
         hub,
-        tuple(motors),
-        tuple(sensors),
-        drive_base,
-        needs_imu,
-        hub_sides,
+        motors=tuple(motors),
+        sensors=tuple(sensors),
+        drive_base=drive_base,
+        needs_imu=needs_imu,
+        hub_sides=hub_sides,
+        model=model,
+        plan=str(file),
+        mirrored=mirrored,
     )
-    completed = _completed(description, design, path)
-    if model is None:
-        model = str(path)
-    return Robot(**completed._asdict(), model=model, mirrored=mirrored)
+    return completed(description)
+
+
+def completed(robot: Robot) -> Robot:
+    """A robot with what its building plan says: motors and sensors that the description does not
+    name, ports that are "", gears, wheels, end stops and, where the IMU is needed, how the hub is
+    mounted. The plan is read here, and is the model of the virtual robot if none is named. A robot
+    without a plan is complete.
+
+    Raises:
+        PlanError: the plan cannot be read.
+        DescriptionError: the plan contradicts the description, or neither says something.
+    """
+    if robot.plan is None:
+        return robot
+    path = plan_file(robot.plan) or Path(robot.plan)
+    description = _Description(
+        robot.name,
+        robot.hub,
+        robot.motors,
+        robot.sensors,
+        robot.drive_base,
+        robot.needs_imu,
+        robot.hub_sides,
+    )
+    whole = _completed(description, read_facts(path), path)
+    return replace(
+        robot,
+        motors=whole.motors,
+        sensors=whole.sensors,
+        drive_base=whole.drive_base,
+        hub_sides=whole.hub_sides,
+        model=robot.model or str(path),
+        plan=None,
+    )
 
 
 def _hub_of(path: Path, design: PlanFacts) -> HubKind:

@@ -60,7 +60,8 @@ def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, passive: Sequence[i
         if np.abs(gaps).max(initial=0.0) < _TOLERANCE:
             return
         # Least squares: there may be more hinges than constraints, and the other way round.
-        solution = np.linalg.lstsq(slopes[:, dofs], -gaps, rcond=1e-6)
+        passive_slopes = slopes[:, dofs]
+        solution = np.linalg.lstsq(passive_slopes, -gaps, rcond=1e-6)
         step = np.clip(solution[0], -_STEP_RAD, _STEP_RAD)
         data.qpos[addresses] += step
     gaps, _ = _constraints(model, data)
@@ -219,8 +220,8 @@ def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.Mj
             body_of[part] = body
     for number, follower in enumerate(made.followers):
         carrier = bodies[follower.body]
-        at_m = triple(follower.point_m - origins_m[follower.body])
-        body = add_spinner(carrier, number, follower, at_m)
+        axle_m = triple(follower.point_m - origins_m[follower.body])
+        body = add_spinner(carrier, number, follower, axle_m)
         for part in follower.parts:
             body_of[part] = body
     return body_of

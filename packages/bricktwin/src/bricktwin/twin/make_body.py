@@ -82,6 +82,7 @@ def make_body(
         end_stops: lowest and highest angle of a motor (deg at the output, by its name), in place of
             those of the scene and of the description.
     """
+    robot.check_complete()
     scene = scene or OPEN_FLOOR
     # From here on end stops are the robot's alone, whoever gave them.
     robot = with_end_stops(robot, {**scene.end_stops, **end_stops})

@@ -32,6 +32,7 @@ def validate(robot: Robot, interface: Interface) -> None:
     """Check that the robot has every device that the interface names and that all ranges fit the
     wire. Raises ProgramError if this kind of hub is not supported, DescriptionError if robot and
     interface do not match."""
+    robot.check_complete()
     model = robot.hub.model
     if not model.runs_programs:
         raise ProgramError(

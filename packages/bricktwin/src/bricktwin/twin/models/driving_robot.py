@@ -242,8 +242,9 @@ class _Frame:
         length = max(abs(ahead) - 20.0, 8.0)
         height = max(abs(self.top - up) - 8.0, 8.0)
         sign = 1.0 if ahead >= 0 else -1.0
+        middle = sign * (20.0 + length / 2)
         bar = box(length, 7.6, 7.6, radius=1.0)
-        bar = bar.at(sign * (20.0 + length / 2), left, self.top)
+        bar = bar.at(middle, left, self.top)
         post = box(7.6, 7.6, height, radius=1.0)
         post = post.at(ahead, left, (self.top + up) / 2)
         return piece(dark_grey=merge([bar, post]))
