@@ -311,36 +311,45 @@ def _bounded_acceleration(acceleration_mdeg_s2: int) -> int:
 
 
 def _forward_angle(command: TrajectoryCommand) -> Trajectory:
+    """A trajectory over an angle ahead (``pbio_trajectory_new_forward_angle_command``)."""
     tr, target, accel, decel = _start(command)
-    tr.th3 = command.end - command.position
+    w0 = tr.w0
+    w3 = tr.w3
+    th3 = command.end - command.position
     # The motor may turn too fast to stop within the angle: then the reference starts slower than
     # the motor, as fast as the strongest ramp allows.
     strongest = max(accel, decel)
-    if tr.w0 > 0 and _ramp_angle(tr.w0, tr.w3, strongest) > tr.th3:
-        tr.w0 = _start_speed(tr.w3, strongest, tr.th3)
+    if w0 > 0 and _ramp_angle(w0, w3, strongest) > th3:
+        w0 = _start_speed(w3, strongest, th3)
     # A start in the wrong direction adds to the angle.
-    angle = tr.th3
-    if tr.w0 <= 0:
-        angle -= _ramp_angle(0, tr.w0, accel)
+    angle = th3
+    if w0 <= 0:
+        angle -= _ramp_angle(0, w0, accel)
     # The target speed must leave room for the last ramp too.
-    if _ramp_angle(target, tr.w3, decel) > angle:
-        target = _start_speed(tr.w3, decel, angle)
+    if _ramp_angle(target, w3, decel) > angle:
+        target = _start_speed(w3, decel, angle)
     if target == 0:
         return Trajectory(command.time, command.position)
     # An upper bound is enough here: all of the angle at the target speed, after the way back.
     duration = trunc(angle * 100 / target)
-    if tr.w0 < 0:
-        duration += _ramp_time(-tr.w0, accel)
+    if w0 < 0:
+        duration += _ramp_time(-w0, accel)
     if duration > _TIME_MAX:
         raise RefusedError("the move would take too long")
-    tr.a0 = accel if tr.w0 < target else -accel
-    tr.a2 = -decel
+    a0 = accel if w0 < target else -accel
+    a2 = -decel
     # Angle at which the first ramp, extrapolated, has speed zero.
-    origin = _ramp_angle(0, tr.w0, tr.a0)
-    tr.th1 = origin + _ramp_angle(target, 0, tr.a0)
-    tr.th2 = tr.th3 + _ramp_angle(target, tr.w3, tr.a2)
+    origin = _ramp_angle(0, w0, a0)
+    th1 = origin + _ramp_angle(target, 0, a0)
+    th2 = th3 + _ramp_angle(target, w3, a2)
+    tr.th1 = th1
+    tr.th2 = th2
+    tr.th3 = th3
+    tr.w0 = w0
     tr.w1 = target
-    if tr.th2 < tr.th1:
+    tr.a0 = a0
+    tr.a2 = a2
+    if th2 < th1:
         _join_ramps(tr, origin, accel, command.keep_running)
     # Angles were the goal; the times follow from them.
     cruise = 0
@@ -381,46 +390,56 @@ def _join_ramps(tr: Trajectory, origin: int, accel: int, keep_running: bool) -> 
 
 
 def _forward_time(command: TrajectoryCommand) -> Trajectory:
+    """A trajectory over a duration, ahead (``pbio_trajectory_new_forward_time_command``)."""
     if command.duration > _TIME_MAX:
         raise RefusedError("the duration is too long for one move")
     tr, target, accel, decel = _start(command)
-    tr.t3 = command.duration
-    if _angle(target, tr.t3) > _ANGLE_MAX_MDEG:
+    w0 = tr.w0
+    w3 = tr.w3
+    t3 = command.duration
+    if _angle(target, t3) > _ANGLE_MAX_MDEG:
         raise RefusedError("the move would turn too far")
     # The first speed and the target are bounded so that each ramp alone fits into the duration:
     # one that starts backward need not reach zero, one that is too fast must still get slow enough.
     strongest = max(accel, decel)
-    if _ramp_time(tr.w0, accel) < -tr.t3:
-        tr.w0 = -_speed_gain(accel, tr.t3)
-    if _ramp_time(tr.w0 - tr.w3, strongest) > tr.t3:
-        tr.w0 = tr.w3 + _speed_gain(strongest, tr.t3)
-    if _ramp_time(target - tr.w3, decel) > tr.t3:
-        target = tr.w3 + _speed_gain(decel, tr.t3)
-    tr.a0 = accel if tr.w0 < target else -accel
-    tr.a2 = -decel
-    tr.t1 = _ramp_time(target - tr.w0, tr.a0)
-    braking = _ramp_time(tr.w3 - target, tr.a2)
-    cruise = tr.t3 - tr.t1 - braking
-    tr.w1 = target
+    if _ramp_time(w0, accel) < -t3:
+        w0 = -_speed_gain(accel, t3)
+    if _ramp_time(w0 - w3, strongest) > t3:
+        w0 = w3 + _speed_gain(strongest, t3)
+    if _ramp_time(target - w3, decel) > t3:
+        target = w3 + _speed_gain(decel, t3)
+    a0 = accel if w0 < target else -accel
+    a2 = -decel
+    t1 = _ramp_time(target - w0, a0)
+    braking = _ramp_time(w3 - target, a2)
+    cruise = t3 - t1 - braking
+    w1 = target
     if cruise < 0:
         # The ramps overlap: they meet below the target speed, without a cruise between them.
         cruise = 0
-        if command.keep_running and tr.a0 > 0:
+        if command.keep_running and a0 > 0:
             # It speeds up to the very end, and goes on with what it has reached there.
-            tr.t1 = tr.t3
-            tr.w1 = tr.w3 = tr.w0 + _speed_gain(tr.a0, tr.t3)
+            t1 = t3
+            w1 = w3 = w0 + _speed_gain(a0, t3)
         else:
             # Both ramps are straight lines over time: the last one, extrapolated to the start,
             # has this lead in speed, which the first one makes up until they cross.
-            lead = tr.w3 - tr.w0 - _speed_gain(tr.a2, tr.t3)
-            tr.t1 = _ramp_time(lead, tr.a0 - tr.a2)
-            tr.w1 = tr.w0 + _speed_gain(tr.a0, tr.t1)
+            lead = w3 - w0 - _speed_gain(a2, t3)
+            t1 = _ramp_time(lead, a0 - a2)
+            w1 = w0 + _speed_gain(a0, t1)
     # As above: no step in the speed where the first ramp is too short for a tick.
-    if tr.t1 == 0:
-        tr.w0 = tr.w1
+    if t1 == 0:
+        w0 = w1
     # Times were the goal; the angles follow from them.
-    tr.t2 = tr.t1 + cruise
-    tr.th1 = _ramp_angle(tr.w1, tr.w0, tr.a0)
-    tr.th2 = tr.th1 + _angle(tr.w1, cruise)
-    tr.th3 = tr.th2 + _ramp_angle(tr.w3, tr.w1, tr.a2)
+    tr.t1 = t1
+    tr.t2 = t1 + cruise
+    tr.t3 = t3
+    tr.th1 = _ramp_angle(w1, w0, a0)
+    tr.th2 = tr.th1 + _angle(w1, cruise)
+    tr.th3 = tr.th2 + _ramp_angle(w3, w1, a2)
+    tr.w0 = w0
+    tr.w1 = w1
+    tr.w3 = w3
+    tr.a0 = a0
+    tr.a2 = a2
     return tr
