@@ -537,10 +537,11 @@ def _format_argument(
     if code in "sr":
         characters = text(value) if code == "s" else representation(value)
         width_in_characters = _in_characters(int(width or 0), characters)
-        padded_spec = f"%{flags}{width_in_characters}{limit}s"
-        return padded_spec % characters
+        padded: str = f"%{flags}{width_in_characters}{limit}s" % characters
+        return padded
     if code == "c":
-        return (spec + "c") % _character(value)
+        character: str = (spec + "c") % _character(value)
+        return character
     if code in "diuxXo":
         check_allocation(int(precision or 0))
         return _format_int(value, code, spec, flags)
