@@ -11,14 +11,11 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from math import trunc
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from brickhub.robot import MotorKind
 from brickhub.virtual.firmware import RefusedError
-
-if TYPE_CHECKING:
-    from brickhub.virtual.firmware.settings import ControlSettings
-
+from brickhub.virtual.firmware.settings import MAX_TORQUE_UNM, ControlSettings
 
 # The firmware's model has only integers of 32 bits: each quantity is limited to a maximum, and its
 # scale is what still fits, (2**31 - 1) // maximum (``pbio/doc/control/model.py``).
@@ -26,7 +23,6 @@ MAX_SPEED = 2_500_000
 MAX_ACCELERATION = 25_000_000
 MAX_CURRENT = 30_000
 MAX_VOLTAGE_MV = 12_000
-MAX_TORQUE_UNM = 1_000_000
 PRESCALE_SPEED = 858
 PRESCALE_ACCELERATION = 85
 PRESCALE_CURRENT = 71_582

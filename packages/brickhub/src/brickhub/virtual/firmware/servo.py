@@ -10,8 +10,8 @@ from brickhub.virtual.body import Body
 from brickhub.virtual.firmware import RefusedError, UnavailableError
 from brickhub.virtual.firmware.angle import Angle, difference, from_unit, split, to_mdeg, to_unit
 from brickhub.virtual.firmware.control import Controller, ControlType, Logger, OnCompletion, State
-from brickhub.virtual.firmware.motor_model import MOTOR_TYPES, Observer
-from brickhub.virtual.firmware.settings import ControlSettings, servo_settings
+from brickhub.virtual.firmware.motor_model import MOTOR_TYPES, MotorType, Observer
+from brickhub.virtual.firmware.settings import ControlSettings
 from brickhub.virtual.firmware.trajectory import TURN_MDEG
 
 _NONE = ControlType.NONE
@@ -406,3 +406,37 @@ class Servo:
         # Both forms: the loop computes in mdeg, and what a program reads is rounded by parts.
         self._zero = zero
         self._zero_mdeg = to_mdeg(zero)
+
+
+def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) -> ControlSettings:
+    """The firmware's settings of a single motor. Raises ValueError for a gear ratio under 1/1000 or
+    a profile under 5 degrees."""
+    precision_deg = profile_deg or motor.precision_deg
+    if gear_ratio_milli < 1 or precision_deg < 5:
+        raise RefusedError("the gear ratio or the profile is out of range")
+    # The proportional part reaches the nominal torque at an error as large as the precision. The
+    # differential part goes by the motor's own precision, whatever the profile.
+    nominal_mv = min(motor.max_voltage_mv, 7500)
+    nominal_torque = motor.model.torque_unm(nominal_mv)
+    speed = motor.max_speed_deg_s * 1000
+    return ControlSettings(
+        steps_per_unit=gear_ratio_milli,
+        max_speed=speed,
+        default_speed=speed,
+        acceleration=2_000_000,
+        deceleration=2_000_000,
+        max_torque=motor.model.torque_unm(motor.max_voltage_mv),
+        kp=nominal_torque // precision_deg,
+        ki=nominal_torque // precision_deg // 2,
+        kd=nominal_torque // motor.precision_deg // 8,
+        kp_low_pct=50,
+        kp_low_error=5_000,
+        kp_low_speed=motor.low_kp_speed_deg_s * 1000,
+        integral_deadzone=8_000,
+        integral_rate=15_000,
+        speed_tolerance=50_000,
+        position_tolerance=precision_deg * 1000,
+        stall_speed=20_000,
+        stall_time=2_000,
+        smart_hold_time=1_000,
+    )

@@ -7,8 +7,10 @@ from math import trunc
 
 from brickhub.virtual.firmware import RefusedError
 from brickhub.virtual.firmware.angle import split, to_unit
-from brickhub.virtual.firmware.motor_model import MAX_TORQUE_UNM, MotorType
 from brickhub.virtual.firmware.trajectory import INT32_MAX, validate_acceleration, validate_speed
+
+MAX_TORQUE_UNM = 1_000_000
+"""Largest torque of the firmware's models, and of a user's limit (``pbio/doc/control/model.py``)."""
 
 
 @dataclass(slots=True)
@@ -142,40 +144,6 @@ _GROUPS = {
 def divide_by_gain(torque: int, gain: int) -> int:
     """Value (mdeg) for which a gain (uNm per degree) gives a torque (uNm); 0 for a gain of 0."""
     return trunc(torque * 1000 / gain) if gain > 0 else 0
-
-
-def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) -> ControlSettings:
-    """The firmware's settings of a single motor. Raises ValueError for a gear ratio under 1/1000 or
-    a profile under 5 degrees."""
-    precision_deg = profile_deg or motor.precision_deg
-    if gear_ratio_milli < 1 or precision_deg < 5:
-        raise RefusedError("the gear ratio or the profile is out of range")
-    # The proportional part reaches the nominal torque at an error as large as the precision. The
-    # differential part goes by the motor's own precision, whatever the profile.
-    nominal_mv = min(motor.max_voltage_mv, 7500)
-    nominal_torque = motor.model.torque_unm(nominal_mv)
-    speed = motor.max_speed_deg_s * 1000
-    return ControlSettings(
-        steps_per_unit=gear_ratio_milli,
-        max_speed=speed,
-        default_speed=speed,
-        acceleration=2_000_000,
-        deceleration=2_000_000,
-        max_torque=motor.model.torque_unm(motor.max_voltage_mv),
-        kp=nominal_torque // precision_deg,
-        ki=nominal_torque // precision_deg // 2,
-        kd=nominal_torque // motor.precision_deg // 8,
-        kp_low_pct=50,
-        kp_low_error=5_000,
-        kp_low_speed=motor.low_kp_speed_deg_s * 1000,
-        integral_deadzone=8_000,
-        integral_rate=15_000,
-        speed_tolerance=50_000,
-        position_tolerance=precision_deg * 1000,
-        stall_speed=20_000,
-        stall_time=2_000,
-        smart_hold_time=1_000,
-    )
 
 
 def drive_base_settings(

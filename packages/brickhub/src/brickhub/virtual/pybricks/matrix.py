@@ -121,7 +121,8 @@ class Matrix:
 
 def _from_end(index: Any, size: int) -> int:
     """An index as counted from the start; negative ones count from the end."""
-    return index + size if get_exact_int(index) < 0 else index
+    number: int = get_exact_int(index)
+    return number + size if number < 0 else number
 
 
 def _from_rows(rows: list[list[float]]) -> Any:
