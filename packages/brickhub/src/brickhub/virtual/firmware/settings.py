@@ -10,7 +10,7 @@ from brickhub.virtual.firmware.angle import split, to_unit
 from brickhub.virtual.firmware.trajectory import INT32_MAX, validate_acceleration, validate_speed
 
 MAX_TORQUE_UNM = 1_000_000
-"""Largest torque of the firmware's models, and of a user's limit (``pbio/doc/control/model.py``)."""
+"""Largest torque of the firmware's models, and of a limit (``pbio/doc/control/model.py``)."""
 
 
 @dataclass(slots=True)
