@@ -146,7 +146,10 @@ class Plan:
     def devices(self, *kinds: DeviceKind) -> list[Placed]:
         """The hubs, motors or sensors, kind by kind."""
         devices = [placed for placed in self.parts if placed.part.device is not None]
-        return [placed for kind in kinds for placed in devices if placed.electric.kind is kind]
+        found: list[Placed] = []
+        for kind in kinds:
+            found += [placed for placed in devices if placed.electric.kind is kind]
+        return found
 
     def present_parts(self, step: Step) -> set[int]:
         """Indices of the parts that are in the current sub-assembly after a step."""
