@@ -201,9 +201,12 @@ def _make_simulation(
     )
     from bricksrl.envs.simulation import SimulatedEnv
 
+    chosen = kinematics or spec.kinematics
+    if chosen is None:
+        raise DescriptionError(f"{env_id} has no kinematic simulation; choose another environment")
     simulation = SimulatedEnv(
         task,
-        kinematics or spec.kinematics,
+        chosen,
         batch_size=batch_size,
         device=device,
         seed=seed,

@@ -279,7 +279,7 @@ def as_list(numbers: Array | None, shape: tuple[int, ...], key: str) -> list[Num
     """The numbers of a vector in their order; new entries where nothing is known of them."""
     known: list[Number | None] = [None] * math.prod(shape)
     if numbers is not None and numbers.shape == shape:
-        known = list(numbers.flat)
+        known = numbers.ravel().tolist()
     return [
         Number(Entry(f"{key}_{place}")) if number is None else number
         for place, number in enumerate(known)

@@ -316,12 +316,10 @@ def over(env: EnvBase, base: EnvBase) -> EnvBase:
         level = level.base_env
     for transform in chain:
         for buffer in transform.buffers():
-            if is_lazy(buffer):  # which cannot be copied
-                memo[id(buffer)] = UninitializedBuffer(
-                    False,  # type: ignore[arg-type]  # its stub is wrong
-                    buffer.device,
-                    buffer.dtype,
-                )
+            # A buffer without a shape cannot be copied. The stub of its class is wrong.
+            if is_lazy(buffer):
+                empty: Any = UninitializedBuffer
+                memo[id(buffer)] = empty(False, buffer.device, buffer.dtype)
     copied = copy.deepcopy(chain, memo)
     for transform in copied:
         transform.reset_parent()

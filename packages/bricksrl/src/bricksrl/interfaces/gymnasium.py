@@ -521,10 +521,9 @@ class _Goals:
         self._parts = {"observation": others, "achieved_goal": reached, "desired_goal": goals}
 
     def _split_space(self, vector: Any) -> gymnasium.Space[Any]:
-        boxes = {
-            name: Box(vector.low[..., part], vector.high[..., part])
-            for name, part in self._parts.items()
-        }
+        boxes: dict[str, gymnasium.Space[Any]] = {}
+        for name, part in self._parts.items():
+            boxes[name] = Box(vector.low[..., part], vector.high[..., part])
         return Dict(boxes)
 
     def observation(self, observation: Array) -> dict[str, Array]:

@@ -87,7 +87,8 @@ def _red_pixels(frame: Frame, window: RedWindow) -> NDArray[Any]:
     is_red = chroma >= window.saturation * red
     is_red &= hue_deg >= low_deg
     is_red &= hue_deg <= high_deg
-    return pixels[is_red]
+    found: NDArray[np.intp] = pixels[is_red]
+    return found
 
 
 def _middles_of_objects(
