@@ -8,8 +8,8 @@ import torch
 from small import ENV, learned, make, same, saved, steps, weights
 from torch import Tensor, nn
 
+from bricksrl.agents.actor_critic import ActorCriticLoss
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.sac import ActorCriticLoss
 from bricksrl.agents.teachers import (
     ALPHA,
     REACH,

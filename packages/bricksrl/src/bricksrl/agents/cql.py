@@ -21,8 +21,9 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
 from bricksrl.agents import sac
+from bricksrl.agents.actor_critic import Batch, Critics
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.sac import Batch, Critics, SACLoss, SACSettings, location_and_scale
+from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale
 from bricksrl.agents.settings import NotNegative, Positive, Range
 from bricksrl.agents.teachers import CountedUpdates
 

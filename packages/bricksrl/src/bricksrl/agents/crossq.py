@@ -7,10 +7,11 @@ import torch
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
+from bricksrl.agents.actor_critic import Batch, Critics
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import BatchNorm, action_size, action_spec, gaussian_policy, make_body
-from bricksrl.agents.sac import Batch, Critics, EntropySettings, SACLoss
+from bricksrl.agents.sac import EntropySettings, SACLoss
 from bricksrl.agents.settings import Positive, Range, ShareBelowOne
 
 

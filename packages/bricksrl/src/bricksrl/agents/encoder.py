@@ -7,8 +7,7 @@ import torch
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
-# users find it here
-from bricksrl.agents.features import ObservationEncoder as ObservationEncoder  # noqa: PLC0414
+from bricksrl.agents.features import ObservationEncoder
 from bricksrl.agents.image_networks import Convolutions, Keypoints, pixels
 from bricksrl.agents.settings import Settings
 from bricksrl.envs.specs import ObservationLayout

@@ -9,10 +9,10 @@ from tensordict import TensorDictBase
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
+from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate, on_base
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
-from bricksrl.agents.sac import ActorCriticLoss, Batch, Critics, PolyakUpdate, on_base
 from bricksrl.agents.settings import (
     CriticSettings,
     Norm,

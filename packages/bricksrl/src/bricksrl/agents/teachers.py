@@ -20,9 +20,10 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from bricksrl.agents.actor_critic import ActorCriticLoss, on_base
 from bricksrl.agents.encoder import encode
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.sac import LEAST_SCALE, SCALE_SHIFT, ActorCriticLoss, SACLoss, on_base
+from bricksrl.agents.sac import LEAST_SCALE, SCALE_SHIFT, SACLoss
 from bricksrl.envs.tasks.scripted import ArrayPolicy
 from bricksrl.errors import RunError
 
