@@ -10,18 +10,10 @@ from torch import Tensor, nn
 
 from bricksrl.agents.actor_critic import ActorCriticLoss
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.teachers import (
-    ALPHA,
-    REACH,
-    Base,
-    PolicyAnchor,
-    Scripted,
-    add_base,
-    imitate,
-    restore,
-)
+from bricksrl.agents.teachers import ALPHA, REACH, Base, PolicyAnchor, Scripted, add_base, imitate
 from bricksrl.errors import RunError
 from bricksrl.policies.policy import Policy
+from bricksrl.training.restore import restore
 
 TAUGHT = ("sac", "droq", "td3", "crossq", "cql")
 

@@ -11,7 +11,6 @@ scale.
 import copy
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import torch
@@ -153,15 +152,6 @@ def anchor(learner: Learner) -> None:
     loss.anchor = PolicyAnchor(
         loss.actor, size, updates, REACH if loss.base is None else REACH_ON_BASE
     )
-
-
-def restore(learner: Learner, state: dict[str, Any]) -> None:
-    """Restore `Learner.state_dict` of a learner that may be anchored. Raises CheckpointError as
-    `Learner.load_state_dict` does, RunError if an anchored one is compiled."""
-    loss = state.get("loss")
-    if isinstance(loss, dict) and any(str(name).startswith("anchor.") for name in loss):
-        anchor(learner)
-    learner.load_state_dict(state)
 
 
 class CountedUpdates:

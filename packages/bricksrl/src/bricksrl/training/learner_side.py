@@ -23,7 +23,6 @@ from torchrl.envs import EnvBase, TransformedEnv
 
 from brickhub.seed import derive_seed
 from bricksrl.agents.learner import Learner, means
-from bricksrl.agents.teachers import restore
 from bricksrl.child_process import END, ChildProcess, Message, Send, leave, parent_channel
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task
@@ -33,7 +32,8 @@ from bricksrl.envs.transforms import changes_nothing, layout_of, load_transform_
 from bricksrl.errors import BricksError, LearnerError, message_of
 from bricksrl.training.checkpoint import save_checkpoint
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.restore import attach_dataset, make_learner_for, stand_in
+from bricksrl.training.learners import attach_dataset, make_learner_for, stand_in
+from bricksrl.training.restore import restore
 
 _CHECK_S = 0.1
 _END_TIMEOUT_S = 120.0

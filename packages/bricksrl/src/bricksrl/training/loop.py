@@ -28,8 +28,9 @@ from bricksrl.training.config import TrainConfig
 from bricksrl.training.fleet.fleet_robots import Fleet
 from bricksrl.training.fleet.schedule import FleetRobots
 from bricksrl.training.learner_side import LearnerSide, LearningPace
+from bricksrl.training.learners import check_weights
 from bricksrl.training.recording import RunRecorder
-from bricksrl.training.restore import check_weights, run_state
+from bricksrl.training.restore import run_state
 from bricksrl.training.run_folder import DATA_FOLDER, RunFolder
 from bricksrl.training.signals import InterruptedEpisodeError, StopSignals
 from bricksrl.training.sources import Copies, Ended, Moved, OneRobot, Playing, Source, reconnect_of
