@@ -24,7 +24,14 @@ from bricksrl.agents import sac
 from bricksrl.agents.actor_critic import Batch, Critics
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale
-from bricksrl.agents.settings import NotNegative, Positive, Range
+from bricksrl.agents.settings import (
+    IMAGES_TARGETS,
+    PAPER_TARGETS,
+    NotNegative,
+    Positive,
+    Presets,
+    Range,
+)
 from bricksrl.agents.teachers import CountedUpdates
 
 MAX_FACTOR = 1e6
@@ -39,7 +46,8 @@ NEAR_ONE = 0.999
 class CQLSettings(SACSettings):
     """Settings of CQL."""
 
-    learning_rate: Annotated[float, Positive] = 1e-3
+    batch_size: Annotated[int, Range(1)] = 256
+    actor_delay: Annotated[int, Range(1)] = 1
     alpha_init: Annotated[float, Positive] = 0.2
     min_q_weight: Annotated[float, NotNegative] = 1.0
     """Weight of the penalty on values of sampled actions; a threshold adds a learned factor."""
@@ -52,6 +60,17 @@ class CQLSettings(SACSettings):
     """Sampled actions with a gradient, drawn by their weight; 0 for all."""
     imitation_updates: Annotated[int, NotNegative] = 0
     """Initial updates in which the actor imitates the data."""
+
+
+PRESETS = {
+    "cql": Presets(
+        default=CQLSettings(),
+        images=CQLSettings(**IMAGES_TARGETS, alpha_init=0.1),
+        paper=CQLSettings(
+            **PAPER_TARGETS, alpha_init=1.0, lagrange_threshold=5.0, imitation_updates=1000
+        ),
+    )
+}
 
 
 class CQLLoss(CountedUpdates, SACLoss):

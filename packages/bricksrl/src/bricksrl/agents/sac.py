@@ -6,7 +6,7 @@ REDQ: ten critics, targets from two random ones (Chen et al., 2021).
 
 import copy
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import torch
@@ -19,12 +19,17 @@ from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
 from bricksrl.agents.settings import (
+    IMAGES_TARGETS,
+    PAPER_TARGETS,
     CriticSettings,
+    EntropySettings,
     Norm,
     OffPolicySettings,
     Positive,
+    Presets,
     Range,
     ShareBelowOne,
+    TargetSettings,
 )
 from bricksrl.errors import DescriptionError
 
@@ -34,21 +39,12 @@ SCALE_SHIFT = math.log(math.expm1(1.0 - LEAST_SCALE))
 
 
 @dataclass(frozen=True)
-class EntropySettings(OffPolicySettings):
-    """Settings of maximum-entropy policies."""
-
-    alpha_init: Annotated[float, Positive] = 0.2
-    """Initial temperature (weight of the entropy); it is learned."""
-    target_entropy: Annotated[float, Range(-1e6, 1e6)] = -1.0
-    """Target entropy per action entry; uniform actions have 0.69."""
-    min_scale: Annotated[float, Positive] = 0.1
-    """Lower limit of the standard deviation of an action before the tanh."""
-
-
-@dataclass(frozen=True)
-class SACSettings(EntropySettings, CriticSettings):
+class SACSettings(EntropySettings, CriticSettings, TargetSettings, OffPolicySettings):
     """Settings of SAC, DroQ and REDQ."""
 
+    # as much for fewer products than 256 and 1 (`python -m benchmarks ablation`)
+    batch_size: Annotated[int, Range(1)] = 128
+    actor_delay: Annotated[int, Range(1)] = 2
     alpha_init: Annotated[float, Positive] = 0.1
     actor_norm: Norm = "none"
     """Normalisation in the actor, before each ReLU."""
@@ -69,6 +65,40 @@ class SACSettings(EntropySettings, CriticSettings):
             raise DescriptionError(
                 f"num_min_qs is {self.num_min_qs}; there are only {self.num_qs} critics"
             )
+
+
+_IMAGES = SACSettings(**IMAGES_TARGETS, actor_delay=1)
+_PAPER = SACSettings(**PAPER_TARGETS, actor_delay=1, alpha_init=1.0)
+_DROQ: dict[str, Any] = {
+    "dropout": 0.01,
+    "updates_per_step": 20.0,
+    "actor_delay": 20,
+    "actor_q": "mean",
+}
+"""What DroQ changes, of its authors."""
+_REDQ: dict[str, Any] = {**_DROQ, "critic_norm": "none", "dropout": 0.0, "num_qs": 10}
+"""What REDQ changes, of its authors: many critics in place of dropout and normalisation."""
+_RELEASED_DROQ: dict[str, Any] = {
+    **_DROQ,
+    "critic_norm": "layer",
+    "actor_norm": "layer",
+    "actor_dropout": 0.01,
+    "actor_delay": 1,
+}
+"""As released with the BricksRL paper: its actor is like its critics, and learns with them."""
+PRESETS = {
+    "sac": Presets(default=SACSettings(), images=_IMAGES, paper=_PAPER),
+    "droq": Presets(
+        default=SACSettings(**_DROQ, batch_size=256, alpha_init=0.2),
+        images=replace(_IMAGES, **_DROQ, alpha_init=0.2),
+        paper=replace(_PAPER, **_RELEASED_DROQ),
+    ),
+    "redq": Presets(
+        default=SACSettings(**_REDQ, batch_size=256, alpha_init=0.2),
+        images=replace(_IMAGES, **_REDQ, alpha_init=0.2),
+        paper=replace(_PAPER, **_REDQ),
+    ),
+}
 
 
 class SACLoss(ActorCriticLoss):

@@ -14,7 +14,7 @@ from brickhub.options import Existing, Flag, option
 from brickhub.seed import check_seed
 from brickhub.user_files import NotCode, code_names, with_absolute_file, without_folder
 from bricksrl.agents import AGENTS, algorithm, preset, with_present_names
-from bricksrl.agents.settings import CriticSettings
+from bricksrl.agents.settings import CriticSettings, OffPolicySettings, TargetSettings
 from bricksrl.data.dataset import existing_dataset
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import LABELS, get_task, option_types
@@ -207,6 +207,11 @@ def _are_ambiguous(hubs: tuple[str, ...]) -> bool:
     )
 
 
+@dataclass(frozen=True)
+class _CommonSettings(CriticSettings, TargetSettings, OffPolicySettings):
+    """What a user's agent may have too: its texts are known to name code, or not."""
+
+
 MAX_NAME = 40
 """Length of the name of who trains."""
 _RULES: tuple[Rule, ...] = (
@@ -319,14 +324,13 @@ def _code_in_settings(settings: Any, agent: Any) -> Iterator[str]:
     settings = with_present_names(settings)
     if isinstance(agent, str) and agent in AGENTS:
         return code_names(settings, algorithm(agent).settings)
-    shared = {field.name for field in dataclasses.fields(CriticSettings)}
-    return code_names(
-        {name: value for name, value in settings.items() if name in shared}, CriticSettings
-    )
+    common = {field.name for field in dataclasses.fields(_CommonSettings)}
+    known = {name: value for name, value in settings.items() if name in common}
+    return code_names(known, _CommonSettings)
 
 
 def code_in_settings(
-    values: Mapping[str, Any], settings_type: type[Any] = CriticSettings
+    values: Mapping[str, Any], settings_type: type[Any] = _CommonSettings
 ) -> tuple[str, ...]:
     """Texts in settings, as plain values, that may name code of the user's."""
     return tuple(code_names(with_present_names(values), settings_type))

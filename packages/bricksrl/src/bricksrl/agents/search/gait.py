@@ -23,7 +23,7 @@ from brickhub.fields import check_fields
 from brickhub.user_files import NotCode
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.search.structures import STRUCTURES, StructuredActor, make_structure
-from bricksrl.agents.settings import NotNegative, Positive, Range
+from bricksrl.agents.settings import NotNegative, Positive, Presets, Range
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import lost_links
 from bricksrl.envs.task import never
@@ -71,6 +71,9 @@ class GaitSettings:
                 f"settle_steps is {self.settle_steps}; give fewer than the {self.trial_steps} "
                 "of a trial"
             )
+
+
+PRESETS = {"gait": Presets(GaitSettings(), images=GaitSettings(), paper=GaitSettings())}
 
 
 class Posterior:
