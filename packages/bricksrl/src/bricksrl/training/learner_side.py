@@ -79,6 +79,7 @@ class InLoopLearner:
             if sum(part.shape[-1] for part in self._collected) < size:
                 return
             frames = torch.cat(self._collected, -1)
+            # steps with a lost link have no outcome, and do not count
             if len(with_outcome(frames, lost_links(frames))) < size:
                 return
             self._collected = []
@@ -103,8 +104,12 @@ class InLoopLearner:
     def save(self, path: Path, state: dict[str, Any]) -> None:
         """Write a checkpoint of ``state``, the learner and pending frames."""
         collected = [frames.to_dict() for frames in self._collected]
-        own = {"agent": self.actor.state_dict(), "pace": asdict(self.pace), "collected": collected}
-        save_checkpoint(path, {**own, **state})
+        of_learner = {
+            "agent": self.actor.state_dict(),
+            "pace": asdict(self.pace),
+            "collected": collected,
+        }
+        save_checkpoint(path, {**of_learner, **state})
 
     def finish(self, go_on: Callable[[], bool]) -> None:
         """Nothing is pending."""
@@ -142,16 +147,16 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         layout = layout_of(env)
         # of which it would think that it fits
         has_task = interface_of(env).task is not None and changes_nothing(env)
-        if (
-            config.dataset is not None
-            and isinstance(env, TransformedEnv)
-            and not config.is_transformed
-        ):
+        # The process makes the transforms of the config; those of a user's own environment it
+        # cannot know, but a dataset has to pass through them.
+        has_own_transforms = isinstance(env, TransformedEnv) and not config.is_transformed
+        if config.dataset is not None and has_own_transforms:
             raise LearnerError(
                 "the learner's process does not know this environment's transforms; train "
                 "synchronously"
             )
-        own = {name: state[name] for name in ("agent", "pace", "collected", "transforms")}
+        names = ("agent", "pace", "collected", "transforms")
+        begun = {name: state[name] for name in names}
         self._send(
             "begin",
             {
@@ -159,7 +164,7 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
                 "specs": specs,
                 "layout": layout,
                 "has_task": has_task,
-                "state": own,
+                "state": begun,
             },
         )
 
