@@ -60,14 +60,12 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         self.gamma = settings.gamma
         self.anchor: nn.Module | None = None  # of a policy that was taught
         self.base: nn.Module | None = None
+        # CrossQ's settings have no choice of the critics' loss
         is_smooth = isinstance(settings, CriticSettings) and settings.critic_loss == "smooth-l1"
         self.errors = smooth_errors if is_smooth else squared_errors
         keys = encoder_keys(encoder)
-        self.in_keys = [
-            *keys,
-            "action",
-            *(("next", key) for key in (*keys, "reward", "terminated")),
-        ]
+        outcome = [("next", key) for key in (*keys, "reward", "terminated")]
+        self.in_keys = [*keys, "action", *outcome]
 
     @abstractmethod
     def target_qvalue(self, batch: Batch) -> Tensor:
@@ -88,22 +86,23 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         after = tensordict["next"]
         with torch.no_grad():
             next_features = encode(self.encoder, after)
+        # n-step returns: the value is bootstrapped from n steps later, fewer at an episode's end
         steps = tensordict.get("steps_to_next_obs", None)
         gamma = self.gamma if steps is None else self.gamma ** steps.squeeze(-1)
-        discount = gamma * (~after["terminated"].squeeze(-1)).to(features.dtype)
-        batch = Batch(
-            features, tensordict["action"], after["reward"].squeeze(-1), next_features, discount
-        )
-        return (
-            batch
-            if self.base is None
-            else replace(batch, base=self.base(tensordict), next_base=self.base(after))
-        )
+        # by "terminated" and not by "done": after a time limit the next state has its value
+        goes_on = ~after["terminated"].squeeze(-1)
+        discount = gamma * goes_on.to(features.dtype)
+        reward = after["reward"].squeeze(-1)
+        batch = Batch(features, tensordict["action"], reward, next_features, discount)
+        if self.base is None:
+            return batch
+        return replace(batch, base=self.base(tensordict), next_base=self.base(after))
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
         """All losses of a batch, and detached metrics; scalars."""
         batch = self.encode(tensordict)
         losses = self.qvalue_loss(batch)
+        # the actor's loss passes through the critics, which must not learn from it
         with hold_out_net(self.critics):
             losses |= self.actor_loss(batch)
         return TensorDict(losses)
@@ -131,9 +130,8 @@ def squared_errors(values: Tensor, target: Tensor) -> Tensor:
 
 def smooth_errors(values: Tensor, target: Tensor) -> Tensor:
     """Mean of half the squared error up to 1, linear beyond, summed over the critics."""
-    return (
-        functional.smooth_l1_loss(values, target.expand_as(values), reduction="none").mean(-1).sum()
-    )
+    errors = functional.smooth_l1_loss(values, target.expand_as(values), reduction="none")
+    return errors.mean(-1).sum()
 
 
 class PolyakUpdate:

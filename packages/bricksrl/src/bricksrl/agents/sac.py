@@ -137,8 +137,10 @@ class SACLoss(ActorCriticLoss):
         if drawn is not None and not torch.compiler.is_compiling():
             critics = Critics(critics[i] for i in drawn.tolist())
             drawn = None
-        values: Tensor = critics(batch.next_features, next_action)
-        return (values if drawn is None else values[drawn.to(values.device)]).amin(0)
+        values: Tensor = critics(batch.next_features, next_action)  # [k, batch]
+        if drawn is not None:
+            values = values[drawn.to(values.device)]
+        return values.amin(0)
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Losses of actor and temperature."""

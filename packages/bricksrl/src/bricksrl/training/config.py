@@ -111,11 +111,12 @@ class TrainConfig(RunOptions, EnvOptions):
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        for name in ("run_dir", "data", "start", "base", "demonstrations"):
-            if isinstance(getattr(self, name), Path | str):  # one is as good as the other
-                object.__setattr__(
-                    self, name, (Path if name == "run_dir" else str)(getattr(self, name))
-                )
+        # a path or a text: one is as good as the other, but a config in a file has texts
+        for name in ("data", "start", "base", "demonstrations"):
+            if isinstance(getattr(self, name), Path | str):
+                object.__setattr__(self, name, str(getattr(self, name)))
+        if isinstance(self.run_dir, Path | str):
+            object.__setattr__(self, "run_dir", Path(self.run_dir))
         super().__post_init__()
         object.__setattr__(self, "physics", self.known_physics)  # stored with the run
         for name in ("env", "agent"):  # the run can then be used in any folder
