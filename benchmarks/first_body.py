@@ -25,9 +25,7 @@ ROBOTS = {
     "walker": "robots.WALKER",
     "robo-arm": "robots.ROBO_ARM",
     "two-wheeler": "robots.TWO_WHEELER",
-    "plan=walker.ldr": (
-        "Robot('mine', HubKind.PRIME, plan=str(plan_file('bricktwin.robots.plans:walker.ldr')))"
-    ),
+    "plan=walker.ldr": "robot_of_plan('bricktwin.robots.plans:walker.ldr', 'mine')",
 }
 """Expressions of the robots."""
 _PROCESS = """
@@ -35,9 +33,8 @@ import json, time
 started_s = time.process_time()
 import mujoco
 imported_s = time.process_time()
-from brickhub.robot import HubKind, Robot
 from bricktwin import robots
-from bricktwin.robots.planned import plan_file
+from bricktwin.robots.planned import robot_of_plan
 from bricktwin.twin.make_body import make_body
 robot = {robot}
 make_body(robot)

@@ -14,17 +14,12 @@ from torch import Tensor
 
 from bricksrl.envs import Task
 from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait, YawRate
-from bricksrl.robots import HubKind, Motor, Robot
+from bricksrl.robots import Motor
 from bricksrl.training import TrainConfig, train
+from bricktwin.robots.planned import robot_of_plan
 
 steering = Motor("steering", range_deg=(-40, 40))
-CAR = Robot(
-    "front-steered",
-    HubKind.PRIME,
-    motors=(steering,),
-    needs_imu=True,
-    plan=str(Path(__file__).with_suffix(".ldr")),
-)
+CAR = robot_of_plan(Path(__file__).with_suffix(".ldr"), "front-steered", motors=[steering])
 
 
 def turning(observation: Tensor) -> Tensor:

@@ -11,17 +11,16 @@ from torch import Tensor
 from brickhub.entry import Entry
 from bricksrl.envs import Task
 from bricksrl.hub.interface import Interface, MotorAngle, Pitch, Roll, RunAngle, Wait
-from bricksrl.robots import Direction, HubKind, Motor, Robot
+from bricksrl.robots import Direction, Motor
 from bricksrl.training import TrainConfig, train
+from bricktwin.robots.planned import robot_of_plan
 
 PLACES = ("front", "middle", "back")
 LEGS = [f"{side}_{place}" for place in PLACES for side in ("left", "right")]
-SIX_LEGS = Robot(
+SIX_LEGS = robot_of_plan(
+    Path(__file__).with_suffix(".ldr"),
     "six-legs",
-    HubKind.PRIME,
-    motors=tuple(Motor(f"left_{place}", direction=Direction.COUNTERCLOCKWISE) for place in PLACES),
-    needs_imu=True,
-    plan=str(Path(__file__).with_suffix(".ldr")),
+    motors=[Motor(f"left_{place}", direction=Direction.COUNTERCLOCKWISE) for place in PLACES],
     mirrored=tuple((f"left_{place}", f"right_{place}") for place in PLACES),
 )
 

@@ -7,6 +7,9 @@ import pytest
 
 from brickhub import target
 
+# Its asserts are those of tests, and say as much.
+pytest.register_assert_rewrite("on_a_body")
+
 
 @pytest.fixture(autouse=True)
 def _alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,12 +8,11 @@ import time
 from pathlib import Path
 
 
-def assert_runs_end_with(arguments: list[str], folder: Path) -> None:
-    """Start `bricksrl`, kill it when it has two runs in ``folder``, and check that these do not go
-    on."""
-    with subprocess.Popen(
-        [sys.executable, "-m", "bricksrl", *arguments], stdout=subprocess.DEVNULL
-    ) as process:
+def assert_runs_end_with(arguments: list[str], folder: Path, module: str = "bricksrl") -> None:
+    """Start a module's command, kill it when it has two runs in ``folder``, and check that these do
+    not go on."""
+    command = [sys.executable, "-m", module, *arguments]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
         try:
             while len(metrics := list(folder.rglob("seed-*/metrics.csv"))) < 2:
                 assert process.poll() is None

@@ -8,6 +8,9 @@ from ble_fixtures import world  # noqa: F401  a fixture
 
 from bricktwin import target
 
+# Its asserts are those of tests, and say as much.
+pytest.register_assert_rewrite("on_a_body")
+
 
 @pytest.fixture(autouse=True)
 def _without_bricksrl(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -142,6 +142,7 @@ class WriteError(BricksError, OSError):
     """A file or folder that cannot be written where the user wants it; raised by
     `brickhub.files`."""
 
+    # That of OSError would put an errno before the message.
     def __str__(self) -> str:
         return str(self.args[0])
 
@@ -160,9 +161,12 @@ def message_of(error: BaseException, characters: int = 200, *, typed: bool = Fal
     """Message of a library's or user's error in one line, at most of so many characters; with its
     type if it has none, or ``typed``: the type of an error in somebody's code says more than its
     message."""
-    message = " ".join(str(error).split())[:characters]
+    message = " ".join(str(error).split())
+    message = message[:characters]
     name = type(error).__name__
-    return message if message and not typed else f"{name}: {message}".removesuffix(": ")
+    if message and not typed:
+        return message
+    return f"{name}: {message}".removesuffix(": ")
 
 
 def hint(name: str, known: Iterable[str]) -> str:
@@ -170,14 +174,19 @@ def hint(name: str, known: Iterable[str]) -> str:
     ``""``."""
     by_lower = {candidate.lower(): candidate for candidate in known}
     close = difflib.get_close_matches(name.lower(), by_lower, n=1)
-    return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""
+    if not close:
+        return ""
+    return f" (did you mean '{by_lower[close[0]]}'?)"
 
 
 def counted(number: int, noun: str) -> str:
     """``"1 episode"`` or ``"2 episodes"``."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
+    ending = "" if number == 1 else "s"
+    return f"{number} {noun}{ending}"
 
 
 def percent(share: float | None) -> str:
     """``"57 %"`` for 0.57; an empty string for ``None``."""
-    return "" if share is None else f"{100 * share:.0f} %"
+    if share is None:
+        return ""
+    return f"{100 * share:.0f} %"

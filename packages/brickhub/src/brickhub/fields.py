@@ -29,22 +29,24 @@ class Range:
     below: bool = False
 
     def __contains__(self, value: float) -> bool:
-        over = value > self.low if self.above else value >= self.low
-        return over and (value < self.high if self.below else value <= self.high)
+        # Written so that NaN, which compares False with everything, is in no range.
+        is_above = value > self.low if self.above else value >= self.low
+        is_below = value < self.high if self.below else value <= self.high
+        return is_above and is_below
 
     def __str__(self) -> str:
         if self.high == LARGEST and not self.above:
             return f"{self.low:g} or more, and up to {LARGEST:,}"
-        kind = (
-            "a whole number"
-            if isinstance(self.low, int) and isinstance(self.high, int)
-            else "a number"
-        )
-        low, high = (end if isinstance(end, int) else f"{end:g}" for end in (self.low, self.high))
-        return (
-            f"{kind} {'above' if self.above else 'from'} {low} "
-            f"{'and below' if self.below else 'to'} {high}"
-        )
+        is_whole = isinstance(self.low, int) and isinstance(self.high, int)
+        kind = "a whole number" if is_whole else "a number"
+        begin = "above" if self.above else "from"
+        end = "and below" if self.below else "to"
+        return f"{kind} {begin} {_end(self.low)} {end} {_end(self.high)}"
+
+
+def _end(value: float) -> str:
+    """An end of a range; a whole number in full, as ``g`` rounds to six digits."""
+    return str(value) if isinstance(value, int) else f"{value:g}"
 
 
 Count = Annotated[int, Range(1)]
@@ -55,7 +57,8 @@ def check_fields(cls: type, values: dict[str, Any], **named: Any) -> None:
     """Check values against the annotations of a dataclass's fields, by name; unknown names are
     ignored. ``named``: types that annotations name and their module does not import. Raises
     DescriptionError if an annotation does not allow a value."""
-    for name, hint in typing.get_type_hints(cls, localns=named, include_extras=True).items():
+    hints = typing.get_type_hints(cls, localns=named, include_extras=True)
+    for name, hint in hints.items():
         if name in values:
             check_value(name, values[name], hint)
 
@@ -63,24 +66,39 @@ def check_fields(cls: type, values: dict[str, Any], **named: Any) -> None:
 def check_value(name: str, value: Any, hint: Any) -> None:
     """Check a value against an annotation; limits in it are a container of the allowed numbers.
     Raises DescriptionError if the annotation does not allow the value."""
-    limits = next(
-        (item for item in getattr(hint, "__metadata__", ()) if isinstance(item, Container)), None
-    )
+    limits = _limits_of(hint)
     hint = _without_remarks(hint)
+    # Limits are those of a value that is given; an option that may be None may be left out.
     if value is None and _matches(value, hint):
         return
     if limits is not None:
-        if isinstance(value, float) and not math.isfinite(value):
-            raise DescriptionError(f"{name} is {value}; give a finite number")
-        if isinstance(value, bool) or not isinstance(value, int | float) or value not in limits:
-            raise DescriptionError(f"{name} is {value!r}; give {limits}")
-    if typing.get_origin(hint) is Literal and not _matches(value, hint):
-        raise DescriptionError(
-            f"{name} is '{value}'; choose {_either(map(str, typing.get_args(hint)))}"
-        )
-    if not _matches(value, hint):
-        text = repr(value) if len(repr(value)) <= _MAX_SHOWN else f"of type {type(value).__name__}"
-        raise DescriptionError(f"{name} is {text}; give {_describe(hint)}")
+        _check_limits(name, value, limits)
+    if _matches(value, hint):
+        return
+    if typing.get_origin(hint) is Literal:
+        choices = _either(map(str, typing.get_args(hint)))
+        raise DescriptionError(f"{name} is '{value}'; choose {choices}")
+    text = repr(value)
+    if len(text) > _MAX_SHOWN:
+        text = f"of type {type(value).__name__}"
+    raise DescriptionError(f"{name} is {text}; give {_describe(hint)}")
+
+
+def _limits_of(hint: Any) -> Container[Any] | None:
+    """Limits in an annotation: what is a container among its remarks."""
+    for remark in getattr(hint, "__metadata__", ()):
+        if isinstance(remark, Container):
+            return remark
+    return None
+
+
+def _check_limits(name: str, value: Any, limits: Container[Any]) -> None:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise DescriptionError(f"{name} is {value}; give a finite number")
+    # True counts as 1 in Python, but whoever wrote it meant no number.
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or value not in limits:
+        raise DescriptionError(f"{name} is {value!r}; give {limits}")
 
 
 def check_arguments(name: str, function: Callable[..., Any], arguments: Iterable[str]) -> None:
@@ -92,10 +110,12 @@ def check_arguments(name: str, function: Callable[..., Any], arguments: Iterable
         return
     names = tuple(arguments)
     try:
+        # Only their number matters: they are given by position.
         signature.bind(*names)
     except TypeError:
+        wanted = ", ".join(names)
         raise DescriptionError(
-            f"{name} takes other arguments, {signature}; write a function of ({', '.join(names)})"
+            f"{name} takes other arguments, {signature}; write a function of ({wanted})"
         ) from None
 
 
@@ -121,46 +141,59 @@ def check_call(
         # - an annotation is any expression; one that fails checks nothing
         signature = inspect.signature(function)
     parameters = signature.parameters
-    rest = next((each for each in parameters.values() if each.kind is each.VAR_KEYWORD), None)
+    # All missing ones at once, so that nobody has to run it once for each.
     missing = [
-        name
-        for name, each in parameters.items()
-        if each.default is each.empty
-        and name not in values
-        and each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)
+        _wanted(parameter)
+        for name, parameter in parameters.items()
+        if name not in values and _is_required(parameter)
     ]
     if missing:
-        wanted = ", ".join(
-            f"{name} ({words})" if (words := _wanted(parameters[name])) else name
-            for name in missing
-        )
-        raise DescriptionError(f"{where}an option is missing; give {wanted}")
+        raise DescriptionError(f"{where}an option is missing; give {', '.join(missing)}")
+    rest = _rest_of(parameters.values())
     checked = {}
     for name, value in values.items():
         parameter = parameters.get(name, rest)
         hint = Any if parameter is None else _hint_of(parameter)
         checked[name] = _converted(value, hint)
+        # JSON has no NaN, but Python's reader takes it; no option means it.
         if isinstance(value, float) and math.isnan(value):
             raise DescriptionError(f"{where}{name} is {value}; give a number")
+        # A default may contradict its annotation, as in `x: int = None`: not the user's doing.
         is_default = parameter is not None and value is parameter.default
         if not is_default:
             check_value(f"{where}{name}", checked[name], hint)
     return checked
 
 
+def _rest_of(parameters: Iterable[inspect.Parameter]) -> inspect.Parameter | None:
+    """The parameter that takes all further names, ``**options``."""
+    for parameter in parameters:
+        if parameter.kind is parameter.VAR_KEYWORD:
+            return parameter
+    return None
+
+
+def _is_required(parameter: inspect.Parameter) -> bool:
+    takes_rest = parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
+    return parameter.default is parameter.empty and not takes_rest
+
+
 def _hint_of(parameter: inspect.Parameter) -> Any:
     """Annotation of a parameter, or else the type of its default; any number where that is a whole
     one."""
     if parameter.annotation is not parameter.empty:
+        # An annotation in a text that could not be evaluated says nothing.
         return Any if isinstance(parameter.annotation, str) else parameter.annotation
     kind = type(parameter.default)
-    return {bool: bool, int: float, float: float, str: str, tuple: tuple}.get(kind, Any)
+    return _HINT_OF_DEFAULT.get(kind, Any)
 
 
 def _wanted(parameter: inspect.Parameter) -> str:
-    """What a parameter wants, in words; empty if it does not say."""
+    """Name of a parameter, and what it wants, in words, if it says so."""
     hint = _hint_of(parameter)
-    return "" if hint is Any else _describe(hint)
+    if hint is Any:
+        return parameter.name
+    return f"{parameter.name} ({_describe(hint)})"
 
 
 def _converted(value: Any, hint: Any) -> Any:
@@ -172,20 +205,41 @@ def _converted(value: Any, hint: Any) -> Any:
     cls = typing.get_origin(hint) or hint
     parts = typing.get_args(hint)
     if cls in _UNIONS:
-        tried = (_converted(value, part) for part in parts)
-        return next((each for each in tried if _matches(each, hint)), value)
+        # The first alternative that fits, in the order in which the annotation names them.
+        for part in parts:
+            converted = _converted(value, part)
+            if _matches(converted, hint):
+                return converted
+        return value
     if cls is tuple and isinstance(value, list):
-        kinds = parts if parts and parts[-1] is not ... else parts[:1] * len(value)
-        if len(kinds) != len(value):
-            return tuple(value)
-        return tuple(_converted(each, kind) for each, kind in zip(value, kinds, strict=True))
+        return _tuple_of(value, parts)
+    # `--option name=7` arrives as a number; `true` as a truth value.
     if cls is str and isinstance(value, int):
         return json.dumps(value)
     if isinstance(value, str) and isinstance(cls, type):
         if issubclass(cls, Path):
             return Path(value)
         if issubclass(cls, enum.Enum):
-            return next((each for each in cls if value in (each.name, each.value)), value)
+            return _member_of(cls, value)
+    return value
+
+
+def _tuple_of(values: list[Any], parts: tuple[Any, ...]) -> tuple[Any, ...]:
+    """A list of JSON as the tuple of these annotations."""
+    has_length = bool(parts) and parts[-1] is not ...
+    kinds = parts if has_length else parts[:1] * len(values)
+    # One of another length is refused by the check, which tells how many there should be.
+    if len(kinds) != len(values):
+        return tuple(values)
+    converted = map(_converted, values, kinds)
+    return tuple(converted)
+
+
+def _member_of(cls: type[enum.Enum], value: str) -> Any:
+    """The member with this name or value, or else the value as it is, which the check refuses."""
+    for member in cls:
+        if value in (member.name, member.value):
+            return member
     return value
 
 
@@ -199,27 +253,34 @@ def _matches(value: Any, hint: Any) -> bool:
     if cls in _UNIONS:
         return any(_matches(value, part) for part in parts)
     if cls is Literal:
+        # By type too, as 1 equals True.
         return any(type(value) is type(part) and value == part for part in parts)
     if cls is Any or not isinstance(cls, type):
         return True
+    # True counts as 1 in Python, but whoever wrote it meant no number.
     if cls in (int, float) and isinstance(value, bool):
         return False
-    is_instance = isinstance(value, int | float if cls is float else cls)
-    if not is_instance:
+    # As for type checkers, a whole number is a number.
+    accepted: Any = int | float if cls is float else cls
+    if not isinstance(value, accepted):
         return False
-    if not parts:
-        return True
-    if cls is list:
-        return all(_matches(part, parts[0]) for part in value)
+    return not parts or _items_match(value, cls, parts)
+
+
+def _items_match(value: Any, cls: Any, parts: tuple[Any, ...]) -> bool:
+    """Whether what is in a container is of the types of its annotation."""
     if cls is dict:
-        return all(
-            _matches(key, parts[0]) and _matches(part, parts[1]) for key, part in value.items()
-        )
-    if cls is not tuple:
-        return True
-    if parts[-1] is ...:
-        return all(_matches(part, parts[0]) for part in value)
-    return len(value) == len(parts) and all(map(_matches, value, parts))
+        key_hint, item_hint = parts
+        keys_match = all(_matches(key, key_hint) for key in value)
+        return keys_match and all(_matches(item, item_hint) for item in value.values())
+    has_any_length = cls is list or parts[-1] is ...
+    if cls in (list, tuple) and has_any_length:
+        return all(_matches(item, parts[0]) for item in value)
+    if cls is tuple:
+        has_length = len(value) == len(parts)
+        return has_length and all(map(_matches, value, parts))
+    # What other containers hold, and what a function takes, shows only when it is used.
+    return True
 
 
 def _without_remarks(hint: Any) -> Any:
@@ -233,9 +294,11 @@ def _describe(hint: Any) -> str:
     cls = typing.get_origin(hint) or hint
     parts = typing.get_args(hint)
     if cls in _UNIONS:
+        # To leave an option out is never what a message should advise.
         return _either(_describe(part) for part in parts if part is not type(None))
     if cls is tuple and parts:
-        return f"{'several' if parts[-1] is ... else len(parts)} values, each {_describe(parts[0])}"
+        number = "several" if parts[-1] is ... else len(parts)
+        return f"{number} values, each {_describe(parts[0])}"
     if cls is Literal:
         return _either(map(str, parts))
     if not isinstance(cls, type):
@@ -250,10 +313,22 @@ def _describe(hint: Any) -> str:
 def _either(words: Iterable[str]) -> str:
     """``"a, b or c"``."""
     *others, last = words
-    return f"{', '.join(others)} or {last}" if others else last
+    if not others:
+        return last
+    return f"{', '.join(others)} or {last}"
 
 
 _UNIONS = (types.UnionType, typing.Union)
+"""Origins of ``A | B`` and of ``Optional[A]``, which differ up to Python 3.13."""
+_HINT_OF_DEFAULT: dict[Any, Any] = {
+    bool: bool,
+    # Whoever writes `= 1` seldom means that 1.5 is wrong.
+    int: float,
+    float: float,
+    str: str,
+    tuple: tuple,
+}
+"""What a parameter without annotation wants, by the type of its default."""
 _MAX_SHOWN = 40
 """Maximum length of a value that a message shows."""
 _NAMES: dict[Any, str] = {

@@ -32,11 +32,13 @@ _REPLACE_S = 2.0
 _PLAIN_ON_WINDOWS = re.compile(r"[\w.:/\\+=@~-]+")
 """Words that neither PowerShell nor the command prompt takes for something else."""
 _DEVICES_OF_WINDOWS = re.compile(r"(aux|con|nul|prn|(com|lpt)[1-9¹²³])\s*(\..*)?", re.IGNORECASE)
+"""Names that Windows takes for devices: a file ``con.json`` cannot be made there."""
 
 
 def quoted(path: Path | str) -> str:
     """A path as one word of a command line."""
     if sys.platform == "win32":
+        # It quotes only what has spaces; a shell also takes `&` or `(` for something of its own.
         word = subprocess.list2cmdline([str(path)])
         is_plain = word.startswith('"') or _PLAIN_ON_WINDOWS.fullmatch(word)
         return word if is_plain else f'"{word}"'
@@ -57,7 +59,9 @@ def as_file_name(text: str) -> str:
 def user_cache() -> Path:
     """Folder of what is kept between processes and can be lost. Raises RuntimeError if the user has
     no home."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bricksrl"
+    # An empty variable is one that is not set, as the standard of these folders says.
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(root) / "bricksrl"
 
 
 def refuse_existing(path: Path, error: type[BricksError]) -> None:
@@ -70,19 +74,34 @@ def folder_with(folder: Path, *files: str) -> str:
     """``a folder with a config.json, such as runs/a or runs/b``, for a message that ``folder`` has
     none of these files. Names up to three folders that have one: the one that it is in, the newest
     of those in it, or those beside it with a similar name."""
-    found: list[str] = []
+    found: list[Path] = []
+    # A folder that cannot be looked into, or that is gone meanwhile, only costs the advice.
     with contextlib.suppress(OSError):
-        around, inside, beside = (
-            [path for path in paths if any((path / file).is_file() for file in files)]
-            for paths in (folder.parents, folder.glob("*"), folder.parent.glob("*"))
-        )
-        inside.sort(key=lambda path: path.stat().st_mtime, reverse=True)
-        similar = difflib.get_close_matches(folder.name, [path.name for path in beside])
-        found = [
-            str(path)
-            for path in around[:1] or inside[:3] or [folder.parent / name for name in similar]
-        ]
-    return f"a folder with a {files[0]}{', such as ' if found else ''}{' or '.join(found)}"
+        found = _folders_with(folder, files)
+    wanted = f"a folder with a {files[0]}"
+    if not found:
+        return wanted
+    return f"{wanted}, such as {' or '.join(map(str, found))}"
+
+
+def _folders_with(folder: Path, files: tuple[str, ...]) -> list[Path]:
+    """Up to three folders around, in or beside a folder that have one of these files."""
+
+    def has_one(path: Path) -> bool:
+        return any((path / file).is_file() for file in files)
+
+    # All three are looked for first: what cannot be read in one spoils the advice as a whole.
+    around = [path for path in folder.parents if has_one(path)]
+    inside = [path for path in folder.glob("*") if has_one(path)]
+    beside = [path for path in folder.parent.glob("*") if has_one(path)]
+    inside.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+    if around:
+        return around[:1]
+    if inside:
+        return inside[:3]
+    names = [path.name for path in beside]
+    similar = difflib.get_close_matches(folder.name, names)
+    return [folder.parent / name for name in similar]
 
 
 @contextlib.contextmanager
@@ -93,7 +112,8 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as failure:
         reason = failure.strerror or str(failure)
-        if isinstance(failure, FileExistsError):  # a folder was to be made
+        # A folder was to be made where there is a file.
+        if isinstance(failure, FileExistsError):
             reason = os.strerror(errno.ENOTDIR)
         remedy = "name another place"
         if failure.errno in FULL:
@@ -119,11 +139,11 @@ def reading(what: str, path: Path | str, error: type[BricksError], remedy: str) 
     except DescriptionError as failure:
         reason = str(failure)
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
-        reason = (
-            "it is not JSON as we write it, or damaged"
-            if str(path).endswith(".json")
-            else "it is another file, or damaged"
-        )
+        # Their own words are about Python's values, and tell a user nothing.
+        if str(path).endswith(".json"):
+            reason = "it is not JSON as we write it, or damaged"
+        else:
+            reason = "it is another file, or damaged"
     else:
         return
     raise error(f"cannot read {what} {path} ({reason}); {remedy}") from None
@@ -136,13 +156,15 @@ def check_writable(path: Path) -> None:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "it is a folder")
         if path.exists():
+            # To append nothing asks for the right to write, and leaves the file as it is.
             path.open("ab").close()
-        else:
-            folder = next(parent for parent in path.absolute().parents if parent.exists())
-            # not by tempfile, which tries for ever on Windows with a Python before 3.11.9
-            trial = temporary_beside(folder / "trial")
-            trial.open("xb").close()
-            trial.unlink()
+            return
+        # The folders in between are made when it is written; the first one that exists decides.
+        folder = next(parent for parent in path.absolute().parents if parent.exists())
+        # Not by tempfile, which tries for ever on Windows with a Python before 3.11.9.
+        trial = temporary_beside(folder / "trial")
+        trial.open("xb").close()
+        trial.unlink()
 
 
 def write_durably(path: Path, data: bytes) -> None:
@@ -154,14 +176,16 @@ def write_durably(path: Path, data: bytes) -> None:
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = temporary_beside(path)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+        # Windows would turn each line's end into two bytes.
+        flags |= getattr(os, "O_BINARY", 0)
         # The system takes the user's umask off; tempfile would allow the owner alone.
-        handle = os.open(
-            temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666
-        )
+        handle = os.open(temporary, flags, 0o666)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(data)
                 file.flush()
+                # Before the renaming: a power cut must not leave the new name with no data.
                 os.fsync(file.fileno())
             # Who may read it stays as it was. Windows knows no modes, but takes a folder's rights.
             if sys.platform != "win32" and path.is_file():
@@ -170,6 +194,7 @@ def write_durably(path: Path, data: bytes) -> None:
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
+        # The renaming itself is on the disk only when its folder is.
         _sync_folder(path.parent)
 
 
@@ -181,6 +206,7 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     ``path`` is always complete, even if the process is killed; a remnant then has a name that
     begins with `TEMPORARY_PREFIX`. Raises WriteError if it cannot be written.
     """
+    # From the innermost outwards, the order in which they can be removed again.
     made = [parent for parent in path.parents if not parent.exists()]
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -192,10 +218,11 @@ def atomic_folder(path: Path) -> Iterator[Path]:
             put_in_place(folder, path)
     except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
-        with contextlib.suppress(OSError):  # one that is used meanwhile stays
+        # One that is used meanwhile stays.
+        with contextlib.suppress(OSError):
             for parent in made:
                 parent.rmdir()
-        # of a file in it: a user knows nothing of the temporary folder
+        # Of a file in it, but a user knows nothing of the temporary folder: the error names `path`.
         if isinstance(error, WriteError):
             with writing(path):
                 raise
@@ -223,11 +250,14 @@ def put_in_place(complete: Path, path: Path) -> None:
 
 def temporary_beside(path: Path, suffix: str = "") -> Path:
     """A new name of an incomplete file or folder in the folder of ``path``."""
-    return path.parent / f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{suffix}"
+    # In the same folder: a renaming is atomic only within a file system.
+    token = secrets.token_hex(8)
+    return path.parent / f"{TEMPORARY_PREFIX}{token}{suffix}"
 
 
 def _sync_folder(path: Path) -> None:
-    if sys.platform == "win32":  # folders cannot be opened there, and names are kept without
+    # Folders cannot be opened on Windows, where names are kept without.
+    if sys.platform == "win32":
         return
     handle = os.open(path, os.O_RDONLY)
     try:
@@ -239,14 +269,20 @@ def _sync_folder(path: Path) -> None:
 def is_unused(root: Path) -> bool:
     """Whether a folder is empty, except for remnants of a writer that was killed before it wrote
     anything."""
-    files = (path for path in root.rglob("*") if not path.is_dir())
-    return all(path.name.startswith((TEMPORARY_PREFIX, LOCK)) for path in files)
+    remnants = (TEMPORARY_PREFIX, LOCK)
+    for path in root.rglob("*"):
+        is_remnant = path.is_dir() or path.name.startswith(remnants)
+        if not is_remnant:
+            return False
+    return True
 
 
 def remove_unfinished(root: Path) -> int:
     """Remove the unfinished files of killed writers below ``root``, and return their number; only
     for the folder's writer."""
-    unfinished = [path for path in root.rglob(f"{TEMPORARY_PREFIX}*") if path.is_file()]
+    # All are listed before one is removed, as a listing goes on while it is read.
+    candidates = list(root.rglob(f"{TEMPORARY_PREFIX}*"))
+    unfinished = [path for path in candidates if path.is_file()]
     for path in unfinished:
         path.unlink(missing_ok=True)
     return len(unfinished)
@@ -278,6 +314,7 @@ def serialized(root: Path, timeout_s: float = 60.0) -> Iterator[None]:
                 _lock(file.fileno())
                 break
             except OSError:
+                # Not a lock that blocks: it would wait for ever for a process that hangs.
                 time.sleep(0.05)
         yield
 
@@ -285,6 +322,8 @@ def serialized(root: Path, timeout_s: float = 60.0) -> Iterator[None]:
 def _lock_file(root: Path) -> BinaryIO:
     with writing(root):
         root.mkdir(parents=True, exist_ok=True)
+        # It stays there when the lock is released: to remove it would let two processes lock two
+        # files of that name.
         return (root / LOCK).open("a+b")
 
 

@@ -8,14 +8,19 @@ from typing import Any, TypeVar
 
 _T = TypeVar("_T")
 _PIECE_S = 0.2
+"""Longest wait in which a Ctrl-C is not noticed on Windows."""
 
 
 def is_done(future: concurrent.futures.Future[Any], limit_s: float | None) -> bool:
     """Whether a future is done, or is so within a time; ``None`` for no limit. The wait is in
     pieces, as Windows tells of a Ctrl-C only when one is over."""
     end_s = math.inf if limit_s is None else time.monotonic() + limit_s
-    while not future.done() and (left_s := end_s - time.monotonic()) > 0.0:
+    while not future.done():
+        left_s = end_s - time.monotonic()
+        if left_s <= 0.0:
+            break
         concurrent.futures.wait([future], min(left_s, _PIECE_S))
+    # Asked once more: it may have ended within the last piece.
     return future.done()
 
 

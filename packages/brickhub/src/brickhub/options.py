@@ -36,13 +36,15 @@ def parsed(
     def value(words: Any) -> Any:
         return read(words[0]) if collect is None else collect(map(read, words))
 
-    action: Any = {} if collect is None else {"_action": "append"}  # as tyro's UseAppendAction
+    # As tyro's UseAppendAction does.
+    action: Any = {} if collect is None else {"_action": "append"}
     return PrimitiveConstructorSpec(
         1,
         metavar,
         value,
+        # A default may be of a type that tyro does not know.
         is_instance=lambda _: True,
-        str_from_instance=lambda given: [str(given)] if given else [],
+        str_from_instance=lambda default: [str(default)] if default else [],
         **action,
     )
 
@@ -71,10 +73,20 @@ def check_existing(command: Any) -> None:
         value = getattr(command, field.name)
         if dataclasses.is_dataclass(value):
             check_existing(value)
-        for remark in getattr(hints[field.name], "__metadata__", ()):
-            if isinstance(remark, Existing) and value is not None:
-                for each in value if isinstance(value, tuple) else (value,):
-                    remark.look(each)
+        # An option that was left out names nothing.
+        if value is None:
+            continue
+        named = value if isinstance(value, tuple) else (value,)
+        for remark in _remarks_on(hints[field.name]):
+            if isinstance(remark, Existing):
+                for item in named:
+                    remark.look(item)
+
+
+def _remarks_on(hint: Any) -> tuple[Any, ...]:
+    """What an annotation says of a field besides its type."""
+    remarks: tuple[Any, ...] = getattr(hint, "__metadata__", ())
+    return remarks
 
 
 def existing_file(what: str, error: type[BricksError], remedy: str) -> Existing:
@@ -82,6 +94,7 @@ def existing_file(what: str, error: type[BricksError], remedy: str) -> Existing:
     and the remedy."""
 
     def look(path: Path) -> None:
+        # A program may give the thing itself, such as a Physics, in place of a file with it.
         if isinstance(path, Path):
             with reading(what, path, error, remedy):
                 path.open("rb").close()
@@ -116,22 +129,31 @@ def changed_options(command: Any) -> Iterator[str]:
         value = getattr(command, field.name)
         if dataclasses.is_dataclass(value):
             yield from changed_options(value)
-        elif value != (
-            field.default
-            if field.default_factory is dataclasses.MISSING
-            else field.default_factory()
-        ):
-            names = (
-                getattr(item, "name", None)
-                for item in getattr(hints[field.name], "__metadata__", ())
-            )
+        elif value != _default_of(field):
+            # A flag that is on by default has an option that turns it off.
             no = "no-" if field.default is True else ""
-            yield f"--{no}{next(filter(None, names), field.name).replace('_', '-')}"
+            name = _name_in_help(hints[field.name]) or field.name
+            yield f"--{no}{name.replace('_', '-')}"
+
+
+def _default_of(field: dataclasses.Field[Any]) -> Any:
+    if field.default_factory is dataclasses.MISSING:
+        return field.default
+    return field.default_factory()
+
+
+def _name_in_help(hint: Any) -> str | None:
+    """Name that an annotation gives to an option, if it is another one than that of the field."""
+    for remark in _remarks_on(hint):
+        name: str | None = getattr(remark, "name", None)
+        if name:
+            return name
+    return None
 
 
 def refuse_ignored(command: Any, kept: Container[str], mode: str) -> None:
     """Raise DescriptionError if an option of a command is set that has no effect in a mode, such as
     ``with --resume``."""
-    ignored = next((name for name in changed_options(command) if name not in kept), None)
-    if ignored is not None:
-        raise DescriptionError(f"{ignored} has no effect {mode}; omit it")
+    for name in changed_options(command):
+        if name not in kept:
+            raise DescriptionError(f"{name} has no effect {mode}; omit it")

@@ -7,7 +7,7 @@ the first test that runs one.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -111,13 +111,14 @@ class PybricksHub:
             machine.log = log
 
         body = self._body(robot, readings, end_stops)
+        # What is said of a Robot by name, and the end stops of any body, are in the body already.
         has_stops = body is not None or isinstance(end_stops, Mapping)
+        texts_of_readings: Iterable[str] = () if isinstance(readings, Mapping) else readings
+        texts_of_stops: Iterable[str] = () if has_stops else end_stops
         operation = Operation(
             presses=[parse_press(text) for text in presses],
-            readings=[]
-            if isinstance(readings, Mapping)
-            else [parse_reading(text, self._folder) for text in readings],
-            end_stops={} if has_stops else dict(map(parse_end_stop, end_stops)),
+            readings=[parse_reading(text, self._folder) for text in texts_of_readings],
+            end_stops=dict(map(parse_end_stop, texts_of_stops)),
             devices=dict(map(parse_device, ports)),
             attend=attend,
         )
@@ -149,30 +150,27 @@ class PybricksHub:
         from brickhub.virtual.given_readings import end_stops_of
 
         is_described = isinstance(robot, Robot)
-        if any(
-            given and isinstance(given, Mapping) is not is_described
-            for given in (readings, end_stops)
-        ):
-            kind = (
-                "dicts by name for a Robot"
-                if is_described
-                else "lists of texts for the bench, such as B=red and C=-90..120"
-            )
-            raise DescriptionError(f"readings and end stops are {kind}; give such")
+        for said in (readings, end_stops):
+            # What is empty may be of either kind, as the defaults are.
+            if said and isinstance(said, Mapping) is not is_described:
+                kind = "lists of texts for the bench, such as B=red and C=-90..120"
+                if is_described:
+                    kind = "dicts by name for a Robot"
+                raise DescriptionError(f"readings and end stops are {kind}; give such")
         if isinstance(robot, Robot):
             return BenchBody(robot, dict(readings), dict(end_stops))  # type: ignore[arg-type]
         if not isinstance(robot, str):
             return robot
+        # A file beside the test, wherever pytest was started; else a name, as of `walker`.
         file = self._folder / robot
         target = find(str(file) if file.is_file() else robot)
         stops = end_stops_of(target.robot, end_stops)
-        return (
-            None
-            if target.robot is BENCH
-            else target.make_body(**({"end_stops": stops} if stops else {}))
-        )
+        if target.robot is BENCH:
+            return None
+        return target.make_body(end_stops=stops) if stops else target.make_body()
 
     def _file(self, program: str | Path) -> Path:
+        # A text of one line that ends like a file is one: no program of one line is `main.py`.
         if isinstance(program, Path) or ("\n" not in program and program.endswith(".py")):
             return self._folder / program
         path = self._scratch / "main.py"

@@ -30,13 +30,19 @@ LARGEST_SEED = 2**32 - 1
 
 def check_seed(seed: int | None) -> None:
     """Check a seed; ``None`` stands for a random one. Raises DescriptionError if it is invalid."""
-    if seed is not None and not (hasattr(seed, "__index__") and 0 <= seed <= LARGEST_SEED):
+    if seed is None:
+        return
+    # NumPy's whole numbers are welcome too.
+    is_whole = hasattr(seed, "__index__")
+    if not (is_whole and 0 <= seed <= LARGEST_SEED):
         raise DescriptionError(f"seed is {seed}; give a whole number from 0 to {LARGEST_SEED}")
 
 
 def derive_seed(seed: int, purpose: str, index: int = 0) -> int:
     """A pseudo-random seed in 0..2**31-1 for each purpose and index."""
-    digest = hashlib.sha256(f"{seed}/{purpose}/{index}".encode()).digest()
+    # Not Python's `hash`, which differs from one process to the next.
+    name = f"{seed}/{purpose}/{index}"
+    digest = hashlib.sha256(name.encode()).digest()
     return int.from_bytes(digest[:4], "little") >> 1
 
 
@@ -51,7 +57,10 @@ def episode_seed(kind: EpisodeKind, seed: int, number: int, again: int = 0) -> i
     derived = derive_seed(seed, _PURPOSE[kind], number)
     if again:
         derived = derive_seed(derived, "again", again)
-    return derived if kind == "training" else _FIRST_SEED[kind] + (derived >> 1)
+    if kind == "training":
+        return derived
+    # Half as many seeds, so that the range ends where the next one begins.
+    return _FIRST_SEED[kind] + (derived >> 1)
 
 
 def evaluation_seed(run_seed: int, seed: int) -> int:

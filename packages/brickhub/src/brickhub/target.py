@@ -30,7 +30,9 @@ from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.body import Body
 
 _FAST_DEG_S = 1000
+"""Full speed of a medium motor."""
 _TURN_DEG = 600.0
+"""Largest angle of a command, either way."""
 
 
 @dataclass(frozen=True)
@@ -57,31 +59,38 @@ class Target:
 
 def whole_interface(robot: Robot) -> Interface:
     """Interface with every motor at full speed, the IMU and the distance sensor, 50 ms after each
-    command."""
-    channels: list[Channel] = [
-        MotorAngle(motor.name, *(map(float, motor.range_deg or (0, 360)))) for motor in robot.motors
-    ]
+    command. Raises DescriptionError if the robot has a plan that nobody has read."""
+    robot.check_complete()
+    commands = []
+    channels: list[Channel] = []
+    for motor in robot.motors:
+        commands.append(RunAngle(motor.name, -_TURN_DEG, _TURN_DEG, _FAST_DEG_S))
+        # A motor without a range turns endlessly: its angle is one of a turn.
+        low_deg, high_deg = motor.range_deg or (0, 360)
+        channels.append(MotorAngle(motor.name, float(low_deg), float(high_deg)))
     if robot.needs_imu:
         channels += [Pitch(), Roll(), YawRate()]
-    channels += [Distance(sensor.name) for sensor in robot.sensors if sensor.kind.model.range_mm][
-        :1
-    ]
-    commands = tuple(
-        RunAngle(motor.name, -_TURN_DEG, _TURN_DEG, _FAST_DEG_S) for motor in robot.motors
-    )
-    return Interface(commands, tuple(channels), Wait(50))
+    for sensor in robot.sensors:
+        if sensor.kind.model.range_mm:
+            channels.append(Distance(sensor.name))
+            break
+    return Interface(tuple(commands), tuple(channels), Wait(50))
 
 
-def find_in_files(name: str) -> Target:
+def find_in_files(name: str, complete: Callable[[Robot], Robot] = lambda robot: robot) -> Target:
     """The robot in a user's file, or ``bench``, on the bench. Raises UnknownNameError if there is
-    none, DescriptionError if the file is wrong."""
-    if not is_reference(name) and name != BENCH.name:
+    none, DescriptionError if the file is wrong. ``complete``: of a house that reads plans."""
+    if name == BENCH.name:
+        robot = BENCH
+    elif is_reference(name):
+        robot = complete(load_robot(name))
+    else:
         raise UnknownNameError(
             f"there is no robot '{name}'; name a Python file with one, such as my_robot.py, "
             "or bench"
         )
-    robot = BENCH if name == BENCH.name else load_robot(name)
-    return Target(robot.name, robot, whole_interface(robot), functools.partial(BenchBody, robot))
+    make_body = functools.partial(BenchBody, robot)
+    return Target(robot.name, robot, whole_interface(robot), make_body)
 
 
 def find(name: str) -> Target:
@@ -93,6 +102,9 @@ def find(name: str) -> Target:
 @functools.cache
 def _finder() -> Callable[[str], Target]:
     points = {point.name: point for point in metadata.entry_points(group="brickhub.target")}
-    last = next((points[house] for house in reversed(HOUSES) if house in points), None)
-    finder: Callable[[str], Target] = find_in_files if last is None else last.load()
-    return finder
+    # The last house knows most, and asks the one before it for what it does not know.
+    for house in reversed(HOUSES):
+        if house in points:
+            finder: Callable[[str], Target] = points[house].load()
+            return finder
+    return find_in_files

@@ -45,47 +45,63 @@ def code_names(value: object, hint: object = None) -> Iterator[str]:
         hint: its annotation; of a table, the dataclass that is made of it, or the annotations of
             its fields by name.
     """
-    parts = list(_parts_of(hint))
+    alternatives = list(_alternatives_of(hint))
     if isinstance(value, str):
-        if value and not any(_is_harmless(value, part) for part in parts):
+        is_harmless = any(_is_harmless(value, alternative) for alternative in alternatives)
+        if value and not is_harmless:
             yield value
     elif isinstance(value, Mapping):
-        fields = _fields_of(parts)
+        fields = _fields_of(alternatives)
         for name, item in value.items():
             if fields is None:
+                # Names of a table that is not declared are the file's own, and may be anything.
                 yield from code_names(name)
-            yield from code_names(item, None if fields is None else fields.get(name))
+                yield from code_names(item)
+            else:
+                # No annotation for a field that is not declared: its texts count.
+                yield from code_names(item, fields.get(name))
     elif isinstance(value, list | tuple):
-        items = [typing.get_args(part)[0] for part in parts if typing.get_origin(part) is tuple]
+        item_hint = _item_hint_of(alternatives)
         for item in value:
-            yield from code_names(item, items[0] if items else None)
+            yield from code_names(item, item_hint)
 
 
-def _fields_of(parts: list[object]) -> Mapping[str, object] | None:
+def _fields_of(alternatives: list[object]) -> Mapping[str, object] | None:
     """Annotations of a table's fields by name; ``None`` if they are not declared."""
-    for part in parts:
-        if isinstance(part, Mapping):
-            return part
-        if isinstance(part, type) and is_dataclass(part):
-            return typing.get_type_hints(part, include_extras=True)
+    for alternative in alternatives:
+        if isinstance(alternative, Mapping):
+            return alternative
+        if isinstance(alternative, type) and is_dataclass(alternative):
+            return typing.get_type_hints(alternative, include_extras=True)
     return None
 
 
-def _parts_of(hint: object) -> Iterator[object]:
+def _item_hint_of(alternatives: list[object]) -> object:
+    """Annotation of the items of a tuple; ``None`` if it is no tuple's."""
+    for alternative in alternatives:
+        if typing.get_origin(alternative) is tuple:
+            return typing.get_args(alternative)[0]
+    return None
+
+
+def _alternatives_of(hint: object) -> Iterator[object]:
     """The alternatives of an annotation, and what is said of them."""
-    yield from getattr(hint, "__metadata__", ())
-    hint = getattr(hint, "__origin__", hint) if hasattr(hint, "__metadata__") else hint
+    if hasattr(hint, "__metadata__"):  # of Annotated
+        yield from hint.__metadata__
+        hint = getattr(hint, "__origin__", hint)
+    # An alternative may be annotated itself, as in `Annotated[str, NotCode()] | None`.
     if typing.get_origin(hint) in (types.UnionType, typing.Union):
-        for part in typing.get_args(hint):
-            yield from _parts_of(part)
+        for alternative in typing.get_args(hint):
+            yield from _alternatives_of(alternative)
     else:
         yield hint
 
 
-def _is_harmless(text: str, part: object) -> bool:
-    if isinstance(part, NotCode):
-        return part.known is None or text in part.known
-    return typing.get_origin(part) is typing.Literal and text in typing.get_args(part)
+def _is_harmless(text: str, alternative: object) -> bool:
+    if isinstance(alternative, NotCode):
+        return alternative.known is None or text in alternative.known
+    is_choice = typing.get_origin(alternative) is typing.Literal
+    return is_choice and text in typing.get_args(alternative)
 
 
 def is_reference(env_id: str) -> bool:
@@ -101,13 +117,14 @@ def with_absolute_file(reference: str) -> str:
     if not location.endswith(".py"):
         return reference
     path = os.path.abspath(location)  # noqa: PTH100  Path.resolve follows links
-    return ":".join(filter(None, (path, name)))
+    return f"{path}:{name}" if name else path
 
 
 def without_folder(reference: str) -> str:
     """A reference with only the name of its file, for display and for other computers; names and
     modules as they are."""
-    return Path(reference).name if _parts(reference)[0].endswith(".py") else reference
+    location, _ = _parts(reference)
+    return Path(reference).name if location.endswith(".py") else reference
 
 
 def without_name(reference: str) -> str:
@@ -134,9 +151,8 @@ def load_object(reference: str, default: str | type, *, missing: str = "write on
         )
     location, name = _parts(reference)
     module = _load(location, reference)
-    name = name or (
-        default if isinstance(default, str) else _only(default, module, reference, missing)
-    )
+    if not name:
+        name = default if isinstance(default, str) else _only(default, module, reference, missing)
     try:
         return getattr(module, name)
     except AttributeError:
@@ -149,17 +165,23 @@ def load_object(reference: str, default: str | type, *, missing: str = "write on
 def objects_in(reference: str, kind: type) -> dict[str, Any]:
     """All objects of a type in the file or module of a reference, by name; aliases of one object
     count once. Raises as `load_object`."""
-    module = _load(_parts(reference)[0], reference)
-    found = {
-        id(value): (name, value) for name, value in vars(module).items() if isinstance(value, kind)
-    }
+    location, _ = _parts(reference)
+    module = _load(location, reference)
+    # By identity, as equal robots may be two, and not every object has a hash.
+    found: dict[int, tuple[str, Any]] = {}
+    for name, value in vars(module).items():
+        if isinstance(value, kind):
+            found[id(value)] = (name, value)
     return dict(found.values())
 
 
 def _parts(reference: str) -> tuple[str, str]:
     """File or module, and the name in it, which may be empty."""
     location, colon, name = reference.rpartition(":")
-    return (reference, "") if not colon or name.endswith(".py") else (location, name)
+    # The colon of `C:\robots\mine.py` is that of a drive of Windows.
+    if not colon or name.endswith(".py"):
+        return reference, ""
+    return location, name
 
 
 def check_there(reference: str) -> None:
@@ -186,18 +208,21 @@ def load_robot(reference: str) -> Robot:
 
 
 def _load(location: str, reference: str) -> ModuleType:
-    path = Path(location)
     is_file = location.endswith(".py")
     check_there(reference)
     try:
         with beside(reference):
-            return _run_file(path) if is_file else importlib.import_module(location)
+            return _run_file(Path(location)) if is_file else importlib.import_module(location)
     except (Exception, SystemExit) as error:  # a script may end the program
+        # A module of which a part is missing is told from one that is missing itself by the name in
+        # the error; a name that no module can have, such as "", raises ValueError, without one.
         is_import = isinstance(error, ImportError | ValueError)
         if is_import and not is_file and getattr(error, "name", location) == location:
             remedy = "give one that can be imported, or a file: my_task.py"
             raise UnknownNameError(f"there is no module '{location}'; {remedy}") from None
-        what = f"{'' if is_import else f'{type(error).__name__}: '}{error}{line_of_user(error)}"
+        # The message of a failed import is a sentence by itself; others say little without a type.
+        kind = "" if is_import else f"{type(error).__name__}: "
+        what = f"{kind}{error}{line_of_user(error)}"
         raise DescriptionError(f"{reference} cannot be loaded ({what}); correct it") from error
 
 
@@ -206,33 +231,42 @@ def beside(reference: str) -> Iterator[None]:
     """Context in which Python finds what is beside a user's file, or in the present folder, as if
     it ran that file."""
     location, _ = _parts(reference)
-    folder = str(Path(location).resolve().parent if location.endswith(".py") else Path.cwd())
-    sys.path.insert(0, folder)
+    is_file = location.endswith(".py")
+    folder = Path(location).resolve().parent if is_file else Path.cwd()
+    sys.path.insert(0, str(folder))
     try:
         yield
     finally:
-        sys.path.remove(folder)
+        sys.path.remove(str(folder))
 
 
 def line_of_user(error: BaseException) -> str:
     """Location in the user's files where an exception was raised, as ", my_task.py, line 7"; empty
     if there is none."""
-    installed = {
-        sysconfig.get_path(name)
-        for name in ("stdlib", "platstdlib", "purelib", "platlib", "scripts")
-    }
-    ours = (getattr(sys.modules.get(house), "__file__", None) for house in HOUSES)
-    foreign = [
-        *(str(Path(file).resolve().parent) for file in ours if file),
-        *filter(None, installed),
-    ]
+    foreign = [folder.resolve() for folder in _foreign_folders()]
+    # From the innermost call outwards: the user's last line, not the one that began it all.
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         path = Path(frame.filename)
-        if path.is_file() and not any(
-            path.resolve().is_relative_to(Path(folder).resolve()) for folder in foreign
-        ):
+        # Code from a text, such as a dataclass's methods, has a name like "<string>".
+        if not path.is_file():
+            continue
+        file = path.resolve()
+        if not any(file.is_relative_to(folder) for folder in foreign):
             return f", {path.name}, line {frame.lineno}"
     return ""
+
+
+def _foreign_folders() -> Iterator[Path]:
+    """Folders of code that is not the user's: ours, wherever it is installed, Python's, and that
+    of installed packages."""
+    for house in HOUSES:
+        file = getattr(sys.modules.get(house), "__file__", None)
+        if file:
+            yield Path(file).resolve().parent
+    for name in ("stdlib", "platstdlib", "purelib", "platlib", "scripts"):
+        folder = sysconfig.get_path(name)
+        if folder:
+            yield Path(folder)
 
 
 @contextlib.contextmanager
@@ -252,10 +286,13 @@ def calling(reference: str, failing: str, *, is_of_user: bool = True) -> Iterato
 def failure_of_user(error: BaseException) -> str | None:
     """One-line message of an exception raised in the user's files; ``None`` for any other."""
     line = line_of_user(error)
-    return f"{type(error).__name__}: {error}{line}; correct it" if line else None
+    if not line:
+        return None
+    return f"{type(error).__name__}: {error}{line}; correct it"
 
 
 def _run_file(path: Path) -> ModuleType:
+    # A name of its own, so that a file called json.py hides no module of that name.
     spec = importlib.util.spec_from_file_location(f"bricksrl_own_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} is not a Python file")
@@ -270,13 +307,16 @@ def _only(type_: type, module: ModuleType, reference: str, missing: str) -> str:
     several."""
     # An object does not record the module that defines it, so imported ones count too; aliases of
     # one object count once.
-    names = {id(value): name for name, value in vars(module).items() if isinstance(value, type_)}
-    if len(names) != 1:
-        known = ", ".join(names.values())
-        noun = type_.__name__.lower()
-        if not names:
-            raise UnknownNameError(f"{reference} has no {noun}; {missing}")
-        raise UnknownNameError(
-            f"{reference} has {len(names)} {noun}s ({known}); name one: {reference}:{noun.upper()}"
-        )
-    return next(iter(names.values()))
+    name_of = {}
+    for name, value in vars(module).items():
+        if isinstance(value, type_):
+            name_of[id(value)] = name
+    names = list(name_of.values())
+    if len(names) == 1:
+        return names[0]
+    noun = type_.__name__.lower()
+    if not names:
+        raise UnknownNameError(f"{reference} has no {noun}; {missing}")
+    known = ", ".join(names)
+    remedy = f"name one: {reference}:{noun.upper()}"
+    raise UnknownNameError(f"{reference} has {len(names)} {noun}s ({known}); {remedy}")

@@ -8,18 +8,16 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, ClassVar
 
+import on_a_body
 import pytest
 from bench_arm import BenchArm
 from described import ROBO_ARM, TASKS, TWO_WHEELER
+from on_a_body import ANGLES, DriveContract, interface
 
 from brickhub.errors import DescriptionError
-from brickhub.finding import Outcome
-from brickhub.hub.diagnostics.preflight import check_robot
 from brickhub.hub.interface import (
     Command,
     Curve,
-    Distance,
-    DriveAngle,
     DriveDistance,
     DriveSpeed,
     DriveStraight,
@@ -37,18 +35,17 @@ from brickhub.hub.interface import (
     Wait,
 )
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.hub.link.profiles import LinkProfile
 from brickhub.hub.program.compile import compile_program
 from brickhub.hub.program.generate import generate, validate
 from brickhub.hub.transport import Pipe
-from brickhub.robot import HubKind
+from brickhub.robot import HubKind, Robot
 from brickhub.virtual.bench_body import BenchBody
+from brickhub.virtual.body import Body
 from brickhub.virtual.virtual_transport import VirtualHub
 
 TECHNIC = replace(TWO_WHEELER, name="technic", hub=HubKind.TECHNIC, motors=tuple(
     replace(motor, port=port) for motor, port in zip(TWO_WHEELER.motors, "AB", strict=True)
 ))  # fmt: skip
-ANGLES = (MotorAngle("left", -3000, 3000), MotorAngle("right", -3000, 3000))
 HASHES = {
     "RoboArm-v0": "336c13e0 f0e16ced",
     "RoboArm_mixed-v0": "854f9153 0d9d9a04",
@@ -59,26 +56,17 @@ HASHES = {
 }
 
 
-def interface(*commands: Command, settle: Wait | UntilDone | None = None) -> Interface:
-    return Interface(
-        commands,
-        (*ANGLES, DriveDistance(-2000, 2000), DriveAngle(-360, 360), Heading()),
-        settle or Wait(500),
-    )
+class TestDriveOnTheBench(DriveContract):
+    """A 2Wheeler whose wheels turn in the air."""
+
+    def body(self) -> Body:
+        return BenchBody(TWO_WHEELER)
 
 
 def carried_out(
-    wanted: Interface, *steps: Sequence[float], robot: Any = TWO_WHEELER
+    wanted: Interface, *steps: Sequence[float], robot: Robot = TWO_WHEELER
 ) -> tuple[list[list[float]], VirtualHub]:
-    """Readings after the steps ``[1 + steps, channels]``, relative to the first, and the hub."""
-    hub = VirtualHub(BenchBody(robot), link=LinkProfile(15.0))
-    link = HubLink(hub, robot, wanted)
-    link.open()
-    first = link.read().values
-    readings = [first, *(link.act(step).values for step in steps)]
-    return [
-        [value - start for value, start in zip(reading, first, strict=True)] for reading in readings
-    ], hub
+    return on_a_body.carried_out(BenchBody(robot), wanted, *steps)
 
 
 def turned(seen: list[list[float]], step: int) -> list[float]:
@@ -199,28 +187,11 @@ def test_target_command_holds_angle() -> None:
     assert [start_deg + row[0] for row in seen[1:]] == pytest.approx([60, 90], abs=12)
 
 
-def test_drive_command_signs() -> None:
-    seen, _ = carried_out(
-        interface(DriveSpeed(-200, 200), DriveTurnRate(-90, 90)), *((200, 0),) * 3, *((0, 90),) * 3
-    )
-    assert seen[3][2] == pytest.approx(200 * 1.6, abs=60) and abs(seen[3][3]) < 4
-    assert seen[6][3] - seen[3][3] == pytest.approx(90 * 1.6, abs=30)
-
-
 def test_drive_command_order_follows_action() -> None:
     seen, _ = carried_out(
         interface(DriveTurnRate(-90, 90), DriveSpeed(-200, 200)), (0, 200), (0, 200)
     )
     assert seen[2][2] > 120 and abs(seen[2][3]) < 4
-
-
-def test_turns_and_curves_end_correctly() -> None:
-    until = UntilDone(5000)
-    seen, _ = carried_out(interface(Turn(-90, 90), settle=until), (90,), (-45,))
-    assert [row[3] for row in seen[1:]] == pytest.approx([90, 45], abs=4)
-    curved, _ = carried_out(interface(Curve(-90, 90, radius_mm=100), settle=until), (90,), (-90,))
-    assert curved[1][2:4] == pytest.approx([157, 90], abs=6)
-    assert curved[2][2:4] == pytest.approx([314, 0], abs=8), "to the left now, and ahead again"
 
 
 def test_light_and_sound_commands() -> None:
@@ -300,17 +271,6 @@ def test_joint_tracks_targets_in_range() -> None:
     link = HubLink(hub, ROBO_ARM, wanted)
     link.open()
     assert link.act((-40,)).values[0] == pytest.approx(-40, abs=12)
-
-
-@pytest.mark.parametrize("commands", EVERY[:1] + EVERY[3:4] + EVERY[7:], ids=str)
-def test_preflight_tries_commands(commands: tuple[Command, ...]) -> None:
-    wanted = replace(
-        interface(*commands), channels=(MotorAngle("left"), MotorAngle("right"), Distance("eyes"))
-    )
-    transport = VirtualHub(BenchBody(TWO_WHEELER))
-    findings = list(check_robot(transport, TWO_WHEELER, wanted, may_move=lambda: True))
-    assert [finding for finding in findings if finding.outcome is Outcome.ERROR] == []
-    assert len(findings) > len(commands)
 
 
 def test_straight_command_is_unchanged() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -20,7 +19,6 @@ from brickhub.robot import (
     Mount,
     Robot,
     UltrasonicSensor,
-    spec,
 )
 
 names = st.from_regex(r"[a-z_][a-z0-9_]{0,8}", fullmatch=True)
@@ -241,41 +239,3 @@ def test_motor_of_another_type_raises(change: dict[str, object]) -> None:
     with pytest.raises(DescriptionError, match=f"^{next(iter(change))} is .*; give ") as caught:
         Motor("m", "A", **change)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
-
-
-@pytest.fixture
-def readers(monkeypatch: pytest.MonkeyPatch) -> list[object]:
-    """Entry points that read plans; at first none is installed."""
-    points: list[object] = []
-    monkeypatch.setattr(spec.metadata, "entry_points", lambda *, group, name: points)
-    monkeypatch.setattr(spec, "_completion", spec._completion.__wrapped__)
-    return points
-
-
-def test_plan_needs_bricktwin(readers: list[object]) -> None:
-    with pytest.raises(DescriptionError) as caught:
-        Robot("mine", HubKind.PRIME, plan="my_robot.ldr")
-    told = (
-        "a building plan is read by bricktwin, which is not installed; run `pip install bricktwin`"
-    )
-    assert str(caught.value) == told
-
-
-def test_plan_completes_the_description(readers: list[object]) -> None:
-    given = []
-
-    def complete(robot: Robot) -> tuple[object, ...]:
-        given.append((robot.plan, robot.motors))
-        return (A, B), (), DriveBase("a", "b", 56, 130), ("up", "back")
-
-    readers.append(SimpleNamespace(load=lambda: complete))
-    robot = Robot("mine", HubKind.PRIME, needs_imu=True, plan="my_robot.ldr")
-    assert given == [("my_robot.ldr", ())]
-    assert (robot.motors, robot.drive_base, robot.hub_sides) == (
-        (A, B),
-        DriveBase("a", "b", 56, 130),
-        ("up", "back"),
-    )
-    readers[:] = [SimpleNamespace(load=lambda: lambda robot: ((A, Motor("b", "A")), (), None, ()))]
-    with pytest.raises(DescriptionError, match="port A is used 2 times"):
-        Robot("mine", HubKind.PRIME, plan="my_robot.ldr")

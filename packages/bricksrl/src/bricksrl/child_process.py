@@ -38,7 +38,8 @@ def open_channel(incoming: BinaryIO, outgoing: BinaryIO, deliver: Deliver) -> Se
         try:
             outgoing.write(data.getbuffer())
             outgoing.flush()
-        except OSError as error:  # of another kind on Windows
+        except OSError as error:
+            # Of another kind on Windows.
             raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE)) from error
 
     def read() -> None:
@@ -46,7 +47,7 @@ def open_channel(incoming: BinaryIO, outgoing: BinaryIO, deliver: Deliver) -> Se
             while True:
                 deliver(pickle.load(incoming))  # noqa: S301  from a process of ours
         except (OSError, EOFError, ValueError, pickle.UnpicklingError):
-            # gone, also amid a message, or closed on this side
+            # It is gone, maybe amid a message, or closed on this side.
             deliver(None)
 
     threading.Thread(target=read, name="channel", daemon=True).start()
@@ -59,7 +60,10 @@ class _Pickler(pickle.Pickler):
     def reducer_override(self, obj: Any) -> Any:
         from torch import Tensor, from_numpy
 
-        return (from_numpy, (obj.cpu().numpy(),)) if type(obj) is Tensor else NotImplemented
+        # A subclass, such as a parameter, has a way of its own.
+        if type(obj) is Tensor:
+            return from_numpy, (obj.cpu().numpy(),)
+        return NotImplemented
 
 
 def own_python(*arguments: str) -> tuple[list[str], dict[str, str]]:
@@ -68,7 +72,7 @@ def own_python(*arguments: str) -> tuple[list[str], dict[str, str]]:
     It imports from where this process does. By itself Python would import first what lies in the
     present folder, where a stranger's ``copy.py`` may lie beside the run or the data that he sent.
     """
-    # "" is the present one; links stay
+    # "" is the present folder, which has a name from now on; links stay as they are.
     folders = [os.path.abspath(folder) for folder in sys.path]  # noqa: PTH100
     variables = {**os.environ, "PYTHONPATH": os.pathsep.join(folders)}
     return [sys.executable, "-P", *arguments], variables
@@ -90,9 +94,9 @@ class ChildProcess:
             creationflags=flags,
         )
         self.pid = self._process.pid
-        self.send = open_channel(
-            cast(BinaryIO, self._process.stdout), cast(BinaryIO, self._process.stdin), deliver
-        )
+        stdout = cast(BinaryIO, self._process.stdout)
+        stdin = cast(BinaryIO, self._process.stdin)
+        self.send = open_channel(stdout, stdin, deliver)
 
     def wait(self, timeout_s: float) -> int | None:
         """The exit code (negative signal number if killed), or ``None`` after the timeout."""
@@ -120,16 +124,18 @@ def parent_channel(deliver: Deliver) -> Send:
         if message is None:
             end_after(ORPHAN_S)
 
+    # A Ctrl-C is for the parent, which asks for the end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     incoming = os.fdopen(take_input(), "rb")
     outgoing = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # prints must not mix with the messages
+    # What a user's code prints must not mix with the messages.
+    os.dup2(2, 1)
     return open_channel(incoming, outgoing, deliver_and_end)
 
 
 def leave(code: int = 0) -> NoReturn:
     """In a `ChildProcess`: exit with a code, without waiting for the receiving thread."""
-    # replay buffers hold semaphores; unless they are given back, a warning is printed
+    # Replay buffers hold semaphores; unless they are given back, a warning is printed.
     atexit._run_exitfuncs()
     sys.stderr.flush()
     os._exit(code)

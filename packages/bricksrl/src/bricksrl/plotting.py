@@ -4,6 +4,7 @@ something is drawn."""
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,14 +21,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INK = "#1f2430"
+"""Colour of text."""
 MUTED = "#6b7280"
+"""Colour of axes and of reference lines."""
 GRID = "#e5e7eb"
-"""Colours of text, axes and grid."""
 LIGHT = "#9fb8dc"
+"""Colour of single values and intervals."""
 STRONG = "#0b5cad"
+"""Colour of means."""
 DARK = "#08306b"
+"""Colour of frequent values."""
 GREY = "#c9ccd3"
-"""Colours of single values and intervals, means, frequent values, and values that do not count."""
+"""Colour of values that do not count."""
 PALETTE = ("#0b5cad", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4b5563", "#8c564b")
 """Colours of several agents, distinguishable with most kinds of colour blindness (after Okabe and
 Ito)."""
@@ -107,8 +112,9 @@ def finish(axes: Axes, lines: Mapping[str, float] | None = None, *, legend: bool
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     for line in axes.lines:
+        # A line of one point is not drawn, unless it is a mark already.
         is_invisible = np.size(line.get_xdata()) == 1 and line.get_marker() == "None"
-        if is_invisible:  # as a line of one point is; one that is a mark has its own
+        if is_invisible:
             line.set_marker("o")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:,.0f}"))
@@ -133,12 +139,11 @@ def _reference_lines(axes: Axes, lines: Mapping[str, float]) -> None:
     for value in lines.values():
         axes.axhline(value, color=MUTED, linewidth=1, linestyle=(0, (4, 3)), zorder=1)
     low, high = axes.get_ylim()
-    positions = sorted((value - low) / (high - low) for value in lines.values())
-    for index in range(1, len(positions)):
-        positions[index] = max(positions[index], positions[index - 1] + _LABEL_GAP)
-    for (label, value), position in zip(
-        sorted(lines.items(), key=lambda item: item[1]), positions, strict=True
-    ):
+    ordered = sorted(lines.items(), key=lambda item: item[1])
+    # From the lowest up, each as high as its line, or as its predecessor's text allows.
+    position = -math.inf
+    for label, value in ordered:
+        position = max((value - low) / (high - low), position + _LABEL_GAP)
         axes.annotate(
             f"{label} {number(value)}",
             (1.0, position),

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 KEY_PAIRS = (("q", "a"), ("w", "s"), ("e", "d"), ("r", "f"), ("t", "g"), ("y", "h"))
 """Keys of each command in order: the key that raises it, and the key below that lowers it."""
 DEAD_ZONE = 0.1
+"""Position below which a stick counts as released, as it does not return to exactly 0."""
 TRIGGER_ZONE = 0.9
-"""Released sticks do not return to exactly 0; an axis that is beyond the second at the start is a
-trigger, which rests at -1."""
+"""Position beyond which an axis at the start is a trigger, which rests at -1."""
 _EVENT = struct.Struct("<IhBB")  # time in ms, value, kind, number: linux/joystick.h
 _BUTTON = 0x01
 _AXIS = 0x02
@@ -44,21 +44,27 @@ _AXIS_MAX = 32767
 def at_rest(commands: Sequence[Entry]) -> list[float]:
     """Action ``[m]`` that moves nothing, or as little as possible; 0 for a command of unknown
     range."""
-    spans = [(command.high + command.low, command.high - command.low) for command in commands]
-    return [
-        min(max(-double / span, -1.0), 1.0) if math.isfinite(span) and span else 0.0
-        for double, span in spans
-    ]
+    actions = []
+    for command in commands:
+        span = command.high - command.low
+        action = 0.0
+        if math.isfinite(span) and span:
+            # The action of the value 0; where the range has no 0, its end that is nearest to it.
+            action = -(command.high + command.low) / span
+        actions.append(min(max(action, -1.0), 1.0))
+    return actions
 
 
 def pushed(pushes: Sequence[float], rest: Sequence[float]) -> list[float]:
     """Action ``[m]`` for pushes from -1 (fully down) over 0 (released, the action ``rest``) to 1
     (fully up)."""
-    ways = zip((min(max(push, -1.0), 1.0) for push in pushes), rest, strict=True)
-    return [
-        still + (push * (1.0 - still) if push > 0.0 else push * (1.0 + still))
-        for push, still in ways
-    ]
+    actions = []
+    for push, resting in zip(pushes, rest, strict=True):
+        push = min(max(push, -1.0), 1.0)
+        # The way from rest to the end of the range on that side.
+        way = 1.0 - resting if push > 0.0 else 1.0 + resting
+        actions.append(resting + push * way)
+    return actions
 
 
 def _action(pushes: Sequence[float], rest: Sequence[float]) -> Tensor:
@@ -69,10 +75,9 @@ def _action(pushes: Sequence[float], rest: Sequence[float]) -> Tensor:
 
 def legend(commands: Sequence[Entry]) -> list[str]:
     """Keys and their functions, one line each."""
-    lines = [
-        f"{up} / {down}    {command.name} up / down"
-        for command, (up, down) in zip(commands, KEY_PAIRS, strict=False)
-    ]
+    lines = []
+    for command, (up, down) in zip(commands, KEY_PAIRS, strict=False):
+        lines.append(f"{up} / {down}    {command.name} up / down")
     return [*lines, "space    take over, or give back", "Ctrl-C   end"]
 
 
@@ -134,8 +139,9 @@ class KeyboardDriver:
         pushes = [0.0] * len(self._rest)
         for press in self._source.read_keys():
             key = str(getattr(press.key, "value", press.key))
+            # In raw mode the terminal sends a key, and no signal.
             if key == "c-c":
-                signal.raise_signal(signal.SIGINT)  # in raw mode the terminal does not send it
+                signal.raise_signal(signal.SIGINT)
             if key == " ":
                 self.in_charge = not self.in_charge
             if key.lower() in self._keys:
@@ -183,10 +189,9 @@ class GamepadDriver(contextlib.AbstractContextManager["GamepadDriver"]):
         self.in_charge = in_charge
         self._rest = at_rest(commands)
         self._pad = find_pad() if pad is None else pad
+        positions, _ = self._pad.read()
         self._sticks = [
-            axis
-            for axis, position in enumerate(self._pad.read()[0])
-            if abs(position) < TRIGGER_ZONE
+            axis for axis, position in enumerate(positions) if abs(position) < TRIGGER_ZONE
         ]
 
     def __call__(self, observation: Tensor) -> Tensor | None:
@@ -241,9 +246,9 @@ class LinuxPad:
             raise DataError(
                 f"the gamepad {self._device} is gone; plug it in and start again"
             ) from None
-        return [
-            self._axes.get(number, 0.0) for number in range(max(self._axes, default=-1) + 1)
-        ], presses
+        # The driver tells an axis when it moves; the kernel tells all of them at the start.
+        count = max(self._axes, default=-1) + 1
+        return [self._axes.get(number, 0.0) for number in range(count)], presses
 
     def close(self) -> None:
         os.close(self._handle)
@@ -261,7 +266,8 @@ class PygamePad:
                 "install pygame"
             ) from None
         self._pygame = pygame
-        pygame.display.init()  # needed for events, even without a window
+        # Needed for events, even without a window.
+        pygame.display.init()
         pygame.joystick.init()
         if not pygame.joystick.get_count():
             raise DataError("no gamepad is here; plug one in, or drive with the keyboard")
@@ -269,13 +275,16 @@ class PygamePad:
         self._stick.init()
 
     def read(self) -> tuple[list[float], int]:
-        events = self._pygame.event.get()  # of all kinds: a full queue takes no presses
+        # Of all kinds: a queue that is full takes no presses.
+        events = self._pygame.event.get()
         if any(event.type == self._pygame.JOYDEVICEREMOVED for event in events):
             raise DataError("the gamepad is gone; plug it in and start again")
         axes = [self._stick.get_axis(i) for i in range(self._stick.get_numaxes())]
-        return axes, sum(
-            event.type == self._pygame.JOYBUTTONDOWN and event.button == 0 for event in events
-        )
+        presses = 0
+        for event in events:
+            if event.type == self._pygame.JOYBUTTONDOWN and event.button == 0:
+                presses += 1
+        return axes, presses
 
     def close(self) -> None:
         self._pygame.joystick.quit()
@@ -289,7 +298,7 @@ class ControllerPad:
 
     def __init__(self) -> None:
         self._lego = lego_package(is_silent=True).Controller()
-        # in a thread, as the package's event loop would take the signals of Windows in this one
+        # In a thread: in this one the package's event loop would take the signals of Windows.
         RealRadio().run(lambda: self._lego.connect(device_notification_delay=15))
         if not self._lego.connected:
             raise DataError(

@@ -302,7 +302,6 @@ def test_wrong_arguments_print_one_line(fails, arguments, says):
             "train RoboArm-v0 --option threshold_deg=NaN --run a",
             "is nan; give a number",
         ),
-        ("study sim-to-robot --quick --on slurm", "no 'slurm' to run on"),
         ("tune WalkerSim-v0 --folder a --on slurm", "no 'slurm' to run on"),
         ("train WalkerSim-v0 --run a --seeds 2 --on slurm", "no 'slurm' to run on"),
         ("train WalkerSim-v0 --run a --stop-at nan", "stop_at is not a finite number"),

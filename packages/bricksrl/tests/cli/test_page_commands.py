@@ -94,10 +94,6 @@ def test_program_on_page(tmp_path, capfd):
         (("team", "--play", "runs/nothing"), "there is no team in runs/nothing; name a folder"),
         (("team", "tag-v0"), "there is no arena 'tag-v0' (did you mean 'Tag-v0'?); choose"),
         (
-            ("study", "robots-time"),
-            "there is no benchmark 'robots-time' (did you mean 'robot-time'?); choose",
-        ),
-        (
             ("play", "RunAway-v0", "--hub", "virtul"),
             "there is no hub 'virtul' (did you mean 'virtual'?); choose",
         ),

@@ -13,8 +13,10 @@ import pytest
 import ray
 
 from brickhub.files import LOCK
+from bricksrl.agents.sac import SACSettings
 from bricksrl.cli.new import write_template
 from bricksrl.errors import RunError
+from bricksrl.evaluation import evaluate
 from bricksrl.evaluation.multi_seed import (
     Keeper,
     changed_files,
@@ -23,7 +25,7 @@ from bricksrl.evaluation.multi_seed import (
     train_on_worker,
     train_seeds,
 )
-from bricksrl.training import TrainConfig
+from bricksrl.training import TrainConfig, train
 
 pytestmark = pytest.mark.realtime
 
@@ -33,26 +35,26 @@ from pathlib import Path
 from bricksrl.agents.sac import SACSettings
 from bricksrl.evaluation.multi_seed import train_seeds
 from bricksrl.evaluation.tuning import Tuning, tune
-from bricksrl.training import TrainConfig
+from bricksrl.training import TrainConfig, train
 
 SETTINGS = SACSettings(hidden=(16,), batch_size=16, updates_per_step=0.25)
-folder, on, told, killed = Path(sys.argv[1]), sys.argv[2] or None, [], []
+folder, told, killed = Path(sys.argv[1]), [], []
 
 def tell(seed, message):
     told.append([seed, message])
-    if on and seed == 1 and message.get("episode") == 2 and not killed:
+    if seed == 1 and message.get("episode") == 2 and not killed:
         killed.append(next(said["pid"] for of, said in told if of == seed and "pid" in said))
         os.kill(killed[0], getattr(signal, "SIGKILL", signal.SIGTERM))
 
 config = TrainConfig("WalkerSim-v0", episodes=4, settings=SETTINGS, run_dir=folder / "sweep")
-group = train_seeds(config, 2, jobs=2, on=on, on_line=tell)
+group = train_seeds(config, 2, jobs=2, on="ray", on_line=tell)
 print(json.dumps({"returns": group.scores, "told": told, "killed": len(killed)}))
 """
 
 
-def sweep(folder: Path, on: str) -> dict:
+def sweep_on_cluster(folder: Path) -> dict:
     done = subprocess.run(
-        [sys.executable, "-c", SWEEP, str(folder), on],
+        [sys.executable, "-c", SWEEP, str(folder)],
         check=False,
         capture_output=True,
         text=True,
@@ -62,8 +64,22 @@ def sweep(folder: Path, on: str) -> dict:
     return json.loads(done.stdout.strip().splitlines()[-1])
 
 
+def sweep_here(folder: Path) -> list[float]:
+    """Returns of the same two seeds, trained in this process."""
+    settings = SACSettings(hidden=(16,), batch_size=16, updates_per_step=0.25)
+    returns = []
+    for seed in (0, 1):
+        run_dir = folder / "sweep" / f"seed-{seed}"
+        train(
+            TrainConfig("WalkerSim-v0", episodes=4, seed=seed, settings=settings, run_dir=run_dir)
+        )
+        returns.append(evaluate(run_dir).return_mean)
+    return returns
+
+
 def test_killed_ray_worker_gives_same_numbers(tmp_path: Path) -> None:
-    here, there = sweep(tmp_path / "here", ""), sweep(tmp_path / "there", "ray")
+    here = sweep_here(tmp_path / "here")
+    there = sweep_on_cluster(tmp_path / "there")
     assert there["killed"] == 1
     started = [
         message["started"] for seed, message in there["told"] if seed == 1 and "started" in message
@@ -71,7 +87,7 @@ def test_killed_ray_worker_gives_same_numbers(tmp_path: Path) -> None:
     assert len(started) == 2 and started[0] == 0 and started[1] >= 2, (
         "it was resumed, not begun anew"
     )
-    assert here["returns"] == there["returns"]
+    assert here == there["returns"]
     for seed in (0, 1):
         one, other = (tmp_path / place / "sweep" / f"seed-{seed}" for place in ("here", "there"))
         # A lock is of the computer on which a process holds it, and is not sent.

@@ -18,6 +18,7 @@ from bricksrl.page.board import Board
 from bricksrl.page.robot_view import PRIMITIVES, Mirror, RobotView, twin_scene
 from bricksrl.page.scene import HIDDEN, Mesh, Scene, SceneBody, Shape, box, poses
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
+from bricktwin.robots.planned import robot_of_plan
 from bricktwin.twin.linkage import pose_at, sensed_qpos
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.scene import OPEN_FLOOR
@@ -186,7 +187,7 @@ def shown(robot: Robot) -> Board:
 @pytest.mark.parametrize(
     "robot",
     [
-        Robot("planned", HubKind.PRIME, plan=str(Path(plans.__path__[0]) / "two_wheeler.ldr")),
+        robot_of_plan(Path(plans.__path__[0]) / "two_wheeler.ldr"),
         Robot("driving", HubKind.PRIME, MOTORS, drive_base=DriveBase("left", "right", 56, 130)),
     ],
 )

@@ -64,7 +64,7 @@ def kept(
         with contextlib.suppress(ValueError):
             return decode(data)
     made = make()
-    # no source has changed meanwhile
+    # A source may have changed meanwhile: what was made would stand under the wrong digest.
     if path is not None and path == _path(sources) and next(_written) < _MAX_WRITTEN:
         _write(path, encode(made))
     return made
@@ -80,20 +80,27 @@ def _plain(value: object) -> list[object]:
     """An enum or a dataclass of ours, in JSON."""
     kind = type(value)
     name = f"{kind.__module__}.{kind.__qualname__}"
-    if kind.__module__.partition(".")[0] in {house.__name__ for house in _HOUSES}:
+    # Of our own types only the digest of our code says what they mean.
+    package, _, _ = kind.__module__.partition(".")
+    if package in {house.__name__ for house in _HOUSES}:
         if isinstance(value, enum.Enum):
             return [name, value.name]
         if dataclasses.is_dataclass(value):
-            return [name, *(getattr(value, field.name) for field in dataclasses.fields(value))]
+            fields = [getattr(value, field.name) for field in dataclasses.fields(value)]
+            return [name, *fields]
     raise UnkeptError(f"{value!r:.80} has no digest")
 
 
 def _path(sources: Callable[[], Iterable[bytes]]) -> Path | None:
     """Path of a result; ``None`` if it cannot be kept."""
     code = _code()
+    if code is None:
+        return None
     try:
-        return None if code is None else user_cache() / "kept" / _digest((code, *sources())).hex()
-    except (OSError, RuntimeError, UnkeptError) as error:  # RuntimeError: the user has no home
+        digest = _digest((code, *sources()))
+        return user_cache() / "kept" / digest.hex()
+    except (OSError, RuntimeError, UnkeptError) as error:
+        # RuntimeError: the user has no home.
         _log.debug("not kept: %s", error)
         return None
 
@@ -103,27 +110,34 @@ def _code() -> bytes | None:
     """Digest of our code and of what runs it; ``None`` if this process may have loaded other code
     than is in the files."""
     loaded_ns = min(house.LOADED_NS for house in _HOUSES) - _TICK_NS
-    texts = [repr((sys.version, np.__version__, np.show_config(mode="dicts"))).encode()]
+    runtime = (sys.version, np.__version__, np.show_config(mode="dicts"))
+    texts = [repr(runtime).encode()]
+    paths: list[Path] = []
     try:
-        for path in (
-            path for house in _HOUSES for path in sorted(Path(house.__path__[0]).rglob("*"))
-        ):
-            if path.suffix in (".py", ".csv"):
-                # The time of the last change of any kind: tools that copy or unpack files set that
-                # of their content. (On Windows the first one is that of the file's making.)
-                state = path.stat()
-                if max(state.st_ctime_ns, state.st_mtime_ns) > loaded_ns:
-                    return None
-                texts += [path.name.encode(), path.read_bytes()]
+        for house in _HOUSES:
+            paths += sorted(Path(house.__path__[0]).rglob("*"))
+        for path in paths:
+            if path.suffix not in (".py", ".csv"):
+                continue
+            # The time of the last change of any kind: tools that copy or unpack files set that
+            # of their content. (On Windows the first one is that of the file's making.)
+            state = path.stat()
+            if max(state.st_ctime_ns, state.st_mtime_ns) > loaded_ns:
+                return None
+            texts += [path.name.encode(), path.read_bytes()]
     except OSError:
         return None
-    return _digest(texts) if len(texts) > 1 else None  # none are read from a zip
+    if len(texts) == 1:
+        # The packages are in a zip, whose files have no paths.
+        return None
+    return _digest(texts)
 
 
 def _digest(texts: Iterable[bytes]) -> bytes:
     """SHA-256 of a sequence."""
     digest = hashlib.sha256()
     for text in texts:
+        # With its length: "ab", "c" and "a", "bc" are two sequences.
         digest.update(len(text).to_bytes(8, "big") + text)
     return digest.digest()
 
@@ -139,6 +153,7 @@ def _read(path: Path) -> bytes | None:
     if hashlib.sha256(data).digest() != checksum:
         _log.debug("%s is damaged", path)
         return None
+    # Now it was used, which keeps it longer.
     with contextlib.suppress(OSError):
         os.utime(path)
     return data
@@ -149,11 +164,13 @@ def _write(path: Path, data: bytes) -> None:
     try:
         write_durably(path, hashlib.sha256(data).digest() + data)
         states = {file: file.stat() for file in path.parent.iterdir()}
-        left = sum(state.st_size for state in states.values())
-        for file in sorted(states, key=lambda file: states[file].st_mtime_ns):
-            if left <= _MAX_BYTES:
+        left_bytes = sum(state.st_size for state in states.values())
+        oldest_first = sorted(states, key=lambda file: states[file].st_mtime_ns)
+        for file in oldest_first:
+            if left_bytes <= _MAX_BYTES:
                 break
-            left -= states[file].st_size
+            left_bytes -= states[file].st_size
             file.unlink(missing_ok=True)
-    except OSError as error:  # also of two processes that do this at once
+    except OSError as error:
+        # Also of two processes that do this at once.
         _log.debug("not kept: %s", error)

@@ -15,9 +15,8 @@ def report_page(title: str, body: str) -> str:
         title: its title, as plain text.
         body: its contents, as HTML.
     """
-    template = Template(
-        resources.files("bricktwin").joinpath("report.html").read_text(encoding="utf-8")
-    )
+    file = resources.files("bricktwin").joinpath("report.html")
+    template = Template(file.read_text(encoding="utf-8"))
     return template.substitute(title=html.escape(title), body=body)
 
 
@@ -27,8 +26,15 @@ def plain_number(value: float, digits: int = 4) -> str:
 
     Digits before the decimal point are all kept: 12345.6 is "12346".
     """
-    if not math.isfinite(value) or value == 0.0:
-        return f"{abs(value):g}" if value == 0.0 else f"{value:g}"
+    if value == 0.0:
+        # -0.0 equals 0.0, and must not show its minus.
+        return "0"
+    if not math.isfinite(value):
+        return f"{value:g}"
     leading = math.floor(math.log10(abs(value)))
-    text = f"{value:.{max(0, digits - 1 - leading)}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
+    decimals = max(0, digits - 1 - leading)
+    text = f"{value:.{decimals}f}"
+    if "." not in text:
+        # The zeros of 1200 are digits.
+        return text
+    return text.rstrip("0").rstrip(".")

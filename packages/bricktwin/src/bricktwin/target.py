@@ -2,16 +2,15 @@
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from brickhub.errors import DescriptionError, TwinError, UnknownNameError
-from brickhub.robot import HubKind, Robot
+from brickhub.robot import Robot
 from brickhub.target import Target, find_in_files, whole_interface
 from brickhub.user_files import is_reference, load_object, objects_in, without_name
 from brickhub.virtual.body import Body
 from bricktwin import robots
-from bricktwin.robots.planned import is_plan, read_facts
+from bricktwin.robots.planned import completed, is_plan, robot_of_plan
 from bricktwin.twin.make_body import lies_on_bench, make_body
 from bricktwin.twin.scene import Scene
 
@@ -22,13 +21,13 @@ def find(name: str) -> Target:
     if name in robots.ROBOTS:
         return with_body(robots.get(name))
     if is_plan(name):
-        return with_body(robot_of_plan(Path(name)))
+        return with_body(robot_of_plan(name))
     if not is_reference(name):
         raise UnknownNameError(
             f"there is no robot '{name}'; choose {', '.join(robots.ROBOTS)}, or name a file: "
             "my_robot.ldr or my_robot.py"
         )
-    return _in_scene(find_in_files(name), name)
+    return _in_scene(find_in_files(name, completed), name)
 
 
 def _in_scene(target: Target, reference: str) -> Target:
@@ -36,16 +35,17 @@ def _in_scene(target: Target, reference: str) -> Target:
     scenes = objects_in(reference, Scene)
     if len(scenes) == 1:
         (scene,) = scenes.values()
-        return replace(target, make_body=partial(make_body, target.robot, scene=scene), scene=scene)
-    file = without_name(reference)
-    note = (
-        (
+        make_in_scene = partial(make_body, target.robot, scene=scene)
+        return replace(target, make_body=make_in_scene, scene=scene)
+    # Of several, none is the right one by itself: the user is told how to name one.
+    note = ""
+    if scenes:
+        file = without_name(reference)
+        first = next(iter(scenes))
+        note = (
             f"{file} has scenes {', '.join(scenes)}, and none is taken; name one: --scene "
-            f"{file}:{next(iter(scenes))}"
+            f"{file}:{first}"
         )
-        if scenes
-        else ""
-    )
     return replace(target, make_body=partial(make_body, target.robot), note=note)
 
 
@@ -79,24 +79,9 @@ def body_of(target: Target, scene: Scene | None, **options: Any) -> Body:
 
 def with_body(robot: Robot) -> Target:
     """A robot on an open floor, or on the bench if it has no body."""
-    return Target(robot.name, robot, whole_interface(robot), partial(make_body, robot))
-
-
-def robot_of_plan(path: Path) -> Robot:
-    """The robot that a building plan describes: its hub, and the motors and sensors on the hub's
-    ports. Raises PlanError if the plan cannot be read, DescriptionError if it has no hub of
-    ours."""
-    facts = read_facts(path)
-    hub = facts.hubs[0] if facts.hubs else None
-    kinds = {kind.value: kind for kind in HubKind}
-    if hub is None or hub.name not in kinds:
-        raise DescriptionError(
-            f"{path} has {'no hub' if hub is None else hub.part}; a robot needs one that runs "
-            "Pybricks"
-        )
-    kind = kinds[hub.name]
-    needs_imu = kind.model.has_imu and len(facts.hub_sides) == 2
-    stem = "".join(letter if letter.isalnum() else "_" for letter in path.stem)
-    return Robot(
-        stem if stem.isidentifier() else f"robot_{stem}", kind, needs_imu=needs_imu, plan=str(path)
+    return Target(
+        robot.name,
+        robot,
+        whole_interface(robot),
+        partial(make_body, robot),
     )

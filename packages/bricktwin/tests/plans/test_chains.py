@@ -9,10 +9,11 @@ from chain_lines import chain
 from plan_lines import body_of, plan_of
 from test_bodies import PLATE, shaft
 
-from brickhub.robot import HubKind, Robot
+from brickhub.robot import HubKind
 from bricktwin.plans.check import check, structure_of
 from bricktwin.plans.connections import chain_meshes
 from bricktwin.plans.planned_robot import planned
+from bricktwin.robots.planned import robot_of_plan
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
@@ -75,7 +76,7 @@ def test_motor_drives_twin_through_chain(tmp_path):
     path = tmp_path / "driven.ldr"
     path.write_text("\n".join(DRIVEN))
     quiet = Physics(distance_noise_mm=0, distance_noise_ratio=0, tilt_noise_deg=0, backlash_deg=0)
-    one = MujocoBody(Robot("chained", HubKind.PRIME, plan=str(path)), OPEN_FLOOR, quiet, 0)
+    one = MujocoBody(robot_of_plan(path, hub=HubKind.PRIME), OPEN_FLOOR, quiet, 0)
     one.set_voltage("A", 4000)
     one.advance_to(700)
     motor = one.angle_mdeg("A") / 1000

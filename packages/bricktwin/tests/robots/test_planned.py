@@ -8,8 +8,11 @@ import pytest
 
 from brickhub.errors import DescriptionError, PlanError
 from brickhub.robot import Direction, DriveBase, HubKind, Motor, MotorKind, Robot, UltrasonicSensor
+from brickhub.target import whole_interface
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
-from bricktwin.robots.planned import check_description, plan_file
+from bricktwin.robots.planned import check_description, completed, plan_file, robot_of_plan
+from bricktwin.target import find
+from bricktwin.twin.make_body import make_body
 
 PLANS = Path(plans.__path__[0])
 TWO_WHEELER_PLAN = str(PLANS / "two_wheeler.ldr")
@@ -17,7 +20,7 @@ TWO_WHEELER_PLAN = str(PLANS / "two_wheeler.ldr")
 
 def robot(**said: object) -> Robot:
     """A 2Wheeler with given fields only."""
-    return Robot("mine", HubKind.PRIME, plan=TWO_WHEELER_PLAN, **said)  # type: ignore[arg-type]
+    return robot_of_plan(TWO_WHEELER_PLAN, "mine", HubKind.PRIME, **said)  # type: ignore[arg-type]
 
 
 def test_omitted_fields_follow_from_plan():
@@ -37,12 +40,7 @@ def test_given_fields_are_kept_port_follows_from_plan():
 
 
 def test_gears_follow_from_plan_unless_given():
-    arm = Robot(
-        "mine",
-        HubKind.PRIME,
-        motors=(Motor("low", gears=(1, 1)),),
-        plan=str(PLANS / "robo_arm.ldr"),
-    )
+    arm = robot_of_plan(PLANS / "robo_arm.ldr", motors=[Motor("low", gears=(1, 1))])
     assert {motor.name: motor.gears for motor in arm.motors} == {
         "low": (1, 1),
         "rotation": (20, 60),
@@ -86,9 +84,29 @@ def test_contradictions_to_plan_raise(said, says):
 
 def test_other_hub_or_missing_plan_raises():
     with pytest.raises(DescriptionError, match="is not a technic hub"):
-        Robot("mine", HubKind.TECHNIC, plan=TWO_WHEELER_PLAN)
+        robot_of_plan(TWO_WHEELER_PLAN, hub=HubKind.TECHNIC)
     with pytest.raises(PlanError, match="name an LDraw file"):
-        Robot("mine", HubKind.PRIME, plan="nowhere.ldr")
+        robot_of_plan("nowhere.ldr")
+
+
+def test_description_is_what_it_was_given_until_its_plan_completes_it():
+    given = Robot("mine", HubKind.PRIME, motors=(Motor("left"),), plan=str(TWO_WHEELER_PLAN))
+    assert given.motors == (Motor("left"),) and given.sensors == ()
+    whole = completed(given)
+    assert whole == robot(motors=(Motor("left"),), needs_imu=False)
+    assert whole.plan is None and whole.motor("left").port and completed(whole) is whole
+    for use in (make_body, whole_interface):
+        with pytest.raises(DescriptionError, match=r"was not read; write completed\(Robot"):
+            use(given)
+
+
+def test_robot_in_a_file_is_completed_by_the_command(tmp_path):
+    file = tmp_path / "my_robot.py"
+    file.write_text(
+        "from brickhub.robot import HubKind, Robot\n"
+        f"ROBOT = Robot('mine', HubKind.PRIME, plan={str(TWO_WHEELER_PLAN)!r})\n"
+    )
+    assert {motor.name for motor in find(str(file)).robot.motors} >= {"left", "right"}
 
 
 def test_fields_are_required_without_plan():
@@ -118,8 +136,9 @@ def test_hub_at_an_angle_has_no_imu(tmp_path, turn):
         with pytest.raises(
             DescriptionError, match="the hub is at an angle, so its IMU cannot be read"
         ):
-            Robot("mine", HubKind.PRIME, plan=str(plan), needs_imu=True, **said)
-    assert Robot("mine", HubKind.PRIME, plan=str(plan)).motors
+            robot_of_plan(plan, needs_imu=True, **said)
+    made = robot_of_plan(plan)
+    assert made.motors and not made.needs_imu
 
 
 def test_unsupported_motor_raises(tmp_path):
@@ -128,7 +147,7 @@ def test_unsupported_motor_raises(tmp_path):
     with pytest.raises(
         DescriptionError, match=r"line 2: no hub of ours runs EV3 medium motor \(99455\); take"
     ):
-        Robot("mine", HubKind.PRIME, plan=str(plan))
+        robot_of_plan(plan, hub=HubKind.PRIME)
 
 
 def test_model_in_unknown_package_raises() -> None:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 
 _MIN_COLUMNS = 20
+"""Width below which a terminal's claim is ignored."""
 _COLLECT_EVERY = 50_000
 """New objects until Python looks for unreachable ones among them."""
 
@@ -43,22 +44,26 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
     """Run one command of a module's ``LINE`` in a terminal of any kind, and return its exit code:
     0, 1 for a hub program that failed, 2 for an error, 130 for Ctrl-C. ``arguments`` are those of
     the process by default."""
+    # Before anything else is imported, so that a Ctrl-C in the first moments prints no traceback.
     before = ending_at_once() if arguments is None else {}
-    if sys.flags.optimize > 1:  # the help texts need docstrings
+    # The help texts are docstrings.
+    if sys.flags.optimize > 1:
         sys.stderr.write(
             "error: Python leaves docstrings out (-OO); unset PYTHONOPTIMIZE or set it to 1\n"
         )
         return 2
     collect_rarely()
     _prepare_terminal()
+    # Called by a program, which has signals and an end of its own.
     if arguments is not None:
         return _run(table, arguments, None)
-    # processes started from here import nothing from the present folder by themselves
+    # Processes started from here import nothing from the present folder by themselves.
     os.environ["PYTHONSAFEPATH"] = "1"
     from brickhub.cli.ending import ended_in_time
     from brickhub.options import SavesNothing
 
     with ended_in_time() as end:
+        # Once more, as entering this context has set handlers: the command is imported only now.
         at_once = ending_at_once()
 
         def begin(command: ParsedCommand) -> None:
@@ -70,12 +75,14 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
         try:
             code = _run(table, sys.argv[1:], begin)
             end.is_said.set()
+            # A Ctrl-C from here on has come too late.
             if signal.SIGINT in at_once:
-                signal.signal(signal.SIGINT, signal.SIG_IGN)  # it has come too late
+                signal.signal(signal.SIGINT, signal.SIG_IGN)
         except OSError:
             if not end.is_asked.is_set():
                 raise
-            code = INTERRUPTED  # the terminal is closed, and nobody reads what we say
+            # The terminal is closed, and nobody reads what we say.
+            code = INTERRUPTED
         if code == INTERRUPTED or end.is_asked.is_set():
             _leave(code)
     for number, handler in before.items():
@@ -86,15 +93,19 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
 
 def _prepare_terminal() -> None:
     """Make the terminal one that takes all that we print."""
+    # Tables this narrow are unreadable.
     columns = os.environ.get("COLUMNS", "")
     if columns.isdecimal() and int(columns) < _MIN_COLUMNS:
-        del os.environ["COLUMNS"]  # tables this narrow are unreadable
+        del os.environ["COLUMNS"]
+    # Python has None in place of a stream that the caller has closed.
     for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # closed by the caller
-            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            setattr(sys, name, os.fdopen(nowhere, "w"))
+    # Some terminals lack a character; tests put streams of their own in the place of these.
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")  # for terminals that lack a character
+            stream.reconfigure(errors="replace")
 
 
 def _run(
@@ -110,10 +121,12 @@ def _run(
 
         return app.run(importlib.import_module(table).LINE, arguments, begin)
     except KeyboardInterrupt:
-        with contextlib.suppress(OSError):  # the terminal may be closed
+        # The terminal may be closed.
+        with contextlib.suppress(OSError):
             sys.stderr.write("interrupted: nothing was saved\n")
         return INTERRUPTED
-    finally:  # another Ctrl-C would show a traceback of what libraries do at the end of the process
+    finally:
+        # Another Ctrl-C would show a traceback of what libraries do at the end of the process.
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
 
 
@@ -122,6 +135,7 @@ def _leave(code: int) -> NoReturn:
     threads."""
     import atexit
 
+    # What an end in order does all the same: links are closed there, and motors stop.
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):

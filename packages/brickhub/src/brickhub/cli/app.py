@@ -20,6 +20,7 @@ from tyro.conf import FlagCreatePairsOff
 from tyro.extras import SubcommandApp
 
 from brickhub import HOUSES
+from brickhub.cli.signals import INTERRUPTED
 from brickhub.cli.terminal import Interrupted, print_error, print_line, print_note
 from brickhub.errors import BricksError, hint
 from brickhub.fields import check_fields
@@ -77,21 +78,18 @@ def run(
     except Interrupted as end:
         if str(end):
             print_note(f"interrupted: {end}")
-        return 130  # as in shells
+        return INTERRUPTED
+    # Before OSError, as some of our errors are both, and say what to do by themselves.
     except BricksError as error:
         print_error(str(error))
         return 2
     except OSError as error:
         if _is_unread(error):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            # Nobody reads any more; what Python still writes at its end must not fail again.
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, sys.stdout.fileno())
             return 1
-        subject = f"{error.filename}: " if error.filename else ""
-        remedy = (
-            "make room on the disk"
-            if error.errno == errno.ENOSPC
-            else "look whether it is there and you may use it"
-        )
-        print_error(f"{subject}{error.strerror or error}; {remedy}")
+        print_error(_message_of_system(error))
         return 2
     except MemoryError:
         print_error("this computer has not enough memory for that; ask for less")
@@ -99,15 +97,32 @@ def run(
     except Exception as error:
         from brickhub.user_files import failure_of_user
 
-        message = failure_of_user(error)
-        package = (getattr(error, "name", None) or line.prog).partition(".")[0]
-        if message is None and isinstance(error, ModuleNotFoundError) and package not in HOUSES:
-            remedy = f"install {line.prog} there again, or activate its environment"
-            message = f"the package '{package}' is missing in {sys.prefix}; {remedy}"
+        message = failure_of_user(error) or _missing_package(error, line.prog)
+        # A bug of ours: show the traceback.
         if message is None:
-            raise  # a bug of ours: show the traceback
+            raise
         print_error(message)
         return 2
+
+
+def _message_of_system(error: OSError) -> str:
+    subject = f"{error.filename}: " if error.filename else ""
+    remedy = "look whether it is there and you may use it"
+    if error.errno == errno.ENOSPC:
+        remedy = "make room on the disk"
+    return f"{subject}{error.strerror or error}; {remedy}"
+
+
+def _missing_package(error: Exception, prog: str) -> str | None:
+    """Message of an error that is that of an incomplete installation; ``None`` for others."""
+    if not isinstance(error, ModuleNotFoundError):
+        return None
+    package = (error.name or prog).partition(".")[0]
+    # A module of ours that is not there is a bug, whatever is installed.
+    if package in HOUSES:
+        return None
+    remedy = f"install {prog} there again, or activate its environment"
+    return f"the package '{package}' is missing in {sys.prefix}; {remedy}"
 
 
 def _is_unread(error: OSError) -> bool:
@@ -122,19 +137,21 @@ def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
     """Parse the arguments into a command; exits like argparse for help and for invalid
     arguments."""
     words = command_words(line, arguments)
-    if typed := next((word for word in arguments if word.startswith(_DASHES)), None):
-        print_error(
-            f"{typed} begins with the dash of a word processor; type "
-            f"--{typed.lstrip(''.join(_DASHES) + '-')}"
-        )
-        raise SystemExit(2)
+    # Commands are copied out of documents, where `--` has become a dash, which no parser knows.
+    for argument in arguments:
+        if argument.startswith(_DASHES):
+            option = argument.lstrip("".join(_DASHES) + "-")
+            print_error(f"{argument} begins with the dash of a word processor; type --{option}")
+            raise SystemExit(2)
+    # The parser's own messages are boxes of several lines.
     messages = io.StringIO()
     try:
         with redirect_stderr(messages):
             parsed = _parse(line, words, arguments[len(words) :])
     except SystemExit as end:
         if end.code:
-            print_error(one_line(messages.getvalue(), " ".join([line.prog, *words])))
+            command = " ".join([line.prog, *words])
+            print_error(one_line(messages.getvalue(), command))
         raise
     return cast(ParsedCommand, parsed)
 
@@ -152,24 +169,29 @@ def _parse(line: CommandLine, words: Sequence[str], arguments: Sequence[str]) ->
         for name, (text, commands) in line.groups.items():
             overview.command(_listing(commands), name=name, help=text)
         return overview.cli(prog=prog, description=line.description, args=arguments, config=config)
-    if words[0] in line.commands or len(words) == 2:
-        command = _load(
-            line.commands[words[0]] if len(words) == 1 else line.groups[words[0]][1][words[1]]
-        )
-        return tyro.cli(
-            command, prog=prog, description=_help(line, command), args=arguments, config=config
-        )
-    text, commands = line.groups[words[0]]
-    return _listing(commands).cli(prog=prog, description=text, args=arguments, config=config)
+    if words[0] in line.commands:
+        place = line.commands[words[0]]
+    else:
+        text, commands = line.groups[words[0]]
+        # A group alone: what it lacks is a command, and its help lists them.
+        if len(words) == 1:
+            listing = _listing(commands)
+            return listing.cli(prog=prog, description=text, args=arguments, config=config)
+        place = commands[words[1]]
+    command = _load(place)
+    return tyro.cli(
+        command, prog=prog, description=_help(line, command), args=arguments, config=config
+    )
 
 
 def _listing(commands: Mapping[str, str]) -> SubcommandApp:
     """A parser of commands, with the first line of their help."""
     app = SubcommandApp()
     for name, place in commands.items():
-        app.command(name=name, help=_summaries(place.partition(":")[0])[place.partition(":")[2]])(
-            lambda: None
-        )
+        module, _, class_name = place.partition(":")
+        register = app.command(name=name, help=_summaries(module)[class_name])
+        # It is never called: whoever names a command gets that command's own parser.
+        register(lambda: None)
     return app
 
 
@@ -179,8 +201,11 @@ def _summaries(module: str) -> dict[str, str]:
     training takes long."""
     spec = importlib.util.find_spec(module)
     source = Path(cast(str, spec and spec.origin)).read_text(encoding="utf-8")
-    classes = [node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)]
-    return {node.name: _first_sentence(ast.get_docstring(node) or "") for node in classes}
+    summaries = {}
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.ClassDef):
+            summaries[node.name] = _first_sentence(ast.get_docstring(node) or "")
+    return summaries
 
 
 def _first_sentence(text: str) -> str:
@@ -201,30 +226,46 @@ def _help(line: CommandLine, command: type) -> str:
     """Help of a command, whose examples name the program as it was called."""
     text = cleandoc(command.__doc__ or "")
     for begin, here in line.spelling.items():
+        # Only examples, which are indented, and what stands in backquotes: not words of sentences.
         text = re.sub(rf"^(  |.*`){begin}\b", rf"\g<1>{here}", text, flags=re.MULTILINE)
     return text
 
 
 def command_words(line: CommandLine, arguments: Sequence[str]) -> list[str]:
     """Leading words that name a command or a group: none, ``train``, or ``hub`` and ``scan``."""
-    words = [word for word in arguments[:1] if word in {*line.commands, *line.groups}]
-    group = line.groups.get(words[0]) if words else None
-    if group and arguments[1:] and arguments[1] in group[1]:
-        words.append(arguments[1])
-    return words
+    if not arguments:
+        return []
+    first = arguments[0]
+    if first in line.commands:
+        return [first]
+    if first not in line.groups:
+        return []
+    _, commands = line.groups[first]
+    if len(arguments) > 1 and arguments[1] in commands:
+        return [first, arguments[1]]
+    return [first]
 
 
 _EXPECTED = {"INT": "a whole number", "FLOAT": "a number", "INT INT": "two whole numbers"}
+"""What an option wants, by tyro's word for it."""
 
 
 def one_line(box: str, command: str = "bricksrl") -> str:
     """One line from the parser's boxed message: its first paragraph, and the command with the help.
     The box is drawn with hyphens if the console has no line-drawing characters."""
-    lines = [re.sub(r"^-+$", "", line.strip("│╭╮╰╯─ ")) for line in box.splitlines()[1:]]
-    message, *more = [
-        " ".join(part.split()) for part in "\n".join(lines).split("\n\n") if part.strip()
-    ] or [""]
-    return f"{plain(message.removesuffix('.'))}{_suggestion(message, more)}; see `{command} --help`"
+    # The first line is the upper edge with the title; rules within become empty lines.
+    rows = box.splitlines()[1:]
+    inner = [row.strip("│╭╮╰╯─ ") for row in rows]
+    lines = [re.sub(r"^-+$", "", row) for row in inner]
+    paragraphs = []
+    for part in "\n".join(lines).split("\n\n"):
+        # The box breaks lines at the width of the terminal.
+        paragraph = " ".join(part.split())
+        if paragraph:
+            paragraphs.append(paragraph)
+    message, *more = paragraphs or [""]
+    words = plain(message.removesuffix("."))
+    return f"{words}{_suggestion(message, more)}; see `{command} --help`"
 
 
 def _suggestion(message: str, more: list[str]) -> str:
@@ -234,10 +275,10 @@ def _suggestion(message: str, more: list[str]) -> str:
         if match := re.match(r"Perhaps you meant: (--\S+)", part):
             return f" (did you mean {match[1]}?)"
         if match := re.match(r"Available subcommands: (.*)", part):
-            return hint(
-                message.rsplit(": ", maxsplit=1)[-1].split(", ", maxsplit=1)[0],
-                match[1].split(", "),
-            )
+            # The message ends with the words that are no option; the first was to be a command.
+            unknown = message.rsplit(": ", maxsplit=1)[-1]
+            typed = unknown.split(", ", maxsplit=1)[0]
+            return hint(typed, match[1].split(", "))
     return ""
 
 
@@ -247,43 +288,54 @@ def plain(message: str) -> str:
     ``Error parsing --seed: invalid literal for int() with base 10: 'x'`` becomes ``--seed is 'x';
     give a whole number``.
     """
-    for pattern, words in (
-        (
-            r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)",
-            r"\1 is \2; give a whole number",
-        ),
-        (
-            r"Error parsing (\S+): could not convert string to float: (.*)",
-            r"\1 is \2; give a number",
-        ),
-        (r"Error parsing \S+: (.*; .*)", r"\1"),
-        (
-            r"Missing value for argument '(\w+)'\. Expected 1 values?",
-            r"\1 is no option; give it without --\1",
-        ),
-        (r"Missing value for argument '(\S+)'\. Expected 1 values?", r"\1 needs a value"),
-        (r"Missing value for argument '(\S+)'\. Expected (\d+) values", r"\1 needs \2 values"),
-        (r"Expected one of \{(.*)\}", r"a command is missing; choose \1"),
-        (r"Unrecognized options: (.*)", r"there is no option or argument \1"),
-    ):
+    for pattern, words in _PLAIN_WORDS:
         if match := re.fullmatch(pattern, message):
             return match.expand(words)
-    pattern = (
-        r"Error parsing (\S+): no type matching \{None\}\|\{?([A-Z ]+)\}? could be "
-        r"instantiated from \[(.*)\]"
-    )
-    if match := re.fullmatch(pattern, message):
-        value = " ".join(re.findall(r"'([^']*)'", match[3]))
-        return f"{match[1]} is '{value}'; give {_EXPECTED.get(match[2], match[2])}"
-    if match := re.fullmatch(
-        r"invalid choice (.*) for argument '(\S+)'\. Expected one of \((.*)\)", message
-    ):
-        choices = sorted(
-            choice for choice in re.findall(r"'([^']*)'", match[3]) if choice != "None"
-        )
-        return f"{match[2]} is {match[1]}; choose {', '.join(choices)}"
-    if match := re.fullmatch(r"Missing from [\w -]+: (.*\(required\))", message):
-        names = (re.match(r" *(--\S+ \S+|\S+)", part) for part in match[1].split("(required)"))
+    if match := re.fullmatch(_OF_NO_TYPE, message):
+        option, kind, texts = match.groups()
+        value = " ".join(re.findall(_QUOTED, texts))
+        return f"{option} is '{value}'; give {_EXPECTED.get(kind, kind)}"
+    if match := re.fullmatch(_NO_CHOICE, message):
+        value, option, texts = match.groups()
+        # To leave an option out is never what a message should advise.
+        choices = [choice for choice in re.findall(_QUOTED, texts) if choice != "None"]
+        return f"{option} is {value}; choose {', '.join(sorted(choices))}"
+    if match := re.fullmatch(_MISSING, message):
+        # Each an option with the placeholder of its value, or an argument's placeholder alone.
+        parts = match[1].split("(required)")
+        names = (re.match(r" *(--\S+ \S+|\S+)", part) for part in parts)
         missing = [name[1] for name in names if name]
-        return f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
+        verb = "is" if len(missing) == 1 else "are"
+        return f"{' and '.join(missing)} {verb} missing"
     return message
+
+
+_PLAIN_WORDS = (
+    (
+        r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)",
+        r"\1 is \2; give a whole number",
+    ),
+    (
+        r"Error parsing (\S+): could not convert string to float: (.*)",
+        r"\1 is \2; give a number",
+    ),
+    # What a parser of ours says has its remedy after a semicolon, and needs no other words.
+    (r"Error parsing \S+: (.*; .*)", r"\1"),
+    # Before the next one: a name without dashes is that of an argument that was written with them.
+    (
+        r"Missing value for argument '(\w+)'\. Expected 1 values?",
+        r"\1 is no option; give it without --\1",
+    ),
+    (r"Missing value for argument '(\S+)'\. Expected 1 values?", r"\1 needs a value"),
+    (r"Missing value for argument '(\S+)'\. Expected (\d+) values", r"\1 needs \2 values"),
+    (r"Expected one of \{(.*)\}", r"a command is missing; choose \1"),
+    (r"Unrecognized options: (.*)", r"there is no option or argument \1"),
+)
+"""Messages of tyro, as patterns, and what we say in their place; the first that fits counts."""
+_OF_NO_TYPE = (
+    r"Error parsing (\S+): no type matching \{None\}\|\{?([A-Z ]+)\}? could be "
+    r"instantiated from \[(.*)\]"
+)
+_NO_CHOICE = r"invalid choice (.*) for argument '(\S+)'\. Expected one of \((.*)\)"
+_MISSING = r"Missing from [\w -]+: (.*\(required\))"
+_QUOTED = r"'([^']*)'"

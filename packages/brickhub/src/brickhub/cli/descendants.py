@@ -12,7 +12,9 @@ from pathlib import Path
 
 _PROC = Path("/proc")
 _PS = ("ps", "-A", "-o", "pid=,ppid=,state=")
+"""Command that lists processes where there is no ``/proc``, as on macOS."""
 _FROZEN = "Tt"
+"""States of a process that is stopped by a signal, or by a debugger."""
 _PS_S = 1.0
 
 
@@ -28,7 +30,8 @@ def kill_frozen(pid: int) -> None:
 
 
 def _ancestors(child: int, table: dict[int, tuple[int, str]]) -> Iterator[int]:
-    for _ in range(len(table)):  # a number that is given anew could lead round and round
+    # A number that is given anew while they are listed could lead round and round.
+    for _ in range(len(table)):
         if child not in table:
             return
         child = table[child][0]
@@ -41,9 +44,12 @@ def _processes() -> Iterator[tuple[int, int, str]]:
         yield from _listed()
         return
     for path in _PROC.glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):  # it has ended meanwhile
-            # its name stands in parentheses, and may have some itself
-            state, parent = path.read_text(errors="replace").rpartition(")")[2].split()[:2]
+        # One that has ended meanwhile has no file any more.
+        with contextlib.suppress(OSError):
+            text = path.read_text(errors="replace")
+            # Its name stands in parentheses, and may have some itself.
+            _, _, after_name = text.rpartition(")")
+            state, parent = after_name.split()[:2]
             yield int(path.parent.name), int(parent), state
 
 

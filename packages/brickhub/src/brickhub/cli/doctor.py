@@ -1,6 +1,5 @@
 """``brickhub doctor``: check of this computer for everything that a hub needs."""
 
-import itertools
 import platform
 import threading
 from collections.abc import Callable, Mapping
@@ -29,24 +28,17 @@ def run_check(name: str, check: Callable[[], Answer], timeout_s: float) -> Findi
         try:
             answers.append(check())
         except BaseException as error:  # noqa: BLE001  a broken package may raise anything
-            answers.append(
-                (
-                    Outcome.ERROR,
-                    (
-                        f"{type(error).__name__}: {' '.join(str(error).split())}; install this "
-                        "package again"
-                    ),
-                )
-            )
+            message = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            answers.append((Outcome.ERROR, f"{message}; install this package again"))
 
+    # In a thread, as a system's service for Bluetooth may never answer.
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     thread.join(timeout_s)
-    outcome, detail = (
-        answers[0]
-        if answers
-        else (Outcome.WARNING, f"no answer within {timeout_s:g} s; look at it by itself")
-    )
+    if not answers:
+        detail = f"no answer within {timeout_s:g} s; look at it by itself"
+        return Finding(name, Outcome.WARNING, detail)
+    outcome, detail = answers[0]
     return Finding(name, outcome, detail)
 
 
@@ -63,26 +55,31 @@ def check_packages(
     versions are told."""
     from packaging.requirements import Requirement
 
-    installed = []
+    requirements: list[str] = []
+    for name in distributions:
+        requirements += metadata.requires(name) or []
+    installed = set()
     faults = []
-    for text in itertools.chain.from_iterable(
-        metadata.requires(name) or [] for name in distributions
-    ):
+    for text in requirements:
         requirement = Requirement(text)
-        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+        # That of an extra, or of another system or Python.
+        marker = requirement.marker
+        if marker is not None and not marker.evaluate({"extra": ""}):
             continue
         try:
             version = metadata.version(requirement.name)
         except metadata.PackageNotFoundError:
             faults.append(f"{requirement.name} is missing")
             continue
-        installed.append(requirement.name)
+        installed.add(requirement.name)
+        # Whoever installed a release candidate wanted it.
         if not requirement.specifier.contains(version, prereleases=True):
             faults.append(f"{requirement.name} {version} is not {requirement.specifier}")
     if faults:
         return Outcome.ERROR, f"{'; '.join(faults)}; run `pip install {distributions[0]}` again"
-    main = ", ".join(f"{name} {metadata.version(name)}" for name in named)
-    return Outcome.OK, f"{main}, and {len({*installed} - {*named})} more"
+    versions = [f"{name} {metadata.version(name)}" for name in named]
+    others = installed - set(named)
+    return Outcome.OK, f"{', '.join(versions)}, and {len(others)} more"
 
 
 def check_compiler() -> Answer:
@@ -96,6 +93,7 @@ def check_bluetooth() -> Answer:
     """Check that hubs can be scanned for; on Linux also why not."""
     from brickhub.hub.transports.ble import bluetooth_problem, scan
 
+    # No more than a warning in all cases: whoever has no hub needs no Bluetooth.
     fault = bluetooth_problem()
     if fault is not None:
         return Outcome.WARNING, f"{fault[1]}; {_WITHOUT_ROBOT}"
@@ -146,5 +144,6 @@ class Doctor:
                 f"timeout-s is {self.timeout_s:g}; give a positive number of up to "
                 f"{_MAX_TIMEOUT_S:g}"
             )
+        # One by one, so that each line is printed when its check is done.
         findings = (run_check(name, check, self.timeout_s) for name, check in self.checks.items())
         return print_findings(findings, (9, 12), as_json=self.json)

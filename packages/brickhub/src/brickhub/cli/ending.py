@@ -27,6 +27,7 @@ from brickhub.cli.signals import INTERRUPTED, end_signals
 DEADLINE_S = 3.5
 """Time for an end in order."""
 _NOTE_S = 1.0
+"""Time in which most commands have ended, so that nothing needs to be said."""
 _AGAIN_S = 5.0
 """Time after which a Ctrl-C that has not ended the command yet is answered, and is again."""
 
@@ -37,6 +38,7 @@ def end_after(duration_s: float) -> None:
 
     def end() -> None:
         time.sleep(duration_s)
+        # While they can still be found as descendants of this process.
         kill_frozen(os.getpid())
         os._exit(INTERRUPTED)
 
@@ -68,13 +70,16 @@ def ended_in_time() -> Iterator[End]:
     """
     numbers = end_signals()
     handlers = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
-    told, tell = socket.socketpair()  # Windows takes no pipe
+    # Handlers of Python run in the main thread, which may be busy in a library for seconds. The
+    # number of each signal is also written here at once, for a thread that waits for it. Windows
+    # takes no pipe in the place of a socket.
+    numbers_of_signals, tell = socket.socketpair()
     tell.setblocking(False)
     wakeup_before = signal.set_wakeup_fd(tell.fileno(), warn_on_full_buffer=False)
     end = End()
     watcher = threading.Thread(
         target=_watch_signals,
-        args=(told, frozenset(numbers), end),
+        args=(numbers_of_signals, frozenset(numbers), end),
         name="brickhub-signals",
         daemon=True,
     )
@@ -85,21 +90,26 @@ def ended_in_time() -> Iterator[End]:
         signal.set_wakeup_fd(wakeup_before)
         for number, handler in handlers.items():
             signal.signal(number, handler)
+        # The watcher reads the end of it, and ends.
         tell.close()
 
 
-def _watch_signals(told: socket.socket, numbers: frozenset[int], end: End) -> None:
+def _watch_signals(source: socket.socket, numbers: frozenset[int], end: End) -> None:
     """Set the deadline at the first signal that ends the command, or at the last Ctrl-C that it
     waits for."""
     interrupts = 0
-    with told:
-        while data := told.recv(1):
-            interrupts += data[0] == signal.SIGINT
-            if data[0] in numbers or interrupts > end.saves:
+    with source:
+        while data := source.recv(1):
+            number = data[0]
+            if number == signal.SIGINT:
+                interrupts += 1
+            # Asked at each signal: what a command saves is known only when it begins.
+            patience = 1 if end.saves else 0
+            if number in numbers or interrupts > patience:
                 end.is_asked.set()
                 end_after(DEADLINE_S)
                 return
-            if data[0] == signal.SIGINT:
+            if number == signal.SIGINT:
                 threading.Thread(
                     target=_answer_interrupt, args=(end,), name="brickhub-interrupt", daemon=True
                 ).start()
@@ -109,6 +119,7 @@ def _answer_interrupt(end: End) -> None:
     """Say what a Ctrl-C waits for, until the command has said how it ended."""
     if end.is_said.wait(_NOTE_S):
         return
+    # The terminal may be closed meanwhile.
     with contextlib.suppress(OSError, ValueError):
         sys.stderr.write("ending, and saving first; another Ctrl-C ends at once\n")
         for number in itertools.count(1):
@@ -134,10 +145,12 @@ def end_with_parent() -> None:
     held = take_input()
 
     def watch() -> None:
+        # What the parent says does not matter, only that it holds the pipe open.
         with contextlib.suppress(OSError):
             while os.read(held, 64):
                 pass
         end_after(DEADLINE_S)
+        # To the main thread itself, whose blocking call it interrupts.
         if hasattr(signal, "pthread_kill"):
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
         else:
@@ -149,4 +162,5 @@ def end_with_parent() -> None:
 def wait_for_end() -> None:
     """Wait for Ctrl-C, or another end. Raises KeyboardInterrupt."""
     while True:
-        time.sleep(1.0)  # unlike a lock, this is interrupted on Windows too
+        # Unlike a lock, this is interrupted on Windows too.
+        time.sleep(1.0)

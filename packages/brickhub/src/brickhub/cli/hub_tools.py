@@ -96,21 +96,17 @@ class Scan(SavesNothing):
             )
         if not 0 < self.seconds <= 600:
             raise DescriptionError(f"seconds is {self.seconds:g}; give a number from 0 to 600")
-        virtual = [FoundHub("virtual hub", "virtual", 0, HubKind.PRIME)]
-        hubs = virtual if self.hub == "virtual" else scan(self.seconds)
+        if self.hub == "virtual":
+            hubs = [FoundHub("virtual hub", "virtual", 0, HubKind.PRIME)]
+        else:
+            hubs = scan(self.seconds)
+        # An empty list is a result too, for a program that reads it.
         if self.json:
-            print_line(
-                json.dumps(
-                    [
-                        {**dataclasses.asdict(hub), "kind": hub.kind and hub.kind.value}
-                        for hub in hubs
-                    ],
-                    indent=2,
-                )
-            )
+            print_line(json.dumps([_hub_as_dict(hub) for hub in hubs], indent=2))
         elif hubs:
             print_line(f"{'name':16}  {'address':36}  {'signal':>8}  kind")
             for hub in hubs:
+                # An advertisement may name a kind that we do not know.
                 kind = hub.kind.value if hub.kind else "unknown"
                 print_line(f"{hub.name:16}  {hub.address:36}  {hub.rssi_dbm:>4} dBm  {kind}")
         else:
@@ -119,6 +115,11 @@ class Scan(SavesNothing):
                 "disconnect it elsewhere"
             )
         return 0 if hubs else 1
+
+
+def _hub_as_dict(hub: FoundHub) -> dict[str, Any]:
+    kind = None if hub.kind is None else hub.kind.value
+    return {**dataclasses.asdict(hub), "kind": kind}
 
 
 @dataclass(frozen=True)
@@ -138,6 +139,7 @@ class Program:
         target = find(self.target)
         if target.note:
             print_note(target.note)
+        # `print_line` and the file each end it with one line break.
         source = generate(target.robot, target.interface).source.rstrip("\n")
         if self.out is None:
             print_line(source)
@@ -169,6 +171,7 @@ class Stop:
         transport = address.transport()
         try:
             transport.open()
+            # Before the stop, which changes it.
             status = transport.status
             identity = transport.identity
             transport.stop()
@@ -180,9 +183,8 @@ class Stop:
             transport.close()
         ran = status is not None and Status.USER_PROGRAM_RUNNING in status.flags
         name = identity.name if identity else "the hub"
-        print_line(
-            f"{name}: {'the program was stopped' if ran else 'no program ran'}, no motor is driven"
-        )
+        outcome = "the program was stopped" if ran else "no program ran"
+        print_line(f"{name}: {outcome}, no motor is driven")
 
 
 @dataclass(frozen=True)
@@ -204,9 +206,8 @@ class MeasureLatency(SavesNothing):
 
     def execute(self) -> None:
         target = find(self.target)
-        with HubLink(
-            _transport(self.hub, target, self.link, self.fault), target.robot, target.interface
-        ) as link:
+        transport = _transport(self.hub, target, self.link, self.fault)
+        with HubLink(transport, target.robot, target.interface) as link:
             result = measure(link, target.interface, self.exchanges)
         if self.json:
             print_line(json.dumps(dataclasses.asdict(result)))
@@ -218,12 +219,15 @@ class MeasureLatency(SavesNothing):
         if result.link_share is not None:
             print_line(f"of a step            {percent(result.link_share)} is the link")
         print_line(f"connection interval  {result.interval_ms:g} ms (inferred: half a round trip)")
-        if result.is_slow and parse_hub(self.hub).is_virtual:
+        if not result.is_slow:
+            return
+        # The advice is for a real link.
+        if parse_hub(self.hub).is_virtual:
             print_line(
                 "faster               as this link is played; another one with --link, such as "
                 "--link mac"
             )
-        elif result.is_slow:
+        else:
             print_line(f"faster               {advice()}")
 
 
@@ -263,16 +267,17 @@ class Check(SavesNothing):
         def was_right(move: str) -> bool | None:
             return ask(f"{move}: was it this motor, and in the right direction?")
 
+        # With --yes, nobody is there who could look.
         is_right = None if self.yes else was_right
         if target.robot.hub.model.runs_programs:
             transport = _transport(self.hub, target, self.link, self.fault)
-            calibrate = calibration_of(transport, self.calibrations)
-            robot = transport, target.robot, target.interface
             findings = check_robot(
-                *robot,
+                transport,
+                target.robot,
+                target.interface,
                 may_move=may_move,
                 is_right=is_right,
-                calibrate=calibrate,
+                calibrate=calibration_of(transport, self.calibrations),
                 command=self._calibration(),
             )
         else:
@@ -282,6 +287,7 @@ class Check(SavesNothing):
             findings = check_kit(
                 radio, target.robot, target.interface, may_move=may_move, is_right=is_right
             )
+        # The checks run here, one before each line.
         code = print_findings(findings, (9, 18), as_json=self.json, env=target.name, hub=self.hub)
         if not self.json:
             print_line("not ready: see the errors above" if code else f"ready for {target.name}")
@@ -290,8 +296,10 @@ class Check(SavesNothing):
     def _calibration(self) -> str:
         """The command that calibrates this robot on this hub, as it is typed."""
         words = ["brickhub", "calibrate", self.target]
-        words += [] if self.hub == "ble" else ["--hub", self.hub]
-        words += [] if self.calibrations is None else ["--calibrations", str(self.calibrations)]
+        if self.hub != "ble":
+            words += ["--hub", self.hub]
+        if self.calibrations is not None:
+            words += ["--calibrations", str(self.calibrations)]
         return " ".join(map(quoted, words))
 
 
@@ -329,29 +337,14 @@ class Calibrate:
     """Folder to write to; by default that in your settings folder."""
 
     def execute(self) -> None:
-        directions = ("--reverse", "--as-described")
-        modes = (
-            (("--forget",), self.forget),
-            (directions, self.reverse),
-            (directions, self.as_described),
-        )
-        for flags, is_chosen in modes:
-            if is_chosen:
-                refuse_ignored(
-                    self,
-                    ("--target", "--hub", "--fault", "--yes", "--calibrations", *flags),
-                    f"with {flags[0]}",
-                )
-        both = sorted(set(self.reverse) & set(self.as_described))
-        if both:
-            raise DescriptionError(
-                f"'{both[0]}' cannot be reversed and as described; leave one out"
-            )
+        self._check_modes()
         target = find(self.target)
+        # Raises for an unknown name, before a hub is looked for.
         for name in (*self.reverse, *self.as_described):
-            target.robot.motor(name)  # raises for an unknown name
+            target.robot.motor(name)
         transport = _transport(self.hub, target, faults=self.fault)
         try:
+            # Calibrations are of a hub, whose identity is known only when it is connected.
             transport.open()
             hub = kept.hub_id(transport)
             if self.forget:
@@ -363,6 +356,7 @@ class Calibrate:
                 is_reversed = (saved.reversed | set(self.reverse)) - set(self.as_described)
                 calibration = kept.Calibration(saved.zeros_deg, frozenset(is_reversed))
             else:
+                # Motors that are not measured now keep their zeros.
                 zeros_deg = self._zeros_deg(transport, target.robot, saved)
                 calibration = kept.Calibration(saved.zeros_deg | zeros_deg, saved.reversed)
         finally:
@@ -374,7 +368,22 @@ class Calibrate:
             print_line(f"reversed {name}")
         print_line(f"saved    {path}")
 
+    def _check_modes(self) -> None:
+        """Refuse options that a mode ignores. Raises DescriptionError."""
+        always = ("--target", "--hub", "--fault", "--yes", "--calibrations")
+        if self.forget:
+            refuse_ignored(self, (*always, "--forget"), "with --forget")
+        # Both together: each names motors of its own.
+        if self.reverse or self.as_described:
+            refuse_ignored(self, (*always, "--reverse", "--as-described"), "with --reverse")
+        both = sorted(set(self.reverse) & set(self.as_described))
+        if both:
+            raise DescriptionError(
+                f"'{both[0]}' cannot be reversed and as described; leave one out"
+            )
+
     def _zeros_deg(self, transport: Transport, robot: Robot, saved: Calibration) -> dict[str, int]:
+        # Angles from zeros of before would make new ones of their differences; directions stay.
         uncalibrated = calibrated(robot, dataclasses.replace(saved, zeros_deg={}))
         joints = [motor for motor in uncalibrated.motors if motor.range_deg is not None]
         if not joints and not self.by_hand:
@@ -382,9 +391,13 @@ class Calibrate:
                 f"no motor of '{robot.name}' has stops; put its motors at their zeros and add "
                 "--by-hand"
             )
-        angles_deg = survey(transport, uncalibrated).angles_deg if self.by_hand else {}
-        free = [motor.name for motor in uncalibrated.motors if motor.range_deg is None]
-        zeros_deg = {name: angles_deg[name] for name in free if name in angles_deg}
+        zeros_deg: dict[str, int] = {}
+        if self.by_hand:
+            # Before the joints move: these were put in place by hand.
+            angles_deg = survey(transport, uncalibrated).angles_deg
+            for motor in uncalibrated.motors:
+                if motor.range_deg is None and motor.name in angles_deg:
+                    zeros_deg[motor.name] = angles_deg[motor.name]
         if not joints:
             return zeros_deg
         names = ", ".join(motor.name for motor in joints)

@@ -19,6 +19,7 @@ ESCAPE_S = 0.05
 """Time after which an escape character is the Esc key and not the start of an escape sequence."""
 _POLL_S = 0.02
 _END_S = 2.0
+"""Longest wait for the thread to begin, and to end."""
 
 
 @contextmanager
@@ -40,13 +41,19 @@ def keys_heard(on_key: Callable[[str], None], source: Input | None = None) -> It
         last_s = 0.0
         with source.raw_mode():
             ready.set()
+            # Polled, as a read that blocks could not be ended from outside.
             while not end.wait(_POLL_S) and not source.closed:
                 presses = source.read_keys()
                 now_s = time.monotonic()
-                last_s = now_s if presses else last_s
-                for press in presses or (source.flush_keys() if now_s - last_s > ESCAPE_S else ()):
+                if presses:
+                    last_s = now_s
+                elif now_s - last_s > ESCAPE_S:
+                    # An escape character that nothing follows stays within the parser till then.
+                    presses = source.flush_keys()
+                for press in presses:
                     key = str(getattr(press.key, "value", press.key))
-                    if key == "c-c":  # in raw mode the terminal sends no signal for it
+                    # In raw mode the terminal sends no signal for it.
+                    if key == "c-c":
                         interrupt_main()
                     else:
                         on_key(key)
@@ -55,6 +62,7 @@ def keys_heard(on_key: Callable[[str], None], source: Input | None = None) -> It
         target=listen, args=(source or create_input(),), name="bricksrl-keys", daemon=True
     )
     thread.start()
+    # From here on no key is echoed, or lost to a line that the terminal collects.
     ready.wait(_END_S)
     try:
         yield
@@ -78,6 +86,7 @@ def can_listen() -> bool:
         return False
     if not hasattr(os, "tcgetpgrp"):
         return True
+    # A job in the background that reads from the terminal is stopped by the shell.
     try:
         return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
     except OSError:

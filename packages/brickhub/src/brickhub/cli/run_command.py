@@ -94,51 +94,21 @@ class Run:
         from brickhub.hub.transports.address import parse_hub
         from brickhub.kits.radio import LEGO_PACKAGE
 
-        # which raises before a film begins
+        # Both raise before a film begins.
         address = parse_hub(self.hub)
         program = load_program(self.file)
         is_for_kit = imports(program, LEGO_PACKAGE)
+        # A program may be given any bytes.
         stdin = sys.stdin
         if isinstance(stdin, io.TextIOWrapper):
-            stdin.reconfigure(errors="surrogateescape")  # a program may be given any bytes
+            stdin.reconfigure(errors="surrogateescape")
         if address.is_virtual:
-            from brickhub.kits.kit_run import run_kit_file
-            from brickhub.virtual.run import run_file
-
-            source = None if stdin is None or stdin.isatty() else stdin
-            with ExitStack() as stack:
-                out, err = self.streams(stack)
-                body = self.body(stack)
-                operation = self._operation(stack, body)
-                if is_for_kit:
-                    return run_kit_file(
-                        self.file,
-                        body,
-                        stderr=err,
-                        time_limit_s=self.time_limit_s,
-                        operation=operation,
-                    )
-                return run_file(
-                    self.file,
-                    body,
-                    stdout=self._without_files(out, stack),
-                    stderr=err,
-                    stdin=source,
-                    time_limit_s=self.time_limit_s,
-                    operation=operation,
+            return self._run_virtually(is_for_kit=is_for_kit)
+        for name in changed_options(self):
+            if name not in ("--file", "--hub", "--time-limit-s"):
+                raise DescriptionError(
+                    f"a real hub has its own robot, buttons and time; leave out --hub, or {name}"
                 )
-        virtual = next(
-            (
-                name
-                for name in changed_options(self)
-                if name not in ("--file", "--hub", "--time-limit-s")
-            ),
-            None,
-        )
-        if virtual is not None:
-            raise DescriptionError(
-                f"a real hub has its own robot, buttons and time; leave out --hub, or {virtual}"
-            )
         from brickhub.hub.program.run_program import run_program
 
         if is_for_kit:
@@ -154,6 +124,34 @@ class Run:
                 stderr=sys.stderr,
                 stdin=stdin,
                 time_limit_s=self.time_limit_s,
+            )
+
+    def _run_virtually(self, *, is_for_kit: bool) -> int:
+        from brickhub.kits.kit_run import run_kit_file
+        from brickhub.virtual.run import run_file
+
+        stdin = sys.stdin
+        source = None if stdin is None or stdin.isatty() else stdin
+        with ExitStack() as stack:
+            out, err = self.streams(stack)
+            body = self.body(stack)
+            operation = self._operation(stack, body)
+            if is_for_kit:
+                return run_kit_file(
+                    self.file,
+                    body,
+                    stderr=err,
+                    time_limit_s=self.time_limit_s,
+                    operation=operation,
+                )
+            return run_file(
+                self.file,
+                body,
+                stdout=self._without_files(out, stack),
+                stderr=err,
+                stdin=source,
+                time_limit_s=self.time_limit_s,
+                operation=operation,
             )
 
     def _without_files(self, out: BinaryIO, stack: ExitStack) -> BinaryIO:
@@ -173,9 +171,9 @@ class Run:
         from brickhub.robot import BENCH
 
         target = self.target(self.robot)
-        return self.faulty(
-            None if target.robot is BENCH else target.make_body(**self.stops_of(target))
-        )
+        if target.robot is BENCH:
+            return self.faulty(None)
+        return self.faulty(target.make_body(**self.stops_of(target)))
 
     def stops_of(self, target: Target) -> dict[str, dict[str, tuple[float, float]]]:
         """Arguments of `make_body` with the end stops that are given, by name of the motor, deg of
@@ -231,21 +229,23 @@ class Run:
 
         def watch(panel: Panel) -> None:
             def press(key: str) -> None:
-                if (button := _KEYS.get(key)) in panel.buttons:
+                button = _KEYS.get(key)
+                # Not every hub has every button.
+                if button in panel.buttons:
                     panel.tap(button)
 
             if listens:
                 panel.is_watched = True
                 stack.enter_context(keys_heard(press))
             if self.panel:
-                panel.on_change = lambda panel: print_note(
-                    f"{panel.now_s:9.3f} s  {panel.describe()}"
-                )
+                panel.on_change = _print_panel
 
+        # Those of a body are in it already, see `stops_of`.
+        end_stops = dict(map(parse_end_stop, self.end_stop)) if body is None else {}
         return Operation(
             presses=[parse_press(text) for text in self.press],
             readings=[parse_reading(text) for text in self.reading],
-            end_stops=dict(parse_end_stop(text) for text in self.end_stop) if body is None else {},
+            end_stops=end_stops,
             devices=dict(parse_device(text) for text in self.port),
             realtime=self.realtime,
             firmware=self.firmware,
@@ -262,6 +262,7 @@ class Run:
         from brickhub.files import check_writable, write_durably
         from brickhub.virtual.run_log import RunLog
 
+        # Before the run, which may take long, and whose log would be lost.
         check_writable(path)
 
         def begin(machine: Machine) -> None:
@@ -273,4 +274,15 @@ class Run:
         return begin
 
 
-_KEYS = {"left": "left", "right": "right", " ": "center", "c-m": "center", "b": "bluetooth"}
+def _print_panel(panel: Panel) -> None:
+    print_note(f"{panel.now_s:9.3f} s  {panel.describe()}")
+
+
+_KEYS = {
+    "left": "left",
+    "right": "right",
+    " ": "center",
+    "c-m": "center",
+    "b": "bluetooth",
+}
+"""Buttons of a hub by the names of keys; ``c-m`` is Enter."""

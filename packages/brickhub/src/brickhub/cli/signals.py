@@ -32,12 +32,14 @@ def ending_at_once() -> "dict[signal.Signals, Any]":
     before. Needs the main thread.
     """
     numbers = end_signals()
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as for a job in the background
+    # A shell lets its jobs in the background ignore Ctrl-C, which is for the one in front.
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         numbers.append(signal.SIGINT)
     return {number: signal.signal(number, _end) for number in numbers}
 
 
 def _end(_number: int, _frame: "Any") -> None:
-    with contextlib.suppress(OSError):  # the terminal may be closed
+    # Not by a stream, which may be in the middle of a line; the terminal may be closed.
+    with contextlib.suppress(OSError):
         os.write(2, b"interrupted: nothing was saved\n")
     os._exit(INTERRUPTED)

@@ -39,20 +39,18 @@ def print_findings(
     """Print each finding as it is made, in columns of these ``widths``, or all as one JSON object
     with the names and values in ``about``. Returns the exit code: 1 if a finding is an error, else
     0."""
+    outcome_width, name_width = widths
     found = []
     for finding in findings:
         found.append(finding)
+        # At once, as the next check may take long, or need the person who reads this.
         if not as_json:
-            print_line(
-                f"{finding.outcome.value:{widths[0]}}{finding.name:{widths[1]}}{finding.detail}"
-            )
+            outcome = f"{finding.outcome.value:{outcome_width}}"
+            print_line(f"{outcome}{finding.name:{name_width}}{finding.detail}")
     failed = any(finding.outcome is Outcome.ERROR for finding in found)
     if as_json:
-        print_line(
-            json.dumps(
-                {**about, "ok": not failed, "findings": [finding.to_dict() for finding in found]}
-            )
-        )
+        dicts = [finding.to_dict() for finding in found]
+        print_line(json.dumps({**about, "ok": not failed, "findings": dicts}))
     return int(failed)
 
 
@@ -65,6 +63,7 @@ _PIPE_S = 2.0
 """Time within which an answer has to be in a pipe: nobody types into it, and one without a writer
 would wait for ever."""
 _LONGEST_ANSWER = 100
+"""Bytes after which what a pipe sends is taken for no answer any more."""
 
 
 def confirm(question: str) -> bool:
@@ -97,11 +96,8 @@ def ask(question: str, *, default: bool | None = None) -> bool | None:
             return False
         if not answer and default is not None:
             return default
-        print_note(
-            f"'{answer[:20]}' is neither y nor n; type y for yes, n for no"
-            if answer
-            else "type y for yes, n for no"
-        )
+        fault = f"'{answer[:20]}' is neither y nor n; " if answer else ""
+        print_note(f"{fault}type y for yes, n for no")
 
 
 def _answer() -> str | None:
@@ -111,9 +107,10 @@ def _answer() -> str | None:
         return None
     if is_terminal():
         return stream.readline() or None
+    # Text in memory and a stream that is closed are no files.
     try:
         handle = stream.fileno()
-    except (OSError, ValueError):  # no file: text in memory, or a stream that is closed
+    except (OSError, ValueError):
         return _line_of_memory(stream)
     line = b""
     while len(line) < _LONGEST_ANSWER and not line.endswith(b"\n"):
@@ -135,10 +132,11 @@ def _line_of_memory(stream: TextIO) -> str | None:
 
 def _next_byte(handle: int) -> bytes:
     """The next byte of a pipe or file; ``b""`` at its end, or if none comes within a short time."""
-    if sys.platform == "win32":  # which can wait for sockets only
+    # Windows can wait for sockets only.
+    if sys.platform == "win32":
         return b"" if os.isatty(handle) else _byte_of_thread(handle)
-    is_readable = bool(select.select([handle], [], [], _PIPE_S)[0])
-    return os.read(handle, 1) if is_readable else b""
+    readable, _, _ = select.select([handle], [], [], _PIPE_S)
+    return os.read(handle, 1) if readable else b""
 
 
 def _byte_of_thread(handle: int) -> bytes:
@@ -151,6 +149,7 @@ def _byte_of_thread(handle: int) -> bytes:
         except OSError:  # it was closed
             read.put(b"")
 
+    # A daemon, as it may wait for ever: the process must be able to end.
     threading.Thread(target=read_one, name="answer", daemon=True).start()
     try:
         return read.get(timeout=_PIPE_S)

@@ -28,6 +28,7 @@ Imports = tuple[tuple[str, str], ...]
 _MAX_TEST_TURN_DEG = 10.0
 """Largest turn that the test of an endless move requires."""
 _LOWEST_TONE_HZ = 64
+"""Below it a hub's loudspeaker is silent."""
 
 
 class WireNumber:
@@ -176,6 +177,7 @@ class RunAngle(_MotorCommand):
     description: ClassVar[str] = "turn by {0.low:g} to {0.high:g} deg at {0.speed_deg_s} deg/s"
 
     def check(self, robot: Robot) -> None:
+        # A motor at speed 0 would never arrive, and ``UntilDone`` wait for its whole timeout.
         if not 1 <= self.speed_deg_s <= WIRE_MAX:
             raise self.error(
                 f": speed {self.speed_deg_s} deg/s; give a positive one, the sign is the angle's"
@@ -185,6 +187,7 @@ class RunAngle(_MotorCommand):
         return (amount,)
 
     def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
+        # A motor with a range is a Joint on the hub, which keeps its targets within it.
         if robot.motor(self.motor).range_deg is not None:
             return f"{self.mover}.turn({self.speed_deg_s}, {amounts[self.name]})"
         return f"{self.mover}.run_angle({self.speed_deg_s}, {amounts[self.name]}, wait=False)"
@@ -248,13 +251,19 @@ class TrackTarget(_MotorCommand):
 
     def check(self, robot: Robot) -> None:
         range_deg = robot.motor(self.motor).range_deg
-        if range_deg is not None and not range_deg[0] <= self.low < self.high <= range_deg[1]:
-            beyond = f"beyond the motor's range of {range_deg[0]} to {range_deg[1]}"
+        if range_deg is None:
+            return
+        # Refused here, since the hub clamps a target to the command's range alone.
+        low_deg, high_deg = range_deg
+        is_within = low_deg <= self.low < self.high <= high_deg
+        if not is_within:
+            beyond = f"beyond the motor's range of {low_deg} to {high_deg}"
             raise self.error(
                 f" ranges from {self.low:g} to {self.high:g} deg, {beyond}; stay within"
             )
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        # It may be at its target already.
         return (0.0,)
 
 
@@ -286,6 +295,8 @@ class _DriveBaseCommand(Command):
     def wheel_turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         """Angle that each wheel turns by; for an endless move, in one second."""
         base = drive_base(robot, self.name)
+        # On the spot, the wheels roll along a circle whose diameter is the axle track. Clockwise,
+        # the left one goes forward.
         if self.is_turn:
             turn_deg = amount * base.axle_track_mm / base.wheel_diameter_mm
             return turn_deg, -turn_deg
@@ -345,11 +356,13 @@ class Curve(_DriveBaseCommand):
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         base = drive_base(robot, self.name)
+        # Lengths of arcs, as an angle (deg) times a radius (mm): that of the robot's centre, and
+        # what the left wheel rolls beyond it, the right one less.
         path = abs(amount) * self.radius_mm
         turn = math.copysign(amount, amount * self.radius_mm) * base.axle_track_mm / 2
-        return 2 * (path + turn) / base.wheel_diameter_mm, 2 * (
-            path - turn
-        ) / base.wheel_diameter_mm
+        left_deg = 2 * (path + turn) / base.wheel_diameter_mm
+        right_deg = 2 * (path - turn) / base.wheel_diameter_mm
+        return left_deg, right_deg
 
 
 @dataclass(frozen=True)
@@ -364,9 +377,9 @@ class _Drive(_DriveBaseCommand):
         return tuple(map(_test_turn_deg, self.wheel_turns_deg(robot, amount)))
 
     def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
-        speed, turn_rate = (
-            amounts.get(command.name, "0") for command in (DriveSpeed, DriveTurnRate)
-        )
+        # ``drive`` takes both; who commands one of them alone leaves the other at 0.
+        speed = amounts.get(DriveSpeed.name, "0")
+        turn_rate = amounts.get(DriveTurnRate.name, "0")
         return f"{self.mover}.drive({speed}, {turn_rate})"
 
 
@@ -403,6 +416,7 @@ def drive_base(robot: Robot, needed_by: str) -> DriveBase:
 def drive_base_setup(robot: Robot, needed_by: str) -> tuple[str, ...]:
     """Statement of a hub program that makes the object ``drive_base``."""
     base = drive_base(robot, needed_by)
+    # With all digits of the numbers, so that hub and twin have the same ones.
     size = f"wheel_diameter={base.wheel_diameter_mm!r}, axle_track={base.axle_track_mm!r}"
     return (f"drive_base = DriveBase(motor_{base.left}, motor_{base.right}, {size})",)
 

@@ -13,18 +13,69 @@ from typing import ClassVar
 from brickhub.entry import Entry
 from brickhub.errors import hint
 from brickhub.fields import check_fields, check_value
-from brickhub.hub.commands import *
 from brickhub.hub.commands import (
     WIDE_MAX,
     WIRE_MAX,
+    ClientCommand,
     Command,
+    Curve,
+    DriveSpeed,
+    DriveStraight,
+    DriveTurnRate,
+    HubLight,
+    HubSound,
     Imports,
+    LightBrightness,
+    RunAngle,
+    RunDuty,
+    RunSpeed,
+    TrackTarget,
+    Turn,
     WireNumber,
     drive_base,
     drive_base_setup,
 )
 from brickhub.robot import Robot, UltrasonicSensor
 from brickhub.robot.hardware import REMOTE_BUTTONS
+
+# The commands too: a user's file names all parts of an interface from one module.
+__all__ = [
+    "PARTS",
+    "Channel",
+    "ClientChannel",
+    "ClientCommand",
+    "Command",
+    "Curve",
+    "Distance",
+    "DriveAngle",
+    "DriveDistance",
+    "DriveSpeed",
+    "DriveStraight",
+    "DriveTurnRate",
+    "Heading",
+    "HubButton",
+    "HubLight",
+    "HubSound",
+    "Imports",
+    "Interface",
+    "LightBrightness",
+    "MotorAngle",
+    "Pitch",
+    "RemoteButton",
+    "Roll",
+    "RunAngle",
+    "RunDuty",
+    "RunSpeed",
+    "SensorReading",
+    "TrackTarget",
+    "Turn",
+    "UntilDone",
+    "Wait",
+    "WireNumber",
+    "YawRate",
+    "drive_base",
+    "drive_base_setup",
+]
 
 
 @dataclass(frozen=True)
@@ -71,8 +122,11 @@ class Channel(WireNumber, ABC):
     @property
     def limits(self) -> tuple[float, float] | None:
         """Possible range, if ``low`` and ``high`` are only nominal."""
-        largest = (WIDE_MAX if self.accumulates else WIRE_MAX) / self.scale
-        return (-largest, largest) if self.is_nominal else None
+        if not self.is_nominal:
+            return None
+        largest_on_wire = WIDE_MAX if self.accumulates else WIRE_MAX
+        largest = largest_on_wire / self.scale
+        return -largest, largest
 
     def is_wide(self, robot: Robot | None) -> bool:
         """Whether it has 32 bits on the wire rather than 16, as it counts without end. ``robot``:
@@ -129,6 +183,7 @@ class MotorAngle(Channel):
 
     @property
     def wraps(self) -> bool:
+        # An endless wheel: its turns mean nothing, where it stands does.
         return (self.low, self.high) == (0.0, 360.0)
 
     def in_mirror(self, robot: Robot) -> tuple[str, int]:
@@ -141,17 +196,24 @@ class MotorAngle(Channel):
 
     @property
     def limits(self) -> tuple[float, float] | None:
-        return None if self.wraps else (-WIDE_MAX / self.scale, WIDE_MAX / self.scale)
+        if self.wraps:
+            return None
+        return -WIDE_MAX / self.scale, WIDE_MAX / self.scale
 
     def is_wide(self, robot: Robot | None) -> bool:
-        return not self.wraps and robot is not None and robot.motor(self.motor).range_deg is None
+        # A joint with a range stays within 16 bits, in tenths of a degree; a wheel counts on.
+        if self.wraps or robot is None:
+            return False
+        return robot.motor(self.motor).range_deg is None
 
     def check(self, robot: Robot) -> None:
         robot.motor(self.motor)
 
     @property
     def expression(self) -> str:
-        return f"motor_{self.motor}.angle()" + (" % 360" if self.wraps else "")
+        # Wrapped on the hub, as a wheel's turns would soon be too many for 16 bits.
+        wrap = " % 360" if self.wraps else ""
+        return f"motor_{self.motor}.angle(){wrap}"
 
 
 class _ImuChannel(Channel):
@@ -169,6 +231,7 @@ class _Tilt(_ImuChannel):
     high: float = 90.0
     scale: ClassVar[int] = 100
     unit: ClassVar[str] = "deg"
+    # One call for both, which thereby are of the same moment.
     statement: ClassVar[str] = "pitch, roll = hub.imu.tilt()"
     noise: ClassVar[str] = "tilt_noise_deg"
     roughness: ClassVar[float] = 0.3
@@ -314,15 +377,15 @@ class HubButton(Channel):
 
     def buttons(self, robot: Robot) -> tuple[str, ...]:
         """Names of the buttons that a program may read."""
+        # A press of the center button stops the program before it could read it.
         return tuple(name for name in robot.hub.model.buttons if name != "center")
 
     def check(self, robot: Robot) -> None:
-        if self.button not in self.buttons(robot):
-            remedy = (
-                f"choose {', '.join(self.buttons(robot))}"
-                if self.buttons(robot)
-                else "take a prime hub, or a RemoteButton"
-            )
+        buttons = self.buttons(robot)
+        if self.button not in buttons:
+            remedy = "take a prime hub, or a RemoteButton"
+            if buttons:
+                remedy = f"choose {', '.join(buttons)}"
             raise self.error(
                 f": the {self.owner} has no such button that a program may read; {remedy}"
             )
@@ -394,10 +457,13 @@ class SensorReading(Channel):
         return self.sensor
 
     def in_mirror(self, robot: Robot) -> tuple[str, int]:
-        return replace(self, sensor=robot.in_mirror(self.sensor)[0]).name, self.mirror_sign
+        # What a sensor reads has no direction, unlike the angle of a motor.
+        sensor, _ = robot.in_mirror(self.sensor)
+        return replace(self, sensor=sensor).name, self.mirror_sign
 
     @property
     def wraps(self) -> bool:
+        # A hue, for one.
         return (self.low, self.high, self.unit) == (0.0, 360.0, "deg")
 
     def check(self, robot: Robot) -> None:
@@ -422,11 +488,11 @@ class SensorReading(Channel):
 
     @property
     def expression(self) -> str:
-        return (
-            self._call
-            if self.part is None
-            else f"{self._parts}[{PARTS[self.method].index(self.part)}]"
-        )
+        if self.part is None:
+            return self._call
+        # By its place: a hub's methods return tuples, or what can be indexed like one.
+        index = PARTS[self.method].index(self.part)
+        return f"{self._parts}[{index}]"
 
     @property
     def _call(self) -> str:
@@ -477,10 +543,13 @@ class Interface:
     settle: Wait | UntilDone
 
     def __post_init__(self) -> None:
-        for field in ("commands", "channels"):  # a list is as good, but has no hash
+        # A list is as good, but has no hash.
+        for field in ("commands", "channels"):
             value = getattr(self, field)
-            object.__setattr__(self, field, tuple(value) if isinstance(value, list) else value)
+            if isinstance(value, list):
+                object.__setattr__(self, field, tuple(value))
         check_fields(Interface, vars(self))
+        # Here, as no kind has to check its own fields.
         for part in (*self.commands, *self.channels):
             check_value(f"low of '{part.name}'", part.low, float)
             check_value(f"high of '{part.name}'", part.high, float)
@@ -497,7 +566,7 @@ class Interface:
     @property
     def distance_index(self) -> int | None:
         """Index of the first distance among the channels; ``None`` if there is none."""
-        return next(
-            (index for index, channel in enumerate(self.channels) if isinstance(channel, Distance)),
-            None,
-        )
+        for index, channel in enumerate(self.channels):
+            if isinstance(channel, Distance):
+                return index
+        return None

@@ -28,10 +28,13 @@ WRITE_BYTES = 20
 APP_DATA_BYTES = WRITE_BYTES + 2
 """Size of a program's AppData buffer: a count, a length, and a frame."""
 MAX_ACTIONS = 8
+"""Actions of two bytes that fit one write, beside the frame's own bytes."""
 CRC_POLYNOMIAL = 0x107
 
-_INT16_LOW, _INT16_HIGH = _INT16_ENDS = -(2**15), 2**15 - 1
+_INT16_LOW = -(2**15)
+_INT16_HIGH = 2**15 - 1
 _TEXT_BYTES = 4096
+"""Size of what is kept of the bytes between frames: more than any traceback."""
 
 
 class EncodingError(BricksError, ValueError):
@@ -75,10 +78,14 @@ CONTROL_OVERHEAD = 4
 
 
 def _crc_table() -> bytes:
+    """Checksum of each single byte."""
     table = []
     for crc in range(256):
         for _ in range(8):
-            crc = crc << 1 ^ (CRC_POLYNOMIAL if crc & 0x80 else 0)
+            # Division by the polynomial, bit by bit. It has nine bits: the upper one removes the
+            # bit that is shifted out.
+            divisor = CRC_POLYNOMIAL if crc & 0x80 else 0
+            crc = crc << 1 ^ divisor
         table.append(crc)
     return bytes(table)
 
@@ -96,6 +103,7 @@ def crc8(data: bytes) -> int:
 
 def next_seq(seq: int) -> int:
     """Sequence number after ``seq``: 1..255, never 0."""
+    # 0 marks a control frame.
     return seq % 255 + 1
 
 
@@ -162,7 +170,8 @@ class WireFormat:
         self.action_format = "<" + "h" * len(self._commands)
         self._value_format = "f" * len(self._scales)
         self._are_wide = [channel.is_wide(robot) for channel in interface.channels]
-        self.answer_format = "<H" + "".join("i" if is_wide else "h" for is_wide in self._are_wide)
+        channel_formats = ["i" if is_wide else "h" for is_wide in self._are_wide]
+        self.answer_format = "<H" + "".join(channel_formats)
         self.down_frame_bytes = DATA_OVERHEAD + struct.calcsize(self.action_format)
         self.answer_bytes = struct.calcsize(self.answer_format)
 
@@ -178,12 +187,14 @@ class WireFormat:
             )
         wire = []
         for number, command in zip(numbers, self._commands, strict=True):
+            # Only NaN differs from itself. Infinities saturate.
             if number != number:
                 raise EncodingError(
                     f"the value for '{command.name}' is not a number (NaN); look for what "
                     "computed it"
                 )
-            wire.append(round(min(max(number * command.scale, _INT16_LOW), _INT16_HIGH)))
+            scaled = number * command.scale
+            wire.append(round(min(max(scaled, _INT16_LOW), _INT16_HIGH)))
         return struct.pack(self.action_format, *wire)
 
     @staticmethod
@@ -196,17 +207,20 @@ class WireFormat:
         float32."""
         time_ms, *numbers = struct.unpack(self.answer_format, payload)
         values = map(operator.truediv, numbers, self._scales)
-        return time_ms, struct.unpack(self._value_format, struct.pack(self._value_format, *values))
+        # Through bytes, which rounds to float32 without NumPy: the numbers that a tensor will hold.
+        packed = struct.pack(self._value_format, *values)
+        return time_ms, struct.unpack(self._value_format, packed)
 
     def saturated(self, payload: bytes) -> list[str]:
         """Names of the channels of an answer that are at an end of what 16 bits hold, or beyond."""
         _, *numbers = struct.unpack(self.answer_format, payload)
-        parts = zip(numbers, self._are_wide, self._channels, strict=True)
-        return [
-            channel.name
-            for number, is_wide, channel in parts
-            if number in _INT16_ENDS and not is_wide
-        ]
+        names = []
+        for number, is_wide, channel in zip(numbers, self._are_wide, self._channels, strict=True):
+            is_at_end = number in (_INT16_LOW, _INT16_HIGH)
+            # No robot ever counts beyond 32 bits.
+            if is_at_end and not is_wide:
+                names.append(channel.name)
+        return names
 
 
 class FrameDecoder:
@@ -243,6 +257,7 @@ class FrameDecoder:
         frames: list[Frame] = []
         start = 0
         while start < len(buffer):
+            # Whatever comes before the next byte that may begin a frame belongs to none.
             if buffer[start] != MAGIC:
                 position = buffer.find(MAGIC, start)
                 end = len(buffer) if position < 0 else position
@@ -250,18 +265,15 @@ class FrameDecoder:
                 start = end
                 continue
             size = self._frame_size(start)
+            # The rest of the frame is still to come.
             if len(buffer) - start < size:
                 break
             candidate = bytes(buffer[start : start + size])
             if size and crc8(candidate) == 0:
-                seq = candidate[1]
-                frames.append(
-                    DataFrame(seq, candidate[2:-1])
-                    if seq
-                    else ControlFrame(candidate[2], candidate[3:-1])
-                )
+                frames.append(_frame(candidate))
                 start += size
             else:
+                # Only one byte is given up: a true frame may begin within what looked like one.
                 self.crc_errors += size > 0
                 self._skip(buffer[start : start + 1])
                 start += 1
@@ -276,9 +288,19 @@ class FrameDecoder:
             return 2
         if head[1]:
             return self._data_size
-        return self._control_sizes.get(head[2], 0) if len(head) == 3 else 3
+        if len(head) < 3:
+            return 3
+        return self._control_sizes.get(head[2], 0)
 
     def _skip(self, data: bytes | bytearray) -> None:
         self.skipped_bytes += len(data)
         self._text += data
         del self._text[:-_TEXT_BYTES]
+
+
+def _frame(data: bytes) -> Frame:
+    """The frame of these bytes, whose checksum is right."""
+    seq = data[1]
+    if seq:
+        return DataFrame(seq, data[2:-1])
+    return ControlFrame(data[2], data[3:-1])

@@ -21,15 +21,16 @@ class Pipe(enum.Enum):
 def app_data_slot(count: int, frame: bytes) -> bytes:
     """Content of the program's AppData buffer for a frame; a changed ``count`` (1..255) marks it as
     new."""
+    # The length too, as the buffer still holds the end of a longer frame before.
     return bytes((count, len(frame))) + frame
 
 
 def as_typed(data: bytes | str) -> bytes:
     """Bytes of input; lines of text end with the Enter key, CR, for which ``input()`` waits on a
     hub. Bytes that are no UTF-8 are surrogate escapes in text."""
-    return (
-        data.replace("\n", "\r").encode(errors="surrogateescape") if isinstance(data, str) else data
-    )
+    if isinstance(data, str):
+        return data.replace("\n", "\r").encode(errors="surrogateescape")
+    return data
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from brickhub.kits.radio import Radio
 from brickhub.robot import Robot
 
 _WATCHED_S = 1.0
+"""Time over which reports are counted."""
 _LEAST_REPORTS = 0.5
 """Share of the reports of a device of LEGO's kits below which its link is slow."""
 _LOW_BATTERY_PCT = 20
@@ -39,10 +40,12 @@ def check_kit(
             name = f"{device.part.product.title} {ports}"
             version = ".".join(map(str, lego.version_firmware))
             battery_pct = lego.info_device.batteryLevel
-            is_low = battery_pct < _LOW_BATTERY_PCT, Outcome.WARNING, ", charge it"
-            yield judged(name, f"firmware {version}, battery {battery_pct} %", is_low)
+            low = (battery_pct < _LOW_BATTERY_PCT, Outcome.WARNING, ", charge it")
+            yield judged(name, f"firmware {version}, battery {battery_pct} %", low)
             rate_hz = (device.reports - before[ports]) / _WATCHED_S
+            is_slow = rate_hz < _LEAST_REPORTS * 1000 / PERIOD_MS
             remedy = ", of 67; disconnect other Bluetooth devices, and bring it near"
-            is_slow = rate_hz < _LEAST_REPORTS * 1000 / PERIOD_MS, Outcome.WARNING, remedy
-            yield judged(f"reports {ports}", f"{rate_hz:.0f} a second", is_slow)
+            slow = (is_slow, Outcome.WARNING, remedy)
+            yield judged(f"reports {ports}", f"{rate_hz:.0f} a second", slow)
+        # Last, as only these move something, and need a person.
         yield from check_moves(link, robot, interface, may_move, is_right)

@@ -76,11 +76,13 @@ class Layout:
 
 
 def _layouts(text: str) -> dict[str, Layout]:
-    rows = (line.split() for line in text.strip().splitlines())
-    return {
-        name: Layout(int(n), struct.Struct(f"<B{fmt.strip('-')}"), tuple(fields))
-        for name, n, fmt, *fields in rows
-    }
+    layouts = {}
+    for line in text.strip().splitlines():
+        name, number, types, *fields = line.split()
+        # A message without fields has a hyphen in the place of their types.
+        types = types.strip("-")
+        layouts[name] = Layout(int(number), struct.Struct(f"<B{types}"), tuple(fields))
+    return layouts
 
 
 COMMANDS = _layouts("""
@@ -131,6 +133,7 @@ REPORTS = _layouts("""
 """)
 """Reports in a notification."""
 _INFO = "BBHBBHBBHHH"
+"""Fields of the answer to ``info``: three versions, the largest packet, the product."""
 _BY_NUMBER = {layout.number: (name, layout) for name, layout in COMMANDS.items()}
 
 
@@ -147,6 +150,7 @@ class Message:
 def decode(packet: bytes) -> Iterator[Message]:
     """The commands in a packet, in order. Raises HubProtocolError if a message is unknown or cut
     off."""
+    # One after the other: where a message ends follows only from its number.
     while packet:
         name, layout = _BY_NUMBER.get(packet[0], ("", None))
         if layout is None or len(packet) < layout.struct.size:
@@ -161,18 +165,11 @@ def decode(packet: bytes) -> Iterator[Message]:
 def encode_info(product: Product, packet_bytes: int = 244) -> bytes:
     """Answer to ``info``: versions of protocol, firmware and bootloader, the largest packet, and
     the product."""
+    number = COMMANDS["info"].number + 1
+    firmware = (1, 0, 0)
+    bootloader = (1, 0, 0)
     return struct.pack(
-        "<B" + _INFO,
-        COMMANDS["info"].number + 1,
-        *RPC_VERSION,
-        1,
-        0,
-        0,
-        1,
-        0,
-        0,
-        packet_bytes,
-        product,
+        f"<B{_INFO}", number, *RPC_VERSION, *firmware, *bootloader, packet_bytes, product
     )
 
 

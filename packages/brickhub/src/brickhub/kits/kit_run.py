@@ -4,7 +4,7 @@ import sys
 import time
 import traceback
 import types
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
@@ -73,6 +73,7 @@ def run_kit_file(
             namespace = {
                 "__name__": "__main__",
                 "__file__": str(path),
+                # Those of Python's `site` close standard input, which is this process's.
                 "exit": sys.exit,
                 "quit": sys.exit,
             }
@@ -83,10 +84,12 @@ def run_kit_file(
         stderr.write(time_limit_note(time_limit_s or 0.0))
         return TIME_LIMIT_EXIT_CODE
     except SystemExit as end:
+        # As Python does: a text is an error, and is printed; nothing is success.
         if isinstance(end.code, str):
             stderr.write(f"{end.code}\n")
         return end.code if isinstance(end.code, int) else int(end.code is not None)
     except Exception as error:  # noqa: BLE001  whatever the user's program raises
+        # From the program's first line on: what is around it is ours.
         trace = error.__traceback__
         while trace is not None and trace.tb_frame.f_code.co_filename != str(path):
             trace = trace.tb_next
@@ -124,33 +127,48 @@ def _kit(body: Body | None, operation: Operation) -> VirtualKit:
     bench = FittedBench(KitKind.DOUBLE_MOTOR, operation.readings, operation.end_stops)
     for port, device in BENCH_PORTS.items():
         bench.plug_in(port, device)
-    bench.put_on_wheels(dict.fromkeys("AB", _TURN_PER_MDEG))
-    return VirtualKit(
-        bench,
-        realtime=operation.realtime,
-        sensor_ports=[p for p, name in BENCH_PORTS.items() if name != "Motor"],
-    )
+    # So that a turn by the IMU has an end there: both wheels turn the bench.
+    bench.put_on_wheels({"A": _TURN_PER_MDEG, "B": _TURN_PER_MDEG})
+    sensor_ports = [port for port, device in BENCH_PORTS.items() if device != "Motor"]
+    return VirtualKit(bench, realtime=operation.realtime, sensor_ports=sensor_ports)
 
 
 @contextmanager
 def _surroundings(path: Path, kit: VirtualKit) -> Iterator[None]:
     """Context in which a program finds what lies beside it, its own arguments, and a clock that is
     the devices'."""
-    clock = types.ModuleType("time")
-    began_s = time.time()
-    vars(clock).update(vars(time))
-    clock.sleep = kit.wait  # type: ignore[attr-defined]
-    for name in ("monotonic", "perf_counter", "time"):
-        offset_s = began_s if name == "time" else 0.0
-        setattr(clock, name, lambda offset_s=offset_s: offset_s + kit.now_s())
-        setattr(
-            clock, f"{name}_ns", lambda offset_s=offset_s: round((offset_s + kit.now_s()) * 1e9)
-        )
-    before = sys.argv, sys.path[:], sys.modules["time"]
+    arguments_before = sys.argv
+    path_before = sys.path[:]
+    time_before = sys.modules["time"]
     sys.argv = [str(path)]
-    sys.modules["time"] = clock
+    # A module of its own: LEGO's package and ours have imported Python's, and keep real time.
+    sys.modules["time"] = _clock(kit)
     sys.path.insert(0, str(path.parent))
     try:
         yield
     finally:
-        sys.argv, sys.path[:], sys.modules["time"] = before
+        sys.argv = arguments_before
+        # The same list, as others may hold it.
+        sys.path[:] = path_before
+        sys.modules["time"] = time_before
+
+
+def _clock(kit: VirtualKit) -> types.ModuleType:
+    """Module ``time`` of a program: its sleep and its clocks are those of the devices."""
+    clock = types.ModuleType("time")
+    vars(clock).update(vars(time))
+    clock.sleep = kit.wait  # type: ignore[attr-defined]
+    # The time of day begins now; the others begin at 0, as a program only takes differences.
+    began_s = time.time()
+    for name, offset_s in (("monotonic", 0.0), ("perf_counter", 0.0), ("time", began_s)):
+        setattr(clock, name, _clock_in_s(kit, offset_s))
+        setattr(clock, f"{name}_ns", _clock_in_ns(kit, offset_s))
+    return clock
+
+
+def _clock_in_s(kit: VirtualKit, offset_s: float) -> Callable[[], float]:
+    return lambda: offset_s + kit.now_s()
+
+
+def _clock_in_ns(kit: VirtualKit, offset_s: float) -> Callable[[], int]:
+    return lambda: round((offset_s + kit.now_s()) * 1e9)

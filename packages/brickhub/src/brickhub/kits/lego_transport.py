@@ -27,18 +27,12 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
         the one that is asked for. Where no virtual kit is in reach, real devices."""
         if not self.in_reach:
             return await self._real().scan_devices(timeout, filters) or []
-        wanted = filters or {}
-        name, address = (str(wanted.get(key) or "any") for key in ("device_name", "device_mac"))
-        return [
-            peer
-            for kit in self.in_reach
-            for peer in kit.peers
-            if kit.in_reach()
-            and not peer.device.is_connected
-            and wanted.get("product_id") in (None, peer.device.product)
-            and (name == "any" or name.lower() in peer.name.lower())
-            and (address == "any" or address.lower() in peer.address.lower())
-        ]
+        found: list[Any] = []
+        for kit in self.in_reach:
+            found += [
+                peer for peer in kit.peers if kit.in_reach() and _is_wanted(peer, filters or {})
+            ]
+        return found
 
     async def connect(
         self, device: Any, notification_callback: Any, disconnect_callback: Any
@@ -72,9 +66,24 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
 
     def _real(self) -> BLETransport:
         """Bluetooth of this computer, as LEGO's package uses it by itself."""
+        # Only where it is used: whoever has virtual devices may have no Bluetooth.
         if self._bluetooth is None:
             self._bluetooth = BasicBLE(shutdown_callback=None)
         return self._bluetooth
+
+
+def _is_wanted(peer: Any, filters: Mapping[str, Any]) -> bool:
+    """Whether a scan with these filters finds a device; LEGO's package says "any" for no filter."""
+    # A device that somebody is connected to does not advertise itself.
+    if peer.device.is_connected:
+        return False
+    if filters.get("product_id") not in (None, peer.device.product):
+        return False
+    name = str(filters.get("device_name") or "any").lower()
+    address = str(filters.get("device_mac") or "any").lower()
+    has_name = name == "any" or name in peer.name.lower()
+    has_address = address == "any" or address in peer.address.lower()
+    return has_name and has_address
 
 
 def _is_virtual(device: Any) -> bool:

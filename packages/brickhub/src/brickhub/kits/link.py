@@ -28,13 +28,14 @@ _log = logging.getLogger(__name__)
 PERIOD_MS = 15
 """Period of the reports: the shortest that a device takes."""
 HOLD_S = 0.4
-"""Time beyond the step after which an endless move ends, if no other command comes; as the watchdog
-of a hub."""
+"""Time beyond the step after which an endless move ends, if no other command comes; as the shortest
+time of the watchdog of a hub."""
 _SILENCE_S = 1.0
 """Silence after which a device is taken for lost, whose reports come at least that often."""
 _CONNECT_S = 20.0
 _DISCONNECT_S = 3.0
 _WAIT_S = 0.005
+"""Pause between two looks for a report: a third of the period of the reports."""
 _DRIVE_DEG_S = 400.0
 """Speed of wheels that drive a distance or turn by an angle: Pybricks' default, 40 % of the
 largest."""
@@ -50,16 +51,21 @@ class _Device:
     def __init__(self, part: KitPart, radio: Radio) -> None:
         self.part = part
         self._radio = radio
-        self.lego: Any = vars(lego_package(is_silent=True))[part.product.title.replace(" ", "")]()
-        self.arrived_s = self.before_s = -math.inf
+        # LEGO's classes have the names of the products, such as DoubleMotor.
+        package = lego_package(is_silent=True)
+        kind = getattr(package, part.product.title.replace(" ", ""))
+        self.lego: Any = kind()
+        self.arrived_s = -math.inf
+        self.before_s = -math.inf
         self.reports = 0
         self.lego.set_notification_callback(self._report)
 
     def _report(self, _notification: object) -> None:
+        # The first one is the first moment in the package's own thread, whose loop this is.
         if not self.reports:
             asyncio.get_running_loop().set_exception_handler(_note)
         now_s = self._radio.now_s()
-        # those of one event come at once, and are made further apart
+        # Those of one event come at once, and are made further apart.
         if now_s - self.arrived_s > PERIOD_MS / 2000:
             self.before_s = self.arrived_s
         self.arrived_s = now_s
@@ -68,27 +74,34 @@ class _Device:
     def connect(self) -> None:
         """Raises HubNotFoundError if it is not in reach, HubRefusedError if its firmware does not
         suit LEGO's package."""
+        title = self.part.product.title
         found = self._radio.search(self.part)
+
+        def connect() -> None:
+            self.lego.connect(device_notification_delay=PERIOD_MS, **found)
+
         try:
-            self._radio.run(
-                lambda: self.lego.connect(device_notification_delay=PERIOD_MS, **found), _CONNECT_S
-            )
+            self._radio.run(connect, _CONNECT_S)
         except errors.HubError:
             raise
         except Exception as error:
-            raise errors.HubRefusedError(
-                f"the {self.part.product.title} refuses the connection: {errors.message_of(error)}"
-            ) from error
+            # What the package raises has no common class; one is that versions do not agree.
+            reason = errors.message_of(error)
+            raise errors.HubRefusedError(f"the {title} refuses the connection: {reason}") from error
+        # A device that is not found is no exception there.
         if not self.lego.connected:
             raise errors.HubNotFoundError(
-                f"no {self.part.product.title} is in reach; switch it on, and bring it near"
+                f"no {title} is in reach; switch it on, and bring it near"
             )
+        # The silence of a device counts from here on, until it reports.
         self.arrived_s = self._radio.now_s()
 
     def disconnect(self) -> None:
         """End the connection, if there is one, for a few seconds at most."""
-        with contextlib.suppress(Exception):  # it may be gone already
+        # It may be gone already.
+        with contextlib.suppress(Exception):
             self._radio.run(self.lego.disconnect, _DISCONNECT_S)
+        # Also where that failed: a later `open` connects it anew.
         self.lego.connected = False
 
 
@@ -111,25 +124,7 @@ class KitLink(RobotLink):
         self._radio = radio
         self._robot = robot
         self._interface = interface
-        for command in interface.commands:
-            command.check(robot)
-            if type(command) not in _MOVES:
-                raise command.error(
-                    ": devices of LEGO's kits have no such move that ends by itself; use "
-                    "another command"
-                )
-        for channel in interface.channels:
-            channel.check(robot)
-            if type(channel) not in _VALUES or (
-                isinstance(channel, kinds.SensorReading) and channel.method not in _METHODS
-            ):
-                raise channel.error(": no device of LEGO's kits reports it; use another channel")
-        for motor in robot.motors:
-            if motor.range_deg is not None:
-                raise errors.DescriptionError(
-                    f"motor '{motor.name}' has a range, which no device of LEGO's kits keeps; "
-                    "leave it out"
-                )
+        _check(robot, interface)
         self._parts = parts_of(robot)
         self.devices: dict[str, _Device] = {}
         self._due_s = -math.inf
@@ -150,15 +145,17 @@ class KitLink(RobotLink):
         with self._fault():
             if not self.devices:
                 self._radio.attach()
-                self.devices = {part.ports: _Device(part, self._radio) for part in self._parts}
+                for part in self._parts:
+                    self.devices[part.ports] = _Device(part, self._radio)
             for device in self.devices.values():
+                # The package believes in a link until the radio gives it up, which takes long.
                 if device.lego.connected and self._age_s(device) > _SILENCE_S:
                     device.disconnect()
                 if not device.lego.connected:
                     device.connect()
             self._opened_s = self.now_s()
             self._due_s = -math.inf
-            # before the package ends its thread, which it could not start again
+            # Before the package ends its thread, which it could not start again.
             atexit.register(self.close)
             self.state = after(self.state, Cause.OPENED)
 
@@ -183,33 +180,41 @@ class KitLink(RobotLink):
             StoppedError: an emergency stop came before or meanwhile.
         """
         self._require_open()
-        self._radio.sleep(0.0)  # a world in real time catches up with what the caller took
+        # A world in real time catches up with what the caller took.
+        self._radio.sleep(0.0)
         started_s = self.now_s()
-        settle = self._interface.settle
-        commands = self._interface.commands
-        given = list(values)
-        if len(given) != len(commands) or not all(map(math.isfinite, given)):
-            raise EncodingError(
-                f"{given} are no {len(commands)} numbers; give one for each command"
-            )
-        amounts = [
-            min(max(value, command.low), command.high)
-            for value, command in zip(given, commands, strict=True)
-        ]
+        amounts = self._amounts(list(values))
         self.state = after(self.state, Cause.ACTED)
+        settle = self._interface.settle
         with self._fault():
             self._start(amounts)
             if settle.fixed_ms is not None:
+                # From the end of the last step, so that steps are that far apart whatever a
+                # caller takes in between; from now, if it took longer than a step.
                 step_s = settle.fixed_ms / 1000
-                self._due_s = (
-                    self._due_s + step_s if self._due_s + step_s > started_s else started_s + step_s
-                )
-                self._radio.sleep(max(0.0, self._due_s - self.now_s()))
+                due_s = self._due_s + step_s
+                self._due_s = due_s if due_s > started_s else started_s + step_s
+                rest_s = self._due_s - self.now_s()
+                self._radio.sleep(max(0.0, rest_s))
             else:
                 self._await_moves(started_s + settle.longest_ms / 1000)
             self._await_reports(started_s, under_commands=True)
+            # Another thread may have stopped the robot while this one waited.
             self._check_halted()
             return self._reading(started_s)
+
+    def _amounts(self, values: list[float]) -> list[float]:
+        """The commands, each within its range. Raises EncodingError if they are none."""
+        commands = self._interface.commands
+        count = len(commands)
+        is_finite = all(map(math.isfinite, values))
+        if len(values) != count or not is_finite:
+            raise EncodingError(f"{values} are no {count} numbers; give one for each command")
+        amounts = []
+        for value, command in zip(values, commands, strict=True):
+            amount = max(value, command.low)
+            amounts.append(min(amount, command.high))
+        return amounts
 
     def rest(self) -> None:
         """Stop the motors. Raises HubError if the link is not open, or failed."""
@@ -221,6 +226,7 @@ class KitLink(RobotLink):
     def emergency_stop(self) -> None:
         """Stop the motors at once, from any thread. All later calls raise ``StoppedError`` until
         ``release``."""
+        # First, so that no later step of another thread starts a motor again.
         self._halted.set()
         if self.is_open:
             self._stop_motors()
@@ -252,52 +258,72 @@ class KitLink(RobotLink):
 
     def _find(self, motor: Motor) -> tuple[_Device, int]:
         """The device of a motor, and its number there."""
-        ports = next(ports for ports in self.devices if motor.port in ports)
-        return self.devices[ports], ports.index(motor.port)
+        for ports, device in self.devices.items():
+            if motor.port in ports:
+                return device, ports.index(motor.port)
+        # `parts_of` has made a device of each motor.
+        raise KeyError(motor.port)
 
     def _start(self, amounts: list[float]) -> None:
         """Start the moves of a step; those of one device in one packet."""
+        moves = self._moves_of(amounts)
+        for device in self.devices.values():
+            motors: list[tuple[Motor, int]] = []
+            for name in moves:
+                motor = self._robot.motor(name)
+                carrier, index = self._find(motor)
+                if carrier is device:
+                    motors.append((motor, index))
+            if not motors:
+                continue
+            # In one packet, so that both wheels start at the same moment.
+            with self._sending(device), device.lego.batch(blocking=False):
+                for motor, index in motors:
+                    speed_deg_s, angle_deg = moves[motor.name]
+                    self._start_motor(device.lego, motor, index, speed_deg_s, angle_deg)
+
+    def _moves_of(self, amounts: list[float]) -> dict[str, Move]:
+        """Moves of the motors, by name, in a step."""
         moves: dict[str, Move] = {}
         for command, amount in zip(self._interface.commands, amounts, strict=True):
-            for name, (speed, angle) in _MOVES[type(command)](self._robot, command, amount).items():
-                moves[name] = (moves.get(name, (0.0, None))[0] + speed, angle)
-        for device in self.devices.values():
-            motors = {
-                m: self._find(m)[1]
-                for name in moves
-                if self._find(m := self._robot.motor(name))[0] is device
-            }
-            if motors:
-                with self._sending(device), device.lego.batch(blocking=False):
-                    for motor, index in motors.items():
-                        self._start_motor(device.lego, motor, index, *moves[motor.name])
+            moves_by = _MOVES[type(command)]
+            for name, (speed_deg_s, angle_deg) in moves_by(self._robot, command, amount).items():
+                # A speed of driving and a rate of turn move the same wheels, and add up.
+                before_deg_s, _ = moves.get(name, (0.0, None))
+                moves[name] = (before_deg_s + speed_deg_s, angle_deg)
+        return moves
 
     def _start_motor(
         self, lego: Any, motor: Motor, index: int, speed_deg_s: float, angle_deg: float | None
     ) -> None:
         # Version 1.2.0 of the package rounds a negative number to the next larger one, -20 to -19:
         # only directions are exact.
-        clockwise = speed_deg_s * motor.shaft_turns * (1.0 if angle_deg is None else angle_deg)
-        how = {"motor": index, "direction": int(clockwise < 0), "blocking": False}
-        speed_pct = min(100, round(100 * abs(speed_deg_s * motor.shaft_turns) / FULL_SPEED_DEG_S))
+        shaft_deg_s = speed_deg_s * motor.shaft_turns
+        is_reversed = shaft_deg_s * (1.0 if angle_deg is None else angle_deg) < 0
+        how = {"motor": index, "direction": int(is_reversed), "blocking": False}
+        speed_pct = round(100 * abs(shaft_deg_s) / FULL_SPEED_DEG_S)
+        speed_pct = min(100, speed_pct)
         if angle_deg is not None:
-            lego.motor_run_for_degrees(
-                round(abs(angle_deg * motor.shaft_turns)), speed=speed_pct, **how
-            )
+            shaft_deg = round(abs(angle_deg * motor.shaft_turns))
+            lego.motor_run_for_degrees(shaft_deg, speed=speed_pct, **how)
         elif speed_pct:
-            hold_ms = self._interface.settle.longest_ms + round(1000 * HOLD_S)
+            # It has to end by itself, should no other command follow.
+            step_ms = self._interface.settle.longest_ms
+            hold_ms = step_ms + round(1000 * HOLD_S)
             lego.motor_run_for_time(hold_ms, speed=speed_pct, **how)
         else:
             lego.motor_stop(motor=index, blocking=False)
 
     def _stop_motors(self) -> None:
         for device in self.devices.values():
-            if device.part.product is not Product.COLOR_SENSOR:
-                is_pair = device.part.product is Product.DOUBLE_MOTOR
-                with self._sending(device):
-                    (device.lego.movement_stop if is_pair else device.lego.motor_stop)(
-                        blocking=False
-                    )
+            product = device.part.product
+            if product is Product.COLOR_SENSOR:
+                continue
+            # Of a pair, `motor_stop` stops only the left one, if none is named.
+            is_pair = product is Product.DOUBLE_MOTOR
+            stop = device.lego.movement_stop if is_pair else device.lego.motor_stop
+            with self._sending(device):
+                stop(blocking=False)
 
     @contextlib.contextmanager
     def _sending(self, device: _Device) -> Iterator[None]:
@@ -308,6 +334,7 @@ class KitLink(RobotLink):
             )
         try:
             yield
+        # A mistake of ours in a call, not one of the device.
         except (TypeError, ValueError):
             raise
         except Exception as error:
@@ -322,17 +349,17 @@ class KitLink(RobotLink):
         """Wait until each device has reported after a time, or under the commands that were given
         then. Raises HubDisconnectedError or HubTimeoutError if one is lost."""
         for device in self.devices.values():
+            title = device.part.product.title
+            # The reports of the first event after the commands were made before these arrived.
             while (device.before_s if under_commands else device.arrived_s) <= since_s:
                 if not device.lego.connected:
                     raise errors.HubDisconnectedError(
-                        f"the {device.part.product.title} is gone; bring it near, and call open()"
+                        f"the {title} is gone; bring it near, and call open()"
                     )
                 if self._age_s(device) > _SILENCE_S:
-                    silence = (
-                        f"the {device.part.product.title} has been silent for {_SILENCE_S:g} s"
-                    )
                     raise errors.HubTimeoutError(
-                        f"{silence}; check that it is on and near, then call open()"
+                        f"the {title} has been silent for {_SILENCE_S:g} s; check that it is on "
+                        "and near, then call open()"
                     )
                 self._radio.sleep(_WAIT_S)
 
@@ -347,16 +374,46 @@ class KitLink(RobotLink):
             if self.now_s() >= end_s:
                 self._stop_motors()
                 return
+            # Which lets time pass, and raises if a device is lost meanwhile.
             self._await_reports(self.now_s())
 
     def _reading(self, started_s: float) -> Reading:
-        values = tuple(
-            float(_VALUES[type(channel)](self, channel)) for channel in self._interface.channels
-        )
+        values = []
+        for channel in self._interface.channels:
+            read = _VALUES[type(channel)]
+            values.append(float(read(self, channel)))
         now_s = self.now_s()
+        # A reading is as old as the oldest of the reports that it is made of.
         age_s = max(self._age_s(device) for device in self.devices.values())
-        self.statistics.record(now_s - started_s, age_s)
-        return Reading(values, round(1000 * (now_s - self._opened_s)), now_s - started_s, age_s)
+        round_trip_s = now_s - started_s
+        self.statistics.record(round_trip_s, age_s)
+        time_ms = round(1000 * (now_s - self._opened_s))
+        return Reading(tuple(values), time_ms, round_trip_s, age_s)
+
+
+def _check(robot: Robot, interface: kinds.Interface) -> None:
+    """Raise DescriptionError for what the devices cannot do, or cannot do safely."""
+    for command in interface.commands:
+        command.check(robot)
+        if type(command) not in _MOVES:
+            raise command.error(
+                ": devices of LEGO's kits have no such move that ends by itself; use "
+                "another command"
+            )
+    for channel in interface.channels:
+        channel.check(robot)
+        is_reported = type(channel) in _VALUES
+        if isinstance(channel, kinds.SensorReading):
+            is_reported = is_reported and channel.method in _METHODS
+        if not is_reported:
+            raise channel.error(": no device of LEGO's kits reports it; use another channel")
+    # On a hub, our program clamps each target to it; here the last word is the device's.
+    for motor in robot.motors:
+        if motor.range_deg is not None:
+            raise errors.DescriptionError(
+                f"motor '{motor.name}' has a range, which no device of LEGO's kits keeps; "
+                "leave it out"
+            )
 
 
 def _note(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
@@ -368,26 +425,31 @@ def _note(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
 def _rolled(
     robot: Robot, command: kinds.DriveStraight | kinds.Turn, amount: float
 ) -> dict[str, Move]:
+    names = command.motors(robot)
     turns_deg = command.wheel_turns_deg(robot, amount)
-    return {
-        name: (_DRIVE_DEG_S, turn_deg)
-        for name, turn_deg in zip(command.motors(robot), turns_deg, strict=True)
-    }
+    return {name: (_DRIVE_DEG_S, turn) for name, turn in zip(names, turns_deg, strict=True)}
 
 
 def _driven(
     robot: Robot, command: kinds.DriveSpeed | kinds.DriveTurnRate, rate: float
 ) -> dict[str, Move]:
+    # Degrees of the wheels for a distance or an angle are, of a rate, degrees a second.
+    names = command.motors(robot)
     speeds_deg_s = command.wheel_turns_deg(robot, rate)
-    return {
-        name: (speed_deg_s, None)
-        for name, speed_deg_s in zip(command.motors(robot), speeds_deg_s, strict=True)
-    }
+    return {name: (speed, None) for name, speed in zip(names, speeds_deg_s, strict=True)}
+
+
+def _turned(_robot: Robot, command: kinds.RunAngle, angle_deg: float) -> dict[str, Move]:
+    return {command.motor: (command.speed_deg_s, angle_deg)}
+
+
+def _run(_robot: Robot, command: kinds.RunSpeed, speed_deg_s: float) -> dict[str, Move]:
+    return {command.motor: (speed_deg_s, None)}
 
 
 _MOVES: Mapping[type[kinds.Command], Callable[[Robot, Any, float], dict[str, Move]]] = {
-    kinds.RunAngle: lambda robot, command, amount: {command.motor: (command.speed_deg_s, amount)},
-    kinds.RunSpeed: lambda robot, command, amount: {command.motor: (amount, None)},
+    kinds.RunAngle: _turned,
+    kinds.RunSpeed: _run,
     kinds.DriveSpeed: _driven,
     kinds.DriveTurnRate: _driven,
     kinds.DriveStraight: _rolled,
@@ -402,19 +464,28 @@ _SEEN = {"hue": "hue", "saturation": "saturation", "value": "value", None: "refl
 def _motor_angle_deg(link: KitLink, channel: kinds.MotorAngle) -> float:
     motor = link._robot.motor(channel.motor)
     device, index = link._find(motor)
-    # a Single Motor has one
-    reports = device.lego.motor if isinstance(device.lego.motor, list) else [device.lego.motor]
-    angle_deg = float(reports[index].position) / motor.shaft_turns
+    # LEGO's package has a list of motors for a Double Motor only.
+    motors = device.lego.motor
+    report = motors[index] if isinstance(motors, list) else motors
+    angle_deg = float(report.position) / motor.shaft_turns
     return angle_deg % 360.0 if channel.wraps else angle_deg
 
 
 def _imu(quantity: str) -> Callable[[KitLink, kinds.Channel], float]:
-    return lambda link, channel: vars(link.devices[link._parts[0].ports].lego.imu_device)[quantity]
+    def value(link: KitLink, _channel: kinds.Channel) -> float:
+        # That of the device which carries the robot: the first of its parts.
+        carrier = link.devices[link._parts[0].ports]
+        number: float = vars(carrier.lego.imu_device)[quantity]
+        return number
+
+    return value
 
 
 def _sensed(link: KitLink, channel: kinds.SensorReading) -> float:
-    sensor = link.devices[link._robot.sensor(channel.sensor).port].lego.sensor
-    return float(vars(sensor)[_SEEN[channel.part]])
+    sensor = link._robot.sensor(channel.sensor)
+    # A Color Sensor is a device of its own, and so alone on its port.
+    device = link.devices[sensor.port]
+    return float(vars(device.lego.sensor)[_SEEN[channel.part]])
 
 
 _VALUES: Mapping[type[kinds.Channel], Callable[[KitLink, Any], float]] = {

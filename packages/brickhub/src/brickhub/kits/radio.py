@@ -28,12 +28,14 @@ from brickhub.robot import AnyHub, KitKind, Robot
 LEGO_PACKAGE = "legoeducation"
 _T = TypeVar("_T")
 _SILENT = logging.NullHandler()
+"""One for all calls: a logger takes the same handler once."""
 _CARD_COLORS = ("RED", "YELLOW", "BLUE", "GREEN", "PURPLE", "MAGENTA", "AZURE", "ORANGE")
 
 
 def lego_package(*, is_silent: bool = False) -> Any:
     """LEGO's package. ``is_silent``: what it logs is not printed, as errors say it. Raises
     MediumUnavailableError if it is not installed."""
+    # A handler that does nothing: without any, Python prints what a library warns of.
     if is_silent:
         logging.getLogger(LEGO_PACKAGE).addHandler(_SILENT)
     try:
@@ -61,19 +63,19 @@ def parts(
 ) -> tuple[KitPart, ...]:
     """The devices for motors and color sensors on these ports. Raises DescriptionError if a motor
     of the first one is missing."""
-    own = hub.model.own_motors
+    carrier_ports = hub.model.own_motors
     motors = list(motor_ports)
-    if missing := [port for port in own if port not in motors]:
-        raise DescriptionError(
-            f"no motor is described on port {missing[0]}, where a {hub.value} has one; describe it"
-        )
+    for port in carrier_ports:
+        if port not in motors:
+            raise DescriptionError(
+                f"no motor is described on port {port}, where a {hub.value} has one; describe it"
+            )
     carrier = Product.DOUBLE_MOTOR if hub is KitKind.DOUBLE_MOTOR else Product.SINGLE_MOTOR
-    singles = [KitPart(Product.SINGLE_MOTOR, port) for port in motors if port not in own]
-    return (
-        KitPart(carrier, own),
-        *singles,
-        *(KitPart(Product.COLOR_SENSOR, port) for port in sensor_ports),
-    )
+    # First the one that carries the robot: whoever needs its IMU takes that of the first.
+    found = [KitPart(carrier, carrier_ports)]
+    found += [KitPart(Product.SINGLE_MOTOR, port) for port in motors if port not in carrier_ports]
+    found += [KitPart(Product.COLOR_SENSOR, port) for port in sensor_ports]
+    return tuple(found)
 
 
 def parts_of(robot: Robot) -> tuple[KitPart, ...]:
@@ -118,7 +120,9 @@ class RealRadio:
         if self.card is None:
             return {}
         color, _, serial = self.card.partition("-")
-        if color.upper() not in _CARD_COLORS or not serial.isdigit() or len(serial) > 4:
+        is_color = color.upper() in _CARD_COLORS
+        is_serial = serial.isdigit() and len(serial) <= 4
+        if not (is_color and is_serial):
             raise UnknownNameError(
                 f"'{self.card}' is no connection card; give its color and serial, such as "
                 "ble:azure-3683"
@@ -129,6 +133,7 @@ class RealRadio:
         }
 
     def run(self, function: Callable[[], _T], limit_s: float | None = None) -> _T:
+        # In a thread that can be left behind, as the package may wait for a device for ever.
         future: concurrent.futures.Future[_T] = concurrent.futures.Future()
         threading.Thread(target=settle, args=(future, function), daemon=True).start()
         if not is_done(future, limit_s):
@@ -138,7 +143,7 @@ class RealRadio:
         return future.result()
 
     def now_s(self) -> float:
-        # which, unlike the monotonic clock of Windows, tells milliseconds
+        # Unlike the monotonic clock of Windows, it tells milliseconds.
         return time.perf_counter()
 
     def sleep(self, seconds: float) -> None:

@@ -27,30 +27,60 @@ _Command = Callable[[protocol.Message], None]
 _END_STATES = ("COAST", "BRAKE", "HOLD", "CONTINUE", "COAST_SMART", "BRAKE_SMART", "BRAKE_SMART")
 """What a motor does after a move, by the number of the end state; the last one is that of -1."""
 _DEFAULT_SPEED_PCT = 50
+"""Speed of a command without one: the default of ``movement_move_tank_for_degrees`` in LEGO's
+package."""
 _ACCELERATION_DEG_S2_PER_PCT = 100
+"""An estimate after SPIKE App 3, whose accelerations go up to 10000 degrees/s²."""
 _FULL_LEVER_DEG = 45
+"""Angle of a lever at 100 %; an estimate."""
+
+# Bits of the motors of a Double Motor.
 _LEFT = 1
 _RIGHT = 2
+
+# Directions of the commands that move both motors; 3 is to the right.
 _FORWARD = 0
 _BACKWARD = 1
 _TO_LEFT = 2
+
+# Directions of a single motor; 0 is clockwise, 3 the longest way.
 _COUNTERCLOCKWISE = 1
 _SHORTEST = 2
+
+# Modes of a Color Sensor; in others it measures nothing.
 _DETECT = 1
 _AMBIENT = 2
+
 _NO_GESTURE = -1
+"""Number of no gesture; a virtual device never notices one."""
 _REST_DEG_S = 10
+"""Speed below which a motor has stopped at the end of a turn."""
 _WINDOW_MS = 20
+"""Window over which the speed is measured that tells how long slowing down takes."""
 _LONGEST_TIMED_MS = 20_000
+"""Longest move for a time that the firmware plans as one; a longer one is endless, and stopped when
+its time is over."""
+
+# Range of the battery's voltage, as 100 % and 0 % of charge.
 _FULL_MV = 8300
 _EMPTY_MV = 6000
+
 _MG_PER_MM_S2 = 1000 / 9810
+"""Thousandths of g of an acceleration: the unit of the reports, after SPIKE App 3."""
 _DETECTABLE: Mapping[int, Hsv] = {
-    protocol.NO_COLOR: (0, 0, 0), 1: (300, 100, 100), 2: (270, 100, 100), 3: (240, 100, 100),
+    protocol.NO_COLOR: (0, 0, 0),
+    1: (300, 100, 100),
+    2: (270, 100, 100),
+    3: (240, 100, 100),
     4: (200, 100, 100),
-    5: (170, 100, 100), 6: (120, 100, 100), 7: (60, 100, 100), 8: (30, 100, 100), 9: (0, 100, 100),
+    5: (170, 100, 100),
+    6: (120, 100, 100),
+    7: (60, 100, 100),
+    8: (30, 100, 100),
+    9: (0, 100, 100),
     10: (0, 0, 100),
-}  # fmt: skip
+}
+"""Colors that a Color Sensor names, by LEGO's numbers for them; black is none."""
 
 
 class KitDevice:
@@ -71,19 +101,23 @@ class KitDevice:
         self.outbox: list[bytes] = []
         self.is_connected = False
         self._machine = machine
-        self._period_ms = self._due_ms = 0
+        # No notifications until a program asks for them.
+        self._period_ms = 0
+        self._due_ms = 0
         self._later: dict[str, _Command] = {
-            "info": lambda _: self.outbox.append(protocol.encode_info(self.product)),
-            "uuid": lambda message: self.outbox.append(
-                bytes((message.answer_number, *self.address.encode()[-8:].rjust(8)))
-            ),
+            "info": self._say_info,
+            "uuid": self._say_uuid,
             "notifications": self._notify,
         }
         """Commands that have an answer of their own, or at their end; the others are accepted at
         once."""
-        self._commands: dict[str, _Command] = dict.fromkeys(
-            ("program_flow", "light", "beep", "stop_sound"), lambda _: None
-        )
+        # What is only seen or heard is accepted, so that programs run unchanged.
+        self._commands: dict[str, _Command] = {
+            "program_flow": _ignore,
+            "light": _ignore,
+            "beep": _ignore,
+            "stop_sound": _ignore,
+        }
 
     def connect(self) -> None:
         """A computer connects: it takes commands from now on, and knows nothing of earlier ones."""
@@ -98,7 +132,10 @@ class KitDevice:
     def receive(self, packet: bytes) -> None:
         """Obey a packet. Raises HubProtocolError if it holds a message that no device knows."""
         for message in protocol.decode(packet):
-            command = self._later.get(message.name) or self._commands.get(message.name)
+            command = self._later.get(message.name)
+            if command is None:
+                command = self._commands.get(message.name)
+            # What the firmware refuses is answered so, and the device goes on.
             try:
                 if command is None:
                     raise RefusedError("no such command")
@@ -116,23 +153,36 @@ class KitDevice:
             self.outbox.append(protocol.encode_notification(self._reports()))
 
     def _reports(self) -> list[Report]:
-        battery_pct = 100 * (self._machine.body.battery_mv - _EMPTY_MV) // (_FULL_MV - _EMPTY_MV)
+        charge_mv = self._machine.body.battery_mv - _EMPTY_MV
+        battery_pct = 100 * charge_mv // (_FULL_MV - _EMPTY_MV)
         return [
             ("info", (_clamp(battery_pct, 0, 100), 0)),
             ("card", (protocol.NO_COLOR, 0)),
             ("button", (0,)),
         ]
 
+    def _say_info(self, _message: protocol.Message) -> None:
+        self.outbox.append(protocol.encode_info(self.product))
+
+    def _say_uuid(self, message: protocol.Message) -> None:
+        identity = self.address.encode()[-8:].rjust(8)
+        self.outbox.append(bytes((message.answer_number, *identity)))
+
     def _notify(self, message: protocol.Message) -> None:
         self._answer(message)
         self._period_ms = message.values["delay_ms"]
+        # The first one comes with the answer: a comment in LEGO's package expects it within 0.2 s.
         self._due_ms = self._machine.time_ms
+        # Not that of a subclass: moves end after a control step, not within a command.
         KitDevice.update(self)
 
     def _answer(self, message: protocol.Message, status: int = protocol.Done.COMPLETED) -> None:
-        self.outbox.append(
-            protocol.encode_answer(message.answer_number, status, message.values.get("motors"))
-        )
+        motors = message.values.get("motors")
+        self.outbox.append(protocol.encode_answer(message.answer_number, status, motors))
+
+
+def _ignore(_message: protocol.Message) -> None:
+    """Accept a command of which a virtual device shows nothing."""
 
 
 @dataclass
@@ -141,6 +191,10 @@ class _Drive:
 
     speed_pct: int = _DEFAULT_SPEED_PCT
     then: OnCompletion = OnCompletion.BRAKE_SMART
+
+    def speed_deg_s(self, share: float) -> int:
+        """A share of the speed, as the firmware takes it."""
+        return round(share * self.speed_pct * protocol.FULL_SPEED_DEG_S / 100)
 
 
 @dataclass(frozen=True)
@@ -159,33 +213,37 @@ class SingleMotor(KitDevice):
 
     def __init__(self, machine: Machine, part: KitPart) -> None:
         super().__init__(machine, part)
-        self._servos = {1 << index: machine.servos[port] for index, port in enumerate(part.ports)}
-        self._drives = {bit: _Drive() for bit in self._servos}
+        # Commands name motors by bits, so that one can name several.
+        self._servos: dict[int, Servo] = {}
+        self._drives: dict[int, _Drive] = {}
+        for index, port in enumerate(part.ports):
+            bit = 1 << index
+            self._servos[bit] = machine.servos[port]
+            self._drives[bit] = _Drive()
         self._moves: list[_Move] = []
         self._endless: dict[int, float] = {}
+        """Shares of the speed of motors, by their bits, that run until their next command."""
         self._later |= {
             "run": self._run,
-            "run_for_time": lambda m: self._run(m, time_ms=m.values["time_ms"]),
-            "run_for_degrees": lambda m: self._run(m, lambda _: m.values["degrees"]),
+            "run_for_time": self._run_for_time,
+            "run_for_degrees": self._run_for_degrees,
             "run_to_absolute": self._run_to_absolute,
-            "run_to_relative": lambda m: self._run_by(
-                m, lambda servo: m.values["position"] - servo.angle_deg()
-            ),
+            "run_to_relative": self._run_to_relative,
         }
         self._commands |= {
-            "reset_position": lambda m: self._set(
-                m, lambda servo: servo.reset_angle(m.values["position"])
+            "reset_position": self._reset_position,
+            "set_duty": self._set_duty,
+            "stop": lambda message: self._stop(self._named(message)),
+            "set_speed": lambda message: self._set_speed(message, self._named(message)),
+            "set_end_state": lambda message: self._set_end_state(message, self._named(message)),
+            "set_acceleration": lambda message: self._set_acceleration(
+                message, self._named(message)
             ),
-            "set_duty": lambda m: self._set(
-                m, lambda servo: servo.dc(trunc(m.values["duty"] / 100))
-            ),
-            "stop": lambda m: self._stop(self._named(m)),
-            "set_speed": lambda m: self._set_speed(m, self._named(m)),
-            "set_end_state": lambda m: self._set_end_state(m, self._named(m)),
-            "set_acceleration": lambda m: self._set_acceleration(m, self._named(m)),
         }
 
     def connect(self) -> None:
+        # After a link that was lost and not yet ended, its motors are still taken into use, which
+        # a servo refuses twice.
         self.disconnect()
         super().connect()
         for servo in self._servos.values():
@@ -200,44 +258,47 @@ class SingleMotor(KitDevice):
 
     def update(self) -> None:
         for move in list(self._moves):
-            is_stalled = any(self._servos[bit].is_stalled() for bit in move.bits)
+            # Stalled first: `is_done` of a timed move or a turn stops the motors as it ends.
+            servos = [self._servos[bit] for bit in move.bits]
+            is_stalled = any(servo.is_stalled() for servo in servos)
             if is_stalled or move.is_done():
                 self._moves.remove(move)
-                self._answer(
-                    move.message,
-                    protocol.Done.INTERRUPTED if is_stalled else protocol.Done.COMPLETED,
-                )
+                status = protocol.Done.INTERRUPTED if is_stalled else protocol.Done.COMPLETED
+                self._answer(move.message, status)
+        # After the ends of moves, so that a notification never shows one before its answer.
         super().update()
 
     def _reports(self) -> list[Report]:
-        return [*super()._reports(), *(("motor", self._motor_report(bit)) for bit in self._servos)]
+        reports = super()._reports()
+        for bit in self._servos:
+            reports.append(("motor", self._motor_report(bit)))
+        return reports
 
     def _motor_report(self, bit: int) -> tuple[int, ...]:
         servo = self._servos[bit]
-        voltage_mv = servo.voltage_mv
-        battery_mv = self._machine.body.battery_mv
-        state = protocol.MotorState.READY
-        if voltage_mv is not None and servo.is_stalled():
-            state = protocol.MotorState.STALLED
-        elif servo.control.is_active:
-            state = protocol.MotorState.HOLDING if servo.is_done() else protocol.MotorState.RUNNING
-        elif voltage_mv:
-            state = protocol.MotorState.DUTY
-        absolute = self._machine.body.angle_mdeg(servo.port) % 360_000 // 1000
-        speed_pct = _clamp(100 * servo.speed_deg_s() / protocol.FULL_SPEED_DEG_S, -128, 127)
+        voltage_mv = servo.voltage_mv or 0
+        power = trunc(voltage_mv * 10_000 / self._machine.body.battery_mv)  # in 0.01 %
+        angle_mdeg = self._machine.body.angle_mdeg(servo.port)
+        absolute_deg = angle_mdeg % 360_000 // 1000
+        speed_pct = 100 * servo.speed_deg_s() / protocol.FULL_SPEED_DEG_S
         return (
             bit,
-            state,
-            absolute,
-            trunc((voltage_mv or 0) * 10_000 / battery_mv),
-            speed_pct,
+            _state_of(servo),
+            absolute_deg,
+            power,
+            _clamp(speed_pct, -128, 127),
             servo.angle_deg(),
             _NO_GESTURE,
         )
 
     def _named(self, message: protocol.Message) -> dict[int, _Drive]:
         """The motors that a message names, and their settings."""
-        return {bit: drive for bit, drive in self._drives.items() if bit & message.values["motors"]}
+        named_bits = message.values["motors"]
+        named = {}
+        for bit, drive in self._drives.items():
+            if bit & named_bits:
+                named[bit] = drive
+        return named
 
     def _start(
         self,
@@ -252,50 +313,61 @@ class SingleMotor(KitDevice):
         """Move motors at shares of the speed of their settings: for a time, by angles, until
         something is so, or endlessly."""
         self._interrupt(drives)
-        # beyond what the firmware plans as one move
+        # Beyond what the firmware plans as one move.
         if time_ms is not None and time_ms > _LONGEST_TIMED_MS:
             until = self._stop_after(time_ms, drives)
             time_ms = None
         for bit, drive in drives.items():
             servo = self._servos[bit]
-            speed = round(shares[bit] * drive.speed_pct * protocol.FULL_SPEED_DEG_S / 100)
+            speed_deg_s = drive.speed_deg_s(shares[bit])
             if time_ms is not None:
-                servo.run_time(speed, time_ms, drive.then)
+                servo.run_time(speed_deg_s, time_ms, drive.then)
             elif angle_deg is not None:
-                servo.run_angle(speed, round(angle_deg(bit)), drive.then)
+                servo.run_angle(speed_deg_s, round(angle_deg(bit)), drive.then)
             else:
-                servo.run(speed)
+                servo.run(speed_deg_s)
         if time_ms is not None or angle_deg is not None:
-            until = lambda: all(self._servos[bit].is_done() for bit in drives)  # noqa: E731
-        if until is None:
-            self._endless.update((bit, shares[bit]) for bit in drives)
-            self._answer(message)
-        else:
+            until = self._all_done(drives)
+        if until is not None:
             self._moves.append(_Move(message, frozenset(drives), until))
+            return
+        # An endless move has its answer at once, and no end of its own.
+        for bit in drives:
+            self._endless[bit] = shares[bit]
+        self._answer(message)
+
+    def _all_done(self, drives: Mapping[int, _Drive]) -> Callable[[], bool]:
+        """Condition that holds when the firmware's moves of all these motors have ended."""
+        servos = [self._servos[bit] for bit in drives]
+        return lambda: all(servo.is_done() for servo in servos)
 
     def _stop_after(self, time_ms: int, drives: Mapping[int, _Drive]) -> Callable[[], bool]:
         """Condition that holds after a time, and then stops motors."""
         end_ms = self._machine.time_ms + time_ms
 
         def is_done() -> bool:
-            if self._machine.time_ms >= end_ms:
-                self._halt(drives)
-            return self._machine.time_ms >= end_ms
+            if self._machine.time_ms < end_ms:
+                return False
+            self._halt(drives)
+            return True
 
         return is_done
 
     def _halt(self, drives: Mapping[int, _Drive]) -> None:
         for bit, drive in drives.items():
-            self._servos[bit].stop(
-                OnCompletion.COAST if drive.then is OnCompletion.CONTINUE else drive.then
-            )
+            then = drive.then
+            # To go on after a move has no meaning where the motor is to stop.
+            if then is OnCompletion.CONTINUE:
+                then = OnCompletion.COAST
+            self._servos[bit].stop(then)
 
     def _interrupt(self, bits: Iterable[int]) -> None:
         """End what these motors do: their next command has come."""
         chosen = set(bits)
-        for move in [move for move in self._moves if move.bits & chosen]:
-            self._moves.remove(move)
-            self._answer(move.message, protocol.Done.INTERRUPTED)
+        for move in list(self._moves):
+            if move.bits & chosen:
+                self._moves.remove(move)
+                self._answer(move.message, protocol.Done.INTERRUPTED)
         for bit in chosen:
             self._endless.pop(bit, None)
 
@@ -307,35 +379,60 @@ class SingleMotor(KitDevice):
     ) -> None:
         drives = self._named(message)
         share = -1.0 if message.values["direction"] == _COUNTERCLOCKWISE else 1.0
-        self._start(
-            message, drives, dict.fromkeys(drives, share), time_ms=time_ms, angle_deg=angle_deg
-        )
+        shares = dict.fromkeys(drives, share)
+        self._start(message, drives, shares, time_ms=time_ms, angle_deg=angle_deg)
+
+    def _run_for_time(self, message: protocol.Message) -> None:
+        self._run(message, time_ms=message.values["time_ms"])
+
+    def _run_for_degrees(self, message: protocol.Message) -> None:
+        self._run(message, lambda _bit: message.values["degrees"])
 
     def _run_by(self, message: protocol.Message, angle_deg: Callable[[Servo], float]) -> None:
         """Turn each motor by an angle at the magnitude of its speed."""
         drives = self._named(message)
-        shares = {bit: math.copysign(1.0, drive.speed_pct) for bit, drive in drives.items()}
-        self._start(message, drives, shares, angle_deg=lambda bit: angle_deg(self._servos[bit]))
+        # The sign of the angle says where; a second one, of the speed, would turn it round.
+        shares = {}
+        for bit, drive in drives.items():
+            shares[bit] = math.copysign(1.0, drive.speed_pct)
+
+        def angle_of(bit: int) -> float:
+            return angle_deg(self._servos[bit])
+
+        self._start(message, drives, shares, angle_deg=angle_of)
 
     def _run_to_absolute(self, message: protocol.Message) -> None:
+        direction = message.values["direction"]
+
         def angle_deg(servo: Servo) -> float:
-            clockwise = (
-                message.values["position"] - self._machine.body.angle_mdeg(servo.port) / 1000
-            ) % 360.0
-            ways = (clockwise, clockwise - 360.0)
-            direction = message.values["direction"]
-            return (
-                ways[direction]
-                if direction < _SHORTEST
-                else (min, max)[direction - _SHORTEST](ways, key=abs)
-            )
+            now_deg = self._machine.body.angle_mdeg(servo.port) / 1000
+            clockwise_deg = (message.values["position"] - now_deg) % 360.0
+            ways_deg = (clockwise_deg, clockwise_deg - 360.0)
+            if direction < _SHORTEST:
+                return ways_deg[direction]
+            # At half a turn, both ways are as long: the clockwise one stands first.
+            choose = (min, max)[direction - _SHORTEST]
+            return choose(ways_deg, key=abs)
 
         self._run_by(message, angle_deg)
 
+    def _run_to_relative(self, message: protocol.Message) -> None:
+        position_deg = message.values["position"]
+        self._run_by(message, lambda servo: position_deg - servo.angle_deg())
+
+    def _reset_position(self, message: protocol.Message) -> None:
+        position_deg = message.values["position"]
+        self._set(message, lambda servo: servo.reset_angle(position_deg))
+
+    def _set_duty(self, message: protocol.Message) -> None:
+        duty_pct = trunc(message.values["duty"] / 100)  # in 0.01 % in the message
+        self._set(message, lambda servo: servo.dc(duty_pct))
+
     def _set(self, message: protocol.Message, change: Callable[[Servo], None]) -> None:
         """Change each motor, which ends what it does."""
-        self._interrupt(self._named(message))
-        for bit in self._named(message):
+        drives = self._named(message)
+        self._interrupt(drives)
+        for bit in drives:
             change(self._servos[bit])
 
     def _stop(self, drives: Mapping[int, _Drive]) -> None:
@@ -345,25 +442,39 @@ class SingleMotor(KitDevice):
     def _set_speed(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
         for bit, drive in drives.items():
             drive.speed_pct = message.values["speed"]
-            if bit in self._endless:
-                self._servos[bit].run(
-                    round(self._endless[bit] * drive.speed_pct * protocol.FULL_SPEED_DEG_S / 100)
-                )
+            # A new speed acts at once on an endless move, and on the next one otherwise.
+            share = self._endless.get(bit)
+            if share is not None:
+                self._servos[bit].run(drive.speed_deg_s(share))
 
     def _set_end_state(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
+        name = _END_STATES[message.values["end_state"]]
         for drive in drives.values():
-            drive.then = OnCompletion[_END_STATES[message.values["end_state"]]]
+            drive.then = OnCompletion[name]
 
     def _set_acceleration(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
-        rates = (
-            max(message.values[name], 1) * _ACCELERATION_DEG_S2_PER_PCT
-            for name in ("acceleration", "deceleration")
-        )
-        acceleration, deceleration = rates
+        # The firmware refuses an acceleration of 0.
+        acceleration_pct = max(message.values["acceleration"], 1)
+        deceleration_pct = max(message.values["deceleration"], 1)
         for bit in drives:
             settings = self._servos[bit].settings
             speed, _, _, torque = settings.limits()
-            settings.set_limits(speed, acceleration, deceleration, torque)
+            settings.set_limits(
+                speed,
+                acceleration_pct * _ACCELERATION_DEG_S2_PER_PCT,
+                deceleration_pct * _ACCELERATION_DEG_S2_PER_PCT,
+                torque,
+            )
+
+
+def _state_of(servo: Servo) -> protocol.MotorState:
+    if servo.voltage_mv is not None and servo.is_stalled():
+        return protocol.MotorState.STALLED
+    if servo.control.is_active:
+        return protocol.MotorState.HOLDING if servo.is_done() else protocol.MotorState.RUNNING
+    if servo.voltage_mv:
+        return protocol.MotorState.DUTY
+    return protocol.MotorState.READY
 
 
 class DoubleMotor(SingleMotor):
@@ -373,30 +484,28 @@ class DoubleMotor(SingleMotor):
 
     def __init__(self, machine: Machine, part: KitPart) -> None:
         super().__init__(machine, part)
-        self._pair = dict.fromkeys((_LEFT, _RIGHT), _Drive())
+        # One value for both: what is set for the pair holds for the pair.
+        settings_of_pair = _Drive()
+        self._pair = {_LEFT: settings_of_pair, _RIGHT: settings_of_pair}
         self._steering_pct = 100
         self._yaw_face = 0
         self._yaw_offset = 0.0
         self._later |= {
-            "move": lambda m: self._start(m, self._pair, self._shares(m)),
-            "move_for_time": lambda m: self._start(
-                m, self._pair, self._shares(m), time_ms=m.values["time_ms"]
-            ),
-            "move_for_degrees": lambda m: self._start(
-                m, self._pair, self._shares(m), angle_deg=lambda _: m.values["degrees"]
-            ),
-            "tank": lambda m: self._tank(m, None),
-            "tank_for_degrees": lambda m: self._tank(m, m.values["degrees"]),
+            "move": self._move,
+            "move_for_time": self._move_for_time,
+            "move_for_degrees": self._move_for_degrees,
+            "tank": lambda message: self._tank(message, None),
+            "tank_for_degrees": lambda message: self._tank(message, message.values["degrees"]),
             "turn_for_degrees": self._turn,
         }
         self._commands |= {
             "stop_moving": lambda _: self._stop(self._pair),
-            "set_move_speed": lambda m: self._set_speed(m, self._pair),
-            "set_move_end_state": lambda m: self._set_end_state(m, self._pair),
-            "set_move_acceleration": lambda m: self._set_acceleration(m, self._pair),
+            "set_move_speed": lambda message: self._set_speed(message, self._pair),
+            "set_move_end_state": lambda message: self._set_end_state(message, self._pair),
+            "set_move_acceleration": lambda message: self._set_acceleration(message, self._pair),
             "set_steering": self._set_steering,
             "set_yaw_face": self._set_yaw_face,
-            "reset_yaw": lambda m: self._set_yaw(m.values["yaw"]),
+            "reset_yaw": lambda message: self._set_yaw(message.values["yaw"]),
         }
 
     def connect(self) -> None:
@@ -404,16 +513,28 @@ class DoubleMotor(SingleMotor):
         self._set_yaw(0)
 
     def _reports(self) -> list[Report]:
-        return [*super()._reports(), ("imu", self._imu_report()), ("gesture", (_NO_GESTURE,))]
+        return [
+            *super()._reports(),
+            ("imu", self._imu_report()),
+            ("gesture", (_NO_GESTURE,)),
+        ]
 
     def _imu_report(self) -> tuple[int, ...]:
+        # In this order: each reading of a noisy sensor draws a random number.
         body = self._machine.body
-        force = body.acceleration_mm_s2()
-        spin = body.angular_velocity_deg_s()
-        face = max(range(len(protocol.FACES)), key=lambda index: _along(force, index))
-        yaw = (self._turned() + self._yaw_offset + 180) % 360 - 180
-        angles = (yaw, *body.tilt_deg(), *(_MG_PER_MM_S2 * value for value in force), *spin)
-        return face, self._yaw_face, *(_clamp(angle, -32768, 32767) for angle in angles)
+        force_mm_s2 = body.acceleration_mm_s2()
+        spin_deg_s = body.angular_velocity_deg_s()
+        # At rest, an accelerometer feels a force upward: the face with the most of it is on top.
+        parts_mm_s2 = [_along(force_mm_s2, face) for face in range(len(protocol.FACES))]
+        upper_face = parts_mm_s2.index(max(parts_mm_s2))
+        yaw_deg = self._turned() + self._yaw_offset
+        yaw_deg = (yaw_deg + 180) % 360 - 180
+        tilt_deg = body.tilt_deg()
+        force_mg = [_MG_PER_MM_S2 * value for value in force_mm_s2]
+        numbers = (yaw_deg, *tilt_deg, *force_mg, *spin_deg_s)
+        # All are int16 in a report.
+        fields = [_clamp(number, -32768, 32767) for number in numbers]
+        return (upper_face, self._yaw_face, *fields)
 
     def _turned(self) -> float:
         """Degrees by which it has turned clockwise, as seen on the yaw face."""
@@ -431,53 +552,86 @@ class DoubleMotor(SingleMotor):
 
     def _shares(self, message: protocol.Message) -> dict[int, float]:
         """Shares of the speed for a direction; the left motor is mounted the other way round."""
-        direction = message.values["direction"]
-        ahead = {_FORWARD: (1.0, 1.0), _BACKWARD: (-1.0, -1.0)}
+        # Steering: 100 % turns on the spot, 50 % around the inner wheel, 0 % drives straight.
         inner = 1.0 - self._steering_pct / 50
-        left, right = ahead.get(direction, (inner, 1.0) if direction == _TO_LEFT else (1.0, inner))
-        return {_LEFT: -left, _RIGHT: right}
+        direction = message.values["direction"]
+        if direction == _FORWARD:
+            return {_LEFT: -1.0, _RIGHT: 1.0}
+        if direction == _BACKWARD:
+            return {_LEFT: 1.0, _RIGHT: -1.0}
+        if direction == _TO_LEFT:
+            return {_LEFT: -inner, _RIGHT: 1.0}
+        return {_LEFT: -1.0, _RIGHT: inner}
+
+    def _move(self, message: protocol.Message) -> None:
+        self._start(message, self._pair, self._shares(message))
+
+    def _move_for_time(self, message: protocol.Message) -> None:
+        shares = self._shares(message)
+        time_ms = message.values["time_ms"]
+        self._start(message, self._pair, shares, time_ms=time_ms)
+
+    def _move_for_degrees(self, message: protocol.Message) -> None:
+        shares = self._shares(message)
+        degrees = message.values["degrees"]
+        self._start(message, self._pair, shares, angle_deg=lambda _bit: degrees)
 
     def _tank(self, message: protocol.Message, degrees: int | None) -> None:
         """Move at two speeds, by ``degrees`` of the faster motor."""
-        shares = {_LEFT: -message.values["left"] / 100, _RIGHT: message.values["right"] / 100}
-        fastest = max(map(abs, shares.values())) or 1.0
-        drives = {bit: _Drive(100, drive.then) for bit, drive in self._pair.items()}
-        by = None if degrees is None else lambda bit: degrees * abs(shares[bit]) / fastest
-        self._start(message, drives, shares, angle_deg=by)
+        left = -message.values["left"] / 100
+        right = message.values["right"] / 100
+        shares = {_LEFT: left, _RIGHT: right}
+        # The two speeds are of the full one, whatever speed is set for the pair.
+        drives = {}
+        for bit, drive in self._pair.items():
+            drives[bit] = _Drive(100, drive.then)
+        if degrees is None:
+            self._start(message, drives, shares)
+            return
+        # Two motors at rest have no faster one: they turn by nothing.
+        fastest = max(abs(left), abs(right)) or 1.0
+
+        def angle_deg(bit: int) -> float:
+            return degrees * abs(shares[bit]) / fastest
+
+        self._start(message, drives, shares, angle_deg=angle_deg)
 
     def _turn(self, message: protocol.Message) -> None:
         """Turn by the IMU: slow down where the rest of the turn is as long as that takes, and
         stop."""
         start_deg = self._turned()
         wanted_deg = abs(message.values["degrees"])
+        # A negative angle turns the other way: 2 is to the left, 3 to the right.
         if message.values["degrees"] < 0:
             message.values["direction"] ^= 1
         servos = [self._servos[bit] for bit in self._pair]
-        slowing: list[bool] = []
+        is_slowing = False
 
         def is_done() -> bool:
-            if slowing:
+            nonlocal is_slowing
+            if is_slowing:
                 if any(abs(servo.speed_deg_s()) > _REST_DEG_S for servo in servos):
                     return False
                 self._halt(self._pair)
                 return True
+            # From speed v at deceleration a it turns on as by v for v / 2a.
             settings = servos[0].settings
-            slow_s = (
-                abs(servos[0].speed_deg_s(_WINDOW_MS))
-                * settings.steps_per_unit
-                / (2 * settings.deceleration)
-            )
-            left_deg = wanted_deg - abs(self._turned() - start_deg)
-            if left_deg <= slow_s * abs(self._machine.body.angular_velocity_deg_s()[2]):
-                slowing.append(True)
+            speed_steps_s = abs(servos[0].speed_deg_s(_WINDOW_MS)) * settings.steps_per_unit
+            slow_s = speed_steps_s / (2 * settings.deceleration)
+            rest_deg = wanted_deg - abs(self._turned() - start_deg)
+            _, _, yaw_rate_deg_s = self._machine.body.angular_velocity_deg_s()
+            if rest_deg <= slow_s * abs(yaw_rate_deg_s):
+                is_slowing = True
                 for servo in servos:
                     servo.run(0)
             return False
 
-        sharp = self._steering_pct
+        # A turn is always on the spot; the steering that is set is for moves.
+        steering_pct = self._steering_pct
         self._steering_pct = 100
-        self._start(message, self._pair, self._shares(message), until=is_done)
-        self._steering_pct = sharp
+        shares = self._shares(message)
+        self._steering_pct = steering_pct
+        self._start(message, self._pair, shares, until=is_done)
 
 
 class ColorSensor(KitDevice):
@@ -495,7 +649,8 @@ class ColorSensor(KitDevice):
         self._mode = message.values["mode"]
 
     def _reports(self) -> list[Report]:
-        return [*super()._reports(), ("color", (*self._seen(), self._mode))]
+        color = (*self._seen(), self._mode)
+        return [*super()._reports(), ("color", color)]
 
     def _seen(self) -> tuple[int, ...]:
         """Color, reflection, raw red, green and blue, hue, saturation, value."""
@@ -506,7 +661,10 @@ class ColorSensor(KitDevice):
         hsv = self._plug.reflected_hsv(False)
         index = nearest(hsv, list(_DETECTABLE.values()))
         color = protocol.NO_COLOR if index is None else list(_DETECTABLE)[index]
-        return color, sum(raw) * 100 // 3072, *(min(value // 4, 255) for value in raw), *hsv
+        # Raw values of SPIKE's sensor have 10 bits, those of the kits 8.
+        reflection_pct = sum(raw) * 100 // 3072
+        raw_8_bits = [min(value // 4, 255) for value in raw]
+        return color, reflection_pct, *raw_8_bits, *hsv
 
 
 class Controller(KitDevice):
@@ -520,16 +678,20 @@ class Controller(KitDevice):
         self.levers_pct = (0, 0)
 
     def _reports(self) -> list[Report]:
-        degrees = (round(lever * _FULL_LEVER_DEG / 100) for lever in self.levers_pct)
-        return [*super()._reports(), ("controller", (*self.levers_pct, *degrees))]
+        levers_deg = (round(lever * _FULL_LEVER_DEG / 100) for lever in self.levers_pct)
+        levers = (*self.levers_pct, *levers_deg)
+        return [*super()._reports(), ("controller", levers)]
 
 
 def devices_of(machine: Machine, parts: Iterable[KitPart]) -> list[KitDevice]:
     """The devices of a robot, and a Controller."""
-    return [
-        *(_KINDS[part.product](machine, part) for part in parts),
-        Controller(machine, KitPart(protocol.Product.CONTROLLER, "")),
-    ]
+    devices: list[KitDevice] = []
+    for part in parts:
+        kind = _KINDS[part.product]
+        devices.append(kind(machine, part))
+    # A Controller is no part of any robot, but a program may ask for one.
+    devices.append(Controller(machine, KitPart(protocol.Product.CONTROLLER, "")))
+    return devices
 
 
 _KINDS = {kind.product: kind for kind in (SingleMotor, DoubleMotor, ColorSensor)}
@@ -537,7 +699,8 @@ _KINDS = {kind.product: kind for kind in (SingleMotor, DoubleMotor, ColorSensor)
 
 def _along(vector: tuple[float, float, float], face: int) -> float:
     """Component of a vector in the axes of a device out of one of its faces."""
-    return sum(a * b for a, b in zip(vector, LOOKS[protocol.FACES[face]], strict=True))
+    direction = LOOKS[protocol.FACES[face]]
+    return sum(a * b for a, b in zip(vector, direction, strict=True))
 
 
 def _clamp(value: float, low: int, high: int) -> int:

@@ -9,6 +9,7 @@ reality.
 
 import asyncio
 import concurrent.futures
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -26,6 +27,8 @@ from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine, Pace
 from brickhub.virtual.virtual_transport import PLACEMENT_MS, Radio, VirtualHub
 
 _T = TypeVar("_T")
+_Delivery = tuple[Callable[[Any, bytes], Any], bytes]
+"""A packet, and the function of LEGO's package that is given it."""
 _IDLE_S = 1.0
 """Time without a call after which a program is taken to poll: long, as another program may have the
 processor."""
@@ -60,29 +63,32 @@ class Peer:
 
     def connect(self, notify: Callable[[Any, bytes], Any], gone: Callable[[], None]) -> bool:
         """Connect; returns whether the device is in reach."""
-        with self._kit.awake:
-            if not self._kit.in_reach():
+        kit = self._kit
+        with kit.awake:
+            if not kit.in_reach():
                 return False
-            self._kit.loop = asyncio.get_running_loop()
-            self._kit.package_thread = threading.get_ident()
+            kit.loop = asyncio.get_running_loop()
+            kit.package_thread = threading.get_ident()
+            # What was on its way over an earlier link is lost with that.
             self._down.clear()
             self._up.clear()
             self.device.connect()
             self._notify = notify
             self._gone = gone
             self._lost_ms = None
-            self._kit.wake()
+            kit.wake()
             return True
 
     def send(self, packet: bytes) -> None:
         """Send a packet, if the link is up."""
-        with self._kit.awake:
-            self._kit.check_stopped()
-            if self._kit.in_reach():
-                self._down.append(
-                    (self._radio.to_hub_ms(self._kit.machine.time_ms, self._kit.link), packet)
-                )
-            self._kit.wake()
+        kit = self._kit
+        with kit.awake:
+            kit.check_stopped()
+            # A packet into a broken link is lost silently, as the radio takes it all the same.
+            if kit.in_reach():
+                due_ms = self._radio.to_hub_ms(kit.machine.time_ms, kit.link)
+                self._down.append((due_ms, packet))
+            kit.wake()
 
     def disconnect(self) -> None:
         """End the link from this side."""
@@ -91,39 +97,44 @@ class Peer:
             self._notify = None
             if self._kit.in_reach():
                 self.device.disconnect()
+        # Outside of the lock, as it is a function of the package, and once for each connection.
         if notify is not None:
             self._gone()
 
     # ---- in the thread of the world
 
-    def exchange(self, now_ms: int) -> list[tuple[Callable[[Any, bytes], Any], bytes]]:
+    def exchange(self, now_ms: int) -> list[_Delivery]:
         """Hand the device what has arrived, take what it sends, and return what has arrived at this
         computer."""
         device = self.device
-        if not self._kit.in_reach():
-            self._lost_ms = now_ms if self._lost_ms is None else self._lost_ms
+        # A link that broke stays lost, also when the device is in reach again.
+        if not self._kit.in_reach() and self._lost_ms is None:
+            self._lost_ms = now_ms
         is_lost = self._lost_ms is not None
-        if (
-            self._lost_ms is not None
-            and device.is_connected
-            and now_ms - self._lost_ms >= SUPERVISION_S * 1000
-        ):
-            device.disconnect()
+        if self._lost_ms is not None and device.is_connected:
+            # The device notices it only after this time, and goes on with its last command.
+            silent_ms = now_ms - self._lost_ms
+            if silent_ms >= SUPERVISION_S * 1000:
+                device.disconnect()
+        # Written out twice, as this runs for each device in each control step.
         while self._down and self._down[0][0] <= now_ms:
-            packet = self._down.popleft()[1]
+            _, packet = self._down.popleft()
             if device.is_connected and not is_lost:
                 device.receive(packet)
         if device.is_connected:
             device.update()
+        # All that it has to say goes at one connection event, of one random delay.
         if device.outbox and not is_lost:
             due_ms = self._radio.to_computer_ms(now_ms, self._kit.link)
-            self._up.extend((due_ms, packet) for packet in device.outbox)
+            for packet in device.outbox:
+                self._up.append((due_ms, packet))
         device.outbox.clear()
-        arrived = []
+        arrived: list[_Delivery] = []
+        notify = self._notify
         while self._up and self._up[0][0] <= now_ms:
-            packet = self._up.popleft()[1]
-            if self._notify is not None and not is_lost:
-                arrived.append((self._notify, packet))
+            _, packet = self._up.popleft()
+            if notify is not None and not is_lost:
+                arrived.append((notify, packet))
         return arrived
 
 
@@ -157,13 +168,14 @@ class VirtualKit:
         self.robot = body.robot
         self.body = body
         self.machine = Machine(body)
-        ports = (
-            [sensor.port for sensor in body.robot.sensors] if sensor_ports is None else sensor_ports
-        )
-        devices = devices_of(self.machine, parts(body.robot.hub, self.machine.servos, ports))
+        if sensor_ports is None:
+            sensor_ports = [sensor.port for sensor in body.robot.sensors]
+        kit_parts = parts(body.robot.hub, self.machine.servos, sensor_ports)
+        devices = devices_of(self.machine, kit_parts)
+        # Each device has a link, and so a seed, of its own, which none has under another seed.
+        first_seed = seed * len(devices)
         self.peers = [
-            Peer(self, device, seed * len(devices) + number)
-            for number, device in enumerate(devices)
+            Peer(self, device, first_seed + number) for number, device in enumerate(devices)
         ]
         self.in_reach: Callable[[], bool] = lambda: True
         self._link = link
@@ -173,13 +185,17 @@ class VirtualKit:
         self.is_realtime = realtime
         self._pace = Pace() if realtime else None
         self._sleepers: list[float] = []
+        """Times (ms) at which sleeps of the program end."""
         self._events = 0
+        """Number of things that the program has done."""
         self._idle = -1
+        """That number when the program was last found to poll."""
         self._is_stopped = False
 
     def attach(self) -> None:
         """Let LEGO's package find virtual devices. Raises MediumUnavailableError if it is not
         installed."""
+        # Before the imports of that package, whose failure would not say what to install.
         lego_package()
         from legoeducation.ble_transport import register_transport
 
@@ -194,7 +210,10 @@ class VirtualKit:
             raise HubNotFoundError(
                 f"no {part.product.title} is in reach; switch it on, and bring it near"
             )
-        return {"device": next(peer for peer in self.peers if peer.device.part == part)}
+        for peer in self.peers:
+            if peer.device.part == part:
+                return {"device": peer}
+        raise KeyError(part)
 
     def now_s(self) -> float:
         """Simulated time."""
@@ -221,6 +240,7 @@ class VirtualKit:
     def sleep(self, seconds: float) -> None:
         """Let the world go on for some time."""
         end_ms = self.machine.time_ms + seconds * 1000
+        # In real time, the world also catches up with what happened outside of it.
         if self._pace is not None:
             end_ms = max(end_ms, self._pace.wall_ms())
         while self.machine.time_ms < end_ms:
@@ -233,20 +253,25 @@ class VirtualKit:
 
         def work() -> None:
             settle(future, function)
+            # Its end is something that it does: the world need not wait any longer.
             with self.awake:
                 self.wake()
 
         self._is_stopped = False
-        limit_ms = None if limit_s is None else self.machine.time_ms + limit_s * 1000
+        limit_ms = math.inf
+        if limit_s is not None:
+            limit_ms = self.machine.time_ms + limit_s * 1000
+        # A daemon, as a program that computes for ever cannot be ended.
         threading.Thread(target=work, name="program", daemon=True).start()
         try:
             while not future.done():
                 self._go_on()
-                if limit_ms is not None and self.machine.time_ms >= limit_ms and not future.done():
+                if self.machine.time_ms >= limit_ms and not future.done():
                     raise HubTimeoutError(
                         f"nothing answered within {limit_s:g} s; check that the devices are on "
                         "and near"
                     )
+        # Ctrl-C too: the motors of a program that is gone must not go on.
         except BaseException:
             self._stop_program()
             raise
@@ -255,17 +280,16 @@ class VirtualKit:
     def _go_on(self) -> None:
         """Let time pass if the program waits; else wait for what it does next, or if it does
         nothing, let real time pass."""
-        seen = self._events
+        events = self._events
         if self.is_realtime or self._sleepers or self._hand_over([]):
             self._tick()
             return
+        # It computes, or polls. Once found to poll, it sees time pass as in reality.
+        patience_s = CONTROL_LOOP_MS / 1000 if self._idle == events else _IDLE_S
         with self.awake:
-            if self.awake.wait_for(
-                lambda: self._events != seen,
-                _IDLE_S if self._idle != seen else CONTROL_LOOP_MS / 1000,
-            ):
+            if self.awake.wait_for(lambda: self._events != events, patience_s):
                 return
-        self._idle = seen
+        self._idle = events
         self._tick()
 
     def wake(self) -> None:
@@ -278,15 +302,18 @@ class VirtualKit:
         with self.awake:
             machine = self.machine
             machine.advance(CONTROL_LOOP_MS - machine.time_ms % CONTROL_LOOP_MS)
-            arrived = [packet for peer in self.peers for packet in peer.exchange(machine.time_ms)]
-            self._sleepers = [due for due in self._sleepers if due > machine.time_ms]
+            arrived: list[_Delivery] = []
+            for peer in self.peers:
+                arrived += peer.exchange(machine.time_ms)
+            self._sleepers = [due_ms for due_ms in self._sleepers if due_ms > machine.time_ms]
             self.awake.notify_all()
+        # Without the lock, which the package's thread may need for what it does then.
         if arrived:
             self._hand_over(arrived)
         if self._pace is not None:
             self._pace.keep(self.machine.time_ms)
 
-    def _hand_over(self, arrived: list[tuple[Callable[[Any, bytes], Any], bytes]]) -> int:
+    def _hand_over(self, arrived: list[_Delivery]) -> int:
         """Give LEGO's package what has arrived; returns how many of its calls waited for something
         before and still do."""
         if self.loop is None or self.loop.is_closed():
@@ -298,6 +325,7 @@ class VirtualKit:
                 await notify(None, packet)
             for _ in range(_TURNS):
                 await asyncio.sleep(0)
+            # This one is among them.
             return len(before & asyncio.all_tasks()) - 1
 
         return asyncio.run_coroutine_threadsafe(deliver(), self.loop).result()
@@ -313,14 +341,14 @@ class VirtualKit:
 
     def wait(self, seconds: float) -> None:
         """``time.sleep`` of a program: the world goes on in its own thread."""
+        # Within a notification: LEGO's package waits for it, and nothing else can happen.
         if threading.get_ident() == self.package_thread:
-            # within a notification: LEGO's package waits for it, and nothing else can happen
             return
         with self.awake:
-            due = self.machine.time_ms + seconds * 1000
-            self._sleepers.append(due)
+            due_ms = self.machine.time_ms + seconds * 1000
+            self._sleepers.append(due_ms)
             self.wake()
-            while self.machine.time_ms < due:
+            while self.machine.time_ms < due_ms:
                 self.check_stopped()
                 self.awake.wait(1.0)
 

@@ -16,6 +16,7 @@ class KindType(enum.EnumType):
     """Type of an enumeration that names its members where a name is wrong."""
 
     def __getattr__(cls, name: str) -> Any:
+        # Python and its tools ask for names such as ``__wrapped__`` by the way.
         if name.startswith("_"):
             raise AttributeError(name)
         names = list(cls.__members__)
@@ -31,6 +32,8 @@ class _Kind(enum.Enum, metaclass=KindType):
     model: Any
 
     def __new__(cls, model: Any) -> Self:
+        # The name is the value, so that files and messages name a kind, and ``HubKind("prime")``
+        # finds it.
         kind = object.__new__(cls)
         kind._value_ = model.name
         kind.model = model
@@ -109,6 +112,7 @@ class HubModel:
         return self.program_bytes > 0
 
 
+# Wireless devices whose classes the firmware of the smaller hubs leaves out.
 _RARE_DEVICES = ("DuploTrain", "MarioHub", "TechnicMoveHub")
 
 
@@ -195,6 +199,7 @@ class HubKind(_Kind):
         own_motors="AB",
         own_kind="move-hub",
         program_bytes=7 * 1024,
+        # Without standard input, which is 0 by default, no program of ours can hear its host.
         stack_bytes=3_528,
         call_bytes=232,
         has_accelerometer=True,
@@ -292,6 +297,7 @@ class MotorKind(_Kind):
     TECHNIC_XL = MotorModel("technic-xl", 47)
     INTERACTIVE = MotorModel("interactive", 38, is_absolute=False)
     MOVE_HUB = MotorModel("move-hub", 39, case="interactive", is_absolute=False)
+    # Plain motors, of which a hub knows no angle: only a duty cycle can be set.
     MEDIUM_LINEAR = MotorModel("medium-linear", 1, like="technic-l", has_encoder=False)
     TRAIN = MotorModel("train", 2, like="technic-l", has_encoder=False)
 
@@ -347,6 +353,7 @@ class SensorKind(_Kind):
 
     model: SensorModel
 
+    # Its distance is no reading among others: a ``Distance`` has a noise of its own in a twin.
     ULTRASONIC = SensorModel(
         "UltrasonicSensor", 62, (Sense.DISTANCE,), range_mm=(40, 2000), light="lights.on"
     )

@@ -2,13 +2,11 @@
 data."""
 
 import enum
-import functools
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from importlib import metadata
-from typing import Any, ClassVar, TypeVar
+from typing import ClassVar, TypeVar
 
 from brickhub.errors import DescriptionError
 from brickhub.fields import check_fields
@@ -27,9 +25,11 @@ class Motor:
     """Motor on a port; angles and speeds are those of the gear train's output.
 
     Attributes:
-        port: port of the hub; "" takes the one of that name in the robot's plan.
-        gears: teeth from the motor to the output, as in Pybricks, e.g. ``(20, 60)``. Empty takes
-            those of the robot's plan, if any; ``(1, 1)`` means the motor's shaft.
+        port: port of the hub; "" for ``bricktwin.robots.planned.completed``, which takes the
+            one of that name in a building plan.
+        gears: teeth from the motor to the output, as in Pybricks, e.g. ``(20, 60)``. Empty means
+            the motor's shaft, or those of a building plan, if the robot is made of one; ``(1, 1)``
+            means the motor's shaft in any case.
         range_deg: range that the hub clamps every target to; ``None`` for endless rotation.
         end_stops_deg: lowest and highest angle at which what the motor drives meets something, so
             that it stalls there; ``None`` if nothing is known. A virtual robot stops there; a real
@@ -55,7 +55,10 @@ class Motor:
     @property
     def turn_deg(self) -> float:
         """Output angle per turn of the motor's shaft; absolute angles are ambiguous beyond it."""
-        return 360.0 * self.gears[0] / self.gears[-1] if self.gears else 360.0
+        if not self.gears:
+            return 360.0
+        # Gears between the first and the last one change no angle but their own.
+        return 360.0 * self.gears[0] / self.gears[-1]
 
     @property
     def shaft_turns(self) -> float:
@@ -66,7 +69,8 @@ class Motor:
 
     def __post_init__(self) -> None:
         _check_device(self)
-        if len(self.gears) == 1 or any(teeth < 1 for teeth in self.gears):
+        is_train = len(self.gears) != 1 and all(teeth >= 1 for teeth in self.gears)
+        if not is_train:
             raise DescriptionError(
                 f"motor '{self.name}': gears {self.gears} are not a train; give the teeth from "
                 "motor to output, e.g. (20, 60)"
@@ -81,12 +85,14 @@ class Motor:
                 f"motor '{self.name}': end stops {self.end_stops_deg} leave no way; give (lowest, "
                 "highest) in degrees"
             )
+        # Here rather than on the hub, where a motor without an encoder has no such methods.
         for field in ("speed_limit_deg_s", "acceleration_deg_s2", "torque_limit_mnm", "range_deg"):
             value = getattr(self, field)
             if value is not None and not self.kind.model.has_encoder:
                 raise DescriptionError(
                     f"motor '{self.name}': a {self.kind.value} motor has no encoder; omit {field}"
                 )
+            # The range is a pair, and was looked at before.
             if isinstance(value, int) and value < 1:
                 raise DescriptionError(
                     f"motor '{self.name}': {field} is {value}; give a positive number or None"
@@ -103,6 +109,7 @@ LOOKS: dict[str, tuple[float, float, float]] = {
 }
 """Directions in the axes of a robot: x forward, y left, z up."""
 HUB_FLAT = ("up", "ahead")
+"""Where top and front of a hub look that lies flat, with its USB port ahead."""
 
 
 @dataclass(frozen=True)
@@ -165,11 +172,9 @@ Sensor = UltrasonicSensor | PoweredUpSensor
 
 def sensor_of(kind: SensorKind, name: str, port: str) -> Sensor:
     """Description of a sensor by its kind, as a user writes it."""
-    return (
-        UltrasonicSensor(name, port)
-        if kind is UltrasonicSensor.kind
-        else PoweredUpSensor(name, port, kind)
-    )
+    if kind is UltrasonicSensor.kind:
+        return UltrasonicSensor(name, port)
+    return PoweredUpSensor(name, port, kind)
 
 
 _Device = TypeVar("_Device", Motor, Sensor)
@@ -177,8 +182,8 @@ _Device = TypeVar("_Device", Motor, Sensor)
 
 @dataclass(frozen=True)
 class DriveBase:
-    """Drive base of two named motors. A wheel diameter or axle track of 0 is taken from the robot's
-    plan."""
+    """Drive base of two named motors. A wheel diameter or axle track of 0 is for
+    ``bricktwin.robots.planned.completed``, which takes that of a building plan."""
 
     left: str
     right: str
@@ -219,11 +224,10 @@ class Chassis:
     def __post_init__(self) -> None:
         check_fields(Chassis, vars(self))
         numbers = (*(self.hub_mm or (0.0, 0.0)), *self.caster_mm, self.ballast_g)
-        if (
-            not all(math.isfinite(number) for number in numbers)
-            or self.ballast_g < 0
-            or abs(self.caster_mm[0]) < 20
-        ):
+        are_finite = all(math.isfinite(number) for number in numbers)
+        # A caster below the axle would let the robot tip over.
+        is_caster_off_axle = abs(self.caster_mm[0]) >= 20
+        if not are_finite or self.ballast_g < 0 or not is_caster_off_axle:
             raise DescriptionError(
                 f"a chassis with its caster at {self.caster_mm} mm and {self.ballast_g} g; put "
                 "the caster 20 mm or more before "
@@ -238,16 +242,16 @@ class Robot:
 
     Attributes:
         hub_sides: where the hub's top and its front, with the USB port, look: names of
-            :data:`LOOKS`. By default as in the plan, or ``("up", "ahead")``. The IMU's values are
+            :data:`LOOKS`; by default ``("up", "ahead")``. The IMU's values are
             along the robot's axes, however the hub is mounted.
         model: MuJoCo model of a virtual robot: ``"package.module:function"``, which is called with
             the robot and its scene and returns an ``MjSpec``, or the path of an MJCF file (see
             ``bricktwin.twin.models.load``) or of a building plan. Without a model, a robot with a
             drive base gets a generated body, and any other one is a bench.
-        plan: path of the building plan, an LDraw file. It completes this description: missing
-            motors and sensors, ports that are "", gears, wheel diameter and axle track; and it is
-            the model if there is none.
-        chassis: chassis of the generated body of a drive base without model and plan.
+        plan: path of a building plan, an LDraw file, that completes this description:
+            ``bricktwin.robots.planned.completed`` reads it, and gives a robot without a plan. Until
+            then ports may be "", and what the plan says may be missing.
+        chassis: chassis of the generated body of a drive base without model.
         mirrored: of a body whose left and right sides are alike, the pairs of motors, or of
             sensors, that change places in a mirror. A motor that is paired with itself turns the
             other way there; one in no pair turns as it does.
@@ -266,24 +270,20 @@ class Robot:
     mirrored: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
+        # Unlike that of a device, it becomes no variable on the hub, and may have hyphens.
         _check_name(str(self.name).replace("-", "_"))
-        for field in ("motors", "sensors"):  # a list is as good, but has no hash
+        # A list is as good, but has no hash.
+        for field in ("motors", "sensors"):
             value = getattr(self, field)
-            object.__setattr__(self, field, tuple(value) if isinstance(value, list) else value)
+            if isinstance(value, list):
+                object.__setattr__(self, field, tuple(value))
         check_fields(Robot, vars(self))
+        # What is missing is in the plan; once it is completed, it is checked like any other.
         if self.plan is not None:
-            for field, value in zip(
-                ("motors", "sensors", "drive_base", "hub_sides"), _completion()(self), strict=True
-            ):
-                object.__setattr__(self, field, value)
+            return
         if not self.hub_sides:
             object.__setattr__(self, "hub_sides", HUB_FLAT)
-        known = [LOOKS[side] for side in self.hub_sides if side in LOOKS]
-        if (
-            len(self.hub_sides) != 2
-            or len(known) != 2
-            or sum(a * b for a, b in zip(*known, strict=True))
-        ):
+        if not _are_at_right_angles(self.hub_sides):
             remedy = f'give two of {", ".join(LOOKS)} at right angles, such as ("up", "ahead")'
             raise self._error(f"the hub's top and front cannot look {self.hub_sides}; {remedy}")
         if self.hub_sides != HUB_FLAT and not self.needs_imu:
@@ -301,27 +301,30 @@ class Robot:
                 )
             left = self.motor(self.drive_base.left)
             right = self.motor(self.drive_base.right)
+            # The firmware refuses such a pair only when the program runs.
             if left.gears != right.gears:
                 raise self._error("both motors of a drive base need the same gears")
         self._check_mirror()
+
+    def check_complete(self) -> None:
+        """Raise DescriptionError if the robot has a plan that nobody has read."""
+        if self.plan is not None:
+            raise self._error(
+                f"its plan {self.plan} was not read; write completed(Robot(...)), which "
+                "bricktwin.robots.planned has"
+            )
 
     def _error(self, problem: str) -> DescriptionError:
         return DescriptionError(f"robot '{self.name}': {problem}")
 
     def _check_devices(self) -> None:
         devices: tuple[Motor | Sensor, ...] = (*self.motors, *self.sensors)
-        for kind, keys in (
-            ("port", [d.port for d in devices]),
-            ("name", [d.name for d in devices]),
-        ):
-            for key, count in Counter(keys).items():
-                if count > 1:
-                    raise self._error(
-                        f"{kind} {key} is used {count} times; give each device its own"
-                    )
+        self._check_unique("port", [device.port for device in devices])
+        self._check_unique("name", [device.name for device in devices])
         for device in devices:
             if not device.port:
                 raise self._error(f"'{device.name}' has no port; say it, or name a plan that does")
+            # The length too: "AB" is a part of the text "ABCDEF".
             if len(device.port) != 1 or device.port not in self.hub.model.ports:
                 ports = f"a {self.hub.value} hub has ports {', '.join(self.hub.model.ports)}"
                 raise self._error(
@@ -329,8 +332,14 @@ class Robot:
                     "another hub"
                 )
 
+    def _check_unique(self, kind: str, values: list[str]) -> None:
+        for value, count in Counter(values).items():
+            if count > 1:
+                raise self._error(f"{kind} {value} is used {count} times; give each device its own")
+
     def _check_mirror(self) -> None:
         known = [device.name for device in (*self.motors, *self.sensors)]
+        # A device that is paired with itself counts once.
         named = Counter(name for pair in self.mirrored for name in dict.fromkeys(pair))
         for name, count in named.items():
             if name not in known or count > 1:
@@ -339,20 +348,15 @@ class Robot:
                     "the robot once"
                 )
         for pair in self.mirrored:
-            sorts = {
-                ("motor", motor.kind, motor.gears) for motor in self.motors if motor.name in pair
-            }
-            if (
-                len(
-                    sorts
-                    | {
-                        ("sensor", sensor.kind, ())
-                        for sensor in self.sensors
-                        if sensor.name in pair
-                    }
-                )
-                > 1
-            ):
+            # What has to be equal of both.
+            sorts: set[tuple[MotorKind | SensorKind, tuple[int, ...]]] = set()
+            for motor in self.motors:
+                if motor.name in pair:
+                    sorts.add((motor.kind, motor.gears))
+            for sensor in self.sensors:
+                if sensor.name in pair:
+                    sorts.add((sensor.kind, ()))
+            if len(sorts) > 1:
                 raise self._error(
                     f"{pair[0]} and {pair[1]} are no mirror images; pair two of the same kind, "
                     "with the same gears"
@@ -363,9 +367,10 @@ class Robot:
         factor of its angle there. A mirror image turns the other way, seen from its shaft."""
         pairs = dict(self.mirrored) | {second: first for first, second in self.mirrored}
         other = pairs.get(name, name)
-        directions = [motor.direction for motor in self.motors if motor.name in (name, other)]
-        turns = name in pairs and bool(directions) and len(set(directions)) == 1
-        return other, -1 if turns else 1
+        directions = {motor.direction for motor in self.motors if motor.name in (name, other)}
+        # Two that are described with opposite directions count alike already; sensors have none.
+        turns_other_way = name in pairs and len(directions) == 1
+        return other, -1 if turns_other_way else 1
 
     def motor(self, name: str) -> Motor:
         """The motor of that name. Raises DescriptionError if the robot has no such motor."""
@@ -376,20 +381,18 @@ class Robot:
         return _find_device(self, "sensor", self.sensors, name)
 
 
-@functools.cache
-def _completion() -> Callable[[Robot], tuple[Any, ...]]:
-    """Function that reads a robot's plan: the entry point ``complete`` of the group
-    ``brickhub.plan``."""
-    for point in metadata.entry_points(group="brickhub.plan", name="complete"):
-        complete: Callable[[Robot], tuple[Any, ...]] = point.load()
-        return complete
-    raise DescriptionError(
-        "a building plan is read by bricktwin, which is not installed; run `pip install bricktwin`"
-    )
+def _are_at_right_angles(sides: tuple[str, ...]) -> bool:
+    """Whether these are two names of `LOOKS`, neither the same nor opposite."""
+    if len(sides) != 2 or not all(side in LOOKS for side in sides):
+        return False
+    top, front = (LOOKS[side] for side in sides)
+    product = sum(a * b for a, b in zip(top, front, strict=True))
+    return product == 0
 
 
 def _check_device(device: Motor | Sensor) -> None:
     _check_name(device.name)
+    # Before the check of all fields, for a remedy: Pybricks has ``Port.A`` there.
     if not isinstance(device.port, str):
         raise DescriptionError(
             f"'{device.name}' is on port {device.port!r}; give the port's letter, such as 'A'"
@@ -398,6 +401,7 @@ def _check_device(device: Motor | Sensor) -> None:
 
 
 def _check_name(name: str) -> None:
+    # It is part of a variable's name in the hub program.
     if not isinstance(name, str) or not name.isidentifier():
         raise DescriptionError(
             f"'{name}' is not a name; use letters, digits and underscores, not starting "
@@ -409,15 +413,17 @@ def _find_device(robot: Robot, kind: str, devices: tuple[_Device, ...], name: st
     for device in devices:
         if device.name == name:
             return device
-    known = ", ".join(d.name for d in devices) or "none"
+    known = ", ".join(device.name for device in devices) or "none"
     raise DescriptionError(f"robot '{robot.name}' has no {kind} '{name}' (it has: {known})")
 
 
 def with_end_stops(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) -> Robot:
     """The robot whose motors of these names meet something at these angles (deg of the output).
     Raises DescriptionError if it has no such motor, or the stops leave no way."""
+    # The same robot, which need not be checked again.
     if not end_stops:
         return robot
+    # Raises for a name that no motor has.
     for name in end_stops:
         robot.motor(name)
     motors = (

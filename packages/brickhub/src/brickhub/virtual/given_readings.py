@@ -2,6 +2,7 @@
 from a file, end stops (``C=-90..120``), and the devices on the ports (``A=interactive``)."""
 
 import bisect
+import contextlib
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -24,6 +25,9 @@ _COUNTS_BY_UNIT: Mapping[str | None, tuple[int, ...]] = {None: (1, 2, 3), "deg":
 """Numbers that may have a unit together; one of other units."""
 _VALUE_COUNTS = {Sense.SURFACE: (1, 3), Sense.AMBIENT: (1, 3), Sense.TILT: (2,)}
 """Numbers of values that a stimulus can have; one for other senses."""
+_READING = re.compile(r"([A-Fa-f])(?:\.([a-z]+))?=(.+)")
+_NUMBERS = re.compile(r"([-+.\d,\s]+?)\s*(mm|%|n|deg)?")
+_END_STOP = re.compile(r"([A-Fa-f])=(-?[\d.]+)\.\.(-?[\d.]+)")
 
 
 @dataclass(frozen=True)
@@ -46,90 +50,115 @@ class GivenReading:
 
     def at(self, time_s: float) -> Sensed:
         """The value at a simulated time."""
-        return self.values[max(0, bisect.bisect_right(self.times_s, time_s) - 1)]
+        index = bisect.bisect_right(self.times_s, time_s) - 1
+        # Before the first time its value holds already: a sensor always senses something.
+        return self.values[max(0, index)]
 
     def sense_of(self, device: str) -> Sense:
         """What a device of a class of ``pybricks.pupdevices`` senses by it. Raises TwinError if it
         has no such sense, or if the values do not suit that."""
         available = SensorKind(device).model.senses
-        sense = self.sense or next(iter(available), None)
+        sense = self.sense
+        # The first sense is the main one, such as the surface of a color sensor.
+        if sense is None and available:
+            sense = available[0]
         if sense not in available:
             names = " or ".join(available) or "nothing"
-            raise TwinError(
-                f"the {device} on port {self.port} senses {names}, not {sense}; give such a reading"
-            )
+            what = f"the {device} on port {self.port} senses {names}"
+            raise TwinError(f"{what}, not {sense}; give such a reading")
+        # Counted here, as only the device tells what a reading without a sense is for.
         counts = _VALUE_COUNTS.get(sense, (1,))
         for index, value in enumerate(self.values):
             count = len(value) if isinstance(value, tuple) else 1
-            if count not in counts:
-                place = f"--reading {self.port}"
-                if self.places:
-                    place = f"{self.places[index]}{_COMMAS if count > 1 else ''}"
-                what = f"{value} is not a {sense} for the {device} on port {self.port}"
-                raise TwinError(f"{place}: {what}; give one such as {_EXAMPLES}")
+            if count in counts:
+                continue
+            place = f"--reading {self.port}"
+            if self.places:
+                place = self.places[index]
+                # Several numbers in a file are most likely one with a decimal comma.
+                if count > 1:
+                    place += _COMMAS
+            what = f"{value} is not a {sense} for the {device} on port {self.port}"
+            raise TwinError(f"{place}: {what}; give one such as {_EXAMPLES}")
         return sense
 
 
 def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
     """Parse ``B=red``, ``B.ambient=20%`` or ``B=@distances.csv`` (lines ``seconds, value``), a file
     in ``folder``. Raises TwinError if the text is invalid, or the file cannot be read."""
-    match = re.fullmatch(r"([A-Fa-f])(?:\.([a-z]+))?=(.+)", text.strip())
+    match = _READING.fullmatch(text.strip())
     if match is None:
-        raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
-    port = match[1].upper()
-    name = match[2]
-    value = match[3].strip()
+        raise _no_reading(text)
+    letter, name, written = match.groups()
+    port = letter.upper()
+    value = written.strip()
     if name is not None and name not in set(Sense):
-        raise TwinError(f"'{text}': nothing senses '{name}'; choose from {', '.join(Sense)}")
+        known = ", ".join(Sense)
+        raise TwinError(f"'{text}': nothing senses '{name}'; choose from {known}")
     sense = Sense(name) if name else None
     if not value.startswith("@"):
         stimulus, unit_sense = _value(value, text)
         return GivenReading(port, sense or unit_sense, (0.0,), (stimulus,))
-    rows = read_rows(folder / value[1:])
+    # In a file units do not tell the sense, as each line may have another one or none.
+    file_name = value.removeprefix("@")
+    rows = read_rows(folder / file_name)
+    times_s = tuple(row.time_s for row in rows)
     values = tuple(_value_of_row(row) for row in rows)
-    return GivenReading(
-        port, sense, tuple(row.time_s for row in rows), values, tuple(row.place for row in rows)
-    )
+    places = tuple(row.place for row in rows)
+    return GivenReading(port, sense, times_s, values, places)
+
+
+def _no_reading(text: str) -> TwinError:
+    return TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
 
 
 def _value_of_row(row: Row) -> Sensed:
-    hint = _COMMAS if re.match(r"\d+\s*,", row.text) else ""
-    return _value(row.text, f"{row.place}{hint}: {row.text}")[0]
+    has_comma = re.match(r"\d+\s*,", row.text)
+    hint = _COMMAS if has_comma else ""
+    stimulus, _ = _value(row.text, f"{row.place}{hint}: {row.text}")
+    return stimulus
 
 
 def _value(value: str, text: str) -> tuple[Sensed, Sense | None]:
+    """Stimulus of a text, and the sense that its unit or name tells. ``text``: for messages."""
     word = value.lower()
     if word.upper() in COLORS:
         return COLORS[word.upper()], Sense.SURFACE
     if word in _BUTTON_FORCES_N:
         return _BUTTON_FORCES_N[word], Sense.FORCE
-    match = re.fullmatch(r"([-+.\d,\s]+?)\s*(mm|%|n|deg)?", word)
-    try:
-        numbers = tuple(float(part) for part in match[1].split(","))  # type: ignore[index]
-    except (TypeError, ValueError):
-        numbers = ()
-    unit = match[2] if match else None
-    if len(numbers) not in _COUNTS_BY_UNIT.get(unit, (1,)) or not all(map(math.isfinite, numbers)):
-        raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
-    return numbers if len(numbers) > 1 else numbers[0], _UNIT_SENSES.get(unit or "")
+    match = _NUMBERS.fullmatch(word)
+    numbers: tuple[float, ...] = ()
+    unit = None
+    if match is not None:
+        written, unit = match.groups()
+        # What is no number after all, such as "1..2", leaves none.
+        with contextlib.suppress(ValueError):
+            numbers = tuple(map(float, written.split(",")))
+    suits_unit = len(numbers) in _COUNTS_BY_UNIT.get(unit, (1,))
+    are_finite = all(map(math.isfinite, numbers))
+    if not suits_unit or not are_finite:
+        raise _no_reading(text)
+    stimulus: Sensed = numbers if len(numbers) > 1 else numbers[0]
+    return stimulus, _UNIT_SENSES.get(unit or "")
 
 
 def parse_end_stop(text: str) -> tuple[str, tuple[float, float]]:
     """Port and angles (deg) of ``C=-90..120``. Raises DescriptionError if the text is invalid."""
-    match = re.fullmatch(r"([A-Fa-f])=(-?[\d.]+)\.\.(-?[\d.]+)", text.strip())
+    refusal = f"'{text}' is not a pair of end stops; give one such as C=-90..120"
+    match = _END_STOP.fullmatch(text.strip())
+    if match is None:
+        raise DescriptionError(refusal)
     try:
-        low = float(match[2])  # type: ignore[index]
-        high = float(match[3])  # type: ignore[index]
-    except (TypeError, ValueError):
-        raise DescriptionError(
-            f"'{text}' is not a pair of end stops; give one such as C=-90..120"
-        ) from None
+        low = float(match[2])
+        high = float(match[3])
+    except ValueError:
+        raise DescriptionError(refusal) from None
     if not low <= 0.0 <= high:
         raise DescriptionError(
             f"'{text}': the motor starts at 0; give a lowest angle below that and a highest "
             "above it"
         )
-    return match[1].upper(), (low, high)  # type: ignore[index]
+    return match[1].upper(), (low, high)
 
 
 def end_stops_of(robot: Robot, texts: Iterable[str]) -> dict[str, tuple[float, float]]:
@@ -145,8 +174,10 @@ def end_stops_of(robot: Robot, texts: Iterable[str]) -> dict[str, tuple[float, f
                 f"'{robot.name}' has no motor on port {port} for an end stop; it has motors "
                 f"on {known}"
             )
-        low, high = sorted(angle / motors[port].shaft_turns for angle in angles_deg)
-        stops[motors[port].name] = low, high
+        motor = motors[port]
+        # Of a motor that counts up counterclockwise the lowest becomes the highest.
+        low, high = sorted(angle / motor.shaft_turns for angle in angles_deg)
+        stops[motor.name] = low, high
     return stops
 
 
@@ -154,10 +185,12 @@ def parse_device(text: str) -> tuple[str, MotorKind | SensorKind | None]:
     """Port and device of ``A=interactive``, ``B=ColorSensor`` or ``C=nothing`` (``None``), in
     letters of any case. Raises DescriptionError if there is no such device."""
     port, _, name = (part.strip() for part in text.partition("="))
-    devices = {kind.value.lower(): kind for kind in (*MotorKind, *SensorKind)}
-    if re.fullmatch("[A-Fa-f]", port) and name.lower() in ("nothing", *devices):
+    kinds = (*MotorKind, *SensorKind)
+    devices = {kind.value.lower(): kind for kind in kinds}
+    is_known = name.lower() in ("nothing", *devices)
+    if is_known and re.fullmatch("[A-Fa-f]", port):
         return port.upper(), devices.get(name.lower())
-    known = ", ".join(kind.value for kind in (*MotorKind, *SensorKind))
+    known = ", ".join(kind.value for kind in kinds)
     raise DescriptionError(
         f"'{text}' is not a device on a port; give one such as A=interactive, of {known}, "
         "or nothing"

@@ -12,10 +12,24 @@ from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.streams import Console
 from brickhub.virtual.micropython.transform import COMPREHENSIONS
 
-_NO_HOOKS: dict[str, Callable[..., Any]] = dict.fromkeys(
-    ("@turn", "@branch", *COMPREHENSIONS, "@callee"), lambda value: value
-)
-_NO_HOOKS["@tick"] = lambda: None
+
+def _unchanged(value: Any) -> Any:
+    return value
+
+
+def _nothing() -> None:
+    return None
+
+
+# A program without a machine, where no time passes: the transformed program calls them all the
+# same.
+_NO_HOOKS: dict[str, Callable[..., Any]] = {
+    "@tick": _nothing,
+    "@turn": _unchanged,
+    "@branch": _unchanged,
+    "@callee": _unchanged,
+    **dict.fromkeys(COMPREHENSIONS, _unchanged),
+}
 
 
 class Modules(dict[str, ModuleType]):
@@ -74,12 +88,15 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
         if name == "__main__":
             return main
         if name not in importable:
-            own_module = importable.find_module(name) or importable.find_frozen(name)
-            if own_module is None:
+            # The program's own modules come before those that are frozen into the firmware.
+            found = importable.find_module(name) or importable.find_frozen(name)
+            if found is None:
                 raise ImportError(f"no module named '{name}'")
-            importable[name] = module(name, {"__builtins__": namespace["__builtins__"]})
-            importable.namespaces.append(importable[name].__dict__)
-            exec(compile_source(own_module.source, own_module.file), importable[name].__dict__)
+            imported = module(name, {"__builtins__": namespace["__builtins__"]})
+            # Known before it runs, so that modules can import each other.
+            importable[name] = imported
+            importable.namespaces.append(imported.__dict__)
+            exec(compile_source(found.source, found.file), imported.__dict__)
         return importable[name]
 
     names = builtin_names(
@@ -87,6 +104,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
     )
     multiply = names["@mul"]
 
+    # Of all arithmetic only products of floats count, which are what a network computes.
     def product(a: Any, b: Any) -> Any:
         result = multiply(a, b)
         if type(result) is float:
@@ -97,5 +115,6 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
     try:
         exec(code, namespace)
     except Exception as error:
+        # Nobody caught it, so no `except` of the program gave it the hub's message.
         reword(error, importable.namespaces)
         raise

@@ -22,11 +22,13 @@ from brickhub.virtual.run_log import RunLog
 MAX_STEP_MS = 15
 """Maximum step of simulated time, for smooth pictures and a quick stop."""
 CONTROL_LOOP_MS = 5
+"""Period of the firmware's motor control."""
 # On a hub each call takes some 10 us. Here calls are free until there are many of them without a
 # wait: otherwise no simulated time would ever pass in a program that only polls.
 _FREE_CALLS = 200
 _CALLS_PER_MS = 100
 _AFTER_LOOP_TICKS = 10
+"""Ticks (0.1 ms) from a control loop until the program goes on."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,7 @@ class Machine:
         self.robot = body.robot
         self.body = body
         self.panel = panel or Panel(body.robot.hub)
+        # The panel has no clock of its own: its lights and sounds go by simulated time.
         self.panel.clock_ms = lambda: self.time_ms
         self.firmware = FIRMWARE_VERSIONS[NEWEST]
         self.runs_program = False
@@ -143,14 +146,22 @@ class Machine:
         self.alarm_ms: int | None = None
         self.on_alarm: Callable[[], None] = lambda: None
         self.heading = GyroHeading(body)
-        fitted = body.motors if isinstance(body, FittedBench) else {}
-        kinds = {motor.port: motor.kind for motor in body.robot.motors} | fitted
+        kinds = {motor.port: motor.kind for motor in body.robot.motors}
+        # A bench has motors that its robot does not name.
+        if isinstance(body, FittedBench):
+            kinds |= body.motors
         self.servos = {port: Servo(kind, port, body, self) for port, kind in kinds.items()}
         self.drive_bases: list[DriveBaseControl] = []
         self.modes: dict[str, PortMode] = {}
+        # Hardly ever asked again where nobody counts memory.
         self.check_memory: Callable[[], int] = lambda: 1 << 30
-        self._branches_to_check = self._calls = self._products = 0
-        self._is_ahead = self._is_stopping = False
+        self._branches_to_check = 0
+        # Of the program since it last waited.
+        self._calls = 0
+        self._products = 0
+        # Whether the body is 1 ms ahead of the program.
+        self._is_ahead = False
+        self._is_stopping = False
 
     @property
     def body_ms(self) -> int:
@@ -172,16 +183,19 @@ class Machine:
         :class:`DriveBaseControl`."""
         base = DriveBaseControl(left, right, wheel_diameter_um, axle_track_um, self.heading)
         self.drive_bases.append(base)
+        # A bench knows its wheels only now, and turns with them from here on. A wheel of diameter d
+        # on a track t turns the robot by d / (2 t) for each angle of its own.
         if isinstance(self.body, FittedBench):
             turn = wheel_diameter_um / (2 * axle_track_um * left.settings.steps_per_unit)
-            self.body.put_on_wheels(
-                {left.port: turn * left.direction, right.port: -turn * right.direction}
-            )
+            turns = {left.port: turn * left.direction, right.port: -turn * right.direction}
+            self.body.put_on_wheels(turns)
         return base
 
     def advance(self, duration_ms: int) -> None:
         """Let time pass: physics, control loop, alarm."""
-        self._calls = self._products = 0
+        # A program that waits pays nothing for what it computed before.
+        self._calls = 0
+        self._products = 0
         end_ms = self.time_ms + duration_ms
         while self.time_ms < end_ms:
             self._advance_towards(end_ms)
@@ -189,7 +203,8 @@ class Machine:
     def advance_to_alarm(self, duration_ms: int) -> int:
         """Let time pass, but not beyond the next alarm, which may bring input; returns the ms that
         passed."""
-        self._calls = self._products = 0
+        self._calls = 0
+        self._products = 0
         start_ms = self.time_ms
         end_ms = start_ms + duration_ms
         while self.time_ms < end_ms and not self._advance_towards(end_ms):
@@ -202,7 +217,9 @@ class Machine:
         time_ms = self.time_ms
         event_ms = self.panel.next_ms
         if self._is_ahead:
-            stop_ms = self.time_ms = time_ms + 1
+            # The body is there already; only the program has to follow.
+            stop_ms = time_ms + 1
+            self.time_ms = stop_ms
             self._is_ahead = False
         else:
             next_ms = time_ms - time_ms % CONTROL_LOOP_MS + CONTROL_LOOP_MS
@@ -214,12 +231,9 @@ class Machine:
                 stop_ms = alarm_ms
             self._run_to(stop_ms)
         self.time_ticks = stop_ms * 10 + _AFTER_LOOP_TICKS
-        if (
-            event_ms is not None
-            and event_ms <= stop_ms
-            and self.panel.poll(stop_ms)
-            and self.runs_program
-        ):
+        has_event = event_ms is not None and event_ms <= stop_ms
+        if has_event and self.panel.poll(stop_ms) and self.runs_program:
+            # The program ends before the millisecond of the event, in which the body is already.
             self.time_ms = stop_ms - 1
             self.time_ticks = stop_ms * 10
             self._is_ahead = True
@@ -235,6 +249,7 @@ class Machine:
         self.time_ms = time_ms
         if time_ms % CONTROL_LOOP_MS == 0:
             self.time_ticks = time_ms * 10
+            # Drive bases first, as they give their motors what to do in this loop.
             for base in self.drive_bases:
                 base.update()
             for servo in self.servos.values():
@@ -250,7 +265,9 @@ class Machine:
         A program resumes at the beginning of a millisecond, the rest of the hub only at the
         program's first branch in it, such as the next iteration of a loop.
         """
+        # The innermost loops of programs come through here: plain attributes, no calls.
         if not (self._is_ahead or self._is_stopping):
+            # To the program it is still the old millisecond.
             time_ms = self.time_ms
             time_ticks = self.time_ticks
             self._run_to(time_ms + 1)
@@ -287,9 +304,11 @@ class Machine:
 
     def charge_call(self) -> None:
         """Count a call that takes no simulated time; time passes after many of them."""
-        self._calls = calls = self._calls + 1
+        calls = self._calls + 1
+        self._calls = calls
         if calls > _FREE_CALLS and calls % _CALLS_PER_MS == 0:
             self.advance(1)
+            # This was no wait of the program: it goes on counting.
             self._calls = calls
 
     def charge_product(self) -> None:
@@ -309,6 +328,7 @@ class Machine:
         released, the display is cleared."""
         self.runs_program = False
         self.panel.start_program()
+        # Drive bases before their motors, which they drive.
         for base in self.drive_bases:
             base.release()
         self.drive_bases.clear()

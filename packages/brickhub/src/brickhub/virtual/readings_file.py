@@ -11,7 +11,16 @@ from brickhub.errors import TwinError
 _SEPARATORS = "\t;,"
 """Of columns; a line has the first that it contains anywhere in the table."""
 _EXAMPLE = "a line such as: 2.5, red"
+_REMEDY = "give a file with lines such as: 2.5, red"
+_DECLARATION = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
+"""First line with which Excel declares the separator."""
 _DECIMAL_COMMA = re.compile(r"([-+]?\d*),(\d+)(\s*(?:mm|%|n)?)", re.IGNORECASE)
+
+
+_TYPOGRAPHIC = str.maketrans(
+    {"\N{NO-BREAK SPACE}": " ", "\N{NARROW NO-BREAK SPACE}": " ", "\N{MINUS SIGN}": "-"}
+)
+"""What spreadsheets of some languages write into numbers, and what a number is read with."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +36,13 @@ def read_rows(path: Path) -> list[Row]:
     """Rows of a table of readings, in order of time. Raises TwinError, with the line, if there are
     none or one is wrong."""
     lines = _text(path).splitlines()
-    separator = None
-    if lines and (declared := re.fullmatch(r'"?sep=(.)"?', lines[0].strip(), re.IGNORECASE)):
-        separator = declared[1]  # as Excel declares it
+    declared = _DECLARATION.fullmatch(lines[0].strip()) if lines else None
+    if declared is not None:
+        # Emptied, not removed: messages number the lines.
         lines[0] = ""
+    # A tab at the beginning of a line stays: before it is an empty cell.
     contents = [line.partition("#")[0].strip(" \r") for line in lines]
-    separator = separator or next(
-        (mark for mark in _SEPARATORS if any(mark in line for line in contents)), ","
-    )
+    separator = _used_separator(contents) if declared is None else declared[1]
     rows: list[Row] = []
     is_first = True
     for number, content in enumerate(contents, 1):
@@ -42,13 +50,24 @@ def read_rows(path: Path) -> list[Row]:
         if not any(cells):
             continue
         place = f"{path}, line {number}"
-        names_columns = is_first and not any(character.isdigit() for character in cells[0])
+        # Spreadsheets write names of the columns into the first line.
+        has_digit = any(character.isdigit() for character in cells[0])
+        names_columns = is_first and not has_digit
         is_first = False
         if not names_columns:
             rows.append(_row(cells, place, rows))
     if not rows:
         raise TwinError(f"{path} has no readings; write {_EXAMPLE}")
     return rows
+
+
+def _used_separator(contents: list[str]) -> str:
+    """The separator of columns of a table."""
+    for mark in _SEPARATORS:
+        for line in contents:
+            if mark in line:
+                return mark
+    return ","
 
 
 def _text(path: Path) -> str:
@@ -58,15 +77,14 @@ def _text(path: Path) -> str:
         data = path.read_bytes()
     except OSError as error:
         reason = error.strerror or str(error)
-        raise TwinError(
-            f"cannot read the readings in '{path}' ({reason}); give a file with lines such as: "
-            "2.5, red"
-        ) from None
+        raise TwinError(f"cannot read the readings in '{path}' ({reason}); {_REMEDY}") from None
+    # A mark of the order of bytes, or a zero byte beside each letter of a time, means UTF-16.
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         encodings = ["utf-16"]
     elif b"\0" in data[:4]:
         encodings = ["utf-16-be" if data.startswith(b"\0") else "utf-16-le"]
     else:
+        # UTF-8 first: hardly any text in the other one is right by it.
         encodings = ["utf-8-sig", "cp1252"]
     for encoding in encodings:
         try:
@@ -74,19 +92,13 @@ def _text(path: Path) -> str:
         except UnicodeDecodeError:
             continue
         if "\0" not in text:
-            return (
-                text.replace("\N{NO-BREAK SPACE}", " ")
-                .replace("\N{NARROW NO-BREAK SPACE}", " ")
-                .replace("\N{MINUS SIGN}", "-")
-            )
-    raise TwinError(
-        f"cannot read the readings in '{path}' (it is no text); give a file with lines such as: "
-        "2.5, red"
-    )
+            return text.translate(_TYPOGRAPHIC)
+    raise TwinError(f"cannot read the readings in '{path}' (it is no text); {_REMEDY}")
 
 
 def _cells(content: str, separator: str) -> list[str]:
     """Cells of a line without quotes and with decimal points, and without empty ones at its end."""
+    # An empty line has no row.
     rows = list(csv.reader([content], delimiter=separator, skipinitialspace=True))
     cells = [cell.strip() for cell in rows[0]] if rows else []
     while cells and not cells[-1]:
@@ -98,21 +110,25 @@ def _cells(content: str, separator: str) -> list[str]:
 def _with_point(cell: str) -> str:
     """A number with a decimal comma as one with a point; anything else unchanged."""
     match = _DECIMAL_COMMA.fullmatch(cell)
-    return cell if match is None else f"{match[1]}.{match[2]}{match[3]}"
+    if match is None:
+        return cell
+    whole, fraction, unit = match.groups()
+    return f"{whole}.{fraction}{unit}"
 
 
 def _row(cells: list[str], place: str, before: list[Row]) -> Row:
     try:
         time_s = float(cells[0])
     except ValueError:
+        # Refused below, with "nan" and "inf", which Python reads as numbers.
         time_s = math.nan
     if not math.isfinite(time_s):
         raise TwinError(f"{place}: '{cells[0]}' is not a time in seconds; write {_EXAMPLE}")
     if len(cells) < 2:
         raise TwinError(f"{place} has a time and no reading; write {_EXAMPLE}")
-    if before and time_s < before[-1].time_s:
+    previous_s = before[-1].time_s if before else -math.inf
+    if time_s < previous_s:
         raise TwinError(
-            f"{place}: {time_s:g} s comes after {before[-1].time_s:g} s; write the lines in "
-            "order of time"
+            f"{place}: {time_s:g} s comes after {previous_s:g} s; write the lines in order of time"
         )
     return Row(time_s, ",".join(cells[1:]), place)

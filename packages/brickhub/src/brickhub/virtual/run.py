@@ -43,7 +43,9 @@ from brickhub.virtual.panel import WIRELESS, Panel, Press
 from brickhub.virtual.pybricks import modules
 
 _BUFFER_BYTES = 511
+"""What the hub keeps of a program's output until it is sent."""
 _CHUNK_BYTES = 60
+"""What goes over USB in a millisecond."""
 
 
 class ProgramStopped(HostStop):
@@ -70,7 +72,12 @@ class StreamConsole:
         self._machine = machine
         self._stdin = stdin
         self._stdout = stdout
-        self._waiting = self._since_ms = self._free_ms = self._position = 0
+        # Bytes that wait to be sent, since when, and when the next ones can be.
+        self._waiting = 0
+        self._since_ms = 0
+        self._free_ms = 0
+        # Bytes of the input that the program has read.
+        self._position = 0
         self.inbox = bytearray()
 
     @cached_property
@@ -93,8 +100,10 @@ class StreamConsole:
         self._machine.charge_call()
         try:
             self._stdout.write(data.replace(b"\r\n", b"\n"))
-        except OSError as error:  # the reader has left, or the disk is full
+        except OSError as error:
+            # The reader has left, or the disk is full. To the program it would be its own OSError.
             raise _OutputFailed(error) from error
+        # The bytes are written at once; what is simulated from here on is the time that they take.
         machine = self._machine
         size = len(data)
         self._send(machine.body_ms - 1)
@@ -109,7 +118,10 @@ class StreamConsole:
 
     def _send(self, until_ms: int) -> None:
         """Send chunks that begin at a time or before."""
-        while self._waiting and (begin_ms := max(self._free_ms, self._since_ms)) <= until_ms:
+        while self._waiting:
+            begin_ms = max(self._free_ms, self._since_ms)
+            if begin_ms > until_ms:
+                return
             self._waiting -= min(self._waiting, _CHUNK_BYTES)
             self._free_ms = begin_ms + 1
 
@@ -184,8 +196,13 @@ def run_file(
     firmware = firmware_version(operation.firmware)
     if body is None:
         hub = _imported_hub(program)
-        given = (operation.readings, operation.end_stops, operation.devices)
-        body = FittedBench(hub, *given, report=lambda line: stderr.write(f"{line}\n"))
+        body = FittedBench(
+            hub,
+            operation.readings,
+            operation.end_stops,
+            operation.devices,
+            report=lambda line: stderr.write(f"{line}\n"),
+        )
         machine = Machine(body, Panel(hub, operation.presses, near=WIRELESS))
     elif operation.readings or operation.end_stops or operation.devices:
         raise TwinError(
@@ -210,18 +227,29 @@ def run_file(
 
 def _imported_hub(program: HubProgram) -> HubKind:
     """The kind of hub that a program imports; Prime by default."""
-    classes = {name: kind for kind in HubKind for name in (kind.model.class_name, kind.model.alias)}
-    for source in (program.source, *(module.source for module in program.modules)):
+    kinds: dict[str, HubKind] = {}
+    for kind in HubKind:
+        kinds[kind.model.class_name] = kind
+        kinds[kind.model.alias] = kind
+    module_sources = [module.source for module in program.modules]
+    for source in (program.source, *module_sources):
         try:
             tree = parse(source)
         except (SyntaxError, ValueError):
+            # The hub's compiler says what is wrong, when the program runs.
             continue
-        for node in ast.walk(tree):
-            if isinstance(node, ast.ImportFrom) and node.module == "pybricks.hubs":
-                for alias in node.names:
-                    if alias.name in classes:
-                        return classes[alias.name]
+        for name in _names_of_hubs(tree):
+            if name in kinds:
+                return kinds[name]
     return HubKind.PRIME
+
+
+def _names_of_hubs(tree: ast.AST) -> Iterator[str]:
+    """What a program imports from ``pybricks.hubs``."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module == "pybricks.hubs":
+            for alias in node.names:
+                yield alias.name
 
 
 def _run(
@@ -235,8 +263,10 @@ def _run(
     try:
         importable = modules(machine, console)
         importable.find_module = {module.name: module for module in program.modules}.get
-        for module in program.modules:  # packed with the program, before it runs
-            with suppress(OverflowError):  # which a hub finds when it loads the module
+        # All modules are packed with the program, so a mistake in one is found before it runs; but
+        # for a constant that is too long, which a hub finds when it loads the module.
+        for module in program.modules:
+            with suppress(OverflowError):
                 compile_source(module.source, module.file)
         execute(program.source, path.name, importable, console)
     except _TimeLimitReached as end:
@@ -250,16 +280,18 @@ def _run(
     except _OutputFailed as failure:
         raise failure.args[0] from None
     except BaseException as error:
+        # A KeyboardInterrupt that gets here is the program's: Ctrl-C is another within
+        # `interruptible`.
         if not (is_program_error(error) or isinstance(error, KeyboardInterrupt)):
             raise
-        hints = (
-            _module_hint(error, path)
-            + _typing_hint(error, program.source)
-            + _ports_hint(error, machine)
-        )
-        stderr.write(format_traceback(error, path.name) + hints)
+        report = format_traceback(error, path.name)
+        report += _module_hint(error, path)
+        report += _typing_hint(error, program.source)
+        report += _ports_hint(error, machine)
+        stderr.write(report)
         return 1
     finally:
+        # However it ended: motors coast, and the last line is on the screen.
         machine.stop_motors()
         stdout.flush()
     return 0
@@ -267,25 +299,28 @@ def _run(
 
 def _module_hint(error: BaseException, path: Path) -> str:
     """A line that says where a module is that a program does not find."""
-    missing = (
-        re.fullmatch("no module named '(.+)'", str(error))
-        if isinstance(error, ImportError)
-        else None
-    )
-    folder = folder_with_module(path, missing[1]) if missing else None
-    if missing is None or folder is None:
+    if not isinstance(error, ImportError):
         return ""
-    return f"A program imports what lies beside it; move it to {folder}, where {missing[1]} is.\n"
+    missing = re.fullmatch("no module named '(.+)'", str(error))
+    if missing is None:
+        return ""
+    module_name = missing[1]
+    folder = folder_with_module(path, module_name)
+    if folder is None:
+        return ""
+    return f"A program imports what lies beside it; move it to {folder}, where {module_name} is.\n"
 
 
 def _ports_hint(error: BaseException, machine: Machine) -> str:
     """A line that says what is on the ports of a robot, for a program that misses a device."""
+    # What the firmware raises where a port has no device, or another one. A bench has them all.
     is_missing = isinstance(error, OSError) and error.args[:1] == (errno.ENODEV,)
     if not is_missing or isinstance(machine.body, FittedBench):
         return ""
     robot = machine.robot
     devices = sorted((*robot.motors, *robot.sensors), key=lambda device: device.port)
-    fitted = ", ".join(f"{device.port} '{device.name}' ({device.kind.value})" for device in devices)
+    described = [f"{device.port} '{device.name}' ({device.kind.value})" for device in devices]
+    fitted = ", ".join(described)
     return (
         f"The robot '{robot.name}' has on its ports: {fitted or 'nothing'}; use these in the "
         "program, or leave --robot out "
@@ -301,7 +336,10 @@ _OF_WORD_PROCESSORS = str.maketrans(
 
 def _typing_hint(error: BaseException, source: str) -> str:
     """A line that names a character of a word processor in a program whose syntax is wrong."""
-    for number, line in enumerate(source.splitlines() if isinstance(error, SyntaxError) else (), 1):
+    if not isinstance(error, SyntaxError):
+        return ""
+    # All of the source, as the compiler names the line where it gave up, perhaps a later one.
+    for number, line in enumerate(source.splitlines(), 1):
         for typed, wanted in zip(line, line.translate(_OF_WORD_PROCESSORS), strict=True):
             if typed != wanted:
                 return f"Line {number} has {typed}, as word processors write it; type {wanted}\n"
@@ -327,6 +365,7 @@ def interruptible() -> Iterator[None]:
     """Context in which Ctrl-C ends a program past its handlers, to which a KeyboardInterrupt is an
     ordinary error; that is raised at the end of the context. No effect in other threads than the
     main one, which get no signals."""
+    # Elsewhere Python refuses to set a handler.
     if threading.current_thread() is not threading.main_thread():
         yield
         return

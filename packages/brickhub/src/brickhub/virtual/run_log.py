@@ -31,30 +31,32 @@ class RunLog:
         """Add a row, after the control loop, or at the end of the run; it replaces one of the same
         time."""
         for port, servo in servos.items():
-            angle_deg, *others = servo.observed()
+            angle_deg, speed_deg_s, load_mnm, voltage_mv = servo.observed()
             self._set(f"{port}_angle_deg", angle_deg)
-            for quantity, value in zip(
-                ("speed_deg_s", "load_mnm", "voltage_mv"), others, strict=True
-            ):
-                self._set(f"{port}_{quantity}", value)
+            self._set(f"{port}_speed_deg_s", speed_deg_s)
+            self._set(f"{port}_load_mnm", load_mnm)
+            self._set(f"{port}_voltage_mv", voltage_mv)
+        # Milliseconds in full, as simulated time counts them.
         time = f"{time_ms / 1000:.3f}"
+        # The end of a run may be at the time of the last row.
         if self._lines and self._lines[-1].startswith(f"{time},"):
             self._lines.pop()
-        self._lines.append(",".join((time, *self._cells.values())))
+        line = ",".join((time, *self._cells.values()))
+        self._lines.append(line)
         if len(self._lines) == _MOST_ROWS:
             del self._lines[::2]
             self.period_ms *= 2
 
     def read(self, columns: Sequence[str], value: Any) -> None:
         """Keep what the program reads: one value, or a tuple of one for each column."""
-        for column, part in zip(
-            columns, value if isinstance(value, tuple) else (value,), strict=True
-        ):
+        parts = value if isinstance(value, tuple) else (value,)
+        for column, part in zip(columns, parts, strict=True):
             self._set(column, part)
 
     def csv(self) -> str:
         """The log as a table of comma-separated values."""
-        return "\n".join((",".join(("time_s", *self._cells)), *self._lines, ""))
+        header = ",".join(("time_s", *self._cells))
+        return "\n".join((header, *self._lines, ""))
 
     def rows(self) -> Iterator[dict[str, float | str | None]]:
         """Each row by column: a number, a text such as ``Color.RED``, or ``None`` for an empty
@@ -63,6 +65,7 @@ class RunLog:
             yield {column: _value(text) for column, text in row.items()}
 
     def _set(self, column: str, value: object) -> None:
+        # A sensor that is read for the first time: all rows before get an empty cell.
         if column not in self._cells:
             self._lines = [f"{line}," for line in self._lines]
         self._cells[column] = _text(value)
@@ -72,13 +75,19 @@ def _text(value: object) -> str:
     if value is None:
         return ""
     if isinstance(value, float):
-        return f"{value + 0.0:.7g}"  # never -0
-    text = str(int(value) if isinstance(value, bool) else value)
+        # Adding 0 makes 0 of -0; seven digits are about what a hub's float has.
+        return f"{value + 0.0:.7g}"
+    if isinstance(value, bool):
+        value = int(value)
+    text = str(value)
+    # Colors such as Color(h=0, s=100, v=100) have commas.
     return f'"{text}"' if "," in text else text
 
 
 def _value(text: str) -> float | str | None:
+    if not text:
+        return None
     try:
-        return float(text) if text else None
+        return float(text)
     except ValueError:
         return text

@@ -14,12 +14,20 @@ Hsv = tuple[int, int, int]
 
 
 COLORS: Mapping[str, Hsv] = {
-    "RED": (0, 100, 100), "BROWN": (30, 100, 50), "ORANGE": (30, 100, 100),
-    "YELLOW": (60, 100, 100), "GREEN": (120, 100, 100),
-    "CYAN": (180, 100, 100), "BLUE": (240, 100, 100), "MAGENTA": (300, 100, 100),
-    "VIOLET": (270, 100, 100), "BLACK": (0, 0, 10),
-    "GRAY": (0, 0, 50), "WHITE": (0, 0, 100), "NONE": (0, 0, 0),
-}  # fmt: skip
+    "RED": (0, 100, 100),
+    "BROWN": (30, 100, 50),
+    "ORANGE": (30, 100, 100),
+    "YELLOW": (60, 100, 100),
+    "GREEN": (120, 100, 100),
+    "CYAN": (180, 100, 100),
+    "BLUE": (240, 100, 100),
+    "MAGENTA": (300, 100, 100),
+    "VIOLET": (270, 100, 100),
+    "BLACK": (0, 0, 10),
+    "GRAY": (0, 0, 50),
+    "WHITE": (0, 0, 100),
+    "NONE": (0, 0, 0),
+}
 """Pybricks' named colors, in its order."""
 DEFAULT_STIMULI: Mapping[Sense, float] = {
     Sense.AMBIENT: 0.0,
@@ -27,6 +35,14 @@ DEFAULT_STIMULI: Mapping[Sense, float] = {
     Sense.COUNT: 0.0,
 }
 """Defaults of secondary senses: dark, nothing near, nothing passed."""
+
+
+_EXPECTED = {
+    1: "a number",
+    2: "(pitch, roll)",
+    3: "a brightness or (hue, saturation, value)",
+}
+"""What a stimulus of so many values is, in messages."""
 
 
 def number(sensed: Sensed) -> float:
@@ -37,16 +53,19 @@ def number(sensed: Sensed) -> float:
 def brightness_pct(sensed: Sensed) -> float:
     """Brightness 0..100 of a color or gray. Raises TwinError if it is neither."""
     value = sensed if isinstance(sensed, int | float) else _expect(sensed, 3)[2]
+    # A scene may compute more than a sensor can tell.
     return min(max(float(value), 0.0), 100.0)
 
 
 def color(sensed: Sensed) -> Hsv:
     """Hue 0..359, saturation and value 0..100; a number is a gray's value. Raises TwinError if it
     is neither."""
-    hue, saturation, value = (
-        (0.0, 0.0, sensed) if isinstance(sensed, int | float) else _expect(sensed, 3)
-    )
-    return round(hue) % 360, *(min(max(round(share), 0), 100) for share in (saturation, value))  # type: ignore[return-value]
+    if isinstance(sensed, int | float):
+        sensed = (0.0, 0.0, sensed)
+    hue, saturation, value = _expect(sensed, 3)
+    saturation_pct = min(max(round(saturation), 0), 100)
+    value_pct = min(max(round(value), 0), 100)
+    return round(hue) % 360, saturation_pct, value_pct
 
 
 def pitch_and_roll(sensed: Sensed) -> tuple[float, float]:
@@ -58,18 +77,15 @@ def pitch_and_roll(sensed: Sensed) -> tuple[float, float]:
 def reflection_pct(hsv: Hsv) -> int:
     """Mean of red, green and blue, as in the firmware."""
     hue, saturation, value = hsv
-    return int(
-        round(sum(colorsys.hsv_to_rgb(hue / 360, saturation / 100, value / 100)) / 3 * 100, 6)
-    )
+    rgb = colorsys.hsv_to_rgb(hue / 360, saturation / 100, value / 100)
+    mean_pct = sum(rgb) / 3 * 100
+    # The firmware's integers cut off; six digits keep a rounding error of floats out of that.
+    return int(round(mean_pct, 6))
 
 
 def _expect(sensed: Sensed, count: int) -> tuple[float, ...]:
     values = sensed if isinstance(sensed, tuple) else (sensed,)
     if len(values) != count:
-        expected = {
-            1: "a number",
-            2: "(pitch, roll)",
-            3: "a brightness or (hue, saturation, value)",
-        }[count]
+        expected = _EXPECTED[count]
         raise TwinError(f"the scene lets a sensor sense {sensed}; give {expected}")
     return values

@@ -26,8 +26,10 @@ from brickhub.virtual.micropython.text import format_traceback
 from brickhub.virtual.pybricks import modules
 
 MAX_WRITE_BYTES = 20
+"""What a write without a larger MTU takes over Bluetooth."""
 _LONGEST_RUN_DOWN_MS = 1000
-_AT_REST_MDEG = 50  # for one piece: some 3 degrees a second
+_AT_REST_MDEG = 50
+"""Change of an angle in `MAX_STEP_MS` that nobody sees: some 3 degrees a second."""
 PLACEMENT_MS = 1000
 """Duration of placing a robot: longer than the hub's watchdog."""
 
@@ -44,33 +46,45 @@ class Radio:
 
     def __init__(self, seed: int) -> None:
         self._rng = random.Random(seed)
-        self._heard_ms = self._event_ms = self._arrival_ms = self._burst_start_ms = (
-            self._burst_end_ms
-        ) = 0.0
+        # When the hub last heard the computer.
+        self._heard_ms = 0.0
+        # The event in which the hub sends next, and when that arrives.
+        self._event_ms = 0.0
+        self._arrival_ms = 0.0
+        # The present or last time in which packets are lost.
+        self._burst_start_ms = 0.0
+        self._burst_end_ms = 0.0
 
     def to_hub_ms(self, now_ms: float, link: LinkProfile) -> float:
         """Arrival of a command that the computer sends now."""
+        # After a pause the computer's radio has to wake up first.
         if now_ms - self._heard_ms >= PAUSE_MS:
             now_ms += self._rng.uniform(0.0, link.wake_ms)
-        self._heard_ms = self._next_event_ms(now_ms + self._drawn_ms(link.jitter_ms), link)
+        ready_ms = now_ms + self._drawn_ms(link.jitter_ms)
+        self._heard_ms = self._next_event_ms(ready_ms, link)
         return self._heard_ms
 
     def to_computer_ms(self, now_ms: float, link: LinkProfile) -> float:
         """Arrival of what the hub sends now: output of the program, or the acknowledgement of a
         command."""
+        # What is sent before the event travels in it, with one delay for all.
         if self._event_ms <= now_ms:
             self._event_ms = self._next_event_ms(now_ms, link)
-            self._arrival_ms = max(
-                self._arrival_ms, self._event_ms + self._drawn_ms(link.jitter_ms)
-            )
+            arrival_ms = self._event_ms + self._drawn_ms(link.jitter_ms)
+            # Not before what was sent earlier.
+            self._arrival_ms = max(self._arrival_ms, arrival_ms)
         return self._arrival_ms
 
     def loses_notification(self, link: LinkProfile) -> bool:
         """Whether the hub's next notification never arrives."""
-        return link.lost_notifications > 0.0 and self._rng.random() < link.lost_notifications
+        # Nothing is drawn without losses: each draw would change all times after it.
+        if link.lost_notifications <= 0.0:
+            return False
+        return self._rng.random() < link.lost_notifications
 
     def _next_event_ms(self, now_ms: float, link: LinkProfile) -> float:
         """Time of the next event in which no packet is lost."""
+        # A cable has no events.
         if not link.interval_ms:
             return now_ms
         event_ms = (now_ms // link.interval_ms + 1) * link.interval_ms
@@ -79,11 +93,14 @@ class Radio:
         return event_ms
 
     def _is_lost(self, event_ms: float, link: LinkProfile) -> bool:
+        # Losses come in bursts. The quiet between them is so long that on average as many packets
+        # are lost as the link says.
         while self._burst_end_ms <= event_ms:
             quiet_ms = link.burst_ms * (BURST_LOSS / link.loss - 1.0)
             self._burst_start_ms = self._burst_end_ms + self._drawn_ms(quiet_ms)
             self._burst_end_ms = self._burst_start_ms + self._drawn_ms(link.burst_ms)
-        return event_ms >= self._burst_start_ms and self._rng.random() < BURST_LOSS
+        is_in_burst = event_ms >= self._burst_start_ms
+        return is_in_burst and self._rng.random() < BURST_LOSS
 
     def _drawn_ms(self, mean_ms: float) -> float:
         """An exponentially distributed duration."""
@@ -96,11 +113,9 @@ class _Wire:
     def __init__(self, hub: "VirtualHub") -> None:
         model = hub.robot.hub.model
         self._hub = hub
-        self._capacity = (
-            max(model.stdin_bytes, model.packet_bytes)
-            if hub.machine.firmware.takes_packets
-            else model.stdin_bytes
-        )
+        self._capacity = model.stdin_bytes
+        if hub.machine.firmware.takes_packets:
+            self._capacity = max(model.stdin_bytes, model.packet_bytes)
         self._stdin = bytearray()
         self.inbox = bytearray()
         self.outbox: deque[tuple[float, bytes]] = deque()
@@ -109,6 +124,7 @@ class _Wire:
         return len(self._stdin)
 
     def read(self, n: int) -> bytes:
+        # Time passes, so that the host's bytes can arrive meanwhile.
         while len(self._stdin) < n:
             self._hub.machine.advance(1)
         data = bytes(self._stdin[:n])
@@ -117,12 +133,14 @@ class _Wire:
 
     def write(self, data: bytes) -> None:
         self._hub.machine.charge_call()
+        # As if it had been sent: the program never learns of it.
         if self._hub.radio.loses_notification(self._hub.link):
             return
         due_ms = self._hub.arrival_ms()
         self.outbox.append((due_ms, data))
+        # The program goes back to the host no later than that.
         alarm_ms = self._hub.machine.alarm_ms
-        if alarm_ms is not None:  # return to the host no later than that
+        if alarm_ms is not None:
             self._hub.machine.alarm_ms = min(alarm_ms, math.ceil(due_ms))
 
     write_app_data = write
@@ -197,13 +215,16 @@ class VirtualHub:
     def start(self, program: HubProgram) -> None:
         """Start a program; a running one is stopped first."""
         self.stop()
-        if self._program is not None:  # another thread started it, and cannot be made to end it
+        # Another thread started it, and cannot be made to end it.
+        if self._program is not None:
             self.machine.stop_motors()
         self._pipe = program.pipe
-        self._stop_requested = False  # an earlier stop request was for the previous program
+        # An earlier request was for the previous program.
+        self._stop_requested = False
         self._error = None
         self._wire = _Wire(self)
-        self._keep_pace()  # otherwise a new program sees the elapsed real time as silence
+        # Otherwise a new program sees the real time that has passed as silence.
+        self._keep_pace()
         self._program = greenlet(self._run)
         self._thread = threading.get_ident()
         self._run_until(self.machine.time_ms, program)
@@ -218,6 +239,8 @@ class VirtualHub:
             )
         self._check_reach()
         self._keep_pace()
+        # The program runs at least once, even on a link without delay: it may end, which the check
+        # below is for.
         arrival_ms = math.ceil(self.radio.to_hub_ms(self.machine.body_ms, self.link))
         self._run_until(self._next_stop_ms(arrival_ms))
         self.run_on_until(arrival_ms)
@@ -241,12 +264,13 @@ class VirtualHub:
                 self._check()
             if self.machine.time_ms >= deadline_ms:
                 return b""
-            self._run_until(
-                self._next_stop_ms(
-                    min(deadline_ms, math.ceil(outbox[0][0])) if outbox else deadline_ms
-                )
-            )
+            # Until something arrives, or, with nothing on its way, until the program writes.
+            until_ms = deadline_ms
+            if outbox:
+                until_ms = min(deadline_ms, math.ceil(outbox[0][0]))
+            self._run_until(self._next_stop_ms(until_ms))
             self._wait_for_real_time()
+        # All that has arrived is one piece, as a computer that reads late gets it.
         data = bytearray()
         while outbox and outbox[0][0] <= self.machine.time_ms:
             data += outbox.popleft()[1]
@@ -266,9 +290,9 @@ class VirtualHub:
             program = self._program
             self._program = None
             try:
-                # then greenlets cannot switch any more
+                # While Python ends, greenlets cannot switch any more.
                 if not program.dead and not sys.is_finalizing():
-                    # no time may pass: other hubs of the same world do not run now
+                    # No time may pass: other hubs of the same world do not run now.
                     with self.machine.stopping():
                         program.throw(_Stopped)
             finally:
@@ -300,9 +324,11 @@ class VirtualHub:
             self.stop()
         program = self._program
         if program is None or program.dead:
+            # The robot goes on moving without one.
             self.machine.alarm_ms = None
             self.machine.advance(max(0, time_ms - self.machine.time_ms))
             return
+        # The program comes back to whoever runs it now, at the alarm or at its end.
         self._host = getcurrent()
         try:
             program.parent = self._host
@@ -312,7 +338,11 @@ class VirtualHub:
                 "thread, or make one in each"
             ) from None
         self.machine.alarm_ms = max(time_ms, self.machine.time_ms + 1)
-        program.switch(*(() if new_program is None else (new_program,)))
+        # The first switch into a greenlet gives its function the arguments.
+        if new_program is None:
+            program.switch()
+        else:
+            program.switch(new_program)
         self.machine.alarm_ms = None
 
     def run_on_until(self, time_ms: int) -> None:
@@ -323,28 +353,30 @@ class VirtualHub:
 
     def _next_stop_ms(self, time_ms: int) -> int:
         """Next stop on the way to a simulated time."""
-        return time_ms if self._pace is None else min(time_ms, self.machine.time_ms + MAX_STEP_MS)
+        if self._pace is None:
+            return time_ms
+        return min(time_ms, self.machine.time_ms + MAX_STEP_MS)
 
     def _come_to_rest(self) -> None:
         """In real time: show how the motors run down after a stop."""
         if self._pace is None:
             return
-        before: list[int] = []
+        angles_before: list[int] = []
         end_ms = self.machine.time_ms + _LONGEST_RUN_DOWN_MS
         while self.machine.time_ms < end_ms:
             angles = [self.body.angle_mdeg(port) for port in self.machine.servos]
-            if (
-                before
-                and max((abs(a - b) for a, b in zip(angles, before, strict=True)), default=0)
-                <= _AT_REST_MDEG
-            ):
-                return
-            before = angles
+            if angles_before:
+                pairs = zip(angles, angles_before, strict=True)
+                moved_mdeg = max(abs(angle - before) for angle, before in pairs)
+                if moved_mdeg <= _AT_REST_MDEG:
+                    return
+            angles_before = angles
             self.machine.advance(MAX_STEP_MS)
             self._wait_for_real_time()
 
     def _switch_to_host(self) -> None:
         self.machine.alarm_ms = None
+        # Time also passes without a program, in the host itself.
         if self._host is not None and getcurrent() is self._program:
             self._host.switch()
 
@@ -359,11 +391,11 @@ class VirtualHub:
         except BaseException as error:
             if not is_program_error(error):
                 raise
-            self._error = describe_traceback(
-                format_traceback(error, program.name), program.source, program.name
-            )
+            # Kept until the host asks: it may not be waiting for this program.
+            shown = format_traceback(error, program.name)
+            self._error = describe_traceback(shown, program.source, program.name)
         finally:
-            # neither stopped, nor replaced by another thread's program
+            # Neither stopped, nor replaced by another thread's program.
             if getcurrent() is self._program:
                 self.machine.stop_motors()
 
@@ -384,6 +416,7 @@ class VirtualHub:
         if self._pace is None:
             return
         wall_ms = self._pace.wall_ms()
+        # Less than a millisecond behind is in time.
         if self.machine.time_ms < wall_ms - 1:
             self.run_on_until(int(wall_ms))
         self._wait_for_real_time()

@@ -24,7 +24,6 @@ from brickhub.hub.diagnostics.calibration import (
     save_calibration,
     zero_between,
 )
-from brickhub.hub.diagnostics.survey import find_stops
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.generate import generate
 from brickhub.robot import Direction, Motor
@@ -46,34 +45,6 @@ class MisbuiltHub(VirtualHub):
         sign = {motor.port: -1 if motor.port in mirrored else 1 for motor in body.robot.motors}
         body.angle_mdeg = lambda port: sign[port] * angle(port) + 1000 * shifts_deg.get(port, 0)
         body.set_voltage = lambda port, mv: apply(port, None if mv is None else sign[port] * mv)
-
-
-def observe(hub: VirtualHub, calibration: Calibration | None) -> tuple[float, ...]:
-    calibrate = (
-        None if calibration is None else lambda described: calibrated(described, calibration)
-    )
-    with HubLink(hub, ROBO_ARM, REACHING, calibrate=calibrate) as link:
-        return link.read().values
-
-
-SHIFTS = {"D": 35, "A": -120, "E": 150}
-"""Shaft angles; the last two cross the wrap of the sensor."""
-
-
-def test_end_stop_calibration_corrects_observation() -> None:
-    right = observe(VirtualHub(BenchArm()), None)
-    hub = MisbuiltHub(SHIFTS)
-    wrong = observe(hub, None)
-    assert all(
-        abs(shifted - angle) > 30 for shifted, angle in zip(wrong[1:], right[1:], strict=True)
-    )
-    stops = find_stops(hub, ROBO_ARM)
-    zeros = {name: zero_between(found, ROBO_ARM.motor(name)) for name, found in stops.items()}
-    turned_deg = {"low": 35, "high": -120, "grab": 150}
-    assert zeros.keys() == turned_deg.keys()
-    assert all(abs((zeros[name] - turned_deg[name] + 180) % 360 - 180) <= 3 for name in zeros)
-    again = MisbuiltHub(SHIFTS)  # at its start, as the right one
-    assert observe(again, Calibration(zeros)) == pytest.approx(right, abs=3)
 
 
 def test_calibrated_targets_stay_in_range() -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from bench_arm import START_DEG, STOPS_DEG, BenchArm
+from bench_arm import START_DEG, BenchArm
 from ble_world import World, bounded
 from described import ROBO_ARM, TWO_WHEELER, WALKER
 from hub_programs import unplug
+from on_a_body import ArmContract, check_survey
 
 from brickhub.errors import HubError, HubProgramError, HubTimeoutError
 from brickhub.hub.diagnostics.survey import (
@@ -24,6 +25,7 @@ from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.transport import HubProgram
 from brickhub.robot import BENCH, Direction, HubKind, Motor, Robot
 from brickhub.virtual.bench_body import BenchBody
+from brickhub.virtual.body import Body
 from brickhub.virtual.virtual_transport import VirtualHub
 
 pytestmark = pytest.mark.realtime
@@ -43,16 +45,7 @@ def test_survey_programs_fit_every_hub(hub: HubKind) -> None:
     "robot", [TWO_WHEELER, WALKER, ROBO_ARM, BENCH], ids=lambda robot: robot.name
 )
 def test_survey_finds_devices_without_motion(robot: Robot) -> None:
-    hub = VirtualHub(BenchBody(robot))
-    before = [hub.body.angle_mdeg(port) for port in hub.machine.servos]
-    found = survey(hub, robot)
-    taken = {port for port, number in found.ports.items() if number}
-    assert taken == {device.port for device in (*robot.motors, *robot.sensors)}
-    assert set(found.angles_deg) == {motor.name for motor in robot.motors}
-    assert found.battery_mv == hub.body.battery_mv
-    assert (found.firmware, found.name) == ("4.1.0", "Pybricks Hub")
-    assert found.imu_ready and found.imu_still
-    assert [hub.body.angle_mdeg(port) for port in hub.machine.servos] == before
+    check_survey(BenchBody(robot))
 
 
 def test_survey_angle_has_described_direction() -> None:
@@ -71,12 +64,13 @@ def test_survey_tolerates_missing_device() -> None:
     assert set(found.angles_deg) == {"left"}
 
 
-def test_survey_turns_joints_to_stops_and_back() -> None:
-    hub = VirtualHub(BenchArm())
-    found = find_stops(hub, ROBO_ARM)
-    assert found == {name: pytest.approx(stops, abs=2) for name, stops in STOPS_DEG.items()}
-    angles = survey(hub, ROBO_ARM).angles_deg
-    assert {name: angles[name] for name in START_DEG} == pytest.approx(START_DEG, abs=8)
+class TestArmOnTheBench(ArmContract):
+    """An arm whose joints carry nothing, between their end stops."""
+
+    start_deg = START_DEG
+
+    def arm(self) -> Body:
+        return BenchArm()
 
 
 def test_unblocked_joint_gives_up() -> None:

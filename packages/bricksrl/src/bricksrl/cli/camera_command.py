@@ -74,22 +74,23 @@ class CalibrateCamera:
             raise CameraError(f"{self.env} has no camera; choose an environment that has one")
         device = int(self.camera) if self.camera.isdecimal() else self.camera
         view = replace(task.camera, device=device)
-        opened = (
-            TwinCamera(make_body(task.robot, scene=task.scene), view)
-            if self.twin
-            else VideoCamera(view)
-        )
+        opened: TwinCamera | VideoCamera
+        if self.twin:
+            opened = TwinCamera(make_body(task.robot, scene=task.scene), view)
+        else:
+            opened = VideoCamera(view)
         with closing(opened) as camera:
             frames = [camera.frame() for _ in range(self.frames)]
-        calibrations = [calibrate_red(frame, self.at) for frame in frames[len(frames) // 2 :]]
-        ball = FoundRed(
-            spanning([calibration.window for calibration in calibrations]), calibrations[-1].mask
-        )
+        # The first half shows the camera adapting its exposure and its white balance.
+        settled = frames[len(frames) // 2 :]
+        calibrations = [calibrate_red(frame, self.at) for frame in settled]
+        # What was red in any of them, as light flickers.
+        window = spanning([calibration.window for calibration in calibrations])
+        ball = FoundRed(window, calibrations[-1].mask)
         path = self.out or saved_path(device)
         write_red(path, ball.window)
         save_image(path.with_suffix(".png"), picture(frames[-1], ball))
-        window = ball.window
-        (x, y) = ball.middle
+        x, y = ball.middle
         red_objects = len(find_red(frames[-1], ball.window))
         print_line(f"ball     at {x}, {y} (an area of {int(ball.mask.sum())} px)")
         print_line(f"hue      {window.hue_deg[0]:g} to {window.hue_deg[1]:g} degrees")

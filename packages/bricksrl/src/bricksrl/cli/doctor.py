@@ -63,7 +63,9 @@ def check_opengl() -> Answer:
         )
     if process.returncode == 0:
         return Outcome.OK, f"draws ({os.environ.get('MUJOCO_GL', 'the library that was found')})"
-    last = (process.stderr.strip().splitlines() or [f"exit code {process.returncode}"])[-1]
+    # The last line of a traceback says what was wrong; a crash of a driver says nothing.
+    lines = process.stderr.strip().splitlines()
+    last = lines[-1] if lines else f"exit code {process.returncode}"
     return (
         Outcome.WARNING,
         f"no pictures and videos: {last.rpartition('Error: ')[2]}; all the rest works without",

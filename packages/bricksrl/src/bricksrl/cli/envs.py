@@ -34,11 +34,11 @@ class List:
     """Print one JSON object instead of a table."""
 
     def execute(self) -> None:
+        described = []
+        for env_id, summary in envs.list_envs().items():
+            described.append(_environment(envs.get_task(env_id), summary))
         names: dict[str, Any] = {
-            "environments": [
-                _environment(envs.get_task(env_id), summary)
-                for env_id, summary in envs.list_envs().items()
-            ],
+            "environments": described,
             "arenas": list(ARENAS),
             "agents": list(agents.AGENTS),
             "presets": list(agents.PRESETS),
@@ -68,16 +68,17 @@ _WIDE = 60
 def _print_table(names: dict[str, Any]) -> None:
     console = Console()
     is_wide = console.width >= _WIDE
-    columns = [
-        Column("environment", no_wrap=True),
-        *(("robot", "steps") if is_wide else ()),
-        "what to learn",
-    ]
+    # Names are to be typed, and must not be broken over lines, however narrow the terminal is.
+    columns: list[Column | str] = [Column("environment", no_wrap=True)]
+    if is_wide:
+        columns += ["robot", "steps"]
+    columns.append("what to learn")
     table = Table(*columns, box=None, pad_edge=False)
     for env in names["environments"]:
-        table.add_row(
-            env["id"], *((env["robot"], str(env["max_steps"])) if is_wide else ()), env["summary"]
-        )
+        cells = [env["id"]]
+        if is_wide:
+            cells += [env["robot"], str(env["max_steps"])]
+        table.add_row(*cells, env["summary"])
     console.print(table)
     console.print()
     for kind in ("arenas", "agents", "presets", "robots"):
@@ -108,8 +109,9 @@ class ShowSettings:
     table."""
 
     def execute(self) -> None:
+        # It raises if there is none, which `settings_for` takes for an environment of a user's.
         if self.env is not None:
-            envs.get_task(self.env)  # raises if there is none
+            envs.get_task(self.env)
         settings = settings_for(self.env or "", self.preset, self.agent)
         if self.json:
             print_line(json.dumps(dataclasses.asdict(settings), indent=2))
@@ -129,9 +131,12 @@ def field_docs(cls: type[Any]) -> dict[str, str]:
     from docstring_parser import parse_from_object
 
     docs: dict[str, str] = {}
+    # From the base to the class, whose own words on a field count.
     for base in reversed(cls.__mro__[:-1]):
-        fields = [param for param in parse_from_object(base).params if param.args[0] == "attribute"]
-        docs |= {field.arg_name: " ".join((field.description or "").split()) for field in fields}
+        for parameter in parse_from_object(base).params:
+            if parameter.args[0] == "attribute":
+                words = (parameter.description or "").split()
+                docs[parameter.arg_name] = " ".join(words)
     return docs
 
 
@@ -155,12 +160,12 @@ class Check(SavesNothing):
     module:TASK, my_agent.py."""
 
     def execute(self) -> int:
+        # It raises if there is none, before anything slow is imported.
         if not is_reference(self.what) and self.what not in agents.AGENTS:
-            envs.get_task(self.what)  # raises if there is none
+            envs.get_task(self.what)
         load_learning()
         from bricksrl.envs.env_checker import check_env
         from bricksrl.evaluation.agent_checker import check_agent, is_agent
 
-        return print_findings(
-            check_agent(self.what) if is_agent(self.what) else check_env(self.what), (8, 13)
-        )
+        check = check_agent if is_agent(self.what) else check_env
+        return print_findings(check(self.what), (8, 13))

@@ -98,7 +98,8 @@ class Evaluate(SavesNothing):
             from bricktwin.twin.render.video import check_film
 
             check_film(self.video)
-        origin = RunFolder(self.run).origin()  # before torch is loaded, which takes long
+        # What is wrong is said before torch is loaded, which takes long.
+        origin = RunFolder(self.run).origin()
         if self.video is not None and options.get("hub", origin.options.hub) != "virtual":
             raise TwinError("only a virtual robot can be filmed; give --hub virtual, or no --video")
         load_learning()
@@ -108,6 +109,7 @@ class Evaluate(SavesNothing):
         def report(episode: int, return_: float) -> None:
             if not self.json:
                 print_line(f"episode {episode}/{self.episodes}  return {return_:.4g}")
+            # A film of all episodes would take as long to look at as they take.
             if episode == _FILMED_EPISODES:
                 films.close()
 
@@ -134,6 +136,7 @@ class Evaluate(SavesNothing):
                 )
         except StoppedError:
             raise Interrupted("nothing was counted") from None
+        # Said before it is saved: a full disk must not swallow it.
         for line in [result.to_json()] if self.json else describe(result):
             print_line(line)
         result.save()
@@ -255,12 +258,13 @@ def print_class(table: ClassTable) -> None:
     )
     shown = Table(*columns, box=None, pad_edge=False)
     for row in table.rows:
-        score = number(row.score) + ("" if row.is_evaluated else "*")
-        interval = (
-            ""
-            if row.interval is None
-            else f"{number(row.interval[0])} to {number(row.interval[1])}"
-        )
+        score = number(row.score)
+        if not row.is_evaluated:
+            score += "*"
+        interval = ""
+        if row.interval is not None:
+            low, high = row.interval
+            interval = f"{number(low)} to {number(high)}"
         texts = (
             row.name,
             without_folder(row.env),
@@ -269,8 +273,11 @@ def print_class(table: ClassTable) -> None:
             f"{row.episodes}",
             score,
             interval,
+            "; ".join(row.differs),
+            row.folder,
         )
-        shown.add_row(*map(escape, (*texts, "; ".join(row.differs), row.folder)))
+        # A pupil's name may have brackets, which rich would take for its markup.
+        shown.add_row(*map(escape, texts))
     console = _console()
     console.print(shown)
     notes = [
@@ -328,9 +335,9 @@ def print_comparison(comparison: Comparison) -> None:
             f"{percent(pair.probability)}{bounds}"
         )
         console.print(line, highlight=False)
-    if not comparison.improvements and len(comparison.groups) > len(
-        {group.env for group in comparison.groups}
-    ):
+    # Two agents in one environment, and too few seeds to say which is better.
+    envs = {group.env for group in comparison.groups}
+    if not comparison.improvements and len(comparison.groups) > len(envs):
         console.print(
             "whether one beats the other is chance with so few: train 5 seeds of each "
             "(`--seeds 5`)",
@@ -339,12 +346,9 @@ def print_comparison(comparison: Comparison) -> None:
 
 
 def _interval(group: Group) -> str:
-    interval = group.interval
-    return (
-        "needs 5 seeds"
-        if interval is None
-        else f"{number(interval.low)} to {number(interval.high)}"
-    )
+    if group.interval is None:
+        return "needs 5 seeds"
+    return f"{number(group.interval.low)} to {number(group.interval.high)}"
 
 
 @dataclass(frozen=True)
@@ -425,8 +429,7 @@ class Trust:
 
     def execute(self) -> None:
         files = trust(self.run)
-        print_line(
-            f"{self.run} may run {', '.join(files)}"
-            if files
-            else f"{self.run} names no code; it needs no trust"
-        )
+        if files:
+            print_line(f"{self.run} may run {', '.join(files)}")
+        else:
+            print_line(f"{self.run} names no code; it needs no trust")

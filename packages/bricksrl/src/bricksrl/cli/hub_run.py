@@ -58,9 +58,10 @@ class Run(run.Run):
 
     def body(self, stack: ExitStack) -> Body | None:
         shown(self.live_page, self.page)
-        drawn = (
-            replace(self, robot=run.ROBOT_OF_FILMS) if self.page and self.robot is None else self
-        )
+        drawn = self
+        # A page without a robot has nothing to draw.
+        if self.page and self.robot is None:
+            drawn = replace(self, robot=run.ROBOT_OF_FILMS)
         return super(Run, drawn).body(stack)
 
     @functools.cached_property
@@ -86,9 +87,9 @@ class Run(run.Run):
 
         stack.push(stay)
         announce(page.url)
-        return cast(BinaryIO, Told(sys.stdout.buffer, page.tell)), cast(
-            TextIO, Told(sys.stderr, page.tell)
-        )
+        output = Told(sys.stdout.buffer, page.tell)
+        errors = Told(sys.stderr, page.tell)
+        return cast(BinaryIO, output), cast(TextIO, errors)
 
     def attend(self, stack: ExitStack) -> Callable[[Machine], None] | None:
         return self._page.attend if self.page else None

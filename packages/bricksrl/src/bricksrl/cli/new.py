@@ -25,13 +25,12 @@ def write_template(kind: str, path: Path | str) -> None:
             f"as in my_{kind}.py"
         )
     refuse_existing(path, DescriptionError)
-    text = (
-        resources.files("bricksrl.cli.templates").joinpath(f"{kind}.py").read_text(encoding="utf-8")
-    )
+    template = resources.files("bricksrl.cli.templates") / f"{kind}.py"
+    text = template.read_text(encoding="utf-8")
+    # my_fast_walker.py has the task MyFastWalker-v0; a name without Latin letters has My-v0.
     words = re.findall(r"[a-zA-Z0-9]+", path.stem)
-    text = text.replace("my_file.py", path.name).replace(
-        "MyTask-v0", f"{''.join(word.title() for word in words) or 'My'}-v0"
-    )
+    name = "".join(word.title() for word in words) or "My"
+    text = text.replace("my_file.py", path.name).replace("MyTask-v0", f"{name}-v0")
     write_durably(path, text.encode())
 
 

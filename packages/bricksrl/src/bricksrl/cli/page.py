@@ -74,6 +74,7 @@ def announce(url: str) -> None:
     """Print the address of a page, for a phone in the network as a QR code too, and open it if
     there is a screen."""
     print_note(f"live page: {url}")
+    # A page for this computer alone is of no use to a phone.
     if urllib.parse.urlsplit(url).hostname not in LOOPBACK and sys.stderr is not None:
         with suppress(ImportError):
             import segno
@@ -85,11 +86,11 @@ def announce(url: str) -> None:
 
 def has_screen() -> bool:
     """Whether the user can see a browser that is opened here."""
+    # Over SSH the browser would open where nobody sits.
     if sys.stderr is None or not sys.stderr.isatty() or os.environ.get("SSH_CONNECTION"):
         return False
-    return sys.platform in ("win32", "darwin") or bool(
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    )
+    has_display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return sys.platform in ("win32", "darwin") or bool(has_display)
 
 
 @dataclass(frozen=True)
@@ -259,9 +260,10 @@ def _beginning_with(policy: str | None, policies: Mapping[str, _T], target: str)
     name = policy or list(policies)[-1]
     if name not in policies:
         raise DescriptionError(f"{target} has no policy '{policy}'; choose {', '.join(policies)}")
-    return {other: made for other, made in policies.items() if other != name} | {
-        name: policies[name]
-    }
+    ordered = dict(policies)
+    # Taken out and put in again, which makes it the last one.
+    ordered[name] = ordered.pop(name)
+    return ordered
 
 
 @dataclass(frozen=True)
@@ -376,8 +378,9 @@ def play_until_stopped(
 ) -> None:
     """Serve a page while an environment is played on it; Ctrl-C, or the event that ``play`` is
     given, ends it."""
+    stop = threading.Event()
     try:
-        with page, EmergencyStop(stop := threading.Event(), print_note) as emergency_stop:
+        with page, EmergencyStop(stop, print_note) as emergency_stop:
             announce(page.url)
             emergency_stop.attach(env)
             returns = play(stop)

@@ -99,13 +99,12 @@ class RunProgress(Callback):
         print_line(f"{line}{robot}{rate}{start}{learning}")
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
-        event = (
-            f"the link broke in episode {episode} after {counted(length, 'step')}"
-            if length
-            else "the robot is out of reach"
-        )
+        event = "the robot is out of reach"
+        if length:
+            event = f"the link broke in episode {episode} after {counted(length, 'step')}"
         line = f"{event} ({error}); trying to reach it again, Ctrl-C ends it"
-        if line != self._trouble:  # each try may fail for the same reason
+        # Each try may fail for the same reason, which is said once.
+        if line != self._trouble:
             print_line(line)
         self._trouble = line
 
@@ -172,9 +171,8 @@ def sparkline(values: list[float]) -> str:
     high = max(values)
     if low == high:
         return _BARS[len(_BARS) // 2] * len(values)
-    return "".join(
-        _BARS[round((value - low) / (high - low) * (len(_BARS) - 1))] for value in values
-    )
+    heights = [round((value - low) / (high - low) * (len(_BARS) - 1)) for value in values]
+    return "".join(_BARS[height] for height in heights)
 
 
 class SeedsProgress(Bars):
@@ -204,6 +202,7 @@ class SeedsProgress(Bars):
         line = ""
         if "started" in message:
             changes = {"state": "training", "node": message.get("node", "")}
+            # Who starts a second time was lost in between.
             if self.tasks[self._ids[seed]].fields["state"] != "waiting":
                 line = f"its worker was lost; resumed after episode {message['started']}"
         elif "episode" in message:

@@ -109,11 +109,9 @@ class Record:
         def report(episode: EpisodeRow) -> None:
             nonlocal count
             count += 1
-            by_hand = (
-                f"  {counted(episode.interventions, 'step')} by hand"
-                if episode.interventions
-                else ""
-            )
+            by_hand = ""
+            if episode.interventions:
+                by_hand = f"  {counted(episode.interventions, 'step')} by hand"
             print_line(
                 f"episode {count}/{self.episodes}  return {episode.return_:.4g}  "
                 f"{counted(episode.length, 'step')}{by_hand}"
@@ -121,12 +119,13 @@ class Record:
 
         device = self.policy if self.policy in DEVICES else self.take_over
         options = self.robot
-        options = options if device is None else with_human(options, self.env)
+        if device is not None:
+            options = with_human(options, self.env)
+        # All keys of a keyboard are for driving.
+        keys = False if device == "keyboard" else None
         try:
             with (
-                EmergencyStop(
-                    threading.Event(), print_note, keys=False if device == "keyboard" else None
-                ) as emergency_stop,
+                EmergencyStop(threading.Event(), print_note, keys=keys) as emergency_stop,
                 driving(device, self.env, task, in_charge=self.policy in DEVICES) as human,
                 closing(self._environment(options, human, emergency_stop)) as env,
                 filmed_env(env, self.video, f"{self.env}: {self.policy}"),
@@ -177,7 +176,7 @@ class Record:
     def _environment(
         self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop
     ) -> EnvBase:
-        # a run, whose policy acts behind its transforms
+        # The policy of a run acts behind the transforms that it was trained behind.
         if self.policy != "random" and self.policy not in DEVICES:
             options = options.changed(**config_of(Path(self.policy)).transforms)
         return make(
@@ -210,7 +209,9 @@ class Record:
                 "another one is recorded"
             )
 
-        if (reconnect := interface_of(env).reconnect) is not None:
+        # As in training: a link that breaks heals, and the recording goes on.
+        reconnect = interface_of(env).reconnect
+        if reconnect is not None:
             reconnect.patience_s = _PATIENCE_S
         hooks: dict[str, Any] = {"driver": human}
         if page is not None:
@@ -237,8 +238,9 @@ class Record:
 
         if self.policy == "random":
             return random_player(env, self.seed)
+        # The robot rests while the human does not drive.
         if self.policy in DEVICES:
-            return resting_player(env)  # the robot rests while the human does not drive
+            return resting_player(env)
         path = Path(self.policy)
         learner = load_shared(path, env) if is_policy(path) else load_learner(path, env).learner
         return Player(learner.explore if self.explore else learner.exploit, learner.reset_policy)

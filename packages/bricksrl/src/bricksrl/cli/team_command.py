@@ -142,16 +142,16 @@ class TrainTeam:
 
         def report(progress: TeamProgress) -> None:
             nonlocal lines
-            if progress.episodes and progress.frames * _MAX_LINES >= (lines + 1) * config.frames:
-                lines = progress.frames * _MAX_LINES // config.frames
-                returns = "  ".join(
-                    f"{group} {value:.4g}" for group, value in progress.returns.items()
-                )
-                line = (
-                    f"step {progress.frames}/{config.frames}  "
-                    f"{counted(progress.episodes, 'episode')}  return {returns}"
-                )
-                print_line(f"{line}  success {percent(progress.success)}")
+            # The same number of lines for a training of a minute and for one of a night.
+            due = progress.frames * _MAX_LINES // config.frames
+            if not progress.episodes or due <= lines:
+                return
+            lines = due
+            texts = [f"{group} {value:.4g}" for group, value in progress.returns.items()]
+            step = f"step {progress.frames}/{config.frames}"
+            episodes = counted(progress.episodes, "episode")
+            success = percent(progress.success)
+            print_line(f"{step}  {episodes}  return {'  '.join(texts)}  success {success}")
 
         stop = threading.Event()
         with StopSignals(stop) as signals:
@@ -173,11 +173,8 @@ class TrainTeam:
                     f"{env} has no group '{group}'; choose {', '.join(task.groups)}"
                 )
         learning = self.learn or tuple(task.groups)[:1]
-        scripts = {
-            group: task.opponents.get(group, "random")
-            for group in task.groups
-            if group not in learning
-        }
+        others = [group for group in task.groups if group not in learning]
+        scripts = {group: task.opponents.get(group, "random") for group in others}
         copies = self.copies
         if copies is None:
             # What is pushed has no kinematic simulation, which alone makes copies.
@@ -218,9 +215,8 @@ def _latest_policy(env: str) -> tuple[TensorDictModuleBase, str]:
     from bricksrl.training.teams.team import load_team
 
     task = get_arena_task(env)
-    teams = sorted(
-        Path("runs").glob(f"{file_name(env)}-*/{TEAM_FILE}"), key=lambda path: path.stat().st_mtime
-    )
+    found = Path("runs").glob(f"{file_name(env)}-*/{TEAM_FILE}")
+    teams = sorted(found, key=lambda path: path.stat().st_mtime)
     if teams:
         return load_team(teams[-1]).policy, str(teams[-1].parent)
     default = next(iter(task.scripts), "random")
@@ -239,9 +235,6 @@ def _show(env_id: str, policy: TensorDictModuleBase, by: str, address: PageOptio
 
 def _kept(folder: Path) -> str:
     """Text on what is saved of a training that ends now."""
-    saved = (folder / TEAM_FILE).exists()
-    return (
-        f"the team is in {folder}; `bricksrl team --play {quoted(folder)}` plays with it"
-        if saved
-        else "nothing was saved"
-    )
+    if not (folder / TEAM_FILE).exists():
+        return "nothing was saved"
+    return f"the team is in {folder}; `bricksrl team --play {quoted(folder)}` plays with it"

@@ -72,6 +72,7 @@ def load_learning() -> None:
 
 
 _TELL_S = 8.0
+"""Time after which somebody who waits begins to wonder whether anything happens."""
 
 
 @contextmanager
@@ -103,8 +104,9 @@ _JOIN_TIMEOUT_S = 10.0
 def stop_signals() -> list[signal.Signals]:
     """Signals that stop the robot, and end the run: SIGUSR1 and those that end a command. Windows
     has Ctrl-Break only."""
-    own = [signal.SIGUSR1] if hasattr(signal, "SIGUSR1") else []
-    return [*own, *end_signals()]
+    # Windows has no signals for a user's own use.
+    user_signals = [signal.SIGUSR1] if hasattr(signal, "SIGUSR1") else []
+    return [*user_signals, *end_signals()]
 
 
 class EmergencyStop:
@@ -150,13 +152,11 @@ class EmergencyStop:
 
     def __enter__(self) -> Self:
         self._worker.start()
+        # Python lets only the main thread handle signals.
         if threading.current_thread() is threading.main_thread():
             for number in stop_signals():
-                self._handlers.callback(
-                    signal.signal,
-                    number,
-                    signal.signal(number, lambda *_: self._requests.put("stop")),
-                )
+                before = signal.signal(number, lambda *_: self._requests.put("stop"))
+                self._handlers.callback(signal.signal, number, before)
         if self._keys:
             self._listener.enter_context(keys_heard(self._on_key, self._source))
             self._notify(LEGEND)
@@ -188,17 +188,20 @@ class EmergencyStop:
         while (request := self._requests.get()) != "end":
             try:
                 self._stop_robot() if request == "stop" else self._pause_robot()
-            except BricksError as error:  # the hub could not be reached; its watchdog stops it
+            except BricksError as error:
+                # The hub could not be reached; its watchdog stops it.
                 print_error(str(error))
             except OSError:
-                # nobody reads what we say, as the terminal is closed; later requests are executed
-                # all the same
+                # Nobody reads what we say, as the terminal is closed; later requests are executed
+                # all the same.
                 pass
 
     def _stop_robot(self) -> None:
-        if not self._env.robots:  # nothing moves: the same as Ctrl-C
+        if not self._env.robots:
+            # Nothing moves: it is the same as Ctrl-C.
             interrupt_main()
             return
+        # First the flag, so that no step follows the one that is stopped.
         self._stop.set()
         self._env.stop()
         self._notify("stopped by hand")
@@ -222,11 +225,9 @@ DEVICES = get_args(Device)
 def with_human(options: EnvOptions, env: str) -> EnvOptions:
     """Options of an environment in which a human drives: a virtual robot moves in real time. A real
     one does anyway, and for a simulation `driving` keeps the pace."""
-    return (
-        replace(options, realtime=True)
-        if options.hub == "virtual" and not is_simulation(env)
-        else options
-    )
+    if options.hub == "virtual" and not is_simulation(env):
+        return replace(options, realtime=True)
+    return options
 
 
 @contextmanager

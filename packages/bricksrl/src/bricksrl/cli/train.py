@@ -173,13 +173,17 @@ class Train:
         if self.take_over is None:
             run_training(partial(train, config), config, address, film=self.film)
             return
-        # all keys of a keyboard are for driving
+        # All keys of a keyboard are for driving, so that none is left to stop the robot.
         keys = False if self.take_over == "keyboard" else None
-        with driving(
-            self.take_over, self.env, get_task(self.env, **config.options), in_charge=False
-        ) as driver:
+        task = get_task(self.env, **config.options)
+        with driving(self.take_over, self.env, task, in_charge=False) as driver:
             run_training(
-                partial(train, config), config, address, driver=driver, keys=keys, film=self.film
+                partial(train, config),
+                config,
+                address,
+                driver=driver,
+                keys=keys,
+                film=self.film,
             )
 
     def _check(self, env: str) -> None:
@@ -258,9 +262,8 @@ class Resume:
         load_learning()
         from bricksrl.training.run import resume
 
-        run_training(
-            partial(resume, self.run, episodes=self.episodes), config, address, film=self.film
-        )
+        resumed = partial(resume, self.run, episodes=self.episodes)
+        run_training(resumed, config, address, film=self.film)
 
 
 @dataclass(frozen=True)
@@ -300,7 +303,8 @@ class TrainOffline:
 
     def execute(self) -> None:
         address = shown(self.live_page, self.page)
-        get_task(self.env)  # raises if there is none
+        # It raises if there is none, before anything slow is imported.
+        get_task(self.env)
         load_learning()
         from bricksrl.training.run import train
 
@@ -348,16 +352,25 @@ def run_training(
     """
     progress = RunProgress(config.hub)
     stop = threading.Event()
-    can_drive = can_drive and driver is None and config.num_envs == len(config.hubs) == 1
+    # Nobody at a page can drive several robots at once.
+    is_one_robot = config.num_envs == len(config.hubs) == 1
+    can_drive = can_drive and driver is None and is_one_robot
+    served_page = run_on_page(
+        address,
+        config.env,
+        config.options,
+        on_stop=stop.set,
+        can_drive=can_drive,
+    )
     try:
         with (
-            run_on_page(
-                address, config.env, config.options, on_stop=stop.set, can_drive=can_drive
-            ) as page,
+            served_page as page,
             EmergencyStop(stop, progress.note, keys=keys) as emergency_stop,
         ):
             progress.on_ready = emergency_stop.attach
             callback: Callback = progress
+            # While somebody is asked to place the robot, keys are an answer, and nothing else is
+            # drawn.
             place = placing(partial(quiet, driver), progress.hidden, emergency_stop.quiet)
             if page is not None:
                 from bricksrl.page.play import PageCallback
@@ -371,7 +384,7 @@ def run_training(
                     _report(result, emergency_stop, page, film=film)
                 return
     except (KeyboardInterrupt, StoppedError):
-        # before or after the training, or a second time during it
+        # Before or after the training, or a second time during it: it saves what it has by itself.
         pass
     finally:
         progress.close()
@@ -402,25 +415,26 @@ def _report(
             page.board.update_status(state="evaluating")
             page.attach(env)
 
-    remove_unfinished(result.run_dir)  # such as a film that was killed
+    # Such as a film whose process was killed in an earlier try.
+    remove_unfinished(result.run_dir)
     with telling("evaluating"):
         place = placing(emergency_stop.quiet)
         evaluation = evaluate(
             result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=place
         )
+    # Said before it is saved: a full disk must not swallow it.
     for line in describe(evaluation):
         print_line(line)
     evaluation.save()
     if page is not None:
-        page.finish(
-            f"Done. `bricksrl play {quoted(result.run_dir)} --page` shows what it has learned."
-        )
-    # the evaluation names the task, which may be of a file
+        play = f"bricksrl play {quoted(result.run_dir)} --page"
+        page.finish(f"Done. `{play}` shows what it has learned.")
+    # By the config: the evaluation has the id of the task, which may be one of a file.
     trained_env = RunFolder(result.run_dir).read_config().env
-    is_filmed = film and not is_simulation(trained_env)
-    with telling(
-        "filming before and after, and writing the report" if is_filmed else "writing the report"
-    ):
+    work = "writing the report"
+    if film and not is_simulation(trained_env):
+        work = "filming before and after, and writing the report"
+    with telling(work):
         summary, video = write_report(result.run_dir, result.episodes, evaluation, film=film)
     print_line(f"learning curve  {RunFolder(result.run_dir).curve_path}")
     print_line(f"video           {video}")

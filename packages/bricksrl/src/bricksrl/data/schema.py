@@ -264,9 +264,8 @@ def describe_task(task: Task, options: dict[str, Any] | None = None) -> Descript
             ", ".join(unrecorded),
         )
     robot = _plain(task.robot)
-    # They are of its simulation: data of a real robot and of its twin may be joined.
+    # It is of its simulation: data of a real robot and of its twin may be joined.
     robot.pop("model", None)
-    robot.pop("plan", None)
     return Description(
         env=task.id,
         rate_hz=task.rate_hz,

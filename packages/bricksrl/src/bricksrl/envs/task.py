@@ -126,6 +126,7 @@ class Task:
 
     def __post_init__(self) -> None:
         check_fields(Task, vars(self))
+        self.robot.check_complete()
         if self.client is not None:
             # which can be used in any folder
             object.__setattr__(self, "program", self.client.program)

@@ -41,9 +41,10 @@ def is_agent(name: str) -> bool:
         build = load_object(name, "build")
     except BricksError:
         return False
-    return callable(build) and (
-        name.endswith(".py") or "settings" in inspect.signature(build).parameters
-    )
+    if not callable(build):
+        return False
+    # Any module may have a function `build`; only that of an algorithm takes settings.
+    return name.endswith(".py") or "settings" in inspect.signature(build).parameters
 
 
 def check_agent(agent: str) -> Iterator[Finding]:
@@ -66,29 +67,28 @@ class _Checked:
         settings_type = self.algorithm.settings
         if not settings_type.__dataclass_params__.frozen:
             raise Broken(f"{settings_type.__name__} can be changed; write @dataclass(frozen=True)")
-        fields = dataclasses.fields(settings_type)
         none = dataclasses.MISSING
-        missing = [
-            field.name
-            for field in fields
-            if field.default is none and field.default_factory is none
-        ]
+        missing = []
+        for field in dataclasses.fields(settings_type):
+            if field.default is none and field.default_factory is none:
+                missing.append(field.name)
         if missing:
             raise Broken(f"{', '.join(missing)} has no default; give it one")
         settings = preset("default", self.algorithm.name)
         values = dataclasses.asdict(settings)
-        if (
-            dataclasses.asdict(settings_from(self.algorithm.name, json.loads(json.dumps(values))))
-            != values
-        ):
+        # As a run's config.json keeps them: a setting that does not survive it would be another one
+        # after a resume.
+        written = json.loads(json.dumps(values))
+        read = settings_from(self.algorithm.name, written)
+        if dataclasses.asdict(read) != values:
             raise Broken(
                 "settings that are written down and read again are others; use numbers, texts "
                 "and tuples"
             )
-        texts = [
-            f"{name}={','.join(map(str, value)) if isinstance(value, tuple) else value}"
-            for name, value in values.items()
-        ]
+        texts = []
+        for name, value in values.items():
+            text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+            texts.append(f"{name}={text}")
         if with_changes(settings, texts) != settings:
             raise Broken(
                 "settings that are given as --set NAME=VALUE are others; use numbers, texts "
@@ -103,10 +103,8 @@ class _Checked:
             raise Broken(
                 "there is a loss and nothing that an optimiser moves; give the learner an optimizer"
             )
-        return (
-            f"{type(self.learner.loss).__name__ if self.learner.loss else 'no loss'}, "
-            f"{learned} numbers to learn"
-        )
+        loss = type(self.learner.loss).__name__ if self.learner.loss else "no loss"
+        return f"{loss}, {learned} numbers to learn"
 
     def acting(self) -> str:
         learner = self._learner()
@@ -129,7 +127,11 @@ class _Checked:
             size = getattr(preset("default", self.algorithm.name), "batch_size", 256)
             frames = _frames(learner, make(ENV, seed=_SEED))
             learner.dataset = recorded_memory(
-                frames, size, ("observation",), chunk=learner.chunk, device=learner.device
+                frames,
+                size,
+                ("observation",),
+                chunk=learner.chunk,
+                device=learner.device,
             )
             return f"{counted(len(learner.dataset), 'transition')} of a dataset"
         if learner.memory is None:
@@ -143,13 +145,14 @@ class _Checked:
         learner = self._learner()
         if learner.loss is None:
             raise Skip("it learns nothing")
-        learner.make_updates(0)  # what it does before the first update is not learning
+        # What it does before the first update, such as choosing first values, is no learning.
+        learner.make_updates(0)
         before = [parameter.detach().clone() for parameter in learner.parameters()]
-        losses = learner.learn(
-            _STEPS
-            if learner.on_policy
-            else min(1000, max(2, round(4 / max(learner.updates_per_step, 1e-9))))
-        )
+        steps = _STEPS
+        if not learner.on_policy:
+            # As many as four updates need, of an algorithm that makes less than one a step.
+            steps = min(1000, max(2, round(4 / max(learner.updates_per_step, 1e-9))))
+        losses = learner.learn(steps)
         if not losses:
             raise Broken("nothing was learned; fill the memory, and give updates_per_step")
         wrong = [name for name, value in losses.items() if not bool(torch.isfinite(value))]
@@ -157,17 +160,14 @@ class _Checked:
             raise Broken(
                 f"{', '.join(wrong)} is not a number after {counted(learner.updates, 'update')}"
             )
-        if all(
-            torch.equal(old, new) for old, new in zip(before, learner.parameters(), strict=True)
-        ):
+        pairs = zip(before, learner.parameters(), strict=True)
+        if all(torch.equal(old, new) for old, new in pairs):
             raise Broken(
                 f"{counted(learner.updates, 'update')} changed nothing; let the optimizer have "
                 "the loss's parameters"
             )
-        return (
-            f"{counted(learner.updates, 'update')}: "
-            f"{', '.join(f'{name} {float(value):.3g}' for name, value in losses.items())}"
-        )
+        texts = [f"{name} {float(value):.3g}" for name, value in losses.items()]
+        return f"{counted(learner.updates, 'update')}: {', '.join(texts)}"
 
     def saving(self) -> str:
         learner = self._learner()
@@ -179,6 +179,7 @@ class _Checked:
         restored.load_state_dict(torch.load(file, weights_only=True))
         state = env.reset()
         actions = []
+        # The same seed for both, as an agent may draw at its best too.
         for actor in (learner, restored):
             actor.reset_policy()
             torch.manual_seed(_SEED)

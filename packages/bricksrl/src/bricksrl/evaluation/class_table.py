@@ -4,7 +4,7 @@ words."""
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -68,9 +68,8 @@ class ClassTable:
 
     def to_json(self) -> str:
         """One JSON object."""
-        return json.dumps(
-            {"runs": [vars(row) for row in self.rows], "sentences": self.sentences}, indent=2
-        )
+        runs = [vars(row) for row in self.rows]
+        return json.dumps({"runs": runs, "sentences": self.sentences}, indent=2)
 
 
 @dataclass(frozen=True)
@@ -89,6 +88,7 @@ def class_table(folder: Path | str) -> ClassTable:
     runs = list[_Run]()
     unread = list[str]()
     for path in sorted(config.parent for config in folder.rglob("config.json")):
+        # One damaged run, as a memory stick may bring, must not hide the others.
         try:
             if (path / "metrics.csv").exists():
                 runs.append(_read(path, folder))
@@ -100,14 +100,11 @@ def class_table(folder: Path | str) -> ClassTable:
     rows = list[ClassRow]()
     sentences = list[str]()
     for env in dict.fromkeys(run.row.env for run in runs):
-        members = sorted(
-            (run for run in runs if run.row.env == env), key=lambda run: run.row.score, reverse=True
-        )
+        members = [run for run in runs if run.row.env == env]
+        members.sort(key=lambda run: run.row.score, reverse=True)
         usual = _usual(members)
-        rows += [
-            ClassRow(**{**vars(run.row), "differs": _differences(run.values, usual)})
-            for run in members
-        ]
+        for run in members:
+            rows.append(replace(run.row, differs=_differences(run.values, usual)))
         sentences += [f"{without_folder(env)}: {text}" for text in _sentences(members, usual)]
     if len({row.env for row in rows}) > 1:
         sentences.append(
@@ -124,8 +121,13 @@ def _read(path: Path, folder: Path) -> _Run:
     if not episodes:
         raise RunError("it has no episode yet")
     returns = tuple(episode.return_ for episode in episodes)
-    evaluation = run.own_evaluation(len(episodes))
     last = returns[-WINDOW:]
+    score = sum(last) / len(last)
+    interval = None
+    evaluation = run.own_evaluation(len(episodes))
+    if evaluation is not None:
+        score = float(evaluation["return_mean"])
+        interval = _interval(evaluation.get("return_interval"))
     row = ClassRow(
         name=config.name or _owner(path.relative_to(folder)),
         folder=str(path.relative_to(folder)),
@@ -133,10 +135,11 @@ def _read(path: Path, folder: Path) -> _Run:
         agent=without_folder(config.agent),
         seed=config.seed,
         episodes=len(episodes),
-        score=sum(last) / len(last) if evaluation is None else float(evaluation["return_mean"]),
+        score=score,
         is_evaluated=evaluation is not None,
-        interval=None if evaluation is None else _interval(evaluation.get("return_interval")),
+        interval=interval,
     )
+    # With a learner beside the robot, or a real robot, the same seed gives another run.
     is_repeatable = not config.asynchronous and config.hub == "virtual"
     return _Run(row, returns, is_repeatable, _values(config, len(episodes)))
 
@@ -178,7 +181,9 @@ def _differences(values: dict[str, Any], usual: dict[str, Any]) -> tuple[str, ..
         return (f"agent {values['agent']} instead of {usual['agent']}",)
     names = [name for name in values if values[name] != usual.get(name)]
     texts = [f"{name} {values[name]} instead of {usual.get(name)}" for name in names[:_MAX_SHOWN]]
-    return (*texts, f"{len(names) - _MAX_SHOWN} more") if len(names) > _MAX_SHOWN else tuple(texts)
+    if len(names) > _MAX_SHOWN:
+        texts.append(f"{len(names) - _MAX_SHOWN} more")
+    return tuple(texts)
 
 
 def _sentences(runs: Sequence[_Run], usual: dict[str, Any]) -> Iterator[str]:
@@ -189,29 +194,26 @@ def _sentences(runs: Sequence[_Run], usual: dict[str, Any]) -> Iterator[str]:
         different = list(_different(members))
         for same in _same(members):
             names = ", ".join(f"{run.row.name} ({run.row.folder})" for run in same)
-            what = (
-                "the same run" if len({run.curve for run in same}) == 1 else "runs of the same seed"
-            )
+            # A copied folder has the same curve to the last digit; other processors differ there.
+            is_copy = len({run.curve for run in same}) == 1
+            what = "the same run" if is_copy else "runs of the same seed"
             yield (
                 f"{names} are {what}, seed {same[0].row.seed} with the same settings: they "
                 "count once."
             )
         if len(members) < 2:
             continue
-        which = (
-            "the same settings and length"
-            if members[0].values == usual
-            else "other settings, equal among themselves"
-        )
+        if members[0].values == usual:
+            which = "the same settings and length"
+        else:
+            which = "other settings, equal among themselves"
         yield f"{counted(len(members), 'run')} of {which}: {_score(different)}."
     if len(by_key) > 1:
         lengths = sorted({run.row.episodes for run in runs})
         text = "runs that differ in settings are compared as groups of five seeds, not one by one"
         if len(lengths) > 1:
-            text += (
-                f"; runs of {lengths[0]} to {lengths[-1]} episodes by their curves, up to the "
-                "shorter one's end"
-            )
+            span = f"{lengths[0]} to {lengths[-1]} episodes"
+            text += f"; runs of {span} by their curves, up to the shorter one's end"
         yield f"{text}."
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,48 +111,43 @@ def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
     """
     paths = [paths] if isinstance(paths, str | Path) else paths
     runs = [_Run.read(path) for path in _run_folders(paths)]
-    evaluated = all(run.evaluation is not None for run in runs)
+    # All by one measure: an evaluation is without exploration, and higher than what trained.
+    is_evaluated = all(run.evaluation is not None for run in runs)
     by_config: dict[tuple[str, str], list[_Run]] = {}
     for run in runs:
         shared = json.dumps(run.compared, sort_keys=True, default=str)
         by_config.setdefault((run.config.env, shared), []).append(run)
     groups = []
-    for (env, _), members in sorted(by_config.items(), key=lambda item: item[0]):
-        scores = tuple(
-            run.evaluation if evaluated and run.evaluation is not None else run.curve[-1]
-            for run in members
-        )
-        seeds = tuple(run.config.seed for run in members)
+    for env, shared in sorted(by_config):
+        members = by_config[env, shared]
         _check_seeds(members)
-        label = _label(
-            members[0],
-            [group[0] for (group_env, _), group in by_config.items() if group_env == env],
+        # One run of each group of this environment, from which the label tells this group.
+        in_env = [group[0] for (group_env, _), group in by_config.items() if group_env == env]
+        group = Group(
+            env=env,
+            agent=_label(members[0], in_env),
+            seeds=tuple(run.config.seed for run in members),
+            scores=tuple(run.score(is_evaluated=is_evaluated) for run in members),
+            curves=tuple(run.curve for run in members),
+            steps=max(run.steps for run in members),
+            lines=reference_lines(env, members[0].config.options),
+            is_evaluated=is_evaluated,
         )
-        curves = tuple(run.curve for run in members)
-        steps = max(run.steps for run in members)
-        groups.append(
-            Group(
-                env,
-                label,
-                seeds,
-                scores,
-                curves,
-                steps,
-                reference_lines(env, members[0].config.options),
-                evaluated,
-            )
-        )
-    improvements = []
+        groups.append(group)
+    scored_by = "evaluation" if is_evaluated else f"mean of the last {WINDOW} episodes of training"
+    return Comparison(tuple(groups), tuple(_improvements(groups)), scored_by)
+
+
+def _improvements(groups: Sequence[Group]) -> Iterator[Improvement]:
+    """Probabilities of improvement of all pairs in an environment that have enough runs."""
     for pair in itertools.combinations(groups, 2):
-        if pair[0].env == pair[1].env:
-            first, second = sorted(pair, key=lambda group: group.score, reverse=True)
-            found, interval = probability_of_improvement(first.scores, second.scores)
-            if interval is not None:
-                improvements.append(
-                    Improvement(first.env, first.agent, second.agent, found, interval)
-                )
-    scored_by = "evaluation" if evaluated else f"mean of the last {WINDOW} episodes of training"
-    return Comparison(tuple(groups), tuple(improvements), scored_by)
+        if pair[0].env != pair[1].env:
+            continue
+        # The better one first, so that each pair reads as an improvement.
+        better, other = sorted(pair, key=lambda group: group.score, reverse=True)
+        probability, interval = probability_of_improvement(better.scores, other.scores)
+        if interval is not None:
+            yield Improvement(better.env, better.agent, other.agent, probability, interval)
 
 
 def _check_seeds(runs: "Sequence[_Run]") -> None:
@@ -189,14 +185,18 @@ class _Run:
         score = None if evaluation is None else float(evaluation["return_mean"])
         return cls(path, config, curve, episodes[-1].steps, score)
 
+    def score(self, *, is_evaluated: bool) -> float:
+        """Mean return of the evaluation, or of the last episodes of the training."""
+        if is_evaluated and self.evaluation is not None:
+            return self.evaluation
+        return self.curve[-1]
+
     @property
     def compared(self) -> dict[str, Any]:
         """Values of the config and of its settings that are equal for all runs of a group."""
-        data = self.config.to_dict()
-        settings = data.pop("settings")
-        return {
-            name: value for name, value in {**data, **settings}.items() if name not in _NOT_COMPARED
-        }
+        values = self.config.to_dict()
+        values |= values.pop("settings")
+        return {name: value for name, value in values.items() if name not in _NOT_COMPARED}
 
 
 def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:
@@ -204,7 +204,10 @@ def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:
     seen: set[Path] = set()
     for path in map(Path, paths):
         seeds = sorted(config.parent for config in path.glob("seed-*/config.json"))
-        for run in seeds if seeds and not RunFolder(path).config_path.exists() else [path]:
+        # A run may have folders of such a name in it, as a user may call a copy so.
+        is_run = RunFolder(path).config_path.exists()
+        for run in seeds if seeds and not is_run else [path]:
+            # The same folder by another name, such as a link, is the same run.
             if run.resolve() in seen:
                 raise RunError(f"{run} is named twice; name it once")
             seen.add(run.resolve())
@@ -220,11 +223,11 @@ def _label(run: _Run, runs: Sequence[_Run]) -> str:
     same = [other for other in runs if without_folder(other.config.agent) == agent]
     if len(same) == 1:
         return agent
-    own = run.compared
-    differing = [
-        name for name in own if any(other.compared.get(name) != own[name] for other in same)
-    ]
-    return ", ".join([agent, *(f"{name}={own[name]}" for name in differing)])
+    words = [agent]
+    for name, value in run.compared.items():
+        if any(other.compared.get(name) != value for other in same):
+            words.append(f"{name}={value}")
+    return ", ".join(words)
 
 
 def draw(path: Path | str, groups: Sequence[Group]) -> None:
@@ -237,33 +240,38 @@ def draw(path: Path | str, groups: Sequence[Group]) -> None:
     path = check_picture(path)
     envs = list(dict.fromkeys(group.env for group in groups))
     columns = min(_COLUMNS, len(envs))
-    rows = -(-len(envs) // columns)
-    labels = list(dict.fromkeys(group.agent for group in groups))
-    colours = {label: PALETTE[index % len(PALETTE)] for index, label in enumerate(labels)}
+    rows = math.ceil(len(envs) / columns)
+    agents = list(dict.fromkeys(group.agent for group in groups))
+    # An agent has one colour in all panels, and one line in the common legend.
+    colours = dict(zip(agents, itertools.cycle(PALETTE)))
     figure = new_figure(7.0 * columns + 1.0, 3.8 * rows + 0.5)
     panels = figure.subplots(rows, columns, squeeze=False).flatten()
     drawn: set[str] = set()
     for axes, env in zip(panels, envs, strict=False):
-        for group in (group for group in groups if group.env == env):
-            # over all panels
-            counts = sorted({len(other.seeds) for other in groups if other.agent == group.agent})
-            label = (
-                f"{group.agent} ({' or '.join(map(str, counts))} "
-                f"seed{'' if counts == [1] else 's'})"
-            )
-            _draw_group(axes, group, colours[group.agent], None if group.agent in drawn else label)
+        in_env = [group for group in groups if group.env == env]
+        for group in in_env:
+            label = None if group.agent in drawn else _legend(group.agent, groups)
+            _draw_group(axes, group, colours[group.agent], label)
             drawn.add(group.agent)
-        is_evaluated = any(group.is_evaluated for group in groups if group.env == env)
+        is_evaluated = any(group.is_evaluated for group in in_env)
         mark = "; \N{BLACK DIAMOND} evaluation" if is_evaluated else ""
         style(axes, without_folder(env), "episode", f"return (mean of {WINDOW} episodes{mark})")
-        finish(axes, next(group.lines for group in groups if group.env == env), legend=False)
+        finish(axes, in_env[0].lines, legend=False)
     for unused in panels[len(envs) :]:
         unused.set_visible(False)
-    figure.legend(loc="outside lower left", ncols=min(4, len(labels)), frameon=False, fontsize=9)
+    figure.legend(loc="outside lower left", ncols=min(4, len(agents)), frameon=False, fontsize=9)
     save(figure, path)
 
 
+def _legend(agent: str, groups: Sequence[Group]) -> str:
+    """Name of an agent, and how many seeds it has, over all panels."""
+    counts = sorted({len(group.seeds) for group in groups if group.agent == agent})
+    seeds = "seed" if counts == [1] else "seeds"
+    return f"{agent} ({' or '.join(map(str, counts))} {seeds})"
+
+
 def _draw_group(axes: Any, group: Group, colour: str, label: str | None) -> None:
+    # Up to the end of the shortest run, as a mean of fewer runs would be another one.
     points = [list(values) for values in zip(*group.curves, strict=False)]
     episodes = range(1, len(points) + 1)
     means = [float(interquartile_mean(np.array(values))) for values in points]

@@ -91,7 +91,14 @@ class EvaluationResult:
     def of(cls, scores: Sequence[EpisodeScore], **about: Any) -> EvaluationResult:
         """The result of episodes; ``about`` are the fields that they do not determine."""
         returns = np.array([score.return_ for score in scores])
+        success_rate, success_interval = None, None
         outcomes = [score.success for score in scores if score.success is not None]
+        if outcomes:
+            success_rate = sum(outcomes) / len(outcomes)
+            success_interval = wilson_interval(sum(outcomes), len(outcomes))
+        metrics = {}
+        for name in scores[0].metrics:
+            metrics[name] = sum(score.metrics[name] for score in scores) / len(scores)
         return cls(
             **about,
             episodes=len(scores),
@@ -102,12 +109,9 @@ class EvaluationResult:
             returns=tuple(returns.tolist()),
             lengths=tuple(score.length for score in scores),
             action_size=sum(score.action_size for score in scores) / len(scores),
-            success_rate=sum(outcomes) / len(outcomes) if outcomes else None,
-            success_interval=wilson_interval(sum(outcomes), len(outcomes)) if outcomes else None,
-            metrics={
-                name: sum(score.metrics[name] for score in scores) / len(scores)
-                for name in scores[0].metrics
-            },
+            success_rate=success_rate,
+            success_interval=success_interval,
+            metrics=metrics,
         )
 
     def to_json(self) -> str:
@@ -175,54 +179,63 @@ def evaluate(
         env_id = with_absolute_file(env or origin.env)
         nominal = evaluation_options(origin, origin.env)
         options = evaluation_options(origin, env_id, **named)
-        if left_out := [
-            name
-            for name in nominal.options
-            if name not in options.options and "options" not in named
-        ]:
+        # Who gives options has chosen them, and needs no word on those of the training.
+        missing = [name for name in nominal.options if name not in options.options]
+        left_out = [] if "options" in named else missing
+        if left_out:
             _log.warning(
                 "%s has no %s, which the training had; it is evaluated without",
                 env_id,
                 ", ".join(left_out),
             )
         names = ("options", "physics", "randomize", "link", "fault")
-        as_trained = env_id == origin.env and all(
-            getattr(options, name) == getattr(nominal, name) for name in names
-        )
+        changed = [name for name in names if getattr(options, name) != getattr(nominal, name)]
+        as_trained = env_id == origin.env and not changed
         hub = options.hub
+        # Episodes of a simulation are played at once, as copies in a batch.
         side_by_side = is_simulation(env_id) and hub == "virtual" and not options.realtime
+        # One after the other where something may remember or read specs without a batch: a policy
+        # of planned chunks, a transform, an agent of the user's own.
         in_chunks = hasattr(algorithm(origin.agent).settings, "chunk")
-        # which may read specs with a batch
         in_turn = in_chunks or options.is_transformed or is_reference(origin.agent)
         copies = min(episodes, MAX_COPIES) if side_by_side and not in_turn else 1
         env = own = make_env(env_id, options, copies, seed=origin.seed, place=place)
     else:
-        env, task = with_unit_actions(env), interface_of(env).task
-        # the task of a file has an id of its own
+        task = interface_of(env).task
+        env = with_unit_actions(env)
+        # The task of a file has an id of its own, which says nothing on the file.
         as_trained = task is None or is_reference(env_id) or task.id == env_id
     try:
         if on_env is not None:
             on_env(env)
+        # Whatever an agent draws at its best, such as a diffusion policy, follows from the seed.
         with reproducible(derive_seed(drawn, "evaluation")):
             trained = load_learner(run_dir, env, which=which)
             actor = trained.learner
             actor.act_on(env.device)  # type: ignore[union-attr]  # an id has become an environment
             scores = []
-            for score in play_episodes(
-                env, actor.exploit, episodes, drawn, kind=kind, reset_policy=actor.reset_policy
-            ):
+            played = play_episodes(
+                env,
+                actor.exploit,
+                episodes,
+                drawn,
+                kind=kind,
+                reset_policy=actor.reset_policy,
+            )
+            for score in played:
                 scores.append(score)
                 if on_episode is not None:
                     on_episode(len(scores), score.return_)
         task = interface_of(env).task
-        about = {
-            "run_dir": str(run_dir),
-            "env": env_id if task is None else task.id,
-            "agent": origin.agent,
-            "hub": hub,
-        }
         result = EvaluationResult.of(
-            scores, **about, seed=seed, trained_episodes=trained.episodes, as_trained=as_trained
+            scores,
+            run_dir=str(run_dir),
+            env=env_id if task is None else task.id,
+            agent=origin.agent,
+            hub=hub,
+            seed=seed,
+            trained_episodes=trained.episodes,
+            as_trained=as_trained,
         )
     finally:
         if own is not None:
@@ -237,12 +250,17 @@ def evaluation_options(origin: Origin, env: str, **named: Any) -> EnvOptions:
     physics, link and faults of another environment or hub, neither randomized nor in real time."""
     same_env = env == origin.env
     before = origin.options
-    keeps_link = same_env and named.get("hub", before.hub) == "virtual"
-    link, physics = (before.link, before.physics) if keeps_link else (None, None)
-    physics = None if named.get("randomize", False) else physics
-    options = before.options if same_env else options_of(env, before.options)
-    fault = before.fault if keeps_link else ()
-    twin: dict[str, Any] = {"physics": physics, "link": link, "fault": fault}
-    return replace(before, realtime=False, randomize=False, options=options, **twin).changed(
-        **named
+    nominal = replace(
+        before,
+        realtime=False,
+        randomize=False,
+        options=before.options if same_env else options_of(env, before.options),
     )
+    # A real robot has its own link and physics, and another task may have another robot.
+    keeps_twin = same_env and named.get("hub", before.hub) == "virtual"
+    if not keeps_twin:
+        nominal = replace(nominal, physics=None, link=None, fault=())
+    elif named.get("randomize", False):
+        # Drawn physics take the place of those of a file.
+        nominal = replace(nominal, physics=None)
+    return nominal.changed(**named)

@@ -31,16 +31,19 @@ from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
 from bricktwin.twin.render.video import Filmed, Room, captioned, check_film
 
 SIZE = (1280, 720)
+"""Width and height in px."""
 BUDGET_S = 15.0
-"""Width and height in px, and the approximate time for drawing an episode; a small one reduces the
-frame rate."""
+"""Approximate time for drawing an episode; a small one reduces the frame rate."""
 _FPS = 25
+"""Images a second."""
 _LAST_S = 0.8
-"""Images a second, and how long the last one of an episode is shown."""
+"""How long the last image of an episode is shown, so that its numbers can be read."""
 _HOLDS = (1, 2, 3, 4)
+"""Numbers of images of the film that one drawn image may stand for."""
 _NORMAL_SPEED_S = 12.0
+"""Length of an episode up to which it is shown as fast as it was."""
 _SPEED = 2.0
-"""Longer episodes are shown twice as fast."""
+"""Speed of a longer one."""
 _ARENA_FRAME_MS = 50
 
 
@@ -87,7 +90,7 @@ def filmed_env(
     ours = interface_of(env)
     task = env.task
     number = 0
-    # draws how the episode ended, when its last step is counted
+    # Draws how the episode ended, once its last step is counted.
     last: list[Callable[[], Image]] = []
     expected_s = task.max_steps / task.rate_hz
     speed = _SPEED if expected_s > _NORMAL_SPEED_S else 1.0
@@ -108,7 +111,8 @@ def filmed_env(
         body = None if connection.twin is None else sound_body(connection.twin.body)
         if connection.twin is None or not isinstance(body, MujocoBody):
             raise TwinError(f"{task.id} has no virtual robot to film; leave out --video")
-        room = Room(body, task.goal([0.0] * len(task.entries)))  # until one is drawn
+        # A goal of zeros, until the reset draws one.
+        room = Room(body, task.goal([0.0] * len(task.entries)))
         # At 25 images/s, an image covers 40 ms at speed 1; if it takes too long to draw, each is
         # held for longer.
         limit_s = budget_s * speed / (expected_s * _FPS)
@@ -138,16 +142,19 @@ def filmed_env(
             return captioned(renderer.render(), title, "   ".join(parts), room.metre_marks(*size))
 
         def show(image: Image) -> None:
-            if ours.episode is not None:  # else the robot is being placed
+            # Without an episode the robot is being placed, which nobody needs to see.
+            if ours.episode is not None:
                 last[:] = [partial(render, ours.episode)]
                 for _ in range(hold):
                     video.add(image)
 
+        # The film looks on from between the hub and the body, and is gone with the episode.
         renderers.callback(setattr, machine, "body", machine.body)
+        period_ms = round(1000 / _FPS * speed * hold)
         machine.body = Filmed(
             machine.body,
             lambda: render(ours.episode),
-            round(1000 / _FPS * speed * hold),
+            period_ms,
             machine.time_ms,
             show,
         )
@@ -166,22 +173,29 @@ def _renderer(
 
     def make(*, shadows: bool) -> tuple[Renderer, float]:
         renderer = Renderer(
-            body, *size, room.camera, shadows=shadows, smooth=shadows, decorate=room.decorate
+            body,
+            *size,
+            room.camera,
+            shadows=shadows,
+            smooth=shadows,
+            decorate=room.decorate,
         )
+        # The first image loads textures and compiles shaders, and is not typical.
         renderer.render()
         start_s = time.perf_counter()
         renderer.render()
         return renderer, time.perf_counter() - start_s
 
-    plain, cost_s = make(shadows=False)
-    if 2 * cost_s > limit_s:
-        return plain, cost_s
+    plain, plain_s = make(shadows=False)
+    # Shadows take twice the time at least: on a slow computer not even the try is worth it.
+    if 2 * plain_s > limit_s:
+        return plain, plain_s
     shaded, shaded_s = make(shadows=True)
-    chosen, other = (
-        ((shaded, shaded_s), plain) if shaded_s <= limit_s else ((plain, cost_s), shaded)
-    )
-    other.close()
-    return chosen
+    if shaded_s <= limit_s:
+        plain.close()
+        return shaded, shaded_s
+    shaded.close()
+    return plain, plain_s
 
 
 def film_run(
@@ -197,13 +211,12 @@ def film_run(
     ``random`` actions. Raises RunError or CheckpointError if there is no such run or policy,
     RenderingUnavailableError or TwinError as `filmed_env`."""
     origin = RunFolder(run_dir).origin()
-    with closing(
-        make_env(
-            origin.env, evaluation_options(origin, origin.env, hub="virtual"), seed=origin.seed
-        )
-    ) as env:
+    # Its twin is filmed also of a run on a real robot.
+    options = evaluation_options(origin, origin.env, hub="virtual")
+    with closing(make_env(origin.env, options, seed=origin.seed)) as env:
         check_filmable(env)
-        seed = evaluation_seed(origin.seed, EVALUATION_SEED)  # the first episode of its evaluation
+        # The first episode of its evaluation, whose return stands in the report.
+        seed = evaluation_seed(origin.seed, EVALUATION_SEED)
         policy = named_policies(run_dir, env, seed)[which]()
         with filmed_env(env, path, title, size=size, budget_s=budget_s):
             (score,) = play_episodes(env, policy.act, 1, seed, reset_policy=policy.reset)
@@ -216,32 +229,17 @@ def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path
     import imageio_ffmpeg
 
     fit = f"scale=-2:{height},setsar=1"
-    # the last image of the shorter one stays
+    # Of the shorter film the last image stays until the end of the longer one.
     graph = f"[0:v]{fit}[a];[1:v]{fit}[b];[a][b]hstack=inputs=2"
-    # a colon in a name ends no protocol
-    inputs = [word for film in (left, right) for word in ("-i", f"file:{film}")]
-    command = [
-        imageio_ffmpeg.get_ffmpeg_exe(),
-        "-nostdin",
-        "-y",
-        "-v",
-        "error",
-        *inputs,
-        "-filter_complex",
-        graph,
-    ]
-    command += [
-        "-c:v",
-        "libx264",
-        "-pix_fmt",
-        "yuv420p",
-        "-crf",
-        "26",
-        "-movflags",
-        "+faststart",
-        f"file:{path}",
-    ]
-    # our own arguments
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-nostdin", "-y", "-v", "error"]
+    # With `file:` before it, a colon in a name is that of no protocol.
+    command += ["-i", f"file:{left}"]
+    command += ["-i", f"file:{right}"]
+    command += ["-filter_complex", graph]
+    # What every browser plays: H.264 with subsampled colours, the index before the images.
+    command += ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "26"]
+    command += ["-movflags", "+faststart", f"file:{path}"]
+    # The arguments are our own.
     process = subprocess.run(  # noqa: S603
         command, capture_output=True, text=True, errors="replace", check=False
     )

@@ -37,7 +37,9 @@ MAX_SEEDS = 1000
 """Maximum number of seeds of one command."""
 RETRIES = 3
 """Workers that a function on the cluster may lose, each of which is replaced."""
+# Ray takes a third of the memory otherwise, and messages of runs are small.
 _STORE_BYTES = 100_000_000
+# A run is one process with one thread: as many as there are cores, or they wait for one another.
 _ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
@@ -89,7 +91,8 @@ def train_seeds(
     address = None if on is None else parse_on(on)
     if folder is None or folder.exists():
         raise RunError(f"{folder} exists already; choose another folder")
-    folders = {seed: folder / f"seed-{seed}" for seed in range(config.seed, config.seed + count)}
+    seeds = range(config.seed, config.seed + count)
+    folders = {seed: folder / f"seed-{seed}" for seed in seeds}
     configs = [replace(config, seed=seed, run_dir=run_dir) for seed, run_dir in folders.items()]
     try:
         with writing(folder):
@@ -97,12 +100,13 @@ def train_seeds(
         train_all = _train_in_processes if on is None else partial(train_on_cluster, address)
         results = train_all(configs, jobs, on_line)
     except BaseException:
+        # An empty folder would be in the way of the next try. It fails if anything was written,
+        # which stays.
         with contextlib.suppress(OSError):
-            folder.rmdir()  # fails if anything was written
+            folder.rmdir()
         raise
-    errors = [
-        (seed, error) for seed, error in zip(folders, results, strict=True) if error is not None
-    ]
+    outcomes = zip(seeds, results, strict=True)
+    errors = [(seed, error) for seed, error in outcomes if error is not None]
     if errors:
         with contextlib.suppress(OSError):
             folder.rmdir()
@@ -133,6 +137,7 @@ def train_and_evaluate(
     from bricksrl.training.run import resume, train
 
     try:
+        # On a cluster a run that lost its worker begins here again, with what it had saved.
         if RunFolder(run_dir).checkpoint_path.exists():
             result = resume(run_dir, reporter, stop=stop)
         else:
@@ -174,7 +179,8 @@ def _train_in_processes(
         while waiting or running:
             while waiting and len(running) < (jobs or os.cpu_count() or 1):
                 start(waiting.popleft())
-            try:  # in pieces, as Windows tells of a Ctrl-C only when a wait is over
+            # In pieces, as Windows tells of a Ctrl-C only when a wait is over.
+            try:
                 number, message = messages.get(timeout=_POLL_S)
             except Empty:
                 continue
@@ -183,10 +189,12 @@ def _train_in_processes(
                 on_line(configs[number].seed, message[1])
                 continue
             code = running.pop(number).end(_END_TIMEOUT_S)
-            errors[number] = errors[number] or (
-                None if code == 0 else f"its process ended with exit code {code}"
-            )
-    except BaseException:  # all end after their present steps, and what they saved is kept
+            # What it has said itself tells more than its exit code.
+            if code != 0 and not errors[number]:
+                errors[number] = f"its process ended with exit code {code}"
+    except BaseException:
+        # All are asked first, and then waited for: they end after their present steps, at once,
+        # and what they saved is kept.
         for process in running.values():
             with contextlib.suppress(OSError):
                 process.send(*END)
@@ -204,6 +212,7 @@ def main() -> None:
     stop = threading.Event()
 
     def receive(message: Message | None) -> None:
+        # None is the end of the pipe: the parent is gone.
         if message in (END, None):
             stop.set()
         orders.put(message or END)
@@ -256,12 +265,14 @@ def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
         "logging_level": "ERROR",
     }
     if address is None:
+        # Only for this computer: no dashboard, no address that others could reach.
         options |= {
             "num_cpus": cpus or os.cpu_count() or 1,
             "num_gpus": 0,
             "include_dashboard": False,
+            "object_store_memory": _STORE_BYTES,
+            "_node_ip_address": "127.0.0.1",
         }
-        options |= {"object_store_memory": _STORE_BYTES, "_node_ip_address": "127.0.0.1"}
     else:
         options["address"] = address
     try:
@@ -304,11 +315,8 @@ class Keeper:
     def files(self, number: int) -> dict[str, bytes]:
         """All files of a run, by path in its folder."""
         folder = self._folders[number]
-        return {
-            path.relative_to(folder).as_posix(): path.read_bytes()
-            for path in sorted(folder.rglob("*"))
-            if path.is_file()
-        }
+        paths = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+        return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
 
     def messages(self) -> list[tuple[int, dict[str, Any]]]:
         """Messages since the last call, each with the index of its run."""
@@ -321,15 +329,18 @@ def changed_files(folder: Path, known: dict[str, tuple[int, int]]) -> dict[str, 
     """Contents of the files whose time or size is not ``known``, which is updated, by path in the
     folder. The checkpoint comes last, as it depends on the others."""
     changed = {}
-    for path in sorted(folder.rglob("*"), key=lambda path: (path.name == "checkpoint.bin", path)):
-        # the first may vanish at any moment, and Windows lets nobody read the second
+    checkpoint_last = lambda path: (path.name == "checkpoint.bin", path)  # noqa: E731
+    for path in sorted(folder.rglob("*"), key=checkpoint_last):
+        # A temporary file may vanish at any moment, and Windows lets nobody read a lock.
         if path.name.startswith((TEMPORARY_PREFIX, LOCK)) or not path.is_file():
             continue
         stat = path.stat()
-        name = path.relative_to(folder).as_posix()  # for a computer of another system
+        # With slashes: the keeper's computer may have another system.
+        name = path.relative_to(folder).as_posix()
         version = (stat.st_mtime_ns, stat.st_size)
         if known.get(name) != version:
-            known[name], changed[name] = version, path.read_bytes()
+            known[name] = version
+            changed[name] = path.read_bytes()
     return changed
 
 
@@ -353,9 +364,11 @@ def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | N
             ray.get(keeper.keep.remote(number, changed_files(folder, known), message))
 
         files = ray.get(keeper.files.remote(number))
-        for name, data in files.items() if "checkpoint.bin" in files else ():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(data)
+        # Without a checkpoint there is nothing to go on from, and the run starts anew.
+        if "checkpoint.bin" in files:
+            for name, data in files.items():
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                (folder / name).write_bytes(data)
         return train_and_evaluate(config, folder, StartReporter(send))
 
 
@@ -367,13 +380,13 @@ def train_on_cluster(
     with connected(address, cpus) as ray:
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-        on_this_node = NodeAffinitySchedulingStrategy(
-            node_id=ray.get_runtime_context().get_node_id(), soft=False
-        )
+        # The keeper writes files of this computer, so it must not run elsewhere.
+        this_node = ray.get_runtime_context().get_node_id()
+        on_this_node = NodeAffinitySchedulingStrategy(node_id=this_node, soft=False)
         folders = [str(Path(config.run_dir or "").absolute()) for config in configs]
-        keeper = (
-            ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=on_this_node).remote(folders)
-        )
+        keeper_class = ray.remote(Keeper)
+        keeper_class = keeper_class.options(num_cpus=0, scheduling_strategy=on_this_node)
+        keeper = keeper_class.remote(folders)
         remote = ray.remote(train_on_worker).options(num_cpus=1, max_retries=RETRIES)
         waiting = {
             remote.remote(number, config.to_dict(), keeper): number
@@ -382,14 +395,15 @@ def train_on_cluster(
         errors: list[str | None] = [None] * len(configs)
         while waiting:
             done, _ = ray.wait(list(waiting), timeout=_POLL_S)
-            for number, message in ray.get(keeper.messages.remote()):  # of runs that are done too
+            # Before the runs that are done leave the table, as theirs are among them.
+            for number, message in ray.get(keeper.messages.remote()):
                 on_line(configs[number].seed, message)
             for job in done:
                 number = waiting.pop(job)
                 try:
                     errors[number] = ray.get(job)
                 except ray.exceptions.RayTaskError as error:
-                    # of the run, such as of a full disk; the last line says which
+                    # An error of the run, such as of a full disk, whose last line says which.
                     errors[number] = str(error).strip().splitlines()[-1]
                 except ray.exceptions.RayError as error:
                     errors[number] = (

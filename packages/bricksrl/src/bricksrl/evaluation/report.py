@@ -46,17 +46,16 @@ def film_before_and_after(run_dir: Path, env: str) -> Films:
     """Film an episode of a run's agent before training and one after, and join them side by side.
     Raises RenderingUnavailableError if no OpenGL library works here, TwinError if the environment
     has no virtual robot."""
-    before, after = (
-        film_run(
-            run_dir,
-            which,
-            run_dir / f"{name}.mp4",
-            f"{env} {name} learning",
-            budget_s=FILM_BUDGET_S,
-        )
-        for which, name in (("first", "before"), ("last", "after"))
-    )
-    return Films(before, after, side_by_side(before.path, after.path, run_dir / "before_after.mp4"))
+
+    def film(which: str, name: str) -> Film:
+        path = run_dir / f"{name}.mp4"
+        title = f"{env} {name} learning"
+        return film_run(run_dir, which, path, title, budget_s=FILM_BUDGET_S)
+
+    before = film("first", "before")
+    after = film("last", "after")
+    both = side_by_side(before.path, after.path, run_dir / "before_after.mp4")
+    return Films(before, after, both)
 
 
 def write_report(
@@ -79,6 +78,7 @@ def write_report(
         reason = str(error)
     folder = RunFolder(run_dir)
     name = folder.read_config().name
+    # No format of all systems has a day without a leading zero.
     date = f"{datetime.now().astimezone():%d %B %Y}".lstrip("0")
     body = [
         f"<h1>{html.escape(result.env)}: what the robot has learned</h1>",
@@ -97,7 +97,7 @@ def write_report(
     ]
     path = run_dir / "report.html"
     text = report_page(f"{result.env}: report", "\n".join(body))
-    # names of folders that this computer's locale cannot read
+    # As the system has them: a folder's name may be no text in the locale of this computer.
     write_durably(path, text.encode(errors="surrogateescape"))
     return path, str(films.both) if films is not None else f"none: {reason}"
 
@@ -153,13 +153,13 @@ def _film(films: Films | None, no_films: str) -> Iterable[str]:
     if films is None:
         yield f"<p>There is no film: {html.escape(no_films)}</p>"
         return
-    small = films.both.stat().st_size <= MOST_EMBEDDED_BYTES
-    source = _data_url(films.both, "video/mp4") if small else html.escape(films.both.name)
+    # A page that can be mailed has its film in it; a great one would keep browsers from opening it.
+    is_small = films.both.stat().st_size <= MOST_EMBEDDED_BYTES
+    source = _data_url(films.both, "video/mp4") if is_small else html.escape(films.both.name)
+    # Without sound, or no browser would begin by itself.
     yield f'<video src="{source}" controls autoplay loop muted playsinline></video>'
-    links = ", ".join(
-        f'<a href="{path.name}">{path.name}</a>'
-        for path in (films.before.path, films.after.path, films.both)
-    )
+    names = [path.name for path in (films.before.path, films.after.path, films.both)]
+    links = ", ".join(f'<a href="{name}">{name}</a>' for name in names)
     before = plain_number(films.before.return_)
     after = plain_number(films.after.return_)
     yield (
@@ -182,30 +182,20 @@ _UNITS = {
 
 def rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
     """Labels and texts of an evaluation, with its 95 % intervals."""
+    text = f"{plain_number(result.return_mean)} ± {plain_number(result.return_std)}"
     interval = result.return_interval
-    mean = (
-        (
-            f" (95 % interval of the mean: {plain_number(interval.low)} to "
-            f"{plain_number(interval.high)})"
-        )
-        if interval is not None
-        else ""
-    )
-    yield "return", f"{plain_number(result.return_mean)} ± {plain_number(result.return_std)}{mean}"
+    if interval is not None:
+        low = plain_number(interval.low)
+        high = plain_number(interval.high)
+        text += f" (95 % interval of the mean: {low} to {high})"
+    yield "return", text
     if result.success_rate is not None:
+        successes = round(result.success_rate * result.episodes)
+        text = f"{successes} of {counted(result.episodes, 'episode')}"
         rate = result.success_interval
-        bounds = (
-            f" (95 % interval of the rate: {percent(rate.low)} to {percent(rate.high)})"
-            if rate is not None
-            else ""
-        )
-        yield (
-            "success",
-            (
-                f"{round(result.success_rate * result.episodes)} of "
-                f"{counted(result.episodes, 'episode')}{bounds}"
-            ),
-        )
+        if rate is not None:
+            text += f" (95 % interval of the rate: {percent(rate.low)} to {percent(rate.high)})"
+        yield "success", text
     for name, value in result.metrics.items():
         yield labelled(name, value)
 
@@ -213,41 +203,40 @@ def rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
 def labelled(name: str, value: float) -> tuple[str, str]:
     """Label and value of a metric, with its unit: "forward speed" and "0.05246 m/s" for
     ``forward_speed_m_s``."""
-    ending, unit = next(
-        ((ending, unit) for ending, unit in _UNITS.items() if name.endswith(ending)), ("", "")
-    )
-    return name.removesuffix(ending).replace("_", " "), f"{plain_number(value)} {unit}".rstrip()
+    text = plain_number(value)
+    for ending, unit in _UNITS.items():
+        if name.endswith(ending):
+            name = name.removesuffix(ending)
+            text = f"{text} {unit}"
+            break
+    return name.replace("_", " "), text
 
 
 def _table(rows: Iterable[tuple[str, str]]) -> str:
     """Table of labels and values, which are HTML."""
-    return (
-        "<table>"
-        + "".join(f"<tr><th>{label}</th><td>{value}</td></tr>" for label, value in rows)
-        + "</table>"
-    )
+    lines = [f"<tr><th>{label}</th><td>{value}</td></tr>" for label, value in rows]
+    return f"<table>{''.join(lines)}</table>"
 
 
 def _commands(run_dir: Path, origin: Origin, trained_episodes: int) -> str:
     run = quoted(run_dir)
     env = quoted(origin.env)
-    longer = f"bricksrl resume {run} --episodes {2 * trained_episodes} --page"
+    # What has learned from data alone goes on with a robot, from what it has learned.
+    if origin.is_offline:
+        longer = f"bricksrl train {env} --demonstrations {run}"
+    else:
+        longer = f"bricksrl resume {run} --episodes {2 * trained_episodes} --page"
     commands = {
         "watch it, and compare it with how it began": f"bricksrl play {run} --page",
-        "let it learn for longer": f"bricksrl train {env} --demonstrations {run}"
-        if origin.is_offline
-        else longer,
+        "let it learn for longer": longer,
         "count more episodes": f"bricksrl evaluate {run} --episodes 20",
-        "on a LEGO robot": ""
-        if is_simulation(origin.env)
-        else f"bricksrl evaluate {run} --hub ble",
-        "use the policy in a program of your own": f"bricksrl export {run} --out policy.pt2",
     }
-    return _table(
-        (label, f"<code>{html.escape(text, quote=False)}</code>")
-        for label, text in commands.items()
-        if text
-    )
+    if not is_simulation(origin.env):
+        commands["on a LEGO robot"] = f"bricksrl evaluate {run} --hub ble"
+    export = f"bricksrl export {run} --out policy.pt2"
+    commands["use the policy in a program of your own"] = export
+    shown = {label: html.escape(text, quote=False) for label, text in commands.items()}
+    return _table((label, f"<code>{text}</code>") for label, text in shown.items())
 
 
 def _data_url(path: Path, mime_type: str) -> str:

@@ -61,10 +61,12 @@ def stratified_bootstrap_interval(
         )
     rng = np.random.default_rng(seed)
     parts = []
+    # Each stratum keeps its share, so that a run with more episodes does not outweigh the others.
     for stratum in strata:
         scores = np.asarray(stratum, dtype=np.float64)
-        parts.append(scores[rng.integers(0, scores.size, (resamples, scores.size))])
-    values = statistic(np.concatenate(parts, axis=-1))
+        drawn = rng.integers(0, scores.size, (resamples, scores.size))
+        parts.append(scores[drawn])
+    values = statistic(np.concatenate(parts, axis=-1))  # [resamples]
     low, high = np.quantile(values, (0.025, 0.975))
     return Interval(float(low), float(high))
 
@@ -78,9 +80,10 @@ def seeds_interval(
 ) -> Interval | None:
     """95 % bootstrap interval of a statistic of one score per seed or episode; ``None`` for fewer
     than `FEWEST_SEEDS`."""
-    return (
-        None if len(scores) < FEWEST_SEEDS else stratified_bootstrap_interval([scores], statistic)
-    )
+    # An interval of fewer would look more certain than it is: few resamples of three differ.
+    if len(scores) < FEWEST_SEEDS:
+        return None
+    return stratified_bootstrap_interval([scores], statistic)
 
 
 def probability_of_improvement(

@@ -14,7 +14,7 @@ import math
 import tempfile
 import threading
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import starmap
@@ -126,15 +126,16 @@ def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
 def _space(start: Any, *, goals: bool) -> _Space:
     """Search space of settings: the table above, and other floats of a user's algorithm, within
     their `Range`."""
-    names = [
-        name for name in _SPACE if name in vars(start) and (goals or name not in _ONLY_WITH_GOALS)
-    ]
-    space = {name: _SPACE[name] for name in names}
+    space = {}
+    for name, limits in _SPACE.items():
+        if name in vars(start) and (goals or name not in _ONLY_WITH_GOALS):
+            space[name] = limits
     if type(start).__module__.startswith("bricksrl."):
         return space
     hints = typing.get_type_hints(type(start), include_extras=True)
     for name, value in vars(start).items():
         if name not in _SPACE and isinstance(value, float):
+            # A decade to both sides; around 0, which has none, what most factors are.
             low, high = sorted((value / 10.0, value * 10.0)) if value else (0.0, 1.0)
             for limits in getattr(hints.get(name), "__metadata__", ()):
                 if isinstance(limits, Range):
@@ -172,7 +173,8 @@ def tune(
         parse_on(on)
     start = settings_for(tuning.env, "default", tuning.agent)
     goals = any(entry.name.endswith("_goal") for entry in get_task(tuning.env).entries)
-    optuna.logging.set_verbosity(logging.ERROR)  # a failed trial raises: one message is enough
+    # A failed trial raises, which is one message, and enough.
+    optuna.logging.set_verbosity(logging.ERROR)
     with closing(make(tuning.env)) as env:
         learner = make_learner(tuning.agent, env)
     if learner.imitates or learner.loss is None:
@@ -182,7 +184,7 @@ def tune(
         )
     name = f"{tuning.env} {tuning.agent}"
     storage = f"sqlite:///{(folder / STUDY).absolute()}"
-    # several commands may begin with the same study at once
+    # Several commands may begin the same study at once: one of them makes it.
     with _storage(folder / STUDY), serialized(folder):
         for other in set(optuna.get_all_study_names(storage)) - {name}:
             raise RunError(f"{folder} holds a study of {other}; choose another folder")
@@ -196,30 +198,27 @@ def tune(
         about = dataclasses.asdict(tuning)
         known = study.user_attrs.get("tuning", about)
         if known != about:
-            values = ", ".join(
-                f"{name} {known.get(name)}"
-                for name, value in about.items()
-                if known.get(name) != value
-            )
+            others = [name for name, value in about.items() if known.get(name) != value]
+            values = ", ".join(f"{name} {known.get(name)}" for name in others)
             raise RunError(f"{folder} holds a study of {values}; give the same, or another folder")
         study.set_user_attr("tuning", about)
-        study.sampler = optuna.samplers.TPESampler(
-            seed=(seed + len(study.trials)) % (LARGEST_SEED + 1)
-        )
+        # A command that goes on proposes others than the one before did.
+        sampler_seed = (seed + len(study.trials)) % (LARGEST_SEED + 1)
+        study.sampler = optuna.samplers.TPESampler(seed=sampler_seed)
         if not study.trials:
-            # the default settings are the first trial
+            # The defaults are the first trial, so that the best is never worse than they are.
             study.enqueue_trial(_as_proposed(start, goals=goals))
 
     def objective(trial: optuna.Trial) -> float:
         settings = propose(trial, start, goals=goals)
         orders = [(tuning, settings, seed) for seed in range(tuning.seeds)]
         values: list[float] = []
-        # one by one here, so that those of a hopeless trial are left out
-        found = (
-            starmap(_train_and_evaluate, orders)
-            if ray is None
-            else list(map_on_cluster(ray, _train_and_evaluate, orders))
-        )
+        found: Iterable[float]
+        if ray is None:
+            # One by one, so that the further seeds of a hopeless trial are left out.
+            found = starmap(_train_and_evaluate, orders)
+        else:
+            found = list(map_on_cluster(ray, _train_and_evaluate, orders))
         for index, value in enumerate(found):
             if math.isnan(value):
                 raise optuna.TrialPruned
@@ -285,15 +284,15 @@ def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
         )
         try:
             result = train(config, StopAtSteps(), stop=stop)
-            if result.interrupted and not (
-                result.episodes and result.episodes[-1].steps >= tuning.steps
-            ):
+            is_complete = result.episodes and result.episodes[-1].steps >= tuning.steps
+            # Our own stop at the last step looks like a user's, which ends the study.
+            if result.interrupted and not is_complete:
                 raise KeyboardInterrupt
-            return evaluate(
-                run_dir, episodes=tuning.episodes, kind="selection", save=False
-            ).return_mean
+            # Not the episodes of the final evaluation: what chooses must not also judge.
+            found = evaluate(run_dir, episodes=tuning.episodes, kind="selection", save=False)
         except DivergedError:
             return math.nan
+        return found.return_mean
 
 
 def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:
@@ -301,12 +300,14 @@ def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:
     parameters: dict[str, Any] = {}
     for name, limits in _space(settings, goals=goals).items():
         value: Any = getattr(settings, name)
-        value = ",".join(map(str, value)) if isinstance(value, tuple) else value
-        if (
-            value in limits
-            if isinstance(limits, list)
-            else value is not None and limits[0] <= value <= limits[1]
-        ):
+        if isinstance(value, tuple):
+            value = ",".join(map(str, value))
+        if isinstance(limits, list):
+            is_within = value in limits
+        else:
+            low, high, _ = limits
+            is_within = value is not None and low <= value <= high
+        if is_within:
             parameters[name] = value
     return parameters
 

@@ -47,15 +47,14 @@ class ArenaPage(LivePage):
     def attach(self, env: Any) -> None:
         """Show another arena."""
         super().attach(env)
-        self._is_paced_here = False  # the first robot's hub keeps the pace of all
+        # The first robot's hub keeps the pace of all, as they share one clock.
+        self._is_paced_here = False
         half_m = max(self._arena.arena.half_size_m or (_OPEN_HALF_M,))
-        mirror = Mirror(
-            ArenaWorld(self._arena.arena).bodies[0],
-            View((0.0, 0.0, 0.0), 2.0 * half_m + 0.8, -90.0, 48.0),
-        )
-        self.view.show_machine(
-            env.hub(self._arena.robots[0]).machine, body=env.world.bodies[0], mirror=mirror
-        )
+        # From above, so that no robot hides another one.
+        view = View((0.0, 0.0, 0.0), 2.0 * half_m + 0.8, -90.0, 48.0)
+        mirror = Mirror(ArenaWorld(self._arena.arena).bodies[0], view)
+        machine = env.hub(self._arena.robots[0]).machine
+        self.view.show_machine(machine, body=env.world.bodies[0], mirror=mirror)
         self.board.update_status(no_scene="")
 
     def steered(self, state: TensorDictBase) -> TensorDictBase:
@@ -74,16 +73,15 @@ class ArenaPage(LivePage):
     def _handle_seat(self, name: str, value: Any, visitor: Visitor) -> bool:
         action, _, robot = name.partition(":")
         if action == "left":
-            if (driver := self._driver_of(visitor)) is not None:
+            driver = self._driver_of(visitor)
+            if driver is not None:
                 driver.release()
             return True
-        if (
-            action == "answer"
-            and isinstance(value, list)
-            and len(value) == 2
-            and value[0] in self.drivers
-        ):
-            if (asker := self.seats.answer(value[0], visitor, agrees=value[1] is True)) is not None:
+        # A press may be anything that a browser sends.
+        is_pair = isinstance(value, list) and len(value) == 2
+        if action == "answer" and is_pair and value[0] in self.drivers:
+            asker = self.seats.answer(value[0], visitor, agrees=value[1] is True)
+            if asker is not None:
                 self._let_drive(value[0], asker)
             return True
         if robot not in self.drivers:
@@ -95,7 +93,8 @@ class ArenaPage(LivePage):
             if self.seats.ask(robot, visitor):
                 self._let_drive(robot, visitor)
         elif not self.seats.may(robot, visitor):
-            if action == "take_over" and (holder := self.seats.holder(robot)) is not None:
+            holder = self.seats.holder(robot)
+            if action == "take_over" and holder is not None:
                 visitor.note = f"{holder.name} drives the {robot}; ask first."
         elif action == "take_over" and value:
             self._let_drive(robot, visitor)
@@ -117,10 +116,10 @@ class ArenaPage(LivePage):
         self.drivers[robot].in_charge = False
 
     def _driver_of(self, visitor: Visitor) -> PageDriver | None:
-        return next(
-            (driver for name, driver in self.drivers.items() if self.seats.holder(name) is visitor),
-            None,
-        )
+        for name, driver in self.drivers.items():
+            if self.seats.holder(name) is visitor:
+                return driver
+        return None
 
     def _tick(self) -> None:
         freed, again = self.seats.refresh()
@@ -133,10 +132,9 @@ class ArenaPage(LivePage):
     def _publish(self) -> None:
         super()._publish()
         colors = {robot.name: robot.color for robot in self._arena.arena.robots}
-        seats = {
-            name: {**driver.described(), "color": colors[name]}
-            for name, driver in self.drivers.items()
-        }
+        seats = {}
+        for name, driver in self.drivers.items():
+            seats[name] = {**driver.described(), "color": colors[name]}
         self.board.update_status(seats=seats)
 
 

@@ -20,14 +20,15 @@ from numpy.typing import NDArray
 from bricksrl.page.scene import Floats, Scene
 
 MAX_STEPS = 400
+"""Maximum number of values of steps that are kept, for browsers that connect later."""
 MAX_EPISODES = 4000
-"""Maximum numbers of values that are kept, for browsers that connect later."""
+"""The same of values of episodes."""
 Poses = Floats | Callable[[], Floats]
 """Poses ``[bodies, 7]``, or a function that computes them on demand, in the thread that serves the
 page."""
+# Kinds of a binary message, its first byte.
 POSES = 1
 IMAGE = 2
-"""Kind of a binary message, its first byte."""
 
 
 @dataclass
@@ -86,10 +87,12 @@ class Board:
 
     def update_status(self, **parts: Any) -> None:
         """Update parts of the status: plain values by name."""
+        # Two threads may update different parts at once, and neither may undo the other's.
         with self._lock:
             version, status = self.status
-            if any(name not in status or status[name] != value for name, value in parts.items()):
-                self.status = (version + 1, {**status, **parts})
+            updated = {**status, **parts}
+            if updated != status:
+                self.status = (version + 1, updated)
 
     def new_series(self, name: str, columns: Sequence[str], *, max_rows: int = MAX_STEPS) -> Series:
         """Add a series to plot; one of the same name is replaced."""
@@ -114,37 +117,40 @@ class BoardReader:
         version, _ = board.scene
         if version != self._scene and version:
             self._scene = version
+            # Poses belong to a scene: those of the new one follow it at once.
             self._poses = -1
             messages.append({"scene": version})
         version, poses = board.poses
         if poses is not None and version != self._poses:
             self._poses = version
             array = poses() if callable(poses) else poses
-            messages.append(
-                struct.pack("<4B", POSES, 0, 0, 0) + np.ascontiguousarray(array, "<f4").tobytes()
-            )
+            # Four bytes, as a browser reads float32 at multiples of four alone.
+            header = struct.pack("<4B", POSES, 0, 0, 0)
+            messages.append(header + np.ascontiguousarray(array, "<f4").tobytes())
         if not numbers:
             return messages
         version, image = board.image
         if image is not None and version != self._image:
             self._image = version
             height, width, _ = image.shape
-            messages.append(
-                struct.pack("<BxHHxx", IMAGE, height, width) + np.ascontiguousarray(image).tobytes()
-            )
+            header = struct.pack("<BxHHxx", IMAGE, height, width)
+            messages.append(header + np.ascontiguousarray(image).tobytes())
         version, status = board.status
         if version != self._status:
             self._status = version
             messages.append({"status": status})
-        series = {
-            name: changes
-            for name, series in board.series.items()
-            if (changes := self._rows(name, series))
-        }
-        return [*messages, {"series": series}] if series else messages
+        changed = {}
+        for name, series in board.series.items():
+            rows = self._rows(name, series)
+            if rows is not None:
+                changed[name] = rows
+        if changed:
+            messages.append({"series": changed})
+        return messages
 
     def _rows(self, name: str, series: Series) -> dict[str, Any] | None:
         series_id, count = self._series.get(name, (0, -1))
+        # A series may have been replaced by another one of the same name.
         if series_id != id(series):
             count = -1
         if count == series.count:
@@ -155,9 +161,10 @@ class BoardReader:
             "first": first,
             "rows": [[round(float(value), 4) for value in row] for row in rows],
         }
-        return (
-            changes if count >= 0 else {**changes, "names": series.names, "kept": series.max_rows}
-        )
+        # The first message says what the columns are.
+        if count < 0:
+            changes |= {"names": series.names, "kept": series.max_rows}
+        return changes
 
 
 def to_json(message: dict[str, Any]) -> str:

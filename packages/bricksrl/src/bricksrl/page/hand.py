@@ -35,50 +35,54 @@ class Hand:
     def pull(self, value: Any) -> None:
         """Pull a body, by its number in the drawn scene, towards x and y (m); other values let
         go."""
-        is_pull = (
-            isinstance(value, list)
-            and len(value) == 3
-            and isinstance(value[0], int)
-            and all(map(is_finite, value))
-        )
-        self._pull = (
-            (value[0], float(value[1]), float(value[2]), time.monotonic()) if is_pull else None
-        )
+        self._pull = None
+        if not isinstance(value, list) or len(value) != 3 or not all(map(is_finite, value)):
+            return
+        number, x_m, y_m = value
+        if isinstance(number, int):
+            self._pull = (number, float(x_m), float(y_m), time.monotonic())
 
     def act(self, body: MujocoBody, numbers: list[int]) -> None:
         """Apply the force to the twin, given the model's number of each drawn body."""
         pull = self._pull
         data = body.data
+        # MuJoCo keeps a force until it is set to 0.
         if self._held >= 0:
             data.xfrc_applied[self._held] = 0.0
             self._held = -1
-        if (
-            pull is None
-            or not 0 <= pull[0] < len(numbers)
-            or time.monotonic() - pull[3] > TIMEOUT_S
-        ):
+        if pull is None:
+            self._grip_m = None
+            return
+        drawn, x_m, y_m, pulled_s = pull
+        if not 0 <= drawn < len(numbers) or time.monotonic() - pulled_s > TIMEOUT_S:
             self._pull = self._grip_m = None
             return
-        number = numbers[pull[0]]
+        number = numbers[drawn]
+        target_m = np.array((x_m, y_m))
         model = body.model
-        # what has no mass, such as a wall, comes at once
-        if (mocap := int(model.body_mocapid[number])) >= 0:
+        mocap = int(model.body_mocapid[number])
+        if mocap >= 0:
+            # What has no mass, such as a wall, comes by itself. It is held where it was gripped.
+            place_m = data.mocap_pos[mocap, :2]
             if self._grip_m is None:
-                self._grip_m = np.array(pull[1:3]) - data.mocap_pos[mocap, :2]
-            way = np.array(pull[1:3]) - self._grip_m - data.mocap_pos[mocap, :2]
-            data.mocap_pos[mocap, :2] += way * min(
-                1.0, _STEP_M / max(float(np.linalg.norm(way)), 1e-9)
-            )
+                self._grip_m = target_m - place_m
+            way_m = target_m - self._grip_m - place_m
+            place_m += way_m * _share(_STEP_M, way_m)
             return
         root = int(model.body_rootid[number])
-        # a part of what stands on a fixed base
+        # A robot is pulled as a whole; of what stands on a fixed base, the part that is gripped.
         root = self._held = root if model.body_weldid[root] else number
         velocity = np.empty(6)
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, root, velocity, 0)
-        way = np.array(pull[1:3]) - data.subtree_com[root, :2]
+        way_m = target_m - data.subtree_com[root, :2]
         mass_kg = float(model.body_subtreemass[root])
-        force_n = mass_kg * (_RATE_S**2 * way - 2.0 * _RATE_S * velocity[3:5])
+        # A critically damped spring: m (w^2 x - 2 w v).
+        acceleration = _RATE_S**2 * way_m - 2.0 * _RATE_S * velocity[3:5]
+        force_n = mass_kg * acceleration
         most_n = _MOST_WEIGHTS * mass_kg * 9.81
-        data.xfrc_applied[root, :2] = force_n * min(
-            1.0, most_n / max(float(np.linalg.norm(force_n)), 1e-9)
-        )
+        data.xfrc_applied[root, :2] = force_n * _share(most_n, force_n)
+
+
+def _share(longest: float, vector: NDArray[np.float64]) -> float:
+    """Factor, at most 1, that makes a vector no longer than that."""
+    return min(1.0, longest / max(float(np.linalg.norm(vector)), 1e-9))

@@ -48,6 +48,7 @@ class PlanView(PageServer):
         self._linkage: Linkage | None = None
         self._sliders: dict[str, str] = {}
         message = ""
+        # A plan in the making has no joints yet, and is looked at all the same.
         try:
             self._robot = planned(plan)
             self._linkage = Linkage(self._robot.articulation)
@@ -75,15 +76,14 @@ class PlanView(PageServer):
                 case "reset", _:
                     self._angles = {}
                     self._step = len(self._steps)
-                    self._linkage = (
-                        None if self._robot is None else Linkage(self._robot.articulation)
-                    )
+                    # A linkage remembers how it was turned; a new one stands as it was built.
+                    if self._robot is not None:
+                        self._linkage = Linkage(self._robot.articulation)
                 case "slider", ["Step", number] if is_finite(number):
                     self._step = min(max(round(number), 1), len(self._steps))
                 case "slider", [str(label), number] if is_finite(number) and label in self._sliders:
-                    self._angles[self._sliders[label]] = math.radians(
-                        min(max(float(number), -_MAX_DEG), _MAX_DEG)
-                    )
+                    angle_deg = min(max(float(number), -_MAX_DEG), _MAX_DEG)
+                    self._angles[self._sliders[label]] = math.radians(angle_deg)
                 case _:
                     return
             self.board.show_poses(self._poses())
@@ -108,7 +108,8 @@ class PlanView(PageServer):
             "step": f"{self._step} of {len(self._steps)}",
             "parts": len(self._plan.present_parts(step)),
         }
-        facts |= {"builds": assembly} if assembly else {}
+        if assembly:
+            facts["builds"] = assembly
         self.board.update_status(sliders=sliders, facts=facts, note=step.note)
 
     def _poses(self) -> Floats:
@@ -119,14 +120,17 @@ class PlanView(PageServer):
         positions = []
         turns = np.empty((len(self._plan.parts), 4))
         for quaternion, placed in zip(turns, self._plan.parts, strict=True):
-            turn, shift = (
-                (np.eye(3), np.zeros(3))
-                if self._linkage is None
-                else self._linkage.motion(placed.index)
-            )
-            mujoco.mju_mat2Quat(quaternion, (turn @ TO_TWIN @ placed.rotation).ravel())
-            position = turn @ TO_TWIN @ placed.position * M_PER_LDU + shift
-            positions.append(position if placed.index in visible else np.array([HIDDEN, 0.0, 0.0]))
+            turn = np.eye(3)
+            shift_m = np.zeros(3)
+            if self._linkage is not None:
+                turn, shift_m = self._linkage.motion(placed.index)
+            # From LDraw's axes to the twin's, then as its body has moved.
+            axes = turn @ TO_TWIN
+            mujoco.mju_mat2Quat(quaternion, (axes @ placed.rotation).ravel())
+            position_m = axes @ placed.position * M_PER_LDU + shift_m
+            if placed.index not in visible:
+                position_m = np.array([HIDDEN, 0.0, 0.0])
+            positions.append(position_m)
         return poses(np.array(positions), turns)
 
 
@@ -137,7 +141,9 @@ def _sliders(robot: PlannedRobot, linkage: Linkage) -> dict[str, str]:
         placed = robot.device(drive.port)
         name = placed.device if placed is not None and placed.device else "motor"
         sliders[f"{name}, port {drive.port}, deg"] = f"motor_{drive.port}"
-    return sliders | {f"joint {number}, deg": joint for number, joint in enumerate(linkage.free, 1)}
+    for number, joint in enumerate(linkage.free, 1):
+        sliders[f"joint {number}, deg"] = joint
+    return sliders
 
 
 def _scene(plan: Plan) -> Scene:
@@ -148,25 +154,22 @@ def _scene(plan: Plan) -> Scene:
     for placed in plan.parts:
         part = placed.part
         if part not in pieces:
+            # Once for each kind of part: a plan has hundreds of a few kinds.
             surface = surface_of(part)
-            by_tint = {
-                tint: shape_of(surface.triangles[surface.tints == int(tint)]) for tint in Tint
-            }
-            pieces[part] = {
-                tint: mesh_of(shape, M_PER_LDU)
-                for tint, shape in by_tint.items()
-                if shape is not None
-            }
+            pieces[part] = {}
+            for tint in Tint:
+                shape = shape_of(surface.triangles[surface.tints == int(tint)])
+                if shape is not None:
+                    pieces[part][tint] = mesh_of(shape, M_PER_LDU)
         main = colour_of(placed.colour).rgb
-        shapes = tuple(
-            Shape(mesh, (*TINTS.get(tint, main), 1.0)) for tint, mesh in pieces[part].items()
-        )
-        bodies.append(SceneBody(f"{placed.index}", shapes))
-        low, high = part.bounds
-        corners += [
-            TO_TWIN @ placed.to_plan(np.array([low]))[0],
-            TO_TWIN @ placed.to_plan(np.array([high]))[0],
-        ]
+        shapes = []
+        for tint, mesh in pieces[part].items():
+            # A tint is a colour of its own, such as of a motor's shaft, or else the part's.
+            shapes.append(Shape(mesh, (*TINTS.get(tint, main), 1.0)))
+        bodies.append(SceneBody(f"{placed.index}", tuple(shapes)))
+        for corner in part.bounds:
+            (placed_corner,) = placed.to_plan(np.array([corner]))
+            corners.append(TO_TWIN @ placed_corner)
     points = np.array(corners) * M_PER_LDU
     lowest = points.min(axis=0)
     highest = points.max(axis=0)

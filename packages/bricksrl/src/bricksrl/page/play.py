@@ -69,8 +69,9 @@ class PageCallback(Callback):
             self._page.begin()
         self._page.note(episode=f"{episode}/{self._episodes}", phase=_PHASES[phase])
         self._page.show_step(transition)
+        # At the end of an episode, as an evaluation may follow, which would block on the pause.
         if bool(transition["next", "done"]):
-            self._page.clear_reset()  # before an evaluation, which would block on the pause
+            self._page.clear_reset()
 
     def on_step(self, episode: int, step: int, phase: Phase) -> None:
         self._page.hold(self._stop.is_set)
@@ -86,11 +87,10 @@ class PageCallback(Callback):
         self._page.begin()
 
     def on_end(self, result: RunResult) -> None:
-        self._page.finish(
-            f"interrupted; `bricksrl resume {quoted(result.run_dir)}` goes on"
-            if result.interrupted
-            else ""
-        )
+        message = ""
+        if result.interrupted:
+            message = f"interrupted; `bricksrl resume {quoted(result.run_dir)}` goes on"
+        self._page.finish(message)
 
 
 def resting_player(env: EnvBase, driver: Driver | None = None) -> Player:
@@ -125,6 +125,7 @@ def play_on_page(
     from bricksrl.envs.rollout import link_lost, play
     from bricksrl.envs.transforms import own_frames
 
+    # A policy is loaded when it is first selected, and keeps what it remembers.
     player = functools.cache(lambda name: players[name]())
 
     def episode(_number: str) -> Steps:
@@ -186,9 +187,11 @@ def play_endlessly(
                     raise
                 message = "The robot was stopped by hand. Reset lets it start again."
                 page.mark_stopped()
-                # a virtual hub ends its program in this thread only
+                # A virtual hub ends its program in this thread alone.
                 env.close(raise_if_closed=False)
-                if (twin := interface_of(env).twin) is not None:
+                twin = interface_of(env).twin
+                # What coasts is seen to run down: a robot that froze would look like a lie.
+                if twin is not None:
                     for _ in range(_COAST_MS // 10):
                         twin.machine.advance(10)
                         time.sleep(0.01)

@@ -53,7 +53,10 @@ class ProgramPage(PageServer):
         self._machine: Machine | None = None
         self._view = RobotView(self.board, self._halted, lambda: SPEEDS[self._speed])
         self.board.update_status(
-            title=title, subtitle="a program on a virtual hub", state="waiting", speeds=list(SPEEDS)
+            title=title,
+            subtitle="a program on a virtual hub",
+            state="waiting",
+            speeds=list(SPEEDS),
         )
         self.board.update_status(controls=["stop", "speed", "pull"], speed=self._speed)
 
@@ -78,8 +81,10 @@ class ProgramPage(PageServer):
             self.board.update_status(state="finished", controls=[], note="The program has ended.")
         until_s = time.monotonic() + opening_s
         with contextlib.suppress(KeyboardInterrupt):
-            while (is_watched := self.is_watched) or time.monotonic() < until_s:
-                until_s = max(until_s, time.monotonic() + _RELOAD_S * is_watched)
+            while self.is_watched or time.monotonic() < until_s:
+                # A browser that loads the page again is gone for a moment.
+                if self.is_watched:
+                    until_s = max(until_s, time.monotonic() + _RELOAD_S)
                 time.sleep(_POLL_S)
 
     def stop(self) -> None:

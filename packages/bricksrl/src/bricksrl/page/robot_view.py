@@ -38,7 +38,7 @@ from bricksrl.page.scene import (
     mesh_of,
     poses,
 )
-from bricktwin.plans.drawing import shapes as solids
+from bricktwin.plans.drawing import shapes
 from bricktwin.twin.linkage import pose_at, sensed_qpos
 from bricktwin.twin.make_body import lies_on_bench
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, overview_of
@@ -54,22 +54,24 @@ Floats64 = NDArray[np.float64]
 SPEEDS = {"1x": 1.0, "10x": 10.0, "max": 0.0}
 """Speeds of simulated time; 0 is as fast as possible."""
 VIEW_PERIOD_S = 0.04
+"""Period of the view's updates of poses, in wall time."""
 NUMBERS_S = 0.2
-"""Periods of the view's updates, in wall time: of poses, and of numbers."""
+"""Period of its updates of numbers."""
 _MAX_LAG_S = 0.05
+"""Lag beyond which the clock is restarted instead of catching up."""
 _MIN_LEAD_S = 0.01
-"""Lag beyond which the clock is restarted instead of catching up; least lead for which it waits."""
+"""Least lead for which it waits, as a system's sleep is no shorter."""
 _NO_MODEL = "This robot has no model to draw; its numbers are below."
 _GEOM = mujoco.mjtGeom
 _GHOST = (0.10, 0.62, 0.25, 0.45)
 _ARC = 6  # segments of a quarter of a circle
-_SPHERE = solids.box(2.0, 2.0, 2.0, 1.0, _ARC)
+_SPHERE = shapes.box(2.0, 2.0, 2.0, 1.0, _ARC)
 PRIMITIVES: dict[int, Callable[[float, float, float], Mesh]] = {
     _GEOM.mjGEOM_BOX: lambda x, y, z: box((x, y, z)),
     _GEOM.mjGEOM_SPHERE: lambda x, _y, _z: mesh_of(_SPHERE, x),
     _GEOM.mjGEOM_ELLIPSOID: lambda x, y, z: mesh_of(_SPHERE, (x, y, z)),
-    _GEOM.mjGEOM_CAPSULE: lambda x, y, _z: mesh_of(solids.box(2 * x, 2 * x, 2 * (x + y), x, _ARC)),
-    _GEOM.mjGEOM_CYLINDER: lambda x, y, _z: mesh_of(solids.cylinder(1000 * x, 2000 * y), 0.001),
+    _GEOM.mjGEOM_CAPSULE: lambda x, y, _z: mesh_of(shapes.box(2 * x, 2 * x, 2 * (x + y), x, _ARC)),
+    _GEOM.mjGEOM_CYLINDER: lambda x, y, _z: mesh_of(shapes.cylinder(1000 * x, 2000 * y), 0.001),
 }
 """Meshes of MuJoCo's geometry by kind, from its size."""
 
@@ -122,13 +124,15 @@ class SteeredPace(Pace):
             if self._halt is not None:
                 self._halt()
             elif self._machine.alarm_ms is not None:
-                # back to the host, which then stops the program
+                # Back to the host at once, which then stops the program.
                 self._machine.alarm_ms = int(time_ms)
             return
         speed = self._speed()
         if speed <= 0.0:
             return
-        ahead_s = self._start_s + (time_ms - self._start_ms) / 1000 / speed - now_s
+        due_s = self._start_s + (time_ms - self._start_ms) / 1000 / speed
+        ahead_s = due_s - now_s
+        # Time that was lost to something slow is not made up for: the robot would rush.
         if speed != self._last_speed or ahead_s < -_MAX_LAG_S:
             self._last_speed = speed
             self._start_s = now_s
@@ -141,13 +145,13 @@ def twin_scene(body: MujocoBody) -> tuple[Scene, list[int]]:
     """Scene of all visible geometry of a twin and its surroundings, except the floor, and the
     model's number of each body."""
     model = body.model
-    shapes: dict[int, list[Shape]] = {}
+    shapes_of: dict[int, list[Shape]] = {}
     meshes: dict[int, Mesh] = {}
     for geom in range(model.ngeom):
         kind = int(model.geom_type[geom])
-        if model.geom_group[geom] == SHAPE_GROUP or not (
-            kind in PRIMITIVES or kind == _GEOM.mjGEOM_MESH
-        ):
+        # Shapes that are for contacts alone are hidden behind what is drawn.
+        is_drawn = kind in PRIMITIVES or kind == _GEOM.mjGEOM_MESH
+        if model.geom_group[geom] == SHAPE_GROUP or not is_drawn:
             continue
         number = int(model.geom_dataid[geom])
         if kind == _GEOM.mjGEOM_MESH and number not in meshes:
@@ -164,16 +168,15 @@ def twin_scene(body: MujocoBody) -> tuple[Scene, list[int]]:
         w, qx, qy, qz = model.geom_quat[geom].tolist()
         pattern = "bricks" if model.geom(geom).name == "wall" else ""
         shape = Shape(mesh, (red, green, blue, opacity), (px, py, pz), (w, qx, qy, qz), pattern)
-        shapes.setdefault(int(model.geom_bodyid[geom]), []).append(shape)
-    numbers = sorted(shapes)
+        shapes_of.setdefault(int(model.geom_bodyid[geom]), []).append(shape)
+    numbers = sorted(shapes_of)
     view = View(target=(0.06, 0.0, 0.13), distance_m=0.8, yaw_deg=-50.0)
+    # A robot with a free joint moves about, and the camera with it.
     if model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         chassis = int(model.jnt_bodyid[0])
         view = View(follow=numbers.index(chassis) if chassis in numbers else None)
-    return Scene(
-        tuple(SceneBody(model.body(number).name, tuple(shapes[number])) for number in numbers),
-        view=view,
-    ), numbers
+    bodies = [SceneBody(model.body(number).name, tuple(shapes_of[number])) for number in numbers]
+    return Scene(tuple(bodies), view=view), numbers
 
 
 def _triangles(model: mujoco.MjModel, mesh: int) -> Mesh:
@@ -181,9 +184,10 @@ def _triangles(model: mujoco.MjModel, mesh: int) -> Mesh:
     sharp."""
     first = int(model.mesh_faceadr[mesh])
     faces = slice(first, first + int(model.mesh_facenum[mesh]))
-    corners = np.stack(
-        [model.mesh_face[faces].ravel(), model.mesh_facenormal[faces].ravel()], axis=1
-    )
+    # A corner is a point and a normal, by their numbers in the mesh: [3 * faces, 2].
+    point_numbers = model.mesh_face[faces].ravel()
+    normal_numbers = model.mesh_facenormal[faces].ravel()
+    corners = np.stack([point_numbers, normal_numbers], axis=1)
     corners, index = np.unique(corners, axis=0, return_inverse=True)
     points = model.mesh_vert[int(model.mesh_vertadr[mesh]) + corners[:, 0]]
     normals = model.mesh_normal[int(model.mesh_normaladr[mesh]) + corners[:, 1]]
@@ -203,22 +207,18 @@ class Mirror:
         self.body = body
         scene, self.numbers = twin_scene(self.body)
         roots = self.body.model.body_rootid
-        moving = self.body.model.body_weldid
-        own = [
-            moving[number] != 0 and roots[number] == roots[self.body.chassis]
-            for number in self.numbers
-        ]
-        ghosts = [
-            SceneBody(
-                f"goal {body.name}", tuple(replace(shape, colour=_GHOST) for shape in body.shapes)
-            )
-            for body, is_own in zip(scene.bodies, own, strict=True)
-            if is_own
-        ]
+        welds = self.body.model.body_weldid
+        root = roots[self.body.chassis]
+        ghosts = []
+        self._ghost_numbers = []
+        for number, drawn in zip(self.numbers, scene.bodies, strict=True):
+            # What is welded to the world, such as a table, stands in no other place.
+            is_moving = welds[number] != 0
+            if is_moving and roots[number] == root:
+                faded = tuple(replace(shape, colour=_GHOST) for shape in drawn.shapes)
+                ghosts.append(SceneBody(f"goal {drawn.name}", faded))
+                self._ghost_numbers.append(number)
         self.scene = replace(scene, bodies=(*scene.bodies, *ghosts), view=view or scene.view)
-        self._ghost_numbers = [
-            number for number, is_own in zip(self.numbers, own, strict=True) if is_own
-        ]
         self._ghost: MujocoBody | None = None
         self._goal: Goal | None = None
         self._ghost_poses = self._hidden = poses([(HIDDEN, 0.0, 0.0)] * len(ghosts))
@@ -233,21 +233,21 @@ class Mirror:
         if moved_m is not None:
             data.mocap_pos[:] = moved_m
         self.body.update_visuals()
-        return np.concatenate(
-            [poses(data.xpos[self.numbers], data.xquat[self.numbers]), self._poses_at(goal)]
-        )
+        shown = poses(data.xpos[self.numbers], data.xquat[self.numbers])
+        return np.concatenate([shown, self._poses_at(goal)])
 
     def _poses_at(self, goal: Goal | None) -> Floats:
         if goal is None:
             return self._hidden
+        # A pose is searched for, which takes a while: once for each goal.
         if goal != self._goal:
             self._goal = goal
-            self._ghost = ghost = self._ghost or MujocoBody(
-                self.body.robot, self.body.scene, Physics(), 0
-            )
-            pose_at(ghost, goal)
+            if self._ghost is None:
+                self._ghost = MujocoBody(self.body.robot, self.body.scene, Physics(), 0)
+            pose_at(self._ghost, goal)
+            data = self._ghost.data
             self._ghost_poses = poses(
-                ghost.data.xpos[self._ghost_numbers], ghost.data.xquat[self._ghost_numbers]
+                data.xpos[self._ghost_numbers], data.xquat[self._ghost_numbers]
             )
         return self._ghost_poses
 
@@ -305,6 +305,8 @@ class RobotView:
 
         def update() -> None:
             """Copy the joint positions; called in the thread that steps the robot."""
+            # The poses follow from the copies in the thread that serves a browser, where they delay
+            # nobody.
             if mirror is not None and isinstance(body, MujocoBody):
                 qpos = body.data.qpos.copy()
                 moved_m = body.data.mocap_pos.copy()
@@ -338,15 +340,20 @@ class RobotView:
         self._sensed_s = now_s
         try:
             mirror = self._use(self._mirror(robot, scene))
-        except BricksError as error:  # the real robot goes on, and nothing is tried again
+        except BricksError as error:
+            # The real robot goes on, and nothing is tried again.
             self._sensed_s = math.inf
             self._board.update_status(no_scene=f"This robot cannot be drawn: {error}.")
             return
-        # its place on the floor is unknown
-        goal = None if self.goal is None or self.goal.at_mm is not None else self.goal
-        self._board.show_poses(
-            lambda: mirror.poses(sensed_qpos(mirror.body, angles_deg, tilt_deg), goal)
-        )
+        goal = self.goal
+        # Where a real robot stands on the floor is unknown, and so is where its goal would be.
+        if goal is not None and goal.at_mm is not None:
+            goal = None
+
+        def sensed_poses() -> Floats:
+            return mirror.poses(sensed_qpos(mirror.body, angles_deg, tilt_deg), goal)
+
+        self._board.show_poses(sensed_poses)
 
     def show_link(self) -> None:
         """Show the link's state and statistics, and a virtual robot's battery."""
@@ -354,12 +361,11 @@ class RobotView:
         if connection is None:
             return
         statistics = connection.link.statistics
+        p50_ms = statistics.round_trip_p50_s * 1000
+        p99_ms = statistics.round_trip_p99_s * 1000
         facts: dict[str, Any] = {
             "link": connection.link.state.value,
-            "round trip": (
-                f"{statistics.round_trip_p50_s * 1000:.0f} ms (99 %: "
-                f"{statistics.round_trip_p99_s * 1000:.0f} ms)"
-            ),
+            "round trip": f"{p50_ms:.0f} ms (99 %: {p99_ms:.0f} ms)",
             "observation age": f"{statistics.age_p50_s * 1000:.0f} ms",
             "sent again": f"{statistics.resends}",
             "damaged": f"{statistics.crc_errors}",
@@ -373,7 +379,7 @@ class RobotView:
         key = (robot.name, surroundings)
         if key not in self._mirrors:
             view = None
-            # the place and the starts are to be seen at once
+            # A goal on the floor and the starts are to be seen at once.
             if self.goal is not None and self.goal.at_mm is not None:
                 target, distance_m = overview_of(surroundings)
                 view = View(target, 0.85 * distance_m)

@@ -50,11 +50,10 @@ class Mesh:
 
     def __post_init__(self) -> None:
         count = len(self.points)
-        if (
-            self.points.shape != (count, 3)
-            or self.normals.shape != (count, 3)
-            or self.faces.shape != (len(self.faces), 3)
-        ):
+        has_points = self.points.shape == (count, 3)
+        has_normals = self.normals.shape == (count, 3)
+        has_faces = self.faces.shape == (len(self.faces), 3)
+        if not (has_points and has_normals and has_faces):
             raise PageError(
                 "a mesh needs points and normals [n, 3] and faces [m, 3]; give arrays of "
                 "these shapes"
@@ -118,40 +117,45 @@ class Scene:
         Arrays are little-endian: points float32, normals int8 with a fourth byte of padding, faces
         uint32. Their offsets after the header are multiples of 4 bytes.
         """
-        meshes = list(
-            {id(shape.mesh): shape.mesh for body in self.bodies for shape in body.shapes}.values()
-        )
-        numbers = {id(mesh): number for number, mesh in enumerate(meshes)}
+        # Equal parts share a mesh, which is sent once.
+        numbers: dict[int, int] = {}
+        meshes: list[Mesh] = []
+        bodies = []
+        for body in self.bodies:
+            shapes = []
+            for shape in body.shapes:
+                if id(shape.mesh) not in numbers:
+                    numbers[id(shape.mesh)] = len(meshes)
+                    meshes.append(shape.mesh)
+                shapes.append({**vars(shape), "mesh": numbers[id(shape.mesh)]})
+            bodies.append({"name": body.name, "shapes": shapes})
         described: list[dict[str, int]] = []
         arrays = list[bytes]()
         length = 0
         for mesh in meshes:
             normals = np.zeros((len(mesh.points), 4), np.int8)
             normals[:, :3] = np.round(np.clip(mesh.normals, -1.0, 1.0) * 127)
-            described.append({})
-            for name, array in {
+            of_mesh = {
                 "points": mesh.points.astype("<f4"),
                 "normals": normals,
                 "faces": mesh.faces.astype("<u4"),
-            }.items():
-                described[-1][name] = length
+            }
+            about = {"vertices": len(mesh.points), "triangles": len(mesh.faces)}
+            for name, array in of_mesh.items():
+                about[name] = length
                 arrays.append(array.tobytes())
                 length += array.nbytes
-            described[-1] |= {"vertices": len(mesh.points), "triangles": len(mesh.faces)}
-        bodies = [
-            {
-                "name": body.name,
-                "shapes": [
-                    {**vars(shape), "mesh": numbers[id(shape.mesh)]} for shape in body.shapes
-                ],
-            }
-            for body in self.bodies
-        ]
-        header = json.dumps(
-            {"meshes": described, "bodies": bodies, "floor": self.floor_m, "view": vars(self.view)}
-        ).encode()
-        header += b" " * (-len(header) % 4)
-        return struct.pack("<I", len(header)) + header + b"".join(arrays)
+            described.append(about)
+        header = {
+            "meshes": described,
+            "bodies": bodies,
+            "floor": self.floor_m,
+            "view": vars(self.view),
+        }
+        text = json.dumps(header).encode()
+        # A browser reads float32 at multiples of four bytes alone.
+        text += b" " * (-len(text) % 4)
+        return struct.pack("<I", len(text)) + text + b"".join(arrays)
 
 
 def poses(
@@ -164,11 +168,10 @@ def poses(
     """
     positions_m = np.asarray(positions, np.float32).reshape(-1, 3)
     count = len(positions_m)
-    quaternions = (
-        np.tile(np.array(NO_TURN, np.float32), (count, 1))
-        if turns is None
-        else np.asarray(turns, np.float32)
-    )
+    if turns is None:
+        quaternions = np.tile(np.array(NO_TURN, np.float32), (count, 1))
+    else:
+        quaternions = np.asarray(turns, np.float32)
     return np.concatenate([positions_m, quaternions.reshape(-1, 4)], axis=1)
 
 
@@ -177,11 +180,12 @@ def poses(
 
 def mesh_of(shape: LegoShape, scale: float | Triple = 1.0) -> Mesh:
     """Mesh of a drawn shape, larger by a factor, or by one along each axis."""
-    normals = shape.normals / np.array(scale)
+    factors = np.array(scale)
+    points = shape.points * factors
+    # Normals go by the inverse of the factors, as those of a stretched sphere turn away from it.
+    normals = shape.normals / factors
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Mesh(
-        (shape.points * np.array(scale)).astype(np.float32), normals.astype(np.float32), shape.faces
-    )
+    return Mesh(points.astype(np.float32), normals.astype(np.float32), shape.faces)
 
 
 def box(half_size: Triple) -> Mesh:

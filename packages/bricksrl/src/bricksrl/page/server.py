@@ -50,18 +50,18 @@ _MAX_CONNECTIONS = 12
 _MAX_MESSAGE_BYTES = 4096
 _MAX_SHOWN = 40
 _SECRET = "bricksrl_visitor"  # noqa: S105  the name of a cookie
+"""Cookie of all pages of this computer with a secret, by which a browser is known again."""
 _NAME = "bricksrl_name"
-"""Cookies of all pages of this computer: a secret, by which a browser is known again, and the
-visitor's name."""
+"""Cookie with the visitor's name."""
 _KEPT = "HttpOnly; SameSite=Strict; Path=/; Max-Age=31536000"
 _UNSEEN = ("arrived", "left", "renamed", "drive", "pull")
 """Presses after which a note to the visitor stays, as they are not made by a click."""
 _GOING_AWAY = 1001
 """Code with which a browser closes the connection of a tab that is closed."""
 _PING_S = 2.0
+"""Period of the questions whether a browser is there."""
 _SILENT_S = 8.0
-"""Period of the questions whether a browser is there; time without an answer after which it is
-gone."""
+"""Time without an answer after which a browser is gone."""
 _TICK_S = 0.5
 _CONFIRM_POLL_S = 0.02
 CONFIRM_S = 3.0
@@ -115,15 +115,19 @@ class Guard:
         """Reason to refuse a request; ``None`` to accept it."""
         host = headers.get("Host") or ""
         name = host.removesuffix(f":{self.port}")
-        has_our_port = name != host or self.port == 80  # which browsers omit
-        if not (
-            has_our_port and (name.lower() in LOOPBACK or (self.is_open and _is_ip_address(name)))
-        ):
+        # Browsers omit the port of the web itself.
+        has_our_port = name != host or self.port == 80
+        # By number only: a name may be anybody's, and point here by its owner's DNS (rebinding).
+        has_our_name = name.lower() in LOOPBACK or (self.is_open and _is_ip_address(name))
+        if not (has_our_port and has_our_name):
             return "this page has another address; open the one that the terminal shows"
-        tokens = urllib.parse.parse_qs(urllib.parse.urlsplit(path).query).get("token", [])
+        query = urllib.parse.urlsplit(path).query
+        tokens = urllib.parse.parse_qs(query).get("token", [])
         tokens += cookies(headers).get(self.cookie, [])
+        # In a time that does not tell how much of a guess was right.
         if not any(secrets.compare_digest(token.encode(), self.token.encode()) for token in tokens):
             return "this page needs its token; open the address that the terminal shows"
+        # A browser sends cookies along also with what another site's page asks for.
         origin = headers.get("Origin")
         if (is_socket or origin is not None) and origin != f"http://{host}":
             return "another web page has asked for this; open the address that the terminal shows"
@@ -214,8 +218,8 @@ class PageServer:
         host, port = server_socket.getsockname()[:2]
         is_open = self._options.page_host not in ("127.0.0.1", "localhost", "::1")
         self._guard = Guard(secrets.token_urlsafe(18), port, is_open)
-        # compared, not listened on
-        name = _own_address() if host in ("0.0.0.0", "::") else host  # noqa: S104
+        # Who listens on all addresses is told one that others can open.
+        name = _own_address() if host in ("0.0.0.0", "::") else host  # noqa: S104  compared only
         name = f"[{name}]" if ":" in name else name
         self.url = f"http://{name}:{port}/?token={self._guard.token}"
         self._start("bricksrl-page", lambda: asyncio.run(self._serve(server_socket)))
@@ -235,7 +239,8 @@ class PageServer:
     def close(self) -> None:
         """Close the connections and stop serving; closing twice does nothing."""
         if self._loop is not None and self._closing is not None:
-            with contextlib.suppress(RuntimeError):  # closed already
+            # The loop is closed already where its own thread has ended.
+            with contextlib.suppress(RuntimeError):
                 self._loop.call_soon_threadsafe(self._closing.set)
         self._presses.put(None)
         for thread in self._threads:
@@ -269,14 +274,12 @@ class PageServer:
         ) as server:
             self._ready.set()
             await self._closing.wait()
-            # the last news, such as that of a stop, are told too
+            # The last news, such as that of a stop, are told too.
             await asyncio.sleep(NUMBERS_S + FRAME_S)
-            await asyncio.gather(
-                *(
-                    connection.close(1001, "the run has ended")
-                    for connection in list(server.connections)
-                )
-            )
+            # All at once: a browser that sleeps takes its whole time to answer.
+            connections = list(server.connections)
+            ends = [connection.close(1001, "the run has ended") for connection in connections]
+            await asyncio.gather(*ends)
 
     def file(self, name: str) -> tuple[str, bytes] | None:
         """Content type and bytes of a file of the page; ``None`` if there is no such file."""
@@ -300,6 +303,7 @@ class PageServer:
             content_type = "application/json"
             data = json.dumps(self.visitors.described()).encode()
         elif path == "/scene.bin":
+            # Encoded for the first browser that asks, and kept for the others.
             version, scene = self.board.scene
             if version != self._scene[0] and scene is not None:
                 self._scene = (version, scene.to_bytes())
@@ -319,6 +323,7 @@ class PageServer:
             response.headers[name] = value
         if path == "/" and refusal is None:
             response.headers["Set-Cookie"] = self._guard.set_cookie
+            # The same on all pages of this computer, so that a visitor is known on each.
             if _SECRET not in cookies(request.headers):
                 response.headers["Set-Cookie"] = f"{_SECRET}={secrets.token_urlsafe(18)}; {_KEPT}"
         response.body = data
@@ -362,10 +367,13 @@ class PageServer:
                 told = you
                 await connection.send(to_json({"you": you}))
             now_s = time.monotonic()
+            # Poses move at each frame; numbers change too fast to be read, and come less often.
             numbers = now_s >= due_s
-            due_s = now_s + NUMBERS_S if numbers else due_s
+            if numbers:
+                due_s = now_s + NUMBERS_S
             for message in reader.changes(numbers=numbers):
-                await connection.send(message if isinstance(message, bytes) else to_json(message))
+                data = message if isinstance(message, bytes) else to_json(message)
+                await connection.send(data)
             await asyncio.sleep(FRAME_S)
 
     async def _receive(
@@ -378,14 +386,20 @@ class PageServer:
             value = content.get("value")
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             return
+        number = value if is_finite(value) else 0
         if name == "stop":
-            threading.Thread(
-                target=self._stop, args=(visitor.name,), name="bricksrl-page-stop", daemon=True
-            ).start()
-            await connection.send(to_json({"heard": value if is_finite(value) else 0}))
+            # A thread of its own: neither a press that is being handled nor the loop delays it.
+            stop = threading.Thread(
+                target=self._stop,
+                args=(visitor.name,),
+                name="bricksrl-page-stop",
+                daemon=True,
+            )
+            stop.start()
+            await connection.send(to_json({"heard": number}))
         elif name == "ping":
-            # the page's question whether we are there; an answer shows both ways of the connection
-            await connection.send(to_json({"pong": value if is_finite(value) else 0}))
+            # The page's question whether we are there; an answer shows both ways of the connection.
+            await connection.send(to_json({"pong": number}))
         elif name == "name":
             self.visitors.rename(visitor, value)
             self._tell_visitors()
@@ -401,10 +415,10 @@ class PageServer:
         number = self._stops
 
         def tell(state: str, reason: str = "") -> None:
-            if number == self._stops:  # of several, the last one is shown
-                self.board.update_status(
-                    stop={"number": number, "by": by, "state": state, "reason": reason}
-                )
+            # Of several, the last one is shown.
+            if number == self._stops:
+                stop = {"number": number, "by": by, "state": state, "reason": reason}
+                self.board.update_status(stop=stop)
 
         tell("sent")
         try:
@@ -412,10 +426,14 @@ class PageServer:
         except BricksError as error:
             tell("unconfirmed", str(error))
             return
+        # Sent is not stopped: only the hub's own answer confirms it.
         limit_s = time.monotonic() + CONFIRM_S
-        while not (confirmed := self.has_stopped()) and time.monotonic() < limit_s:
+        while not self.has_stopped():
+            if time.monotonic() >= limit_s:
+                tell("unconfirmed")
+                return
             time.sleep(_CONFIRM_POLL_S)
-        tell("confirmed" if confirmed else "unconfirmed")
+        tell("confirmed")
 
     def has_stopped(self) -> bool:
         """Whether what moved is known to be stopped; asked for up to :data:`CONFIRM_S` after an
@@ -460,21 +478,19 @@ def _listen(options: PageOptions) -> socket.socket:
         raise PageError(f"{options.page_port} is not a port; give one in 0 to 65535, or none")
     last_error: OSError | None = None
     family = socket.AF_INET6 if ":" in options.page_host else socket.AF_INET
-    # all addresses, also those of IPv4
+    # `::` stands for all addresses, also those of IPv4.
     is_dual = options.page_host == "::" and socket.has_dualstack_ipv6()
-    for port in PORTS if options.page_port is None else (options.page_port,):
+    ports = PORTS if options.page_port is None else (options.page_port,)
+    for port in ports:
+        place = (options.page_host, port)
         try:
-            return socket.create_server(
-                (options.page_host, port), family=family, dualstack_ipv6=is_dual
-            )
+            return socket.create_server(place, family=family, dualstack_ipv6=is_dual)
         except OSError as error:
             last_error = error
-    address = (
-        f"{options.page_host}:{PORTS.start if options.page_port is None else options.page_port}"
-    )
-    reason = str((last_error and last_error.strerror) or last_error).partition(
-        " (while attempting"
-    )[0]
+    # Python adds the address to the system's reason, which names it another time.
+    text = str((last_error and last_error.strerror) or last_error)
+    reason = text.partition(" (while attempting")[0]
+    address = f"{options.page_host}:{ports[0]}"
     raise PageError(f"cannot serve the page on {address} ({reason}); name another host or port")
 
 
@@ -492,15 +508,14 @@ def _own_address() -> str:
 def _file(name: str) -> tuple[str, bytes] | None:
     """Content type and bytes of a file of the package; ``None`` if there is no such file."""
     content_type = _CONTENT_TYPES.get(name.rpartition(".")[2])
-    folders = [
-        importlib.resources.files("bricksrl.page") / folder for folder in ("static", "pictures")
-    ]
-    files = {file.name: file for folder in folders for file in folder.iterdir()}
-    return (
-        None
-        if content_type is None or name not in files
-        else (content_type, files[name].read_bytes())
-    )
+    if content_type is None:
+        return None
+    # A name is looked up among those that are there, and never joined to a path.
+    for folder in ("static", "pictures"):
+        for file in (importlib.resources.files("bricksrl.page") / folder).iterdir():
+            if file.name == name:
+                return content_type, file.read_bytes()
+    return None
 
 
 # --------------------------------------- values of presses, which may be anything that JSON can say
@@ -511,13 +526,16 @@ def chosen(noun: str, value: object, names: Iterable[str]) -> str:
     known = list(names)
     if isinstance(value, str) and value in known:
         return value
-    choice = " or ".join(filter(None, (", ".join(known[:-1]), *known[-1:])))
-    raise PageError(f"there is no {noun} {value!r:.{_MAX_SHOWN}}; choose {choice or 'nothing yet'}")
+    choice = "nothing yet"
+    if known:
+        *first, last = known
+        choice = f"{', '.join(first)} or {last}" if first else last
+    raise PageError(f"there is no {noun} {value!r:.{_MAX_SHOWN}}; choose {choice}")
 
 
 def is_finite(value: object) -> TypeGuard[int | float]:
     """Whether the value is a finite number."""
     try:
         return isinstance(value, int | float) and math.isfinite(value)
-    except OverflowError:
+    except OverflowError:  # a whole number beyond what a float holds
         return False

@@ -52,9 +52,9 @@ _CLOSE_S = DEADLINE_S - 1.5
 _MAX_ROBOTS = 6
 """Robots of all visitors at a time."""
 _DESERTED_S = 5.0
+"""Time after which a play ends whose tabs were closed."""
 _ASLEEP_S = 120.0
-"""Time after which a play ends that nobody looks at: closed tabs; not looked at yet, or connections
-that broke."""
+"""Time after which a play ends that nobody has looked at yet, or whose connections broke."""
 _DIRECTLY = urllib.request.build_opener(urllib.request.ProxyHandler({}))
 """Opener of pages of this computer, to which a school's proxy, which the system or a variable
 names, knows no way."""
@@ -97,13 +97,10 @@ ACTIONS = {
     "class": Action("class", ("compare", "--class"), has_page=False, is_alone=False),
     "build": Action("plan", ("plan", "show")),
     "booklet": Action("plan", ("plan", "steps"), out="pdf", has_page=False, is_alone=False),
-    **{
-        f"check {hub}": Action(
-            "environment", ("hub", "check"), ("--hub", hub, "--yes"), has_page=False
-        )
-        for hub in ("virtual", "ble", "usb")
-    },
 }
+for _hub in ("virtual", "ble", "usb"):
+    _options = ("--hub", _hub, "--yes")
+    ACTIONS[f"check {_hub}"] = Action("environment", ("hub", "check"), _options, has_page=False)
 REAL_HUB = ("check ble", "check usb")
 """Actions that one visitor can do at a time."""
 _RUN_FILES = {"report.html": "text/html; charset=utf-8", "before_after.mp4": "video/mp4"}
@@ -117,7 +114,9 @@ def launch(words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
     not reach it. It ends when its standard input does, which also happens if this process is
     killed."""
     command, variables = own_python("-u", "-m", "bricksrl.cli.job", *words)
-    variables["PYTHONIOENCODING"] = "utf-8"  # Windows would take that of the country
+    # Windows would take the encoding of the country.
+    variables["PYTHONIOENCODING"] = "utf-8"
+    # A group of its own, so that a Ctrl-C in the terminal is for the page, which ends its jobs.
     return subprocess.Popen(  # noqa: S603  our own interpreter
         command,
         cwd=folder,
@@ -184,10 +183,11 @@ class Job:
         try:
             self.process.wait(max(0.0, deadline_s - time.monotonic()))
         except subprocess.TimeoutExpired:
-            kill_frozen(self.process.pid)  # as long as they can be found by their ancestor
+            # While they can still be found by their ancestor.
+            kill_frozen(self.process.pid)
             self.process.kill()
             self.process.wait()
-        # what it has left in its group, such as a process that was frozen
+        # What it has left in its group, such as a process that was frozen.
         if hasattr(os, "killpg"):
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(self.process.pid, signal.SIGKILL)
@@ -210,7 +210,7 @@ class Job:
         parts = urllib.parse.urlsplit(self.url)
         address = f"http://{parts.netloc}/visitors.json?{parts.query}"
         try:
-            with _DIRECTLY.open(address, timeout=_ANSWER_S) as answer:  # a page of ours
+            with _DIRECTLY.open(address, timeout=_ANSWER_S) as answer:
                 found: dict[str, Any] = json.load(answer)
         except (OSError, ValueError):
             return {}
@@ -256,20 +256,24 @@ class StartPage(PageServer):
         self._ended = threading.Event()
         self._seats = Seats(holds_several=True)
         self._results: Path | None = None
-        self._envs = {
-            env_id: summary for env_id, summary in list_envs().items() if not is_simulation(env_id)
-        }
-        self._plans = list(
-            {robot.model: name for name, robot in reversed(ROBOTS.items()) if robot.model}.values()
-        )
-        cards = [
-            {"env": env_id, "summary": self._envs[env_id]}
-            for env_id in sorted(self._envs, key=lambda one: one not in TRAINED)
-        ]
-        games = [
-            {"env": env_id, "summary": arena_summary(env_id), "is_arena": True} for env_id in ARENAS
-        ]
-        self.board.update_status(title="BricksRL", cards=[*cards, *games], plans=self._plans)
+        # A kinematic simulation has no robot to look at.
+        self._envs = {}
+        for env_id, summary in list_envs().items():
+            if not is_simulation(env_id):
+                self._envs[env_id] = summary
+        # Several robots may have one plan, which is shown under the first one's name.
+        plans: dict[str, str] = {}
+        for name, robot in reversed(ROBOTS.items()):
+            if robot.model:
+                plans[robot.model] = name
+        self._plans = list(plans.values())
+        # Those that can be played at once, as a policy comes with them, stand first.
+        cards: list[dict[str, Any]] = []
+        for env_id in sorted(self._envs, key=lambda name: name not in TRAINED):
+            cards.append({"env": env_id, "summary": self._envs[env_id]})
+        for env_id in ARENAS:
+            cards.append({"env": env_id, "summary": arena_summary(env_id), "is_arena": True})
+        self.board.update_status(title="BricksRL", cards=cards, plans=self._plans)
         self._publish()
 
     def __enter__(self) -> Self:
@@ -288,13 +292,16 @@ class StartPage(PageServer):
 
     def file(self, name: str) -> tuple[str, bytes] | None:
         """Files of the page, and results of its jobs."""
-        results = (
-            {} if self._results is None else {path.name: path for path in self._results.iterdir()}
-        )
-        folder, _, ending = name.removeprefix("runs/").partition("/")
-        if ending in _RUN_FILES and folder in {run["name"] for run in self._runs()}:
-            path = self._folder / "runs" / folder / ending
-            return (_RUN_FILES[ending], path.read_bytes()) if path.exists() else None
+        results = {}
+        if self._results is not None:
+            results = {path.name: path for path in self._results.iterdir()}
+        # Only of runs that the page shows: a name from a browser is never joined to a path.
+        folder, _, file_name = name.removeprefix("runs/").partition("/")
+        if file_name in _RUN_FILES and folder in {run["name"] for run in self._runs()}:
+            path = self._folder / "runs" / folder / file_name
+            if not path.exists():
+                return None
+            return _RUN_FILES[file_name], path.read_bytes()
         if name in results:
             return _OUTPUTS[name.rpartition(".")[2]], results[name].read_bytes()
         return super().file(name or "start.html")
@@ -310,38 +317,35 @@ class StartPage(PageServer):
                 case "answer":
                     self._answer_question(value, visitor)
                 case _:
-                    self._begin(
-                        chosen("button", name, ACTIONS),
-                        value if isinstance(value, list) else [value],
-                        visitor,
-                    )
+                    values = value if isinstance(value, list) else [value]
+                    self._begin(chosen("button", name, ACTIONS), values, visitor)
         except BricksError as error:
             message = str(error)
         if visitor is None:
             self.board.update_status(message=message)
         elif message:
-            visitor.note = message  # which concerns nobody else
+            # It concerns nobody else.
+            visitor.note = message
         self._publish()
 
     def _end_or_ask(self, number: Any, visitor: Visitor | None) -> None:
         """End a job, after asking the visitor who has started it."""
-        for job in (job for job in self._jobs if job.number == number and job.is_running):
+        for job in self._jobs:
+            if job.number != number or not job.is_running:
+                continue
             if visitor is None or self._seats.ask(_seat(job), visitor):
-                self._end(
-                    [job],
-                    ""
-                    if job.owner in (None, visitor) or visitor is None
-                    else f"ended by {visitor.name}",
-                )
+                is_others = visitor is not None and job.owner not in (None, visitor)
+                self._end([job], f"ended by {visitor.name}" if is_others and visitor else "")
 
     def _answer_question(self, value: Any, visitor: Visitor | None) -> None:
         """Answer of a visitor who was asked whether a job may end."""
         if visitor is None or not isinstance(value, list) or len(value) != 2:
             return
-        for job in (job for job in self._jobs if _seat(job) == value[0]):
-            if (
-                asker := self._seats.answer(_seat(job), visitor, agrees=value[1] is True)
-            ) is not None:
+        for job in self._jobs:
+            if _seat(job) != value[0]:
+                continue
+            asker = self._seats.answer(_seat(job), visitor, agrees=value[1] is True)
+            if asker is not None:
                 visitor.note = f"{job.about} was ended for {asker.name}, as you said yes."
                 self._end([job], f"ended for {asker.name}")
 
@@ -367,20 +371,19 @@ class StartPage(PageServer):
         known["run"] = [run["name"] for run in runs]
         names = [chosen(action.kind, value, known[action.kind]) for value in values]
         number = 1 + max((job.number for job in self._jobs), default=0)
-        words = [
-            *action.words,
-            *(f"runs/{one}" if action.kind == "run" else one for one in names),
-            *action.options,
-        ]
-        words += ["--out", f"{self._results}/{number}.{action.out}"] if action.out else []
-        words += ["--page-host", self._options.page_host] if action.has_page else []
-        if name == "train":  # or the same run would come again
-            words += ["--seed", f"{sum(run['env'] in names for run in runs)}"]
-            words += (
-                [f"--name={visitor.given_name}"]
-                if visitor is not None and visitor.given_name
-                else []
-            )
+        places = [f"runs/{run}" for run in names] if action.kind == "run" else names
+        words = [*action.words, *places, *action.options]
+        if action.out:
+            words += ["--out", f"{self._results}/{number}.{action.out}"]
+        if action.has_page:
+            words += ["--page-host", self._options.page_host]
+        if name == "train":
+            # Another seed than the runs before, or the same run would come again.
+            seed = sum(run["env"] in names for run in runs)
+            words += ["--seed", f"{seed}"]
+            if visitor is not None and visitor.given_name:
+                # In one word: a name may begin like an option.
+                words.append(f"--name={visitor.given_name}")
         if action.is_alone:
             alone = [job for job in self._jobs if ACTIONS[job.action].is_alone and job.is_running]
             others = [job for job in alone if visitor is not None and job.owner is not visitor]
@@ -393,33 +396,30 @@ class StartPage(PageServer):
 
     def _check_room(self, name: str, others: Sequence[Job]) -> None:
         """Raise PageError if the robots of others leave none for a visitor."""
-        owners = ", ".join(
-            job.owner.name if job.owner is not None else "somebody" for job in others
-        )
+        names = [job.owner.name if job.owner is not None else "somebody" for job in others]
         if len(others) >= _MAX_ROBOTS:
+            owners = ", ".join(names)
             raise PageError(
                 f"{len(others)} robots are at work already ({owners}); end one of them, or "
                 "ask for it"
             )
-        if name in REAL_HUB and (same := [job for job in others if job.action == name]):
-            owner = same[0].owner.name if same[0].owner is not None else "somebody"
-            raise PageError(f"{owner} checks a hub; wait for its end, or ask for it")
+        for job, owner in zip(others, names, strict=True):
+            if name in REAL_HUB and job.action == name:
+                raise PageError(f"{owner} checks a hub; wait for its end, or ask for it")
 
     def _end_deserted(self) -> None:
         """End plays whose visitors have closed all tabs. A phone that sleeps, whose connection
         broke, has two minutes."""
         for job in self._jobs:
-            if not (
-                job.is_running
-                and job.url
-                and job.owner is not None
-                and ACTIONS[job.action].ends_alone
-            ):
+            is_play = job.is_running and job.url and ACTIONS[job.action].ends_alone
+            if not is_play or job.owner is None:
                 continue
             seen = job.visitors()
             now_s = time.monotonic()
+            # A page that does not answer is busy, and its visitors are taken to be there.
             if not seen or job.owner.key in seen["here"]:
-                job.owner.left_s = now_s  # is not away, but at the robot, as far as is known
+                # The visitor is not away, but in another tab, at the robot.
+                job.owner.left_s = now_s
                 if self._seats.holder(_seat(job)) is None:
                     self._seats.take(_seat(job), job.owner)
             if seen.get("here") or job.owner.tabs or not seen:
@@ -427,6 +427,7 @@ class StartPage(PageServer):
                 job.is_seen = job.is_seen or bool(seen.get("here"))
                 continue
             job.empty_s = job.empty_s or now_s
+            # A closed tab is closed; a phone in a pocket, or a page that is still loading, comes.
             may_return = not job.is_seen or job.owner.is_asleep or seen["asleep"]
             if now_s - job.empty_s > (_ASLEEP_S if may_return else _DESERTED_S):
                 self._end([job], "ended, as all its tabs were closed")
@@ -445,9 +446,8 @@ class StartPage(PageServer):
 
     def _publish(self) -> None:
         runs, untrusted = self._runs_and_untrusted()
-        self.board.update_status(
-            jobs=[job.described() for job in self._jobs[::-1]], runs=runs, untrusted=untrusted
-        )
+        jobs = [job.described() for job in reversed(self._jobs)]
+        self.board.update_status(jobs=jobs, runs=runs, untrusted=untrusted)
         self.board.update_status(**self._seats.described())
 
     def _runs(self) -> list[dict[str, Any]]:
@@ -461,7 +461,8 @@ class StartPage(PageServer):
         paths = sorted(self._folder.glob("runs/*/config.json"), key=_changed_s, reverse=True)
         for path in paths[:_MAX_RUNS]:
             run = RunFolder(path.parent)
-            with contextlib.suppress(BricksError, OSError):  # such as a run that is deleted now
+            # A run may be damaged, or be deleted just now: the others are shown.
+            with contextlib.suppress(BricksError, OSError):
                 try:
                     config = run.read_config()
                 except UntrustedError:
@@ -469,18 +470,20 @@ class StartPage(PageServer):
                     untrusted.append({"name": run.path.name, "allow": f"bricksrl trust {place}"})
                     continue
                 returns = [episode.return_ for episode in run.read_episodes()]
+                # Every second, third, ... return, as a small curve needs no more.
+                points = returns[:: 1 + len(returns) // _MAX_POINTS]
                 about = {
+                    "name": run.path.name,
                     "env": config.env,
                     "agent": config.agent,
                     "episodes": len(returns),
                     "pupil": config.name,
+                    "seed": config.seed,
+                    "has_report": (run.path / "report.html").exists(),
+                    "has_film": (run.path / "before_after.mp4").exists(),
+                    "points": points,
                 }
-                about |= {"seed": config.seed, "has_report": (run.path / "report.html").exists()}
-                about |= {"has_film": (run.path / "before_after.mp4").exists()}
-                points = returns[:: 1 + len(returns) // _MAX_POINTS]
-                found.append(
-                    {**about, **_scored(run, returns), "name": run.path.name, "points": points}
-                )
+                found.append({**about, **_scored(run, returns)})
         return found, untrusted
 
 

@@ -86,9 +86,10 @@ class Visitors:
         ignored."""
         if not isinstance(name, str):
             return
-        wanted = " ".join(
-            "".join(letter if letter.isprintable() else " " for letter in name).split()
-        )[:_MAX_NAME].strip()
+        # Letters that turn a line around, or break it, would let a name look like another one.
+        printable = "".join(letter if letter.isprintable() else " " for letter in name)
+        words = " ".join(printable.split())
+        wanted = words[:_MAX_NAME].strip()
         if not wanted:
             return
         others = {other.name for other in self._known.values() if other is not visitor}
@@ -113,11 +114,13 @@ class Visitors:
 
     def _forget(self) -> None:
         """Forget the visitor who left first, where too many are known."""
-        away = sorted(
-            (visitor.left_s, secret) for secret, visitor in self._known.items() if visitor.is_away
-        )
+        away = []
+        for secret, visitor in self._known.items():
+            if visitor.is_away:
+                away.append((visitor.left_s, secret))
         if len(self._known) >= _MAX_KNOWN and away:
-            del self._known[away[0][1]]
+            _, first = min(away)
+            del self._known[first]
 
 
 @dataclass(frozen=True)
@@ -150,11 +153,9 @@ class Seats:
 
     def take(self, name: str, visitor: Visitor) -> list[str]:
         """Let a visitor hold it; the names of what is free now."""
-        left = (
-            []
-            if self._holds_several
-            else [held for held, by in self._holders.items() if by is visitor and held != name]
-        )
+        left = []
+        if not self._holds_several:
+            left = [held for held, by in self._holders.items() if by is visitor and held != name]
         for held in left:
             self.give_back(held)
         self._holders[name] = visitor
@@ -204,6 +205,7 @@ class Seats:
                 self.give_back(name)
                 self._former[name] = visitor
                 freed.append(name)
+        # Who comes back finds everything as it was left, unless somebody has taken it meanwhile.
         for name, visitor in list(self._former.items()):
             if visitor.tabs and name not in self._holders:
                 self.take(name, visitor)
@@ -221,12 +223,10 @@ class Seats:
 
     def described(self) -> Mapping[str, dict[str, str]]:
         """Names of holders and of those who ask, for the page."""
-        holders = {
-            name: visitor.name
-            for name in self._holders
-            if (visitor := self.holder(name)) is not None
-        }
-        return {
-            "holders": holders,
-            "questions": {name: question.by.name for name, question in self._questions.items()},
-        }
+        holders = {}
+        for name in self._holders:
+            visitor = self.holder(name)
+            if visitor is not None:
+                holders[name] = visitor.name
+        questions = {name: question.by.name for name, question in self._questions.items()}
+        return {"holders": holders, "questions": questions}

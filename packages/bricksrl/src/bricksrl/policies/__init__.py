@@ -45,18 +45,22 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
     from bricksrl.envs.transforms import base_of, transformed, with_unit_actions
 
     with closing(make_env_of(path)) if env is None else nullcontext(env) as env:
-        options = config_of(path).robot
         base = base_of(env)
-        trained = transformed(env, options) if base is env else with_unit_actions(env)
+        # A bare environment gets the transforms of the training; one with transforms has the user's
+        # choice of them.
+        if base is env:
+            trained = transformed(env, config_of(path).robot)
+        else:
+            trained = with_unit_actions(env)
+        if is_policy(path):
+            learner = load_shared(path, trained)
+        else:
+            learner = load_learner(path, trained, which=which).learner
+        # Whoever gave no transforms gives what the robot observes, and the policy transforms it.
         takes_own = trained is not base and (base is env or given is None)
-        learner = (
-            load_shared(path, trained)
-            if is_policy(path)
-            else load_learner(path, trained, which=which).learner
-        )
-        return (
-            Policy(learner.policy, base, trained) if takes_own else Policy(learner.policy, trained)
-        )
+        if takes_own:
+            return Policy(learner.policy, base, trained)
+        return Policy(learner.policy, trained)
 
 
 def config_of(path: Path) -> TrainConfig:

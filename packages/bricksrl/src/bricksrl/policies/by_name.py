@@ -59,6 +59,7 @@ class PlainPolicy:
                 f"the policy takes observations of {len(self.least)} numbers, not of shape "
                 f"{values.shape}"
             )
+        # An agent that acts is held within what it has learned on, as `SeenInputs` does.
         x = self.features(values.clip(self.least, self.greatest))
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = np.maximum(x @ weight.T + bias, 0.0)
@@ -68,12 +69,12 @@ class PlainPolicy:
     def features(self, observation: Floats) -> Floats:
         """Features ``[*batch, f]``: scaled entries, all sines, all cosines, all differences to
         goals."""
+        linear = observation[..., self.linear] * self.scale + self.offset
         angle_rad = observation @ self.angle_matrix
         difference = observation[..., self.goal] - observation[..., self.reached]
-        difference = (
-            difference - (difference / self.period).round() * FULL_TURN_DEG
-        ) * self.goal_scale
-        linear = observation[..., self.linear] * self.scale + self.offset
+        # Of angles the shorter way; what does not wrap has an infinite period, and no turns.
+        turns = (difference / self.period).round()
+        difference = (difference - turns * FULL_TURN_DEG) * self.goal_scale
         return np.concatenate((linear, np.sin(angle_rad), np.cos(angle_rad), difference), -1)
 
     @classmethod
@@ -81,11 +82,14 @@ class PlainPolicy:
         """Read it from a file ``.npz``, whose arrays are ``NAME``, and ``weights_0``, ``biases_0``
         and so on."""
         with np.load(path) as file:
-            values: dict[str, Any] = {
-                field.name: file[field.name] for field in fields(cls) if field.name not in _LAYERS
-            }
             count = sum(name.startswith("biases_") for name in file)
-            values |= {name: tuple(file[f"{name}_{i}"] for i in range(count)) for name in _LAYERS}
+            values: dict[str, Any] = {}
+            for field in fields(cls):
+                name = field.name
+                if name in _LAYERS:
+                    values[name] = tuple(file[f"{name}_{layer}"] for layer in range(count))
+                else:
+                    values[name] = file[name]
         return cls(**values)
 
 
@@ -95,8 +99,10 @@ _LAYERS = ("weights", "biases")
 def scores_to_beat(env_id: str) -> dict[str, float]:
     """Mean returns in an environment of ours: of random actions, a controller by hand, the paper,
     and the policy that comes with it."""
-    trained = {"ours": float(TRAINED[env_id]["return"])} if env_id in TRAINED else {}
-    return {**REFERENCES.get(env_id, {}), **trained}
+    scores = dict(REFERENCES.get(env_id, {}))
+    if env_id in TRAINED:
+        scores["ours"] = float(TRAINED[env_id]["return"])
+    return scores
 
 
 def path_of(env_id: str) -> Path:

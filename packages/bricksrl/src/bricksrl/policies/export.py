@@ -70,9 +70,8 @@ def export_model(
     """
     refuse_existing(out, RunError)
     check_writable(out)
-    missing = [
-        name for name in _ONNX if format_ == "onnx" and importlib.util.find_spec(name) is None
-    ]
+    needed = _ONNX if format_ == "onnx" else ()
+    missing = [name for name in needed if importlib.util.find_spec(name) is None]
     if missing:
         names = " and ".join(missing)
         raise RunError(
@@ -89,8 +88,11 @@ def export_model(
         expected = _best(policy, acting, inputs)
         data = _program(acting, inputs, format_)
     write_durably(out, data)
+    # What counts is the file: it is read back as its user would.
     with torch.no_grad():
-        difference = float((_reader(out, format_)(inputs) - expected).abs().max())
+        actions = _reader(out, format_)(inputs)
+        difference = float((actions - expected).abs().max())
+    # This way round, so that NaN is too much as well.
     if not difference <= TOLERANCE:
         out.unlink()
         raise RunError(
@@ -104,7 +106,9 @@ def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Ten
     differ."""
     first: Tensor = acting(*inputs)
     policy.reset()
-    flipped = acting(*(value.flip(0) for value in inputs)).flip(0)
+    # A policy that draws, or remembers what came before, acts otherwise in another order.
+    reversed_inputs = [value.flip(0) for value in inputs]
+    flipped = acting(*reversed_inputs).flip(0)
     if not torch.allclose(first, flipped, atol=TOLERANCE):
         raise RunError(
             "the policy's action depends on more than what it observes; export one that acts at "
@@ -116,25 +120,21 @@ def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Ten
 def _observations(env: EnvBase, layout: ObservationLayout) -> dict[str, Tensor]:
     """Random vectors ``[batch, n]`` within their bounds, and images, if there are any."""
     generator = torch.Generator().manual_seed(0)
-    low, high = (
-        torch.tensor(end).nan_to_num(posinf=1.0, neginf=-1.0) for end in (layout.low, layout.high)
-    )
+    # What has no bound is drawn within -1..1.
+    low = torch.tensor(layout.low).nan_to_num(posinf=1.0, neginf=-1.0)
+    high = torch.tensor(layout.high).nan_to_num(posinf=1.0, neginf=-1.0)
     numbers = low + (high - low) * torch.rand(_OBSERVATIONS, len(low), generator=generator)
     if layout.scale:
         numbers = numbers * torch.tensor(layout.scale) + torch.tensor(layout.offset)
     shapes = dict(layout.vectors)
     vectors = numbers.split([math.prod(shape) for shape in shapes.values()], -1)
-    drawn = {
-        key: values.view(_OBSERVATIONS, *shapes[key])
-        for key, values in zip(shapes, vectors, strict=True)
-    }
+    drawn = {}
+    for (key, shape), values in zip(shapes.items(), vectors, strict=True):
+        drawn[key] = values.view(_OBSERVATIONS, *shape)
     for image in layout.images:
         spec = env.full_observation_spec_unbatched[image.key]
-        drawn[image.key] = (
-            torch.rand(_OBSERVATIONS, *spec.shape, generator=generator)
-            .mul(image.high)
-            .to(spec.dtype)
-        )
+        pixels = torch.rand(_OBSERVATIONS, *spec.shape, generator=generator)
+        drawn[image.key] = pixels.mul(image.high).to(spec.dtype)
     return drawn
 
 
@@ -152,7 +152,7 @@ def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) ->
             if format_ == "torch-export":
                 torch.export.save(program, buffer)
             else:
-                # it accepts buffers too, contrary to its annotations
+                # It accepts buffers too, contrary to its annotations.
                 write: Any = torch.onnx.export
                 write(
                     program,
@@ -182,9 +182,8 @@ def _reader(path: Path, format_: Format) -> Callable[[tuple[Tensor, ...]], Tenso
     evaluator = ReferenceEvaluator(str(path))
 
     def evaluate(inputs: tuple[Tensor, ...]) -> Tensor:
-        feed = {
-            name: value.numpy() for name, value in zip(evaluator.input_names, inputs, strict=True)
-        }
+        arrays = [value.numpy() for value in inputs]
+        feed = dict(zip(evaluator.input_names, arrays, strict=True))
         outputs: Any = evaluator.run(None, feed)
         return torch.from_numpy(outputs[0])
 

@@ -81,7 +81,7 @@ def export_program(
     physics = config_of(Path(path)).known_physics
     twin = {"hub": "virtual", "realtime": False, "randomize": False}
     with closing(make_env_of(Path(path), **twin)) as trained, reproducible(_SEED):
-        # the hub observes what the robot does, and the policy brings its transforms
+        # The hub observes what the robot does, and the policy brings its transforms.
         env = base_of(trained)
         task = interface_of(env).task
         if (
@@ -102,42 +102,36 @@ def export_program(
         ends_s = list[float]()
 
         def timed(state: TensorDictBase) -> TensorDictBase:
-            # a simulation without a link has none
-            if (episode := interface_of(env).episode) is not None:
+            # A simulation without a link has none.
+            episode = interface_of(env).episode
+            if episode is not None:
                 ends_s.append(episode.hub_time_s)
             return policy(state)
 
-        before = [
-            episode.return_
-            for episode in play_episodes(env, timed, EPISODES, _SEED, reset_policy=policy.reset)
-        ]
+        played = play_episodes(env, timed, EPISODES, _SEED, reset_policy=policy.reset)
+        before = [episode.return_ for episode in played]
         age_ms = _age_ms(ends_s, task.interface.settle.fixed_ms)
-        actor = next(policy.module.children(), None)  # a gait alone, not as a base
-        if (
-            trained is env
-            and isinstance(actor, StructuredActor)
-            and isinstance(actor.structure, Oscillators)
-        ):
+        # A gait alone is a few lines on the hub; as a base of something else it is a part of it.
+        actor = next(policy.module.children(), None) if trained is env else None
+        if isinstance(actor, StructuredActor) and isinstance(actor.structure, Oscillators):
             kind = "gait"
             source = actor.structure.hub_source(actor.best)
         else:
             kind = "network"
-            network = HubNetwork(
-                task.entries[: len(channels)], len(task.interface.commands), hidden
-            )
+            observed = task.entries[: len(channels)]
+            network = HubNetwork(observed, len(task.interface.commands), hidden)
             distil(env, policy, network, _SEED)
             source = network.hub_source()
         program = generate_alone(
             task.robot, task.interface, channels, source, f"a {kind} that learned {task.id}", age_ms
         )
         blob = program_blob(compile_program(program), task.robot.hub)
-    alone = [
-        play_alone(program, task, physics, derive_seed(_SEED, "hub", number))
-        for number in range(EPISODES)
-    ]
-    computing_ms, heap_bytes = (
-        max(getattr(episode, name) for episode in alone) for name in ("computing_ms", "heap_bytes")
-    )
+    # The program itself, in the virtual hub, which counts its time and its memory.
+    alone = []
+    for number in range(EPISODES):
+        alone.append(play_alone(program, task, physics, derive_seed(_SEED, "hub", number)))
+    computing_ms = max(episode.computing_ms for episode in alone)
+    heap_bytes = max(episode.heap_bytes for episode in alone)
     if computing_ms > task.interface.settle.longest_ms:
         limit = f"a step of {task.id} takes {task.interface.settle.longest_ms} ms"
         raise RunError(f"the program computes for {computing_ms} ms, and {limit}; {_FEWER}")
@@ -153,7 +147,9 @@ def _age_ms(ends_s: list[float], step_ms: int | None) -> int:
     """Age of an observation when its commands start, from the times when steps ended. Where a step
     lasts until all moves have ended, the robot stands, and an observation does not age."""
     steps_s = [after - before for before, after in itertools.pairwise(ends_s)]
-    return 0 if step_ms is None or not steps_s else max(0, round(1000 * median(steps_s)) - step_ms)
+    if step_ms is None or not steps_s:
+        return 0
+    return max(0, round(1000 * median(steps_s)) - step_ms)
 
 
 class _Over(HostStop):
@@ -199,24 +195,22 @@ class Alone:
         task = self.task
         count = len(self.task.observed_channels)
         commands = task.interface.commands
-        self.computing_ms, self.heap_bytes = (
-            max(self.computing_ms, round(numbers[0])),
-            max(self.heap_bytes, self.heap()),
-        )
+        self.computing_ms = max(self.computing_ms, round(numbers[0]))
+        self.heap_bytes = max(self.heap_bytes, self.heap())
         seen = numbers[1 : count + 1]
-        last = (self._commanded or [0.0] * len(commands))[: len(task.command_entries)]
-        moved = [self.odometer.forward_mm(self.machine.body_ms / 1000, seen)][
-            : len(task.measured_entries)
-        ]
+        # A task may observe its last commands and what this computer measures of the way: both are
+        # of its reward, and the hub knows neither. Whichever it does not observe is cut off.
+        last = self._commanded or [0.0] * len(commands)
+        last = last[: len(task.command_entries)]
+        forward_mm = self.odometer.forward_mm(self.machine.body_ms / 1000, seen)
+        moved = [forward_mm][: len(task.measured_entries)]
         observation = torch.tensor([*seen, *moved, *last])
-        self._commanded = [
-            value / command.scale
-            for command, value in zip(commands, numbers[count + 1 :], strict=True)
-        ]
-        actions = [
-            (2 * value - command.low - command.high) / (command.high - command.low)
-            for command, value in zip(commands, self._commanded, strict=True)
-        ]
+        self._commanded = []
+        actions = []
+        for command, number in zip(commands, numbers[count + 1 :], strict=True):
+            value = number / command.scale
+            self._commanded.append(value)
+            actions.append((2 * value - command.low - command.high) / (command.high - command.low))
         before = self._before
         self._before = (observation, torch.tensor(actions))
         if before is None:
@@ -233,9 +227,8 @@ def play_alone(program: HubProgram, task: Task, physics: Physics | None, seed: i
     body: Any = make_body(task.robot, scene=task.scene, physics=physics, seed=seed)
     machine = Machine(body)
     pose = getattr(body, "pose", None)
-    episode = Alone(
-        task, machine, SonarOdometer(task.interface) if pose is None else TrueOdometer(pose, 0.0)
-    )
+    odometer = SonarOdometer(task.interface) if pose is None else TrueOdometer(pose, 0.0)
+    episode = Alone(task, machine, odometer)
     importable = modules(machine, episode)
     episode.heap = importable["gc"].mem_alloc
     try:

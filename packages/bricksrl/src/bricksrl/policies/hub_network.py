@@ -22,12 +22,14 @@ from bricksrl.policies.policy import Policy
 HIDDEN = (16, 16)
 """Units of the hidden layers."""
 ROUNDS = 4
+"""Rounds of collection: the first one of the policy's steps, the others of the student's."""
 STEPS = 600
-"""Rounds of collection, and steps of each: first the policy's, then the student's."""
+"""Steps of each round."""
 UPDATES = 1500
+"""Updates of each round."""
 BATCH = 256
 LEARNING_RATE = 5e-3
-"""Of each round; the rate falls to 0 within it."""
+"""Rate at the beginning of each round; it falls to 0 within it."""
 _ANYTHING = 1e30
 LEAK = 0.01
 """Share of what is beyond -1..1 that the loss sees."""
@@ -46,14 +48,14 @@ class HubNetwork(nn.Module):
         super().__init__()
         self.count = len(entries)
         angles = [index for index, entry in enumerate(entries) if entry.wraps]
-        # a 0 follows the last
-        self.angles = [
-            *((index, self.count) for index in angles),
-            *itertools.combinations(angles, 2),
-        ]
-        self.linear = [
-            (index, *_scale(entry)) for index, entry in enumerate(entries) if not entry.wraps
-        ]
+        # Each feature is a difference of two values. An angle alone is one to a 0, which follows
+        # the last value.
+        alone = [(index, self.count) for index in angles]
+        self.angles = [*alone, *itertools.combinations(angles, 2)]
+        self.linear = []
+        for index, entry in enumerate(entries):
+            if not entry.wraps:
+                self.linear.append((index, *_scale(entry)))
         self.held = [(-_ANYTHING, _ANYTHING)] * len(self.linear)
         sizes = (len(self.linear) + 2 * len(self.angles), *hidden, size)
         self.layers = [nn.Linear(before, after) for before, after in itertools.pairwise(sizes)]
@@ -66,13 +68,12 @@ class HubNetwork(nn.Module):
         """The outputs before they are clamped."""
         values = nn.functional.pad(observation[..., : self.count], (0, 1)).unbind(-1)
         angles = [(values[plus] - values[minus]).deg2rad() for plus, minus in self.angles]
-        known = zip(self.linear, self.held, strict=True)
-        parts = [
-            values[index].clamp(*held) * scale + offset for (index, scale, offset), held in known
-        ]
-        x = torch.stack(
-            [*parts, *(angle.sin() for angle in angles), *(angle.cos() for angle in angles)], -1
-        )
+        parts = []
+        for (index, scale, offset), held in zip(self.linear, self.held, strict=True):
+            parts.append(values[index].clamp(*held) * scale + offset)
+        parts += [angle.sin() for angle in angles]
+        parts += [angle.cos() for angle in angles]
+        x = torch.stack(parts, -1)  # [*batch, features]
         for layer in self.layers[:-1]:
             x = layer(x).relu()
         out: Tensor = self.layers[-1](x)
@@ -80,39 +81,34 @@ class HubNetwork(nn.Module):
 
     def hold(self, observations: Tensor) -> None:
         """Hold what is no angle within these observations ``[rows, n]``."""
-        columns = [observations[:, index] for index, _, _ in self.linear]
-        self.held = [
-            (float(_text(float(column.min()))), float(_text(float(column.max()))))
-            for column in columns
-        ]
+        self.held = []
+        for index, _, _ in self.linear:
+            column = observations[:, index]
+            # As they are written into the program, so that both act alike.
+            least = float(_text(float(column.min())))
+            greatest = float(_text(float(column.max())))
+            self.held.append((least, greatest))
 
     @torch.no_grad()
     def round(self) -> None:
         """Round all weights to the digits that `hub_source` writes."""
         for parameter in self.parameters():
-            parameter.copy_(
-                torch.tensor(
-                    [float(_text(value)) for value in parameter.flatten().tolist()]
-                ).view_as(parameter)
-            )
+            rounded = [float(_text(value)) for value in parameter.flatten().tolist()]
+            parameter.copy_(torch.tensor(rounded).view_as(parameter))
 
     def hub_source(self) -> str:
         """MicroPython that acts as the network: ``act(observed)``."""
-        rows = [torch.cat((layer.weight, layer.bias[:, None]), 1).tolist() for layer in self.layers]
-        layers = "".join(
-            "    (\n"
-            + "".join(f"        ({', '.join(map(_text, row))}),\n" for row in layer)
-            + "    ),\n"
-            for layer in rows
-        )
-        rows_of_linear = [
-            (*map(_text, one[1:]), *map(_text, held))
-            for one, held in zip(self.linear, self.held, strict=True)
-        ]
-        linear = "".join(
-            f"    ({index}, {', '.join(row)}),\n"
-            for (index, _, _), row in zip(self.linear, rows_of_linear, strict=True)
-        )
+        layers = ""
+        for layer in self.layers:
+            units = torch.cat((layer.weight, layer.bias[:, None]), 1)  # [out, in + 1]
+            layers += "    (\n"
+            for row in units.tolist():
+                layers += f"        ({', '.join(map(_text, row))}),\n"
+            layers += "    ),\n"
+        linear = ""
+        for (index, scale, offset), held in zip(self.linear, self.held, strict=True):
+            numbers = ", ".join(map(_text, (scale, offset, *held)))
+            linear += f"    ({index}, {numbers}),\n"
         return (
             "LINEAR = (  # index, factor and offset of what is no angle; its least and its "
             f"greatest value\n{linear})\n"
@@ -178,10 +174,14 @@ def distil(env: EnvBase, policy: Policy, network: HubNetwork, seed: int) -> Tens
             rows = torch.randint(len(seen), (BATCH,))
             out = network.outputs(observations[rows])
             clamped = out.clamp(-1.0, 1.0)
-            loss = (clamped + LEAK * (out - clamped) - actions[rows]).square().mean()
+            # Clamped, as the hub acts; with a leak, as else nothing would bring back an output that
+            # is out of range.
+            leaking = clamped + LEAK * (out - clamped)
+            loss = (leaking - actions[rows]).square().mean()
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
+    # At the end, as it learns better from what is not held.
     network.hold(torch.stack(seen))
     network.round()
     return student

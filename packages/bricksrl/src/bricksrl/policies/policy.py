@@ -52,23 +52,22 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         for key in self.in_keys:
             if key not in tensordict:
-                raise DescriptionError(
-                    f"the policy uses {'images' if key == 'image' else key}; give one too"
-                )
+                what = "images" if key == "image" else key
+                raise DescriptionError(f"the policy uses {what}; give one too")
+            # In front of it there may be any batch.
             shape = self.shapes.get(key, ())
-            if tensordict[key].shape[tensordict[key].ndim - len(shape) :] != shape:
+            value = tensordict[key]
+            if value.shape[value.ndim - len(shape) :] != shape:
                 size = ", ".join(map(str, shape))
                 raise DescriptionError(
                     f"the policy takes observations of {size} numbers; give [*batch, {size}]"
                 )
         given = tensordict.select(*self.in_keys)
         with set_exploration_type(ExplorationType.DETERMINISTIC):
-            through = self._transforms
-            action = (
-                self.module(given)["action"]
-                if through is None
-                else through.action(self.module, given)
-            )
+            if self._transforms is None:
+                action = self.module(given)["action"]
+            else:
+                action = self._transforms.action(self.module, given)
         return tensordict.set("action", action)
 
     def act(self, observation: Any, image: Any = None) -> Any:
@@ -77,11 +76,14 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
         that uses images. Raises DescriptionError for another n, or without the image that the
         policy needs."""
         values = torch.as_tensor(observation, dtype=torch.float32)
+        # The first vector that the policy reads; most environments have one alone.
         key = next(iter(self.shapes), "observation")
-        inputs = {key: values} if image is None else {key: values, "image": torch.as_tensor(image)}
-        action: Tensor = self(
-            TensorDict(inputs, values.shape[: values.ndim - len(self.shapes.get(key, (0,)))])
-        )["action"]
+        inputs = {key: values}
+        if image is not None:
+            inputs["image"] = torch.as_tensor(image)
+        vector_ndim = len(self.shapes.get(key, (0,)))
+        batch_size = values.shape[: values.ndim - vector_ndim]
+        action: Tensor = self(TensorDict(inputs, batch_size))["action"]
         return action if isinstance(observation, Tensor) else np.asarray(action)
 
     def reset(self) -> None:
@@ -112,7 +114,7 @@ class PolicyTransforms:
         batch = given.batch_size
 
         def outcome(_: int) -> TensorDictBase:
-            # else the transforms step in their reset, where nothing more is observed
+            # Without a new observation the transforms step within their reset: the last one holds.
             if self._given:
                 self._last = self._given.popleft()
             return still(base).expand(*batch, *base.batch_size).clone().update(self._last)
@@ -125,6 +127,7 @@ class PolicyTransforms:
             self._acted = module(self.view.reset())
         elif len(self._given) == self._skip:
             self._acted = module(self.view.step(self._acted)["next"])
+            # A playback remembers all its steps, of which only the last one is needed.
             del self._playback.played[:-1]
         action: Tensor = self.view.transform.inv(self._acted.clone())["action"]
         return action
@@ -167,9 +170,9 @@ def array_player(make: Callable[[], ArrayPolicy]) -> Player:
     policy = make()
 
     def act(state: TensorDictBase) -> TensorDictBase:
-        inputs = {
-            key: state[key].numpy().copy() for key in ("observation", "image") if key in state
-        }
+        # Copies, as the environment may reuse its tensors.
+        keys = [key for key in ("observation", "image") if key in state]
+        inputs = {key: state[key].numpy().copy() for key in keys}
         return state.set("action", torch.as_tensor(policy(inputs), dtype=torch.float32))
 
     return Player(act)

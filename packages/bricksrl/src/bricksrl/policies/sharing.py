@@ -51,25 +51,30 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
         made = transform_state(env)
         trained = load_learner(run_dir, env)
         kept = transform_state(env)
-        if kept.keys() != made.keys() or any(str(kept[name]) != str(made[name]) for name in kept):
+        # What a transform measured in the training is in the run's checkpoint, not in the policy.
+        is_measured = kept.keys() != made.keys()
+        is_measured = is_measured or any(str(kept[name]) != str(made[name]) for name in kept)
+        if is_measured:
             raise RunError(
                 "a shared policy has no statistics that a transform measured; train it with "
                 "--normalize instead"
             )
-    tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
-    shared = portable(
-        replace(
-            one_robot(config), data=None, updates=0, start=None, demonstrations=None, compile=False
-        ).to_dict()
+    state = trained.learner.policy_state()
+    # safetensors takes no views of other tensors.
+    tensors = {name: tensor.contiguous() for name, tensor in state.items()}
+    # What the training was fed with is not there where the policy goes.
+    acting = replace(
+        one_robot(config),
+        data=None,
+        updates=0,
+        start=None,
+        demonstrations=None,
+        compile=False,
     )
+    shared = portable(acting.to_dict())
     about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}
-    card = _card(
-        shared["env"],
-        shared["agent"],
-        trained.episodes,
-        folder.own_evaluation(trained.episodes),
-        licence,
-    )
+    evaluation = folder.own_evaluation(trained.episodes)
+    card = _card(shared["env"], shared["agent"], trained.episodes, evaluation, licence)
     with atomic_folder(out) as new:
         write_durably(new / TENSORS, save(tensors))
         text = (json.dumps(about, indent=1, default=str) + "\n").encode()
@@ -127,13 +132,8 @@ def load_shared(path: Path, env: EnvBase) -> Learner:
     or actions."""
     config, tensors = read_policy(path)
     learner = make_learner_for(config, env, device="cpu")
-    shapes, given = (
-        {name: tensor.shape for name, tensor in state.items()}
-        for state in (learner.policy_state(), tensors)
-    )
-    # not in those of earlier versions
-    seen = {name: shape for name, shape in shapes.items() if ".seen." in name}
-    if shapes != {**seen, **given}:
+    shapes = {name: tensor.shape for name, tensor in learner.policy_state().items()}
+    if shapes != {name: tensor.shape for name, tensor in tensors.items()}:
         raise CheckpointError(
             f"the policy in {path} observes or acts otherwise than this environment; use the one "
             "it is for"
@@ -147,11 +147,9 @@ def push_policy(run_dir: Path, repo: str, *, private: bool = False, licence: str
     or CheckpointError as in `export_policy`, DataError if the hub is out of reach or refuses. A
     shared policy keeps the ``licence`` on its card."""
     with tempfile.TemporaryDirectory() as temporary:
-        folder = (
-            run_dir
-            if is_policy(run_dir)
-            else export_policy(run_dir, Path(temporary) / "policy", licence=licence)
-        )
+        folder = run_dir
+        if not is_policy(run_dir):
+            folder = export_policy(run_dir, Path(temporary) / "policy", licence=licence)
         with hub_client(repo) as api:
             api.create_repo(repo, repo_type="model", private=private, exist_ok=True)
             api.upload_folder(
@@ -173,7 +171,8 @@ def pull_policy(repo: str, out: Path, *, revision: str | None = None) -> Path:
     """
     with downloaded(repo, "model", out, [TENSORS, ABOUT, CARD], revision) as folder:
         text, config, _ = _read_files(folder)
-        if not code_in(config) or is_trusted(text):  # else its code is asked for when it is used
+        # Fetching executes nothing; whether its code may run is asked when it is used.
+        if not code_in(config) or is_trusted(text):
             _config_from(folder, config)
     return out
 

@@ -41,6 +41,7 @@ def read_named_plan(path: Path) -> Plan:
 
 
 def _print_faults(plan: Plan) -> None:
+    """Print which lines of the file are left out."""
     for fault in plan.faults:
         print_line(f"line {fault.line} is left out: {fault.text}")
 
@@ -65,7 +66,9 @@ class CheckPlan:
         for finding in findings:
             location = f"line {finding.line}" if finding.line else "the plan"
             print_line(f"{location:9} {finding.name:13} {finding.detail}")
-        if free := without_stops(plan):
+        # No fault, as most motors need no stop.
+        free = without_stops(plan)
+        if free:
             remedy = (
                 "for one that homes a motor by stalling, write 0 !BRICKSRL STOPS LOW HIGH "
                 "before the motor"
@@ -78,12 +81,11 @@ class CheckPlan:
         parts = counted(len(plan.parts), "part")
         steps = counted(len(plan.different_steps), "step")
         summary = f"{parts} of {counted(kinds, 'kind')}, {steps}, {plan.mass_g:.0f} g"
-        print_line(
-            f"{summary}: {counted(len(findings), 'finding')}"
-            if findings
-            else f"{summary}: all is well"
-        )
-        return 1 if findings else 0
+        if findings:
+            print_line(f"{summary}: {counted(len(findings), 'finding')}")
+            return 1
+        print_line(f"{summary}: all is well")
+        return 0
 
 
 @dataclass(frozen=True)
@@ -115,13 +117,7 @@ class PlanParts:
         if self.out is None:
             refuse_ignored(self, ("--plan", "--own"), "without --out")
         if self.plan is None:
-            if self.out is not None or self.own is not None:
-                raise PlanError(
-                    f"{'--out' if self.out is not None else '--own'} needs a plan; name an "
-                    "LDraw file"
-                )
-            for part in catalogue.parts():
-                print_line(f"{part.number:10}{part.family:12}{part.mass_g:8.2f} g  {part.name}")
+            self._print_catalogue()
             return
         plan = read_named_plan(self.plan)
         entries = parts_list(plan)
@@ -133,28 +129,39 @@ class PlanParts:
             write_durably(self.out, as_text(entries, self.format).encode())
         else:
             for entry in entries:
+                # What is to be bought is listed as shops number it, in its colour.
                 number = entry.part.number if self.own is None else entry.shop_number
-                columns = (
-                    f"{entry.count:4} x  {number:10}{entry.colour.name:20}{entry.mass_g:8.2f} g"
+                name = entry.part.name
+                colour = entry.colour.name
+                print_line(
+                    f"{entry.count:4} x  {number:10}{colour:20}{entry.mass_g:8.2f} g  {name}"
                 )
-                print_line(f"{columns}  {entry.part.name}")
+        # What a list of parts cannot have, a reader still needs.
         for unknown in plan.unknown:
-            fault = (
-                "a file that is not beside the plan" if unknown.is_file else "not in the catalogue"
-            )
+            fault = "not in the catalogue"
+            if unknown.is_file:
+                fault = "a file that is not beside the plan"
             print_line(f"{len(unknown.lines):4} x  {unknown.number:10}{fault}")
         if plan.drawn:
             print_line(f"{len(plan.drawn):4} x  drawn cable or hose, without a number")
         _print_faults(plan)
         total = f"{counted(len(plan.parts), 'part')}, {plan.mass_g:.0f} g"
-        total = (
-            total
-            if self.own is None
-            else f"{sum(entry.count for entry in entries)} of {total} to be added"
-        )
-        print_line(f"{total}{f': {self.out}' if self.out else ''}")
+        if self.own is not None:
+            missing = sum(entry.count for entry in entries)
+            total = f"{missing} of {total} to be added"
+        if self.out:
+            total = f"{total}: {self.out}"
+        print_line(total)
         for purchase in advice:
             print_line(f"Set {purchase}")
+
+    def _print_catalogue(self) -> None:
+        """Print all parts of the catalogue. Raises PlanError if an option needs a plan."""
+        for name, value in (("--out", self.out), ("--own", self.own)):
+            if value is not None:
+                raise PlanError(f"{name} needs a plan; name an LDraw file")
+        for part in catalogue.parts():
+            print_line(f"{part.number:10}{part.family:12}{part.mass_g:8.2f} g  {part.name}")
 
 
 @dataclass(frozen=True)
@@ -175,4 +182,5 @@ class PlanSteps:
 
         plan = read_named_plan(self.plan)
         _print_faults(plan)
-        print_line(f"{counted(write_booklet(plan, self.out), 'page')}: {self.out}")
+        pages = write_booklet(plan, self.out)
+        print_line(f"{counted(pages, 'page')}: {self.out}")

@@ -60,7 +60,8 @@ class Run(run.Run):
 
     def body(self, stack: ExitStack) -> Body | None:
         body = self._made_body(stack)
-        if free := motors_without_stops(body, self.file):
+        free = motors_without_stops(body, self.file)
+        if free:
             stops = " ".join(f"--end-stop {port}=-90..90" for port in free)
             print_note(
                 "run_until_stalled waits for something that stops the motor; in this twin "
@@ -71,6 +72,7 @@ class Run(run.Run):
     def _made_body(self, stack: ExitStack) -> Body | None:
         if self.video is None and self.scene is None:
             return super().body(stack)
+        # Late, as a program without either needs no physics.
         from bricktwin.target import body_of, load_scene
 
         scene = None if self.scene is None else load_scene(self.scene)
@@ -86,18 +88,22 @@ class Run(run.Run):
 def motors_without_stops(body: Body | None, program: Path) -> list[str]:
     """Ports of a twin's motors that nothing stops, but those of its drive base, and those that the
     program does not name, if a program waits for a motor to stall."""
-    text = "" if body is None else program.read_text(encoding="utf-8", errors="replace")
-    if body is None or "run_until_stalled" not in text:
+    if body is None:
         return []
+    text = program.read_text(encoding="utf-8", errors="replace")
+    if "run_until_stalled" not in text:
+        return []
+    # A program that names no port at all may use any of them.
     named = set(re.findall(r"\bPort\.([A-F])\b", text))
     base = body.robot.drive_base
     wheels = () if base is None else (base.left, base.right)
-    free = [
-        motor
-        for motor in body.robot.motors
-        if motor.name not in wheels and motor.end_stops_deg is None
-    ]
-    # a bench has the stops of the description only
+    # A bench has the stops of the description only.
     is_stopped = getattr(body, "is_stopped", lambda port: False)
-    ports = [motor.port for motor in free if not is_stopped(motor.port)]
-    return [port for port in ports if port in named or not named]
+    ports = []
+    for motor in body.robot.motors:
+        if motor.name in wheels or motor.end_stops_deg is not None:
+            continue
+        is_named = motor.port in named or not named
+        if is_named and not is_stopped(motor.port):
+            ports.append(motor.port)
+    return ports

@@ -91,7 +91,12 @@ class RecordMotion:
             f"{self.out}"
         )
 
-    def _link(self, robot: Robot, scene: Scene | None, interface: Interface) -> HubLink:
+    def _link(
+        self,
+        robot: Robot,
+        scene: Scene | None,
+        interface: Interface,
+    ) -> HubLink:
         """An unopened link to the robot; asks the user before a real one may move."""
         from brickhub.hub.diagnostics.calibration import calibration_of
         from brickhub.hub.link.lockstep import HubLink
@@ -100,17 +105,10 @@ class RecordMotion:
 
         transport, physics = _hub(self.hub, self.physics)
         if transport is None:
-            return HubLink(
-                VirtualHub(make_body(robot, scene=scene, physics=physics, seed=self.seed)),
-                robot,
-                interface,
-            )
-        if not (
-            self.yes
-            or confirm(
-                f"The {robot.name} needs a metre of room to move at full speed. Move it now?"
-            )
-        ):
+            body = make_body(robot, scene=scene, physics=physics, seed=self.seed)
+            return HubLink(VirtualHub(body), robot, interface)
+        question = f"The {robot.name} needs a metre of room to move at full speed. Move it now?"
+        if not (self.yes or confirm(question)):
             raise TwinError(
                 f"nobody said that the {robot.name} may move; answer y in a terminal, or give --yes"
             )
@@ -193,9 +191,11 @@ class _Reader:
     def begin(self, deed: Deed) -> None:
         print_note(f"{deed.text} Then press Enter.")
         self._answer: str | None = None
+        # In a thread, as the robot is read while the person is busy.
         threading.Thread(target=self._wait, daemon=True).start()
 
     def is_done(self) -> bool:
+        # A line has at least its end; only the end of the input is empty.
         if self._answer == "":
             raise TwinError(
                 "nobody is there to handle the robot: standard input ended; run it in a terminal"
@@ -249,9 +249,14 @@ class FitTwin:
         robot = target.robot
         scene = target.scene
         out = self.out or self.log.with_suffix(".physics.json")
+        # Before two minutes of work, not after.
         check_writable(out)
         result = fit(
-            log, robot=robot, scene=_bench_scene(scene), names=self.parameters, on_replay=report
+            log,
+            robot=robot,
+            scene=_bench_scene(scene),
+            names=self.parameters,
+            on_replay=report,
         )
         _show_progress("")
         write_physics(out, result.physics)
@@ -270,6 +275,7 @@ def _bench_scene(scene: Scene | None) -> Scene | None:
 
 
 def _print(result: FittedPhysics) -> None:
+    """Print the errors of the twin, and the parameters that are not the defaults."""
     print_line("error of the twin (root mean square)")
     for name, before in result.error_before.items():
         print_line(f"  {name:24}{before:8.3g} -> {result.error_after[name]:.3g}")
@@ -279,11 +285,9 @@ def _print(result: FittedPhysics) -> None:
         value = getattr(result.physics, name)
         before = getattr(default, name)
         if name in result.identified or value != before:
-            print_line(
-                (
-                    f"  {name:24}{before:8.3g} -> {value:.3g} {parameter.unit.removesuffix('1')}"
-                ).rstrip()
-            )
+            unit = parameter.unit.removesuffix("1")
+            line = f"  {name:24}{before:8.3g} -> {value:.3g} {unit}"
+            print_line(line.rstrip())
     for name in result.unidentified:
         print_line(f"  {name:24}{getattr(default, name):8.3g}    not identifiable from this log")
 

@@ -13,9 +13,9 @@ from bricktwin.twin.mujoco_body import MujocoBody, Pose
 _TURN_DEG_S = 120.0
 _LIFT_M = 0.3
 _GRIP_NM_S = 1e3
+"""Damping of a chassis in the hand, which no motor moves."""
 _GRIP_NM = 10.0
-"""Damping of a chassis in the hand, and friction of a shaft in the hand: neither is moved by a
-motor."""
+"""Friction of a shaft in the hand, which its motor does not turn."""
 
 
 @dataclass(frozen=True)
@@ -76,36 +76,36 @@ class SimulatedPerson:
         self._rng = rng
         self._error_deg = error_deg
         self._error_s = error_s
+        # What a hand changes, and its values without a hand.
         model = self._body.model
-        self._nominal = [
-            (array, array.copy())
-            for array in (model.dof_damping, model.dof_frictionloss, model.opt.gravity)
-        ]
-        self._edge_deg = self._at_deg = self._aim_deg = self._body.pose().heading_deg
-        self._now_s = self._done_s = hub.now_s()
+        held = (model.dof_damping, model.dof_frictionloss, model.opt.gravity)
+        self._nominal = [(array, array.copy()) for array in held]
+        heading_deg = self._body.pose().heading_deg
+        self._edge_deg = heading_deg
+        self._at_deg = heading_deg
+        self._aim_deg = heading_deg
+        self._now_s = hub.now_s()
+        self._done_s = self._now_s
 
     def begin(self, deed: Deed) -> None:
         body = self._body
-        model = self._body.model
+        # The hand of the last deed lets go.
         for array, nominal in self._nominal:
             array[:] = nominal
         # The edge along which the robot lies does not move, so that errors do not add up.
-        self._edge_deg = self._edge_deg + deed.turn_deg if deed.wall_mm is None else deed.wall_deg
-        self._aim_deg = self._edge_deg + self._rng.uniform(-self._error_deg, self._error_deg)
+        if deed.wall_mm is None:
+            self._edge_deg += deed.turn_deg
+        else:
+            self._edge_deg = deed.wall_deg
+        error_deg = self._rng.uniform(-self._error_deg, self._error_deg)
+        self._aim_deg = self._edge_deg + error_deg
         self._now_s = self._hub.now_s()
-        self._done_s = (
-            self._now_s + abs(deed.turn_deg) / _TURN_DEG_S + self._rng.uniform(0.0, self._error_s)
-        )
+        turning_s = abs(deed.turn_deg) / _TURN_DEG_S
+        hesitating_s = self._rng.uniform(0.0, self._error_s)
+        self._done_s = self._now_s + turning_s + hesitating_s
         body.data.qvel[:] = 0.0
         if deed.is_lifted:
-            base = int(model.body_dofadr[body.chassis])
-            model.dof_damping[base : base + 6] = _GRIP_NM_S
-            model.opt.gravity[:] = 0.0
-            body.data.qpos[body.base_address + 2] = _LIFT_M
-            if deed.holds:
-                joint = model.actuator_trnid[body.actuator(body.robot.motor(deed.holds).port), 0]
-                model.dof_frictionloss[model.jnt_dofadr[joint]] = _GRIP_NM
-            self._aim_deg = self._at_deg
+            self._lift(deed.holds)
         elif deed.wall_mm is not None:
             self._at_deg = self._aim_deg
             body.face_wall(deed.wall_mm, self._at_deg)
@@ -116,13 +116,31 @@ class SimulatedPerson:
     def is_done(self) -> bool:
         now_s = self._hub.now_s()
         if self._at_deg != self._aim_deg:
+            # As far as a hand turns it in the time since the last look.
             most_deg = _TURN_DEG_S * (now_s - self._now_s)
-            self._at_deg += min(max(self._aim_deg - self._at_deg, -most_deg), most_deg)
+            missing_deg = self._aim_deg - self._at_deg
+            self._at_deg += min(max(missing_deg, -most_deg), most_deg)
             self._put()
         self._now_s = now_s
         return now_s >= self._done_s and self._at_deg == self._aim_deg
 
+    def _lift(self, motor: str) -> None:
+        """Lift the robot, and hold what a motor turns, unless that is empty."""
+        body = self._body
+        model = body.model
+        first_dof = int(model.body_dofadr[body.chassis])
+        model.dof_damping[first_dof : first_dof + 6] = _GRIP_NM_S
+        model.opt.gravity[:] = 0.0
+        body.data.qpos[body.base_address + 2] = _LIFT_M
+        if motor:
+            actuator = body.actuator(body.robot.motor(motor).port)
+            joint = model.actuator_trnid[actuator, 0]
+            model.dof_frictionloss[model.jnt_dofadr[joint]] = _GRIP_NM
+        # In the hand it stays as it is: no error of an angle counts.
+        self._aim_deg = self._at_deg
+
     def _put(self) -> None:
+        """Put the robot down where it is, with its present heading."""
         place = self._body.pose()
         self._body.put(Pose(place.x_m, place.y_m, self._at_deg))
         self._body.update_turns()

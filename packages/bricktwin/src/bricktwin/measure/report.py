@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _ROBOT = "#d55e00"
 _TWIN = "#0b5cad"
-_OUTSIDE = -0.3, 1.3
+_OUTSIDE = (-0.3, 1.3)
 """Where numbers are drawn that are far outside of the range."""
 HEAD = ("", "robot", "twin", "drawn twins", "")
 
@@ -28,34 +28,36 @@ HEAD = ("", "robot", "twin", "drawn twins", "")
 def lines(comparison: Comparison) -> Iterator[tuple[str, str, str, str, str]]:
     """For each number: name with unit, the robot, the twin, the range of twins that are drawn, and
     a remark."""
-    for one in comparison.quantities:
-        if one.name not in comparison.robot:
+    for quantity in comparison.quantities:
+        if quantity.name not in comparison.robot:
             continue
-        name = f"{one.name}, {one.unit}"
-        value = comparison.robot[one.name]
-        if one.name not in comparison.twin:
+        name = f"{quantity.name}, {quantity.unit}"
+        value = comparison.robot[quantity.name]
+        if quantity.name not in comparison.twin:
             yield name, plain_number(value), "", "", ""
-        elif not one.parameter:
-            yield name, plain_number(value), plain_number(comparison.twin[one.name]), "", ""
-        else:
-            low, nominal, high = comparison.scale(one)
-            remark = (
-                ""
-                if low <= value <= high
-                else f"outside of what --randomize draws ({one.parameter})"
-            )
-            yield (
-                name,
-                plain_number(value),
-                plain_number(nominal),
-                f"{plain_number(low)} to {plain_number(high)}",
-                remark,
-            )
+            continue
+        if not quantity.parameter:
+            twin = comparison.twin[quantity.name]
+            yield name, plain_number(value), plain_number(twin), "", ""
+            continue
+        # Of the nominal twin, not of the one that was measured, which has the robot's battery.
+        low, nominal, high = comparison.scale(quantity)
+        remark = ""
+        if not low <= value <= high:
+            remark = f"outside of what --randomize draws ({quantity.parameter})"
+        yield (
+            name,
+            plain_number(value),
+            plain_number(nominal),
+            f"{plain_number(low)} to {plain_number(high)}",
+            remark,
+        )
 
 
 def write_report(path: Path, log: SessionLog, comparison: Comparison) -> None:
     """Write the page. Raises WriteError if that is impossible."""
-    about = ", ".join(f"{name} {value}" for name, value in log.about.items())
+    facts = [f"{name} {value}" for name, value in log.about.items()]
+    about = ", ".join(facts)
     body = [
         f"<h1>{html.escape(log.robot)}, measured</h1>",
         f"<p class=who>{html.escape(about)}</p>",
@@ -70,12 +72,15 @@ def write_report(path: Path, log: SessionLog, comparison: Comparison) -> None:
 
 def _table(comparison: Comparison) -> str:
     """The numbers, as HTML."""
-    rows = [_row("th", HEAD), *(_row("td", cells) for cells in lines(comparison))]
+    rows = [_row("th", HEAD)]
+    rows += [_row("td", cells) for cells in lines(comparison)]
     return f"<table class=numbers>{''.join(rows)}</table>"
 
 
 def _row(tag: str, cells: Iterable[str]) -> str:
-    return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+    """A row of the table, whose cells have this tag."""
+    columns = [f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells]
+    return "<tr>" + "".join(columns) + "</tr>"
 
 
 def _plots(log: SessionLog, comparison: Comparison) -> str:
@@ -86,38 +91,60 @@ def _plots(log: SessionLog, comparison: Comparison) -> str:
     figure = Figure(figsize=(11.0, 7.0), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
     _draw_ranges(left, comparison)
-    right.hist([row.delay_ms for row in log.rows], bins=60, color=_ROBOT, log=True)
+    delays_ms = [row.delay_ms for row in log.rows]
+    # Few exchanges are late: only a logarithm shows them.
+    right.hist(delays_ms, bins=60, color=_ROBOT, log=True)
     right.set(title="time of an exchange", xlabel="ms", ylabel="exchanges")
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg")
-    return "".join(buffer.getvalue().partition("<svg")[1:])
+    # Within a page, SVG has no header of an XML file.
+    _, tag, rest = buffer.getvalue().partition("<svg")
+    return tag + rest
 
 
 def _draw_ranges(axes: Axes, comparison: Comparison) -> None:
     """The robot's numbers on scales from the lowest to the highest of the twins that are drawn."""
+    both = comparison.robot.keys() & comparison.twin.keys()
     shown = [
-        one
-        for one in comparison.quantities
-        if one.parameter and {one.name} <= comparison.robot.keys() & comparison.twin.keys()
+        quantity
+        for quantity in comparison.quantities
+        if quantity.parameter and quantity.name in both
     ]
-    for place, one in enumerate(shown):
-        low, nominal, high = comparison.scale(one)
+    for place, quantity in enumerate(shown):
+        low, nominal, high = comparison.scale(quantity)
+        # Each number has a unit and a range of its own: 0 is its lowest twin, 1 its highest.
+        nominal_share = (nominal - low) / (high - low)
+        value = comparison.robot[quantity.name]
+        robot_share = (value - low) / (high - low)
+        leftmost, rightmost = _OUTSIDE
+        robot_share = min(max(robot_share, leftmost), rightmost)
         axes.plot(
-            [0, 1], [place, place], color=_TWIN, linewidth=6, alpha=0.3, solid_capstyle="butt"
+            [0, 1],
+            [place, place],
+            color=_TWIN,
+            linewidth=6,
+            alpha=0.3,
+            solid_capstyle="butt",
         )
-        axes.plot([(nominal - low) / (high - low)], [place], "|", color=_TWIN, markersize=14)
-        share = (comparison.robot[one.name] - low) / (high - low)
-        axes.plot([min(max(share, _OUTSIDE[0]), _OUTSIDE[1])], [place], "o", color=_ROBOT)
-        axes.text(0.0, place + 0.2, plain_number(low, 3), fontsize=7, va="top")
+        axes.plot([nominal_share], [place], "|", color=_TWIN, markersize=14)
+        axes.plot([robot_share], [place], "o", color=_ROBOT)
+        axes.text(
+            0.0,
+            place + 0.2,
+            plain_number(low, 3),
+            fontsize=7,
+            va="top",
+        )
         axes.text(
             1.0,
             place + 0.2,
-            f"{plain_number(high, 3)} {one.unit}",
+            f"{plain_number(high, 3)} {quantity.unit}",
             fontsize=7,
             va="top",
             ha="right",
         )
-    axes.set_yticks(range(len(shown)), [one.name for one in shown])
+    axes.set_yticks(range(len(shown)), [quantity.name for quantity in shown])
+    # Shares are no numbers for a reader: the ends have theirs beside them.
     axes.set_xlim(-0.35, 1.35)
     axes.set_xticks([])
     axes.invert_yaxis()

@@ -22,10 +22,14 @@ from bricktwin.twin.physics import PARAMETERS, Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 LATE_MS = 150.0
-_ENDS = 5  # answers at either end of the rest, whose mean counts
+"""Time of an exchange from which on it counts as late."""
+_ENDS = 5
+"""Answers at either end of the rest, whose mean counts."""
 _STARTING_MS = 400
+"""Time in which a motor gets up to speed."""
 _GRAVITY_MM_S2 = 9810.0
 _EXACT = {"error_deg": 0.0, "error_s": 0.0}
+"""A person without errors, who measures the twin."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,7 @@ others."""
 
 def quantities(robot: Robot) -> tuple[Quantity, ...]:
     """All that can be measured of a robot."""
+    # By small angles: what an accelerometer's bias of 1 mm/s2 adds to a tilt.
     tilt_deg = math.degrees(1.0 / _GRAVITY_MM_S2)
     motors = []
     for number, motor in enumerate(robot.motors, 1):
@@ -81,42 +86,79 @@ def quantities(robot: Robot) -> tuple[Quantity, ...]:
 
 def measured(log: SessionLog) -> dict[str, float]:
     """Numbers by the names of the quantities, of those that the log has."""
-    rows: dict[str, list[Row]] = {}
+    phases: dict[str, list[Row]] = {}
     for row in log.rows:
-        rows.setdefault(row.phase, []).append(row)
-    delays_ms = [
-        row.delay_ms
-        for before, row in pairwise(log.rows)
-        if row.time_ms - before.time_ms < PAUSE_MS + row.delay_ms
-    ]
-    names = "link, median", "link, 95 of 100 within", "link, 999 of 1000 within"
-    numbers = dict(zip(names, np.percentile(delays_ms, (50, 95, 99.9)), strict=True))
-    numbers[f"link, over {LATE_MS:g} ms"] = 100.0 * float(np.mean(np.array(delays_ms) > LATE_MS))
-    if {"rest", "turned"} <= rows.keys():
+        phases.setdefault(row.phase, []).append(row)
+    # What a session had no time or no sensor for, its log does not have.
+    numbers = _link(log.rows)
+    if {"rest", "turned"} <= phases.keys():
         numbers |= _inertial(log.rows)
-    if "lifted" in rows:
-        numbers["battery at rest"] = _mean(rows["lifted"], "battery_v")
-    for phase, answers in rows.items():
+    if "lifted" in phases:
+        numbers["battery at rest"] = _mean(phases["lifted"], "battery_v")
+    for phase, answers in phases.items():
         kind, _, motor = phase.partition(" ")
         if kind == "free":
-            numbers[f"speed of {motor}, free"] = (
-                _speed(answers, motor) + _speed(rows[f"back {motor}"], motor)
-            ) / 2
+            # Both ways, as a motor may be faster one way than the other.
+            forward_deg_s = _speed(answers, motor)
+            back_deg_s = _speed(phases[f"back {motor}"], motor)
+            numbers[f"speed of {motor}, free"] = (forward_deg_s + back_deg_s) / 2
         elif kind == "held":
             numbers[f"battery with {motor} held"] = _mean(answers, "battery_v")
-    for phase, name in (("wall", f"wall at {WALL_MM:g} mm"), ("aslant", "wall aslant")):
-        if phase in rows:
-            distances = np.array([row.values["distance"] for row in rows[phase]])
-            seen = distances[distances < UltrasonicSensor.FARTHEST_MM]
-            failed = "distance" if phase == "wall" else name
-            numbers[f"{failed}, failed readings"] = 100.0 * (1.0 - len(seen) / len(distances))
-            if len(seen):
-                numbers[name] = float(np.mean(seen))
-                numbers |= {"distance, noise": float(np.std(seen))} if phase == "wall" else {}
-    return {name: float(value) for name, value in numbers.items()}
+    if "wall" in phases:
+        numbers |= _straight_wall(phases["wall"])
+    if "aslant" in phases:
+        numbers |= _slanting_wall(phases["aslant"])
+    return numbers
+
+
+def _link(rows: Iterable[Row]) -> dict[str, float]:
+    """Numbers of the link's delays."""
+    delays_ms = []
+    for before, row in pairwise(rows):
+        passed_ms = row.time_ms - before.time_ms
+        if passed_ms < PAUSE_MS + row.delay_ms:
+            delays_ms.append(row.delay_ms)
+    percentiles_ms = np.percentile(delays_ms, (50, 95, 99.9))
+    median_ms, most_ms, nearly_all_ms = percentiles_ms.tolist()
+    late_share = float(np.mean(np.array(delays_ms) > LATE_MS))
+    return {
+        "link, median": median_ms,
+        "link, 95 of 100 within": most_ms,
+        "link, 999 of 1000 within": nearly_all_ms,
+        f"link, over {LATE_MS:g} ms": 100.0 * late_share,
+    }
+
+
+def _straight_wall(rows: Iterable[Row]) -> dict[str, float]:
+    """Numbers of an ultrasonic sensor that looks straight at a wall."""
+    distances_mm, failed_pct = _distances(rows)
+    numbers = {"distance, failed readings": failed_pct}
+    if len(distances_mm):
+        numbers[f"wall at {WALL_MM:g} mm"] = float(np.mean(distances_mm))
+        numbers["distance, noise"] = float(np.std(distances_mm))
+    return numbers
+
+
+def _slanting_wall(rows: Iterable[Row]) -> dict[str, float]:
+    """Numbers of an ultrasonic sensor that looks at a wall aslant."""
+    distances_mm, failed_pct = _distances(rows)
+    numbers = {"wall aslant, failed readings": failed_pct}
+    if len(distances_mm):
+        numbers["wall aslant"] = float(np.mean(distances_mm))
+    return numbers
+
+
+def _distances(rows: Iterable[Row]) -> tuple[NDArray[np.float64], float]:
+    """Distances of the readings that have an echo (mm) ``[n]``, and the share of others, %."""
+    readings_mm = _column(rows, "distance")
+    # A sensor that hears nothing reports its largest distance.
+    heard_mm = readings_mm[readings_mm < UltrasonicSensor.FARTHEST_MM]
+    failed_pct = 100.0 * (1.0 - len(heard_mm) / len(readings_mm))
+    return heard_mm, failed_pct
 
 
 def _column(rows: Iterable[Row], name: str) -> NDArray[np.float64]:
+    """A channel's values ``[rows]``."""
     return np.array([row.values[name] for row in rows])
 
 
@@ -126,40 +168,59 @@ def _mean(rows: Iterable[Row], name: str) -> float:
 
 def _speed(rows: list[Row], motor: str) -> float:
     """Speed of a motor, once it runs, without its sign."""
-    running = [row for row in rows if row.time_ms >= rows[0].time_ms + _STARTING_MS]
+    begin_ms = rows[0].time_ms + _STARTING_MS
+    running = [row for row in rows if row.time_ms >= begin_ms]
     times_s = np.array([row.time_ms / 1000 for row in running])
-    return abs(float(np.polyfit(times_s, _column(running, f"{motor}_angle"), 1)[0]))
+    angles_deg = _column(running, f"{motor}_angle")
+    # The slope of a straight line, which the noise of the first and the last angle hardly moves.
+    slope_deg_s, _ = np.polyfit(times_s, angles_deg, 1)
+    return abs(float(slope_deg_s))
 
 
 def _inertial(rows: Iterable[Row]) -> dict[str, float]:
     """Numbers of gyroscope and accelerometer. Half a turn separates their tilt from that of the
     table."""
     turning = [row for row in rows if "heading" in row.values]
+    # Headings are wrapped on the wire; the answers while somebody turns the robot count them on.
     headings_deg = np.unwrap(_column(turning, "heading"), period=360.0)
     times_min = np.array([row.time_ms / 60_000 for row in turning])
-    (rest, turned) = (
-        np.array([row.phase == phase for row in turning]) for phase in ("rest", "turned")
-    )
+    pitch_deg = _column(turning, "pitch")
+    roll_deg = _column(turning, "roll")
+    rate_deg_s = _column(turning, "yaw_rate")
+    is_rest = np.array([row.phase == "rest" for row in turning])
+    is_turned = np.array([row.phase == "turned" for row in turning])
 
     def ends(values: NDArray[np.float64]) -> tuple[float, float, float]:
+        """Means at the beginning and at the end of the rest, and after the turn."""
+        at_rest = values[is_rest]
+        turned = values[is_turned]
         return (
-            float(values[rest][:_ENDS].mean()),
-            float(values[rest][-_ENDS:].mean()),
-            float(values[turned][:_ENDS].mean()),
+            float(at_rest[:_ENDS].mean()),
+            float(at_rest[-_ENDS:].mean()),
+            float(turned[:_ENDS].mean()),
         )
 
-    (first_min, last_min, after_min) = ends(times_min)
-    (first_deg, last_deg, after_deg) = ends(headings_deg)
+    # The gyroscope drifts while the robot is turned, too.
+    first_min, last_min, after_min = ends(times_min)
+    first_deg, last_deg, after_deg = ends(headings_deg)
     drift_deg_min = (last_deg - first_deg) / (last_min - first_min)
-    turn_deg = after_deg - last_deg - drift_deg_min * (after_min - last_min)
-    pitch, roll, rate = (_column(turning, name) for name in ("pitch", "roll", "yaw_rate"))
+    drift_deg = drift_deg_min * (after_min - last_min)
+    turn_deg = after_deg - last_deg - drift_deg
+
+    # The noise of both tilts is one parameter of a twin: their root mean square.
+    pitch_noise_deg = pitch_deg[is_rest].std()
+    roll_noise_deg = roll_deg[is_rest].std()
+    tilt_noise_deg = np.hypot(pitch_noise_deg, roll_noise_deg) / math.sqrt(2.0)
+    # Of the two places, half a turn apart, the table's tilt cancels out.
+    pitch_sum_deg = pitch_deg[is_rest].mean() + pitch_deg[is_turned].mean()
+    roll_sum_deg = roll_deg[is_rest].mean() + roll_deg[is_turned].mean()
     return {
         "gyroscope, scale error": 100.0 * (turn_deg / TURNED_DEG - 1.0),
         "gyroscope, drift": drift_deg_min,
-        "gyroscope, noise": float(rate[rest].std()),
-        "pitch at rest": float(pitch[rest].mean() + pitch[turned].mean()) / 2,
-        "roll at rest": float(roll[rest].mean() + roll[turned].mean()) / 2,
-        "tilt, noise": float(np.hypot(pitch[rest].std(), roll[rest].std()) / math.sqrt(2.0)),
+        "gyroscope, noise": float(rate_deg_s[is_rest].std()),
+        "pitch at rest": float(pitch_sum_deg) / 2,
+        "roll at rest": float(roll_sum_deg) / 2,
+        "tilt, noise": float(tilt_noise_deg),
     }
 
 
@@ -181,32 +242,44 @@ class Comparison:
     def at(self, quantity: Quantity, value: float) -> float:
         """The number of a twin whose parameter has this value."""
         base: float = getattr(self.base, quantity.parameter)
-        return self.twin[quantity.name] + self._factor(quantity) * (value - base)
+        change = self._factor(quantity) * (value - base)
+        return self.twin[quantity.name] + change
 
     def scale(self, quantity: Quantity) -> tuple[float, float, float]:
         """Lowest, nominal and highest number of the twins that are drawn."""
-        low, high = sorted(
-            self.at(quantity, end) for end in PARAMETERS[quantity.parameter].random_range
-        )
-        return low, self.at(quantity, getattr(Physics(), quantity.parameter)), high
+        parameter = PARAMETERS[quantity.parameter]
+        # Where a factor is negative, the lowest number has the highest parameter.
+        low, high = sorted(self.at(quantity, end) for end in parameter.random_range)
+        default = getattr(Physics(), quantity.parameter)
+        nominal = self.at(quantity, default)
+        return low, nominal, high
 
     def _factor(self, quantity: Quantity) -> float:
+        """Change of a number for one unit of its parameter."""
         if quantity.factor is None:
-            return self.twin[quantity.name] / float(getattr(self.base, quantity.parameter))
+            base = float(getattr(self.base, quantity.parameter))
+            return self.twin[quantity.name] / base
         return quantity.factor
 
     def fitted(self) -> Physics:
         """Physics of the robot; what several numbers say of a parameter is averaged, what none says
         of it is the default."""
         values: dict[str, list[float]] = {}
-        for one in self.quantities:
-            if one.parameter and one.name in self.robot and one.name in self.twin:
-                off = (self.robot[one.name] - self.twin[one.name]) / self._factor(one)
-                values.setdefault(one.parameter, []).append(getattr(self.base, one.parameter) + off)
-        fitted = {
-            name: float(np.clip(np.mean(found), *PARAMETERS[name].allowed_range))
-            for name, found in values.items()
-        }
+        for quantity in self.quantities:
+            name = quantity.name
+            parameter = quantity.parameter
+            if not parameter or name not in self.robot or name not in self.twin:
+                continue
+            difference = self.robot[name] - self.twin[name]
+            change = difference / self._factor(quantity)
+            value = getattr(self.base, parameter) + change
+            values.setdefault(parameter, []).append(value)
+        fitted = {}
+        for parameter, estimates in values.items():
+            # A robot with a fault may be beyond all that a twin can be.
+            low, high = PARAMETERS[parameter].allowed_range
+            mean = np.mean(estimates)
+            fitted[parameter] = float(np.clip(mean, low, high))
         return replace(Physics(), **fitted)
 
 
@@ -214,21 +287,25 @@ def compare(log: SessionLog, robot: Robot) -> Comparison:
     """A robot's log beside its twin. A robot without a body that moves has no twin to measure."""
     numbers = measured(log)
     known = quantities(robot)
-    volts = numbers.get("battery at rest", Physics().battery_v)
-    noises = [one.parameter for one in known if "noise" in one.parameter and one.name in numbers]
-    base = Physics(
-        **dict.fromkeys(noises, 0.0),
-        battery_v=float(np.clip(volts, *PARAMETERS["battery_v"].allowed_range)),
-    )
-    hub = None if lies_on_bench(robot, OPEN_FLOOR) else virtual(robot, base)
-    twin = (
-        {}
-        if hub is None
-        else measured(
-            measure(hub, robot, SimulatedPerson(hub, np.random.default_rng(0), **_EXACT), {})
-        )
-    )
-    return Comparison(known, numbers, twin, base)
+    # The speed of motors depends on the battery, so the twin gets the robot's.
+    battery_v = numbers.get("battery at rest", Physics().battery_v)
+    low_v, high_v = PARAMETERS["battery_v"].allowed_range
+    # The twin's own noise would be added to the noise that is measured.
+    noise_free: dict[str, float] = {}
+    for quantity in known:
+        if "noise" in quantity.parameter and quantity.name in numbers:
+            noise_free[quantity.parameter] = 0.0
+    base = Physics(**noise_free, battery_v=float(np.clip(battery_v, low_v, high_v)))
+    return Comparison(known, numbers, _measured_twin(robot, base), base)
+
+
+def _measured_twin(robot: Robot, physics: Physics) -> dict[str, float]:
+    """Numbers of a robot's twin, measured in the same way; none of a robot on the bench."""
+    if lies_on_bench(robot, OPEN_FLOOR):
+        return {}
+    hub = virtual(robot, physics)
+    person = SimulatedPerson(hub, np.random.default_rng(0), **_EXACT)
+    return measured(measure(hub, robot, person, {}))
 
 
 def virtual(robot: Robot, physics: Physics, seed: int = 0) -> VirtualHub:

@@ -29,6 +29,8 @@ from bricktwin.measure.hands import Deed, Person
 from bricktwin.twin.motion_log import read_lines, write_lines
 
 TURNED_DEG = 1260.0
+"""Turn by hand: three turns show the gyroscope's scale, half a turn tells the tilt of the sensor
+from that of the table."""
 WALL_MM = 300.0
 WALL_DEG = 30.0
 _REST_S = 60.0
@@ -127,47 +129,75 @@ class SessionLog:
 
 
 class _Session:
-    def __init__(self, transport: Transport, robot: Robot, person: Person) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        robot: Robot,
+        person: Person,
+    ) -> None:
         self._transport = transport
         self._robot = robot
         self._person = person
         self.rows: list[Row] = []
 
     def link(self, channels: Sequence[Channel], motors: Sequence[str] = ()) -> HubLink:
+        """A link to a program with these channels, and the duties of these motors as commands."""
         self._channels = [channel.name for channel in channels]
         self._motors = motors
-        interface = Interface(tuple(RunDuty(name) for name in motors), tuple(channels), _STEP)
+        commands = tuple(RunDuty(name) for name in motors)
+        interface = Interface(commands, tuple(channels), _STEP)
         self._link = HubLink(self._transport, self._robot, interface)
         return self._link
 
     def ask(self, deed: Deed) -> None:
+        """Ask for a deed, and read the robot until it is done: by these answers whole turns of the
+        heading are counted."""
         self._person.begin(deed)
         while not self._person.is_done():
             self._add("hands")
 
-    def watch(self, phase: str, duration_s: float, motor: str = "", duty_pct: float = 0.0) -> None:
+    def watch(
+        self,
+        phase: str,
+        duration_s: float,
+        motor: str = "",
+        duty_pct: float = 0.0,
+    ) -> None:
+        """Read the robot for a time, with one motor on if it is named."""
+        command = None
+        if motor:
+            command = [duty_pct * (name == motor) for name in self._motors]
         end_s = self._link.now_s() + duration_s
         while self._link.now_s() < end_s:
-            self._add(
-                phase, [duty_pct * (name == motor) for name in self._motors] if motor else None
-            )
+            self._add(phase, command)
         if motor:
             self._link.act([0.0] * len(self._motors))
 
     def _add(self, phase: str, command: Sequence[float] | None = None) -> None:
-        answer, command_ms = (
-            (self._link.read(), 0) if command is None else (self._link.act(command), _STEP.time_ms)
-        )
-        values = dict(zip(self._channels, answer.values, strict=True))
+        """Read the robot once, or after a command."""
+        if command is None:
+            answer = self._link.read()
+            command_ms = 0
+        else:
+            answer = self._link.act(command)
+            # The hub answers when the command has ended.
+            command_ms = _STEP.time_ms
+        delay_ms = answer.round_trip_s * 1000 - command_ms
         self.rows.append(
             Row(
-                phase, answer.hub_time_ms, round(answer.round_trip_s * 1000 - command_ms, 3), values
+                phase=phase,
+                time_ms=answer.hub_time_ms,
+                delay_ms=round(delay_ms, 3),
+                values=dict(zip(self._channels, answer.values, strict=True)),
             )
         )
 
 
 def measure(
-    transport: Transport, robot: Robot, person: Person, about: dict[str, str]
+    transport: Transport,
+    robot: Robot,
+    person: Person,
+    about: dict[str, str],
 ) -> SessionLog:
     """Measure a robot in about two minutes. Raises HubError if the link failed, TwinError if there
     is nothing to measure.
@@ -178,24 +208,25 @@ def measure(
         about: what else is to be known of robot and computer, for the log.
     """
     session = _Session(transport, robot, person)
+    # Motors that may turn on and on; of several ultrasonic sensors the first one.
     motors = [motor.name for motor in robot.motors if motor.range_deg is None]
-    eyes = [sensor.name for sensor in robot.sensors if sensor.kind.model.range_mm is not None][:1]
+    eyes = [sensor.name for sensor in robot.sensors if sensor.kind.model.range_mm is not None]
     if robot.needs_imu:
         with session.link((_Half(), Pitch(), Roll(), _Rate())):
             session.ask(REST)
             session.watch("rest", _REST_S)
             session.ask(TURN)
             session.watch("turned", _TURNED_S)
-    for name in eyes:
+    for name in eyes[:1]:
         with session.link((Distance(name),)):
             session.ask(WALL)
             session.watch("wall", _WALL_S)
             session.ask(ASLANT)
             session.watch("aslant", _WALL_S)
-    if motors:  # last, as legs stand otherwise afterwards
-        with session.link(
-            (*(MotorAngle(name, -180.0, 180.0) for name in motors), _Volts()), motors
-        ):
+    # Motors last, as legs stand otherwise afterwards.
+    if motors:
+        angles = [MotorAngle(name, -180.0, 180.0) for name in motors]
+        with session.link((*angles, _Volts()), motors):
             session.ask(LIFT)
             session.watch("lifted", _LIFTED_S)
             for name in motors:
@@ -225,17 +256,19 @@ def read_log(path: Path) -> SessionLog:
 
 
 def _log(header: dict[str, Any], lines: list[dict[str, Any]]) -> SessionLog:
+    """The log of a file; a file of another kind raises what its content causes."""
     if header["bricktwin_measure"] != _FORMAT:
         raise DescriptionError(f"format {header['bricktwin_measure']!s:.40} is unknown")
-    rows = tuple(
-        Row(
-            str(row["phase"]),
-            int(row["time_ms"]),
-            float(row["delay_ms"]),
-            {k: float(v) for k, v in row["values"].items()},
+    rows = []
+    for row in lines:
+        values = {name: float(value) for name, value in row["values"].items()}
+        rows.append(
+            Row(
+                phase=str(row["phase"]),
+                time_ms=int(row["time_ms"]),
+                delay_ms=float(row["delay_ms"]),
+                values=values,
+            )
         )
-        for row in lines
-    )
-    return SessionLog(
-        str(header["robot"]), {str(k): str(v) for k, v in header["about"].items()}, rows
-    )
+    about = {str(name): str(value) for name, value in header["about"].items()}
+    return SessionLog(str(header["robot"]), about, tuple(rows))

@@ -12,7 +12,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from brickhub.errors import DescriptionError, PlanError, UnknownNameError
 from brickhub.finding import Finding, Outcome
-from brickhub.robot import Direction, DriveBase, Motor, MotorKind, Robot, Sensor, SensorKind
+from brickhub.robot import (
+    AnyHub,
+    Direction,
+    DriveBase,
+    HubKind,
+    Motor,
+    MotorKind,
+    Robot,
+    Sensor,
+    SensorKind,
+)
 from brickhub.robot.spec import LOOKS, sensor_of
 from bricktwin import robots
 from bricktwin.kept import kept
@@ -22,6 +32,7 @@ if TYPE_CHECKING:
     from bricktwin.plans.plan import Placed, Plan
     from bricktwin.plans.planned_robot import PlannedRobot
 
+# How far a description and its plan may be apart.
 _WHEEL_TOLERANCE_MM = 0.5
 _TRACK_TOLERANCE_MM = 2.0
 _RATIO_TOLERANCE = 0.01
@@ -80,7 +91,7 @@ def read_facts(path: Path) -> PlanFacts:
     something has no twin."""
 
     def made() -> PlanFacts:
-        # takes longer to import than kept facts to read
+        # It takes longer to import than kept facts to read.
         from bricktwin.plans.planned_robot import planned_robot
 
         return facts_of(planned_robot(path))
@@ -110,18 +121,19 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
     }
 
     def facts(placed: Placed) -> DeviceFacts:
-        top, front = (
-            TO_TWIN @ placed.rotation @ side for side in ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0))
-        )
-        sides = [
-            name
-            for axis in (top, front)
-            for name, look in LOOKS.items()
-            if axis @ look > _ALIGNED_COSINE
-        ]
+        # In the part's frame its top is -y, as the plan's y points down, and its front is z.
+        top = TO_TWIN @ placed.rotation @ (0.0, -1.0, 0.0)
+        front = TO_TWIN @ placed.rotation @ (0.0, 0.0, 1.0)
+        sides: list[str] = []
+        for axis in (top, front):
+            sides += [name for name, look in LOOKS.items() if axis @ look > _ALIGNED_COSINE]
         port = placed.port or ""
-        train = trains.get(placed.port or "")
-        gears, ratio = (train.gears, train.ratio) if train is not None else ((), 0.0)
+        train = trains.get(port)
+        gears: tuple[int, ...] = ()
+        ratio = 0.0
+        if train is not None:
+            gears = train.gears
+            ratio = train.ratio
         name = placed.electric.name
         part = placed.name
         stops_deg = placed.stops_deg or ()
@@ -167,54 +179,175 @@ def plan_file(model: str) -> Path | None:
         ) from None
 
 
-def completed(
-    robot: Robot,
-) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None, tuple[str, ...]]:
-    """Motors, sensors, drive base and hub sides of a description, completed from its plan. Raises
-    DescriptionError if the plan contradicts the description, PlanError if the plan cannot be
-    read."""
-    design = read_facts(Path(robot.plan or ""))
+class _Description(NamedTuple):
+    """What a robot has, in the words of `Robot`, while its plan still completes it."""
+
+    name: str
+    hub: AnyHub
+    motors: tuple[Motor, ...]
+    sensors: tuple[Sensor, ...]
+    drive_base: DriveBase | None
+    needs_imu: bool
+    hub_sides: tuple[str, ...]
+
+
+def robot_of_plan(
+    path: Path | str,
+    name: str | None = None,
+    hub: AnyHub | None = None,
+    *,
+    motors: Sequence[Motor] = (),
+    sensors: Sequence[Sensor] = (),
+    drive_base: DriveBase | None = None,
+    needs_imu: bool | None = None,
+    hub_sides: tuple[str, ...] = (),
+    model: str | None = None,
+    mirrored: tuple[tuple[str, str], ...] = (),
+) -> Robot:
+    """The robot that a building plan describes: its hub, and the motors and sensors on the hub's
+    ports, with gears, wheels and end stops. The plan is read once, here, and is the model of the
+    virtual robot if none is named.
+
+    Args:
+        path: LDraw file, or ``package:FILE``.
+        name: of the robot; by default that of the file.
+        hub: by default the plan's.
+        motors: what the plan does not say of some motors, such as their ranges. One whose port is
+            "" is on the port of that name in the plan.
+        sensors: as ``motors``.
+        drive_base: a wheel diameter or axle track of 0 is the plan's.
+        needs_imu: by default whether the hub has an IMU and is straight in the plan.
+        hub_sides: by default as in the plan, where the IMU is needed.
+        model, mirrored: as of `Robot`.
+
+    Raises:
+        PlanError: the plan cannot be read.
+        DescriptionError: the plan has no hub of ours, or contradicts what is said here.
+    """
+    file = plan_file(str(path)) or Path(path)
+    design = read_facts(file)
+    if hub is None:
+        hub = _hub_of(file, design)
+    if needs_imu is None:
+        # An inertial sensor is of use where the plan says how the hub lies.
+        needs_imu = hub.model.has_imu and len(design.hub_sides) == 2
+    description = Robot(
+        _name_of(file) if name is None else name,
+        hub,
+        motors=tuple(motors),
+        sensors=tuple(sensors),
+        drive_base=drive_base,
+        needs_imu=needs_imu,
+        hub_sides=hub_sides,
+        model=model,
+        plan=str(file),
+        mirrored=mirrored,
+    )
+    return completed(description)
+
+
+def completed(robot: Robot) -> Robot:
+    """A robot with what its building plan says: motors and sensors that the description does not
+    name, ports that are "", gears, wheels, end stops and, where the IMU is needed, how the hub is
+    mounted. The plan is read here, and is the model of the virtual robot if none is named. A robot
+    without a plan is complete.
+
+    Raises:
+        PlanError: the plan cannot be read.
+        DescriptionError: the plan contradicts the description, or neither says something.
+    """
+    if robot.plan is None:
+        return robot
+    path = plan_file(robot.plan) or Path(robot.plan)
+    description = _Description(
+        robot.name,
+        robot.hub,
+        robot.motors,
+        robot.sensors,
+        robot.drive_base,
+        robot.needs_imu,
+        robot.hub_sides,
+    )
+    whole = _completed(description, read_facts(path), path)
+    return replace(
+        robot,
+        motors=whole.motors,
+        sensors=whole.sensors,
+        drive_base=whole.drive_base,
+        hub_sides=whole.hub_sides,
+        model=robot.model or str(path),
+        plan=None,
+    )
+
+
+def _hub_of(path: Path, design: PlanFacts) -> HubKind:
+    hub = design.hubs[0] if design.hubs else None
+    kinds = {kind.value: kind for kind in HubKind}
+    if hub is None or hub.name not in kinds:
+        raise DescriptionError(
+            f"{path} has {'no hub' if hub is None else hub.part}; a robot needs one that runs "
+            "Pybricks"
+        )
+    return kinds[hub.name]
+
+
+def _name_of(path: Path) -> str:
+    stem = "".join(letter if letter.isalnum() else "_" for letter in path.stem)
+    return stem if stem.isidentifier() else f"robot_{stem}"
+
+
+def _completed(robot: _Description, design: PlanFacts, path: Path) -> _Description:
+    """A description with what only its plan says. Raises DescriptionError if the plan contradicts
+    it."""
     kinds = {kind.value for kind in (*MotorKind, *SensorKind)}
     for part in (*design.motors, *design.sensors):
         if part.name not in kinds:  # as those of EV3
-            where = f"{robot.plan}, line {part.line}"
+            where = f"{path}, line {part.line}"
             raise DescriptionError(
                 f"{where}: no hub of ours runs {part.part}; take a motor or sensor of Powered Up "
                 "or SPIKE"
             )
-    motors = _motors(robot, design)
-    sensors = _sensors(robot, design)
+    motors = _motors(robot, design, path)
+    sensors = _sensors(robot, design, path)
     base = robot.drive_base
     if base is not None and not (base.wheel_diameter_mm and base.axle_track_mm):
-        driven = {
-            motor.name: part
-            for motor in motors
-            for part in design.motors
-            if part.port == motor.port and part.wheel_mm
-        }
-        for name in (base.left, base.right):
-            if name not in driven:
-                raise DescriptionError(
-                    f"robot '{robot.name}': '{name}' turns no wheel in {robot.plan}; correct the "
-                    "drive base"
-                )
-        left = driven[base.left]
-        right = driven[base.right]
-        base = replace(
-            base,
-            wheel_diameter_mm=base.wheel_diameter_mm or left.wheel_mm,
-            axle_track_mm=base.axle_track_mm
-            or round(abs(left.wheel_left_m - right.wheel_left_m) * 1000, 3),
-        )
-    sides = (robot.hub_sides or design.hub_sides) if robot.needs_imu else robot.hub_sides
-    _raise_first(disagreements(robot, (*motors, *sensors), base, sides, design), robot.plan)
-    return motors, sensors, base, sides
+        base = _with_wheels(base, robot.name, motors, design, path)
+    sides = robot.hub_sides
+    # Only what reads the hub's IMU must know how the hub lies.
+    if robot.needs_imu and not sides:
+        sides = design.hub_sides
+    completed = robot._replace(motors=motors, sensors=sensors, drive_base=base, hub_sides=sides)
+    _raise_first(disagreements(completed, design), path)
+    return completed
 
 
-def _motors(robot: Robot, design: PlanFacts) -> tuple[Motor, ...]:
+def _with_wheels(
+    base: DriveBase, name: str, motors: tuple[Motor, ...], design: PlanFacts, path: Path
+) -> DriveBase:
+    """A drive base with the wheel diameter and axle track of the plan, where it says none."""
+    wheel_motors = {part.port: part for part in design.motors if part.wheel_mm}
+    driven = {
+        motor.name: wheel_motors[motor.port] for motor in motors if motor.port in wheel_motors
+    }
+    for side in (base.left, base.right):
+        if side not in driven:
+            raise DescriptionError(
+                f"robot '{name}': '{side}' turns no wheel in {path}; correct the drive base"
+            )
+    left = driven[base.left]
+    right = driven[base.right]
+    track_mm = round(abs(left.wheel_left_m - right.wheel_left_m) * 1000, 3)
+    return replace(
+        base,
+        wheel_diameter_mm=base.wheel_diameter_mm or left.wheel_mm,
+        axle_track_mm=base.axle_track_mm or track_mm,
+    )
+
+
+def _motors(robot: _Description, design: PlanFacts, path: Path) -> tuple[Motor, ...]:
     """Motors of the description, then those that only the plan has."""
     motors = [
-        replace(motor, port=motor.port or _port_of(motor.name, design.motors, robot))
+        replace(motor, port=motor.port or _port_of(motor.name, design.motors, robot.name, path))
         for motor in robot.motors
     ]
     described = {motor.port for motor in motors}
@@ -238,46 +371,38 @@ def _with_stops(motor: Motor, stops_deg: tuple[float, ...] | None) -> Motor:
     return replace(motor, end_stops_deg=(low, high))
 
 
-def _sensors(robot: Robot, design: PlanFacts) -> tuple[Sensor, ...]:
+def _sensors(robot: _Description, design: PlanFacts, path: Path) -> tuple[Sensor, ...]:
     parts = design.sensors
     sensors = [
-        replace(sensor, port=sensor.port or _port_of(sensor.name, parts, robot))
+        replace(sensor, port=sensor.port or _port_of(sensor.name, parts, robot.name, path))
         for sensor in robot.sensors
     ]
     described = {sensor.port for sensor in sensors}
     others = [part for part in parts if part.port not in described]
-    names = [part.label or f"sensor_{part.port.lower()}" for part in others]
-    return (
-        *sensors,
-        *(
-            sensor_of(SensorKind(part.name), name, part.port)
-            for part, name in zip(others, names, strict=True)
-        ),
-    )
+    for part in others:
+        name = part.label or f"sensor_{part.port.lower()}"
+        sensors.append(sensor_of(SensorKind(part.name), name, part.port))
+    return tuple(sensors)
 
 
-def _port_of(name: str, parts: Sequence[DeviceFacts], robot: Robot) -> str:
+def _port_of(name: str, parts: Sequence[DeviceFacts], robot: str, path: Path) -> str:
     """Port of a named device in the plan."""
     for part in parts:
         if part.label == name:
             return part.port
     known = ", ".join(part.label for part in parts if part.label) or "none"
     raise DescriptionError(
-        f"robot '{robot.name}': '{name}' has no port, and {robot.plan} no device of that name (it "
+        f"robot '{robot}': '{name}' has no port, and {path} no device of that name (it "
         f"has: {known}); say its port"
     )
 
 
-def disagreements(
-    robot: Robot,
-    devices: Sequence[Motor | Sensor],
-    base: DriveBase | None,
-    sides: tuple[str, ...],
-    design: PlanFacts,
-) -> Iterator[_Mistake]:
-    """Contradictions between a description, with these devices, drive base and hub sides, and a
-    plan."""
+def disagreements(robot: Robot | _Description, design: PlanFacts) -> Iterator[_Mistake]:
+    """Contradictions between a description and a plan."""
     name = robot.name
+    devices: tuple[Motor | Sensor, ...] = (*robot.motors, *robot.sensors)
+    base = robot.drive_base
+    sides = robot.hub_sides
     hub = robot.hub.value
     parts = {part.port: part for part in (*design.motors, *design.sensors)}
     for hub_part in design.hubs:
@@ -305,9 +430,9 @@ def disagreements(
             yield part.line, "wiring", text
     if base is not None:
         ports = {device.name: device.port for device in devices}
-        yield from _check_wheels(
-            name, base, *(parts.get(ports.get(side, "")) for side in (base.left, base.right))
-        )
+        left = parts.get(ports.get(base.left, ""))
+        right = parts.get(ports.get(base.right, ""))
+        yield from _check_wheels(name, base, left, right)
     if robot.needs_imu and design.hubs and not (design.hub_sides == sides and len(sides) == 2):
         text = "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"
         if len(design.hub_sides) == 2:
@@ -336,12 +461,9 @@ def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Itera
             "wiring",
             f"{label}, but for the robot {name} '{device.name}'; make both agree",
         )
-    elif (
-        isinstance(device, Motor)
-        and device.gears
-        and part.ratio
-        and device.gears[0] != device.gears[-1]
-    ):
+    elif isinstance(device, Motor) and device.gears and part.ratio:
+        if device.gears[0] == device.gears[-1]:
+            return
         ratio = device.gears[0] / device.gears[-1]
         if abs(ratio - abs(part.ratio)) > _RATIO_TOLERANCE * ratio:
             teeth = " to ".join(map(str, part.gears)) or "no gears"
@@ -395,9 +517,7 @@ def check_named(plan: Plan) -> list[Finding]:
         return [Finding("wiring", Outcome.ERROR, str(error))]
     except PlanError:
         return []
-    found = disagreements(
-        robot, (*robot.motors, *robot.sensors), robot.drive_base, robot.hub_sides, design
-    )
+    found = disagreements(robot, design)
     return [Finding(name, Outcome.ERROR, text, line) for line, name, text in found]
 
 
@@ -411,20 +531,18 @@ def without_stops(plan: Plan) -> list[str]:
     except PlanError:
         return []
     robot = robots.ROBOTS.get(plan.robot or "")
-    ranged = {
-        motor.port
-        for motor in (robot.motors if robot is not None else ())
-        if motor.range_deg or motor.end_stops_deg
-    }
+    described = robot.motors if robot is not None else ()
+    ranged = {motor.port for motor in described if motor.range_deg or motor.end_stops_deg}
     rolling = {drive.port for drive, _ in design.rolling}
-    others = [
-        drive.port for drive in design.articulation.drives if drive.port not in ranged | rolling
-    ]
-    return sorted(
-        port
-        for port in others
-        if design.device(port).stops_deg is None and stops_deg(design, port) is None
-    )
+    ports = []
+    for drive in design.articulation.drives:
+        port = drive.port
+        if port in ranged or port in rolling or design.device(port).stops_deg is not None:
+            continue
+        # Last, as it turns the motor through all of its ways.
+        if stops_deg(design, port) is None:
+            ports.append(port)
+    return sorted(ports)
 
 
 def check_description(robot: Robot, path: Path) -> None:
@@ -433,14 +551,21 @@ def check_description(robot: Robot, path: Path) -> None:
     read."""
     design = read_facts(path)
     ports = {part.port for part in design.sensors}
-    sensors = [sensor for sensor in robot.sensors if sensor.port in ports]
-    _raise_first(
-        disagreements(robot, (*robot.motors, *sensors), robot.drive_base, robot.hub_sides, design),
-        path,
+    sensors = tuple(sensor for sensor in robot.sensors if sensor.port in ports)
+    compared = _Description(
+        robot.name,
+        robot.hub,
+        robot.motors,
+        sensors,
+        robot.drive_base,
+        robot.needs_imu,
+        robot.hub_sides,
     )
+    _raise_first(disagreements(compared, design), path)
 
 
-def _raise_first(mistakes: Iterator[_Mistake], plan: Path | str | None) -> None:
+def _raise_first(mistakes: Iterator[_Mistake], plan: Path) -> None:
     """Raise DescriptionError for the first mistake, if there is one."""
     for line, _, text in mistakes:
-        raise DescriptionError(f"{plan}{f', line {line}' if line else ''}: {text}")
+        place = f"{plan}, line {line}" if line else f"{plan}"
+        raise DescriptionError(f"{place}: {text}")

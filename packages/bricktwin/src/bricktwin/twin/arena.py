@@ -38,7 +38,9 @@ _WALL_HALF_WIDTH_M = 0.012
 _WALL_RGB = (0.55, 0.58, 0.62)
 _LOAD_RGB = (0.85, 0.55, 0.15)
 _MAX_DRAWS = 20_000
+"""Start poses that are drawn before an arena counts as too narrow."""
 _DRAWS_AT_ONCE = 200
+"""Start poses that are drawn for one arrangement of the first robots."""
 _MAX_MOTORS = 31
 """Number of actuator groups that MuJoCo can disable."""
 
@@ -56,9 +58,10 @@ class Place:
 
     def draw(self, rng: Rng) -> Pose:
         """Draw a start pose."""
-        x_m, y_m, heading_deg = (
-            rng.uniform(*bounds) for bounds in (self.x_m, self.y_m, self.heading_deg)
-        )
+        # In this order: runs with a seed are repeated by it.
+        x_m = rng.uniform(*self.x_m)
+        y_m = rng.uniform(*self.y_m)
+        heading_deg = rng.uniform(*self.heading_deg)
         return Pose(x_m, y_m, heading_deg)
 
 
@@ -102,16 +105,16 @@ class Arena:
     gap_m: float = 0.3
 
     def __post_init__(self) -> None:
-        names = [
-            *(contestant.name for contestant in self.robots),
-            *(load.name for load in self.loads),
-        ]
+        # They begin the names of all parts in the model.
+        names = [contestant.name for contestant in self.robots]
+        names += [load.name for load in self.loads]
         if not self.robots or len(set(names)) < len(names):
             raise TwinError(
                 f"an arena of {', '.join(names) or 'nothing'}; give each robot and each load a "
                 "name of its own"
             )
-        if sum(len(contestant.robot.motors) for contestant in self.robots) > _MAX_MOTORS:
+        motors = sum(len(contestant.robot.motors) for contestant in self.robots)
+        if motors > _MAX_MOTORS:
             raise TwinError(
                 f"the robots of an arena have more than {_MAX_MOTORS} motors; take fewer robots"
             )
@@ -125,56 +128,29 @@ class Arena:
 
 @functools.lru_cache(maxsize=4)
 def _compiled(arena: Arena) -> mujoco.MjModel:
-    return kept_model(
-        lambda: _built(arena), [contestant.robot for contestant in arena.robots], arena
-    )
+    """Compiled model of an arena; copy it before use."""
+    robots = [contestant.robot for contestant in arena.robots]
+    return kept_model(lambda: _built(arena), robots, arena)
 
 
 def _built(arena: Arena) -> mujoco.MjSpec:
-    # takes longer to import than a kept model to load
-    from bricktwin.twin.models.load import load_model
-
+    """Model of an arena: the models of its robots, attached to one world."""
     spec = new_spec("arena", OPEN_FLOOR)
     world = spec.worldbody
     add_light(world)
+    half_sizes_m = arena.half_size_m or (0.7,)
     add_camera(
         world,
         "arena",
-        (0.0, 0.0, 0.0),
-        (0.0, -0.75, 1.0),
-        2.6 * max(arena.half_size_m or (0.7,)) + 0.4,
+        target=(0.0, 0.0, 0.0),
+        direction=(0.0, -0.75, 1.0),
+        distance_m=2.6 * max(half_sizes_m) + 0.4,
     )
     if arena.half_size_m is not None:
         _add_walls(world, *arena.half_size_m)
     for number, contestant in enumerate(arena.robots):
-        child = load_model(contestant.robot, OPEN_FLOOR, alone=False)
-        chassis = child.body("chassis")
-        if (
-            chassis is None
-            or not chassis.joints
-            or chassis.joints[0].type != mujoco.mjtJoint.mjJNT_FREE
-        ):
-            raise TwinError(
-                f"robot '{contestant.robot.name}' stands on a fixed base; an arena is for robots "
-                "that move about"
-            )
-        for geom in child.geoms:
-            if geom.contype:  # robots collide with one another and with their surroundings
-                others = sum(2 << other for other in range(len(arena.robots)) if other != number)
-                geom.contype = 1 | 2 << number
-                geom.conaffinity = others
-        for light in list(child.lights):
-            child.delete(light)
-        child.option.jacobian = spec.option.jacobian  # one for all
-        world.add_frame().attach_body(chassis, f"{contestant.name}/", "")
-        spec.body(f"{contestant.name}/chassis").add_geom(
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            pos=[-0.016, 0.0, 0.062],
-            size=[0.022, 0.004, 0.0],
-            rgba=[*contestant.color, 1.0],
-            mass=0.0,
-            **LOOKS,
-        )
+        _add_robot(spec, contestant, number, len(arena.robots))
+    # Each model numbers its motors from 0; a group of its own opens one circuit alone.
     for group, actuator in enumerate(spec.actuators):
         actuator.group = group
     for load in arena.loads:
@@ -182,19 +158,65 @@ def _built(arena: Arena) -> mujoco.MjSpec:
     return spec
 
 
+def _add_robot(
+    spec: mujoco.MjSpec,
+    contestant: Contestant,
+    number: int,
+    count: int,
+) -> None:
+    """Add a robot, one of ``count``. Raises TwinError if it cannot move."""
+    # Takes longer to import than a kept model to load.
+    from bricktwin.twin.models.load import load_model
+
+    child = load_model(contestant.robot, OPEN_FLOOR, alone=False)
+    chassis = child.body("chassis")
+    joints: list[mujoco.MjsJoint] = [] if chassis is None else chassis.joints
+    if not joints or joints[0].type != mujoco.mjtJoint.mjJNT_FREE:
+        raise TwinError(
+            f"robot '{contestant.robot.name}' stands on a fixed base; an arena is for robots "
+            "that move about"
+        )
+    # Robots collide with one another and with their surroundings: bit 0 is that of what collides
+    # with all, and each robot has a bit to which the others answer.
+    others = sum(2 << other for other in range(count) if other != number)
+    for geom in child.geoms:
+        if geom.contype:
+            geom.contype = 1 | 2 << number
+            geom.conaffinity = others
+    # What there is one of for all: the light, and how matrices are stored.
+    for light in list(child.lights):
+        child.delete(light)
+    child.option.jacobian = spec.option.jacobian
+    spec.worldbody.add_frame().attach_body(chassis, f"{contestant.name}/", "")
+    # A disc on the hub, by whose colour a person knows the robot.
+    spec.body(f"{contestant.name}/chassis").add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        pos=[-0.016, 0.0, 0.062],
+        size=[0.022, 0.004, 0.0],
+        rgba=[*contestant.color, 1.0],
+        mass=0.0,
+        **LOOKS,
+    )
+
+
 def _add_walls(world: mujoco.MjsBody, half_x_m: float, half_y_m: float) -> None:
-    for axis, side in ((0, 1), (0, -1), (1, 1), (1, -1)):
-        position = [0.0, 0.0, _WALL_HALF_HEIGHT_M]
-        size = [half_x_m, half_y_m, _WALL_HALF_HEIGHT_M]
-        position[axis] = side * ((half_x_m, half_y_m)[axis] + _WALL_HALF_WIDTH_M)
-        size[axis] = _WALL_HALF_WIDTH_M
-        add_geom(world, f"wall_{axis}{'+' if side > 0 else '-'}", position, size, _WALL_RGB)
+    """Add four walls around the floor."""
+    for axis, half_m in enumerate((half_x_m, half_y_m)):
+        for side, sign in ((1, "+"), (-1, "-")):
+            position = [0.0, 0.0, _WALL_HALF_HEIGHT_M]
+            position[axis] = side * (half_m + _WALL_HALF_WIDTH_M)
+            size = [half_x_m, half_y_m, _WALL_HALF_HEIGHT_M]
+            size[axis] = _WALL_HALF_WIDTH_M
+            add_geom(world, f"wall_{axis}{sign}", position, size, _WALL_RGB)
 
 
 def _add_load(world: mujoco.MjsBody, load: Load) -> None:
-    body = world.add_body(name=load.name, pos=[0.0, 0.0, load.half_size_m[2]])
+    """Add a box that robots can push; where it lies is drawn at each start."""
+    half_height_m = load.half_size_m[2]
+    body = world.add_body(name=load.name, pos=[0.0, 0.0, half_height_m])
     body.add_freejoint(name=load.name)
     half = list(load.half_size_m)
+    # Above the priority of tyres: their friction is not that of a box on the floor.
     add_geom(
         body,
         load.name,
@@ -222,7 +244,12 @@ class ArenaWorld:
         steps: of the physics since the world was made.
     """
 
-    def __init__(self, arena: Arena, physics: Physics | None = None, seed: int = 0) -> None:
+    def __init__(
+        self,
+        arena: Arena,
+        physics: Physics | None = None,
+        seed: int = 0,
+    ) -> None:
         self.arena = arena
         self._nominal = _compiled(arena)
         self.model = copy.copy(self._nominal)
@@ -233,22 +260,27 @@ class ArenaWorld:
         self.on_time: Callable[[int], None] = lambda _: None
         self._target_ms: dict[int, int] = {}
         seeds = np.random.SeedSequence(seed).spawn(len(arena.robots))
-        robots = zip(arena.robots, seeds, strict=True)
         physics = physics or Physics()
-        self.bodies = [
-            ArenaBody(self, contestant, physics, noise_seed) for contestant, noise_seed in robots
-        ]
-        loads = [int(self.model.body(load.name).id) for load in arena.loads]
-        scaled = [body for body in range(self.model.nbody) if body not in loads]
-        set_physics(self.model, self._nominal, physics, self.bodies, scaled)
-        self._loads = [int(self.model.joint(load.name).qposadr[0]) for load in arena.loads]
+        self.bodies: list[ArenaBody] = []
+        for contestant, noise_seed in zip(arena.robots, seeds, strict=True):
+            self.bodies.append(ArenaBody(self, contestant, physics, noise_seed))
+        # Loads are what their description says, whatever the physics of the robots.
+        model = self.model
+        loads: list[int] = []
+        self._loads: list[int] = []
+        """Address of the first position of each load."""
+        for load in arena.loads:
+            loads.append(int(model.body(load.name).id))
+            joint = model.joint(load.name)
+            self._loads.append(int(joint.qposadr[0]))
+        scaled = [body for body in range(model.nbody) if body not in loads]
+        set_physics(model, self._nominal, physics, self.bodies, scaled)
         self._settle()
 
     def _settle(self) -> None:
         """Let all robots settle on the floor, far from one another, and record their stances."""
-        for number, address in enumerate(
-            [*(body.base_address for body in self.bodies), *self._loads]
-        ):
+        addresses = [body.base_address for body in self.bodies] + self._loads
+        for number, address in enumerate(addresses):
             self.data.qpos[address] = 2.0 * number
         settle(self.model, self.data, self.bodies)
         for body in self.bodies:
@@ -274,17 +306,17 @@ class ArenaWorld:
         come_to_rest(self.model, self.data, self.bodies)
 
     def _starts(self, rng: Rng) -> list[Pose]:
+        """Start poses that keep the arena's gap, drawn until they do."""
         starts: list[Pose] = []
         for number in range(1, _MAX_DRAWS + 1):
-            start = self.arena.robots[len(starts)].place.draw(rng)
-            if all(
-                math.hypot(start.x_m - other.x_m, start.y_m - other.y_m) >= self.arena.gap_m
-                for other in starts
-            ):
+            next_robot = self.arena.robots[len(starts)]
+            start = next_robot.place.draw(rng)
+            if all(_apart_m(start, other) >= self.arena.gap_m for other in starts):
                 starts.append(start)
             if len(starts) == len(self.arena.robots):
                 return starts
-            if number % _DRAWS_AT_ONCE == 0:  # the first robots may leave no room for the others
+            if number % _DRAWS_AT_ONCE == 0:
+                # The first robots may leave no room for the others.
                 starts.clear()
         raise self.arena.too_narrow()
 
@@ -292,15 +324,19 @@ class ArenaWorld:
         """True poses of the robots, then of the loads."""
         poses = [body.pose() for body in self.bodies]
         for address in self._loads:
-            x_m, y_m = self.data.qpos[address : address + 2].tolist()
-            poses.append(Pose(x_m, y_m, clockwise_deg(self.data.qpos[address + 3 : address + 7])))
+            pose = self.data.qpos[address : address + 7]
+            x_m, y_m, *_ = pose.tolist()
+            orientation = pose[3:]
+            poses.append(Pose(x_m, y_m, clockwise_deg(orientation)))
         return poses
 
     def advance_for(self, number: int, time_ms: int) -> None:
         """Advance the world to ``time_ms`` for robot ``number``, after running all other hubs up to
         that time."""
+        # Running another hub comes here again, for that hub: those that wait have a target.
         self._target_ms[number] = time_ms
         while self.time_ms < time_ms:
+            # No further than the nearest target, at which that hub may set a voltage.
             next_ms = min(self._target_ms.values())
             for other, run in enumerate(self.runners):
                 if other not in self._target_ms and self.time_ms < next_ms:
@@ -310,7 +346,7 @@ class ArenaWorld:
         del self._target_ms[number]
 
     def _advance_to(self, time_ms: int) -> None:
-        remaining = time_ms * 2 // 5 - self.steps
+        remaining = time_ms * 2 // 5 - self.steps  # steps of 2.5 ms
         while remaining > 0:
             steps = min(remaining, STEPS_PER_LOAD - self.steps % STEPS_PER_LOAD)
             mujoco.mj_step(self.model, self.data, steps)
@@ -323,6 +359,11 @@ class ArenaWorld:
                     body.load_battery()
         self.time_ms = time_ms
         self.on_time(time_ms)
+
+
+def _apart_m(pose: Pose, other: Pose) -> float:
+    """Distance of two poses."""
+    return math.hypot(pose.x_m - other.x_m, pose.y_m - other.y_m)
 
 
 class ArenaBody(MujocoBody):
@@ -345,7 +386,8 @@ class ArenaBody(MujocoBody):
         self._number = world.arena.robots.index(contestant)
         self.steps = 0
         self._noise = np.random.default_rng(seed)
-        self._heading_noise = SummedNoise(np.random.default_rng(seed.spawn(1)[0]))
+        (heading_seed,) = seed.spawn(1)
+        self._heading_noise = SummedNoise(np.random.default_rng(heading_seed))
         self._bind(f"{contestant.name}/")
         self._turns = Turns()
         self._heading_at_start_deg = 0.0

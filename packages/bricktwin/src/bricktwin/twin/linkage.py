@@ -4,7 +4,7 @@ wheels on the floor; and of a ghost at its goal.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -20,9 +20,13 @@ from bricktwin.twin.scene import Goal
 _TURN_RAD = 0.25
 """Largest turn between two solutions, so that a linkage does not flip."""
 _MAX_STEPS = 8
+"""Most steps of Gauss-Newton for one solution."""
 _STEP_RAD = 0.3
+"""Largest change of a hinge in one of them: near a dead centre the linear solution is far off."""
 _TOLERANCE = 1e-6
+"""Residual (m, rad) below which constraints hold."""
 _OPEN = 1e-3
+"""Residual above which a linkage cannot be closed, and stays as it was."""
 
 
 def turn_joints(
@@ -38,7 +42,8 @@ def turn_joints(
         addresses: of the joints' positions, which change by ``changes`` [n], rad.
         passive: indices of the hinges that follow; they stay where the constraints cannot hold.
     """
-    steps = max(1, math.ceil(np.abs(changes).max(initial=0.0) / _TURN_RAD))
+    largest_rad = np.abs(changes).max(initial=0.0)
+    steps = max(1, math.ceil(largest_rad / _TURN_RAD))
     for _ in range(steps):
         data.qpos[addresses] += changes / steps
         if passive and model.neq:
@@ -54,29 +59,38 @@ def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, passive: Sequence[i
         gaps, slopes = _constraints(model, data)
         if np.abs(gaps).max(initial=0.0) < _TOLERANCE:
             return
-        step = np.linalg.lstsq(slopes[:, dofs], -gaps, rcond=1e-6)[0]
-        data.qpos[addresses] += np.clip(step, -_STEP_RAD, _STEP_RAD)
-    if np.abs(_constraints(model, data)[0]).max() > _OPEN:
+        # Least squares: there may be more hinges than constraints, and the other way round.
+        passive_slopes = slopes[:, dofs]
+        solution = np.linalg.lstsq(passive_slopes, -gaps, rcond=1e-6)
+        step = np.clip(solution[0], -_STEP_RAD, _STEP_RAD)
+        data.qpos[addresses] += step
+    gaps, _ = _constraints(model, data)
+    if np.abs(gaps).max() > _OPEN:
         data.qpos[addresses] = start
 
 
 def _constraints(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Floats, Floats]:
     """Residuals [n] of the equality constraints (m, rad), and their slopes [n, nv]."""
-    for compute in (
-        mujoco.mj_kinematics,
-        mujoco.mj_comPos,
-        mujoco.mj_tendon,
-        mujoco.mj_makeConstraint,
-    ):
-        compute(model, data)
+    # The stages of `mj_forward` that constraints need, in MuJoCo's order.
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_tendon(model, data)
+    mujoco.mj_makeConstraint(model, data)
     slopes = np.zeros((data.nefc, model.nv))
     if mujoco.mj_isSparse(model):
         mujoco.mju_sparse2dense(
-            slopes, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
+            slopes,
+            data.efc_J,
+            data.efc_J_rownnz,
+            data.efc_J_rowadr,
+            data.efc_J_colind,
         )
     else:
         slopes = data.efc_J.reshape(slopes.shape)
-    return data.efc_pos[: data.ne].copy(), slopes[: data.ne]
+    # Equalities come first; limits, friction and contacts after them.
+    equalities = slice(0, data.ne)
+    gaps = data.efc_pos[equalities].copy()
+    return gaps, slopes[equalities]
 
 
 class Linkage:
@@ -87,78 +101,130 @@ class Linkage:
     """
 
     def __init__(self, made: Articulation) -> None:
+        self._gears: dict[str, float] = {}
+        for drive in made.drives:
+            self._gears[f"motor_{drive.port}"] = drive.gear
         spec = mujoco.MjSpec()
-        self._gears = {f"motor_{drive.port}": drive.gear for drive in made.drives}
-        drives = {drive.joint: f"motor_{drive.port}" for drive in made.drives}
-        bodies = [spec.worldbody.add_body(name="body_0")]
-        origins = [np.zeros(3)]
-        for joint in made.joints:
-            body = bodies[joint.parent].add_body(
-                name=f"body_{joint.child}", pos=joint.point_m - origins[joint.parent]
-            )
-            body.explicitinertial = True
-            body.mass = 1.0
-            body.inertia = [1.0] * 3
-            for number, axis in enumerate(np.eye(3) if joint.is_ball else [joint.axis]):
-                name = drives.get(joint, f"joint_{joint.child}_{number}")
-                body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
-            bodies.append(body)
-            origins.append(joint.point_m)
-        for geared in made.geared:
-            add_coupling(spec, geared, "", f"joint_{geared.joint.child}_0")
-        for loop in made.loops:
-            add_loop(
-                spec,
-                "",
-                bodies[loop.parent],
-                bodies[loop.child],
-                triple(loop.point_m - origins[loop.parent]),
-            )
-        body_of = {
-            part: body for number, body in enumerate(bodies) for part in made.bodies[number].parts
-        }
-        for number, rod in enumerate(made.rods):
-            pins = (rod.near, rod.near_m), (rod.far, rod.far_m)
-            near, far = ((bodies[end], tuple(at_m - origins[end])) for end, at_m in pins)
-            body_of |= dict.fromkeys(rod.parts, add_rod(spec, str(number), near, far))
-        for number, follower in enumerate(made.followers):
-            at_m = triple(follower.point_m - origins[follower.body])
-            body_of |= dict.fromkeys(
-                follower.parts, add_spinner(bodies[follower.body], number, follower, at_m)
-            )
-        self._model = model = spec.compile()
-        self._data = mujoco.MjData(model)
-        self._body_of = {part: int(body.id) for part, body in body_of.items()}
+        body_of = _add_linkage(spec, made)
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        self._model = model
+        self._data = data
+        # Bodies have their numbers only now.
+        self._body_of: dict[int, int] = {}
+        for part, body in body_of.items():
+            self._body_of[part] = int(body.id)
         self._turning = TurningParts(model)
-        names = [model.joint(joint).name for joint in range(model.njnt)]
-        self._passive = [joint for joint, name in enumerate(names) if name not in self._gears]
-        held = np.abs(_constraints(model, self._data)[1]).max(axis=0, initial=0.0) > _TOLERANCE
-        self.free = tuple(
-            names[joint] for joint in self._passive if not held[model.jnt_dofadr[joint]]
-        )
+
+        # A hinge that no constraint depends on is free for the user to turn.
+        _, slopes = _constraints(model, data)
+        steepest = np.abs(slopes).max(axis=0, initial=0.0)  # [nv]
+        is_held = steepest > _TOLERANCE
+        self._passive: list[int] = []
+        free: list[str] = []
+        for joint in range(model.njnt):
+            name = model.joint(joint).name
+            if name in self._gears:
+                continue
+            self._passive.append(joint)
+            dof = model.jnt_dofadr[joint]
+            if not is_held[dof]:
+                free.append(name)
+        self.free = tuple(free)
+
+        # Motions are from the plan's configuration, as it is with all loops closed.
         self.turn({})
-        self._start_m, self._start_axes = (
-            self._data.xpos.copy(),
-            self._data.xmat.reshape(-1, 3, 3).copy(),
-        )
+        self._start_m = data.xpos.copy()  # [nbody, 3]
+        self._start_axes = data.xmat.reshape(-1, 3, 3).copy()  # [nbody, 3, 3]
 
     def turn(self, angles: Mapping[str, float]) -> None:
         """Turn joints to angles (rad) by name: those in `free`, and the shafts of motors,
         clockwise, such as ``"motor_A"``."""
-        addresses = [int(self._model.joint(name).qposadr[0]) for name in angles]
-        wanted = np.array([angle / self._gears.get(name, 1.0) for name, angle in angles.items()])
-        turn_joints(
-            self._model, self._data, addresses, wanted - self._data.qpos[addresses], self._passive
-        )
-        mujoco.mj_kinematics(self._model, self._data)
-        self._turning.turn(self._model, self._data)
+        model = self._model
+        data = self._data
+        addresses = []
+        wanted = []
+        for name, angle in angles.items():
+            addresses.append(int(model.joint(name).qposadr[0]))
+            # Angles are those of shafts, the joints are behind the gears.
+            gear = self._gears.get(name, 1.0)
+            wanted.append(angle / gear)
+        changes = np.array(wanted) - data.qpos[addresses]
+        turn_joints(model, data, addresses, changes, self._passive)
+        mujoco.mj_kinematics(model, data)
+        self._turning.turn(model, data)
 
     def motion(self, part: int) -> tuple[Floats, Floats]:
         """Rotation [3, 3] and shift [3], m, of a part from its place in the plan; none of a part
         that is not in the linkage."""
         body = self._body_of.get(part, 0)
-        turn = self._data.xmat[body].reshape(3, 3) @ self._start_axes[body].T
-        return turn, self._data.xpos[body] - turn @ self._start_m[body]
+        data = self._data
+        axes = data.xmat[body].reshape(3, 3)
+        turn = axes @ self._start_axes[body].T
+        turned_start_m = turn @ self._start_m[body]
+        shift_m = data.xpos[body] - turned_start_m
+        return turn, shift_m
+
+
+def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.MjsBody]:
+    """Add the bodies, joints and constraints of a linkage, in the plan's configuration, to an empty
+    model.
+
+    Returns:
+        The body that each part of the plan moves with, by the part's number.
+    """
+    drives = {drive.joint: f"motor_{drive.port}" for drive in made.drives}
+    bodies = [spec.worldbody.add_body(name="body_0")]
+    origins_m = [np.zeros(3)]
+    for joint in made.joints:
+        parent = bodies[joint.parent]
+        at_m = joint.point_m - origins_m[joint.parent]
+        body = parent.add_body(name=f"body_{joint.child}", pos=at_m)
+        # Nothing here has forces, but MuJoCo compiles no body that moves without a mass.
+        body.explicitinertial = True
+        body.mass = 1.0
+        body.inertia = [1.0] * 3
+        # Three hinges for a ball: each of them has an angle that a user can set.
+        axes: Iterable[Floats] = np.eye(3) if joint.is_ball else [joint.axis]
+        for number, axis in enumerate(axes):
+            name = drives.get(joint, f"joint_{joint.child}_{number}")
+            body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+        bodies.append(body)
+        origins_m.append(joint.point_m)
+
+    for geared in made.geared:
+        add_coupling(spec, geared, "", f"joint_{geared.joint.child}_0")
+    for loop in made.loops:
+        pin_m = triple(loop.point_m - origins_m[loop.parent])
+        add_loop(
+            spec,
+            "",
+            bodies[loop.parent],
+            bodies[loop.child],
+            pin_m,
+        )
+
+    body_of: dict[int, mujoco.MjsBody] = {}
+    for number, body in enumerate(bodies):
+        for part in made.bodies[number].parts:
+            body_of[part] = body
+    # Rods, shafts and gears are parts of those bodies too, but move apart from them: they come
+    # last, and replace the entries of their parts.
+    for number, rod in enumerate(made.rods):
+        near_m = tuple(rod.near_m - origins_m[rod.near])
+        far_m = tuple(rod.far_m - origins_m[rod.far])
+        near = (bodies[rod.near], near_m)
+        far = (bodies[rod.far], far_m)
+        body = add_rod(spec, str(number), near, far)
+        for part in rod.parts:
+            body_of[part] = body
+    for number, follower in enumerate(made.followers):
+        carrier = bodies[follower.body]
+        axle_m = triple(follower.point_m - origins_m[follower.body])
+        body = add_spinner(carrier, number, follower, axle_m)
+        for part in follower.parts:
+            body_of[part] = body
+    return body_of
 
 
 def sensed_qpos(
@@ -178,28 +244,33 @@ def sensed_qpos(
     addresses = [int(joint.qposadr[0]) for joint in joints]
     # Degrees of a motor's joint per degree at its output; the model counts the shaft, clockwise
     # positive.
-    gears = [
-        float(model.actuator_gear[model.actuator(f"motor_{motor.port}").id, 0]) for motor in motors
-    ]
-    factors = np.array(
-        [
-            motor.direction.value * 360.0 / motor.turn_deg / gear
-            for motor, gear in zip(motors, gears, strict=True)
-        ]
-    )
-    turns_deg = (
-        np.array([angles_deg[motor.name] for motor in motors])
-        - np.degrees(data.qpos[addresses]) / factors
-    )
-    turns_deg = (turns_deg + 180.0) % 360.0 - 180.0
+    joint_per_output = []
+    for motor in motors:
+        actuator = model.actuator(f"motor_{motor.port}").id
+        gear = float(model.actuator_gear[actuator, 0])
+        shaft_per_output = motor.direction.value * 360.0 / motor.turn_deg
+        joint_per_output.append(shaft_per_output / gear)
+    factors = np.array(joint_per_output)
+    sensed_deg = np.array([angles_deg[motor.name] for motor in motors])
+    present_deg = np.degrees(data.qpos[addresses]) / factors
+    # The shorter way round: whole turns of a sensor say nothing of the robot.
+    turns_deg = (sensed_deg - present_deg + 180.0) % 360.0 - 180.0
+
+    # The hinges that follow: neither what the sensors tell, nor the play of the motors.
     driven = {int(joint.id) for joint in joints}
-    hinges = [
-        joint
-        for joint in range(model.njnt)
-        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE and joint not in driven
-    ]
-    passive = [joint for joint in hinges if not model.joint(joint).name.startswith("backlash_")]
-    turn_joints(model, data, addresses, np.radians(turns_deg * factors), passive)
+    passive = []
+    for joint in range(model.njnt):
+        is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
+        is_play = model.joint(joint).name.startswith("backlash_")
+        if is_hinge and joint not in driven and not is_play:
+            passive.append(joint)
+    turn_joints(
+        model,
+        data,
+        addresses,
+        np.radians(turns_deg * factors),
+        passive,
+    )
     if model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         _stand(model, data, tilt_deg)
     qpos: Floats = data.qpos.copy()
@@ -209,9 +280,11 @@ def sensed_qpos(
 def pose_at(body: MujocoBody, goal: Goal) -> None:
     """Put a body that is drawn only at a goal."""
     if goal.angles_deg:
-        body.data.qpos[:] = sensed_qpos(body, dict(goal.angles_deg), (0.0, 0.0))
+        level = (0.0, 0.0)
+        body.data.qpos[:] = sensed_qpos(body, dict(goal.angles_deg), level)
     if goal.at_mm is not None:
-        body.put(Pose(goal.at_mm[0] / 1000, goal.at_mm[1] / 1000, goal.heading_deg))
+        x_mm, y_mm = goal.at_mm
+        body.put(Pose(x_mm / 1000, y_mm / 1000, goal.heading_deg))
     body.update_visuals()
 
 
@@ -219,19 +292,22 @@ def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, fl
     """Tilt the chassis, and put the robot's lowest drawn point on the floor."""
     pitch, roll = map(math.radians, tilt_deg)
     data.qpos[0:3] = 0.0, 0.0, 1.0
-    mujoco.mju_mulQuat(
-        data.qpos[3:7], np.array(quaternion(Y_AXIS, pitch)), np.array(quaternion(X_AXIS, roll))
-    )
+    pitched = np.array(quaternion(Y_AXIS, pitch))
+    rolled = np.array(quaternion(X_AXIS, roll))
+    mujoco.mju_mulQuat(data.qpos[3:7], pitched, rolled)
     mujoco.mj_kinematics(model, data)
-    drawn = np.flatnonzero(
-        (model.body_weldid[model.geom_bodyid] != 0) & (model.geom_group != SHAPE_GROUP)
-    )
-    middle = model.geom_aabb[drawn, :3]
-    half = model.geom_aabb[drawn, 3:]
+
+    # What can be seen of the robot stands on the floor, not the shapes that collide.
+    is_moving = model.body_weldid[model.geom_bodyid] != 0
+    is_drawn = model.geom_group != SHAPE_GROUP
+    drawn = np.flatnonzero(is_moving & is_drawn)
+    # Lowest corner of each bounding box: of its frame, only the row of heights counts.
+    middle_m = model.geom_aabb[drawn, :3]  # [n, 3]
+    half_m = model.geom_aabb[drawn, 3:]  # [n, 3]
     frames = data.geom_xmat[drawn].reshape(-1, 3, 3)
-    lowest = (
-        data.geom_xpos[drawn, 2]
-        + (frames[:, 2] * middle).sum(1)
-        - (np.abs(frames[:, 2]) * half).sum(1)
-    )
-    data.qpos[2] -= float(lowest.min())
+    heights = frames[:, 2]  # [n, 3]
+    raised_m = (heights * middle_m).sum(1)
+    centres_m = data.geom_xpos[drawn, 2] + raised_m
+    reach_m = (np.abs(heights) * half_m).sum(1)
+    lowest_m = centres_m - reach_m
+    data.qpos[2] -= float(lowest_m.min())

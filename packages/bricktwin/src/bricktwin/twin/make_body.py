@@ -31,12 +31,20 @@ class BenchTwin(BenchBody):
         physics: the present parameters.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics | None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene,
+        physics: Physics | RandomPhysics | None,
+    ) -> None:
         super().__init__(robot, scene.readings, scene.end_stops)
         self.physics = Physics()
         self._random_physics = physics if isinstance(physics, RandomPhysics) else None
-        if physics is not None:
-            self._apply(physics if isinstance(physics, Physics) else self.physics)
+        # Without any, the body keeps the firmware's own simulation of motors.
+        if isinstance(physics, Physics):
+            self._apply(physics)
+        elif physics is not None:
+            self._apply(self.physics)
 
     def _apply(self, physics: Physics) -> None:
         self.physics = physics
@@ -74,7 +82,9 @@ def make_body(
         end_stops: lowest and highest angle of a motor (deg at the output, by its name), in place of
             those of the scene and of the description.
     """
+    robot.check_complete()
     scene = scene or OPEN_FLOOR
+    # From here on end stops are the robot's alone, whoever gave them.
     robot = with_end_stops(robot, {**scene.end_stops, **end_stops})
     scene = replace(scene, end_stops={})
     if not lies_on_bench(robot, scene):
@@ -84,6 +94,7 @@ def make_body(
                 "readings, or the model "
                 "(model=None), and it lies on the bench"
             )
+        # Late: a robot on the bench needs no MuJoCo.
         check_mujoco()
         from bricktwin.twin.mujoco_body import MujocoBody
 
@@ -100,7 +111,7 @@ def make_body(
 
 def lies_on_bench(robot: Robot, scene: Scene) -> bool:
     """Whether `make_body` gives a robot no body that can be seen, only a bench."""
-    if robot.model is not None or robot.plan is not None:
+    if robot.model is not None:
         return False
     return robot.drive_base is None or bool(scene.readings)
 
@@ -125,11 +136,11 @@ def check_mujoco() -> None:
             error,
         )
         os.environ["MUJOCO_GL"] = "disable"
+        # For the error of a renderer, which has to name what the user asked for.
         os.environ[ASKED_GL] = backend
-        for name in [
-            name
-            for name in sys.modules
-            if name == "mujoco" or (name.startswith("mujoco.") and "._" not in name)
-        ]:
-            del sys.modules[name]  # compiled modules stay: they can be loaded only once
+        for name in list(sys.modules):
+            # Compiled modules stay: they can be loaded only once.
+            is_compiled = "._" in name
+            if name == "mujoco" or (name.startswith("mujoco.") and not is_compiled):
+                del sys.modules[name]
         importlib.import_module("mujoco")

@@ -27,8 +27,11 @@ from brickhub.robot import Robot
 _Log = TypeVar("_Log")
 _FORMAT = 1
 _REST_STEPS = 16
+"""Commands of rest, at the start."""
 _RUN_STEPS = 16
+"""Commands of a run at full speed in one direction."""
 _RUN_SHARE = 0.6
+"""Share of the runs among all commands that move anything."""
 
 
 @dataclass(frozen=True)
@@ -55,31 +58,36 @@ class RunLog:
 
 
 def record(
-    link: HubLink, robot: Robot, interface: Interface, commands: Iterable[Sequence[float]]
+    link: HubLink,
+    robot: Robot,
+    interface: Interface,
+    commands: Iterable[Sequence[float]],
 ) -> RunLog:
     """Record a robot that carries out commands one by one. Raises HubError if the link failed.
 
     Args:
         link: open link to its hub.
     """
-    first = link.read()
-    rows = []
-    answers = [first]
+    answers = [link.read()]
+    sent = []
     gaps_ms = []
-    for row in commands:
-        answer = link.act(row)
-        idle_ms = answer.hub_time_ms - answers[-1].hub_time_ms - answer.round_trip_s * 1000
+    for command in commands:
+        answer = link.act(command)
+        # What is left of the hub's time between two answers is the host's.
+        passed_ms = answer.hub_time_ms - answers[-1].hub_time_ms
+        idle_ms = passed_ms - answer.round_trip_s * 1000
         gaps_ms.append(max(0.0, idle_ms))
-        rows.append([float(value) for value in row])
+        sent.append([float(value) for value in command])
         answers.append(answer)
     return RunLog(
-        robot.name,
-        interface,
-        link.program.hash,
-        np.array(rows).reshape(-1, len(interface.commands)),
-        np.array(gaps_ms),
-        np.array([answer.hub_time_ms for answer in answers]),
-        np.array([answer.values for answer in answers], dtype=np.float64),
+        robot=robot.name,
+        interface=interface,
+        program_hash=link.program.hash,
+        # Also of no command at all, as a table of so many columns.
+        commands=np.array(sent).reshape(-1, len(interface.commands)),
+        gaps_ms=np.array(gaps_ms),
+        times_ms=np.array([answer.hub_time_ms for answer in answers]),
+        channels=np.array([answer.values for answer in answers], dtype=np.float64),
     )
 
 
@@ -93,21 +101,32 @@ def identification_commands(
     compensate for it. Each motion is followed by its reverse, so that a vehicle stays roughly in
     place.
     """
-    shares = np.zeros((steps, len(interface.commands)))
+    width = len(interface.commands)
+    shares = np.zeros((steps, width))  # of each command's range, -1 to 1
     moving = shares[_REST_STEPS:]
     round_trip_steps = 2 * _RUN_STEPS
-    run_steps = round(_RUN_SHARE * len(moving) / round_trip_steps) * round_trip_steps
+    round_trips = round(_RUN_SHARE * len(moving) / round_trip_steps)
+    run_steps = round_trips * round_trip_steps
+
+    # Jerks of all strengths, most of them weak as they are cubed, each before its reverse.
     jerks = max(0, len(moving) - run_steps) // 2
-    moving[: 2 * jerks : 2] = rng.uniform(-1.0, 1.0, (jerks, moving.shape[1])) ** 3
-    moving[1 : 2 * jerks : 2] = -moving[: 2 * jerks : 2]
-    for start in range(len(moving) - run_steps, len(moving), round_trip_steps):
-        signs = rng.choice([-1.0, 1.0], moving.shape[1])
-        moving[start : start + _RUN_STEPS] = signs
-        moving[start + _RUN_STEPS : start + 2 * _RUN_STEPS] = -signs
-    low, high = (
-        np.array([(command.low, command.high) for command in interface.commands]).reshape(-1, 2).T
-    )
-    values: NDArray[np.float64] = np.round(np.where(shares > 0, shares * high, -shares * low))
+    strengths = rng.uniform(-1.0, 1.0, (jerks, width)) ** 3
+    moving[: 2 * jerks : 2] = strengths
+    moving[1 : 2 * jerks : 2] = -strengths
+
+    # Runs at full speed, and back.
+    first_run = len(moving) - run_steps
+    for start in range(first_run, len(moving), round_trip_steps):
+        back = start + _RUN_STEPS
+        signs = rng.choice([-1.0, 1.0], width)
+        moving[start:back] = signs
+        moving[back : back + _RUN_STEPS] = -signs
+
+    lows = np.array([command.low for command in interface.commands])
+    highs = np.array([command.high for command in interface.commands])
+    # A range need not be symmetrical: the two sides are scaled apart.
+    scaled = np.where(shares > 0, shares * highs, -shares * lows)
+    values: NDArray[np.float64] = np.round(scaled)
     return values
 
 
@@ -122,18 +141,24 @@ def write_log(path: Path, log: RunLog) -> None:
         "channels": [_describe(channel) for channel in log.interface.channels],
         "settle": _describe(log.interface.settle),
     }
-    lines: list[dict[str, Any]] = [
-        header,
-        {"time_ms": int(log.times_ms[0]), "channels": log.channels[0].tolist()},
-    ]
-    for command, gap_ms, time_ms, channels in zip(
-        log.commands, log.gaps_ms, log.times_ms[1:], log.channels[1:], strict=True
-    ):
-        gap_ms = round(float(gap_ms), 3)
+    # The first answer is to a reading, and has no command.
+    first: dict[str, Any] = {
+        "time_ms": int(log.times_ms[0]),
+        "channels": log.channels[0].tolist(),
+    }
+    lines: list[dict[str, Any]] = [header, first]
+    steps = zip(
+        log.commands,
+        log.gaps_ms,
+        log.times_ms[1:],
+        log.channels[1:],
+        strict=True,
+    )
+    for command, gap_ms, time_ms, channels in steps:
         lines.append(
             {
                 "time_ms": int(time_ms),
-                "gap_ms": gap_ms,
+                "gap_ms": round(float(gap_ms), 3),
                 "command": command.tolist(),
                 "channels": channels.tolist(),
             }
@@ -147,58 +172,70 @@ def read_log(path: Path) -> RunLog:
 
 
 def _log(header: dict[str, Any], lines: list[dict[str, Any]]) -> RunLog:
+    """The log of a file; a file of another kind raises what its content causes."""
     if header["bricksrl_log"] != _FORMAT:
         raise DescriptionError(f"format {header['bricksrl_log']!s:.40} is unknown")
-    commands, channels = (tuple(map(_part, header[name])) for name in ("commands", "channels"))
+    commands = tuple(_part(part) for part in header["commands"])
+    channels = tuple(_part(part) for part in header["channels"])
     times_ms = np.array([line["time_ms"] for line in lines])
+    # The type first: differences of other things than numbers are none.
     if times_ms.dtype != np.int64 or (np.diff(times_ms) < 0).any():
         raise DescriptionError("its times are not whole numbers that increase")
+    # The first line has no command.
+    steps = lines[1:]
     return RunLog(
-        str(header["robot"]),
-        Interface(commands, channels, _part(header["settle"])),
-        int(header["program"], 16),
-        _table(lines[1:], "command", len(commands)),
-        _table(lines[1:], "gap_ms", 1)[:, 0],
-        times_ms,
-        _table(lines, "channels", len(channels)),
+        robot=str(header["robot"]),
+        interface=Interface(commands, channels, _part(header["settle"])),
+        program_hash=int(header["program"], 16),
+        commands=_table(steps, "command", len(commands)),
+        gaps_ms=_table(steps, "gap_ms", 1)[:, 0],
+        times_ms=times_ms,
+        channels=_table(lines, "channels", len(channels)),
     )
 
 
 def _table(lines: list[dict[str, Any]], name: str, columns: int) -> NDArray[np.float64]:
     """Numbers [lines, columns]."""
-    table = np.array([line[name] for line in lines], dtype=np.float64).reshape(len(lines), columns)
+    values = np.array([line[name] for line in lines], dtype=np.float64)
+    table = values.reshape(len(lines), columns)
     if not np.isfinite(table).all():
         raise DescriptionError(f"a number as {name} is missing")
     return table
 
 
 def _describe(part: Command | Channel | Wait | UntilDone) -> dict[str, Any]:
+    """A command, channel or settling, in JSON."""
     return {"kind": type(part).__name__, **dataclasses.asdict(part)}
 
 
 def _part(data: dict[str, Any]) -> Any:
     """Command, channel or settling from its description. Raises DescriptionError if there is no
     such one."""
-    fields = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in data.items()
-    }
-    named = fields.pop("kind", None)
-    kinds = [Command, Channel, Wait, UntilDone]
-    for kind in kinds:  # the list grows by all subclasses, including the user's
+    fields: dict[str, Any] = {}
+    for name, value in data.items():
+        # JSON has no tuples, frozen values have no lists.
+        fields[name] = tuple(value) if isinstance(value, list) else value
+    wanted = fields.pop("kind", None)
+    kinds: list[Any] = [Command, Channel, Wait, UntilDone]
+    # The list grows by all subclasses, including the user's.
+    for kind in kinds:
         kinds += kind.__subclasses__()
-    kinds = [kind for kind in kinds if kind.__name__ == named and not inspect.isabstract(kind)]
-    if not kinds:
-        raise DescriptionError(f"there is no command or channel {named!r}")
-    # annotations of a user's kind may name what only its type checker imports
+    named = [kind for kind in kinds if kind.__name__ == wanted and not inspect.isabstract(kind)]
+    if not named:
+        raise DescriptionError(f"there is no command or channel {wanted!r}")
+    # Of several with one name, the last is the most special.
+    kind = named[-1]
+    # Annotations of a user's kind may name what only its type checker imports.
     with contextlib.suppress(NameError):
-        check_fields(kinds[-1], fields)
-    return kinds[-1](**fields)
+        check_fields(kind, fields)
+    return kind(**fields)
 
 
 def write_lines(path: Path, lines: Iterable[dict[str, Any]]) -> None:
     """Write a log, replacing an existing one; its folder is created. Raises WriteError if that is
     impossible."""
-    write_durably(path, "".join(json.dumps(line) + "\n" for line in lines).encode())
+    text = "".join(json.dumps(line) + "\n" for line in lines)
+    write_durably(path, text.encode())
 
 
 def read_lines(

@@ -67,9 +67,10 @@ class Line:
     @property
     def ends_mm(self) -> tuple[Floats, Floats]:
         """Start and end of each segment, ``[n, 2]`` each."""
-        points = np.array(
-            self.points_mm + (self.points_mm[:1] if self.closed else ()), dtype=np.float64
-        )
+        corners = self.points_mm
+        if self.closed:
+            corners += corners[:1]
+        points = np.array(corners, dtype=np.float64)
         return points[:-1], points[1:]
 
     @cached_property
@@ -77,26 +78,31 @@ class Line:
         """Start, rotation to the x axis, and length of each segment as complex numbers, ``[3, n]``,
         its middle, and how far from there it covers something, ``[n]`` each."""
         starts, ends = (points @ _COMPLEX for points in self.ends_mm)
-        lengths = np.abs(ends - starts)
-        turns = np.exp(-1j * np.angle(ends - starts))
-        return (
-            np.stack([starts, turns, lengths]),
-            (starts + ends) / 2,
-            (lengths + self.width_mm) / 2 + _ROUNDING_MM,
-        )
+        along = ends - starts
+        lengths = np.abs(along)
+        turns = np.exp(-1j * np.angle(along))
+        segments = np.stack([starts, turns, lengths])
+        middles = (starts + ends) / 2
+        reaches = (lengths + self.width_mm) / 2 + _ROUNDING_MM
+        return segments, middles, reaches
 
     def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
         """Whether points ``[n, 2]`` are on it; ``[n]``. Only segments that may reach the points are
         looked at closely."""
         segments, middles, reaches = self._segments
         points = points_mm @ _COMPLEX
-        spread_mm = np.maximum.reduce(np.abs(points - points[0]))
-        starts, turns, lengths = segments[:, np.abs(middles - points[0]) <= reaches + spread_mm]
+        # All points are within this distance of the first one.
+        first = points[0]
+        spread_mm = np.maximum.reduce(np.abs(points - first))
+        is_near = np.abs(middles - first) <= reaches + spread_mm
+        starts, turns, lengths = segments[:, is_near]
+        # In the frame of each segment, which lies along the real axis: [points, segments].
         offsets = (points[:, None] - starts) * turns
-        nearest = np.minimum(np.maximum(offsets.real, 0.0), lengths.real)
-        covered: NDArray[np.bool_] = np.logical_or.reduce(
-            np.abs(offsets - nearest) <= self.width_mm / 2, 1
-        )
+        after_start = np.maximum(offsets.real, 0.0)
+        nearest = np.minimum(after_start, lengths.real)
+        is_on_segment = np.abs(offsets - nearest) <= self.width_mm / 2
+        # `reduce`, as `any` takes longer for so few values, and a sensor reads often.
+        covered: NDArray[np.bool_] = np.logical_or.reduce(is_on_segment, 1)
         return covered
 
 
@@ -117,16 +123,30 @@ class Field:
     round: bool = False
 
     def __post_init__(self) -> None:
-        _check(self.color, "a field", self.size_mm, 2, (self.at_mm, (self.heading_deg, 0.0)))
+        _check(
+            self.color,
+            "a field",
+            self.size_mm,
+            2,
+            (self.at_mm, (self.heading_deg, 0.0)),
+        )
 
     def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
         """Whether points ``[n, 2]`` are on it; ``[n]``."""
         yaw = -math.radians(self.heading_deg)
-        turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-        scaled = np.abs((points_mm - np.array(self.at_mm)) @ turn) / (np.array(self.size_mm) / 2)
-        covered: NDArray[np.bool_] = (
-            (scaled**2).sum(-1) <= 1.0 if self.round else scaled.max(-1) <= 1.0
-        )
+        cosine = math.cos(yaw)
+        sine = math.sin(yaw)
+        turn = np.array([[cosine, -sine], [sine, cosine]])
+        # Points in the field's own frame, where its edges are at 1.
+        offsets_mm = (points_mm - np.array(self.at_mm)) @ turn
+        half_mm = np.array(self.size_mm) / 2
+        scaled = np.abs(offsets_mm) / half_mm
+        covered: NDArray[np.bool_]
+        if self.round:
+            radii = (scaled**2).sum(-1)
+            covered = radii <= 1.0
+            return covered
+        covered = scaled.max(-1) <= 1.0
         return covered
 
 
@@ -143,8 +163,13 @@ class Wall:
     soft: bool = False
 
     def __post_init__(self) -> None:
+        sizes = (self.height_mm, self.thickness_mm)
         _check(
-            self.color, "a wall", (self.height_mm, self.thickness_mm), 2, (self.from_mm, self.to_mm)
+            self.color,
+            "a wall",
+            sizes,
+            2,
+            (self.from_mm, self.to_mm),
         )
         if self.from_mm == self.to_mm:
             raise TwinError(f"scene: a wall from {self.from_mm} to the same point; give two")
@@ -174,19 +199,17 @@ class Block:
     soft: bool = False
 
     def __post_init__(self) -> None:
-        _check(
-            self.color,
-            "a block",
-            self.size_mm,
-            3,
-            (self.at_mm, self.spread_mm, (self.heading_deg, 0.0)),
-        )
-        if self.mass_g is not None and not (math.isfinite(self.mass_g) and self.mass_g > 0):
+        # A heading is checked as one of a pair, as it has to be finite, too.
+        points = (self.at_mm, self.spread_mm, (self.heading_deg, 0.0))
+        _check(self.color, "a block", self.size_mm, 3, points)
+        is_mass = self.mass_g is None or (math.isfinite(self.mass_g) and self.mass_g > 0)
+        if not is_mass:
             raise TwinError(
                 f"scene: a block of {self.mass_g} g; give a positive mass, or None for one that "
                 "stands still"
             )
-        if min(self.spread_mm) < 0 or (self.mass_g is None and any(self.spread_mm)):
+        is_fixed = self.mass_g is None
+        if min(self.spread_mm) < 0 or (is_fixed and any(self.spread_mm)):
             raise TwinError(
                 f"scene: a spread of {self.spread_mm} mm; give 0 or more, and a mass to what is "
                 "to be moved"
@@ -214,7 +237,13 @@ class Ramp:
 
     def __post_init__(self) -> None:
         size = (self.length_mm, self.width_mm, self.height_mm)
-        _check(self.color, "a ramp", size, 3, (self.at_mm, (self.heading_deg, 0.0)))
+        _check(
+            self.color,
+            "a ramp",
+            size,
+            3,
+            (self.at_mm, (self.heading_deg, 0.0)),
+        )
 
 
 @dataclass(frozen=True)
@@ -251,14 +280,23 @@ def oval(length_mm: float, width_mm: float) -> tuple[Point, ...]:
         raise TwinError(
             f"scene: an oval of {length_mm} x {width_mm} mm; give a length of at least its width"
         )
-    angles = np.linspace(-math.pi / 2, math.pi / 2, 25)
-    right = np.stack([straight / 2 + radius * np.cos(angles), radius + radius * np.sin(angles)], -1)
-    points = np.concatenate([[(0.0, 0.0)], right, right * (-1.0, -1.0) + (0.0, width_mm)])
+    quarter = math.pi / 2
+    angles = np.linspace(-quarter, quarter, 25)
+    x = straight / 2 + radius * np.cos(angles)
+    y = radius + radius * np.sin(angles)
+    right = np.stack([x, y], -1)  # [25, 2]
+    # The other end is the same, turned by half a turn about the middle.
+    left = right * (-1.0, -1.0) + (0.0, width_mm)
+    points = np.concatenate([[(0.0, 0.0)], right, left])
     return tuple((float(x), float(y)) for x, y in points)
 
 
 def _check(
-    color: str, noun: str, sizes: tuple[float, ...], count: int, points: tuple[Point, ...]
+    color: str,
+    noun: str,
+    sizes: tuple[float, ...],
+    count: int,
+    points: tuple[Point, ...],
 ) -> None:
     """Raise TwinError unless there is such a color, and so many positive sizes, and the points are
     pairs of numbers."""
@@ -267,7 +305,8 @@ def _check(
     if not _are_numbers(sizes, count) or min(sizes) <= 0:
         shown = ", ".join(map(str, sizes)) if isinstance(sizes, tuple | list) else sizes
         raise TwinError(f"scene: {noun} of {shown} mm; give {counted(count, 'positive size')}")
-    if not isinstance(points, tuple | list) or not all(_are_numbers(point, 2) for point in points):
+    is_sequence = isinstance(points, tuple | list)
+    if not is_sequence or not all(_are_numbers(point, 2) for point in points):
         raise TwinError(
             f"scene: {noun} at {points}; give places (x, y) in mm and headings in degrees, "
             "all finite"

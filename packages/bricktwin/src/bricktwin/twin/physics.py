@@ -45,7 +45,11 @@ DRAWN_LINKS = (PROFILES["mac"], PROFILES["linux"])
 
 
 def _parameter(
-    default: float, unit: str, random_range: Range, allowed_range: Range, source: str
+    default: float,
+    unit: str,
+    random_range: Range,
+    allowed_range: Range,
+    source: str,
 ) -> Any:
     return dataclasses.field(
         default=default,
@@ -64,12 +68,21 @@ def _motor_scale() -> Any:
     return _parameter(1.0, "1", (0.85, 1.15), (0.1, 2.0), "LEGO's data sheets: speeds within 15 %")
 
 
-def _link_parameter(name: str, unit: str, allowed_range: Range, source: str) -> Any:
+def _link_parameter(
+    name: str,
+    unit: str,
+    allowed_range: Range,
+    source: str,
+) -> Any:
     """A number of the link's profile. Randomization draws one of ``DRAWN_LINKS``, with all its
     numbers."""
     drawn = [getattr(link, name) for link in DRAWN_LINKS]
     return _parameter(
-        getattr(PROFILES[DEFAULT_LINK], name), unit, (min(drawn), max(drawn)), allowed_range, source
+        default=getattr(PROFILES[DEFAULT_LINK], name),
+        unit=unit,
+        random_range=(min(drawn), max(drawn)),
+        allowed_range=allowed_range,
+        source=source,
     )
 
 
@@ -259,13 +272,19 @@ class Physics:
     def motor_scales(self) -> tuple[float, ...]:
         """Factors on the speeds of the motors, in the order of the description; a hub has at most
         six."""
-        first = self.motor_1_scale, self.motor_2_scale, self.motor_3_scale
-        return *first, self.motor_4_scale, self.motor_5_scale, self.motor_6_scale
+        return (
+            self.motor_1_scale,
+            self.motor_2_scale,
+            self.motor_3_scale,
+            self.motor_4_scale,
+            self.motor_5_scale,
+            self.motor_6_scale,
+        )
 
     def __post_init__(self) -> None:
         for name, parameter in PARAMETERS.items():
             value = getattr(self, name)
-            (low, high) = parameter.allowed_range
+            low, high = parameter.allowed_range
             if not (math.isfinite(value) and low <= value <= high):
                 unit = "" if parameter.unit == "1" else f" {parameter.unit}"
                 raise TwinError(
@@ -275,18 +294,18 @@ class Physics:
     @property
     def link(self) -> LinkProfile:
         """The link's delays and losses."""
-        return LinkProfile(
-            **{
-                part.name: getattr(self, f"link_{part.name}")
-                for part in dataclasses.fields(LinkProfile)
-            }
-        )
+        # Each field of a profile has a parameter of its name.
+        values = {}
+        for part in dataclasses.fields(LinkProfile):
+            values[part.name] = getattr(self, f"link_{part.name}")
+        return LinkProfile(**values)
 
     def with_link(self, link: LinkProfile) -> Physics:
         """The same physics with another link."""
-        return dataclasses.replace(
-            self, **{f"link_{name}": value for name, value in dataclasses.asdict(link).items()}
-        )
+        values = {}
+        for name, value in dataclasses.asdict(link).items():
+            values[f"link_{name}"] = value
+        return dataclasses.replace(self, **values)
 
     @classmethod
     def from_dict(cls, data: object) -> Physics:
@@ -302,6 +321,7 @@ class Physics:
                 raise TwinError(
                     f"physics: there is no parameter '{name}'; choose from {', '.join(PARAMETERS)}"
                 )
+            # JSON's true and false are numbers to Python.
             if not isinstance(value, (int, float)) or isinstance(value, bool):
                 raise TwinError(f"physics: {name} is {value!r}; give a number")
         return cls(**data)
@@ -321,7 +341,8 @@ def read_physics(path: Path) -> Physics:
 def write_physics(path: Path, physics: Physics) -> None:
     """Write all parameters to a JSON file; its folder is created. Raises WriteError if that is
     impossible."""
-    write_durably(path, (json.dumps(dataclasses.asdict(physics), indent=2) + "\n").encode())
+    text = json.dumps(dataclasses.asdict(physics), indent=2)
+    write_durably(path, f"{text}\n".encode())
 
 
 PARAMETERS: dict[str, Parameter] = {
@@ -349,16 +370,21 @@ class RandomPhysics:
     def sample(self, rng: Rng) -> Physics:
         """Draw the parameters."""
         nominal = Physics()
+        # The numbers of a link belong together: one link is drawn, and not each of its numbers.
+        count = len(DRAWN_LINKS)
+        # 1 is a possible draw, as a generator's upper end may be its own.
+        number = int(rng.uniform(0.0, 1.0) * count) % count
+        drawn_link = nominal.with_link(DRAWN_LINKS[number])
         values = {}
-        drawn_link = nominal.with_link(
-            DRAWN_LINKS[int(rng.uniform(0.0, 1.0) * len(DRAWN_LINKS)) % len(DRAWN_LINKS)]
-        )
         for name, parameter in PARAMETERS.items():
+            low, high = parameter.random_range
+            if name.startswith("link_"):
+                low = high = getattr(drawn_link, name)
+            # Ranges shrink towards the defaults. A number is drawn for each parameter, also where
+            # it has no range: the others must not depend on that.
             default = getattr(nominal, name)
-            link_value = getattr(drawn_link, name)
-            bounds = (
-                (link_value, link_value) if name.startswith("link_") else parameter.random_range
+            values[name] = rng.uniform(
+                default + self.width * (low - default),
+                default + self.width * (high - default),
             )
-            low, high = (default + self.width * (bound - default) for bound in bounds)
-            values[name] = rng.uniform(low, high)
         return Physics(**values)

@@ -44,6 +44,7 @@ class Scene:
     start_mm: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
     light_pct: float = 20.0
     ball: bool = False
+    # Without them in the hash, as a dict has none; scenes are keys of compiled models.
     readings: Mapping[str, Reading] = field(default_factory=dict, hash=False)
     end_stops: Mapping[str, tuple[float, float]] = field(default_factory=dict, hash=False)
 
@@ -58,7 +59,8 @@ class Scene:
                 f"scene: objects is of type {type(self.objects).__name__}; give several, as in "
                 f"({_OBJECT},)"
             )
-        object.__setattr__(self, "objects", tuple(self.objects))  # a list is welcome
+        # A list is welcome.
+        object.__setattr__(self, "objects", tuple(self.objects))
         for item in self.objects:
             if not isinstance(item, Object):
                 raise TwinError(
@@ -106,12 +108,21 @@ class Scene:
         }
 
 
-def _check_range(name: str, bounds: tuple[float, float], lowest: float, highest: float) -> None:
+def _check_range(
+    name: str,
+    bounds: tuple[float, float],
+    lowest: float,
+    highest: float,
+) -> None:
+    """Raise TwinError unless this is a lower and an upper end within these limits."""
     try:
         low, high = map(float, bounds)
-    except (TypeError, ValueError):  # no pair of numbers
-        low = high = math.nan
-    if not (math.isfinite(low) and math.isfinite(high) and lowest <= low <= high <= highest):
+    except (TypeError, ValueError):
+        # No pair of numbers.
+        low = math.nan
+        high = math.nan
+    are_finite = math.isfinite(low) and math.isfinite(high)
+    if not (are_finite and lowest <= low <= high <= highest):
         raise TwinError(
             f"scene: {name} is {bounds}; give (low, high) within {lowest:g} to {highest:g}"
         )

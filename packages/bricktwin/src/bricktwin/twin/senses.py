@@ -15,20 +15,26 @@ import numpy as np
 
 from bricktwin.plans.geometry import Floats
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP
-from bricktwin.twin.objects import COLORS, Lamp
+from bricktwin.twin.objects import COLORS, Lamp, Mark
 from bricktwin.twin.scene import FLOOR, Scene
 
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 
 _GYRO_SAMPLE_S = 1 / 833
-_SUMMED_S = 0.005  # samples of the gyroscope that are drawn as one
+"""Time between two samples of a hub's gyroscope."""
+_SUMMED_S = 0.005
+"""Time over which samples of the gyroscope are drawn as one."""
 
 
 def clockwise_deg(orientation: Vector) -> float:
     """Rotation about the vertical of a quaternion [4], clockwise seen from above."""
+    # NumPy is slow for single values.
     w, x, y, z = orientation.tolist()
-    return math.degrees(math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+    # Where the x axis looks, seen from above: the yaw of the quaternion, with its sign turned.
+    sine = -2.0 * (w * z + x * y)
+    cosine = 1.0 - 2.0 * (y * y + z * z)
+    return math.degrees(math.atan2(sine, cosine))
 
 
 class Turns:
@@ -46,7 +52,9 @@ class Turns:
 
     def update(self, orientation: Vector) -> None:
         """Add the turn to an orientation, a quaternion [4]."""
-        self.heading_deg += (clockwise_deg(orientation) - self.heading_deg + 180.0) % 360.0 - 180.0
+        # The shorter way round, from the heading with all its turns.
+        change_deg = clockwise_deg(orientation) - self.heading_deg
+        self.heading_deg += (change_deg + 180.0) % 360.0 - 180.0
         turn_rad: Vector = np.empty(3)
         mujoco.mju_subQuat(turn_rad, orientation, self._last)
         self.rotation_rad += turn_rad
@@ -68,9 +76,13 @@ class SummedNoise:
     def deg(self, time_s: float, noise_deg_s: float) -> float:
         """The sum at a time, which must not decrease, for a noise of this standard deviation."""
         samples = int(time_s / _SUMMED_S)
-        for noise in self._rng.standard_normal(max(samples - self._samples, 0)).tolist():
+        new_samples = max(samples - self._samples, 0)
+        # One by one: a sum of floats depends on its order, and must not depend on who asks when.
+        for noise in self._rng.standard_normal(new_samples).tolist():
             self._sum += noise
         self._samples = max(samples, self._samples)
+        # A random walk: n samples of this noise, each for its sample time, deviate by the root of
+        # n of them.
         return self._sum * noise_deg_s * math.sqrt(_SUMMED_S * _GYRO_SAMPLE_S)
 
 
@@ -126,8 +138,14 @@ class FloatingBase(_Base):
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, position: int, dof: int, imu: str
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        position: int,
+        dof: int,
+        imu: str,
     ) -> None:
+        # Views, not copies: they show the present state.
         self._gravity = model.opt.gravity
         super().__init__(model, imu)
         self._position = data.qpos[position : position + 3]
@@ -145,13 +163,19 @@ class FloatingBase(_Base):
     def specific_force(self) -> Vector:
         """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2;
         at rest +9.81 upwards."""
+        # MuJoCo gives a free joint's linear acceleration in the world's axes, and its rotation in
+        # those of the body.
         spin = self._spin
         angular = self._qacc[3:6]
         to_hub = np.empty(4)
         force = np.empty(3)
         mujoco.mju_negQuat(to_hub, self._frame)
-        mujoco.mju_rotVecQuat(force, self._qacc[0:3] - self._gravity, to_hub)
-        force += np.cross(angular, self._hub) + np.cross(spin, np.cross(spin, self._hub))
+        felt = self._qacc[0:3] - self._gravity
+        mujoco.mju_rotVecQuat(force, felt, to_hub)
+        # The hub is beside the origin, so its acceleration has an Euler and a centripetal part.
+        euler = np.cross(angular, self._hub)
+        centripetal = np.cross(spin, np.cross(spin, self._hub))
+        force += euler + centripetal
         return self.in_hub(force)
 
 
@@ -161,7 +185,12 @@ class FixedBase(_Base):
     All values are those that MuJoCo derived in its last step, one step behind the joints.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, imu: str) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        imu: str,
+    ) -> None:
         self._model = model
         self._data = data
         self._site = int(model.site(imu).id)
@@ -177,9 +206,15 @@ class FixedBase(_Base):
 
     def angular_velocity(self) -> Vector:
         """Angular velocity in the hub's axes [3], rad/s."""
+        # Rotation first, then translation; the last argument asks for the site's own axes.
         velocity = np.empty(6)
         mujoco.mj_objectVelocity(
-            self._model, self._data, mujoco.mjtObj.mjOBJ_SITE, self._site, velocity, 1
+            self._model,
+            self._data,
+            mujoco.mjtObj.mjOBJ_SITE,
+            self._site,
+            velocity,
+            1,
         )
         return velocity[0:3]
 
@@ -187,22 +222,40 @@ class FixedBase(_Base):
         """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2;
         at rest +9.81 upwards."""
         acceleration = np.empty(6)
+        # A step computes the accelerations of bodies only if a sensor of the model needs them.
         mujoco.mj_rnePostConstraint(self._model, self._data)
         mujoco.mj_objectAcceleration(
-            self._model, self._data, mujoco.mjtObj.mjOBJ_SITE, self._site, acceleration, 1
+            self._model,
+            self._data,
+            mujoco.mjtObj.mjOBJ_SITE,
+            self._site,
+            acceleration,
+            1,
         )
         return acceleration[3:6]
 
 
 _SPOT_MM = 1.0
+"""Radius of the spot that a colour sensor sees at zero distance; an estimate."""
 _SPOT_RATIO = 0.3
-"""Radius of the spot that a colour sensor sees: at zero distance, and its increase per
-millimetre."""
+"""Increase of this radius per millimetre of distance; an estimate."""
 _POINTS = 19
+"""Points of the spot whose colours are averaged."""
 _FULL_LIGHT_MM = 20.0
+"""Distance up to which a colour sensor gets all of its light back; an estimate."""
 _LAMP_MM = 300.0
+"""Distance from which a lamp's ``light_pct`` is read."""
 _MAX_DISTANCE_M = 3.0
 _WALL_COLOR = (0.78, 0.16, 0.12)
+"""Reflectance of the wall of bricks ahead, and of all else that is no object of the scene."""
+
+
+def _floor_distance_m(eye_m: Floats, gaze: Floats) -> float:
+    """Distance to the floor along a gaze; infinite if that does not go down."""
+    descent = gaze[2]
+    if descent >= -1e-6:
+        return math.inf
+    return float(-eye_m[2] / descent)
 
 
 class WorldSenses:
@@ -213,30 +266,42 @@ class WorldSenses:
         scene: scene with the objects.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        scene: Scene,
+    ) -> None:
         self._model = model
         self._data = data
         self._scene = scene
-        self._marks = [(mark, np.array(COLORS[mark.color])) for mark in scene.marks]
+        self._marks: list[tuple[Mark, Floats]] = []
+        for mark in scene.marks:
+            rgb = np.array(COLORS[mark.color])
+            self._marks.append((mark, rgb))
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
-        self._colors = {
-            int(model.geom(f"object_{number}").id): COLORS[item.color]
-            for number, item in enumerate(scene.solids)
-        }
+        self._colors: dict[int, tuple[float, float, float]] = {}
+        """Colours of the scene's objects, by the indices of their geometries."""
+        for number, item in enumerate(scene.solids):
+            geom = int(model.geom(f"object_{number}").id)
+            self._colors[geom] = COLORS[item.color]
         self._obstacles = np.zeros(6, np.uint8)
         self._obstacles[OBSTACLE_GROUP] = 1
         # Sunflower pattern: points that fill a disc evenly (Vogel 1979).
-        number = np.arange(_POINTS) + 0.5
-        angle = number * math.pi * (3.0 - math.sqrt(5.0))
-        radius = np.sqrt(number / _POINTS)
-        self._disc = np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
+        seed = np.arange(_POINTS) + 0.5
+        angle = seed * math.pi * (3.0 - math.sqrt(5.0))
+        radius = np.sqrt(seed / _POINTS)
+        x = radius * np.cos(angle)
+        y = radius * np.sin(angle)
+        self._disc = np.stack([x, y], -1)  # [points, 2]
         self._bare_floor = np.full((_POINTS, 3), FLOOR)
 
     def surface(self, eye_m: Floats, gaze: Floats) -> tuple[float, float, float]:
         """Colour (hue in deg, saturation and value in %) that a sensor at ``eye_m`` sees along
         ``gaze`` in its light."""
+        # Rays meet obstacles only; the floor is where the gaze reaches the height 0.
         distance_m, geom = self._ray(eye_m, gaze)
-        floor_m = float(-eye_m[2] / gaze[2]) if gaze[2] < -1e-6 else math.inf
+        floor_m = _floor_distance_m(eye_m, gaze)
         if floor_m < distance_m:
             rgb = self._floor(eye_m + floor_m * gaze, floor_m)
             distance_m = floor_m
@@ -244,10 +309,11 @@ class WorldSenses:
             rgb = self._colors.get(geom, _WALL_COLOR)
         else:
             return 0.0, 0.0, 0.0
-        brightness = min(1.0, (_FULL_LIGHT_MM / max(distance_m * 1000.0, 1e-6)) ** 2)
-        hue, saturation, value = colorsys.rgb_to_hsv(
-            *(min(max(part * brightness, 0.0), 1.0) for part in rgb)
-        )
+        # The sensor's own light weakens with the square of the distance.
+        distance_mm = max(distance_m * 1000.0, 1e-6)
+        brightness = min(1.0, (_FULL_LIGHT_MM / distance_mm) ** 2)
+        red, green, blue = (min(max(part * brightness, 0.0), 1.0) for part in rgb)
+        hue, saturation, value = colorsys.rgb_to_hsv(red, green, blue)
         return hue * 360.0, saturation * 100.0, value * 100.0
 
     def ambient(self, eye_m: Floats, gaze: Floats) -> float:
@@ -257,19 +323,23 @@ class WorldSenses:
             offset_m = np.array(lamp.at_mm) / 1000.0 - eye_m
             distance_m = float(np.linalg.norm(offset_m))
             cosine = float(offset_m @ gaze) / max(distance_m, 1e-9)
-            if cosine > 0.0 and self._ray(eye_m, offset_m / distance_m)[0] >= distance_m:
-                light_pct += (
-                    lamp.light_pct
-                    * cosine
-                    * (_LAMP_MM / max(distance_m * 1000.0, _LAMP_MM / 10)) ** 2
-                )
+            if cosine <= 0.0:
+                continue
+            # An obstacle between the sensor and a lamp hides the lamp.
+            obstacle_m, _ = self._ray(eye_m, offset_m / distance_m)
+            if obstacle_m < distance_m:
+                continue
+            # A lamp is no point: very near it no longer gets brighter.
+            distance_mm = max(distance_m * 1000.0, _LAMP_MM / 10)
+            closeness = (_LAMP_MM / distance_mm) ** 2
+            light_pct += lamp.light_pct * cosine * closeness
         return min(light_pct, 100.0)
 
     def distance_mm(self, eye_m: Floats, gaze: Floats) -> float:
         """Distance to the nearest surface along ``gaze``, including the floor; infinite if there is
         none."""
         distance_m, _ = self._ray(eye_m, gaze)
-        floor_m = float(-eye_m[2] / gaze[2]) if gaze[2] < -1e-6 else math.inf
+        floor_m = _floor_distance_m(eye_m, gaze)
         nearest_m = min(distance_m, floor_m)
         return nearest_m * 1000.0 if nearest_m < _MAX_DISTANCE_M else math.inf
 
@@ -278,16 +348,28 @@ class WorldSenses:
         none."""
         geom = np.empty(1, np.int32)
         distance_m = mujoco.mj_ray(
-            self._model, self._data, eye_m, gaze, self._obstacles, True, -1, geom
+            self._model,
+            self._data,
+            eye_m,
+            gaze,
+            self._obstacles,
+            True,
+            -1,
+            geom,
         )
-        return (math.inf, -1) if distance_m < 0 else (float(distance_m), int(geom[0]))
+        if distance_m < 0:
+            return math.inf, -1
+        return float(distance_m), int(geom[0])
 
     def _floor(self, point_m: Floats, distance_m: float) -> tuple[float, float, float]:
         """Mean colour of the spot on the floor at ``point_m`` that is seen from a distance."""
         radius_mm = _SPOT_MM + _SPOT_RATIO * distance_m * 1000.0
         points_mm = point_m[:2] * 1000.0 + radius_mm * self._disc
-        rgb = self._bare_floor.copy()
-        for mark, color in self._marks:  # the uppermost last
+        rgb = self._bare_floor.copy()  # [points, 3]
+        # The uppermost mark is the last, and hides those below it.
+        for mark, color in self._marks:
             rgb[mark.covers(points_mm)] = color
-        red, green, blue = (np.add.reduce(rgb) / _POINTS).tolist()
+        # `mean` takes longer for so few points.
+        mean = np.add.reduce(rgb) / _POINTS
+        red, green, blue = mean.tolist()
         return red, green, blue

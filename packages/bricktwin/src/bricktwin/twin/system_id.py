@@ -31,27 +31,34 @@ Vector = NDArray[np.float64]
 OnReplay = Callable[[int, float], None]
 """Called with the number of a replay, from 1, and the smallest error so far."""
 
-# Parameters that affect all angles. The others affect details, and are fitted after these.
 _STRONG = ("battery_v", "motor_friction_scale", "mass_scale")
+"""Parameters that affect all angles. The others affect details, and are fitted after these."""
 _STARTS = 2
-# of a parameter's range
+"""Points of the scan from which a search begins."""
 _WIDE = 0.15
+"""Size of the first simplex of a search, as a share of each parameter's range."""
 _NARROW = 0.06
-# replays per parameter
+"""The same of the last search, which begins near the optimum."""
 _SCAN = 21
+"""Replays of the scan per parameter."""
 _LONG = 20
+"""Replays of a long search per parameter."""
 _SHORT = 16
-# share of the randomization range: a parameter is identified if a deviation by this
+"""Replays of a short search per parameter."""
 _DEVIATION = 0.25
-_MIN_RISE = 0.15  # raises the error by this share or more
-_MIN_ERROR = 0.01  # smaller errors, in roughnesses, count as this
+"""Share of the randomization range by which a parameter is put off, to see if it is identified."""
+_MIN_RISE = 0.15
+"""Relative rise of the error from which on it is."""
+_MIN_ERROR = 0.01
+"""Smaller errors, in roughnesses, count as this."""
 _MIN_REST_STEPS = 4
-# differences beyond this many roughnesses count linearly rather than quadratically
+"""A shorter rest says nothing of the noise."""
 _HUBER_DELTA = 3.0
+"""Differences beyond this many roughnesses count linearly rather than quadratically."""
 _NOISES = tuple(name for name in PARAMETERS if "noise" in name)
 _NOISE_FREE = dict.fromkeys(_NOISES, 0.0)
-# The hub's program receives a command of the host one millisecond later.
 _LEAD_MS = 1
+"""The hub's program receives a command of the host one millisecond later."""
 
 
 @dataclass(frozen=True)
@@ -77,32 +84,32 @@ class FittedPhysics:
 
 
 def replay(
-    log: RunLog, physics: Physics, robot: Robot | None = None, scene: Scene | None = None
+    log: RunLog,
+    physics: Physics,
+    robot: Robot | None = None,
+    scene: Scene | None = None,
 ) -> Vector:
     """Channels ``[n + 1, n_channels]`` of a noise-free twin that gets a log's commands at the same
     times, by default on a floor with the wall that the log shows. Raises UnknownNameError or
     TwinError if there is no such robot, or it has no twin."""
-    robot = robots.get(log.robot) if robot is None else robot
-    hub = VirtualHub(
-        make_body(
-            robot,
-            scene=scene or _scene(log),
-            physics=replace(physics, **_NOISE_FREE).with_link(IDEAL),
-        )
-    )
-    rows = []
+    if robot is None:
+        robot = robots.get(log.robot)
+    # Neither noise nor delays: commands are given at the times of the log.
+    quiet = replace(physics, **_NOISE_FREE).with_link(IDEAL)
+    hub = VirtualHub(make_body(robot, scene=scene or _scene(log), physics=quiet))
+    channels = []
     with HubLink(hub, robot, log.interface) as link:
-        first = link.read()
-        rows.append(first.values)
+        channels.append(link.read().values)
         offset_ms = hub.machine.time_ms - int(log.times_ms[0])
-        # commands meet the control loop at the same point of its period
+        # Commands meet the control loop at the same point of its period.
         offset_ms += -offset_ms % CONTROL_LOOP_MS
         for command, start_ms in zip(log.commands, _starts_ms(log, physics), strict=True):
             wait_ms = offset_ms + start_ms - _LEAD_MS - hub.machine.time_ms
             if wait_ms > 0:
+                # Reading lets the virtual hub's time pass.
                 hub.read(wait_ms / 1000)
-            rows.append(link.act(command).values)
-    return np.array(rows, dtype=np.float64)
+            channels.append(link.act(command).values)
+    return np.array(channels, dtype=np.float64)
 
 
 def fit(
@@ -140,18 +147,26 @@ def fit(
             "twin record` makes 160"
         )
     search = _Search(log, robot, scene, _noise(log), on_replay)
-    before = search.errors(Physics())
+    default = Physics()
+    error_before = search.errors(default)
     physics = Physics(**search.noise)
     rises = {}
+    # A robot that only rests shows its noise, and nothing else.
     if log.commands.any():
         physics = search.find(tuple(names), seed)
         rises = search.rises(physics, tuple(names))
     identified = {name: rise for name, rise in rises.items() if rise >= _MIN_RISE}
-    default = Physics()
     unidentified = tuple(name for name in names if name not in identified)
+    # What the search made of these is chance.
     physics = replace(physics, **{name: getattr(default, name) for name in unidentified})
+    error_after = search.errors(physics)
     return FittedPhysics(
-        physics, identified, unidentified, before, search.errors(physics), search.replays
+        physics=physics,
+        identified=identified,
+        unidentified=unidentified,
+        error_before=error_before,
+        error_after=error_after,
+        replays=search.replays,
     )
 
 
@@ -175,42 +190,44 @@ class _Search:
         self._lowest = np.inf
         channels = log.interface.channels
         self._wraps = np.array([channel.wraps for channel in channels])
-        self._sigma = np.array(
-            [
-                np.hypot(channel.roughness, noise.get(channel.noise or "", 0.0))
-                for channel in channels
-            ]
-        )
+        # A channel's deviation: what its digits are rounded to, and its noise.
+        sigma = []
+        for channel in channels:
+            deviation = noise.get(channel.noise or "", 0.0)
+            sigma.append(np.hypot(channel.roughness, deviation))
+        self._sigma = np.array(sigma)
 
     def difference(self, physics: Physics) -> Vector:
         """Channels of twin minus robot, ``[n, n_channels]``; wrapped angles are compared relative
         to the start."""
-        difference = replay(self._log, physics, self._robot, self._scene) - self._log.channels
-        difference = np.where(
-            self._wraps, (difference - difference[0] + 180.0) % 360.0 - 180.0, difference
-        )[1:]
+        channels = replay(self._log, physics, self._robot, self._scene)
+        difference = channels - self._log.channels  # [n + 1, n_channels]
+        # The shorter way round.
+        wrapped = (difference - difference[0] + 180.0) % 360.0 - 180.0
+        difference = np.where(self._wraps, wrapped, difference)[1:]
         self.replays += 1
-        self._lowest = min(self._lowest, float(np.sqrt(np.mean((difference / self._sigma) ** 2))))
+        squares = (difference / self._sigma) ** 2
+        error = float(np.sqrt(np.mean(squares)))
+        self._lowest = min(self._lowest, error)
         if self._on_replay is not None:
             self._on_replay(self.replays, self._lowest)
         return difference
 
     def errors(self, physics: Physics) -> dict[str, float]:
         """Root mean square difference of each channel."""
-        rms = np.sqrt((self.difference(physics) ** 2).mean(axis=0))
-        return {
-            channel.name: float(value)
-            for channel, value in zip(self._log.interface.channels, rms, strict=True)
-        }
+        squares = self.difference(physics) ** 2
+        rms = np.sqrt(squares.mean(axis=0))  # [n_channels]
+        names = [channel.name for channel in self._log.interface.channels]
+        return dict(zip(names, rms.tolist(), strict=True))
 
     def error(self, physics: Physics) -> float:
         """Objective: a robust root mean square (pseudo-Huber loss) of the scaled differences."""
+        # As the square for small differences, as the difference for large ones: a robot that slips
+        # once does not decide all.
         squares = (self.difference(physics) / self._sigma) ** 2
-        return float(
-            np.sqrt(
-                np.mean(2.0 * _HUBER_DELTA**2 * (np.sqrt(1.0 + squares / _HUBER_DELTA**2) - 1.0))
-            )
-        )
+        roots = np.sqrt(1.0 + squares / _HUBER_DELTA**2)
+        losses = 2.0 * _HUBER_DELTA**2 * (roots - 1.0)
+        return float(np.sqrt(np.mean(losses)))
 
     def find(self, names: tuple[str, ...], seed: int) -> Physics:
         """Fit the strong parameters, then the weak ones, then the strong ones again."""
@@ -219,21 +236,33 @@ class _Search:
         best = Physics(**self.noise)
         if strong:
             starts = self.scan(best, strong, seed)
-            best = min(
-                (self.refine(start, strong, _WIDE, _LONG) for start in starts), key=self.error
-            )
+            # Several starts, as the error has several valleys.
+            refined = (self.refine(start, strong, _WIDE, _LONG) for start in starts)
+            best = min(refined, key=self.error)
         if weak:
             best = self.refine(best, weak, _WIDE, _SHORT)
         return self.refine(best, strong, _NARROW, _SHORT) if strong else best
 
-    def scan(self, base: Physics, names: tuple[str, ...], seed: int) -> list[Physics]:
+    def scan(
+        self,
+        base: Physics,
+        names: tuple[str, ...],
+        seed: int,
+    ) -> list[Physics]:
         """The best of quasi-random points spread over all ranges."""
-        points = qmc.Halton(len(names), rng=seed).random(_SCAN * len(names))
-        return sorted(
-            (base, *(self._physics(base, names, point) for point in points)), key=self.error
-        )[:_STARTS]
+        sequence = qmc.Halton(len(names), rng=seed)
+        points = sequence.random(_SCAN * len(names))
+        candidates = [base, *(self._physics(base, names, point) for point in points)]
+        best_first = sorted(candidates, key=self.error)
+        return best_first[:_STARTS]
 
-    def refine(self, start: Physics, names: tuple[str, ...], width: float, replays: int) -> Physics:
+    def refine(
+        self,
+        start: Physics,
+        names: tuple[str, ...],
+        width: float,
+        replays: int,
+    ) -> Physics:
         """Local search with Nelder-Mead, without gradients, as these vanish in the rounding of the
         angles.
 
@@ -241,18 +270,27 @@ class _Search:
             width: size of the initial simplex, as a share of each parameter's range.
             replays: maximum number of replays per parameter.
         """
-        shares = np.array(
-            [(getattr(start, name) - _bounds(name)[0]) / np.ptp(_bounds(name)) for name in names]
-        )
+        start_shares = []
+        for name in names:
+            bounds = _bounds(name)
+            above_low = getattr(start, name) - bounds[0]
+            start_shares.append(above_low / np.ptp(bounds))
+        shares = np.array(start_shares)
         # Away from the nearer bound, where the initial simplex would be clipped flat.
-        corners = shares + np.diag(np.where(shares > 0.5, -width, width))
+        inwards = np.where(shares > 0.5, -width, width)
+        edges = np.diag(inwards)  # [n, n]
+        simplex = np.vstack((shares, shares + edges))  # [n + 1, n]
+
+        def error_at(shares: Vector) -> float:
+            return self.error(self._physics(start, names, shares))
+
         result = minimize(
-            lambda shares: self.error(self._physics(start, names, shares)),
+            error_at,
             shares,
             method="Nelder-Mead",
             bounds=[(0.0, 1.0)] * len(names),
             options={
-                "initial_simplex": np.vstack((shares, corners)),
+                "initial_simplex": simplex,
                 "maxfev": replays * len(names),
             },
         )
@@ -264,23 +302,29 @@ class _Search:
         rises = {}
         for name in names:
             deviation = _DEVIATION * np.ptp(PARAMETERS[name].random_range)
-            (low, high) = PARAMETERS[name].allowed_range
-            values = [getattr(best, name) + sign * deviation for sign in (-1.0, 1.0)]
-            errors = [
-                self.error(replace(best, **{name: float(value)}))
-                for value in values
-                if low <= value <= high
-            ]
-            rises[name] = sum(errors) / len(errors) / lowest - 1.0
+            low, high = PARAMETERS[name].allowed_range
+            errors = []
+            for sign in (-1.0, 1.0):
+                value = getattr(best, name) + sign * deviation
+                # At an end of what is allowed there is one side only.
+                if low <= value <= high:
+                    off = replace(best, **{name: float(value)})
+                    errors.append(self.error(off))
+            mean = sum(errors) / len(errors)
+            rises[name] = mean / lowest - 1.0
         return rises
 
-    def _physics(self, base: Physics, names: tuple[str, ...], shares: Vector) -> Physics:
+    def _physics(
+        self,
+        base: Physics,
+        names: tuple[str, ...],
+        shares: Vector,
+    ) -> Physics:
         """Parameters at shares 0..1 of their search ranges."""
-        bounds = [_bounds(name) for name in names]
-        values = {
-            name: float(low + share * (high - low))
-            for name, share, (low, high) in zip(names, shares, bounds, strict=True)
-        }
+        values = {}
+        for name, share in zip(names, shares, strict=True):
+            low, high = _bounds(name)
+            values[name] = float(low + share * (high - low))
         return replace(base, **values)
 
 
@@ -289,41 +333,55 @@ def _bounds(name: str) -> Vector:
     low, high = PARAMETERS[name].random_range
     lowest, highest = PARAMETERS[name].allowed_range
     margin = (high - low) / 2
-    return np.array([max(lowest, low - margin), min(highest, high + margin)])
+    lower = max(lowest, low - margin)
+    upper = min(highest, high + margin)
+    return np.array([lower, upper])
 
 
 def _scene(log: RunLog) -> Scene | None:
     """Scene with a wall at the distance that the robot measured at the start, if any."""
     index = log.interface.distance_index
-    distance_mm = 0.0 if index is None else float(log.channels[0, index])
-    is_wall = UltrasonicSensor.NEAREST_MM < distance_mm < UltrasonicSensor.FARTHEST_MM
-    return Scene(wall_distance_mm=(distance_mm, distance_mm)) if is_wall else None
+    if index is None:
+        return None
+    distance_mm = float(log.channels[0, index])
+    # At either end of what the sensor measures, it may have seen nothing.
+    if not UltrasonicSensor.NEAREST_MM < distance_mm < UltrasonicSensor.FARTHEST_MM:
+        return None
+    return Scene(wall_distance_mm=(distance_mm, distance_mm))
 
 
 def _starts_ms(log: RunLog, physics: Physics) -> NDArray[np.int64]:
     """Start of each command, on the hub's clock of the log."""
     settle = log.interface.settle
     if settle.fixed_ms is not None:
+        # The hub waits for so long after it has begun a command, and then answers.
         return log.times_ms[1:] - settle.fixed_ms
-    return log.times_ms[:-1] + np.round(log.gaps_ms + physics.link_interval_ms).astype(np.int64)
+    # Else by the host's time, and that of the link to the hub and back.
+    idle_ms = np.round(log.gaps_ms + physics.link_interval_ms)
+    return log.times_ms[:-1] + idle_ms.astype(np.int64)
 
 
 def _noise(log: RunLog) -> dict[str, float]:
     """Sensor noise, from the rest at the start; only for sensors in the log."""
     moving = np.flatnonzero(log.commands.any(axis=1))
-    rest = log.channels[: (int(moving[0]) if len(moving) else len(log.commands)) + 1]
+    rest_steps = int(moving[0]) if len(moving) else len(log.commands)
+    rest = log.channels[: rest_steps + 1]
     if len(rest) <= _MIN_REST_STEPS:
         return {}
-    deviation = rest.std(axis=0, ddof=1)
+    deviations = rest.std(axis=0, ddof=1)
+    means = rest.mean(axis=0)
     squares: dict[str, list[float]] = {}
-    for channel, value, mean in zip(
-        log.interface.channels, deviation, rest.mean(axis=0), strict=True
-    ):
-        if channel.noise is None or mean >= channel.high:  # saturated
+    for channel, deviation, mean in zip(log.interface.channels, deviations, means, strict=True):
+        is_saturated = mean >= channel.high
+        if channel.noise is None or is_saturated:
             continue
+        # Of noise that grows with the reading, what grows is known; the rest is fitted.
         share = 0.0 if channel.noise_share is None else getattr(Physics(), channel.noise_share)
-        squares.setdefault(channel.noise, []).append(max(0.0, float(value) - share * mean) ** 2)
-    deviations = {name: float(np.sqrt(np.mean(values))) for name, values in squares.items()}
-    return {
-        name: min(value, PARAMETERS[name].allowed_range[1]) for name, value in deviations.items()
-    }
+        remaining = max(0.0, float(deviation) - share * mean)
+        squares.setdefault(channel.noise, []).append(remaining**2)
+    noise = {}
+    for name, values in squares.items():
+        _, highest = PARAMETERS[name].allowed_range
+        mean = float(np.sqrt(np.mean(values)))
+        noise[name] = min(mean, highest)
+    return noise

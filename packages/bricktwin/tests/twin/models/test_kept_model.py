@@ -34,7 +34,7 @@ from brickhub.robot import (
 )
 from bricktwin import kept
 from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
-from bricktwin.robots.planned import plan_file
+from bricktwin.robots.planned import plan_file, robot_of_plan
 from bricktwin.twin import arena, mujoco_body
 from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
 from bricktwin.twin.make_body import make_body
@@ -166,9 +166,10 @@ def test_kept_model_equals_built_one(robot: Robot, scene: Scene, cache: Cache) -
     built, loaded = cache.body(robot, scene), cache.body(robot, scene)
     assert cache.built == [robot.name] and len(cache.files) == 1
     assert_equal(built._nominal, loaded._nominal)
-    for parts in ("_turning", "_backlash", "_terminals", "_shaft"):
-        one, other = getattr(built, parts), getattr(loaded, parts)
-        assert str(getattr(one, "__dict__", one)) == str(getattr(other, "__dict__", other))
+    assert str(vars(built._turning)) == str(vars(loaded._turning))
+    assert built._backlash == loaded._backlash
+    assert built._motors.terminals == loaded._motors.terminals
+    assert built._motors.shafts == loaded._motors.shafts
     assert driven(built) == driven(loaded)
 
 
@@ -528,7 +529,7 @@ class TestFacts:
     """Descriptions that a plan completes, with its facts kept."""
 
     def robot(self, **said: object) -> Robot:
-        return Robot("mine", HubKind.PRIME, plan=str(PLAN), **said)  # type: ignore[arg-type]
+        return robot_of_plan(PLAN, "mine", **said)  # type: ignore[arg-type]
 
     def test_kept_facts_complete_as_the_plan_does(
         self, cache: Cache, monkeypatch: pytest.MonkeyPatch
@@ -553,7 +554,7 @@ class TestFacts:
         plan.write_text("1 4 0 0 0 1 0 0 0 1 0 0 0 1 54696.dat\n")
         for _ in range(2):
             with pytest.raises(PlanError, match="line 1: .* has no port"):
-                Robot("mine", HubKind.PRIME, plan=str(plan))
+                robot_of_plan(plan)
         assert not cache.folder.exists()
 
 

@@ -14,10 +14,11 @@ from described import SPINNING
 from brickhub.errors import DescriptionError, TwinError
 from brickhub.hub.interface import Pitch, Roll
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.robot import DriveBase, HubKind, Motor, PoweredUpSensor, Robot, SensorKind
+from brickhub.robot import DriveBase, Motor, PoweredUpSensor, Robot, SensorKind
 from brickhub.virtual import VirtualHub
 from brickhub.virtual.stimuli import Sense
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
+from bricktwin.robots.planned import robot_of_plan
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.models.turning import TurningParts
 from bricktwin.twin.mujoco_body import MujocoBody
@@ -38,14 +39,8 @@ def body(robot: Robot, scene: Scene = OPEN_FLOOR) -> MujocoBody:
 @cache
 def car() -> Robot:
     """The car of the examples."""
-    plan = str(ROOT / "examples" / "13_front_steered.ldr")
-    return Robot(
-        "car",
-        HubKind.PRIME,
-        motors=(Motor("steering", range_deg=(-40, 40)),),
-        needs_imu=True,
-        plan=plan,
-    )
+    plan = ROOT / "examples" / "13_front_steered.ldr"
+    return robot_of_plan(plan, "car", motors=(Motor("steering", range_deg=(-40, 40)),))
 
 
 @pytest.mark.parametrize(
@@ -146,16 +141,8 @@ def test_steered_car_drives_circle() -> None:
 
 
 def test_ball_jointed_links_steer_both_front_wheels() -> None:
-    plan = str(Path(__file__).parents[2] / "plans" / "link_steered.ldr")
-    one = body(
-        Robot(
-            "links",
-            HubKind.PRIME,
-            motors=(Motor("steering", range_deg=(-30, 30)),),
-            needs_imu=True,
-            plan=plan,
-        )
-    )
+    plan = Path(__file__).parents[2] / "plans" / "link_steered.ldr"
+    one = body(robot_of_plan(plan, motors=(Motor("steering", range_deg=(-30, 30)),)))
     links_m = one.data.ten_length.copy()
     one.set_voltage("B", 5000)
     one.advance_to(800)
@@ -192,7 +179,7 @@ def test_link_on_a_ball_swings_down(tmp_path: Path) -> None:
         "1 71 -100 40 -80 0 1 0 -1 0 0 0 0 1 32005.dat",
     ]
     plan.write_text("\n".join(lines))
-    one = body(Robot("hanging", HubKind.PRIME, plan=str(plan)))
+    one = body(robot_of_plan(plan))
     (joint,) = [
         number
         for number in range(one.model.njnt)
@@ -258,7 +245,7 @@ def test_motor_that_lies_beside_the_robot_raises(tmp_path: Path) -> None:
         TwinError,
         match=r"Medium angular motor .* is not connected to the main body; add a pin or an axle",
     ):
-        make_body(Robot("two", HubKind.PRIME, plan=str(path)))
+        make_body(robot_of_plan(path))
 
 
 def test_hub_must_look_as_described(tmp_path: Path) -> None:
@@ -281,7 +268,7 @@ def test_hub_that_looks_backwards(tmp_path: Path) -> None:
         text.replace(hub, "1 15 0 -50 -40 -1 0 0 0 1 0 0 0 -1 67718.dat"), encoding="utf-8"
     )
     drive_base = DriveBase("left", "right")
-    robot = Robot("rover", HubKind.PRIME, drive_base=drive_base, needs_imu=True, plan=str(path))
+    robot = robot_of_plan(path, "rover", drive_base=drive_base, needs_imu=True)
     assert robot.hub_sides == ("up", "back")
     sloping = replace(QUIET, slope_deg=5.0, gyro_noise_deg_s=0, acceleration_noise_mm_s2=0)
     turned, plain = (MujocoBody(one, OPEN_FLOOR, sloping, 0) for one in (robot, TWO_WHEELER))

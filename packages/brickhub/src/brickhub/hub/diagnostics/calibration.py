@@ -37,27 +37,21 @@ class Calibration:
 def calibrated(robot: Robot, calibration: Calibration) -> Robot:
     """The robot's description with its calibration applied. Raises DescriptionError if the
     calibration names motors that the robot does not have."""
-    unknown = sorted(
-        (set(calibration.zeros_deg) | calibration.reversed) - {motor.name for motor in robot.motors}
-    )
+    # The robot may have been described anew since.
+    named = set(calibration.zeros_deg) | calibration.reversed
+    known = {motor.name for motor in robot.motors}
+    unknown = sorted(named - known)
     if unknown:
         raise DescriptionError(
             f"robot '{robot.name}' has no motor '{unknown[0]}'; calibrate it again"
         )
     motors = []
     for motor in robot.motors:
-        direction = (
-            Direction(-motor.direction.value)
-            if motor.name in calibration.reversed
-            else motor.direction
-        )
-        motors.append(
-            replace(
-                motor,
-                direction=direction,
-                zero_deg=calibration.zeros_deg.get(motor.name, motor.zero_deg),
-            )
-        )
+        direction = motor.direction
+        if motor.name in calibration.reversed:
+            direction = Direction(-direction.value)
+        zero_deg = calibration.zeros_deg.get(motor.name, motor.zero_deg)
+        motors.append(replace(motor, direction=direction, zero_deg=zero_deg))
     return replace(robot, motors=tuple(motors))
 
 
@@ -70,21 +64,24 @@ def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
         )
     width = stops_deg[1] - stops_deg[0]
     required = motor.range_deg[1] - motor.range_deg[0]
+    # Something in its way stopped the joint before its own stops.
     if width < required:
         raise CalibrationError(
             f"motor '{motor.name}' is blocked after {width} degrees and has to turn by "
             f"{required}; clear its way and try again"
         )
+    # The difference of the two middles.
     return round((sum(stops_deg) - sum(motor.range_deg)) / 2)
 
 
 def calibration_folder() -> Path:
     """Folder of the calibrations, in the user's settings folder: ``XDG_CONFIG_HOME``, or that of
     the system."""
-    given = os.environ.get("XDG_CONFIG_HOME")
+    config_home = os.environ.get("XDG_CONFIG_HOME")
     home = Path.home()
-    if given:
-        base = Path(given)
+    # On every system, as a user who sets it means it.
+    if config_home:
+        base = Path(config_home)
     elif sys.platform == "win32":
         base = Path(os.environ.get("APPDATA") or home / "AppData" / "Roaming")
     elif sys.platform == "darwin":
@@ -104,8 +101,10 @@ def load_calibration(hub: str, robot: Robot, folder: Path | None = None) -> Cali
         "the calibration in", path, CalibrationError, "delete the file and calibrate again"
     ):
         data = json.loads(path.read_bytes())
-        zeros = {str(name): int(zero) for name, zero in data["zeros_deg"].items()}
-        return Calibration(zeros, frozenset(map(str, data["reversed"])))
+        # Converted here, so that a file of other types is refused as one that cannot be read.
+        zeros_deg = {str(name): int(zero_deg) for name, zero_deg in data["zeros_deg"].items()}
+        reversed_motors = frozenset(str(name) for name in data["reversed"])
+        return Calibration(zeros_deg, reversed_motors)
 
 
 def hub_id(transport: Transport) -> str:
@@ -116,7 +115,13 @@ def hub_id(transport: Transport) -> str:
 
 def calibration_of(transport: Transport, folder: Path | None = None) -> Callable[[Robot], Robot]:
     """Argument ``calibrate`` for a link over this transport."""
-    return lambda robot: calibrated(robot, load_calibration(hub_id(transport), robot, folder))
+
+    def apply(robot: Robot) -> Robot:
+        # Asked for only now: before it is connected, a transport does not know its hub.
+        hub = hub_id(transport)
+        return calibrated(robot, load_calibration(hub, robot, folder))
+
+    return apply
 
 
 def save_calibration(
@@ -125,12 +130,14 @@ def save_calibration(
     """Write a calibration atomically; returns its path. Raises WriteError if the file cannot be
     written."""
     path = _path(hub, robot, folder)
+    # The hub too, for a person who reads the file: its name is no address any more.
     data = {
         "hub": hub,
         "zeros_deg": calibration.zeros_deg,
         "reversed": sorted(calibration.reversed),
     }
-    write_durably(path, (json.dumps(data, indent=2) + "\n").encode())
+    text = json.dumps(data, indent=2) + "\n"
+    write_durably(path, text.encode())
     return path
 
 
@@ -147,4 +154,5 @@ def forget_calibration(hub: str, robot: Robot, folder: Path | None = None) -> No
 
 
 def _path(hub: str, robot: Robot, folder: Path | None) -> Path:
-    return (folder or calibration_folder()) / as_file_name(hub) / f"{as_file_name(robot.name)}.json"
+    hub_folder = (folder or calibration_folder()) / as_file_name(hub)
+    return hub_folder / f"{as_file_name(robot.name)}.json"

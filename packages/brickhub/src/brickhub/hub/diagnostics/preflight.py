@@ -22,6 +22,7 @@ from brickhub.robot import AnyHub, Motor, MotorKind, Robot, SensorKind
 SLOW_INTERVAL_MS = 20.0
 """Connection interval above which a shorter one is possible."""
 _INTERVAL_UNIT_MS = 1.25
+"""Bluetooth's intervals are multiples of it."""
 _INTERVALS_PER_ROUND_TRIP = 2
 """A command waits for the next connection event, and its answer for the one after that."""
 
@@ -49,17 +50,24 @@ _LEAST_SHARE = 0.5
 _RANGE_MARGIN_DEG = 8.0
 """Tolerance for a joint that yields beyond its range."""
 _TEST_MOVE_S = 1.2
+"""Time for a test move; a step may end before it."""
 
 _ENCODERS = {kind.model.device_id for kind in MotorKind if kind.model.has_encoder}
 """Device ids of motors with an encoder: a program for one also drives the others."""
-_NAMES = (
-    {kind.model.device_id: f"motor {kind.value}" for kind in MotorKind}
-    | {
-        kind.model.device_id: re.sub("(?<!^)([A-Z])", r" \1", kind.value).lower()
-        for kind in SensorKind
-    }
-    | {0: "nothing"}
-)
+
+
+def _device_names() -> dict[int, str]:
+    names = {kind.model.device_id: f"motor {kind.value}" for kind in MotorKind}
+    for kind in SensorKind:
+        # "ColorDistanceSensor" is a "color distance sensor".
+        words = re.sub("(?<!^)([A-Z])", r" \1", kind.value)
+        names[kind.model.device_id] = words.lower()
+    names[0] = "nothing"
+    return names
+
+
+_NAMES = _device_names()
+"""Readable names of devices, by their ids."""
 
 
 @dataclass(frozen=True)
@@ -88,20 +96,24 @@ class Latency:
 def measure(link: RobotLink, interface: Interface, exchanges: int = 100) -> Latency:
     """Time ``exchanges`` sensor readings over an open link; nothing moves. Raises HubError if the
     link failed."""
+    # The first reading comes after a pause, and is slower.
     link.read()
-    return latency([link.read().round_trip_s for _ in range(exchanges)], interface)
+    round_trips_s = [link.read().round_trip_s for _ in range(exchanges)]
+    return latency(round_trips_s, interface)
 
 
 def latency(round_trips_s: list[float], interface: Interface) -> Latency:
     """Latency statistics of the round trips ``[n]`` of readings, n > 0."""
-    p50_ms, p99_ms = (percentile(round_trips_s, percent) * 1000 for percent in (50, 99))
+    p50_ms = percentile(round_trips_s, 50) * 1000
+    p99_ms = percentile(round_trips_s, 99) * 1000
+    # The median, as single exchanges are delayed by the computer, or lost and repeated.
+    interval_units = round(p50_ms / _INTERVALS_PER_ROUND_TRIP / _INTERVAL_UNIT_MS)
     step_ms = interface.settle.fixed_ms
     return Latency(
         exchanges=len(round_trips_s),
         p50_ms=p50_ms,
         p99_ms=p99_ms,
-        interval_ms=round(p50_ms / _INTERVALS_PER_ROUND_TRIP / _INTERVAL_UNIT_MS)
-        * _INTERVAL_UNIT_MS,
+        interval_ms=interval_units * _INTERVAL_UNIT_MS,
         link_share=None if step_ms is None else p50_ms / (step_ms + p50_ms),
     )
 
@@ -136,11 +148,14 @@ def check_robot(
         command: the command that calibrates this robot on this hub, for advice that works as it is
             printed.
     """
+    # A person is asked once, for all moves.
     may_move = functools.cache(may_move)
     try:
         transport.open()
+        # The hub is known only now, and with it the calibration.
         calibrated = robot if calibrate is None else calibrate(robot)
-        yield from check_hub(getattr(transport, "identity", None), robot)
+        identity = getattr(transport, "identity", None)
+        yield from check_hub(identity, robot)
         result = survey(transport, calibrated)
         port_findings = list(check_ports(robot, result))
         yield from port_findings
@@ -153,6 +168,7 @@ def check_robot(
                 "the environment's program does not start before all is plugged in",
             )
             return
+        # A failure from here on is a finding among others: those before are known, and printed.
         try:
             with HubLink(transport, robot, interface, calibrate=calibrate) as link:
                 yield Finding("program", Outcome.OK, f"runs (hash {link.program.hash:08x})")
@@ -161,10 +177,16 @@ def check_robot(
                 yield from check_distances(interface, values)
                 is_virtual = getattr(transport, "identity", None) is None
                 yield check_latency(measure(link, interface), is_virtual=is_virtual)
-                advise = functools.partial(_reversing, command, robot, calibrated)
+
+                def advise(motors: Sequence[str]) -> str:
+                    return _reversing(command, robot, calibrated, motors)
+
                 yield from check_moves(link, robot, interface, may_move, is_right, advise)
-            if calibrated.drive_base is not None and robot.hub.model.has_imu and may_move():
-                yield from check_wheels(robot, turn_wheels(transport, calibrated), advise)
+            # After the link is closed, as a hub runs one program at a time.
+            has_wheels = calibrated.drive_base is not None
+            if has_wheels and robot.hub.model.has_imu and may_move():
+                turns = turn_wheels(transport, calibrated)
+                yield from check_wheels(robot, turns, advise)
         except HubError as error:
             yield Finding("program", Outcome.ERROR, str(error))
     finally:
@@ -174,12 +196,10 @@ def check_robot(
 def judged(name: str, detail: str, *problems: tuple[bool, Outcome, str]) -> Finding:
     """Finding of a check: the first problem that there is, with its outcome and what it adds to the
     detail; else OK."""
-    found = (
-        Finding(name, outcome, detail + remedy)
-        for is_there, outcome, remedy in problems
-        if is_there
-    )
-    return next(found, Finding(name, Outcome.OK, detail))
+    for is_there, outcome, remedy in problems:
+        if is_there:
+            return Finding(name, outcome, detail + remedy)
+    return Finding(name, Outcome.OK, detail)
 
 
 def check_hub(identity: HubIdentity | None, robot: Robot) -> Iterator[Finding]:
@@ -230,9 +250,9 @@ def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
         found_name = device_name(found_id)
         name = f"port {port}"
         if device is None:
-            detail = "nothing is expected" + (
-                "" if not found_id else f", {found_name} is there, which does no harm"
-            )
+            detail = "nothing is expected"
+            if found_id:
+                detail += f", {found_name} is there, which does no harm"
             yield Finding(name, Outcome.OK, detail)
             continue
         expected_id = device.kind.model.device_id
@@ -246,21 +266,20 @@ def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
             )
             yield Finding(name, Outcome.WARNING, detail)
         else:
-            taken = {
+            # Ports where a device of this kind belongs: one there is not the one that is missing.
+            its_ports = {
                 device.port
                 for device in expected.values()
                 if device.kind.model.device_id == expected_id
             }
-            others = [
-                other
-                for other, other_id in result.ports.items()
-                if other_id == expected_id and other not in taken
+            wrong_ports = [
+                other_port
+                for other_port, other_id in result.ports.items()
+                if other_id == expected_id and other_port not in its_ports
             ]
-            remedy = (
-                f"move it from port {others[0]} to {port}"
-                if others
-                else f"plug it into port {port} until it clicks"
-            )
+            remedy = f"plug it into port {port} until it clicks"
+            if wrong_ports:
+                remedy = f"move it from port {wrong_ports[0]} to {port}"
             detail = f"{label} is expected, {found_name} is there; {remedy}"
             yield Finding(name, Outcome.ERROR, detail)
 
@@ -286,10 +305,10 @@ def check_imu(robot: Robot, result: Survey) -> Iterator[Finding]:
         return
     tilt = f"pitch {result.pitch_deg}, roll {result.roll_deg} deg"
     if result.imu_ready is None:
-        silent = (
+        no_answer = (
             "the hub did not say anything about its IMU; update its firmware on code.pybricks.com"
         )
-        yield Finding("imu", Outcome.ERROR, silent)
+        yield Finding("imu", Outcome.ERROR, no_answer)
     elif not result.imu_ready:
         yield Finding(
             "imu",
@@ -297,9 +316,8 @@ def check_imu(robot: Robot, result: Survey) -> Iterator[Finding]:
             f"{tilt}, not ready; leave the robot still for some seconds and check again",
         )
     else:
-        yield Finding(
-            "imu", Outcome.OK, f"ready, {tilt}" + ("" if result.imu_still else ", moving")
-        )
+        motion = "" if result.imu_still else ", moving"
+        yield Finding("imu", Outcome.OK, f"ready, {tilt}{motion}")
 
 
 def check_angles(robot: Robot, interface: Interface, values: Sequence[float]) -> Iterator[Finding]:
@@ -309,9 +327,11 @@ def check_angles(robot: Robot, interface: Interface, values: Sequence[float]) ->
         if range_deg is None:
             continue
         low, high = range_deg
-        is_beyond = not low - _RANGE_MARGIN_DEG <= values[index] <= high + _RANGE_MARGIN_DEG
+        angle_deg = values[index]
+        is_within = low - _RANGE_MARGIN_DEG <= angle_deg <= high + _RANGE_MARGIN_DEG
+        is_beyond = not is_within
         remedy = "; put the joint within its range, or find its zero with `brickhub calibrate`"
-        detail = f"{values[index]:.0f} deg, range {low} to {high}"
+        detail = f"{angle_deg:.0f} deg, range {low} to {high}"
         yield judged(f"angle {name}", detail, (is_beyond, Outcome.ERROR, remedy))
 
 
@@ -320,15 +340,12 @@ def check_distances(interface: Interface, values: Sequence[float]) -> Iterator[F
     may be dead."""
     for channel, value in zip(interface.channels, values, strict=True):
         if isinstance(channel, Distance):
-            is_far = value >= channel.FARTHEST_MM
-            doubt = (
-                (
+            doubt = ""
+            if value >= channel.FARTHEST_MM:
+                doubt = (
                     ", nothing in sight; hold a hand before it and check again: the number has "
                     "to change"
                 )
-                if is_far
-                else ""
-            )
             yield Finding(f"reading {channel.name}", Outcome.OK, f"{value:.0f} mm{doubt}")
 
 
@@ -352,12 +369,13 @@ def small_move(
     """A small value of a command; for a joint with a known angle, towards the middle of its
     range."""
     sign = 1.0
+    # A move towards a stop would be blocked there.
     if range_deg is not None and angle_deg is not None and angle_deg > sum(range_deg) / 2:
         sign = -1.0
-    values = [
-        min(max(move, command.low), command.high) for move in (sign * TEST_MOVE, -sign * TEST_MOVE)
-    ]
-    return values[0] if abs(values[0]) >= abs(values[1]) else values[1]
+    preferred = min(max(sign * TEST_MOVE, command.low), command.high)
+    opposite = min(max(-sign * TEST_MOVE, command.low), command.high)
+    # A command may have one sign only; then the other way is the only one.
+    return preferred if abs(preferred) >= abs(opposite) else opposite
 
 
 def check_moves(
@@ -388,30 +406,38 @@ def _check_move(
     """Send a small value for one command and 0 for the others, and compare the motion of its
     motors."""
     command = interface.commands[index]
+    actions = [0.0] * len(interface.commands)
     before = link.read().values
     motors = [robot.motor(name) for name in command.motors(robot)]
+    # A light or a sound: nothing here can tell whether it was there.
     if not motors:
-        link.act([command.high if i == index else 0.0 for i in range(len(interface.commands))])
+        actions[index] = command.high
+        link.act(actions)
         return Finding(command.name, Outcome.OK, f"{command.high:g} {command.unit}, look or listen")
     angles_before = [_angle(interface, before, motor) for motor in motors]
     value = small_move(command, motors[0].range_deg, angles_before[0])
     name = f"motor {command.name}" if len(motors) == 1 else command.name
-    link.act([value if i == index else 0.0 for i in range(len(interface.commands))])
+    actions[index] = value
+    link.act(actions)
     after = before
     end_s = link.now_s() + _TEST_MOVE_S
-    while link.now_s() < end_s:  # a step may end before its move does
+    # A step may end before its move does; readings keep the program alive meanwhile.
+    while link.now_s() < end_s:
         after = link.read().values
     if not command.ends:
         link.act([0.0] * len(interface.commands))
+    # First what the sensors say, then what a person has seen.
     turns_deg = command.turns_deg(robot, value)
     for motor, angle_before, turn_deg in zip(motors, angles_before, turns_deg, strict=True):
         angle_after = _angle(interface, after, motor)
         if angle_before is None or angle_after is None:
             continue
         turned = (angle_after - angle_before + 180.0) % 360.0 - 180.0
-        # angles may be wrapped: add the whole turns that bring it nearest to the command
+        # Angles may be wrapped: add the whole turns that bring it nearest to the command.
         if command.ends:
             turned += 360.0 * round((turn_deg - turned) / 360.0)
+        # Times the expected turn, so that the sign counts too; where none is expected, any is
+        # right.
         if turned * turn_deg < _LEAST_SHARE * turn_deg**2:
             what = (
                 f"'{motor.name}' (port {motor.port}) turned by {turned:.0f} deg after "
@@ -424,6 +450,7 @@ def _check_move(
         return Finding(name, Outcome.OK, f"{motion}, nobody watched")
     if answer:
         return Finding(name, Outcome.OK, motion)
+    # A person's no: a cable in a wrong port, or a direction.
     ports = " and ".join(motor.port for motor in motors)
     which = f"if it was another motor, swap the cables (port {ports})"
     if advise is not None and len(motors) == 1:
@@ -439,9 +466,9 @@ def _check_move(
 
 
 _TURNED_SHARE = 0.8
+"""Share of the expected turn of the hub below which a wheel slips."""
 _STILL_SHARE = 0.15
-"""Shares of the expected turn of the hub: less than the first is slip, less than the second no turn
-at all, which is slip too if the other wheel turned the robot."""
+"""Share below which it did not turn at all, which is slip too if the other wheel turned it."""
 
 
 def check_wheels(
@@ -452,12 +479,14 @@ def check_wheels(
     base = robot.drive_base
     if base is None:
         return
-    is_wrong = []
+    # Wheels that turned, each with the turn of the hub that follows (deg, clockwise).
     rolled: list[tuple[WheelTurn, float]] = []
     for turn in turns:
+        # The other wheel stands: the robot turns about it, on a circle of the axle track's radius.
         sign = 1.0 if turn.motor == base.left else -1.0
         expected_deg = sign * turn.wheel_deg * base.wheel_diameter_mm / (2 * base.axle_track_mm)
-        if abs(expected_deg) >= 1.0:  # else it did not turn, as its move has told
+        # Else the motor did not turn, as its move has told.
+        if abs(expected_deg) >= 1.0:
             rolled.append((turn, expected_deg))
     is_on_floor = any(abs(turn.heading_deg / deg) >= _STILL_SHARE for turn, deg in rolled)
     for turn, expected_deg in rolled:
@@ -465,13 +494,12 @@ def check_wheels(
         name = f"wheel {turn.motor}"
         motion = f"turned the robot by {turn.heading_deg:.0f} of {expected_deg:.0f} deg"
         if abs(share) < _STILL_SHARE and not is_on_floor:
-            still = (
+            stayed = (
                 "the robot stayed as it was, by its gyroscope: on the bench, or its wheels "
                 "in the air"
             )
-            yield Finding(name, Outcome.SKIPPED, still)
+            yield Finding(name, Outcome.SKIPPED, stayed)
         elif share <= -_STILL_SHARE:
-            is_wrong.append(turn.motor)
             port = robot.motor(turn.motor).port
             remedy = f"it turns the wrong way (port {port}): {advise([turn.motor])}"
             yield Finding(name, Outcome.ERROR, f"{motion}, by its gyroscope; {remedy}")
@@ -488,17 +516,20 @@ def check_wheels(
 def _reversing(command: str, robot: Robot, calibrated: Robot, names: Sequence[str]) -> str:
     """What to do about motors that turn the wrong way, in words that can be followed as they
     are."""
-    is_reversed = [
-        name
-        for name in names
-        if robot.motor(name).direction is not calibrated.motor(name).direction
-    ]
-    others = [name for name in names if name not in is_reversed]
+    # A motor that its calibration reverses, and that turns wrongly, is right as described.
+    reversed_already = []
+    as_described = []
+    for name in names:
+        described = robot.motor(name).direction
+        if described is calibrated.motor(name).direction:
+            as_described.append(name)
+        else:
+            reversed_already.append(name)
     steps = []
-    if others:
-        steps.append(f"`{command} --reverse {' '.join(others)}`")
-    if is_reversed:
-        steps.append(f"`{command} --as-described {' '.join(is_reversed)}`")
+    if as_described:
+        steps.append(f"`{command} --reverse {' '.join(as_described)}`")
+    if reversed_already:
+        steps.append(f"`{command} --as-described {' '.join(reversed_already)}`")
     return " and ".join(steps)
 
 

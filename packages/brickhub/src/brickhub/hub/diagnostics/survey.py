@@ -23,12 +23,16 @@ STALL_TORQUE_MNM = 250
 """More than a medium motor has: a raised arm needs all of it, and at this speed the stops are not
 damaged."""
 STALL_LIMIT_MS = 10_000
+"""Time after which a motor counts as free: a whole turn takes 6 s at this speed."""
 STALL_LIMIT_DEG = 400
+"""Angle after which a motor counts as free: more than a whole turn."""
 WHEEL_DEG = 90
 """Turn of a wheel forward, and back; small enough for a table."""
 WHEEL_SPEED_DEG_S = 180
 _WHEEL_LIMIT_MS = 1500
+"""Limit of a turn, three times what it takes at this speed."""
 _SETTLE_MS = 200
+"""Pause between the end of a turn and the reading of the gyroscope."""
 _SURVEY_S = 20.0
 
 
@@ -78,6 +82,7 @@ def survey(transport: Transport, robot: Robot) -> Survey:
 def parse_survey(lines: list[str]) -> Survey:
     """Survey from the lines that the program printed. Raises HubError if the lines are
     incomplete."""
+    # As a literal, so that nothing that a hub sends is ever run.
     try:
         return Survey(**ast.literal_eval(lines[-1]))
     except (IndexError, SyntaxError, TypeError, ValueError):
@@ -117,6 +122,7 @@ def find_stops(transport: Transport, robot: Robot) -> dict[str, tuple[int, int] 
     joints = _joints(robot)
     if not joints:
         return {}
+    # Three moves of each joint: to both stops, and back to the middle.
     timeout_s = 5.0 + 3 * len(joints) * STALL_LIMIT_MS / 1000
     stops_deg: dict[str, tuple[int, int] | None] = {}
     for line in run(transport, stops_program(robot), timeout_s):
@@ -172,10 +178,10 @@ def turn_wheels(transport: Transport, robot: Robot) -> list[WheelTurn]:
         HubError: the hub cannot be reached, or does not answer; the motors are then stopped.
         HubProgramError: the program raised.
     """
+    # Each of two wheels turns forward and back.
+    timeout_s = 5.0 + 4 * (_WHEEL_LIMIT_MS + _SETTLE_MS) / 1000
     turns = []
-    for line in run(
-        transport, wheels_program(robot), 5.0 + 4 * (_WHEEL_LIMIT_MS + _SETTLE_MS) / 1000
-    ):
+    for line in run(transport, wheels_program(robot), timeout_s):
         match line.split(" "):
             case ["wheel", name, wheel_deg, heading_deg]:
                 turns.append(WheelTurn(name, float(wheel_deg), float(heading_deg)))
@@ -193,10 +199,15 @@ def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str
     """
     output = io.BytesIO()
     errors = io.StringIO()
-    code = run_program(transport, program, stdout=output, stderr=errors, time_limit_s=timeout_s)
-    if code not in (0, TIME_LIMIT_EXIT_CODE):
+    exit_code = run_program(
+        transport, program, stdout=output, stderr=errors, time_limit_s=timeout_s
+    )
+    # One that was stopped, at its time limit or by the hub's button, lacks its last line.
+    if exit_code not in (0, TIME_LIMIT_EXIT_CODE):
         raise HubProgramError(describe_traceback(errors.getvalue(), program.source))
-    *lines, end, _ = f"\n\n{output.getvalue().decode('utf-8', 'replace')}".split("\n")
+    text = output.getvalue().decode("utf-8", "replace")
+    # The text ends with a line end. Two more before it, so that there are always enough lines.
+    *lines, end, _ = f"\n\n{text}".split("\n")
     if end != "end":
         raise HubTimeoutError(
             f"the program that looks at the hub did not end within {timeout_s:g} s; switch the "
@@ -217,14 +228,13 @@ def _joints(robot: Robot) -> tuple[Motor, ...]:
 
 
 def _motors(motors: tuple[Motor, ...]) -> str:
-    rows = [
-        (
-            f'    ("{motor.name}", Port.{motor.port}, Direction.{motor.direction.name}, '
-            f"{list(motor.gears) or None}),\n"
-        )
-        for motor in motors
-    ]
-    return f"MOTORS = (\n{''.join(rows)})"
+    lines = []
+    for motor in motors:
+        # None is what Pybricks calls a motor without gears.
+        gears = list(motor.gears) or None
+        direction = f"Direction.{motor.direction.name}"
+        lines.append(f'    ("{motor.name}", Port.{motor.port}, {direction}, {gears}),\n')
+    return f"MOTORS = (\n{''.join(lines)})"
 
 
 def _program(
@@ -239,8 +249,12 @@ def _program(
             for line in imports
         ]
     head = [*comments, *sorted_imports([hub_import, *imports]), "", *constants, ""]
+    # The empty line ends that of the HELLO frame, whose bytes are no text.
     body = [hub_line(robot), "print()", onboard_text(script).strip(), ""]
-    program_hash = hashlib.sha256("\n".join([*head, *body]).encode()).digest()[:4]
-    number = int.from_bytes(program_hash, "little")
-    hello = f"stdout.buffer.write({control_frame(Up.HELLO, hello_payload(number))!r})"
-    return HubProgram("\n".join([*head, hello, "", *body]), number)
+    # Of the text without its HELLO, which carries the hash.
+    digest = hashlib.sha256("\n".join([*head, *body]).encode()).digest()
+    program_hash = int.from_bytes(digest[:4], "little")
+    # Before anything that may raise, as the transport waits for it to know which program runs.
+    hello_frame = control_frame(Up.HELLO, hello_payload(program_hash))
+    hello = f"stdout.buffer.write({hello_frame!r})"
+    return HubProgram("\n".join([*head, hello, "", *body]), program_hash)

@@ -40,14 +40,20 @@ from brickhub.robot import Robot
 _log = logging.getLogger(__name__)
 
 _HELLOS_PER_TIMEOUT = 4
+"""Times that a HELLO is waited for: the one at the program's start, then those on request."""
 _EXCHANGES_PER_WATCHDOG_CHECK = 50
 _WATCHDOG_ROUND_TRIPS = 4
+"""Least watchdog in 99th percentiles of the link's round trips, so that a slow link does not stop
+the motors."""
 _WATCHDOG_MAX_MS = 0xFFFF
+"""Its frame carries an unsigned number of 16 bits."""
 _READS_PER_WAIT = 1000
-# tick of a virtual hub: a wait of less than half of it would not advance its clock
 _CLOCK_TICK_S = 0.001
+"""Tick of a virtual hub: a wait of less than half of it would not advance its clock."""
 _TRACEBACK_READS = 50
+"""Most reads for the rest of a traceback."""
 _TRACEBACK_PAUSE_S = 0.2
+"""Silence after which a traceback is complete: it comes in notifications of 19 bytes."""
 
 
 class HubLink(RobotLink):
@@ -90,11 +96,14 @@ class HubLink(RobotLink):
         self._transport_is_open = False
         self._has_started = False
         self._timeout_s = timeout_s
-        self._start_s = timeout_s + max(channel.setup_s for channel in interface.channels)
+        # A program says HELLO only when all of its devices are set up, a remote within 10 s.
+        longest_setup_s = max(channel.setup_s for channel in interface.channels)
+        self._start_s = timeout_s + longest_setup_s
         settle = interface.settle
         self._longest_move_s = settle.longest_ms / 1000
         self._known_move_s = None if settle.fixed_ms is None else self._longest_move_s
         self._least_watchdog_ms = _watchdog_ms(watchdog_s)
+        # What the program on the hub begins with; the link changes it when the program has started.
         self._watchdog_ms = WATCHDOG_MS
         self._seq = 0
         self._frame = b""
@@ -134,8 +143,10 @@ class HubLink(RobotLink):
         with self._fault():
             if not self._transport_is_open:
                 self._transport.open()
+                # A calibration belongs to a hub, which is known by its address from here on.
                 if self._calibrate is not None:
-                    self.program = self._program_of(self._calibrate(self._robot))
+                    calibrated = self._calibrate(self._robot)
+                    self.program = self._program_of(calibrated)
                 self._transport_is_open = True
             self._start_program()
 
@@ -187,6 +198,7 @@ class HubLink(RobotLink):
         payload = self.wire.encode_actions(values)
         self._require_open()
         self._seq = protocol.next_seq(self._seq)
+        # Before the frame is sent: if sending fails, the hub may still have got it and move.
         self.state = after(self.state, Cause.ACTED)
         return protocol.data_frame(self._seq, payload)
 
@@ -200,6 +212,7 @@ class HubLink(RobotLink):
         """
         self._require_open()
         with self._fault():
+            # On the request of a HELLO the hub stops its motors and forgets its sequence number.
             self._request_hello()
             self._seq = 0
             self._begin()
@@ -212,6 +225,7 @@ class HubLink(RobotLink):
 
         All later calls raise ``StoppedError`` until ``release``.
         """
+        # First, so that the thread that waits for an answer finds the reason when it is woken.
         self._halted.set()
         self._transport.stop()
 
@@ -224,6 +238,7 @@ class HubLink(RobotLink):
         transport failed; the hub's watchdog then stops the motors."""
         if self.state is LinkState.DISCONNECTED:
             return
+        # Also where the transport fails: no command may follow.
         self.state = after(self.state, Cause.STOPPED)
         self._transport.stop()
 
@@ -233,7 +248,9 @@ class HubLink(RobotLink):
         for name, step in (("stop", self.stop), ("disconnect", self._transport.close)):
             try:
                 step()
-            except Exception as error:  # noqa: BLE001  closing must go on; the hub stops by itself
+            # - closing must go on, whatever a transport raises; the hub stops by itself
+            except Exception as error:  # noqa: BLE001
+                # The trace of an error that is not one of ours points to a bug.
                 is_ours = isinstance(error, HubError)
                 _log.warning(
                     "closing the link to the hub: could not %s (%s)",
@@ -241,7 +258,8 @@ class HubLink(RobotLink):
                     error,
                     exc_info=not is_ours,
                 )
-        self._transport_is_open = self._has_started = False
+        self._transport_is_open = False
+        self._has_started = False
         self.state = after(self.state, Cause.STOPPED)
 
     def _run_program(self) -> None:
@@ -249,23 +267,27 @@ class HubLink(RobotLink):
         stop came meanwhile."""
         self._begin_to_listen()
         if self._has_started:
-            with contextlib.suppress(HubError):  # if the hub is out of reach, the start will raise
+            # If the hub is out of reach, the start raises, and says so better.
+            with contextlib.suppress(HubError):
                 self._transport.stop()
         self._transport.start(self.program)
         self._has_started = True
-        # an emergency stop during the start may have stopped only the previous program
+        # An emergency stop during the start may have stopped only the previous program.
         if self._halted.is_set():
             self._transport.stop()
             raise stopped_error()
 
     def _start_program(self) -> None:
         self._run_program()
+        # A new program begins with its own clock, sequence numbers and watchdog.
         self._clock = HubClock()
         self._seq = 0
         self._watchdog_ms = WATCHDOG_MS
         self.statistics.watchdog_s = WATCHDOG_MS / 1000
         # The program sends a HELLO at its start; it is requested if that one does not come.
-        check_hello(self._receive_hello() or self._request_hello(), self.program.hash)
+        hello = self._receive_hello() or self._request_hello()
+        check_hello(hello, self.program.hash)
+        # After a reconnection the link's round trips are known already.
         watchdog_ms = self._needed_watchdog_ms()
         if watchdog_ms != WATCHDOG_MS:
             self._set_watchdog(watchdog_ms)
@@ -276,12 +298,8 @@ class HubLink(RobotLink):
         """Hook: set up a program that has just sent its HELLO."""
 
     def _receive_hello(self) -> protocol.ControlFrame | None:
-        frame = self._wait_for(
-            lambda frame: (
-                isinstance(frame, protocol.ControlFrame) and frame.kind == protocol.Up.HELLO
-            ),
-            self._start_s / _HELLOS_PER_TIMEOUT,
-        )
+        """A HELLO, if it comes in its share of the time for the start."""
+        frame = self._wait_for(_is_hello, self._start_s / _HELLOS_PER_TIMEOUT)
         return frame if isinstance(frame, protocol.ControlFrame) else None
 
     def _request_hello(self) -> protocol.ControlFrame:
@@ -326,37 +344,39 @@ class HubLink(RobotLink):
         """
         limit_s = longest_move_s + self._timeout_s
         watchdog_s = self._watchdog_ms / 1000
+        due_s = longest_move_s if known_move_s is None else known_move_s
         for number, time_s in enumerate(repeat_times_s(known_move_s, watchdog_s)):
-            answer = self._wait_for(
-                self._is_answer, self._sent_s + min(time_s, limit_s) - self.now_s()
-            )
+            wake_s = self._sent_s + min(time_s, limit_s)
+            answer = self._wait_for(self._is_answer, wake_s - self.now_s())
             if isinstance(answer, protocol.DataFrame):
+                # A hub reads its sensors at the end of a step of a known time, else at any time.
                 self._compare_clocks(answer, self._sent_s + (known_move_s or 0.0))
                 reading = self._reading(answer, self.now_s() - self._sent_s)
                 self.statistics.record(reading.round_trip_s, reading.age_s)
                 return reading
-            if max(time_s, self.now_s() - self._sent_s) >= limit_s:
+            waited_s = self.now_s() - self._sent_s
+            # By the planned times too, in case the clock stands still.
+            if max(time_s, waited_s) >= limit_s:
                 break
-            is_overdue = time_s > (longest_move_s if known_move_s is None else known_move_s)
+            is_overdue = time_s > due_s
             self.statistics.resends += is_overdue
-            self._write(
-                frame
-                if is_overdue or number % REPEATS_PER_WATCHDOG == 0
-                else _watchdog_frame(self._watchdog_ms)
-            )
+            # The command itself is repeated from time to time, as it may be what was lost.
+            repeats_command = is_overdue or number % REPEATS_PER_WATCHDOG == 0
+            self._write(frame if repeats_command else _watchdog_frame(self._watchdog_ms))
         raise self._timeout_error("the hub did not answer", limit_s)
 
     def _compare_clocks(self, answer: protocol.DataFrame, not_before_s: float) -> None:
         """Compare the clocks by an answer that has just arrived; its sensors were read after
         ``not_before_s``."""
-        self._clock.compare(
-            self._clock.unwrap(self.wire.hub_time_ms(answer.payload)), not_before_s, self.now_s()
-        )
+        wrapped_ms = self.wire.hub_time_ms(answer.payload)
+        time_ms = self._clock.unwrap(wrapped_ms)
+        self._clock.compare(time_ms, not_before_s, self.now_s())
 
     def _reading(self, answer: protocol.DataFrame, round_trip_s: float) -> Reading:
         """Reading from the newest answer, as old as it is now."""
         wrapped_ms, values = self.wire.decode_answer(answer.payload)
         for name in self.wire.saturated(answer.payload):
+            # Once for each channel: it stays at its end for many steps.
             if name not in self._saturated:
                 self._saturated.add(name)
                 _log.warning(
@@ -365,7 +385,8 @@ class HubLink(RobotLink):
                     name,
                 )
         time_ms = self._clock.unwrap(wrapped_ms)
-        return Reading(values, time_ms, round_trip_s, self._clock.age_s(time_ms, self.now_s()))
+        age_s = self._clock.age_s(time_ms, self.now_s())
+        return Reading(values, time_ms, round_trip_s, age_s)
 
     @contextlib.contextmanager
     def _fault_with_cause(self) -> Iterator[None]:
@@ -384,6 +405,7 @@ class HubLink(RobotLink):
             if frame.kind == protocol.Up.BYE:
                 raise bye_error(frame)
             return False
+        # A frame that was repeated while its answer was on the way is answered twice.
         self.statistics.stale_answers += frame.seq != self._seq
         return frame.seq == self._seq
 
@@ -391,20 +413,22 @@ class HubLink(RobotLink):
         """Before an exchange, set the watchdog by the measured round trips: at once if one took
         long, and from time to time."""
         delays_s = self.statistics.delays_s
-        is_slow = (
-            bool(delays_s)
-            and _watchdog_ms(_WATCHDOG_ROUND_TRIPS * delays_s[-1]) > self._watchdog_ms
-        )
-        if is_slow or self.statistics.exchanges % _EXCHANGES_PER_WATCHDOG_CHECK == 0:
-            needed_ms = self._needed_watchdog_ms()
-            if not self._watchdog_ms / 2 <= needed_ms <= self._watchdog_ms:
-                self._set_watchdog(needed_ms)
+        is_slow = False
+        if delays_s:
+            last_needs_ms = _watchdog_ms(_WATCHDOG_ROUND_TRIPS * delays_s[-1])
+            is_slow = last_needs_ms > self._watchdog_ms
+        is_time_to_check = self.statistics.exchanges % _EXCHANGES_PER_WATCHDOG_CHECK == 0
+        if not (is_slow or is_time_to_check):
+            return
+        needed_ms = self._needed_watchdog_ms()
+        # Raised at once, lowered only to less than half: each change is a write more before a step.
+        is_right = self._watchdog_ms / 2 <= needed_ms <= self._watchdog_ms
+        if not is_right:
+            self._set_watchdog(needed_ms)
 
     def _needed_watchdog_ms(self) -> int:
-        return max(
-            self._least_watchdog_ms,
-            _watchdog_ms(_WATCHDOG_ROUND_TRIPS * percentile(self.statistics.delays_s, 99)),
-        )
+        p99_delay_s = percentile(self.statistics.delays_s, 99)
+        return max(self._least_watchdog_ms, _watchdog_ms(_WATCHDOG_ROUND_TRIPS * p99_delay_s))
 
     def _set_watchdog(self, watchdog_ms: int) -> None:
         self._write(_watchdog_frame(watchdog_ms))
@@ -425,6 +449,7 @@ class HubLink(RobotLink):
                 if is_wanted(frame):
                     return frame
             remaining_s = deadline_s - self._transport.now_s()
+            # At least one read, as bytes may have come already when the time is up.
             if remaining_s <= _CLOCK_TICK_S / 2 and number:
                 return None
             self._feed(self._transport.read(max(0.0, remaining_s)))
@@ -434,21 +459,24 @@ class HubLink(RobotLink):
         """Take bytes, and count the invalid ones. Raises HubProgramError for a traceback among
         them."""
         decoder = self._decoder
-        crc_errors = decoder.crc_errors
-        skipped_bytes = decoder.skipped_bytes
+        # A decoder counts from its program's start, the statistics from that of the link.
+        crc_errors_before = decoder.crc_errors
+        skipped_bytes_before = decoder.skipped_bytes
         self._frames.extend(decoder.feed(data))
-        self.statistics.crc_errors += decoder.crc_errors - crc_errors
-        self.statistics.skipped_bytes += decoder.skipped_bytes - skipped_bytes
-        if "Traceback" in self._decoder.text:
-            with contextlib.suppress(HubError):  # a partial traceback says more than a lost link
-                for _ in range(_TRACEBACK_READS):
-                    rest = self._transport.read(_TRACEBACK_PAUSE_S)
-                    if not rest:
-                        break
-                    self._decoder.feed(rest)
-            raise HubProgramError(
-                describe_traceback(self._decoder.text, self.program.source, self.program.name)
-            )
+        self.statistics.crc_errors += decoder.crc_errors - crc_errors_before
+        self.statistics.skipped_bytes += decoder.skipped_bytes - skipped_bytes_before
+        if "Traceback" not in decoder.text:
+            return
+        # The rest of it is on the way. A partial traceback says more than a lost link.
+        with contextlib.suppress(HubError):
+            for _ in range(_TRACEBACK_READS):
+                rest = self._transport.read(_TRACEBACK_PAUSE_S)
+                if not rest:
+                    break
+                decoder.feed(rest)
+        raise HubProgramError(
+            describe_traceback(decoder.text, self.program.source, self.program.name)
+        )
 
     def _raise_program_error(self) -> None:
         """After a failure, raise the error of a traceback or a BYE frame, which says more than the
@@ -458,6 +486,7 @@ class HubLink(RobotLink):
         except HubProgramError:
             raise
         except HubError:
+            # The transport has failed again and has no more to tell than its first error.
             return
         for frame in self._frames:
             if isinstance(frame, protocol.ControlFrame) and frame.kind == protocol.Up.BYE:
@@ -498,9 +527,14 @@ def check_hello(hello: protocol.ControlFrame, expected_hash: int) -> None:
         )
 
 
+def _is_hello(frame: protocol.Frame) -> bool:
+    return isinstance(frame, protocol.ControlFrame) and frame.kind == protocol.Up.HELLO
+
+
 def _watchdog_frame(watchdog_ms: int) -> bytes:
     return protocol.control_frame(protocol.Down.WATCHDOG, struct.pack("<H", watchdog_ms))
 
 
 def _watchdog_ms(seconds: float) -> int:
+    # 0 would stop the motors at once.
     return max(1, min(_WATCHDOG_MAX_MS, round(seconds * 1000)))

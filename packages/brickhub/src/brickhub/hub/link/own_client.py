@@ -48,39 +48,38 @@ class OwnClient:
     answer: str
 
     def __post_init__(self) -> None:
-        found = next(
-            (path for folder in ("", *sys.path) if (path := Path(folder, self.program)).is_file()),
-            None,
-        )
+        found = _find_file(self.program)
         if found is None:
             raise DescriptionError(
                 f"there is no client program '{self.program}'; put it beside your task, or give "
                 "its path"
             )
+        # Absolute, so that the client is found again after a change of the present folder.
         object.__setattr__(self, "program", str(found.resolve()))
-        for form in (self.commands, self.answer):
+        for struct_format in (self.commands, self.answer):
             try:
-                zeros = _zeros(form)
+                zeros = _zeros(struct_format)
             except (struct.error, TypeError) as error:
                 raise DescriptionError(
-                    f"'{form}' is no struct format ({error}); give one such as '!f'"
+                    f"'{struct_format}' is no struct format ({error}); give one such as '!f'"
                 ) from None
-            if not zeros or any(isinstance(zero, bytes) for zero in zeros):
+            has_text = any(isinstance(zero, bytes) for zero in zeros)
+            if not zeros or has_text:
                 raise DescriptionError(
-                    f"the client's format '{form}' has no numbers or a text; give numbers only, "
-                    "such as '!f'"
+                    f"the client's format '{struct_format}' has no numbers or a text; give numbers "
+                    "only, such as '!f'"
                 )
 
     def check(self, interface: Interface) -> None:
         """Raise DescriptionError unless the formats have a number for each command and channel."""
-        for form, numbers in (
+        for struct_format, numbers in (
             (self.commands, interface.commands),
             (self.answer, interface.channels),
         ):
-            if len(_zeros(form)) != len(numbers):
+            if len(_zeros(struct_format)) != len(numbers):
                 expected = ", ".join(number.name for number in numbers)
                 raise DescriptionError(
-                    f"the client's '{form}' is not a format for {len(numbers)} numbers "
+                    f"the client's '{struct_format}' is not a format for {len(numbers)} numbers "
                     f"({expected}); correct it"
                 )
 
@@ -95,11 +94,13 @@ class OwnClient:
         try:
             if any(map(math.isnan, numbers)):
                 raise ValueError("not a number")
-            zeros = zip(numbers, _zeros(self.commands), strict=True)
-            return struct.pack(
-                self.commands,
-                *(round(number) if isinstance(zero, int) else number for number, zero in zeros),
-            )
+            # The type of its zero says whether a place of the format takes whole numbers only.
+            zeros = _zeros(self.commands)
+            fields = []
+            for number, zero in zip(numbers, zeros, strict=True):
+                is_whole = isinstance(zero, int)
+                fields.append(round(number) if is_whole else number)
+            return struct.pack(self.commands, *fields)
         except (struct.error, ValueError, OverflowError) as error:
             raise EncodingError(
                 f"the client's commands '{self.commands}' cannot hold {numbers} ({error}); "
@@ -107,9 +108,19 @@ class OwnClient:
             ) from None
 
 
-def _zeros(form: str) -> tuple[Any, ...]:
+def _find_file(name: str) -> Path | None:
+    """The file of that name, found as Python finds modules; "" is the present folder."""
+    for folder in ("", *sys.path):
+        path = Path(folder, name)
+        if path.is_file():
+            return path
+    return None
+
+
+def _zeros(struct_format: str) -> tuple[Any, ...]:
     """Zeros in a ``struct`` format."""
-    return struct.unpack(form, bytes(struct.calcsize(form)))
+    zero_bytes = bytes(struct.calcsize(struct_format))
+    return struct.unpack(struct_format, zero_bytes)
 
 
 class _AnswerDecoder(FrameDecoder):
@@ -122,13 +133,19 @@ class _AnswerDecoder(FrameDecoder):
 
     def feed(self, data: bytes) -> list[Frame]:
         self.rest += data
+        # Nothing separates answers from text, so that a traceback is known by its first word alone.
         if _TRACEBACK in self.rest:
-            self._text = bytearray(self.rest[self.rest.index(_TRACEBACK) :])
+            start = self.rest.index(_TRACEBACK)
+            self._text = bytearray(self.rest[start:])
             return []
         whole = len(self.rest) // self._size * self._size
         answers = self.rest[:whole]
         self.rest = self.rest[whole:]
-        return [DataFrame(1, answers[at : at + self._size]) for at in range(0, whole, self._size)]
+        # Answers carry no sequence number; the link looks at none.
+        return [
+            DataFrame(1, answers[start : start + self._size])
+            for start in range(0, whole, self._size)
+        ]
 
 
 class ClientLink(HubLink):
@@ -151,6 +168,7 @@ class ClientLink(HubLink):
         self._client = client
         self._warns = warns
         self._at_rest = [min(max(0.0, command.low), command.high) for command in interface.commands]
+        # Last, as the base class asks for the program and the decoder, which need the client.
         super().__init__(transport, robot, interface, **options)
 
     def _program_of(self, robot: Robot) -> HubProgram:
@@ -182,14 +200,17 @@ class ClientLink(HubLink):
         return self.act(self._at_rest)
 
     def _next_frame(self, values: Iterable[float]) -> bytes:
+        # Nothing is sent, and no state changes, for values that cannot be encoded.
         frame = self._client.encoded(values)
         self._require_open()
         self.state = after(self.state, Cause.ACTED)
         return frame
 
     def _send(self, frame: bytes) -> None:
+        # What is there before a command would be taken for its answer.
         self._require_no_more()
         self._sent_s = self.now_s()
+        # A command of any length: the program reads a stream, in which pieces join again.
         for start in range(0, len(frame), WRITE_BYTES):
             self._transport.write(frame[start : start + WRITE_BYTES])
 
@@ -199,6 +220,7 @@ class ClientLink(HubLink):
             try:
                 yield
             except ProgramStoppedError:
+                # A client has to answer until it is stopped, so that its end is a mistake in it.
                 raise ProgramStoppedError(
                     f"{self.program.name} has ended; let it answer in a loop without end"
                 ) from None
@@ -221,9 +243,12 @@ class ClientLink(HubLink):
             raise HubTimeoutError(f"{self.program.name} sent {sent} within {limit_s:g} s; {remedy}")
         self._require_no_more()
         round_trip_s = self.now_s() - self._sent_s
+        # A client tells no time of the hub, so that this computer's stands for it, and the age of
+        # an answer is unknown.
         running_s = self.now_s() - self._started_s
         self.statistics.record(round_trip_s, 0.0)
-        values = tuple(map(float, struct.unpack(self._client.answer, answer.payload)))
+        numbers = struct.unpack(self._client.answer, answer.payload)
+        values = tuple(map(float, numbers))
         if not all(map(math.isfinite, values)):
             raise HubProtocolError(
                 f"{self.program.name} answers {list(values)}, which are not all numbers; correct it"

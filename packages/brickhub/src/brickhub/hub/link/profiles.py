@@ -40,6 +40,7 @@ class LinkProfile:
     wake_ms: float = 0.0
 
 
+# Interval, jitter, loss, burst, lost notifications, wake-up.
 PROFILES = {
     "mac": LinkProfile(15.0, 4.0, 0.01, 300.0, 0.0001, 80.0),
     "linux": LinkProfile(45.0, 6.0, 0.01, 300.0, 0.0001, 250.0),

@@ -76,6 +76,8 @@ class RobotLink(ABC):
 
     def release(self) -> None:
         """End an emergency stop: ``open`` goes on."""
+        # No call may have failed since the stop; yet the program was stopped, so that the link is
+        # not open any more.
         if self._halted.is_set() and self.is_open:
             self.state = after(self.state, Cause.HALTED)
         self._halted.clear()
@@ -96,6 +98,7 @@ class RobotLink(ABC):
         try:
             self.open()
         except BaseException:
+            # Python calls __exit__ only after a successful __enter__, and the hub may be connected.
             self.close()
             raise
         return self
@@ -126,9 +129,9 @@ class RobotLink(ABC):
         try:
             yield
         except (HubError, StoppedError) as error:
-            self.state = after(
-                self.state, Cause.HALTED if self._halted.is_set() else cause_of(error)
-            )
+            # During an emergency stop an error of the transport is only its consequence.
+            cause = Cause.HALTED if self._halted.is_set() else cause_of(error)
+            self.state = after(self.state, cause)
             if self._halted.is_set() and not isinstance(error, StoppedError):
                 raise stopped_error() from error
             raise

@@ -148,12 +148,17 @@ class Cause(enum.Enum):
     )
 
 
+# Each error has one cause, so that an error alone says what happened.
 _CAUSES = {error: cause for cause in Cause for error in cause.value.errors}
 
 
 def cause_of(error: BricksError) -> Cause:
     """Cause of an error: that of its type, or of the nearest type that it is derived from."""
-    return next((_CAUSES[kind] for kind in type(error).__mro__ if kind in _CAUSES), Cause.UNKNOWN)
+    # From the type itself to its bases, the most special first.
+    for kind in type(error).__mro__:
+        if kind in _CAUSES:
+            return _CAUSES[kind]
+    return Cause.UNKNOWN
 
 
 def after(state: LinkState, cause: Cause) -> LinkState:
@@ -170,12 +175,11 @@ def markdown() -> str:
         "| what happens | in state | then | the call raises | this computer | the hub |",
         "|---|---|---|---|---|---|",
     ]
-    for row in (cause.value for cause in Cause):
-        before = (
-            "any"
-            if row.before == _ANY
-            else ", ".join(state.value for state in LinkState if state in row.before)
-        )
+    for cause in Cause:
+        row = cause.value
+        before = "any"
+        if row.before != _ANY:
+            before = ", ".join(state.value for state in LinkState if state in row.before)
         error = f"`{row.errors[0].__name__}`" if row.errors else "-"
         lines.append(
             f"| {row.event} | {before} | {row.after.value} | {error} | {row.host} | {row.hub} |"

@@ -24,9 +24,11 @@ from brickhub.robot import Robot
 PERIOD_MS = 10
 """Period of the observations: 100 Hz."""
 _SENDS_PER_WATCHDOG = 3
-_TICK_S = 0.0005
+"""Times that a command is sent within the watchdog's time, so that two in a row may get lost."""
+_HALF_TICK_S = 0.0005
 """Half a tick of a simulated clock: shorter waits do not advance it."""
 _WAITS_PER_STEP = 100_000
+"""Most waits in a step, in case the transport's clock stands still."""
 
 
 class StreamingLink(HubLink):
@@ -56,8 +58,12 @@ class StreamingLink(HubLink):
         """
         frame = self._next_frame(values)
         started_s = self.now_s()
-        on_time_s = self._due_s + self._step_s
-        self._due_s = on_time_s if on_time_s > started_s else started_s + self._step_s
+        # Steps follow each other from the end of the last one, so that the caller's own time does
+        # not add up. After a longer pause that end has passed, and the rhythm begins anew; else
+        # several steps would be over at once.
+        next_due_s = self._due_s + self._step_s
+        is_late = next_due_s <= started_s
+        self._due_s = started_s + self._step_s if is_late else next_due_s
         with self._fault_with_cause():
             self._adapt_watchdog()
             reading = self._stream(frame, started_s)
@@ -81,27 +87,33 @@ class StreamingLink(HubLink):
 
     def _stream(self, frame: bytes, started_s: float) -> Reading:
         """Collect observations until the step is over and there is one under this command."""
-        alive_s = self._watchdog_ms / 1000 / _SENDS_PER_WATCHDOG
+        keepalive_s = self._watchdog_ms / 1000 / _SENDS_PER_WATCHDOG
         give_up_s = self._due_s + self._timeout_s
         newest: DataFrame | None = None
         arrived_s = started_s
         next_send_s = started_s
-        for _ in range(_WAITS_PER_STEP):  # bounded, in case the transport's clock stands still
-            now_s = self.now_s() + _TICK_S
-            if newest is not None and now_s >= self._due_s and not self._frames:
+        for _ in range(_WAITS_PER_STEP):
+            now_s = self.now_s() + _HALF_TICK_S
+            # At the end of the step, frames that have come already may hold a newer observation.
+            is_over = now_s >= self._due_s and not self._frames
+            if newest is not None and is_over:
                 return self._reading(newest, arrived_s - started_s)
             if now_s >= give_up_s:
                 break
             if now_s >= next_send_s:
-                # the command was lost, or the request for observations
-                if newest is None and next_send_s > started_s:
+                is_first_send = next_send_s <= started_s
+                # Either the command was lost, or the request for observations at the start.
+                if newest is None and not is_first_send:
                     self.statistics.resends += 1
                     self._request_stream()
                 self._write(frame)
-                next_send_s = self.now_s() + alive_s
-            wake_s = min(next_send_s, give_up_s if newest is None else self._due_s)
+                next_send_s = self.now_s() + keepalive_s
+            # Without an observation the step cannot end, however long it has lasted.
+            end_s = give_up_s if newest is None else self._due_s
+            wake_s = min(next_send_s, end_s)
             answer = self._wait_for(self._is_answer, wake_s - self.now_s())
             if isinstance(answer, DataFrame):
+                # The round trip is that of the command; later observations come by themselves.
                 if newest is None:
                     arrived_s = self.now_s()
                 newest = answer

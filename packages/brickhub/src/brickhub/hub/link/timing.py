@@ -15,18 +15,22 @@ none is sent when the answer is due. An answer is overdue after half of the watc
 least twice the 99th percentile of the round trips.
 """
 
-import functools
-import itertools
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
-_RECENT = 200
+_COMPARED_EXCHANGES = 200
+"""Exchanges whose bounds of the clocks' offset are kept: 20 s of steps of 100 ms, in which the
+clocks drift apart by a millisecond."""
 _RECENT_EXCHANGES = 500
+"""Exchanges that the percentiles are of."""
 _WRAP_MS = 1 << 16
+"""The hub's clock on the wire has 16 bits."""
 REPEATS_PER_WATCHDOG = 6
-_IN_SHORT_STEP = 2
+"""Repetitions of a frame within the watchdog's time, in a step that outlasts it."""
+_REPEATS_IN_SHORT_STEP = 2
+"""Those in a step that ends before it."""
 
 
 class HubClock:
@@ -34,27 +38,33 @@ class HubClock:
 
     def __init__(self) -> None:
         self._time_ms = 0
-        self._lower_bounds_s: deque[float] = deque(maxlen=_RECENT)
-        self._upper_bounds_s: deque[float] = deque(maxlen=_RECENT)
+        # Bounds of the time on this computer's clock at which the hub's clock was 0.
+        self._lower_bounds_s: deque[float] = deque(maxlen=_COMPARED_EXCHANGES)
+        self._upper_bounds_s: deque[float] = deque(maxlen=_COMPARED_EXCHANGES)
 
     def unwrap(self, time_ms: int) -> int:
         """Unwrap the hub's 16-bit clock; answers are never a whole wrap (65.5 s) apart unless the
         program ended."""
-        self._time_ms += (time_ms - self._time_ms) % _WRAP_MS
+        # Python's remainder is never negative, so that a smaller number counts as a wrap.
+        since_last_ms = (time_ms - self._time_ms) % _WRAP_MS
+        self._time_ms += since_last_ms
         return self._time_ms
 
     def compare(self, time_ms: int, not_before_s: float, arrived_s: float) -> None:
         """Add the bounds of one exchange: ``time_ms`` is the hub's unwrapped clock, the others are
         this computer's."""
-        self._lower_bounds_s.append(not_before_s - time_ms / 1000)
-        self._upper_bounds_s.append(arrived_s - time_ms / 1000)
+        time_s = time_ms / 1000
+        self._lower_bounds_s.append(not_before_s - time_s)
+        self._upper_bounds_s.append(arrived_s - time_s)
 
     def age_s(self, time_ms: int, now_s: float) -> float:
         """Age of a time on the hub's clock; 0 before the first exchange."""
         if not self._upper_bounds_s:
             return 0.0
         upper_bound_s = min(self._upper_bounds_s)
-        offset_s = (min(max(self._lower_bounds_s), upper_bound_s) + upper_bound_s) / 2
+        # The clocks drift, so that bounds of exchanges far apart may contradict each other.
+        lower_bound_s = min(max(self._lower_bounds_s), upper_bound_s)
+        offset_s = (lower_bound_s + upper_bound_s) / 2
         return max(0.0, now_s - offset_s - time_ms / 1000)
 
 
@@ -67,15 +77,27 @@ def repeat_times_s(move_s: float | None, watchdog_s: float) -> Iterator[float]:
         watchdog_s: time of the hub's watchdog.
     """
     is_short = move_s is not None and move_s < watchdog_s
-    longest_s = watchdog_s / (_IN_SHORT_STEP if is_short else REPEATS_PER_WATCHDOG)
+    repeats_per_watchdog = _REPEATS_IN_SHORT_STEP if is_short else REPEATS_PER_WATCHDOG
+    longest_pause_s = watchdog_s / repeats_per_watchdog
+    time_s = 0.0
     if move_s is None:
-        return itertools.accumulate(itertools.repeat(longest_s))
-    count = int(move_s / longest_s)
+        while True:
+            time_s += longest_pause_s
+            yield time_s
+    # Keepalives divide the move evenly; none falls on its end, where the answer is due and a write
+    # would be in the way of the next command.
+    count = int(move_s / longest_pause_s)
     pause_s = move_s / (count + 1)
+    for _ in range(count):
+        time_s += pause_s
+        yield time_s
+    # From here on an answer is overdue: the frame or the answer was lost.
     overdue_s = watchdog_s / 2
-    return itertools.accumulate(
-        itertools.chain([pause_s] * count, [pause_s + overdue_s], itertools.repeat(overdue_s))
-    )
+    time_s += pause_s + overdue_s
+    yield time_s
+    while True:
+        time_s += overdue_s
+        yield time_s
 
 
 def percentile(values: Iterable[float], percent: float) -> float:
@@ -85,10 +107,14 @@ def percentile(values: Iterable[float], percent: float) -> float:
     low = ordered[math.floor(position)]
     high = ordered[math.ceil(position)]
     share = position % 1
-    return low + (high - low) * share if share < 0.5 else high - (high - low) * (1 - share)
+    # From the nearer end, so that rounding never takes the result beyond the two.
+    if share < 0.5:
+        return low + (high - low) * share
+    return high - (high - low) * (1 - share)
 
 
-_recent = functools.partial(deque[float], maxlen=_RECENT_EXCHANGES)
+def _recent_times() -> deque[float]:
+    return deque(maxlen=_RECENT_EXCHANGES)
 
 
 @dataclass
@@ -114,9 +140,9 @@ class LinkStatistics:
     crc_errors: int = 0
     skipped_bytes: int = 0
     watchdog_s: float = 0.0
-    round_trips_s: deque[float] = field(default_factory=_recent)
-    ages_s: deque[float] = field(default_factory=_recent)
-    delays_s: deque[float] = field(default_factory=_recent)
+    round_trips_s: deque[float] = field(default_factory=_recent_times)
+    ages_s: deque[float] = field(default_factory=_recent_times)
+    delays_s: deque[float] = field(default_factory=_recent_times)
 
     @property
     def round_trip_p50_s(self) -> float:

@@ -15,6 +15,7 @@ from brickhub.hub.transport import MAIN_FILE, HubProgram
 from brickhub.robot import AnyHub
 
 _SMALL_INT_BITS = "-msmall-int-bits=31"
+"""A hub has integers of 31 bits and no longer ones."""
 MAIN_MODULE = "__main__"
 
 
@@ -27,9 +28,9 @@ def cross_compile(source: str, name: str) -> tuple[bytes | None, str]:
         raise ProgramError(
             f"the compiler mpy-cross could not be run ({error}); reinstall mpy-cross-v6"
         ) from error
-    return mpy, process.stderr.decode(
-        "utf-8", "replace"
-    ).strip() or f"mpy-cross ended with status {process.returncode}"
+    report = process.stderr.decode("utf-8", "replace").strip()
+    # A compiler that crashed has said nothing.
+    return mpy, report or f"mpy-cross ended with status {process.returncode}"
 
 
 def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
@@ -39,7 +40,9 @@ def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
     if mpy is None:
         numbers = re.findall(r'File ".*", line (\d+)', report)
         where = f"{name}, line {numbers[-1]}" if numbers else name
-        raise ProgramError(f"{where}: {report.splitlines()[-1].strip()}; correct the program")
+        # The report is a traceback, whose last line names the error.
+        problem = report.splitlines()[-1].strip()
+        raise ProgramError(f"{where}: {problem}; correct the program")
     return mpy
 
 
@@ -54,9 +57,9 @@ def program_blob(modules: Mapping[str, bytes], hub: AnyHub) -> bytes:
     """Content of a hub's program area: ``<I length> name "\\0" mpy`` for each module, the program
     itself first. Raises ProgramError if the content is larger than the program area.
     """
-    blob = b"".join(
-        struct.pack("<I", len(mpy)) + name.encode() + b"\0" + mpy for name, mpy in modules.items()
-    )
+    blob = b""
+    for name, mpy in modules.items():
+        blob += struct.pack("<I", len(mpy)) + name.encode() + b"\0" + mpy
     max_bytes = hub.model.program_bytes
     if len(blob) > max_bytes:
         raise ProgramError(
@@ -97,47 +100,62 @@ def check_program(program: HubProgram, hub: AnyHub) -> int:
     """Size in bytes of a program on a hub. Raises ProgramError if the compiler refuses it, it is
     too large, imports a module that is neither on the hub nor beside it, or reads a name that
     nothing sets."""
+    # The compiler itself first: what it refuses needs no further look.
     size = len(program_blob(compile_program(program), hub))
     modules = HUB_MODULES | {module.name for module in program.modules}
-    for file, source in (
-        (program.name, program.source),
-        *((module.file, module.source) for module in program.modules),
-    ):
+    sources = [(program.name, program.source)]
+    sources += [(module.file, module.source) for module in program.modules]
+    for file, source in sources:
         tree = parse(source, file)
-        for name in imported_modules(tree):
-            if name not in modules:
-                raise ProgramError(
-                    f"{file}: the hub has no module '{name}'{hint(name, modules)}; put it beside "
-                    "the program"
-                )
-        top = symtable.symtable(ast.unparse(tree), file, "exec")  # as CPython reads it
-        known = {
-            symbol.get_name()
-            for symbol in top.get_symbols()
-            if symbol.is_assigned() or symbol.is_imported()
-        }
-        known |= {
-            name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names
-        } | set(dir(builtins))
-        for name in sorted(set(_global_names(top)) - known):
-            line = next(
-                node.lineno
-                for node in ast.walk(tree)
-                if isinstance(node, ast.Name) and node.id == name
-            )
-            raise ProgramError(
-                f"{file}, line {line}: nothing sets '{name}'; define it, or correct the name"
-            )
+        _check_imports(tree, file, modules)
+        _check_names(tree, file)
     return size
+
+
+def _check_imports(tree: ast.AST, file: str, modules: frozenset[str]) -> None:
+    for name in imported_modules(tree):
+        if name not in modules:
+            raise ProgramError(
+                f"{file}: the hub has no module '{name}'{hint(name, modules)}; put it beside "
+                "the program"
+            )
+
+
+def _check_names(tree: ast.AST, file: str) -> None:
+    """Raise ProgramError for a name that nothing sets; a hub notices that only when it runs the
+    line."""
+    # The text is written anew from the tree, since CPython refuses some that the hub takes.
+    top = symtable.symtable(ast.unparse(tree), file, "exec")
+    known = set(dir(builtins))
+    for symbol in top.get_symbols():
+        if symbol.is_assigned() or symbol.is_imported():
+            known.add(symbol.get_name())
+    # Functions may set names of the top level.
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Global):
+            known.update(node.names)
+    unknown = sorted(set(_global_names(top)) - known)
+    for name in unknown:
+        line = _line_of(tree, name)
+        raise ProgramError(
+            f"{file}, line {line}: nothing sets '{name}'; define it, or correct the name"
+        )
+
+
+def _line_of(tree: ast.AST, name: str) -> int:
+    """Line of the source in which a name is read or set."""
+    return next(
+        node.lineno for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == name
+    )
 
 
 def _global_names(table: symtable.SymbolTable) -> Iterator[str]:
     """Names that a scope, and those within, read from the top level of the program."""
-    yield from (
-        s.get_name()
-        for s in table.get_symbols()
-        if s.is_referenced() and (s.is_global() or table.get_type() == "module")
-    )
+    # At the top level itself every name is global, which CPython's table does not call it.
+    is_top = table.get_type() == "module"
+    for symbol in table.get_symbols():
+        if symbol.is_referenced() and (symbol.is_global() or is_top):
+            yield symbol.get_name()
     for scope in table.get_children():
         yield from _global_names(scope)
 
@@ -147,5 +165,6 @@ def imported_modules(tree: ast.AST) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
+        # Relative imports name no module by themselves.
         elif isinstance(node, ast.ImportFrom) and node.module is not None and not node.level:
             yield node.module

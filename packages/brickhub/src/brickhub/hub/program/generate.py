@@ -20,13 +20,19 @@ from brickhub.hub.transport import HubProgram, Pipe
 from brickhub.robot import Direction, Motor, Robot, Sensor
 from brickhub.robot.spec import HUB_FLAT
 
+WATCHDOG_MS = 400
+"""Default silence after which the hub stops its motors; a WATCHDOG frame changes it."""
+END_MS = 10_000
+"""Further silence after which the program ends, so that the hub advertises again."""
 _MAX_SETTLE_MS = 60_000
+"""Longest step, shorter than the 65.5 s after which the hub's clock wraps on the wire."""
 
 
 def validate(robot: Robot, interface: Interface) -> None:
     """Check that the robot has every device that the interface names and that all ranges fit the
     wire. Raises ProgramError if this kind of hub is not supported, DescriptionError if robot and
     interface do not match."""
+    robot.check_complete()
     model = robot.hub.model
     if not model.runs_programs:
         raise ProgramError(
@@ -49,6 +55,7 @@ def validate(robot: Robot, interface: Interface) -> None:
             "the interface has no channels; name at least one, so that the hub has something "
             "to answer"
         )
+    # A command and a channel may have the same name: an angle that is set, and read.
     for numbers in (interface.commands, interface.channels):
         counts = Counter(number.name for number in numbers)
         for number in numbers:
@@ -57,6 +64,7 @@ def validate(robot: Robot, interface: Interface) -> None:
             low = number.low
             high = number.high
             largest = WIRE_MAX / number.scale
+            # Written so that a NaN is refused too.
             if not -largest <= low < high <= largest:
                 raise number.error(
                     f" ranges from {low} to {high}; give low < high within +-{largest:g}"
@@ -67,7 +75,11 @@ def validate(robot: Robot, interface: Interface) -> None:
     for command in interface.commands:
         for motor in command.motors(robot):
             other = movers.setdefault(motor, command)
-            if other is not command and (command.call is None or command.call != other.call):
+            if other is command:
+                continue
+            # Two arguments of one call do not contradict each other.
+            is_same_call = command.call is not None and command.call == other.call
+            if not is_same_call:
                 raise DescriptionError(
                     f"motor '{motor}' is moved by the commands '{other.name}' and "
                     f"'{command.name}'; use one"
@@ -86,22 +98,17 @@ def validate(robot: Robot, interface: Interface) -> None:
 
 
 def _check_encoders(robot: Robot, interface: Interface) -> None:
-    for part in (
-        *interface.channels,
-        *(command for command in interface.commands if command.needs_encoder),
-    ):
+    # A channel of a motor reads its angle; a command may do without.
+    parts: list[Channel | Command] = [*interface.channels]
+    parts += [command for command in interface.commands if command.needs_encoder]
+    for part in parts:
+        names = part.devices(robot)
         for motor in robot.motors:
-            if motor.name in part.devices(robot) and not motor.kind.model.has_encoder:
+            if motor.name in names and not motor.kind.model.has_encoder:
                 raise part.error(
                     f" needs an encoder, and '{motor.name}' is a {motor.kind.value} motor; "
                     "use RunDuty"
                 )
-
-
-WATCHDOG_MS = 400
-"""Default silence after which the hub stops its motors; a WATCHDOG frame changes it."""
-END_MS = 10_000
-"""Further silence after which the program ends, so that the hub advertises again."""
 
 
 def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> HubProgram:
@@ -127,11 +134,9 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
         _onboard("moves")[1],
         loop,
     ]
-    text = _joined(
-        _header(robot, interface),
-        _robot_imports(robot, interface) + input_imports + loop_imports,
-        parts,
-    )
+    imports = _robot_imports(robot, interface) + input_imports + loop_imports
+    text = _joined(_header(robot, interface), imports, parts)
+    # The program says its hash, which therefore cannot be that of its own text.
     program_hash = hashlib.sha256(text.encode()).digest()[:4]
     source = text.replace(_hash_line(bytes(4)), _hash_line(program_hash), 1)
     return HubProgram(source, int.from_bytes(program_hash, "little"), pipe)
@@ -162,9 +167,12 @@ def generate_alone(
     """
     validate(robot, interface)
     settle = interface.settle
-    spans = [
-        ((c.low + c.high) / 2 * c.scale, (c.high - c.low) / 2 * c.scale) for c in interface.commands
-    ]
+    # Of each command: middle and half of its range, on the wire, to which actions are scaled.
+    spans = []
+    for command in interface.commands:
+        middle = (command.low + command.high) / 2
+        half = (command.high - command.low) / 2
+        spans.append((middle * command.scale, half * command.scale))
     policy_imports, policy = _parted(policy)
     alone_imports, alone = _onboard("alone")
     constants = [
@@ -177,27 +185,26 @@ def generate_alone(
         "\n".join(constants) + "\n",
         *_joint_part(robot, interface),
         _devices(robot, interface),
-    ]
-    parts += [
         _start_moves(robot, interface),
         _observe(interface, observed),
         policy,
         _onboard("moves")[1],
         alone,
     ]
-    header = _header(
-        robot, interface, f"It acts by itself, by {origin}, until the center button is pressed."
-    )
+    end = f"It acts by itself, by {origin}, until the center button is pressed."
+    header = _header(robot, interface, end)
     imports = _robot_imports(robot, interface) + policy_imports + alone_imports
     return HubProgram(_joined(header, imports, parts), 0, says_hello=False)
 
 
 def _joined(header: str, imports: list[str], parts: list[str]) -> str:
     """Text of a program."""
-    return "\n\n".join(["\n".join([header, *sorted_imports(imports), ""]), *parts])
+    head = "\n".join([header, *sorted_imports(imports), ""])
+    return "\n\n".join([head, *parts])
 
 
 def _joint_part(robot: Robot, interface: Interface) -> list[str]:
+    # Only where it is needed: a City hub has 20 KB for the whole program.
     return [_onboard("joint")[1]] if _joints(robot, interface) else []
 
 
@@ -210,14 +217,16 @@ def _parted(text: str) -> tuple[list[str], str]:
     """Import lines and the rest of a program."""
     lines = text.splitlines()
     imports = [line for line in lines if line.startswith(("import ", "from "))]
-    return imports, "\n".join(line for line in lines if line not in imports).strip() + "\n"
+    rest = [line for line in lines if line not in imports]
+    body = "\n".join(rest).strip()
+    return imports, body + "\n"
 
 
 def onboard_text(name: str) -> str:
     """The hub's part of a file in ``onboard``."""
-    text = (
-        resources.files(f"{__package__}.onboard").joinpath(f"{name}.py").read_text(encoding="utf-8")
-    )
+    file = resources.files(f"{__package__}.onboard").joinpath(f"{name}.py")
+    text = file.read_text(encoding="utf-8")
+    # What is before this line speaks to readers and tools on this computer.
     return text.split("# --- the hub's part ---\n", 1)[1]
 
 
@@ -232,73 +241,75 @@ def _hash_line(program_hash: bytes) -> str:
 
 def _header(robot: Robot, interface: Interface, end: str = "") -> str:
     settle = interface.settle
-    answer = (
-        (
+    if settle.fixed_ms is None:
+        answer = (
             f"It answers when all moves have ended, or after {settle.longest_ms} ms, when it stops "
             "those that have not."
         )
-        if settle.fixed_ms is None
-        else f"It answers {settle.fixed_ms} ms after the commands started."
-    )
+    else:
+        answer = f"It answers {settle.fixed_ms} ms after the commands started."
     lines = [
         (
             f'Program of the robot "{robot.name}" for the {robot.hub.value} hub, written by '
-            "BricksRL "
-            "from the robot's description."
+            "BricksRL from the robot's description."
         ),
         "Do not edit: it is written anew whenever the description changes.",
-        "Commands, in the order of the action:",
-        *(
-            f"  {command.name}: {command.description.format(command)}"
-            for command in interface.commands
-        ),
-        "Channels, in the order of the observation:",
-        *(
-            f"  {channel.name}, {channel.low:g} to {channel.high:g} {channel.unit}"
-            for channel in interface.channels
-        ),
-        end or answer,
     ]
+    lines.append("Commands, in the order of the action:")
+    lines += [
+        f"  {command.name}: {command.description.format(command)}" for command in interface.commands
+    ]
+    lines.append("Channels, in the order of the observation:")
+    lines += [
+        f"  {channel.name}, {channel.low:g} to {channel.high:g} {channel.unit}"
+        for channel in interface.channels
+    ]
+    lines.append(end or answer)
     return "".join(f"# {line}\n" for line in lines)
 
 
 def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     motors = _motors(robot, interface)
     sensors = _sensors(robot, interface)
+    # Pairs of a module and a name in it.
     names = {("pybricks.hubs", robot.hub.model.class_name)}
-    names |= {("pybricks.pupdevices", motor.kind.model.class_name) for motor in motors}
-    names |= {("pybricks.pupdevices", sensor.kind.value) for sensor in sensors}
-    names |= {
-        pair for number in (*interface.commands, *interface.channels) for pair in number.imports
-    }
+    for motor in motors:
+        names.add(("pybricks.pupdevices", motor.kind.model.class_name))
+    for sensor in sensors:
+        names.add(("pybricks.pupdevices", sensor.kind.value))
+    for number in (*interface.commands, *interface.channels):
+        names.update(number.imports)
     if motors or sensors:
         names.add(("pybricks.parameters", "Port"))
     if any(motor.direction is Direction.COUNTERCLOCKWISE for motor in motors):
         names.add(("pybricks.parameters", "Direction"))
     if robot.hub_sides != HUB_FLAT:
         names.add(("pybricks.parameters", "Axis"))
-    modules = sorted({module for module, _ in names})
+    # Sorted, so that the text of a program, and with it its hash, is always the same.
+    names_of_modules: dict[str, list[str]] = {}
+    for module, name in sorted(names):
+        names_of_modules.setdefault(module, []).append(name)
     return [
-        (
-            f"from {module} import "
-            f"{', '.join(sorted(name for origin, name in names if origin == module))}"
-        )
-        for module in modules
+        f"from {module} import {', '.join(its_names)}"
+        for module, its_names in names_of_modules.items()
     ]
 
 
 def _constants(robot: Robot, interface: Interface, pipe: Pipe) -> str:
     wire = protocol.WireFormat(interface, robot)
     until_done = interface.settle.fixed_ms is None
-    sizes = ", ".join(
-        f"{kind.name}: {protocol.CONTROL_OVERHEAD + protocol.DOWN_PAYLOAD_BYTES[kind]}"
-        for kind in protocol.Down
-    )
+    sizes = []
+    for kind in protocol.Down:
+        frame_bytes = protocol.CONTROL_OVERHEAD + protocol.DOWN_PAYLOAD_BYTES[kind]
+        sizes.append(f"{kind.name}: {frame_bytes}")
+    app_data_lines = []
+    if pipe is Pipe.APP_DATA:
+        app_data_lines.append(f"SLOT_BYTES = {protocol.APP_DATA_BYTES}  # of AppData")
+    latest = "at the latest" if until_done else "in any case"
     lines = [
         (
             "# The wire, from the same definitions as on the host's side. Kinds of frames "
-            "are ASCII "
-            "letters."
+            "are ASCII letters."
         ),
         f"MAGIC = 0x{protocol.MAGIC:02X}",
         f"CRC_POLYNOMIAL = 0x{protocol.CRC_POLYNOMIAL:X}",
@@ -307,22 +318,15 @@ def _constants(robot: Robot, interface: Interface, pipe: Pipe) -> str:
         f'ACTION_FORMAT = "{wire.action_format}"',
         f'ANSWER_FORMAT = "{wire.answer_format}"',
         f"COMMAND_BYTES = {wire.down_frame_bytes}  # length of a frame with actions",
-        f"CONTROL_BYTES = {{{sizes}}}",
+        f"CONTROL_BYTES = {{{', '.join(sizes)}}}",
         f"PIECE_BYTES = {protocol.NOTIFICATION_BYTES}  # what fits one notification",
         f"HELLO_HEAD = bytes([MAGIC, 0, {protocol.Up.HELLO.value}, {protocol.PROTOCOL_VERSION}])",
         f"BYE_HEAD = bytes([MAGIC, 0, {protocol.Up.BYE.value}])",
-        *(
-            [f"SLOT_BYTES = {protocol.APP_DATA_BYTES}  # of AppData"]
-            if pipe is Pipe.APP_DATA
-            else []
-        ),
+        *app_data_lines,
         _hash_line(bytes(4)),
         "",
         f"UNTIL_DONE = {until_done}  # answer when all moves have ended",
-        (
-            f"SETTLE_MS = {interface.settle.longest_ms}  # answer after this time "
-            f"{'at the latest' if until_done else 'in any case'}"
-        ),
+        f"SETTLE_MS = {interface.settle.longest_ms}  # answer after this time {latest}",
         f"WATCHDOG_MS = {WATCHDOG_MS}  # silence that stops the motors",
         f"END_MS = {END_MS}  # further silence that ends the program",
     ]
@@ -331,37 +335,39 @@ def _constants(robot: Robot, interface: Interface, pipe: Pipe) -> str:
 
 def _motors(robot: Robot, interface: Interface) -> list[Motor]:
     """Motors that the interface commands or reads, in the robot's order."""
-    names = {
-        name for part in (*interface.channels, *interface.commands) for name in part.devices(robot)
-    }
+    names = _device_names(robot, interface)
     return [motor for motor in robot.motors if motor.name in names]
 
 
 def _sensors(robot: Robot, interface: Interface) -> list[Sensor]:
     """Sensors and lights of the interface, without duplicates, in the order of its channels and
     commands."""
-    names = [
-        name for part in (*interface.channels, *interface.commands) for name in part.devices(robot)
-    ]
     sensors = {sensor.name: sensor for sensor in robot.sensors}
-    return [sensors[name] for name in dict.fromkeys(names) if name in sensors]
+    names = _device_names(robot, interface)
+    return [sensors[name] for name in names if name in sensors]
+
+
+def _device_names(robot: Robot, interface: Interface) -> list[str]:
+    """Names of the motors and sensors of the interface, each once, those of its channels first."""
+    # A dictionary keeps the order of first mention.
+    names: dict[str, None] = {}
+    for part in (*interface.channels, *interface.commands):
+        for name in part.devices(robot):
+            names[name] = None
+    return list(names)
 
 
 def _joints(robot: Robot, interface: Interface) -> set[str]:
     """Names of the motors with a range that are commanded by an angle."""
-    commanded = {
-        name
-        for command in interface.commands
-        if command.is_turn_by
-        for name in command.motors(robot)
-    }
-    return {
-        motor.name
-        for motor in robot.motors
-        if motor.name in commanded and motor.range_deg is not None
-    }
+    turned_by_angle: set[str] = set()
+    for command in interface.commands:
+        if command.is_turn_by:
+            turned_by_angle.update(command.motors(robot))
+    with_range = {motor.name for motor in robot.motors if motor.range_deg is not None}
+    return turned_by_angle & with_range
 
 
+# Pybricks' axes are those of a robot: x forward, y left, z up.
 _AXES = {
     "ahead": "Axis.X",
     "back": "-Axis.X",
@@ -385,16 +391,19 @@ def _devices(robot: Robot, interface: Interface) -> str:
     lines = [hub_line(robot)]
     for motor in _motors(robot, interface):
         lines += _motor_lines(motor, motor.name in joints)
+    # After the motors, of which a drive base is made; equal setups, such as that of the drive base
+    # for several commands, once.
     setups = dict.fromkeys(command.setup(robot) for command in interface.commands)
     setups |= dict.fromkeys(channel.setup(robot) for channel in interface.channels)
-    lines += [line for setup in setups for line in setup]
-    lines += [
-        f"sensor_{sensor.name} = {sensor.kind.value}(Port.{sensor.port})"
-        for sensor in _sensors(robot, interface)
-    ]
-    movers = dict.fromkeys(
-        command.mover for command in interface.commands if command.mover is not None
-    )
+    for setup in setups:
+        lines += setup
+    for sensor in _sensors(robot, interface):
+        lines.append(f"sensor_{sensor.name} = {sensor.kind.value}(Port.{sensor.port})")
+    # What stops at the end, and ends a step: both wheels of a drive base by the drive base, once.
+    movers: dict[str, None] = {}
+    for command in interface.commands:
+        if command.mover is not None:
+            movers[command.mover] = None
     lines += ["", f"MOVERS = [{', '.join(movers)}]"]
     return "\n".join(lines) + "\n"
 
@@ -404,6 +413,7 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
     arguments = [f"Port.{motor.port}"]
     if motor.direction is Direction.COUNTERCLOCKWISE:
         arguments.append("Direction.COUNTERCLOCKWISE")
+    # Gears are for the angles of an encoder: a DCMotor takes none.
     if motor.gears and motor.kind.model.has_encoder:
         arguments.append(f"gears={list(motor.gears)}")
     lines = [f"{variable} = {motor.kind.model.class_name}({', '.join(arguments)})"]
@@ -414,25 +424,29 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
         "acceleration": motor.acceleration_deg_s2,
         "torque": motor.torque_limit_mnm,
     }
-    limit_arguments = ", ".join(
-        f"{name}={value}" for name, value in limits.items() if value is not None
-    )
+    # What is not given keeps the firmware's default.
+    limit_arguments = [f"{name}={value}" for name, value in limits.items() if value is not None]
     if limit_arguments:
-        lines.append(f"{variable}.control.limits({limit_arguments})")
+        lines.append(f"{variable}.control.limits({', '.join(limit_arguments)})")
+    # Last, as a Joint has only the methods of a motor that commands and channels need.
     if is_joint and motor.range_deg is not None:
-        lines.append(f"{variable} = Joint({variable}, {motor.range_deg[0]}, {motor.range_deg[1]})")
+        low_deg, high_deg = motor.range_deg
+        lines.append(f"{variable} = Joint({variable}, {low_deg}, {high_deg})")
     return lines
 
 
 def _from_zero(motor: Motor, angle: str) -> str:
     """Expression of the angle relative to the calibrated zero, shifted by whole turns to be near
     the range."""
+    # A hub's angle is in whole degrees, so that it cannot be shifted by turns of a fraction.
     if not motor.turn_deg.is_integer():
         return f"{angle} - {motor.zero_deg}"
-    turn = int(motor.turn_deg)
-    middle = sum(motor.range_deg or (0, 0)) // 2
-    lowest = middle - turn // 2
-    return f"({angle} - {motor.zero_deg + lowest}) % {turn} + {lowest}"
+    # After it is switched on, a hub knows an angle within one turn of the shaft only. Of the angles
+    # that it may be, the one within half a turn of the middle of the range is taken.
+    turn_deg = int(motor.turn_deg)
+    middle_deg = sum(motor.range_deg or (0, 0)) // 2
+    lowest_deg = middle_deg - turn_deg // 2
+    return f"({angle} - {motor.zero_deg + lowest_deg}) % {turn_deg} + {lowest_deg}"
 
 
 def _start_moves(robot: Robot, interface: Interface) -> str:
@@ -440,25 +454,27 @@ def _start_moves(robot: Robot, interface: Interface) -> str:
         "def start_moves(actions):",
         '    """Start the commands, clamped to their ranges, without waiting for their ends."""',
     ]
-    calls: dict[str, list[tuple[Command, str]]] = {}
+    # By the call on the hub: its first command, and the expressions of all of its commands.
+    first_commands: dict[str, Command] = {}
+    amounts_of_calls: dict[str, dict[str, str]] = {}
     for index, command in enumerate(interface.commands):
+        # The hub clamps to the range, whatever the host sends.
         low = round(command.low * command.scale)
         high = round(command.high * command.scale)
         amount = f"whole(actions[{index}], {low}, {high}, {command.scale})"
-        calls.setdefault(command.call or command.name, []).append((command, amount))
-    for group in calls.values():
-        amounts = {command.name: amount for command, amount in group}
-        lines.append("    " + group[0][0].start(robot, amounts))
+        call = command.call or command.name
+        first_commands.setdefault(call, command)
+        amounts_of_calls.setdefault(call, {})[command.name] = amount
+    for call, command in first_commands.items():
+        lines.append("    " + command.start(robot, amounts_of_calls[call]))
     return "\n".join(lines) + "\n"
 
 
 def _statements(channels: Sequence[Channel]) -> list[str]:
     """What has to be read before the channels, each once."""
-    return [
-        f"    {line}"
-        for line in dict.fromkeys(channel.statement for channel in channels)
-        if line is not None
-    ]
+    # A call that returns several numbers is made once, also as they then belong together.
+    statements = dict.fromkeys(channel.statement for channel in channels)
+    return [f"    {statement}" for statement in statements if statement is not None]
 
 
 def _observe(interface: Interface, observed: Sequence[int]) -> str:

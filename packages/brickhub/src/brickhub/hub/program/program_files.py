@@ -47,15 +47,16 @@ class ProgramFiles:
         self._is_printed = False  # the beginning of the present line
         self._file: BinaryIO | None = None
         self._name = ""
-        self._rows = 0
+        self._line_count = 0
 
     def write(self, data: bytes, /) -> int:
         """Take further output. Raises OSError if the output or a file cannot be written."""
-        *lines, rest = data.split(b"\n")
-        for line in lines:
-            self._take(line)
+        # Pieces end anywhere, also within a marker.
+        *line_ends, beginning = data.split(b"\n")
+        for line_end in line_ends:
+            self._take(line_end)
             self._end_line()
-        self._take(rest)
+        self._take(beginning)
         return len(data)
 
     def flush(self) -> None:
@@ -64,6 +65,7 @@ class ProgramFiles:
 
     def close(self) -> None:
         """Save what was begun, at the end of the program."""
+        # The last line may lack its end.
         if self._line and self._file is not None:
             self._end_line()
         elif self._line and not self._is_printed:
@@ -77,31 +79,35 @@ class ProgramFiles:
         self._line += piece
         if self._is_printed:
             self._output.write(piece)
-        elif self._line and self._file is None and not _may_be_marker(self._line):
+            return
+        is_output = self._file is None and not _may_be_marker(self._line)
+        if self._line and is_output:
             self._output.write(self._line)
             self._is_printed = True
 
     def _end_line(self) -> None:
         line = self._line.removesuffix(b"\r")
         is_printed = self._is_printed
+        # The next line begins, whatever comes of this one: writing may raise.
         self._line = b""
         self._is_printed = False
         if is_printed:
             self._output.write(b"\n")
+        # Also within a file: one that lacks its end ends where the next one begins.
         elif line.startswith(_BEGINNINGS):
             self._begin_file(line)
         elif self._file is not None and line.startswith(_ENDS):
             self._end_file()
         elif self._file is not None:
             self._file.write(line + b"\n")
-            self._rows += 1
+            self._line_count += 1
         else:
             self._output.write(line + b"\n")
 
     def _begin_file(self, line: bytes) -> None:
-        self._end_file()  # one that lacks its end
-        beginning = next(marker for marker in _BEGINNINGS if line.startswith(marker))
-        name = line.removeprefix(beginning).decode("utf-8", "replace").strip()
+        self._end_file()
+        marker = next(marker for marker in _BEGINNINGS if line.startswith(marker))
+        name = line.removeprefix(marker).decode("utf-8", "replace").strip()
         problem = why_unsafe(name, self._folder)
         path = self._folder / name
         if problem is None:
@@ -112,8 +118,9 @@ class ProgramFiles:
                 problem = getattr(error, "strerror", None) or str(error)
         if problem is None:
             self._name = name
-            self._rows = 0
+            self._line_count = 0
             return
+        # The name comes from the program, so that it is shown with escapes and cut.
         shown = repr(name[:80])
         self._tell(
             f"the program's file {shown} was not saved, but printed ({problem}); choose a name "
@@ -125,22 +132,28 @@ class ProgramFiles:
         file = self._file
         if file is None:
             return
+        # Closing may raise on a full disk; then it is not tried again.
         self._file = None
         file.close()
-        self._tell(f"saved {self._folder / self._name} ({counted(self._rows, 'line')})")
+        self._tell(f"saved {self._folder / self._name} ({counted(self._line_count, 'line')})")
 
 
 def _may_be_marker(line: bytes) -> bool:
+    """Whether a line that is not whole yet is a marker, or may become one."""
     return any(line.startswith(marker) or marker.startswith(line) for marker in _MARKERS)
 
 
 def why_unsafe(name: str, folder: Path) -> str | None:
     """Why a program may not write a file of that name beside it, in its ``folder``; ``None`` if it
     may."""
-    parts = PureWindowsPath(name).parts  # which knows both kinds of slashes, and letters of drives
+    # A path of Windows on every system: it knows both kinds of slashes, and letters of drives, so
+    # that a program that may write a file on one computer may do so on another.
+    windows_path = PureWindowsPath(name)
+    parts = windows_path.parts
     if not parts or not name.isprintable():
         return "it is no name"
-    if PureWindowsPath(name).drive or name.startswith(("/", "\\", "~")) or ".." in parts:
+    is_absolute = windows_path.drive or name.startswith(("/", "\\", "~"))
+    if is_absolute or ".." in parts:
         return "it is outside of the program's folder"
     if "\\" in name or ":" in name:
         return "it has a backslash or a colon; separate folders by /"
@@ -148,9 +161,12 @@ def why_unsafe(name: str, folder: Path) -> str | None:
         return "it is hidden"
     if any(is_device_of_windows(part) for part in parts):
         return "it is a device of Windows"
+    # Windows leaves out dots and spaces at the end of a name.
     if Path(name.rstrip(". ")).suffix.lower() in _RUN_BY_A_COMPUTER:
         return "a computer runs such files"
     path = folder / name
+    # What is in the folder already counts too: a link may lead elsewhere, and only a table or a
+    # text is replaced.
     try:
         is_inside = path.resolve().is_relative_to(folder.resolve())
         if not is_inside or path.is_symlink():

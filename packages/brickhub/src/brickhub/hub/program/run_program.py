@@ -18,6 +18,7 @@ from brickhub.hub.protocol import WRITE_BYTES
 from brickhub.hub.transport import MAIN_FILE, HubModule, HubProgram, Transport, as_typed
 
 _MAX_FOLDERS_ABOVE = 5
+"""A project's own folders; further up, a module of that name is another project's."""
 TIME_LIMIT_EXIT_CODE = 124
 """Exit code of a program that the time limit ended, as the command ``timeout`` has it."""
 
@@ -61,8 +62,12 @@ def module_beside(path: Path, name: str) -> HubModule | None:
 def folder_with_module(path: Path, name: str) -> Path | None:
     """The nearest folder above a program's that has a module which it lacks; ``None`` if there is
     none."""
-    above = path.resolve().parents[1:_MAX_FOLDERS_ABOVE]
-    return next((folder for folder in above if module_beside(folder / path.name, name)), None)
+    folders_above = path.resolve().parents[1:_MAX_FOLDERS_ABOVE]
+    for folder in folders_above:
+        program_there = folder / path.name
+        if module_beside(program_there, name):
+            return folder
+    return None
 
 
 def load_program(path: Path) -> HubProgram:
@@ -71,25 +76,28 @@ def load_program(path: Path) -> HubProgram:
     main = read_program(path)
     modules: dict[str, HubModule] = {}
     sources = [main]
+    # Modules import modules; each is taken once, so that two that import each other are no trouble.
     while sources:
         for name in _imported(sources.pop()):
-            module = None if name in modules else module_beside(path, name)
+            if name in modules:
+                continue
+            module = module_beside(path, name)
             if module is not None:
                 modules[name] = module
                 sources.append(module.source)
-    text = "\0".join([main, *(f"{module.name}\0{module.source}" for module in modules.values())])
-    number = int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
+    # A null byte is in no source, so that no two different programs have the same text.
+    texts = [main, *(f"{module.name}\0{module.source}" for module in modules.values())]
+    digest = hashlib.sha256("\0".join(texts).encode()).digest()
+    program_hash = int.from_bytes(digest[:4], "little")
     return HubProgram(
-        main, number, name=path.name, modules=tuple(modules.values()), says_hello=False
+        main, program_hash, name=path.name, modules=tuple(modules.values()), says_hello=False
     )
 
 
 def imports(program: HubProgram, name: str) -> bool:
     """Whether a program or a module beside it imports a module of that name."""
-    return any(
-        name in _imported(source)
-        for source in (program.source, *(module.source for module in program.modules))
-    )
+    sources = [program.source, *(module.source for module in program.modules)]
+    return any(name in _imported(source) for source in sources)
 
 
 def _imported(source: str) -> Iterator[str]:
@@ -109,28 +117,38 @@ _HINTS = {
 def describe_traceback(text: str, source: str, name: str = MAIN_FILE) -> str:
     """One line from the hub's output: the last exception, its line in ``source`` (file ``name``),
     and a remedy."""
-    text = text[text.rfind("Traceback (") :]
-    # The last line that names an exception: neither indented, nor the heading, nor the firmware's
-    # closing message.
-    errors = (
-        line.strip() for line in reversed(text.splitlines()) if re.match(r"[A-Za-z_]\w*(:|$)", line)
-    )
-    error = next(errors, "an unknown error")
-    numbers = re.findall(rf'File "{re.escape(name)}", line (\d+)', text)
+    # The last one: the program itself may have printed others before.
+    traceback = text[text.rfind("Traceback (") :]
+    error = "an unknown error"
+    for line in traceback.splitlines():
+        # A line that names an exception is neither indented, nor the heading, nor the firmware's
+        # closing message. The last one counts.
+        if re.match(r"[A-Za-z_]\w*(:|$)", line):
+            error = line.strip()
+    # The innermost call comes last. One in a module beside the program is not in this source.
+    numbers = re.findall(rf'File "{re.escape(name)}", line (\d+)', traceback)
     lines = source.splitlines()
     where = ""
-    if numbers and 1 <= int(numbers[-1]) <= len(lines):
-        where = f" at line {numbers[-1]} ({lines[int(numbers[-1]) - 1].strip()})"
-    remedy = next(
-        (hint for key, hint in _HINTS.items() if key in error),
-        "correct the cause, then call open()",
-    )
-    return f"the program on the hub raised {error}{where}; {remedy}"
+    if numbers:
+        number = int(numbers[-1])
+        # The text is whatever came from the hub, so that the number may be any.
+        if 1 <= number <= len(lines):
+            where = f" at line {numbers[-1]} ({lines[number - 1].strip()})"
+    return f"the program on the hub raised {error}{where}; {_remedy(error)}"
+
+
+def _remedy(error: str) -> str:
+    for key, remedy in _HINTS.items():
+        if key in error:
+            return remedy
+    return "correct the cause, then call open()"
 
 
 _READ_S = 0.25
-_LONGEST_READ = 1024
+"""Longest wait for output; then the time limit is looked at."""
+_LONGEST_READ_BYTES = 1024
 _READ_BESIDE_INPUT_S = 0.02
+"""The same with input, which waits for its turn meanwhile."""
 _TRACEBACK_HEAD = "Traceback (most recent call last):"
 _LOCATION = "  File "
 _STOPPED = re.compile(r"The program was stopped \(\w+\)\.")
@@ -170,20 +188,24 @@ def run_program(
     transport.start(program)
     pieces = _pieces_of(stdin)
     pending = b""
+    read_s = _READ_S if stdin is None else _READ_BESIDE_INPUT_S
     deadline_s = None if time_limit_s is None else transport.now_s() + time_limit_s
     is_late = False
     try:
         while True:
             if deadline_s is not None and transport.now_s() >= deadline_s:
+                # The program is stopped once; reading goes on to the end of its output.
                 deadline_s = None
                 is_late = True
                 transport.stop()
             elif pending or not pieces.empty():
                 pending = pending or pieces.get()
-                with contextlib.suppress(HubBusyError):  # the program is not reading at present
+                # If the program is not reading at present, the same piece is tried again.
+                with contextlib.suppress(HubBusyError):
                     transport.write(pending)
                     pending = b""
-            transcript.feed(transport.read(_READ_S if stdin is None else _READ_BESIDE_INPUT_S))
+            transcript.feed(transport.read(read_s))
+    # The transport raises this after the last output, however the program ended.
     except ProgramStoppedError:
         if not is_late:
             return transcript.end()
@@ -197,14 +219,18 @@ def _pieces_of(stream: BinaryIO | TextIO | None) -> queue.SimpleQueue[bytes]:
     pieces = queue.SimpleQueue[bytes]()
     if stream is None:
         return pieces
+    # What is there at once: a whole read would wait for the end of what somebody types. A stream
+    # of text has no read1, and gives lines.
     read = getattr(stream, "read1", stream.readline)
 
     def put_all() -> None:
-        with contextlib.suppress(OSError, ValueError):  # the stream was closed
-            while data := as_typed(read(_LONGEST_READ)):
+        # The stream may be closed while this thread waits for it.
+        with contextlib.suppress(OSError, ValueError):
+            while data := as_typed(read(_LONGEST_READ_BYTES)):
                 for start in range(0, len(data), WRITE_BYTES):
                     pieces.put(data[start : start + WRITE_BYTES])
 
+    # A daemon, as nothing can wake a thread that waits for a keyboard.
     threading.Thread(target=put_all, name="standard input", daemon=True).start()
     return pieces
 
@@ -224,11 +250,16 @@ class Transcript:
 
     def feed(self, data: bytes) -> None:
         """Process further output of the hub."""
-        *lines, self._line = (self._line + data).replace(b"\r\n", b"\n").split(b"\n")
+        # A hub's print ends lines with CR LF.
+        text = (self._line + data).replace(b"\r\n", b"\n")
+        *lines, self._line = text.split(b"\n")
         for line in lines:
             self._feed_line(line)
-        partial = self._line.removesuffix(b"\r")  # the "\n" of a line end may follow
-        if not self._pending and not any(line.startswith(partial) for line in _CLOSING_LINES):
+        # The "\n" of a line end may follow.
+        partial = self._line.removesuffix(b"\r")
+        may_be_closing = any(line.startswith(partial) for line in _CLOSING_LINES)
+        # The beginning of a line is printed at once, since it may be a prompt for input.
+        if not self._pending and not may_be_closing:
             self._print(partial)
             self._line = self._line[len(partial) :]
 
@@ -238,6 +269,7 @@ class Transcript:
         if self._line:
             self._print_pending()
             self._print(self._line)
+        # Nothing came after these lines, so that they are the firmware's, not the program's.
         for line in self._pending:
             if is_stopped_by_us and _STOPPED.fullmatch(line):
                 continue
@@ -257,11 +289,10 @@ class Transcript:
         """True if a line continues the pending traceback: locations, then the error."""
         if self._pending[0] != _TRACEBACK_HEAD:
             return False
-        return (
-            text.startswith(_LOCATION)
-            if len(self._pending) == 1
-            else self._pending[-1].startswith(_LOCATION)
-        )
+        if len(self._pending) == 1:
+            return text.startswith(_LOCATION)
+        # After a location comes another one, or the error, which is any text.
+        return self._pending[-1].startswith(_LOCATION)
 
     def _print_pending(self) -> None:
         self._print("".join(f"{line}\n" for line in self._pending).encode())

@@ -16,7 +16,7 @@ TEXT = (
     r'"(?:\\.|[^"\\\n])*"|'
     r"'(?:\\.|[^'\\\n])*'|#[^\n]*"
 )
-"""Pattern of a string or a comment."""
+"""Pattern of a string or a comment: what is in one looks like code, and is left as it is."""
 _FORMATTED = (
     r"(?<!\w)(?P<f>[fF])(?P<quote>[\"'])"
     r"(?P<body>(?:\\.|\{\{|\{(?!\{)[^{}\n]*(?:\{[^{}\n]*\}[^{}\n]*)*\}|(?!(?P=quote))[^\\{\n])*)(?P=quote)(?!(?P=quote))"
@@ -27,7 +27,9 @@ _HUB_ONLY = re.compile(
     re.MULTILINE | re.DOTALL,
 )
 _TAB = 8
+"""Columns of a tab in an indent, for MicroPython as for CPython."""
 _RECURSION = 20_000
+"""Depth of calls that CPython's compiler and visitors of its trees may need for such a program."""
 
 
 @contextlib.contextmanager
@@ -54,50 +56,63 @@ def parse(source: str, filename: str = "<unknown>", mode: str = "exec") -> Any:
         ValueError: it contains null bytes.
     """
     with deep_recursion():
+        # As it is first: rewriting is for the few programs that need it.
         try:
             return ast.parse(source, filename, mode)
         except SyntaxError as error:
             try:
-                return ast.parse(
-                    _with_parentheses(_HUB_ONLY.sub(_as_cpython, source)), filename, mode
-                )
+                rewritten = _with_parentheses(_HUB_ONLY.sub(_as_cpython, source))
+                return ast.parse(rewritten, filename, mode)
             except (SyntaxError, tokenize.TokenError):
+                # The error of the text that its author knows.
                 raise error from None
 
 
 def _as_cpython(match: re.Match[str]) -> str:
     """Matched syntax as CPython accepts it."""
+    # Within three quotes CPython takes a single one in the braces, before 3.12 too.
     if match["f"]:
-        return match["f"] + 3 * match["quote"] + match["body"] + 3 * match["quote"]
-    return match["text"] or (match["imports"] or match["indent"] or "").expandtabs(_TAB)
+        quotes = 3 * match["quote"]
+        return match["f"] + quotes + match["body"] + quotes
+    if match["text"]:
+        return match["text"]
+    # An import without its last comma, an indent of spaces alone, or a number without its first
+    # zeros, of which nothing is left.
+    kept = match["imports"] or match["indent"] or ""
+    return kept.expandtabs(_TAB)
 
 
 def _with_parentheses(source: str) -> str:
     """The program with parentheses around each generator expression that is one of several
     arguments."""
-    starts = [0, *itertools.accumulate(map(len, io.StringIO(source)))]
+    line_starts = [0, *itertools.accumulate(map(len, io.StringIO(source)))]
     insertions: list[tuple[int, str]] = []
+    # For each bracket that is open: the tokens of each of its parts, which commas separate. Tokens
+    # within a bracket inside of a part belong to that bracket alone.
     brackets: list[list[list[tokenize.TokenInfo]]] = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        arguments = (
-            brackets.pop()
-            if token.string in ")]}" and brackets and token.type == tokenize.OP
-            else []
-        )
-        if brackets and token.type == tokenize.OP and token.string == ",":
+        is_operator = token.type == tokenize.OP
+        arguments: list[list[tokenize.TokenInfo]] = []
+        if is_operator and token.string in ")]}" and brackets:
+            arguments = brackets.pop()
+        if is_operator and token.string == "," and brackets:
             brackets[-1].append([])
         elif brackets:
             brackets[-1][-1].append(token)
-        if token.type == tokenize.OP and token.string in "([{":
+        if is_operator and token.string in "([{":
             brackets.append([[]])
-        for argument in arguments if token.string == ")" and len(arguments) > 1 else []:
+        # A single generator expression needs no parentheses in CPython either; in square brackets
+        # and braces, ``for`` makes a comprehension.
+        is_call_with_several = token.string == ")" and len(arguments) > 1
+        if not is_call_with_several:
+            continue
+        for argument in arguments:
             if any(part.string == "for" for part in argument):
-                (first_line, first) = argument[0].start
-                (last_line, last) = argument[-1].end
-                insertions += (
-                    (starts[first_line - 1] + first, "("),
-                    (starts[last_line - 1] + last, ")"),
-                )
+                first_line, first_column = argument[0].start
+                last_line, last_column = argument[-1].end
+                insertions.append((line_starts[first_line - 1] + first_column, "("))
+                insertions.append((line_starts[last_line - 1] + last_column, ")"))
+    # From the end, so that the offsets before stay right.
     for offset, bracket in sorted(insertions, reverse=True):
         source = source[:offset] + bracket + source[offset:]
     return source

@@ -47,10 +47,12 @@ class HubAddress:
             from brickhub.hub.transports.usb import UsbTransport
 
             return UsbTransport(self.which)
+        # The transport to a virtual hub is made with the robot, whose body it moves.
         if self.is_virtual:
             raise UnknownNameError(
                 "a virtual hub has no transport of its own; choose 'ble' or 'usb'"
             )
+        # Here, as commands that only name a hub shall not wait for asyncio and what is below.
         from brickhub.hub.transports.ble import BleTransport
 
         if self.which is not None and _BLE_ADDRESS.fullmatch(self.which):

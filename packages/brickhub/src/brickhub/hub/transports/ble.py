@@ -30,7 +30,17 @@ if TYPE_CHECKING:
     from bleak.backends.device import BLEDevice
     from bleak.backends.scanner import AdvertisementData, BaseBleakScanner
 
+_log = logging.getLogger(__name__)
+
+_OTHERS_S = 0.5
+"""Time in which another hub of the same name, or any other one, would be heard."""
+_SERVICE_PATIENCE_S = 0.2
+"""Time in which Pybricks' background service, on this same computer, accepts a connection."""
+
 _HUB_REMEDY = "switch the hub on and bring it near"
+_NOT_FOUND_REMEDY = "switch it on, bring it near, and close other programs that are connected to it"
+_RELEASE = "release the hub with `pb disconnect`, or end the service with `pb service stop`"
+
 _BLUETOOTH_FOLDER = Path("/sys/class/bluetooth")
 _RFKILL_FOLDER = Path("/sys/class/rfkill")
 _SYSTEM_BUS = Path("/run/dbus/system_bus_socket")
@@ -58,10 +68,6 @@ _REMEDIES = {
 }
 
 
-_SERVICE_PATIENCE_S = 0.2
-_RELEASE = "release the hub with `pb disconnect`, or end the service with `pb service stop`"
-
-
 def bluetooth_problem() -> tuple[errors.Reason, str] | None:
     """Reason why Bluetooth is unavailable on Linux: adapter, switch or service. ``None`` if none is
     found."""
@@ -70,12 +76,14 @@ def bluetooth_problem() -> tuple[errors.Reason, str] | None:
     if not (_BLUETOOTH_FOLDER.is_dir() and any(_BLUETOOTH_FOLDER.glob("hci*"))):
         return errors.Reason.NO_ADAPTER, "this computer has no Bluetooth adapter; plug one in"
     for switch in _RFKILL_FOLDER.glob("rfkill*"):
-        if _text(switch / "type") == "bluetooth" and "1" in (
-            _text(switch / "soft"),
-            _text(switch / "hard"),
-        ):
+        if _text(switch / "type") != "bluetooth":
+            continue
+        # Either by a program, or by a key or a switch of the computer.
+        is_blocked = "1" in (_text(switch / "soft"), _text(switch / "hard"))
+        if is_blocked:
             remedy = "run `rfkill unblock bluetooth`, or use the switch of this computer"
             return errors.Reason.SWITCHED_OFF, f"Bluetooth is switched off; {remedy}"
+    # Bleak talks to Bluetooth's service over the system bus; in a container, for one, neither runs.
     if not _SYSTEM_BUS.exists() and "DBUS_SYSTEM_BUS_ADDRESS" not in os.environ:
         return (
             errors.Reason.NO_SERVICE,
@@ -98,6 +106,7 @@ def bleak_errors(operation: str, default_error: type[errors.HubError]) -> Iterat
 
     ``default_error`` is the type for errors that bleak does not specify further.
     """
+    # Here, as bleak takes a while to load, and the command line shall start at once.
     from bleak.exc import (
         BleakBluetoothNotAvailableError,
         BleakDeviceNotFoundError,
@@ -107,6 +116,7 @@ def bleak_errors(operation: str, default_error: type[errors.HubError]) -> Iterat
 
     try:
         yield
+    # Before TimeoutError: a HubTimeoutError is both.
     except errors.HubError:
         raise
     except BleakGATTProtocolError as error:
@@ -119,6 +129,7 @@ def bleak_errors(operation: str, default_error: type[errors.HubError]) -> Iterat
         ) from error
     except TimeoutError as error:
         raise errors.HubTimeoutError(f"could not {operation} in time; {_HUB_REMEDY}") from error
+    # Backends let errors of the system through, such as EOFError of a D-Bus that has ended.
     except (BleakError, OSError, EOFError) as error:
         if default_error is errors.BluetoothUnavailableError:
             raise no_bluetooth(operation, error) from error
@@ -129,11 +140,15 @@ def bleak_errors(operation: str, default_error: type[errors.HubError]) -> Iterat
 
 def no_bluetooth(operation: str, error: BaseException) -> errors.BluetoothUnavailableError:
     """Error with the reason found on this computer, or else with bleak's."""
-    name = getattr(getattr(error, "reason", None), "name", "")
-    reason, why = bluetooth_problem() or (
-        _REASONS.get(name, errors.Reason.UNKNOWN),
-        f"{errors.message_of(error)}; {remedy()}",
-    )
+    problem = bluetooth_problem()
+    if problem is not None:
+        reason, why = problem
+    else:
+        # Some errors of bleak have a reason, of an enumeration of its own.
+        bleak_reason = getattr(error, "reason", None)
+        name = getattr(bleak_reason, "name", "")
+        reason = _REASONS.get(name, errors.Reason.UNKNOWN)
+        why = f"{errors.message_of(error)}; {remedy()}"
     return errors.BluetoothUnavailableError(f"could not {operation}: {why}", reason)
 
 
@@ -142,12 +157,6 @@ def _text(path: Path) -> str:
         return path.read_text(encoding="ascii").strip()
     except OSError:
         return ""
-
-
-_log = logging.getLogger(__name__)
-
-_OTHERS_S = 0.5
-_REMEDY = "switch it on, bring it near, and close other programs that are connected to it"
 
 
 @dataclass(frozen=True)
@@ -176,19 +185,19 @@ class FoundHub:
     kind: HubKind | None = None
 
 
-_Seen: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
+_FoundHubs: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
 """Found hubs by address."""
 
 
 def scan(timeout_s: float = 5.0, *, backend: BleBackend | None = None) -> list[FoundHub]:
     """Advertising Pybricks hubs, found within ``timeout_s``, the strongest signal first. Raises
     BluetoothUnavailableError if Bluetooth is not available on this computer."""
-    seen: _Seen = {}
+    found: _FoundHubs = {}
     with contextlib.closing(EventLoopThread("bricksrl-scan")) as loop:
         loop.run(
-            _listen(seen, lambda: False, timeout_s, backend), timeout_s + 10.0, "look for hubs"
+            _listen(found, lambda: False, timeout_s, backend), timeout_s + 10.0, "look for hubs"
         )
-    return sorted((hub for _, hub in seen.values()), key=lambda hub: -hub.rssi_dbm)
+    return sorted((hub for _, hub in found.values()), key=lambda hub: -hub.rssi_dbm)
 
 
 async def find(
@@ -206,30 +215,31 @@ async def find(
         HubTakenError: Pybricks' own service keeps the link to it.
         BluetoothUnavailableError: Bluetooth is not available on this computer.
     """
-    seen: _Seen = {}
+    found: _FoundHubs = {}
     for device in await _still_connected(backend):
-        seen[device.address] = (device, FoundHub(device.name or "", device.address, 0))
-    if (matches := _matches(seen, name, address)) and service_is_running():
-        what = f"{_listed(matches)} is connected to Pybricks' own background service"
+        found[device.address] = (device, FoundHub(device.name or "", device.address, 0))
+    connected = _matches(found, name, address)
+    # The service keeps the link after its programs have ended, and has to give it up first.
+    if connected and service_is_running():
+        what = f"{_listed(connected)} is connected to Pybricks' own background service"
         raise errors.HubTakenError(f"the hub {what}; {_RELEASE}")
-    if not _matches(seen, name, address):
-        await _listen(seen, lambda: bool(_matches(seen, name, address)), timeout_s, backend)
-    if address is None and len(_matches(seen, name, None)) == 1:  # check that there are no others
-        await _listen(seen, lambda: len(_matches(seen, name, None)) > 1, _OTHERS_S, backend)
-    matches = _matches(seen, name, address)
+    if not connected:
+        await _listen(found, lambda: bool(_matches(found, name, address)), timeout_s, backend)
+    # In a classroom the first hub that is heard may be another one's. An address is unique.
+    if address is None and len(_matches(found, name, None)) == 1:
+        await _listen(found, lambda: len(_matches(found, name, None)) > 1, _OTHERS_S, backend)
+    matches = _matches(found, name, address)
     if len(matches) > 1:
         raise errors.AmbiguousHubError(
             f"several hubs are in reach: {_listed(matches)}; say which one by its name or address"
         )
     if not matches:
         what = "no hub" if name is None and address is None else f"no hub '{name or address}'"
-        others = f"; others are: {_listed(seen.values())}" if seen else ""
-        is_served = service_is_running()
-        remedy = (
-            f"Pybricks' own background service runs, and may have it: {_RELEASE}"
-            if is_served
-            else _REMEDY
-        )
+        others = f"; others are: {_listed(found.values())}" if found else ""
+        remedy = _NOT_FOUND_REMEDY
+        # Not every system tells which devices are connected.
+        if service_is_running():
+            remedy = f"Pybricks' own background service runs, and may have it: {_RELEASE}"
         raise errors.HubNotFoundError(
             f"{what} with Pybricks was found within {timeout_s:g} s{others}; {remedy}"
         )
@@ -239,7 +249,7 @@ async def find(
 
 
 async def _listen(
-    seen: _Seen, is_enough: Callable[[], bool], timeout_s: float, backend: BleBackend | None
+    found: _FoundHubs, is_enough: Callable[[], bool], timeout_s: float, backend: BleBackend | None
 ) -> None:
     """Add advertising hubs until ``is_enough()`` or the timeout."""
     from bleak import BleakScanner
@@ -252,7 +262,7 @@ async def _listen(
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(timeout_s):
                     async for device, advertisement in scanner.advertisement_data():
-                        seen[device.address] = (device, _found_hub(device, advertisement))
+                        found[device.address] = (device, _found_hub(device, advertisement))
                         if is_enough():
                             break
 
@@ -264,28 +274,32 @@ async def _still_connected(backend: BleBackend | None) -> list[BLEDevice]:
     try:
         adapter = await BleakAdapter.get(backend=backend.adapter if backend else None)
         return await adapter.get_connected_devices([SERVICE_UUID])
+    # Not every backend can tell; then a hub is found only while it advertises.
     except (BleakError, OSError, EOFError, NotImplementedError) as error:
         _log.debug("cannot ask for hubs that are still connected: %s", error)
         return []
 
 
 def _matches(
-    seen: _Seen, name: str | None, address: str | None
+    found: _FoundHubs, name: str | None, address: str | None
 ) -> list[tuple[BLEDevice, FoundHub]]:
-    return [
-        (device, hub)
-        for device, hub in seen.values()
-        if (name is None or hub.name == name)
-        and (address is None or hub.address.casefold() == address.casefold())
-    ]
+    matches = []
+    for device, hub in found.values():
+        has_name = name is None or hub.name == name
+        has_address = address is None or hub.address.casefold() == address.casefold()
+        if has_name and has_address:
+            matches.append((device, hub))
+    return matches
 
 
 def _found_hub(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
+    # The system may remember a name from before the hub was renamed.
     name = advertisement.local_name or device.name or ""
+    service_data = advertisement.service_data or {}
     kind = None
-    # it does not say, or is another device with Pybricks' service
+    # It may not say, or be another device with Pybricks' service.
     with contextlib.suppress(errors.HubProtocolError):
-        kind = parse_hub_kind((advertisement.service_data or {}).get(PNP_ID_UUID, b""), name)
+        kind = parse_hub_kind(service_data.get(PNP_ID_UUID, b""), name)
     return FoundHub(name, device.address, advertisement.rssi, kind)
 
 
@@ -316,12 +330,11 @@ class BleTransport(ProfileTransport):
         self._backend = backend
 
     async def _find(self, timeout_s: float) -> Port:
-        name, address = (
-            (self._name, self._address)
-            if self._first_hub is None
-            else (None, self._first_hub.address)
-        )
-        device = await find(name, address, timeout_s, self._backend)
+        # After a loss the same hub, though another one may have its name.
+        if self._first_hub is None:
+            device = await find(self._name, self._address, timeout_s, self._backend)
+        else:
+            device = await find(None, self._first_hub.address, timeout_s, self._backend)
         return BlePort(device, self._backend.client if self._backend else None, timeout_s)
 
 
@@ -359,6 +372,7 @@ class BlePort:
             )
 
     async def write(self, command: bytes, operation: str) -> None:
+        # With response: since firmware 3.2 a hub drops a write without one, and says nothing.
         with bleak_errors(operation, errors.HubDisconnectedError):
             await self._client.write_gatt_char(profile.COMMAND_EVENT_UUID, command, response=True)
 
@@ -371,14 +385,16 @@ class BlePort:
 
 def socket_path() -> Path:
     """The socket of Pybricks' background service (``pb_core/paths.py`` of pybricks-core 1.0)."""
-    given = os.environ.get("PB_RUNTIME_DIR")
-    runtime = os.environ.get("XDG_RUNTIME_DIR") if sys.platform == "linux" else None
-    own = (
-        Path(runtime) / "pybricks"
-        if runtime
-        else Path(tempfile.gettempdir()) / f"pybricks-{os.getuid()}"
-    )
-    return (Path(given) if given else own) / "pb-service.sock"
+    # In the service's order: what the user sets, the session's folder of a Linux, any other one.
+    given_folder = os.environ.get("PB_RUNTIME_DIR")
+    session_folder = os.environ.get("XDG_RUNTIME_DIR") if sys.platform == "linux" else None
+    if given_folder:
+        folder = Path(given_folder)
+    elif session_folder:
+        folder = Path(session_folder) / "pybricks"
+    else:
+        folder = Path(tempfile.gettempdir()) / f"pybricks-{os.getuid()}"
+    return folder / "pb-service.sock"
 
 
 def service_is_running() -> bool:
@@ -389,6 +405,7 @@ def service_is_running() -> bool:
         return False
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.settimeout(_SERVICE_PATIENCE_S)
+        # By a connection: the file of the socket stays there when a service is killed.
         try:
             probe.connect(str(socket_path()))
         except OSError:

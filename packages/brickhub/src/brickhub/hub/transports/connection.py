@@ -23,6 +23,16 @@ from brickhub.hub.transports import profile
 from brickhub.hub.transports.profile import PybricksCommand, Status, StatusReport
 from brickhub.robot import HubKind
 
+_log = logging.getLogger(__name__)
+
+_FIRST_STATUS_S = 3 * profile.STATUS_PERIOD_S
+"""Time for the first status report, two of which may get lost."""
+_OUTPUT_GRACE_S = 0.3
+"""Time for the rest of a program's output, which may arrive after the report of its end."""
+_BUSY_PAUSE_S = 0.01
+"""Pause before a command is repeated that a busy hub refused; it doubles each time."""
+_LONGEST_BUSY_PAUSE_S = 0.16
+
 
 class Output:
     """Standard output of a program, and its end: after that the rest can be read, and then reading
@@ -35,6 +45,7 @@ class Output:
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._data = bytearray()
+        # Before the first program there is an end too, so that reading does not wait in vain.
         self._end: type[HubError] | None = HubError
         self._reason = "no program runs on the hub; start one"
 
@@ -72,20 +83,12 @@ class Output:
         HubError if the program or the link has ended, and all was read."""
         with self._changed:
             self._changed.wait_for(lambda: self._data or self._end is not None, timeout_s)
+            # What came before the end is read first: a traceback says why it ended.
             if not self._data:
                 self.check()
             data = bytes(self._data)
             self._data.clear()
             return data
-
-
-_log = logging.getLogger(__name__)
-
-_FIRST_STATUS_S = 3 * profile.STATUS_PERIOD_S
-_OUTPUT_GRACE_S = 0.3
-"""Time for the rest of a program's output, which may arrive after the report of its end."""
-_BUSY_PAUSE_S = 0.01
-_LONGEST_BUSY_PAUSE_S = 0.16
 
 
 class Port(Protocol):
@@ -160,6 +163,8 @@ class HubConnection:
         self._connect_timeout_s = connect_timeout_s
         self._loss: str | None = "not connected yet"
         self._reports = 0
+        # Whether the end of a program is news. After a stop it is none, and of a program that was
+        # there before nobody waits for it.
         self._is_running_expected = False
         self._end_timer: asyncio.TimerHandle | None = None
         self._changed = asyncio.Event()
@@ -178,19 +183,23 @@ class HubConnection:
     async def connect(self) -> None:
         """Connect, identify the hub, and subscribe to its reports. Raises a subclass of HubError
         with the reason."""
+        # From here on a loss may be noticed.
         self._loss = None
         try:
             async with asyncio.timeout(self._connect_timeout_s):
                 await self._port.open(self._on_event, self._lose)
+                # An unknown hub is refused before anything is asked of it.
                 self.identity = await self._identify()
                 await self._port.subscribe()
-                if not await self._wait_for(lambda: self._reports > 0, _FIRST_STATUS_S):
+                has_report = await self._wait_for(lambda: self._reports > 0, _FIRST_STATUS_S)
+                if not has_report:
                     raise HubTimeoutError(
                         "the hub does not report its status; switch it off and on"
                     )
                 self._check_connected()
         except TimeoutError as error:
             await self.disconnect()
+            # A HubTimeoutError is a TimeoutError too, and has its reason already.
             if isinstance(error, HubError):
                 raise
             raise HubTimeoutError(
@@ -206,8 +215,8 @@ class HubConnection:
         try:
             async with asyncio.timeout(self._answer_timeout_s):
                 await self._port.close()
+        # - a backend may raise anything; the hub notices by itself
         except Exception as error:  # noqa: BLE001
-            # a backend may raise anything; the hub notices by itself
             _log.debug("disconnecting from the hub: %s", error)
 
     async def command(self, data: bytes, operation: str) -> None:
@@ -261,6 +270,7 @@ class HubConnection:
             HubError: see ``command``.
         """
         slot = (self.status.slot,) if self.identity.capabilities.slots else ()
+        # The last program has just ended, and the rest of its output may still come.
         if self._end_timer is not None:
             await asyncio.sleep(_OUTPUT_GRACE_S)
         self.output.begin()
@@ -275,6 +285,7 @@ class HubConnection:
             lambda: self.is_running or self._reports >= reports + 2, self._answer_timeout_s
         )
         self._check_connected()
+        # A short program has ended between two reports.
         if not self.is_running:
             self._end_program()
 
@@ -289,7 +300,9 @@ class HubConnection:
         await self.command(
             bytes((PybricksCommand.STOP_USER_PROGRAM,)), "write the command that stops the program"
         )
-        if not await self._wait_for(lambda: not self.is_running, self._answer_timeout_s):
+        # The acknowledgement says that the command has arrived, a report that the motors stand.
+        has_ended = await self._wait_for(lambda: not self.is_running, self._answer_timeout_s)
+        if not has_ended:
             raise HubTimeoutError("the program on the hub does not stop; press the hub's button")
         self.output.end(ProgramStoppedError, "the program on the hub was stopped; start it again")
         self._check_connected()
@@ -301,6 +314,7 @@ class HubConnection:
 
     async def _identify(self) -> HubIdentity:
         version = profile.parse_version(await self._port.read(profile.PROFILE_VERSION_UUID))
+        # Newer versions only add to the profile, by its promise.
         if version > profile.NEWEST_PROFILE:
             newest = ".".join(map(str, profile.NEWEST_PROFILE))
             _log.warning(
@@ -313,22 +327,21 @@ class HubConnection:
                 f"the hub speaks Pybricks Profile {version[0]}.{version[1]}; update it on "
                 "code.pybricks.com"
             )
+        pnp_id = await self._port.read(profile.PNP_ID_UUID)
+        kind = profile.parse_hub_kind(pnp_id, self._port.name)
+        firmware = await self._port.read(profile.FIRMWARE_REVISION_UUID)
+        capabilities = await self._port.read(profile.CAPABILITIES_UUID)
         return HubIdentity(
             name=self._port.name,
             address=self._port.address,
-            kind=profile.parse_hub_kind(
-                await self._port.read(profile.PNP_ID_UUID), self._port.name
-            ),
-            firmware=(await self._port.read(profile.FIRMWARE_REVISION_UUID)).decode(
-                "utf-8", "replace"
-            ),
+            kind=kind,
+            firmware=firmware.decode("utf-8", "replace"),
             profile_version=version,
-            capabilities=profile.parse_capabilities(
-                await self._port.read(profile.CAPABILITIES_UUID)
-            ),
+            capabilities=profile.parse_capabilities(capabilities),
         )
 
     async def _write(self, data: bytes, operation: str) -> None:
+        # With a timeout, as a hub may lose the acknowledgement of a write when a report crosses it.
         try:
             async with asyncio.timeout(self._answer_timeout_s) as timeout, self._write_lock:
                 self._check_connected()
@@ -341,6 +354,7 @@ class HubConnection:
             self._lose("it takes no commands")
             raise
         except TimeoutError:
+            # A loss ends a pending write by its timeout, and is the better reason.
             self._check_connected()
             self._lose("it did not acknowledge a command")
             raise HubTimeoutError(
@@ -353,6 +367,7 @@ class HubConnection:
         try:
             async with asyncio.timeout(timeout_s):
                 while not condition() and self.is_connected:
+                    # Nothing can change in between: events are handled in this same thread.
                     self._changed.clear()
                     await self._changed.wait()
         except TimeoutError:
@@ -364,6 +379,7 @@ class HubConnection:
             raise HubDisconnectedError(f"the link to the hub is lost ({self._loss}); open it again")
 
     def _on_event(self, data: bytes) -> None:
+        # One broken notification is no reason to give up the link.
         try:
             event = profile.parse_event(data)
         except HubProtocolError as error:
@@ -376,6 +392,7 @@ class HubConnection:
         self._changed.set()
 
     def _on_status(self, report: StatusReport) -> None:
+        # A report comes every 500 ms, so that only what is new in it is said.
         before = self.status.flags if self._reports else Status(0)
         self._reports += 1
         self.status = report
@@ -385,6 +402,7 @@ class HubConnection:
             _log.warning("the hub's battery is low; charge it soon")
         if set_flags & (Status.BATTERY_HOT | Status.BATTERY_TOO_HOT):
             _log.warning("the hub's battery is hot; let it rest")
+        # The hub says so itself, before the link breaks.
         if set_flags & (Status.SHUTDOWN | Status.SHUTDOWN_REQUESTED):
             self._lose("the hub is switching off")
         elif cleared_flags & Status.USER_PROGRAM_RUNNING and self._is_running_expected:
@@ -399,6 +417,7 @@ class HubConnection:
         self.output.end(ProgramStoppedError, "the program on the hub has ended; start it again")
 
     def _lose(self, reason: str) -> None:
+        # The first reason is the cause, later ones its consequences.
         if self._loss is not None:
             return
         self._loss = reason
@@ -407,6 +426,7 @@ class HubConnection:
         self.output.end(
             HubDisconnectedError, f"the link to the hub is lost ({reason}); open it again"
         )
+        # Wakes up a pending write, for which no backend promises an error.
         if self._write_timeout is not None and not self._write_timeout.expired():
-            self._write_timeout.reschedule(0)  # wake up the pending write
+            self._write_timeout.reschedule(0)
         self._changed.set()

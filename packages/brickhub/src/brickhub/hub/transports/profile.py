@@ -31,9 +31,9 @@ STATUS_PERIOD_S = 0.5
 """Period of a hub's status reports; changes are reported at once."""
 
 OLDEST_PROFILE = (1, 3)
+"""Oldest version that this module was written for."""
 NEWEST_PROFILE = (1, 7)
-"""Versions of the profile that this module was written for. A newer one adds to them, by its
-promise."""
+"""Newest version that this module was written for. A newer one adds to it, by its promise."""
 _PEAK_PREFIX = "Peak-"
 """Begins the names of PeakHubs, of Sciurus Robotics, which run programs for a Prime hub
 (``sciro.hubs``, scirodev 0.7.7)."""
@@ -41,7 +41,9 @@ _KINDS = {kind.model.product_id: kind for kind in HubKind}
 _STATUS_REPORT = struct.Struct("<IxB")
 """Flags, the program's id, and the slot."""
 _CAPABILITIES = struct.Struct("<HIIB")
+"""Largest write, features, largest program, number of slots."""
 _DATA_HEAD = struct.Struct("<BI")
+"""Command and size, or offset, of a download."""
 
 
 class PybricksCommand(enum.IntEnum):
@@ -152,7 +154,8 @@ def parse_event(data: bytes) -> StatusReport | bytes | None:
             f"a status report of the hub has {len(payload)} bytes; update its firmware on "
             "code.pybricks.com"
         )
-    flags, slot = _STATUS_REPORT.unpack_from(payload + bytes(2))  # older versions end before them
+    # Older versions of the profile end before the program's id and the slot.
+    flags, slot = _STATUS_REPORT.unpack_from(payload + bytes(2))
     return StatusReport(Status(flags), slot)
 
 
@@ -164,6 +167,7 @@ def parse_capabilities(data: bytes) -> Capabilities:
             f"the hub's capabilities have {len(data)} bytes; update its firmware on "
             "code.pybricks.com"
         )
+    # Before version 1.5 there was no number of slots.
     max_write, features, max_program, slots = _CAPABILITIES.unpack_from(data + b"\0")
     return Capabilities(max_write, Feature(features), max_program, slots)
 
@@ -182,6 +186,7 @@ def parse_version(data: bytes) -> tuple[int, int]:
 def parse_hub_kind(pnp_id: bytes, name: str = "") -> HubKind:
     """Kind of hub from its plug-and-play id, or its name. Raises HubProtocolError if neither is
     that of a known hub."""
+    # A PeakHub is not of LEGO, and known by its name alone.
     if name.startswith(_PEAK_PREFIX):
         return HubKind.PRIME
     try:
@@ -201,13 +206,12 @@ def parse_hub_kind(pnp_id: bytes, name: str = "") -> HubKind:
 def download(blob: bytes, max_write_bytes: int) -> Iterator[bytes]:
     """Commands that download a program to the hub, in order; the program is invalid until the last
     one."""
+    # Without a size the hub starts nothing: an interrupted download must not run.
     yield _DATA_HEAD.pack(PybricksCommand.WRITE_USER_PROGRAM_META, 0)
     piece_bytes = max_write_bytes - _DATA_HEAD.size
     for offset in range(0, len(blob), piece_bytes):
-        yield (
-            _DATA_HEAD.pack(PybricksCommand.WRITE_USER_RAM, offset)
-            + blob[offset : offset + piece_bytes]
-        )
+        piece = blob[offset : offset + piece_bytes]
+        yield _DATA_HEAD.pack(PybricksCommand.WRITE_USER_RAM, offset) + piece
     yield _DATA_HEAD.pack(PybricksCommand.WRITE_USER_PROGRAM_META, len(blob))
 
 
@@ -218,11 +222,10 @@ def refusal(operation: str, code: int) -> HubError:
             f"could not {operation}: the hub is busy; stop its program, or wait until it reads "
             "its input"
         )
-    name = (
-        CommandError(code).name.lower().replace("_", " ")
-        if code in set(CommandError)
-        else "unknown"
-    )
+    name = "unknown"
+    # A newer firmware may have codes that are not in this table.
+    if code in set(CommandError):
+        name = CommandError(code).name.lower().replace("_", " ")
     return HubRefusedError(
         f"could not {operation}: the hub refused it (error 0x{code:02x}, {name}); update its "
         "firmware on code.pybricks.com"

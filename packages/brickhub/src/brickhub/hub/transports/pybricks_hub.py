@@ -30,12 +30,14 @@ from brickhub.hub.transports.profile import PybricksCommand, StatusReport
 
 _T = TypeVar("_T")
 _THREAD_END_S = 1.0
+"""Time in which cancelled coroutines have to end."""
 
 
 class EventLoopThread:
     """Thread that runs coroutines for other threads, with a timeout on every call."""
 
     def __init__(self, name: str) -> None:
+        # A daemon, so that a backend which hangs does not keep a program from ending.
         made: concurrent.futures.Future[asyncio.AbstractEventLoop] = concurrent.futures.Future()
         self._thread = threading.Thread(target=self._serve, args=(made,), name=name, daemon=True)
         self._thread.start()
@@ -51,6 +53,7 @@ class EventLoopThread:
         try:
             future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
         except RuntimeError:
+            # Python would warn of a coroutine that was never awaited.
             coroutine.close()
             raise errors.HubError(
                 f"could not {operation}: the link is closed; open it again"
@@ -66,6 +69,7 @@ class EventLoopThread:
                 f"could not {operation}: the link was closed meanwhile; open it again"
             ) from None
         finally:
+            # Also when Ctrl-C interrupts the wait; without effect on one that is done.
             future.cancel()
 
     def close(self) -> None:
@@ -84,6 +88,7 @@ class EventLoopThread:
         asyncio.set_event_loop(loop)
         try:
             loop.run_forever()
+            # Stopped: what still runs is cancelled, and gets its time to disconnect.
             tasks = asyncio.all_tasks(loop)
             for task in tasks:
                 task.cancel()
@@ -97,11 +102,16 @@ class EventLoopThread:
 _log = logging.getLogger(__name__)
 
 _LONGEST_CONNECT_S = 10.0
+"""Longest time of one attempt to connect; then the hub is searched for again."""
 _HELLO_S = 3.0
+"""Time in which a program that is on the hub says which one it is."""
 _FIRST_PAUSE_S = 0.25
+"""Pause before the second search for the hub; it doubles each time."""
 _LONGEST_PAUSE_S = 2.0
 _DOWNLOAD_S = 120.0
+"""Time for the largest program over a slow link."""
 _GRACE_S = 3.0
+"""Time beyond a coroutine's own limit, so that its own error comes first, which says more."""
 
 
 class ProfileTransport(ABC):
@@ -153,6 +163,7 @@ class ProfileTransport(ABC):
         """
         if self._loop is None:
             self._loop = EventLoopThread("bricksrl-hub")
+            # A program that ends without closing shall not leave motors running.
             atexit.register(self.close)
         self._run(self._connected(), self._timeout_s, "connect to the hub")
 
@@ -164,6 +175,7 @@ class ProfileTransport(ABC):
             ProgramError: the program is invalid or too large for the hub.
             HubError: the hub cannot be reached, or refuses the program.
         """
+        # First: what cannot be compiled needs no hub.
         modules = compile_program(program)
         if self._loop is None:
             self.open()
@@ -191,11 +203,8 @@ class ProfileTransport(ABC):
         connection.output.check()
         if self._pipe is Pipe.APP_DATA:
             offset = bytes(2)
-            packet = (
-                bytes((PybricksCommand.WRITE_APP_DATA,))
-                + offset
-                + app_data_slot(next(self._counts), data)
-            )
+            slot = app_data_slot(next(self._counts), data)
+            packet = bytes((PybricksCommand.WRITE_APP_DATA,)) + offset + slot
         else:
             packet = bytes((PybricksCommand.WRITE_STDIN,)) + data
         self._run(
@@ -224,6 +233,7 @@ class ProfileTransport(ABC):
     def close(self) -> None:
         """Stop the program and disconnect. May be called in any state and repeatedly; failures are
         logged."""
+        # Taken out first, so that a second call finds nothing to do.
         loop = self._loop
         self._loop = None
         connection = self._connection
@@ -244,7 +254,7 @@ class ProfileTransport(ABC):
             loop.close()
 
     def now_s(self) -> float:
-        # which, unlike the monotonic clock of Windows, tells milliseconds
+        # The monotonic clock of Windows has ticks of 16 ms.
         return time.perf_counter()
 
     # ---- in the thread of the event loop
@@ -254,6 +264,7 @@ class ProfileTransport(ABC):
         if self._connection is not None:
             if self._connection.is_connected:
                 return self._connection
+            # A connection cannot be used again after its loss.
             await self._connection.disconnect()
             self._connection = None
         loop = asyncio.get_running_loop()
@@ -262,6 +273,7 @@ class ProfileTransport(ABC):
         while True:
             try:
                 self._connection = await self._connect(deadline_s - loop.time())
+            # Trying again does not help here: a person has to do something.
             except (
                 errors.AmbiguousHubError,
                 errors.HubTakenError,
@@ -305,11 +317,13 @@ class ProfileTransport(ABC):
         if kind.model.stdin_bytes == 0 and program.says_hello:
             raise errors.HubProtocolError("a Move Hub cannot run our programs; use another hub")
         blob = program_blob(modules, kind)
+        # A running program refuses both a download and a start.
         if connection.is_running:
             await connection.stop_program()
         is_stored = program.says_hello and self._stored_programs().get(location) == program.hash
         if is_stored and await _start_stored_program(connection, program):
             return
+        # A download may be interrupted, and then no known program is on the hub.
         self._note_program(location, None)
         await connection.download(blob)
         self._note_program(location, program.hash if program.says_hello else None)
@@ -325,6 +339,7 @@ class ProfileTransport(ABC):
     def _stored_programs(self) -> dict[str, object]:
         """Hashes of the programs that this computer downloaded last, by address and slot of the
         hub."""
+        # A record that cannot be read costs a download, no more.
         try:
             hashes = json.loads(self._record.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):
@@ -332,11 +347,9 @@ class ProfileTransport(ABC):
         return hashes if isinstance(hashes, dict) else {}
 
     def _note_program(self, location: str, program_hash: int | None) -> None:
+        programs = {**self._stored_programs(), location: program_hash}
         try:
-            write_durably(
-                self._record,
-                json.dumps({**self._stored_programs(), location: program_hash}).encode(),
-            )
+            write_durably(self._record, json.dumps(programs).encode())
         except OSError as error:
             _log.debug("cannot note which program is on the hub: %s", error)
 
@@ -366,6 +379,7 @@ async def _start_stored_program(connection: HubConnection, program: HubProgram) 
         if not connection.is_connected:
             raise
         _log.info("the program on the hub cannot be started: %s", error)
+    # Another computer has downloaded another program meanwhile, which might move the robot.
     if connection.is_running:
         await connection.stop_program()
     return False

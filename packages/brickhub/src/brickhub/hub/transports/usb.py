@@ -32,32 +32,43 @@ FRAME_END = 0x02
 _HIGH_PRIORITY = 0x01
 _XOR = 0x03
 _LARGEST_DELIMITER = 2
+"""Bytes from 0 to this one end a block."""
 _CODE_OFFSET = 2
+"""Added to every code, so that none is one of the reserved bytes."""
 _BLOCK_BYTES = 84
+"""Largest block without its code: three delimiters times this many lengths fit a byte."""
 _FULL = 0xFF
+"""Code of a block of the full size that no delimiter ended."""
 
 
 def encode_cobs(message: bytes) -> bytes:
     """Encode a message into a frame, including its end."""
+    # The code of a block stands before it, and is known at its end; until then it is that of a full
+    # block.
     out = bytearray((_FULL,))
     code_at = 0
     for byte in message:
         if byte <= _LARGEST_DELIMITER:
-            out[code_at] = byte * _BLOCK_BYTES + len(out) - code_at + _CODE_OFFSET
+            block_bytes = len(out) - code_at
+            out[code_at] = byte * _BLOCK_BYTES + block_bytes + _CODE_OFFSET
         else:
             out.append(byte)
-            if len(out) - code_at <= _BLOCK_BYTES:
+            is_full = len(out) - code_at > _BLOCK_BYTES
+            if not is_full:
                 continue
         code_at = len(out)
         out.append(_FULL)
+    # The last block ends as if a 0 followed, which the decoder leaves out.
     out[code_at] = len(out) - code_at + _CODE_OFFSET
-    return bytes(byte ^ _XOR for byte in out) + bytes((FRAME_END,))
+    stuffed = bytes(byte ^ _XOR for byte in out)
+    return stuffed + bytes((FRAME_END,))
 
 
 def decode_cobs(frame: bytes) -> bytes:
     """Decode a frame, given without its end, into a message. Raises HubProtocolError if the frame
     is invalid."""
-    data = bytes(byte ^ _XOR for byte in frame.removeprefix(bytes((_HIGH_PRIORITY,))))
+    stuffed = frame.removeprefix(bytes((_HIGH_PRIORITY,)))
+    data = bytes(byte ^ _XOR for byte in stuffed)
     out = bytearray()
     position = 0
     while position < len(data):
@@ -67,6 +78,7 @@ def decode_cobs(frame: bytes) -> bytes:
             raise errors.HubProtocolError("a frame over USB is cut short; plug the hub in again")
         out += block
         position += size
+        # What ended the last block is the end of the message, no byte of it.
         if delimiter is not None and position < len(data):
             out.append(delimiter)
     return bytes(out)
@@ -96,18 +108,22 @@ class Framer:
     def feed(self, data: bytes) -> list[bytes]:
         """Take bytes and return the messages that they complete. Never raises."""
         messages = []
-        *ended, rest = (self._buffer + data).split(bytes((FRAME_END,)))
-        for frame in ended:
+        *frames, rest = (self._buffer + data).split(bytes((FRAME_END,)))
+        for frame in frames:
             try:
                 if len(frame) > self._longest_bytes:
                     raise errors.HubProtocolError(
                         "a frame over USB is too long; plug the hub in again"
                     )
-                if message := decode_cobs(frame):
-                    messages.append(message)
+                message = decode_cobs(frame)
             except errors.HubProtocolError:
                 self.damaged += 1
-        self._buffer = rest[: self._longest_bytes + 1]  # one byte tells that it is too long
+                continue
+            # Between two ends in a row there is no message.
+            if message:
+                messages.append(message)
+        # One byte more than allowed is kept, which tells that the frame is too long.
+        self._buffer = rest[: self._longest_bytes + 1]
         return messages
 
 
@@ -115,17 +131,21 @@ _LEGO_VENDOR = 0x0694
 _PRODUCTS = {0x0009: 0x81, 0x0010: 0x81, 0x000D: 0x83}
 """USB product to Pybricks product: SPIKE Prime, Robot Inventor, SPIKE Essential."""
 _READ_S = 0.05
+"""Longest wait of the reading thread for a byte; then it looks whether the port is to be closed."""
 _LAST_READ_S = 1.0
 """Time within which the reading thread ends."""
 _PLUGGED_IN_S = 6.0
 """Time limit to find and connect a hub for the first time; one that does not answer says so within
 it."""
+# First byte of a message to the hub.
 _SUBSCRIBE = 1
 _COMMAND = 2
 _READ = 3
+# First byte of a message from the hub.
 _RESPONSE = 1
 _EVENT = 2
 _VALUE = 3
+# Service of a characteristic: that of the Bluetooth standard, or that of Pybricks.
 _STANDARD = 1
 _PYBRICKS = 2
 _RESPONSE_BODY = struct.Struct("<BI")
@@ -205,22 +225,25 @@ class UsbTransport(ProfileTransport):
     def _search_s(self) -> float:
         """A hub that is plugged in is there within a second; only one that was lost is waited
         for."""
-        return (
-            super()._search_s()
-            if self._first_hub is not None
-            else min(super()._search_s(), _PLUGGED_IN_S)
-        )
+        search_s = super()._search_s()
+        if self._first_hub is not None:
+            return search_s
+        return min(search_s, _PLUGGED_IN_S)
 
     async def _find(self, timeout_s: float) -> Port:
+        # In a thread, as the listing blocks.
         hubs = await asyncio.to_thread(self._find_hubs)
         port = self._serial_port
         first = self._first_hub
-        if first is not None:  # it may be at another port after it was plugged in again
+        # After it was plugged in again, the same hub may be at another port.
+        if first is not None:
             hubs = [hub for hub in hubs if hub.address == first.address]
         elif port is not None:
-            # Windows takes its ports in small letters too
+            # Windows takes its ports in small letters too.
             hubs = [hub for hub in hubs if hub.device.casefold() == port.casefold()]
-        if not hubs and port is not None and (first is None or first.address == port):
+        # A port that was named is tried even if nothing there is known as a hub.
+        is_first_hub_there = first is None or first.address == port
+        if not hubs and port is not None and is_first_hub_there:
             hubs = [UsbHub(port, port)]
         if not hubs:
             raise errors.HubNotFoundError(
@@ -268,10 +291,10 @@ class UsbPort:
             target=self._read_loop, args=(self._serial,), name="bricksrl-usb", daemon=True
         )
         self._reader.start()
-        await self._send(b"")  # ends a partial frame that another program left
-        self.name = (await self.read(profile.DEVICE_NAME_UUID)).decode(
-            "utf-8", "replace"
-        ) or self._hub.device
+        # Ends a partial frame that another program left.
+        await self._send(b"")
+        name = await self.read(profile.DEVICE_NAME_UUID)
+        self.name = name.decode("utf-8", "replace") or self._hub.device
 
     async def read(self, characteristic: str) -> bytes:
         selector = _CHARACTERISTICS[characteristic]
@@ -279,7 +302,8 @@ class UsbPort:
         self._values[selector] = future
         await self._send(bytes((_READ,)) + _SELECTOR.pack(*selector))
         value = await future
-        if not value and characteristic == profile.PNP_ID_UUID:  # the first betas do not report it
+        # The first betas do not report it; USB itself has a product id too.
+        if not value and characteristic == profile.PNP_ID_UUID:
             product = _PRODUCTS.get(self._hub.product, 0)
             return struct.pack("<BHHH", 1, profile.LEGO_COMPANY_ID, product, 0)
         return value
@@ -288,6 +312,7 @@ class UsbPort:
         await self._send(bytes((_SUBSCRIBE, 1)))
 
     async def write(self, command: bytes, operation: str) -> None:
+        # The hub's answer repeats the tag, by which one that came too late is known.
         self._tag = (self._tag + 1) % 256
         self._response = self._loop.create_future()
         await self._send(bytes((_COMMAND, self._tag)) + command)
@@ -301,6 +326,7 @@ class UsbPort:
         if serial is None:
             return
         self._is_closing.set()
+        # Unsubscribe: the hub shall not write what nobody reads.
         try:
             serial.write(encode_cobs(bytes((_SUBSCRIBE, 0))))
         finally:
@@ -322,7 +348,8 @@ class UsbPort:
         while not self._is_closing.is_set():
             try:
                 data = serial.read(max(1, serial.in_waiting))
-            except (OSError, TypeError, ValueError):  # the port is gone, or is being closed
+            # The port is gone, or is being closed, for which pyserial has no error of its own.
+            except (OSError, TypeError, ValueError):
                 break
             for message in self._framer.feed(data):
                 self._call_in_loop(self._handle, message)
@@ -330,7 +357,8 @@ class UsbPort:
             self._call_in_loop(self._on_loss, reason)
 
     def _call_in_loop(self, call: Callable[..., None], *arguments: object) -> None:
-        with contextlib.suppress(RuntimeError):  # the event loop has ended
+        # The event loop may have ended before this thread.
+        with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(call, *arguments)
 
     def _handle(self, message: bytes) -> None:
@@ -341,8 +369,12 @@ class UsbPort:
             self._on_event(body)
         elif kind == _RESPONSE and len(body) >= _RESPONSE_BODY.size:
             tag, code = _RESPONSE_BODY.unpack_from(body)
-            if tag == self._tag and self._response is not None and not self._response.done():
-                self._response.set_result(code)
+            response = self._response
+            # One that is done was cancelled at its timeout, or answered before.
+            if response is None or response.done():
+                return
+            if tag == self._tag:
+                response.set_result(code)
         elif kind == _VALUE and len(body) >= _SELECTOR.size:
             future = self._values.get(_SELECTOR.unpack_from(body))
             if future is not None and not future.done():
@@ -361,7 +393,8 @@ def _serial_errors(operation: str) -> Iterator[None]:
     """Translate pyserial's errors into ours."""
     try:
         yield
-    except OSError as error:  # serial.SerialException is one
+    # serial.SerialException is one.
+    except OSError as error:
         why = errors.message_of(error)
         if error.errno in (errno.EACCES, errno.EPERM):
             remedy = "allow it: on Linux, join the group dialout and log in again"

@@ -23,6 +23,7 @@ class FrozenModule:
     is_on: Callable[[HubModel], bool]
 
 
+_MARK = "# --- the hub's part ---\n"
 FROZEN = (
     FrozenModule("_builtin_port_view", lambda hub: hub.has_float),
     FrozenModule("_imu_calibrate", lambda hub: hub.has_imu),
@@ -32,8 +33,12 @@ FROZEN = (
 
 def frozen_module(name: str, hub: HubModel) -> HubModule | None:
     """The frozen module of that name; ``None`` if the firmware of the hub has none."""
-    if not any(module.name == name and module.is_on(hub) for module in FROZEN):
+    names_of_hub = [module.name for module in FROZEN if module.is_on(hub)]
+    if name not in names_of_hub:
         return None
-    file = f"{name.removeprefix('_')}.py"
-    text = resources.files(__package__).joinpath(file).read_text(encoding="utf-8")
-    return HubModule(name, f"{name}.py", text.split("# --- the hub's part ---\n", 1)[1])
+    # By `resources`, as the package may lie in an archive.
+    file = resources.files(__package__).joinpath(f"{name.removeprefix('_')}.py")
+    text = file.read_text(encoding="utf-8")
+    # What stands before the mark is for people and tools here; a hub's memory has no place for it.
+    _, source = text.split(_MARK, 1)
+    return HubModule(name, f"{name}.py", source)

@@ -24,32 +24,39 @@ from brickhub.virtual.micropython.streams import BytesIO, HubBytearray
 from brickhub.virtual.micropython.text import type_name
 
 _MIRRORED = {"__lt__": "__gt__", "__gt__": "__lt__", "__le__": "__ge__", "__ge__": "__le__"}
+"""The comparison that CPython asks of the other operand."""
 _UNUSED = (
-    *(
-        "__setattr__",
-        "__delattr__",
-        "__getattribute__",
-        "__del__",
-        "__get__",
-        "__set__",
-        "__delete__",
-        "__set_name__",
-    ),
-    *("__iand__", "__ior__", "__ixor__", "__missing__"),
+    "__setattr__",
+    "__delattr__",
+    "__getattribute__",
+    "__del__",
+    "__get__",
+    "__set__",
+    "__delete__",
+    "__set_name__",
+    "__iand__",
+    "__ior__",
+    "__ixor__",
+    "__missing__",
 )
+"""Methods that CPython calls and a hub does not."""
 _MADE_BY_CPYTHON = (
-    *(
-        "__dict__",
-        "__weakref__",
-        "__doc__",
-        "__module__",
-        "__qualname__",
-        "__slotnames__",
-        "__annotations__",
-    ),
-    *("__firstlineno__", "__static_attributes__"),  # since Python 3.13
-    *("__annotate__", "__annotate_func__", "__annotations_cache__"),  # since Python 3.14
+    "__dict__",
+    "__weakref__",
+    "__doc__",
+    "__module__",
+    "__qualname__",
+    "__slotnames__",
+    "__annotations__",
+    # Since Python 3.13.
+    "__firstlineno__",
+    "__static_attributes__",
+    # Since Python 3.14.
+    "__annotate__",
+    "__annotate_func__",
+    "__annotations_cache__",
 )
+"""Names in a class that its body does not have."""
 _SEQUENCE_TEXT = (
     "count endswith find format index isalpha isdigit islower isspace isupper join lower lstrip "
     "replace rfind rindex rsplit "
@@ -77,11 +84,15 @@ _PRESENT: dict[type, str] = {
     "intersection_update isdisjoint issubset issuperset "
     "pop remove symmetric_difference symmetric_difference_update union update",
 }
-_HIDDEN = {
-    kind: frozenset(name for name in dir(kind) if not name.startswith("__"))
-    - frozenset(names.split())
-    for kind, names in _PRESENT.items()
-}
+"""Methods and attributes that a hub has, of classes of which CPython has more."""
+
+
+def _only_on_cpython(kind: type) -> frozenset[str]:
+    names = {name for name in dir(kind) if not name.startswith("__")}
+    return frozenset(names.difference(_PRESENT[kind].split()))
+
+
+_HIDDEN = {kind: _only_on_cpython(kind) for kind in _PRESENT}
 _SPECIAL: dict[type, tuple[str, ...]] = {
     object: ("__next__", "__enter__", "__exit__"),
     HubDict: ("__getitem__", "__setitem__", "__delitem__"),
@@ -96,6 +107,7 @@ _OF_MODULES = frozenset(["__builtins__", *vars(ModuleType("")).keys() - {"__name
 """Names that CPython puts into modules."""
 _HIDDEN_NAMES = _FIRST_ARGUMENT.union(*_HIDDEN.values())
 _WITH_KEYWORDS = frozenset(["sort", "update", "sorted", "max", "min"])
+"""The few builtin functions of a hub that take keywords."""
 _KINDS_WITHOUT_KEYWORDS = frozenset(
     [
         bool,
@@ -121,19 +133,23 @@ def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any
     if len(bases) > 1:
         raise NotImplementedError("multiple inheritance not supported")
     cls = builtins.__build_class__(body, class_name, *bases, **keywords)
+    # CPython looks for these in the class, so they have to go from it.
     for method in _UNUSED:
         if method in cls.__dict__:
             delattr(cls, method)
+    # Functions of the firmware are Python functions here, and would become methods of a class that
+    # keeps them, as no builtin does.
     for name, value in list(cls.__dict__.items()):
         if isinstance(value, FunctionType) and value.__module__.startswith(FIRMWARE):
-            setattr(cls, name, staticmethod(value))  # builtins do not become methods
+            setattr(cls, name, staticmethod(value))
     for method, mirrored in _MIRRORED.items():
-        if getattr(cls, mirrored) is not getattr(object, mirrored) and getattr(
-            cls, method
-        ) is getattr(object, method):
+        has_mirrored = getattr(cls, mirrored) is not getattr(object, mirrored)
+        has_method = getattr(cls, method) is not getattr(object, method)
+        if has_mirrored and not has_method:
             setattr(cls, method, _refusal(method))
+    # A class without `__init__` ignores all arguments on a hub.
     if cls.__init__ is object.__init__ and cls.__new__ is object.__new__:
-        cls.__init__ = lambda self, *args, **kwargs: None  # ignores all arguments on a hub
+        cls.__init__ = lambda self, *args, **kwargs: None
     return cls
 
 
@@ -159,8 +175,10 @@ def defines(kind: type, name: str) -> bool:
     if is_native(kind) or name in _MADE_BY_CPYTHON or name not in kind.__dict__:
         return False
     value = kind.__dict__[name]
-    is_own = not (isinstance(value, FunctionType) and value.__module__.startswith(FIRMWARE))
-    return is_own and not (name == "__hash__" and value is None)
+    is_of_firmware = isinstance(value, FunctionType) and value.__module__.startswith(FIRMWARE)
+    # CPython sets it where a class has `__eq__` only.
+    is_made_unhashable = name == "__hash__" and value is None
+    return not is_of_firmware and not is_made_unhashable
 
 
 class HubStaticMethod(staticmethod):  # type: ignore[type-arg]
@@ -176,13 +194,14 @@ class HubSuper(super):
     def __getattribute__(self, name: str) -> Any:
         instance = super().__getattribute__("__self__")
         owner = super().__getattribute__("__thisclass__")
-        ancestors = (instance if isinstance(instance, type) else type(instance)).__mro__
+        # In a class method it is the class itself.
+        kind_of_instance = instance if isinstance(instance, type) else type(instance)
+        ancestors = kind_of_instance.__mro__
+        # Without the last one, `object`, which has no methods on a hub.
         for kind in ancestors[ancestors.index(owner) + 1 : -1]:
-            if defines(kind, name) or (
-                is_native(kind)
-                and name in kind.__dict__
-                and (name == "__init__" or name[:2] != "__")
-            ):
+            is_public = name == "__init__" or name[:2] != "__"
+            is_in_native = is_native(kind) and name in kind.__dict__ and is_public
+            if is_in_native or defines(kind, name):
                 return super().__getattribute__(name)
         raise AttributeError(f"'super' object has no attribute '{name}'")
 
@@ -200,17 +219,19 @@ def may_be_hidden(name: str) -> bool:
 def visible_attribute(value: Any, name: str) -> Any:
     """``value.name`` for a name that a hub's type may lack. Raises AttributeError as on the hub."""
     owner = value if isinstance(value, type) else type(value)
-    if name in _FIRST_ARGUMENT and isinstance(value, BaseException) and not hasattr(value, name):
+    is_of_error = isinstance(value, BaseException)
+    if is_of_error and name in _FIRST_ARGUMENT and not hasattr(value, name):
         return value.args[0] if value.args else None
     if name in _CLASS_ATTRIBUTES and not is_native(owner):
         return owner.__module__ if name == "__module__" else owner.__name__
     if owner is HubSuper or _is_visible(value, owner, name):
         return getattr(value, name)
-    if owner is not value and any(defines(kind, "__getattr__") for kind in owner.__mro__):
+    # CPython calls the program's `__getattr__` only where it finds nothing itself.
+    is_class = owner is value
+    if not is_class and any(defines(kind, "__getattr__") for kind in owner.__mro__):
         return value.__getattr__(name)
-    subject = (
-        f"type object '{type_name(owner)}'" if owner is value else f"'{type_name(owner)}' object"
-    )
+    kind_name = type_name(owner)
+    subject = f"type object '{kind_name}'" if is_class else f"'{kind_name}' object"
     raise AttributeError(f"{subject} has no attribute '{name}'")
 
 
@@ -229,18 +250,28 @@ def _is_visible(value: Any, owner: type, name: str) -> bool:
 def store_attribute(value: Any, owner: Any, name: str) -> None:
     """``owner.name = value``; fails for functions, modules, types and firmware objects. Raises
     AttributeError as on the hub."""
-    kind = type(owner)
-    is_closed = (
-        kind is FunctionType
-        or (kind.__module__.startswith(FIRMWARE) and "__setattr__" not in kind.__dict__)
-        or (kind is ModuleType and "__builtins__" not in owner.__dict__)
-        or (isinstance(owner, type) and is_native(owner))
-        or (isinstance(owner, BaseException) and kind.__module__ == "builtins")
-    )
-    if is_closed:
+    if _is_closed(owner):
+        kind = type(owner)
         label = function_name(owner) if kind is FunctionType else kind.__name__
         raise AttributeError(f"'{label}' object has no attribute '{name}'")
     setattr(owner, name, value)
+
+
+def _is_closed(owner: Any) -> bool:
+    """Whether a program cannot set attributes of a value."""
+    kind = type(owner)
+    if kind is FunctionType:
+        return True
+    # Few classes of the firmware have attributes to set.
+    if kind.__module__.startswith(FIRMWARE) and "__setattr__" not in kind.__dict__:
+        return True
+    # A module of the firmware: those of the program have builtins.
+    if kind is ModuleType and "__builtins__" not in owner.__dict__:
+        return True
+    if isinstance(owner, type) and is_native(owner):
+        return True
+    # CPython's exceptions take attributes, a hub's none.
+    return isinstance(owner, BaseException) and kind.__module__ == "builtins"
 
 
 def directory(value: Any) -> list[str]:
@@ -248,21 +279,21 @@ def directory(value: Any) -> list[str]:
     if isinstance(value, ModuleType):
         return sorted(name for name in vars(value) if name != "__builtins__" and "@" not in name)
     kind = value if isinstance(value, type) else type(value)
-    if any("__dir__" in base.__dict__ for base in kind.__mro__[:-1]) and kind is not value:
+    is_class = kind is value
+    # The firmware's classes that list their attributes themselves; `object` lists all.
+    lists_itself = any("__dir__" in base.__dict__ for base in kind.__mro__[:-1])
+    if lists_itself and not is_class:
         return list(value.__dir__())
-    names = {
-        name
-        for name in dir(value)
-        if not name.startswith("_") and name not in _HIDDEN.get(kind, ())
-    }
+    names = {name for name in dir(value) if not name.startswith("_")}
+    names.difference_update(_HIDDEN.get(kind, ()))
+    # Of a program's classes a hub lists all names, those that begin with an underscore too.
     for base in kind.__mro__:
-        if not is_native(base):
-            names |= {name for name in base.__dict__ if defines(base, name)} | {*_CLASS_ATTRIBUTES}
-            names |= (
-                getattr(value, "__dict__", {}).keys()
-                if base is kind and value is not kind
-                else set()
-            )
+        if is_native(base):
+            continue
+        names.update(name for name in base.__dict__ if defines(base, name))
+        names.update(_CLASS_ATTRIBUTES)
+        if base is kind and not is_class:
+            names.update(getattr(value, "__dict__", {}))
     return sorted(name for name in names if "@" not in name)
 
 
@@ -276,31 +307,46 @@ def with_keywords(function: Any) -> Any:
     called: Any = function.__init__ if is_class else method
     if type(called) is BuiltinFunctionType and called.__name__ not in _WITH_KEYWORDS:
         return _without_keywords(function)
-    called = inspect.unwrap(called) if isinstance(called, FunctionType) else called
+    if isinstance(called, FunctionType):
+        called = inspect.unwrap(called)
+    # CPython refuses the keywords of a program's function itself, reworded as the hub does.
     if not isinstance(called, FunctionType) or not called.__module__.startswith(FIRMWARE):
         return function
     code = called.__code__
-    flags = called.__code__.co_flags
+    # `self`, which a bound method has already.
     bound = called is not function
-    first = max(code.co_posonlyargcount, bound)
-    if first == code.co_argcount and not (code.co_kwonlyargcount or flags & inspect.CO_VARKEYWORDS):
+    takes_any_keyword = code.co_flags & inspect.CO_VARKEYWORDS
+    takes_any_number = code.co_flags & inspect.CO_VARARGS
+    first_with_name = max(code.co_posonlyargcount, bound)
+    # Also where `self` is the first of any number.
+    has_named = first_with_name != code.co_argcount
+    if not (has_named or code.co_kwonlyargcount or takes_any_keyword):
         return _without_keywords(function)
-    if (
-        flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS)
-        or code.co_posonlyargcount
-        or code.co_kwonlyargcount
-    ):
+    # Others look for their arguments in ways of their own.
+    is_special = takes_any_number or takes_any_keyword
+    if is_special or code.co_posonlyargcount or code.co_kwonlyargcount:
         return function
     names = code.co_varnames[bound : code.co_argcount]
     optional = len(called.__defaults__ or ())
+    return _with_named_arguments(function, names, len(names) - optional)
 
+
+def _with_named_arguments(
+    function: Callable[..., Any], names: tuple[str, ...], required: int
+) -> Callable[..., Any]:
+    """The function, as one of the firmware with these arguments, of which the first ones are
+    ``required``."""
+
+    # The order of the refusals is the firmware's.
     def call(*args: Any, **kwargs: Any) -> Any:
-        for name in names[len(args) : len(names) - optional]:
+        count = len(args)
+        for name in names[count:required]:
             if name not in kwargs:
                 raise TypeError(f"'{name}' argument required")
-        if len(args) > len(names):
+        if count > len(names):
             raise TypeError("extra positional arguments given")
-        if kwargs.keys() - {*names[len(args) :]}:
+        remaining = names[count:]
+        if kwargs.keys() - {*remaining}:
             raise TypeError("extra keyword arguments given")
         return function(*args, **kwargs)
 
@@ -328,6 +374,7 @@ class Manager:
     """
 
     def __init__(self, value: Any, reword: Callable[[BaseException], BaseException]) -> None:
+        # In this order, so the message of a value without both names `__exit__`.
         self._exit = visible_attribute(value, "__exit__")
         self._enter = visible_attribute(value, "__enter__")
         self._reword = reword
@@ -338,11 +385,15 @@ class Manager:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: object
     ) -> Any:
-        if isinstance(error, SwitchedOff) or (isinstance(error, GeneratorExit) and is_dropped()):
+        # Neither a hub that is switched off leaves its blocks, nor a generator that is dropped.
+        is_of_dropped = isinstance(error, GeneratorExit) and is_dropped()
+        if isinstance(error, SwitchedOff) or is_of_dropped:
             return None
         if error is None or isinstance(error, CATCHABLE):
             return self._exit(kind, error and self._reword(error), None)
-        self._exit(SystemExit, SystemExit(), None)  # stopped from outside: whatever the answer is
+        # Stopped from outside, which the program sees as the button, and cannot prevent: whatever
+        # its answer is.
+        self._exit(SystemExit, SystemExit(), None)
         return None
 
 
@@ -350,8 +401,6 @@ ATTRIBUTE_FUNCTIONS: dict[str, Any] = {
     "@attr": visible_attribute,
     "@store": store_attribute,
     "@keywords": with_keywords,
-}
-ATTRIBUTE_FUNCTIONS |= {
     "@with": Manager,
     "super": HubSuper,
     "staticmethod": HubStaticMethod,

@@ -19,10 +19,11 @@ from brickhub.virtual.micropython.operators import CONVERSIONS, operators
 from brickhub.virtual.micropython.streams import Console, HubBytearray, as_bytes, write_text
 from brickhub.virtual.micropython.text import format_value, percent, representation, text, to_number
 
+# Lists would take a line for each.
 _UNCHANGED = """
     all any bool bytes callable chr classmethod complex enumerate float int len list max memoryview
     min object ord range reversed slice str tuple type zip
-""".split()  # noqa: SIM905  a list would take a line for each
+""".split()  # noqa: SIM905
 
 _ENTER = "\r"
 _CTRL_C = "\x03"
@@ -46,31 +47,25 @@ def builtin_names(
     """Builtin names for a program without ``missing_builtins``. ``namespaces``: globals of its
     modules. ``find_module`` raises ImportError."""
     result: dict[str, Any] = {name: getattr(builtins, name) for name in (*_UNCHANGED, *EXCEPTIONS)}
-    result.update(
-        {
-            **operators(namespaces),
-            **hooks,
-            **attributes.ATTRIBUTE_FUNCTIONS,
-            **_FUNCTIONS,
-            **_stream_functions(console),
-        }
-    )
-    result.update(
-        {"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "dict": HubDict, "set": HubSet}
-    )
-    result.update(
-        {
-            "bytearray": HubBytearray,
-            "sorted": sorted_list,
-            "repr": representation,
-            "@del": _delete_global,
-        }
-    )
+    result.update(operators(namespaces))
+    result.update(hooks)
+    result.update(attributes.ATTRIBUTE_FUNCTIONS)
+    result.update(_FUNCTIONS)
+    result.update(_stream_functions(console))
+    result["Ellipsis"] = ...
+    result["__debug__"] = True
+    result["OSError"] = HubOSError
+    result["dict"] = HubDict
+    result["set"] = HubSet
+    result["bytearray"] = HubBytearray
+    result["sorted"] = sorted_list
+    result["repr"] = representation
+    result["@del"] = _delete_global
     result.update(_number_functions(result["@n"], result["@pow"]))
     present = {name: value for name, value in result.items() if name not in missing_builtins}
-    builtins_module = module(
-        "builtins", {name: value for name, value in present.items() if "@" not in name}
-    )
+    # What a program can see of them: not the helpers.
+    visible = {name: value for name, value in present.items() if "@" not in name}
+    builtins_module = module("builtins", visible)
 
     def find(
         name: str,
@@ -82,13 +77,14 @@ def builtin_names(
         if level:
             raise NotImplementedError("relative import")
         found = builtins_module if name == "builtins" else find_module(name)
-        if fromlist == ("*",):  # a hub does not know `__all__`
-            return module(
-                name, {key: value for key, value in vars(found).items() if not key.startswith("_")}
-            )
+        # A hub does not know `__all__`, by which CPython would choose.
+        if fromlist == ("*",):
+            public = {key: value for key, value in vars(found).items() if not key.startswith("_")}
+            return module(name, public)
         return found
 
-    present["__import__"] = builtins_module.__dict__["__import__"] = find
+    present["__import__"] = find
+    builtins_module.__dict__["__import__"] = find
     return present
 
 
@@ -101,6 +97,7 @@ def _number_functions(
     normalize: Callable[[Any], Any], power: Callable[[Any, Any], Any]
 ) -> dict[str, Any]:
     def sum_(values: Iterable[Any], start: Any = 0, /) -> Any:
+        # Each sum is rounded and checked, not only the last one.
         for value in values:
             start = normalize(start + value)
         return start
@@ -108,12 +105,16 @@ def _number_functions(
     def round_(value: Any, digits: int | None = None, /) -> Any:
         value = to_number(value, "float")
         if digits is None:
-            return int_from_float(round(value)) if math.isfinite(value) else int_from_float(value)
-        if type(value) is int:  # a truth value is none on a hub
+            # Infinity and NaN go on, so that they are refused in the hub's words.
+            return int_from_float(round(value) if math.isfinite(value) else value)
+        # A truth value is none on a hub.
+        if type(value) is int:
             raise NotImplementedError
+        # The hub scales, rounds and scales back; CPython rounds the decimal digits.
         scale = normalize(10.0**digits)
         scaled = normalize(value * scale)
         if math.isfinite(scaled):
+            # Of -0.2 the rounded value keeps the sign.
             scaled = math.copysign(round(scaled), scaled)
         return normalize(scaled / scale)
 
@@ -145,9 +146,10 @@ def oct_(value: Any, /) -> str:
 
 
 def map_(function: Any, *values: Iterable[Any]) -> Any:
-    return map(
-        CONVERSIONS.get(function, function) if isinstance(function, type) else function, *values
-    )
+    # `map(int, ...)` names a class that is no call in the program's text, so it is looked up here.
+    if isinstance(function, type):
+        function = CONVERSIONS.get(function, function)
+    return map(function, *values)
 
 
 def next_(values: Any, /) -> Any:
@@ -168,8 +170,10 @@ def _stream_functions(console: Console) -> dict[str, Any]:
     def print_(*values: Any, sep: str = " ", end: str = "\n", file: Any = None) -> None:
         _expect_text(sep, end)
         if file is None:
-            console.write(cooked((sep.join(map(text, values)) + end).encode()))
+            line = sep.join(map(text, values)) + end
+            console.write(cooked(line.encode()))
             return
+        # A stream of the program sees each piece by itself.
         for index, value in enumerate(values):
             if index:
                 write_text(file, sep)
@@ -181,7 +185,10 @@ def _stream_functions(console: Console) -> dict[str, Any]:
         outside ASCII."""
         console.write(cooked(text(prompt).encode()))
         line = ""
-        while (key := console.read(1).decode("latin-1")) != _ENTER:
+        while True:
+            key = console.read(1).decode("latin-1")
+            if key == _ENTER:
+                break
             if key == _CTRL_C:
                 raise ProgramInterrupt
             if key == _CTRL_D and not line:
@@ -191,6 +198,7 @@ def _stream_functions(console: Console) -> dict[str, Any]:
                 console.write(key.encode())
             elif key in _BACKSPACES and line:
                 line = line[:-1]
+                # One to the left, and the rest of the line is erased.
                 console.write(b"\b\x1b[K")
         console.write(b"\r\n")
         return line
@@ -199,6 +207,7 @@ def _stream_functions(console: Console) -> dict[str, Any]:
 
 
 def open_(*args: object, **kwargs: object) -> None:
+    # A hub has no files: ENOENT.
     raise HubOSError(2)
 
 
@@ -210,14 +219,18 @@ def hash_(value: Any, /) -> int:
     value_hash = hash_of(value)
     if value_hash is not None:
         return value_hash
-    address = (
-        id(value.__self__) ^ id(value.__func__) if isinstance(value, MethodType) else id(value)
-    )
+    # By the address, whose lowest bits are equal for all objects.
+    # A bound method is a new object at each access, with the same hash.
+    if isinstance(value, MethodType):
+        address = id(value.__self__) ^ id(value.__func__)
+    else:
+        address = id(value)
     return address >> 4 & SMALL_MAX
 
 
 def _delete_global(name: str) -> None:
     """``del name`` outside functions."""
+    # Of the program, which calls this in place of the statement.
     names = sys._getframe(1).f_globals
     if name not in names:
         raise KeyError(name)
@@ -227,11 +240,9 @@ def _delete_global(name: str) -> None:
 def getattr_(value: Any, name: str, *default: Any) -> Any:
     _expect_text(name)
     try:
-        return (
-            attributes.visible_attribute(value, name)
-            if attributes.may_be_hidden(name)
-            else getattr(value, name)
-        )
+        if attributes.may_be_hidden(name):
+            return attributes.visible_attribute(value, name)
+        return getattr(value, name)
     except AttributeError:
         if default:
             return default[0]
@@ -240,11 +251,8 @@ def getattr_(value: Any, name: str, *default: Any) -> Any:
 
 def dir_(*values: Any) -> list[str]:
     if not values:
-        return sorted(
-            name
-            for name in _namespace(sys._getframe(1))
-            if "@" not in name and name != "__builtins__"
-        )
+        names = _namespace(sys._getframe(1))
+        return sorted(name for name in names if "@" not in name and name != "__builtins__")
     return attributes.directory(values[0])
 
 
@@ -253,11 +261,15 @@ def hasattr_(value: Any, name: str) -> bool:
 
 
 def isinstance_(value: Any, kinds: Any) -> bool:
-    return isinstance(value, _without_int(kinds) if type(value) is bool else kinds)
+    if type(value) is bool:
+        kinds = _without_int(kinds)
+    return isinstance(value, kinds)
 
 
 def issubclass_(kind: Any, kinds: Any) -> bool:
-    return issubclass(kind, _without_int(kinds) if kind is bool else kinds)
+    if kind is bool:
+        kinds = _without_int(kinds)
+    return issubclass(kind, kinds)
 
 
 def setattr_(value: Any, name: str, new: Any, /) -> None:
@@ -275,32 +287,45 @@ def _without_int(kinds: Any) -> Any:
 def _namespace(frame: FrameType) -> Any:
     """Names of the module or class around a frame; on a hub the locals of a function have no
     names."""
-    is_class = (
-        not frame.f_code.co_flags & inspect.CO_OPTIMIZED and frame.f_code.co_name != "<module>"
-    )
+    code = frame.f_code
+    is_function = code.co_flags & inspect.CO_OPTIMIZED
+    is_class = not is_function and code.co_name != "<module>"
     return frame.f_locals if is_class else frame.f_globals
 
 
 def _run(code: Any, globals: dict[str, Any] | None, locals: Any) -> Any:
+    # That of the program which called `eval` or `exec`.
     frame = sys._getframe(2)
     if not (isinstance(globals, dict | None) and isinstance(locals, dict | None)):
         raise TypeError
     if globals is None:
         return eval(code, frame.f_globals, _namespace(frame) if locals is None else locals)
+    # CPython's byte code goes past the methods of a subclass of dict, which keep the slots of a
+    # hub's: so it runs with a plain copy, whose changes are written back.
     names = dict(globals) if isinstance(globals, HubDict) else globals
     added = {"__builtins__", "__name__"} - names.keys()
-    names.update((name, frame.f_globals[name]) for name in added)
+    for name in added:
+        names[name] = frame.f_globals[name]
+    if locals is None or locals is globals:
+        locals = names
     try:
-        return eval(code, names, names if locals is None or locals is globals else locals)
+        return eval(code, names, locals)
     finally:
         if names is not globals:
-            for name in set(globals) - set(names):
-                del globals[name]
-            globals.update((name, value) for name, value in names.items() if name not in added)
+            _write_back(names, globals, added)
+
+
+def _write_back(names: dict[str, Any], globals: dict[str, Any], added: Collection[str]) -> None:
+    """Changes of a copy of a program's dict, without what was added for CPython."""
+    for name in set(globals) - set(names):
+        del globals[name]
+    globals.update((name, value) for name, value in names.items() if name not in added)
 
 
 def _decoded(source: Any) -> str:
-    return source if isinstance(source, str) else as_bytes(source).decode()
+    if isinstance(source, str):
+        return source
+    return as_bytes(source).decode()
 
 
 def eval_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
@@ -320,22 +345,23 @@ def locals_() -> Any:
 
 
 _FUNCTIONS = _named(
-    *(
-        bin_,
-        hex_,
-        oct_,
-        map_,
-        next_,
-        iter_,
-        open_,
-        id_,
-        hash_,
-        getattr_,
-        dir_,
-        hasattr_,
-        isinstance_,
-        issubclass_,
-        setattr_,
-    ),
-    *(eval_, exec_, globals_, locals_),
+    bin_,
+    hex_,
+    oct_,
+    map_,
+    next_,
+    iter_,
+    open_,
+    id_,
+    hash_,
+    getattr_,
+    dir_,
+    hasattr_,
+    isinstance_,
+    issubclass_,
+    setattr_,
+    eval_,
+    exec_,
+    globals_,
+    locals_,
 )

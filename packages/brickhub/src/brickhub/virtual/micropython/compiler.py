@@ -21,12 +21,16 @@ STRING = "<string>"
 _LEADING_ZERO = re.compile(
     rf"{TEXT}|(?<![\w.])(?P<number>0[0-9_]*[1-9][0-9_]*)(?![\w.])", re.DOTALL
 )
+"""Numbers such as 012, outside of texts and comments."""
 _HEADER_BYTES = 4
+"""Bytes before the first number of an ``.mpy`` file: letter, version, flags, bits of an integer."""
+# Kinds of constants in an `.mpy` file (`MP_PERSISTENT_OBJ_...` in `py/persistentcode.h`).
 _TEXT = (5, 6)
 _INTEGER = 7
 _FLOAT = 8
 _TUPLE = 10
 _WITHOUT_DATA = 4
+"""The last of the kinds that are a value by themselves, such as ``None``."""
 _KINDS_OF_NAMES = ("co_names", "co_varnames", "co_cellvars", "co_freevars")
 _MAX_DIGITS = 20
 """More than any integer of 31 bits has, and few enough to be read at once."""
@@ -65,22 +69,26 @@ class _Loser(ast.NodeTransformer):
         self._scopes = [_Scope(keeps=True)]
 
     def visit_FunctionDef(self, node: _Function) -> ast.AST:
+        # Decorators and defaults are computed in the scope around the function.
         for part in (*node.decorator_list, node.args):
             self.visit(part)
-        declarations = (
-            part for part in ast.walk(node) if isinstance(part, ast.Global | ast.Nonlocal)
-        )
-        declared = {name for part in declarations for name in part.names}
-        is_inner = any(not scope.keeps for scope in self._scopes)
-        arguments = {part.arg for part in ast.walk(node.args) if isinstance(part, ast.arg)}
-        variables = None if is_inner else {*arguments, *_assigned(node.body)} - declared
-        self._scopes.append(_Scope(keeps=False, declared=declared, variables=variables))
+        declared = _declared(node)
+        scope = _Scope(keeps=False, declared=declared)
+        is_inner = any(not around.keeps for around in self._scopes)
+        if not is_inner:
+            scope.variables = _arguments(node)
+            scope.variables.update(_assigned(node.body))
+            scope.variables -= declared
+        self._scopes.append(scope)
         node.body = [self.visit(statement) for statement in node.body]
-        for name in sorted(self._scopes.pop().lost):
-            assign = ast.Assign([ast.Name(name, ast.Store())], ast.Constant(None))
-            node.body.insert(
-                0, ast.copy_location(ast.If(ast.Constant(False), [assign], []), node.body[0])
-            )
+        self._scopes.pop()
+        # `if False: name = None` keeps each lost name a variable of the function.
+        for name in sorted(scope.lost):
+            target = ast.Name(name, ast.Store())
+            assign = ast.Assign([target], ast.Constant(None))
+            never = ast.If(ast.Constant(False), [assign], [])
+            first = node.body[0]
+            node.body.insert(0, ast.copy_location(never, first))
         return node
 
     visit_AsyncFunctionDef = visit_FunctionDef
@@ -100,18 +108,10 @@ class _Loser(ast.NodeTransformer):
 
     def visit_ListComp(self, node: _Comprehension) -> ast.AST:
         first = node.generators[0]
-        first.iter = self.visit(first.iter)
-        # computed in the scope around
-        iterable = first.iter
+        # The first iterable is computed in the scope around, so it is taken out meanwhile.
+        iterable = self.visit(first.iter)
         first.iter = ast.Constant(None)
-        names = [part for part in ast.walk(node) if isinstance(part, ast.Name)]
-        own = {
-            name.id
-            for generator in node.generators
-            for name in ast.walk(generator.target)
-            if isinstance(name, ast.Name)
-        }
-        reads = {name.id for name in names if isinstance(name.ctx, ast.Load)} - own
+        reads = _loaded(node) - _targets(node)
         self._scopes.append(_Scope(keeps=False, reads=reads))
         self.generic_visit(node)
         self._scopes.pop()
@@ -124,13 +124,51 @@ class _Loser(ast.NodeTransformer):
         self.generic_visit(node)
         name = node.target.id
         reads = self._scopes[-1].reads
+        # The scope around the innermost one; that itself at the top level.
         around = self._scopes[-2:][0]
+        # Only a comprehension has `reads`.
         if reads is None or around.keeps or name in around.declared:
             return node
+        # Both numbers are the same where the comprehension reads all variables of the function.
         if around.variables is not None and name in reads and reads >= around.variables:
             return node
         around.lost.add(name)
         return node.value
+
+
+def _declared(function: ast.AST) -> set[str]:
+    """Names that a function, or one in it, declares global or nonlocal."""
+    names: set[str] = set()
+    for node in ast.walk(function):
+        if isinstance(node, ast.Global | ast.Nonlocal):
+            names.update(node.names)
+    return names
+
+
+def _arguments(function: _Function) -> set[str]:
+    names: set[str] = set()
+    for node in ast.walk(function.args):
+        if isinstance(node, ast.arg):
+            names.add(node.arg)
+    return names
+
+
+def _loaded(comprehension: _Comprehension) -> set[str]:
+    names: set[str] = set()
+    for node in ast.walk(comprehension):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
+            names.add(node.id)
+    return names
+
+
+def _targets(node: _Comprehension) -> set[str]:
+    """Names that the loops of a comprehension assign."""
+    names: set[str] = set()
+    for generator in node.generators:
+        for part in ast.walk(generator.target):
+            if isinstance(part, ast.Name):
+                names.add(part.id)
+    return names
 
 
 def _assigned(nodes: Collection[ast.AST]) -> Iterator[str]:
@@ -142,10 +180,11 @@ def _assigned(nodes: Collection[ast.AST]) -> Iterator[str]:
             yield node.asname or node.name.partition(".")[0]
         elif isinstance(node, ast.ExceptHandler | _Function | ast.ClassDef) and node.name:
             yield node.name
+        # Of a comprehension only `:=` reaches the scope around; functions and classes have theirs.
         if isinstance(node, _Comprehension):
-            yield from (
-                part.target.id for part in ast.walk(node) if isinstance(part, ast.NamedExpr)
-            )
+            for part in ast.walk(node):
+                if isinstance(part, ast.NamedExpr):
+                    yield part.target.id
         elif not isinstance(node, _Function | ast.ClassDef | ast.Lambda):
             yield from _assigned(list(ast.iter_child_nodes(node)))
 
@@ -154,64 +193,86 @@ def _assigned(nodes: Collection[ast.AST]) -> Iterator[str]:
 def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
     """Code of a program, or of an expression (``mode="eval"``). Raises SyntaxError if the hub's
     compiler refuses it, OverflowError if a constant needs more than 31 bits."""
-    constants = list(_constants(_compile_for_hub(source, filename)))
-    if any(
-        kind == _INTEGER and (len(value) > _MAX_DIGITS or abs(int(value)) > SMALL_MAX)
-        for kind, value in constants
-    ):
-        # a hub reads the digits before the sign
-        raise OverflowError("long int not supported in this build")
-    # what `eval` and `exec` compile on the hub has no text of constants
-    floats = [value.decode() for kind, value in constants if kind == _FLOAT and filename != STRING]
+    # The hub's own compiler goes first: what it refuses is refused in its words, and CPython's
+    # compiler sees only programs that are right.
+    mpy = _compile_for_hub(source, filename)
+    floats: list[str] = []
+    for kind, value in _constants(mpy):
+        # A hub reads the digits before the sign, so the range is the same on both sides of 0.
+        if kind == _INTEGER and (len(value) > _MAX_DIGITS or abs(int(value)) > SMALL_MAX):
+            raise OverflowError("long int not supported in this build")
+        # What `eval` and `exec` compile on the hub has no text of constants.
+        if kind == _FLOAT and filename != STRING:
+            floats.append(value.decode())
     with deep_recursion(), warnings.catch_warnings():
+        # CPython's advice on style is not for a program that runs on a hub.
         warnings.simplefilter("ignore", SyntaxWarning)
         warnings.simplefilter("ignore", DeprecationWarning)
         tree = parse(source, filename, mode)
-        if any(isinstance(node, ast.NamedExpr) for node in ast.walk(tree)):
+        has_walrus = any(isinstance(node, ast.NamedExpr) for node in ast.walk(tree))
+        if has_walrus:
             _Loser().visit(tree)
-        code = compile(
-            transform(tree, _recursive_names(tree), floats), filename, mode, dont_inherit=True
-        )
-    classes = {
-        node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
-    } - {""}
-    mangled = (
-        re.compile(f"_(?:{'|'.join(sorted(classes))})(__\\w+)")
-        if classes and "__" in source
-        else None
-    )
-    return _with_names_of_hub(code, mangled, frozenset(re.findall(r"\w+", source)))
+        recursive = _recursive_names(tree)
+        transformed = transform(tree, recursive, floats)
+        code = compile(transformed, filename, mode, dont_inherit=True)
+    mangled = _mangled(tree, source)
+    words = frozenset(re.findall(r"\w+", source))
+    return _with_names_of_hub(code, mangled, words)
+
+
+def _mangled(tree: ast.AST, source: str) -> re.Pattern[str] | None:
+    """What CPython makes of names such as ``__speed`` in the classes of a program; ``None`` if it
+    has none."""
+    # CPython leaves out the underscores at the beginning of a class's name.
+    classes: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            classes.add(node.name.lstrip("_"))
+    # One that has underscores alone mangles nothing.
+    classes.discard("")
+    if not classes or "__" not in source:
+        return None
+    any_class = "|".join(sorted(classes))
+    return re.compile(f"_(?:{any_class})(__\\w+)")
 
 
 def compile_string(source: str, mode: str = "exec") -> CodeType:
     """Code of what ``exec`` or ``eval`` (``mode="eval"``) get, from the compiler on the hub itself,
     which is stricter than mpy-cross. Raises as `compile_source`."""
-    numbers = (match["number"] for match in _LEADING_ZERO.finditer(source))
-    if number := next(filter(None, numbers), None):
-        raise _at_line(
-            1, SyntaxError(f"invalid syntax for integer with base 0: '{number.replace('_', '')}'")
-        )
-    if mode == "eval" and source[:1] in (" ", "\t"):
+    # mpy-cross takes leading zeros; the compiler in the firmware refuses them.
+    for match in _LEADING_ZERO.finditer(source):
+        if match["number"]:
+            number = match["number"].replace("_", "")
+            message = f"invalid syntax for integer with base 0: '{number}'"
+            raise _at_line(1, SyntaxError(message))
+    is_expression = mode == "eval"
+    program = source.strip() if is_expression else source
+    # An expression has to begin where its text does; what follows it may be anything blank.
+    first = source[:1]
+    if is_expression and first in (" ", "\t"):
         raise _at_line(1, IndentationError("unexpected indent"))
-    if mode == "eval" and source[:1] in ("\n", "\r"):
+    if is_expression and first in ("\n", "\r"):
         raise _at_line(1, SyntaxError("invalid syntax"))
     try:
-        code = compile_source(source.strip() if mode == "eval" else source, STRING, mode)
+        code = compile_source(program, STRING, mode)
     except SyntaxError as error:
-        error.lineno = min(error.lineno or 1, source.count("\n") + 1)
-        if len(error.args) > 1:  # from CPython: the hub's has a message only
-            error.args = ("invalid syntax",) if mode == "eval" else error.args[:1]
+        last_line = source.count("\n") + 1
+        error.lineno = min(error.lineno or 1, last_line)
+        # An error of CPython has more than a message, which is all that the hub's has.
+        if len(error.args) > 1:
+            error.args = ("invalid syntax",) if is_expression else error.args[:1]
             error.msg = error.args[0]
         raise
     nodes = list(ast.walk(parse(source, STRING, mode)))
-    if texts := [node for node in nodes if isinstance(node, ast.JoinedStr)]:  # f-strings
-        raise _at_line(texts[0].lineno, SyntaxError("invalid syntax"))
-    if any(
-        isinstance(node, ast.Constant) and type(node.value) is int and node.value > SMALL_MAX
-        for node in nodes
-    ):
-        # the digits of -1073741824 are read before the sign
-        raise OverflowError("long int not supported in this build")
+    # mpy-cross knows f-strings; the compiler in the firmware does not.
+    for node in nodes:
+        if isinstance(node, ast.JoinedStr):
+            raise _at_line(node.lineno, SyntaxError("invalid syntax"))
+    for node in nodes:
+        value = node.value if isinstance(node, ast.Constant) else None
+        # The digits of -1073741824 are read before the sign.
+        if type(value) is int and value > SMALL_MAX:
+            raise OverflowError("long int not supported in this build")
     return code
 
 
@@ -224,22 +285,32 @@ def _at_line(line: int, error: SyntaxError) -> SyntaxError:
 def _recursive_names(tree: ast.AST) -> set[str]:
     """Names of functions that may call themselves, directly or through others; those of methods
     begin with a point."""
-    methods = {
-        part for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for part in node.body
-    }
-    functions = [node for node in ast.walk(tree) if isinstance(node, _Function)]
-    names = [
-        f".{function.name}" if function in methods else function.name for function in functions
-    ]
-    calls: dict[str, set[str]] = {name: set() for name in names}
-    for name, function in zip(names, functions, strict=True):
-        called = {called_name(node) for node in ast.walk(function) if isinstance(node, ast.Call)}
-        calls[name] |= called & calls.keys()
-    for through, beyond in calls.items():  # Warshall's algorithm
+    methods: set[ast.stmt] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            methods.update(node.body)
+    # By name alone: of two functions with one name each calls what both call.
+    calls: dict[str, set[str]] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, _Function):
+            name = f".{node.name}" if node in methods else node.name
+            called = calls.setdefault(name, set())
+            called.update(_called_names(node))
+    # Only what the program defines.
+    for called in calls.values():
+        called &= calls.keys()
+    # Warshall's algorithm: who reaches a function also reaches what that one reaches.
+    for middle, beyond in calls.items():
         for reached in calls.values():
-            if through in reached:
+            if middle in reached:
                 reached |= beyond
     return {name for name, reached in calls.items() if name in reached}
+
+
+def _called_names(function: ast.AST) -> Iterator[str]:
+    for node in ast.walk(function):
+        if isinstance(node, ast.Call):
+            yield called_name(node)
 
 
 def _with_names_of_hub(
@@ -247,22 +318,28 @@ def _with_names_of_hub(
 ) -> CodeType:
     """Name comprehensions, which `transform` makes generators, as a hub does, and undo name
     mangling, which it does not have, of names that are not among the ``words`` of the source."""
+    # The code of a function is a constant of the code around it.
     constants = tuple(
-        _with_names_of_hub(c, mangled, words) if isinstance(c, CodeType) else c
-        for c in code.co_consts
+        _with_names_of_hub(constant, mangled, words) if isinstance(constant, CodeType) else constant
+        for constant in code.co_consts
     )
-    names_of_hub = (f"<{name[1:]}>" for name in COMPREHENSIONS if name in code.co_names)
-    code = code.replace(co_consts=constants, co_name=next(names_of_hub, code.co_name))
+    code_name = code.co_name
+    for helper in COMPREHENSIONS:
+        if helper in code.co_names:
+            code_name = f"<{helper[1:]}>"
+            break
+    code = code.replace(co_consts=constants, co_name=code_name)
     if mangled is None:
         return code
 
-    def demangled(names: tuple[str, ...]) -> tuple[str, ...]:
-        matches = [None if name in words else mangled.fullmatch(name) for name in names]
-        return tuple(
-            match[1] if match else name for name, match in zip(names, matches, strict=True)
-        )
+    def demangled(name: str) -> str:
+        # A program may write `_Robot__speed` itself, which stays.
+        match = None if name in words else mangled.fullmatch(name)
+        return match[1] if match else name
 
-    names: dict[str, Any] = {kind: demangled(getattr(code, kind)) for kind in _KINDS_OF_NAMES}
+    names: dict[str, Any] = {}
+    for kind in _KINDS_OF_NAMES:
+        names[kind] = tuple(demangled(name) for name in getattr(code, kind))
     return code.replace(**names)
 
 
@@ -271,9 +348,12 @@ def _compile_for_hub(source: str, filename: str) -> bytes:
     mpy, report = cross_compile(source, filename)
     if mpy is not None:
         return mpy
+    # The report is a traceback as a hub prints it: the place, then the class and its message.
     kind, _, message = report.splitlines()[-1].partition(": ")
-    error = (IndentationError if kind == "IndentationError" else SyntaxError)(message or kind)
-    if location := re.search(r'File ".*", line (\d+)(?:, in (\S+))?', report):
+    error_class = IndentationError if kind == "IndentationError" else SyntaxError
+    error = error_class(message or kind)
+    location = re.search(r'File ".*", line (\d+)(?:, in (\S+))?', report)
+    if location is not None:
         error.filename = filename
         error.lineno = int(location[1])
         error.text = location[2]
@@ -289,12 +369,14 @@ def _constants(mpy: bytes) -> Iterator[tuple[int, bytes]]:
     position = _HEADER_BYTES
 
     def number() -> int:
+        """Seven bits a byte, the highest first; the eighth says that another byte follows."""
         nonlocal position
         value = 0
         more = True
         while more:
-            value = value << 7 | mpy[position] & 0x7F
-            more = bool(mpy[position] & 0x80)
+            byte = mpy[position]
+            value = value << 7 | byte & 0x7F
+            more = bool(byte & 0x80)
             position += 1
         return value
 
@@ -302,14 +384,20 @@ def _constants(mpy: bytes) -> Iterator[tuple[int, bytes]]:
     constants = number()
     for _ in range(names):
         length = number()
-        position += 0 if length & 1 else (length >> 1) + 1
+        # An odd number is one of the firmware's own names, and no text follows.
+        is_in_firmware = length & 1
+        if not is_in_firmware:
+            zero_byte = 1
+            position += (length >> 1) + zero_byte
     while constants:
         constants -= 1
         kind = mpy[position]
         position += 1
+        # The items of a tuple follow it, as constants.
         if kind == _TUPLE:
             constants += number()
         elif kind > _WITHOUT_DATA:
             length = number()
             yield kind, mpy[position : position + length]
+            # Texts end with a zero byte that their length does not count.
             position += length + (kind in _TEXT)

@@ -15,38 +15,15 @@ from typing import Any, Self
 
 from brickhub.virtual.micropython.memory import check_allocation
 
+# fmt: off
 _SIZES = (
-    *(
-        0,
-        2,
-        4,
-        6,
-        8,
-        10,
-        12,
-        17,
-        23,
-        29,
-        37,
-        47,
-        59,
-        73,
-        97,
-        127,
-        167,
-        223,
-        293,
-        389,
-        521,
-        691,
-        919,
-        1223,
-        1627,
-        2161,
-    ),
-    *(3229, 4831, 7243, 10861, 16273, 24407, 36607, 54907),
+    0, 2, 4, 6, 8, 10, 12,
+    17, 23, 29, 37, 47, 59, 73, 97, 127, 167, 223, 293, 389, 521, 691, 919, 1223, 1627, 2161,
+    3229, 4831, 7243, 10861, 16273, 24407, 36607, 54907,
 )
-
+# fmt: on
+"""Numbers of slots to which a table grows (``hash_allocation_sizes`` in ``py/map.c``): even ones,
+then primes that grow by a quarter, a third, and a half."""
 _SLOT_BYTES = 4
 """Bytes of a set's slot; one of a dict has 8."""
 _MISSING = object()
@@ -66,6 +43,7 @@ def hash_of(value: Any) -> int | None:
     kind = type(value)
     if getattr(kind, "hash_is_address", False):
         return None
+    # A method `__hash__` of the program.
     if isinstance(kind.__hash__, FunctionType):
         return _small(hash(value))
     if isinstance(value, int):
@@ -78,12 +56,21 @@ def hash_of(value: Any) -> int | None:
         return _small(_float_hash(value))
     if isinstance(value, complex):
         return _small(_float_hash(value.real) ^ _float_hash(value.imag))
+    # Refuses lists, dicts and so on, as on a hub.
     hash(value)
     if isinstance(value, range | memoryview):
         raise TypeError(f"unhashable type: '{type(value).__name__}'")
     if isinstance(value, tuple):
-        parts = [hash_of(part) for part in value]
-        return None if None in parts else _small(sum(part for part in parts if part is not None))
+        total = 0
+        is_address = False
+        # All items are asked, as one behind may be unhashable.
+        for part in value:
+            part_hash = hash_of(part)
+            if part_hash is None:
+                is_address = True
+            else:
+                total += part_hash
+        return None if is_address else _small(total)
     return None
 
 
@@ -93,6 +80,7 @@ def _small(value: int) -> int:
 
 
 def _text_hash(data: bytes) -> int:
+    # djb2, of which two bytes are kept; 0 would mean that there is no hash yet (`py/qstr.c`).
     value = 5381
     for byte in data:
         value = value * 33 ^ byte
@@ -101,7 +89,9 @@ def _text_hash(data: bytes) -> int:
 
 def _float_hash(value: float) -> int:
     """Whole part; saturated to 32 bits, as ARM processors convert."""
-    return 0 if math.isnan(value) else int(max(-(2.0**31), min(2.0**31 - 1, value)))
+    if math.isnan(value):
+        return 0
+    return int(max(-(2.0**31), min(2.0**31 - 1, value)))
 
 
 class HashTable:
@@ -124,40 +114,50 @@ class HashTable:
 
     def _put(self, key: Any, hash_: int) -> None:
         slots = self.slots
-        size = len(self.slots)
+        size = len(slots)
+        # Open addressing: from the slot of the hash on, the first that is not taken.
         for step in range(size):
             index = (hash_ + step) % size
             if isinstance(slots[index], _Mark):
                 slots[index] = key
                 self._hashes[index] = hash_
                 return
+        # The table is full: all keys go into a greater one, in the order of their slots.
         entries = [
-            pair for pair in zip(slots, self._hashes, strict=True) if not isinstance(pair[0], _Mark)
+            (other, other_hash)
+            for other, other_hash in zip(slots, self._hashes, strict=True)
+            if not isinstance(other, _Mark)
         ]
-        required = size + 1
-        size = next((size for size in _SIZES if size >= required), required + required // 2 | 1)
+        size = _greater_size(size)
         check_allocation(_SLOT_BYTES * size)
         self.slots = [_FREE] * size
         self._hashes = [0] * size
-        for entry in (*entries, (key, hash_)):
-            self._put(*entry)
+        for other, other_hash in entries:
+            self._put(other, other_hash)
+        self._put(key, hash_)
 
     def remove(self, key: Any) -> None:
         """Remove an existing key."""
-        index = next(
-            index for index, other in enumerate(self.slots) if other is key or other == key
-        )
+        index = self._index_of(key)
+        # A slot before a free one ends no search, so it may be free itself.
         after = self.slots[(index + 1) % len(self.slots)]
         self.slots[index] = _FREE if after is _FREE else _DELETED
+
+    def _index_of(self, key: Any) -> int:
+        for index, other in enumerate(self.slots):
+            # Some keys do not equal themselves, such as NaN.
+            if other is key or other == key:
+                return index
+        raise KeyError(key)
 
     def drop_first(self) -> Any:
         """Remove the first key as ``popitem`` does: its slot counts as used until the table
         grows."""
-        index, key = next(
-            (index, key) for index, key in enumerate(self.slots) if not isinstance(key, _Mark)
-        )
-        self.slots[index] = _DELETED
-        return key
+        for index, key in enumerate(self.slots):
+            if not isinstance(key, _Mark):
+                self.slots[index] = _DELETED
+                return key
+        raise KeyError
 
     def clear(self) -> None:
         """Remove all keys and slots."""
@@ -174,6 +174,14 @@ class HashTable:
 
     def __iter__(self) -> Iterator[Any]:
         return TableIterator(self)
+
+
+def _greater_size(size: int) -> int:
+    required = size + 1
+    for known in _SIZES:
+        if known >= required:
+            return known
+    return required + required // 2 | 1
 
 
 class TableIterator:
@@ -206,6 +214,7 @@ class _Slotted:
     _table: HashTable
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Any:
+        # Not in `__init__`, which a program's subclass need not call.
         result: Any = super().__new__(cls)
         result._table = HashTable()
         return result
@@ -239,6 +248,7 @@ class HubDict(_Slotted, dict[Any, Any]):
         """An ordered dict, as made by the firmware."""
         result = cls()
         dict.update(result, values)
+        # In the order of the firmware's table, whatever the hashes.
         result._table.slots = list(values)
         result._table._hashes = [0] * len(values)
         return result
@@ -252,6 +262,7 @@ class HubDict(_Slotted, dict[Any, Any]):
         super().__delitem__(key)
         self._table.remove(key)
 
+    # CPython's dict has it, a hub's not.
     def __reversed__(self) -> Any:
         raise TypeError("'dict' object is not reversible")
 
@@ -266,15 +277,16 @@ class HubDict(_Slotted, dict[Any, Any]):
 
     def copy(self) -> HubDict:
         result = HubDict()
-        dict.update(result, [(key, dict.__getitem__(self, key)) for key in self._table])
+        # By `dict`'s own methods, which a program's subclass cannot override.
+        pairs = [(key, dict.__getitem__(self, key)) for key in self._table]
+        dict.update(result, pairs)
         result._table = self._table.copy()
         return result
 
     @classmethod
     def fromkeys(cls, keys: Iterable[Any], value: Any = None, /) -> HubDict:
-        return HubDict.sized(
-            len(keys) if isinstance(keys, Sized) else 0, ((key, value) for key in keys)
-        )
+        size = len(keys) if isinstance(keys, Sized) else 0
+        return HubDict.sized(size, ((key, value) for key in keys))
 
     def pop(self, key: Any, default: Any = _MISSING, /) -> Any:
         if key not in self:
@@ -294,10 +306,10 @@ class HubDict(_Slotted, dict[Any, Any]):
         return self[key]
 
     def update(self, other: Any = (), /, **named: Any) -> None:
-        for values in itertools.chain(
-            other.items() if type(other) is HubDict else other, named.items()
-        ):
-            pair = list(values)
+        # Only a dict itself is one to a hub; what a subclass iterates over it takes for pairs.
+        pairs = other.items() if type(other) is HubDict else other
+        for entry in itertools.chain(pairs, named.items()):
+            pair = list(entry)
             if len(pair) != 2:
                 raise ValueError("dict update sequence has wrong length")
             self[pair[0]] = pair[1]
@@ -321,12 +333,15 @@ class DictView:
         return TableIterator(owner._table, lambda key: (key, dict.__getitem__(owner, key)))
 
     def __hash__(self) -> int:
+        # A hub gives the address of `values()` only (`py/objdict.c`).
         if self.kind != "values":
             raise TypeError("unhashable type: 'dict_view'")
         return id(self)
 
     def __contains__(self, value: Any) -> bool:
-        return value in self.owner if self.kind == "keys" else any(value == other for other in self)
+        if self.kind == "keys":
+            return value in self.owner
+        return any(value == other for other in self)
 
 
 def _operator(method: str) -> Any:
@@ -399,20 +414,22 @@ class HubSet(_Slotted, set[Any]):
             else:
                 self.add(value)
 
-    # one, on a hub
+    # A hub's takes one argument, CPython's any number; likewise `union` and `intersection`.
     def intersection_update(self, other: Iterable[Any], /) -> None:  # type: ignore[override]
         common = self.intersection(other)
         set.intersection_update(self, common)
         self._table = common._table
 
-    def union(self, other: Iterable[Any], /) -> HubSet:  # type: ignore[override]  # one, on a hub
+    def union(self, other: Iterable[Any], /) -> HubSet:  # type: ignore[override]
         result = self.copy()
         result.update(other)
         return result
 
     def difference(self, *others: Iterable[Any]) -> HubSet:
         result = self.copy()
-        result.difference_update(*(result if other is self else other for other in others))
+        # In place of the set itself its copy, which `difference_update` clears.
+        removed = [result if other is self else other for other in others]
+        result.difference_update(*removed)
         return result
 
     def symmetric_difference(self, other: Iterable[Any], /) -> HubSet:
@@ -420,9 +437,11 @@ class HubSet(_Slotted, set[Any]):
         result.symmetric_difference_update(other)
         return result
 
-    # one, on a hub
     def intersection(self, other: Iterable[Any], /) -> HubSet:  # type: ignore[override]
-        return self.copy() if other is self else HubSet(value for value in other if value in self)
+        if other is self:
+            return self.copy()
+        # In the order of the other one, which decides the slots.
+        return HubSet(value for value in other if value in self)
 
     __or__ = _operator("union")
     __ior__ = _operator("update")
@@ -434,6 +453,7 @@ class HubSet(_Slotted, set[Any]):
     __iand__ = _operator("intersection_update")
 
 
+# Programs see the classes' names in texts and messages.
 for _kind, _name in (
     (HubDict, "dict"),
     (HubSet, "set"),

@@ -22,49 +22,69 @@ from brickhub.errors import SceneError, WriteError
 
 FIRMWARE = __name__.partition(".")[0] + "."
 """Beginning of the names of modules with native classes."""
+# A list would take a line for each.
 EXCEPTIONS = """
     ArithmeticError AssertionError AttributeError BaseException EOFError Exception GeneratorExit
     ImportError IndentationError IndexError KeyError KeyboardInterrupt LookupError MemoryError
     NameError NotImplementedError OverflowError RuntimeError StopAsyncIteration StopIteration
     SyntaxError SystemExit TypeError UnicodeError ValueError ZeroDivisionError
-""".split()  # noqa: SIM905  a list would take a line for each
+""".split()  # noqa: SIM905
 """Exceptions common to hub and CPython; ``OSError`` is replaced."""
+# The few that the firmware raises.
 ERROR_NAMES = {
-    getattr(errno, name): name
-    for name in (
-        "EPERM",
-        "EIO",
-        "EBUSY",
-        "ENODEV",
-        "EINVAL",
-        "EOPNOTSUPP",
-        "EAGAIN",
-        "ETIMEDOUT",
-        "ECANCELED",
-    )
+    errno.EPERM: "EPERM",
+    errno.EIO: "EIO",
+    errno.EBUSY: "EBUSY",
+    errno.ENODEV: "ENODEV",
+    errno.EINVAL: "EINVAL",
+    errno.EOPNOTSUPP: "EOPNOTSUPP",
+    errno.EAGAIN: "EAGAIN",
+    errno.ETIMEDOUT: "ETIMEDOUT",
+    errno.ECANCELED: "ECANCELED",
 }
 CATCHABLE = (Exception, SystemExit, KeyboardInterrupt, GeneratorExit)
 """What a program can catch: not what stops it from outside."""
+# A hub names the operation by its method.
 _OPERATORS = {
-    "+": "__add__", "-": "__sub__", "*": "__mul__", "/": "__truediv__", "//": "__floordiv__",
+    "+": "__add__",
+    "-": "__sub__",
+    "*": "__mul__",
+    "/": "__truediv__",
+    "//": "__floordiv__",
     "%": "__mod__",
-    "** or pow()": "__pow__", "<<": "__lshift__", ">>": "__rshift__", "&": "__and__", "|": "__or__",
+    "** or pow()": "__pow__",
+    "<<": "__lshift__",
+    ">>": "__rshift__",
+    "&": "__and__",
+    "|": "__or__",
     "^": "__xor__",
-    "@": "__matmul__", "<": "__lt__", "<=": "__le__", ">": "__gt__", ">=": "__ge__",
-    "+=": "__add__", "-=": "__sub__",
-    "&=": "__and__", "|=": "__or__", "^=": "__xor__", "divmod()": "__divmod__",
-}  # fmt: skip
+    "@": "__matmul__",
+    "<": "__lt__",
+    "<=": "__le__",
+    ">": "__gt__",
+    ">=": "__ge__",
+    # What changes its left operand in place falls back to the plain operation, and names that.
+    "+=": "__add__",
+    "-=": "__sub__",
+    "&=": "__and__",
+    "|=": "__or__",
+    "^=": "__xor__",
+    "divmod()": "__divmod__",
+}
 _UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
 _CLASS_NAMES = (
-    (r"\bbuiltin_function_or_method\b", "function"), (r"(?<!attribute ')\b\w+_iterator\b",
-     "iterator"),
+    (r"\bbuiltin_function_or_method\b", "function"),
+    (r"(?<!attribute ')\b\w+_iterator\b", "iterator"),
     (r"\b\w+_reverseiterator\b", "reversed"),
     (r"(?<=['\"])ellipsis(?=['\"])|(?<=convert )ellipsis(?= to)", ""),
     (r"^byte(?= indices)", "bytes"),
+    # Not where it is the name of an attribute or argument of the program.
     (r"(?<!attribute )(?<!argument )(['\"])method(?=['\"])", r"\1bound_method"),
     (r"(?<=convert )method(?= to)", "bound_method"),
-)  # fmt: skip
+)
 """Names of classes that differ on a hub."""
+_FUNCTION = re.compile(r"(?<!argument ')(?<=['\"])function(?=['\"])|(?<=convert )function(?= to)")
+"""A function's class as an operand, for which a hub has several names."""
 _COMPARISONS = ("<", "<=", ">", ">=")
 _RAISE = dis.opmap["RAISE_VARARGS"]
 _LANGUAGE = f"{__package__}."
@@ -85,12 +105,14 @@ class ProgramInterrupt(KeyboardInterrupt):
     """The hub's KeyboardInterrupt, unrelated to this computer's keyboard."""
 
 
+# What a program and its traceback call it.
 ProgramInterrupt.__name__ = "KeyboardInterrupt"
 
 
 def is_program_error(error: BaseException) -> bool:
     """Whether the program raised it, not an external stop, a failing scene or a film that cannot be
     written."""
+    # First, as it is a KeyboardInterrupt too.
     if isinstance(error, ProgramInterrupt):
         return True
     return not isinstance(
@@ -101,6 +123,7 @@ def is_program_error(error: BaseException) -> bool:
 class HubOSError(OSError):
     """``OSError`` of a hub: ``errno`` is the first argument, there are no subclasses."""
 
+    # CPython takes a third argument for the name of a file, and leaves it out of `args`.
     def __init__(self, *args: object) -> None:
         self.args = args
 
@@ -117,11 +140,12 @@ def _types(operator: str, left: str, right: str) -> str:
     of a comparison."""
     left = "int" if left == "bool" else left
     right = "int" if right == "bool" and operator not in _COMPARISONS else right
-    is_nameless = left == "int" and right in ("float", "complex") and operator in ("&=", "|=", "^=")
-    return (
-        f"unsupported types for {'' if is_nameless else _OPERATORS.get(operator, operator)}: "
-        f"'{left}', '{right}'"
-    )
+    # An integer beside a float is refused before the fall-back to the plain operation, and one in
+    # place has no name (`mp_binary_op`, `py/runtime.c`).
+    is_in_place = operator in ("&=", "|=", "^=")
+    is_nameless = is_in_place and left == "int" and right in ("float", "complex")
+    name = "" if is_nameless else _OPERATORS.get(operator, operator)
+    return f"unsupported types for {name}: '{left}', '{right}'"
 
 
 def _argument_count(name: str, arguments: str) -> int:
@@ -129,6 +153,8 @@ def _argument_count(name: str, arguments: str) -> int:
     return int(arguments) + (not hasattr(builtins, name))
 
 
+# Tried from the first on, and the first that fits counts: special messages stand before general
+# ones, such as those of the containers below before that of any function.
 _RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], str]], ...] = (
     (
         AttributeError,
@@ -160,7 +186,7 @@ _RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], st
         r"'\1\2' object isn't iterable",
     ),
     (TypeError, r"must be real number, not (.*)", r"can't convert \1 to float"),
-    # mostly `values[len(values) / 2 :]`
+    # Mostly `values[len(values) / 2 :]`.
     (TypeError, r"slice indices must be integers or None .*", "can't convert float to int"),
     (
         TypeError,
@@ -423,48 +449,62 @@ match."""
 def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> BaseException:
     """Replace CPython's message by the hub's; ``namespaces`` are the globals of the program's
     modules. Returns the error."""
-    for trace in _traces(error)[-1:]:
-        code = trace.tb_frame.f_code.co_code
-        position = trace.tb_lasti
-        if (
-            "@n" in trace.tb_frame.f_builtins
-            and code[position] == _RAISE
-            and code[position + 1] > 0
-        ):
-            return error  # from a `raise` with an exception in the program
+    if _is_raised_by_program(error):
+        return error
+    # A hub's has no message.
     if isinstance(error, UnicodeError):
         error.args = ()
-    if (
-        len(error.args) != 1
-        or not isinstance(error.args[0], str)
-        or not isinstance(error, Exception)
-    ):
+    has_message = len(error.args) == 1 and isinstance(error.args[0], str)
+    if not has_message or not isinstance(error, Exception):
         return error
     message = error.args[0]
+    # The names of classes first, as the rules below are for the rest of a message.
     if isinstance(error, TypeError):
-        message = re.sub(
-            r"(?<!argument ')(?<=['\"])function(?=['\"])|(?<=convert )function(?= to)",
-            lambda m: _operand_name(error),
-            message,
-        )
-    for pattern, name in _CLASS_NAMES if isinstance(error, TypeError | AttributeError) else ():
-        message = re.sub(pattern, name, message)
-    for kind, pattern, text in _RULES:
-        if isinstance(error, kind) and (match := re.fullmatch(pattern, message, re.DOTALL)):
-            reworded = match.expand(text) if isinstance(text, str) else text(match)
-            error.args = (reworded,) if reworded else ()
-            if isinstance(error, ImportError):
-                error.msg = reworded
-            return error
+        message = _FUNCTION.sub(lambda match: _operand_name(error), message)
+    if isinstance(error, TypeError | AttributeError):
+        for pattern, name in _CLASS_NAMES:
+            message = re.sub(pattern, name, message)
+    reworded = _by_rule(error, message)
+    if reworded is not None:
+        error.args = (reworded,) if reworded else ()
+        # Its text is this, not its argument.
+        if isinstance(error, ImportError):
+            error.msg = reworded
+        return error
     if isinstance(error, TypeError) and "()" in message:
         message = _call_message(message, namespaces, error)
     if isinstance(error, AttributeError) and isinstance(error.obj, _FUNCTIONS):
-        message = re.sub(
-            r"^'\w+'(?= object has no attribute)", f"'{function_name(error.obj)}'", message
-        )
+        name = f"'{function_name(error.obj)}'"
+        message = re.sub(r"^'\w+'(?= object has no attribute)", name, message)
     if message != error.args[0]:
         error.args = (message,)
     return error
+
+
+def _is_raised_by_program(error: BaseException) -> bool:
+    """Whether a ``raise`` of the program made it, with the program's own message."""
+    traces = _traces(error)
+    if not traces:
+        return False
+    trace = traces[-1]
+    if "@n" not in trace.tb_frame.f_builtins:
+        return False
+    code = trace.tb_frame.f_code.co_code
+    operation = code[trace.tb_lasti]
+    arguments = code[trace.tb_lasti + 1]
+    # `raise` alone, which raises again, has none.
+    return operation == _RAISE and arguments > 0
+
+
+def _by_rule(error: BaseException, message: str) -> str | None:
+    """The hub's message by the first rule that fits; ``None`` if none does."""
+    for kind, pattern, text in _RULES:
+        if not isinstance(error, kind):
+            continue
+        match = re.fullmatch(pattern, message, re.DOTALL)
+        if match is not None:
+            return match.expand(text) if isinstance(text, str) else text(match)
+    return None
 
 
 def function_name(function: object) -> str:
@@ -474,15 +514,12 @@ def function_name(function: object) -> str:
         return "bound_method" if is_bound else "function"
     if function.__closure__ and is_own(function):
         return "closure"
-    # where it was looked for first
-    is_method = "." in function.__qualname__.rsplit("<locals>.", maxsplit=1)[-1]
-    return (
-        "bound_method"
-        if is_method
-        else "generator"
-        if function.__code__.co_flags & inspect.CO_GENERATOR
-        else "function"
-    )
+    # A method stands in a class, inside of the function around, if there is one.
+    local_name = function.__qualname__.rsplit("<locals>.", maxsplit=1)[-1]
+    if "." in local_name:
+        return "bound_method"
+    is_generator = function.__code__.co_flags & inspect.CO_GENERATOR
+    return "generator" if is_generator else "function"
 
 
 def _traces(error: BaseException) -> list[TracebackType]:
@@ -501,23 +538,26 @@ def _operand_name(error: BaseException) -> str:
     names = {"function"}
     for trace in _traces(error):
         frame = trace.tb_frame
-        if "@n" in frame.f_builtins:
-            values = {**frame.f_globals, **frame.f_locals}
-            steps = (
-                step for step in dis.get_instructions(frame.f_code) if step.offset <= trace.tb_lasti
-            )
-            loaded = (
-                values.get(step.argval)
-                for step in steps
-                if step.positions and step.positions.lineno == trace.tb_lineno
-            )
-            names = {function_name(value) for value in loaded if is_own(value)}
+        if "@n" not in frame.f_builtins:
+            continue
+        # What the line loaded before it failed, by the names in its byte code.
+        values = {**frame.f_globals, **frame.f_locals}
+        names = set()
+        for step in dis.get_instructions(frame.f_code):
+            is_in_line = step.positions and step.positions.lineno == trace.tb_lineno
+            if step.offset > trace.tb_lasti or not is_in_line:
+                continue
+            value = values.get(step.argval)
+            if is_own(value):
+                names.add(function_name(value))
+    # Of several nobody knows which one failed.
     return names.pop() if len(names) == 1 else "function"
 
 
 def local_values(frame: FrameType) -> list[Any]:
     """Values of the local variables of a function; none of a module, which has globals."""
-    return [*frame.f_locals.values()] if frame.f_code.co_flags & inspect.CO_OPTIMIZED else []
+    is_function = frame.f_code.co_flags & inspect.CO_OPTIMIZED
+    return [*frame.f_locals.values()] if is_function else []
 
 
 def _call_message(
@@ -531,88 +571,113 @@ def _call_message(
     name = match[1]
     problem = match[2]
     traces = _traces(error)
-    function = next(filter(None, (_find(name, names) for names in namespaces)), None)
-    if function is None:  # a lambda or an inner function
-        values = [value for trace in traces for value in local_values(trace.tb_frame)]
-        values += [value for names in namespaces for value in names.values()]
-        function = next(
-            (value for value in values if is_own(value) and value.__qualname__ == name), None
-        )
-    if multiple := re.fullmatch(r"got multiple values for (?:keyword )?argument '(.*)'", problem):
+    function = _function_of_program(name, namespaces, traces)
+    multiple = re.fullmatch(r"got multiple values for (?:keyword )?argument '(.*)'", problem)
+    if multiple is not None:
         return f"function got multiple values for argument '{multiple[1]}'"
-    if function is None:
-        if name.endswith("<lambda>") and (
-            given := re.match(r"takes (\d+) positional .* but (\d+) w", problem)
-        ):
-            label = "function" if "_module." in name else "<lambda>()"
-            return f"{label} takes {given[1]} positional arguments but {given[2]} were given"
-        of_language = _language_call_message(name, problem, traces[-1].tb_frame) if traces else None
-        return (
-            of_language
-            or _builtin_call_message(problem, name.startswith("tools_module"))
-            or message
-        )
-    if keyword := re.fullmatch(r"got an unexpected keyword argument '(.*)'", problem):
+    if function is not None:
+        return _own_call_message(message, problem, function, traces)
+
+    given = re.match(r"takes (\d+) positional .* but (\d+) w", problem)
+    if name.endswith("<lambda>") and given is not None:
+        # Lambdas of the modules here stand for functions of the firmware.
+        label = "function" if "_module." in name else "<lambda>()"
+        return f"{label} takes {given[1]} positional arguments but {given[2]} were given"
+    of_language = None
+    if traces:
+        of_language = _language_call_message(name, problem, traces[-1].tb_frame)
+    if of_language:
+        return of_language
+    return _builtin_call_message(problem, name.startswith("tools_module")) or message
+
+
+def _function_of_program(
+    name: str, namespaces: Sequence[Mapping[str, object]], traces: Sequence[TracebackType]
+) -> FunctionType | None:
+    """The program's function that CPython's message names, or ``None``."""
+    for names in namespaces:
+        function = _find(name, names)
+        if function is not None:
+            return function
+    # A lambda or an inner function, which has no place in a namespace: it is the value of a
+    # variable somewhere.
+    values = [value for trace in traces for value in local_values(trace.tb_frame)]
+    for names in namespaces:
+        values += names.values()
+    for value in values:
+        if is_own(value) and value.__qualname__ == name:
+            return value
+    return None
+
+
+def _own_call_message(
+    message: str, problem: str, function: FunctionType, traces: Sequence[TracebackType]
+) -> str:
+    """Message for a call of a function of the program."""
+    keyword = re.fullmatch(r"got an unexpected keyword argument '(.*)'", problem)
+    if keyword is not None:
         return f"unexpected keyword argument '{keyword[1]}'"
     code = function.__code__
     # With a keyword, in the call or in the function, the firmware looks for each argument
     # separately.
     checks_each = bool(function.__kwdefaults__)
     for trace in traces[-1:]:
-        steps = [
-            step.opname
-            for step in dis.get_instructions(trace.tb_frame.f_code)
-            if step.offset <= trace.tb_lasti
-        ]
-        checks_each |= any("KW" in step for step in steps[-3:])
-    if missing := re.match(r"missing \d+ required keyword-only arguments?: '(\w+)'", problem):
-        one = f"function missing required keyword argument '{missing[1]}'"
-        return one if checks_each else "function missing keyword-only argument"
-    cells = len(code.co_freevars)  # on a hub the first arguments of an inner function
+        instructions = dis.get_instructions(trace.tb_frame.f_code)
+        steps = [step.opname for step in instructions if step.offset <= trace.tb_lasti]
+        checks_each |= any("KW" in name for name in steps[-3:])
+    missing = re.match(r"missing \d+ required keyword-only arguments?: '(\w+)'", problem)
+    if missing is not None:
+        if checks_each:
+            return f"function missing required keyword argument '{missing[1]}'"
+        return "function missing keyword-only argument"
+
+    # What an inner function keeps of the one around are its first arguments on a hub.
+    cells = len(code.co_freevars)
     total = code.co_argcount + cells
     required = total - len(function.__defaults__ or ())
-    if given := re.search(r"but (\d+) (?:positional arguments? .*)?(?:was|were) given", problem):
-        return (
-            f"{function.__name__}() takes {total} positional arguments but "
-            f"{int(given[1]) + cells} were given"
-        )
-    if missing := re.match(r"missing (\d+) required positional arguments?: .*?'(\w+)'$", problem):
-        if checks_each:
-            return (
-                "function missing required positional argument "
-                f"#{code.co_varnames.index(missing[2]) + cells}"
-            )
-        return (
-            f"{function.__name__}() takes {required} positional arguments but "
-            f"{required - int(missing[1])} were given"
-        )
-    return message
+    given = re.search(r"but (\d+) (?:positional arguments? .*)?(?:was|were) given", problem)
+    if given is not None:
+        count = int(given[1]) + cells
+        return f"{function.__name__}() takes {total} positional arguments but {count} were given"
+    missing = re.match(r"missing (\d+) required positional arguments?: .*?'(\w+)'$", problem)
+    if missing is None:
+        return message
+    if checks_each:
+        index = code.co_varnames.index(missing[2]) + cells
+        return f"function missing required positional argument #{index}"
+    count = required - int(missing[1])
+    return f"{function.__name__}() takes {required} positional arguments but {count} were given"
 
 
 def _language_call_message(name: str, problem: str, frame: FrameType) -> str | None:
     """Message for a wrong number of arguments of a builtin or of a module of the language, which
     are not named."""
+    # Whatever the program can call: its variables, the builtins, what is in its modules.
     values = [*frame.f_globals.values(), *frame.f_locals.values()]
     modules = [value for value in values if isinstance(value, ModuleType)]
-    values += [
-        *frame.f_builtins.values(),
-        *(value for module in modules for value in vars(module).values()),
-    ]
-    function: Any = next(
-        (value for value in values if getattr(value, "__qualname__", None) == name), None
-    )
-    own = isinstance(function, MethodType)
-    function = function.__func__ if own else function
+    values += frame.f_builtins.values()
+    for module in modules:
+        values += vars(module).values()
+    function: Any = None
+    for value in values:
+        if getattr(value, "__qualname__", None) == name:
+            function = value
+            break
+    is_method = isinstance(function, MethodType)
+    if is_method:
+        function = function.__func__
     numbers = [int(number) for number in re.findall(r"\d+", problem)]
-    if (
-        not isinstance(function, FunctionType)
-        or not function.__module__.startswith(_LANGUAGE)
-        or not numbers
-    ):
+    is_of_language = isinstance(function, FunctionType) and function.__module__.startswith(
+        _LANGUAGE
+    )
+    if not is_of_language or not numbers:
         return None
-    total = function.__code__.co_argcount - own
+    # Without `self`, which the program does not write.
+    total = function.__code__.co_argcount - is_method
     required = total - len(function.__defaults__ or ())
-    given = required - numbers[0] if problem.startswith("missing") else numbers[-1] - own
+    # CPython says how many are missing, or how many were given.
+    is_missing = problem.startswith("missing")
+    given = required - numbers[0] if is_missing else numbers[-1] - is_method
     if required == total and not function.__code__.co_flags & inspect.CO_VARARGS:
         return f"function takes {total} positional arguments but {given} were given"
     if given < required:
@@ -622,20 +687,26 @@ def _language_call_message(name: str, problem: str, frame: FrameType) -> str | N
 
 def _builtin_call_message(problem: str, is_module_function: bool) -> str | None:
     """``is_module_function``: a module's function has named arguments in the firmware."""
-    if missing := re.match(r"missing \d+ required positional arguments?: '(\w+)'", problem):
+    missing = re.match(r"missing \d+ required positional arguments?: '(\w+)'", problem)
+    if missing is not None:
         return f"'{missing[1]}' argument required"
     if "unexpected keyword" in problem or "takes no keyword" in problem:
         return "extra keyword arguments given"
     given = re.fullmatch(
         r"takes (?:from \d+ to )?(\d+) positional arguments? but (\d+) (?:was|were) given", problem
     )
-    if given and given[1] == "1" and "from" not in problem and not is_module_function:
+    if given is None:
+        return None
+    # A method without arguments: the only one is the object itself.
+    takes_itself_only = given[1] == "1" and "from" not in problem
+    if takes_itself_only and not is_module_function:
         return f"function takes 1 positional arguments but {given[2]} were given"
-    return "extra positional arguments given" if given else None
+    return "extra positional arguments given"
 
 
 def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | None:
     """The program's function with a qualified name."""
+    # The name as seen from a namespace: without the functions around.
     first, *others = qualified_name.rsplit(".<locals>.", maxsplit=1)[-1].split(".")
     value = names.get(first)
     for part in others:
@@ -643,7 +714,10 @@ def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | No
     if isinstance(value, type):
         value = value.__dict__.get("__init__")
     value = getattr(value, "__func__", value)
-    return value if is_own(value) and value.__qualname__.startswith(qualified_name) else None
+    # Another value may have the same last name.
+    if is_own(value) and value.__qualname__.startswith(qualified_name):
+        return value
+    return None
 
 
 def is_own(value: object) -> TypeGuard[FunctionType]:
@@ -659,7 +733,10 @@ def is_native(kind: type) -> bool:
 def class_name(kind: type) -> str:
     """Name of an exception's class, or of its nearest base class on a hub."""
     for ancestor in kind.__mro__:
-        known = ancestor.__name__ in EXCEPTIONS or ancestor.__name__ == "OSError"
-        if known or getattr(builtins, ancestor.__name__, None) is not ancestor:
-            return ancestor.__name__
+        name = ancestor.__name__
+        is_known = name in EXCEPTIONS or name == "OSError"
+        # Of CPython's own ones a hub lacks many, such as UnboundLocalError.
+        is_of_cpython = getattr(builtins, name, None) is ancestor
+        if is_known or not is_of_cpython:
+            return name
     return kind.__name__

@@ -12,12 +12,15 @@ import struct
 from collections.abc import Collection
 
 SMALL_MAX = 2**30 - 1
+"""Greatest integer of a hub, whose references keep the lowest bit for themselves."""
 SMALL_MIN = -(2**30)
 _SINGLE = struct.Struct("<f")
 _BITS = struct.Struct("<I")
 _EXPONENT_BITS = 0x7F800000
 _EXACT_POWERS_OF_FIVE = 10
+"""The highest power of five by which the hub divides; 5**10 is exact in single precision."""
 _INFINITE_POWER = 60
+"""Any power of five from here on is infinite in single precision."""
 _ROUGH_POWERS = {
     11: float.fromhex("0x1.74877p+25"),
     -18: float.fromhex("0x1.2725dcp-42"),
@@ -29,12 +32,18 @@ _ROUGH_POWERS = {
 }
 """Powers of five that a hub's ``powf`` does not round to the nearest float."""
 _FULL_MANTISSA = 0x19999998
+"""With another digit after this the digits may need more than 32 bits."""
 _DECIMAL = re.compile(r"(\d*)(?:\.(\d*))?(?:e([+-]?\d+))?", re.IGNORECASE)
 _MAX_DIGITS = 9
+"""Digits that tell any two floats of 32 bits apart."""
 _SAFE_DIGITS = 6
+"""Digits that survive any rounding."""
 _BUFFER_CHARS = 33
+"""Buffer of the hub for a formatted float, without its last zero byte."""
 _REPR_EXPONENT = 16
-_ALL_BEHIND = 255  # no decimal point among the digits
+"""``repr`` writes larger numbers with an exponent."""
+_ALL_BEHIND = 255
+"""Place of a decimal point that stands before all digits, or behind them."""
 
 
 def to_single(x: float) -> float:
@@ -61,15 +70,18 @@ def scaled(x: float, exponent: int) -> float:
     of five."""
     if exponent == 0 or x == 0:
         return x
+    # The exponent of a float stands from its 23rd bit on. It wraps around, as in C.
     (bits,) = _BITS.unpack(_SINGLE.pack(x))
-    bits = bits & ~_EXPONENT_BITS | bits + (exponent << 23) & _EXPONENT_BITS
+    exponent_bits = bits + (exponent << 23) & _EXPONENT_BITS
+    bits = bits & ~_EXPONENT_BITS | exponent_bits
     (x,) = _SINGLE.unpack(_BITS.pack(bits))
+    # A division by an exact power rounds once; 5**-3 would be rounded itself.
     if -_EXACT_POWERS_OF_FIVE <= exponent < 0:
         return to_single(x / 5.0**-exponent)
     power = _ROUGH_POWERS.get(exponent)
-    return to_single(
-        x * (to_single(5.0 ** min(exponent, _INFINITE_POWER)) if power is None else power)
-    )
+    if power is None:
+        power = to_single(5.0 ** min(exponent, _INFINITE_POWER))
+    return to_single(x * power)
 
 
 def read_digits(digits: int, exponent: int) -> float:
@@ -86,30 +98,37 @@ def read_float(text: str) -> float:
     value = float(text)
     unsigned = text.strip().lstrip("+-").replace("_", "")
     match = _DECIMAL.fullmatch(unsigned)
-    if match is None:  # inf, nan
+    # No digits: infinity, or no number.
+    if match is None:
         return value
-    all_digits = match[1] + (match[2] or "")
-    fraction = match[2] or ""
+    whole, fraction, written_exponent = match.groups()
+    fraction = fraction or ""
+    all_digits = whole + fraction
     significant = all_digits.rstrip("0")
     digits = count = 0
+    # Digits that do not fit are cut off, not rounded.
     while count < len(significant) and digits < _FULL_MANTISSA:
         digits = 10 * digits + int(significant[count])
         count += 1
-    exponent = int(match[3] or 0) - len(fraction) + len(all_digits) - count
-    return math.copysign(scaled(to_single(digits), exponent), value)
+    left_out = len(all_digits) - count
+    exponent = int(written_exponent or 0) - len(fraction) + left_out
+    unsigned_value = scaled(to_single(digits), exponent)
+    return math.copysign(unsigned_value, value)
 
 
 def read_constant(value: float, texts: Collection[str]) -> float:
     """The float that a hub reads for a constant from a compiled program, whose floats are the
     ``texts``."""
-    text = min(texts, key=lambda text: abs(float(text) - value), default="nan")
+    nearest = min(texts, key=lambda text: abs(float(text) - value), default="nan")
     # The text differs by the rounding of the compiler.
-    return read_float(text if math.isclose(float(text), value, rel_tol=1e-14) else repr(value))
+    is_that = math.isclose(float(nearest), value, rel_tol=1e-14)
+    return read_float(nearest if is_that else repr(value))
 
 
 def float_text(x: float) -> str:
     """``str`` and ``repr`` of a float."""
     text = format_float(x, "g", None)
+    # A point, an exponent, or the n of inf and nan shows that it is no integer.
     return text if any(mark in text for mark in ".en") else text + ".0"
 
 
@@ -124,11 +143,11 @@ def format_float(x: float, code: str, precision: int | None, sign: str = "") -> 
     if math.copysign(1, x) < 0 and not math.isnan(x):
         x = -x
         sign = "-"
-    text = (
-        f"{x:g}"
-        if not math.isfinite(x)
-        else _unsigned(x, code.lower(), precision, _BUFFER_CHARS - len(sign))
-    )
+    if math.isfinite(x):
+        width = _BUFFER_CHARS - len(sign)
+        text = _unsigned(x, code.lower(), precision, width)
+    else:
+        text = f"{x:g}"
     return sign + (text.upper() if code.isupper() else text)
 
 
@@ -136,17 +155,25 @@ def _unsigned(x: float, kind: str, precision: int | None, width: int) -> str:
     """A positive number formatted by ``%e``, ``%f`` or ``%g`` (``kind``), in a buffer of ``width``
     characters."""
     exponent = _exponent(x)
-    count = _MAX_DIGITS if precision is None else precision
-    max_exponent = _REPR_EXPONENT if precision is None else min(count, width - 3)
+    if precision is None:
+        count = _MAX_DIGITS
+        max_exponent = _REPR_EXPONENT
+    else:
+        count = precision
+        max_exponent = min(precision, width - 3)
+    # What does not fit into the buffer with a point gets an exponent.
     if kind == "f" and exponent > 0 and exponent + count + 2 > width:
         kind = "g"
         count = count + 1
+
+    # How many digits: `%f` counts those behind the point, `%e` those behind the first one.
     lead_zeros = 0
     if kind == "f":
         count = min(count, width - 3)
         if exponent >= 0:
             count += exponent + 1
         elif count > 2 and exponent < -2:
+            # Zeros behind the point are no digits to search for.
             lead_zeros = min(-exponent, count) - 2
             count -= lead_zeros
         else:
@@ -154,7 +181,10 @@ def _unsigned(x: float, kind: str, precision: int | None, width: int) -> str:
     elif kind == "e" or count == 0:
         count += 1
     max_digits = min(count, _MAX_DIGITS)
-    zeros = min(count - max_digits, width - max_digits - (3 if kind == "f" else 7))
+    reserved = 3 if kind == "f" else 7
+    zeros = min(count - max_digits, width - max_digits - reserved)
+
+    # The fewest digits that read back as the same float; fewer than the safe ones are not tried.
     for digits in range(min(_SAFE_DIGITS, max_digits), max_digits + 1):
         shift = digits - 1 - exponent
         point = 0
@@ -172,9 +202,8 @@ def _unsigned(x: float, kind: str, precision: int | None, width: int) -> str:
         mantissa, is_exact = _search(x, kind, digits, shift)
         if is_exact:
             break
-    return _written(
-        mantissa, kind, digits, point, lead, zeros + max_digits - digits, exponent, max_exponent
-    )
+    zeros += max_digits - digits
+    return _written(mantissa, kind, digits, point, lead, zeros, exponent, max_exponent)
 
 
 def _written(
@@ -189,23 +218,31 @@ def _written(
 ) -> str:
     """So many digits with a point after the one at index ``point``, a prefix, zeros behind, and the
     exponent of the first digit, for which ``g`` writes zeros up to ``max_exponent``."""
-    if mantissa >= 10**digits and kind == "f":
+    # Rounded up to one more digit, such as 9.99 to 10.0.
+    has_carried = mantissa >= 10**digits
+    if has_carried and kind == "f":
         digits = digits + 1
         point = point + 1
-    elif mantissa >= 10**digits:
+    elif has_carried:
         mantissa = mantissa // 10
         exponent = exponent + 1
+
+    # `%g` writes small exponents with a point or zeros in place of the exponent.
     if kind == "g" and 0 < exponent < max_exponent:
         point = point + exponent
         exponent = 0
-        zeros = point - (digits - 1) if point >= digits else zeros
+        if point >= digits:
+            zeros = point - (digits - 1)
     elif kind == "g" and -4 <= exponent < 0:
         written = digits
         while exponent < 0 and mantissa % 10 == 0:
             mantissa = mantissa // 10
             exponent = exponent + 1
             digits = digits - 1
-        point, exponent, lead = _ALL_BEHIND, 0, "0." + "0" * (written - digits - exponent - 1)
+        lead = "0." + "0" * (written - digits - exponent - 1)
+        point = _ALL_BEHIND
+        exponent = 0
+
     text = f"{mantissa:0{digits}}"[-digits:]
     if point + 1 < digits:
         text = f"{text[: point + 1]}.{text[point + 1 :]}"
@@ -217,14 +254,18 @@ def _written(
     text = lead + text
     if kind == "g" and "." in text:
         text = text.rstrip("0").rstrip(".")
-    return f"{text}e{exponent:+03d}" if kind == "e" or (exponent and kind != "f") else text
+    has_exponent = kind == "e" or (exponent and kind != "f")
+    return f"{text}e{exponent:+03d}" if has_exponent else text
 
 
 def _exponent(x: float) -> int:
     """Decimal exponent of the first digit, up to rounding errors of the power."""
     if x == 0:
         return 0
-    exponent = int((math.frexp(x)[1] - 1) * to_single(0.3010299956639812))
+    # A first guess by the binary exponent, times log10(2).
+    binary_exponent = math.frexp(x)[1] - 1
+    exponent = int(binary_exponent * to_single(0.3010299956639812))
+    # Powers of ten as the hub computes them, so that it is as far off as on the hub.
     if x >= 1:
         while x >= scaled(1.0, exponent + 1):
             exponent += 1
@@ -239,19 +280,25 @@ def _search(x: float, kind: str, digits: int, shift: int) -> tuple[int, bool]:
     and whether it does."""
 
     def difference_of(mantissa: int) -> float:
-        carries = mantissa >= 10**digits and kind != "f"
-        return to_single(
-            read_digits(*((mantissa // 10, 1 - shift) if carries else (mantissa, -shift))) - x
-        )
+        # With an exponent there is no place for another digit.
+        if mantissa >= 10**digits and kind != "f":
+            read_back = read_digits(mantissa // 10, 1 - shift)
+        else:
+            read_back = read_digits(mantissa, -shift)
+        return to_single(read_back - x)
 
+    # More digits than are safe are computed without the last one or two, which are searched for.
     extra = digits - _SAFE_DIGITS
     first = 1
     if extra > 0 and shift > 1:
         first = 100 if extra > 1 and shift > 2 else 10
-    mantissa = first * int(to_single(scaled(x, shift - len(str(first)) + 1) + 0.5))
+    left_out = len(str(first)) - 1
+    rounded = int(to_single(scaled(x, shift - left_out) + 0.5))
+    mantissa = first * rounded
     difference = difference_of(mantissa)
     best = mantissa
     best_difference = difference
+    # By halves, towards the float, until the steps are 1.
     step = 8**extra if extra > 0 else 1
     for _ in range(3 + 3 * (_MAX_DIGITS - _SAFE_DIGITS)):
         if difference == 0:
@@ -259,7 +306,9 @@ def _search(x: float, kind: str, digits: int, shift: int) -> tuple[int, bool]:
         mantissa += step if difference < 0 else -step
         difference = difference_of(mantissa)
         gain = abs(best_difference) - abs(difference)
-        if difference and (gain > 0 or (gain == 0 and mantissa % 10 == 0)):
+        # Of two that are equally near the one that ends with a zero, which is not written.
+        is_better = gain > 0 or (gain == 0 and mantissa % 10 == 0)
+        if difference and is_better:
             best = mantissa
             best_difference = difference
         if step == 1 and difference:

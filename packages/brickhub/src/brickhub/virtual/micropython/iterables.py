@@ -16,10 +16,12 @@ from brickhub.virtual.micropython.memory import check_allocation, extend, items_
 
 def _to_bytes(values: Any) -> Any:
     """``bytes(values)``: of a size, a buffer or an iterable."""
+    # CPython takes it for a size of 0 or 1.
     if isinstance(values, bool):
         raise TypeError("'bool' object isn't iterable")
     if isinstance(values, int):
-        check_allocation(values + 1)
+        zero_byte = 1
+        check_allocation(values + zero_byte)
     elif not isinstance(values, str | bytes | bytearray | memoryview | list | tuple):
         values = items_of(values, item_bytes=1)
     return bytes(values)
@@ -28,6 +30,7 @@ def _to_bytes(values: Any) -> Any:
 def _star(values: Any) -> Any:
     """Arguments ``*values``, whose number the hub asks for first, as it makes room for them and the
     function."""
+    # These are in memory already, and measured.
     if isinstance(values, list | tuple | str | bytes | dict):
         return values
     if isinstance(values, range):
@@ -37,11 +40,9 @@ def _star(values: Any) -> Any:
 
 def _extend(owner: Any, values: Any) -> Any:
     """``owner.extend(values)``."""
-    if (
-        not isinstance(owner, list)
-        or type(owner).extend is not list.extend
-        or isinstance(values, list | tuple)
-    ):
+    # Anything else may have a method of that name, a program's subclass of a list too.
+    is_plain_list = isinstance(owner, list) and type(owner).extend is list.extend
+    if not is_plain_list or isinstance(values, list | tuple):
         return owner.extend(values)
     return extend(owner, values)
 
@@ -51,7 +52,13 @@ def _join(owner: Any, values: Any) -> Any:
     if not isinstance(owner, str | bytes):
         return owner.join(values)
     parts = values if isinstance(values, list | tuple) else items_of(values)
-    check_allocation(sum(len(part) + len(owner) for part in parts if isinstance(part, str | bytes)))
+    separator_bytes = len(owner)
+    size_bytes = 0
+    for part in parts:
+        # Other parts `join` refuses.
+        if isinstance(part, str | bytes):
+            size_bytes += len(part) + separator_bytes
+    check_allocation(size_bytes)
     return owner.join(parts)
 
 
@@ -65,7 +72,8 @@ def add_in_place(a: Any, b: Any) -> Any:
 
 
 class _Ending(threading.local):
-    """Number of calls that end a generator, in this thread."""
+    """Number of calls that end a generator, in this thread: several hubs may run at once, each in
+    its own."""
 
     calls = 0
 
@@ -84,6 +92,7 @@ def close(owner: Any, *args: Any, **kwargs: Any) -> Any:
 
 def _throw(generator: Any, *args: Any, **kwargs: Any) -> Any:
     """``generator.throw(...)``; a generator that has ended remains so."""
+    # CPython would raise what is thrown.
     if isinstance(generator, GeneratorType) and generator.gi_frame is None:
         raise StopIteration
     _ending.calls += 1
@@ -95,6 +104,7 @@ def _throw(generator: Any, *args: Any, **kwargs: Any) -> Any:
 
 def is_dropped() -> bool:
     """Whether CPython ends a generator now that a program has dropped."""
+    # Without a call that ends one, only CPython itself throws a GeneratorExit.
     return not _ending.calls and isinstance(sys.exc_info()[1], GeneratorExit)
 
 
@@ -136,10 +146,17 @@ def _sort(
     items: list[Any], *, key: Callable[[Any], Any] | None = None, reverse: Any = False
 ) -> None:
     kinds = set(map(type, items))
-    if key is None and kinds in ({int}, {str}):  # equal elements are the same in every respect
+    # Equal elements are the same in every respect, so any way of sorting gives the same list.
+    if key is None and kinds in ({int}, {str}):
         items.sort(reverse=bool(reverse))
-    else:
-        _quicksort(items, 0, len(items) - 1, key or (lambda value: value), not reverse)
+        return
+    if key is None:
+        key = _itself
+    _quicksort(items, 0, len(items) - 1, key, not reverse)
+
+
+def _itself(value: Any) -> Any:
+    return value
 
 
 def _is_less(a: Any, b: Any) -> Any:
@@ -147,7 +164,8 @@ def _is_less(a: Any, b: Any) -> Any:
     if type(a) not in (list, tuple) or type(b) is not type(a):
         return a < b
     for x, y in zip(a, b, strict=False):
-        if x is not y and not x == y:  # noqa: SIM201  `!=` may be another method
+        # `!=` may be another method.
+        if x is not y and not x == y:  # noqa: SIM201
             return y > x
     return len(a) < len(b)
 
@@ -158,6 +176,7 @@ def _quicksort(
     """Sort ``items[first:last + 1]`` so that ``<`` gives ``is_less``; keys are computed for each
     comparison."""
     while first < last:
+        # The last item, as on a hub; another pivot would change the order of equal elements.
         pivot = key(items[last])
         low = first
         high = last - 1
@@ -172,6 +191,7 @@ def _quicksort(
             low = low + 1
             high = high - 1
         items[low], items[last] = items[last], items[low]
+        # The smaller part is sorted by a call, the greater one by this loop, so the calls are few.
         if high - first < last - low - 1:
             _quicksort(items, first, high, key, is_less)
             first = low + 1

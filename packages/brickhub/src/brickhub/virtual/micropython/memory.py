@@ -21,6 +21,8 @@ MOST_BYTES = max(kind.model.program_bytes for kind in HubKind)
 BLOCK_BYTES = 16
 """Bytes of a block of MicroPython's heap."""
 _REFERENCE_BYTES = 4
+_PAIR_BYTES = 2 * _REFERENCE_BYTES
+"""Slot of a dict: key and value."""
 _TABLES_SHARE = 12 / 524
 """Share of the garbage collector's tables: 1 byte for each 4 blocks, 1 for each 8
 (``gc_setup_area``)."""
@@ -52,6 +54,7 @@ def items_of(values: Iterable[Any], *, item_bytes: int = _REFERENCE_BYTES) -> li
 def extend(items: list[Any], values: Iterable[Any], item_bytes: int = _REFERENCE_BYTES) -> None:
     """Append an iterable's items one by one. Raises MemoryError if there are more than fit on any
     hub."""
+    # One more than fits, so that a list that is too long shows, and an endless iterable ends.
     items.extend(itertools.islice(values, MOST_BYTES // item_bytes + 1))
     check_allocation(item_bytes * len(items))
 
@@ -73,23 +76,24 @@ class Heap:
     def statistics(self) -> tuple[int, int]:
         """Bytes of all objects that the program can reach, and of the rest, negative if they do not
         fit."""
-        roots: list[Any] = [*self.namespaces]
+        # What a program can reach: its globals, and the variables of functions that run.
+        reachable: list[Any] = [*self.namespaces]
         frame: FrameType | None = sys._getframe()
         while frame is not None:
             if "@n" in frame.f_builtins:
-                roots += local_values(frame)
+                reachable += local_values(frame)
             frame = frame.f_back
         used_bytes = 0
         seen = set[int]()
-        while roots:
-            value = roots.pop()
-            # a hub's integers are in their references
+        while reachable:
+            value = reachable.pop()
+            # A hub's integers are in their references.
             if value is None or isinstance(value, int) or id(value) in seen:
                 continue
             seen.add(id(value))
             size, parts = _size_and_parts(value)
             used_bytes += size
-            roots += parts
+            reachable += parts
         return used_bytes, self.size_bytes - used_bytes
 
     def check(self) -> int:
@@ -99,10 +103,16 @@ class Heap:
         growth = max(0, used_bytes - self._used_bytes)
         self._used_bytes = used_bytes
         branch_bytes = growth // self._interval
-        longest = self._interval * min(2.0, free_bytes / (4 * growth) if growth else 2.0)
+        # Looking at all objects takes long, so a program that does not grow is looked at less and
+        # less; one that does, again when it has taken a quarter of what is free.
+        stretch = 2.0
+        if growth:
+            stretch = min(2.0, free_bytes / (4 * growth))
+        longest = self._interval * stretch
         self._interval = max(1, min(round(longest), _LONGEST_INTERVAL))
         if free_bytes < 0:
-            if branch_bytes < _LONG_BYTES:  # nothing is left for a message
+            # Small objects have filled the heap: nothing is left for a message.
+            if branch_bytes < _LONG_BYTES:
                 raise MemoryError
             raise MemoryError(f"memory allocation failed, allocating {branch_bytes} bytes")
         return self._interval
@@ -112,41 +122,70 @@ def _size_and_parts(value: Any) -> tuple[int, Iterable[Any]]:
     """Size of an object itself, and the objects that it refers to."""
     match value:
         case bytearray() | bytes():
-            return BLOCK_BYTES + _blocks(len(value)), ()
+            return _with_block(len(value)), ()
         case str():
-            return BLOCK_BYTES + _blocks(len(value.encode("utf-8", "surrogatepass")) + 1), ()
+            zero_byte = 1
+            data = value.encode("utf-8", "surrogatepass")
+            return _with_block(len(data) + zero_byte), ()
         case list():
-            return BLOCK_BYTES + _blocks(4 * _slots(value)), value
+            return _with_block(_REFERENCE_BYTES * _slots(value)), value
         case tuple():
-            return _blocks(8 + 4 * len(value)), value
+            # The items stand in the object itself, behind its class and their number.
+            items_bytes = _REFERENCE_BYTES * len(value)
+            return _blocks(8 + items_bytes), value
         case dict():
-            names = [
-                name for name in value if not (isinstance(name, str) and name.startswith("__"))
-            ]
-            # most texts are in the table of names
-            parts = [name for name in names if not isinstance(name, str)]
-            return BLOCK_BYTES + _blocks(8 * len(names)), [*parts, *(value[name] for name in names)]
+            return _size_and_parts_of_dict(value)
         case set() | frozenset():
-            return BLOCK_BYTES + _blocks(4 * len(value)), value
+            return _with_block(_REFERENCE_BYTES * len(value)), value
         case float():
             return BLOCK_BYTES, ()
         case FunctionType() if not value.__module__.startswith(FIRMWARE):
-            cells = value.__closure__ or ()
-            return BLOCK_BYTES * (2 if cells else 1), (*cells, *(value.__defaults__ or ()))
+            return _size_and_parts_of_function(value)
         case CellType():
             return BLOCK_BYTES, gc.get_referents(value)
         case MethodType():
             return BLOCK_BYTES, (value.__self__,)
         case GeneratorType() | CoroutineType():
-            code = value.gi_code if isinstance(value, GeneratorType) else value.cr_code
-            return BLOCK_BYTES + _blocks(
-                4 * (code.co_nlocals + code.co_stacksize)
-            ), gc.get_referents(value)
+            return _size_of_generator(value), gc.get_referents(value)
         case type() if not is_native(value):
             return BLOCK_BYTES, (dict(value.__dict__),)
         case _ if not is_native(type(value)) and hasattr(value, "__dict__"):
-            return BLOCK_BYTES + _blocks(8 * len(value.__dict__)), value.__dict__.values()
-    return (0 if isinstance(value, type | FunctionType) else _OBJECT), ()
+            attributes = value.__dict__
+            return _with_block(_PAIR_BYTES * len(attributes)), attributes.values()
+    # Native classes and functions are in the firmware's flash memory.
+    if isinstance(value, type | FunctionType):
+        return 0, ()
+    return _OBJECT, ()
+
+
+def _size_and_parts_of_function(function: FunctionType) -> tuple[int, Iterable[Any]]:
+    cells = function.__closure__ or ()
+    defaults = function.__defaults__ or ()
+    # A closure is an object beside its function.
+    objects = 2 if cells else 1
+    return objects * BLOCK_BYTES, (*cells, *defaults)
+
+
+def _size_of_generator(value: "GeneratorType[Any, Any, Any] | CoroutineType[Any, Any, Any]") -> int:
+    code = value.gi_code if isinstance(value, GeneratorType) else value.cr_code
+    # It keeps the variables of its function, and room for what that computes.
+    kept = code.co_nlocals + code.co_stacksize
+    return _with_block(_REFERENCE_BYTES * kept)
+
+
+def _size_and_parts_of_dict(value: dict[Any, Any]) -> tuple[int, Iterable[Any]]:
+    # CPython keeps names such as `__builtins__` in a namespace; a hub keeps none of them.
+    names = [name for name in value if not (isinstance(name, str) and name.startswith("__"))]
+    # Most texts are in the table of names, which belongs to the program, not to its heap.
+    keys = [name for name in names if not isinstance(name, str)]
+    values = [value[name] for name in names]
+    size_bytes = _with_block(_PAIR_BYTES * len(names))
+    return size_bytes, [*keys, *values]
+
+
+def _with_block(size_bytes: int) -> int:
+    """Size of an object of one block that keeps its contents elsewhere in the heap."""
+    return BLOCK_BYTES + _blocks(size_bytes)
 
 
 def _blocks(size_bytes: int) -> int:
@@ -156,13 +195,17 @@ def _blocks(size_bytes: int) -> int:
 
 def _slots(items: list[Any]) -> int:
     """Slots of a list: as many as items at first, at least 4; twice as many whenever it is full."""
-    spare = sys.getsizeof(items) - sys.getsizeof([]) - 8 * len(items)
-    return max(4, len(items)) if spare <= 0 else 1 << max(2, (len(items) - 1).bit_length())
+    # CPython too has spare slots, of 8 bytes, only in a list that has grown.
+    spare_bytes = sys.getsizeof(items) - sys.getsizeof([]) - 8 * len(items)
+    if spare_bytes <= 0:
+        return max(4, len(items))
+    return 1 << max(2, (len(items) - 1).bit_length())
 
 
 def most_nested_calls(hub: AnyHub) -> int:
     """How many functions, and the program itself, can wait for each other on a kind of hub."""
-    return (hub.model.stack_bytes - _KEPT_BYTES) // (hub.model.call_bytes + _VARIABLES_BYTES)
+    free_bytes = hub.model.stack_bytes - _KEPT_BYTES
+    return free_bytes // (hub.model.call_bytes + _VARIABLES_BYTES)
 
 
 def check_of_calls(most: int) -> Callable[[Any], Any]:
@@ -171,6 +214,7 @@ def check_of_calls(most: int) -> Callable[[Any], Any]:
 
     def callee(function: Any) -> Any:
         if is_own(getattr(function, "__func__", function)):
+            # Counted anew: an exception may have left any number of calls at once.
             nested = 0
             frame: FrameType | None = sys._getframe(1)
             while frame is not None:

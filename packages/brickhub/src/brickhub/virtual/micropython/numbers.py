@@ -16,12 +16,19 @@ from brickhub.virtual.micropython.text import to_number
 
 _MASK = 0xFFFFFFFF
 _PI = to_single(math.pi)
-# as computed by the hub's compiler
+# The hub's C compiler computes these, so they are rounded once.
 _RADIANS = to_single(_PI / 180)
 _DEGREES = to_single(180 / _PI)
 _BINARY_FUNCTIONS = ("atan2", "pow", "fmod", "copysign")
+_ROUNDED = (
+    *("sin", "asin", "cos", "acos", "tan", "atan", "exp", "sqrt", "fabs"),
+    *_BINARY_FUNCTIONS,
+)
+"""Functions of floats that CPython has too, in double precision."""
 _CODES = re.compile(r"(\d*)([xbBhHiIlLqQPOsefd])")
+_LAYOUT = re.compile(r"[@<>!]?(\d*[xbBhHiIlLqQPOsefd])*")
 _WIDE = frozenset("iIlLqQd")
+"""Codes of values that may be too large for a hub's integers, or too precise for its floats."""
 _HALF_INFINITE = 65520.0
 """Least float that is infinite in 16 bits."""
 
@@ -33,6 +40,7 @@ def module(
 ) -> ModuleType:
     """A module with these names, and with functions by their own; ours may end with ``_``."""
     result = ModuleType(module_name)
+    # CPython puts names such as `__loader__` into modules.
     result.__dict__.clear()
     result.__dict__.update({"__name__": module_name, **names})
     result.__dict__.update((function.__name__.rstrip("_"), function) for function in functions)
@@ -44,32 +52,8 @@ def _as_float(value: Any) -> float:
 
 
 def math_module() -> ModuleType:
-    def rounded(function: Callable[..., float]) -> Callable[..., float]:
-        count = 2 if function.__name__ in _BINARY_FUNCTIONS else 1
-
-        def call(*args: Any) -> float:
-            if len(args) != count:
-                raise TypeError(
-                    f"function takes {count} positional arguments but {len(args)} were given"
-                )
-            values = [_as_float(value) for value in args]
-            try:
-                result = to_single(function(*values))
-            except (OverflowError, ValueError):
-                raise ValueError("math domain error") from None
-            if math.isinf(result) and not any(map(math.isinf, values)):
-                raise ValueError("math domain error")
-            return result
-
-        return call
-
-    def to_integer(function: Callable[[float], int]) -> Callable[[Any], int]:
-        def call(x: Any, /) -> int:
-            x = _as_float(x)
-            return int_from_float(float(function(x)) if math.isfinite(x) else x)
-
-        return call
-
+    # Functions that a program calls are in here: `exceptions.py` tells them from the program's own
+    # by the `_module` in their qualified names.
     def test(function: Callable[[float], bool]) -> Callable[[Any], bool]:
         return lambda x, /: function(_as_float(x))
 
@@ -83,34 +67,65 @@ def math_module() -> ModuleType:
             raise ValueError("math domain error")
         if base == 1:
             raise ZeroDivisionError("divide by zero")
-        return to_single(math.log(x) if base is None else math.log(x) / math.log(base))
+        if base is None:
+            return to_single(math.log(x))
+        # The quotient of two logarithms, as on a hub; `math.log(x, base)` may round otherwise.
+        return to_single(math.log(x) / math.log(base))
 
-    names: dict[str, Any] = {
-        name: rounded(getattr(math, name))
-        for name in [
-            "sin",
-            "asin",
-            "cos",
-            "acos",
-            "tan",
-            "atan",
-            "exp",
-            "sqrt",
-            "fabs",
-            *_BINARY_FUNCTIONS,
-        ]
-    }
-    names |= {name: test(getattr(math, name)) for name in ("isfinite", "isinf", "isnan")}
+    names: dict[str, Any] = {name: _rounded(getattr(math, name)) for name in _ROUNDED}
+    for name in ("isfinite", "isinf", "isnan"):
+        names[name] = test(getattr(math, name))
+    for name in ("ceil", "floor", "trunc"):
+        names[name] = _to_integer(getattr(math, name))
     names["degrees"] = lambda x, /: to_single(_as_float(x) * _DEGREES)
     names["radians"] = lambda x, /: to_single(_as_float(x) * _RADIANS)
     names["frexp"] = lambda x, /: math.frexp(_as_float(x))
     names["modf"] = lambda x, /: tuple(map(to_single, math.modf(_as_float(x))))
-    names |= {name: to_integer(getattr(math, name)) for name in ("ceil", "floor", "trunc")}
-    return module("math", {**names, "e": to_single(math.e), "pi": _PI}, ldexp, log)
+    names["e"] = to_single(math.e)
+    names["pi"] = _PI
+    return module("math", names, ldexp, log)
+
+
+def _rounded(function: Callable[..., float]) -> Callable[..., float]:
+    """A function of floats in single precision, which does not return infinity for finite
+    arguments."""
+    count = 2 if function.__name__ in _BINARY_FUNCTIONS else 1
+
+    def call(*args: Any) -> float:
+        if len(args) != count:
+            raise TypeError(
+                f"function takes {count} positional arguments but {len(args)} were given"
+            )
+        values = [_as_float(value) for value in args]
+        try:
+            result = to_single(function(*values))
+        except (OverflowError, ValueError):
+            raise ValueError("math domain error") from None
+        # An overflow of single precision is infinity here, and an error on a hub
+        # (`py/modmath.c`).
+        if math.isinf(result) and not any(map(math.isinf, values)):
+            raise ValueError("math domain error")
+        return result
+
+    return call
+
+
+def _to_integer(function: Callable[[float], int]) -> Callable[[Any], int]:
+    def call(x: Any, /) -> int:
+        x = _as_float(x)
+        # Infinity and NaN go on, so that they are refused in the hub's words.
+        whole = float(function(x)) if math.isfinite(x) else x
+        return int_from_float(whole)
+
+    return call
 
 
 class _Yasmarang:
-    """The hub's pseudo-random generator: equal seeds give equal sequences."""
+    """The hub's pseudo-random generator: equal seeds give equal sequences.
+
+    Ilya Levin's, of 32 bits (``extmod/modrandom.c``). Random numbers of a program are the same as
+    on a hub with the same seed.
+    """
 
     def seed(self, seed: int) -> None:
         self._pad = seed & _MASK
@@ -128,14 +143,17 @@ class _Yasmarang:
         return (pad ^ (self._d << 5) ^ (pad >> 18) ^ (self._dat << 1)) & _MASK
 
     def below(self, n: int) -> int:
+        # Drawn again until it is small enough: a remainder would prefer small numbers.
         mask = 1
         while (n & mask) < n:
             mask = mask << 1 | 1
-        while (value := self.next() & mask) >= n:
-            pass
+        value = self.next() & mask
+        while value >= n:
+            value = self.next() & mask
         return value
 
     def fraction(self) -> float:
+        # As many bits as a float of the hub keeps behind its first one.
         return (self.next() & 0x7FFFFF) / 0x800000
 
 
@@ -155,12 +173,18 @@ def random_module(clock_us: int) -> ModuleType:
         expect_int(k)
         if not 0 <= k <= 32:
             raise ValueError("bits must be 32 or less")
-        return small(source.next() & (_MASK >> (32 - k))) if k else 0
+        # Nothing is drawn for no bits.
+        if k == 0:
+            return 0
+        return small(source.next() & (_MASK >> (32 - k)))
 
     def randrange(start: int, stop: int | None = None, step: int = 1, /) -> int:
         expect_int(start, step, 0 if stop is None else stop)
         low, high = (0, start) if stop is None else (start, stop)
-        count = (high - low + step - (1 if step > 0 else -1)) // step if step else 0
+        count = 0
+        if step:
+            rounding_up = step - (1 if step > 0 else -1)
+            count = (high - low + rounding_up) // step
         if count <= 0:
             raise ValueError
         return low + step * source.below(count)
@@ -179,7 +203,9 @@ def random_module(clock_us: int) -> ModuleType:
     def uniform(a: float, b: float, /) -> float:
         low = _as_float(a)
         high = _as_float(b)
-        return to_single(low + to_single(to_single(high - low) * source.fraction()))
+        # Each operation rounds, as on a processor with single precision.
+        span = to_single(high - low)
+        return to_single(low + to_single(span * source.fraction()))
 
     def seed(a: int | None = None, /) -> None:
         expect_int(0 if a is None else a)
@@ -204,23 +230,29 @@ class _Layout:
         if not isinstance(text, str | bytes):
             raise TypeError(f"can't convert '{type(text).__name__}' object to str implicitly")
         text = text.decode() if isinstance(text, bytes) else text
-        if not re.fullmatch(r"[@<>!]?(\d*[xbBhHiIlLqQPOsefd])*", text):
+        if not _LAYOUT.fullmatch(text):
             raise ValueError("bad typecode")
-        order = text[:1] if text[:1] in "@<>!" and text[:1] else "@"
+        order = "@"
+        if text.startswith(("@", "<", ">", "!")):
+            order = text[0]
+        # Pointers and objects have the four bytes of a hub's address.
         codes = text.lstrip("@<>!").replace("P", "I").replace("O", "I")
+        # A native long of this computer may have eight bytes.
         if order == "@":
             codes = codes.replace("l", "i").replace("L", "I")
         self.struct = struct.Struct(order + codes)
         check_allocation(self.struct.size)
-        self.codes = [
-            code
-            for count, code in _CODES.findall(codes)
-            for _ in range(1 if code in "sx" else int(count or 1))
-            if code != "x"
-        ]
+        self.codes: list[str] = []
+        """One of each value: a count repeats it, but for ``s``, whose count is its length."""
+        for count, code in _CODES.findall(codes):
+            if code == "s":
+                self.codes.append(code)
+            elif code != "x":
+                self.codes += code * int(count or 1)
         self.is_wide = bool(_WIDE & set(self.codes))
 
     def pack(self, values: tuple[Any, ...]) -> bytes:
+        # Values that fit, as most do, need nothing of what a hub does otherwise.
         try:
             return self.struct.pack(*values)
         except (struct.error, OverflowError):
@@ -232,30 +264,40 @@ class _Layout:
             return as_bytes(value)
         if code in "efd":
             number = to_single(_as_float(value))
-            return (
-                math.copysign(math.inf, number)
-                if code == "e" and abs(number) >= _HALF_INFINITE
-                else number
-            )
+            # CPython refuses it.
+            if code == "e" and abs(number) >= _HALF_INFINITE:
+                return math.copysign(math.inf, number)
+            return number
         if isinstance(value, float) or not isinstance(value, int):
             raise TypeError(f"can't convert {type(value).__name__} to int")
+        # A hub writes the lowest bytes of an integer, whatever its sign and size.
         bits = 8 * struct.calcsize("=" + code)
         value &= (1 << bits) - 1
-        return value - (1 << bits) if code.islower() and value >> (bits - 1) else value
+        is_signed = code.islower()
+        is_negative = is_signed and value >> (bits - 1)
+        return value - (1 << bits) if is_negative else value
 
     def checked(self, values: tuple[Any, ...]) -> tuple[Any, ...]:
         if not self.is_wide:
             return values
-        return tuple(
-            small(v) if type(v) is int else to_single(v) if type(v) is float else v for v in values
-        )
+        checked: list[Any] = []
+        for value in values:
+            if type(value) is int:
+                checked.append(small(value))
+            elif type(value) is float:
+                checked.append(to_single(value))
+            else:
+                checked.append(value)
+        return tuple(checked)
 
 
 def struct_module() -> ModuleType:
+    # A program packs in loops, with few formats.
     cached_layout = functools.cache(_Layout)
 
     def pack(fmt: str, /, *values: Any) -> bytes:
         layout = cached_layout(fmt)
+        # A hub writes zeros for values that are missing, and ignores more.
         if len(values) != len(layout.codes):
             values = (values + (0,) * len(layout.codes))[: len(layout.codes)]
         return layout.pack(values)

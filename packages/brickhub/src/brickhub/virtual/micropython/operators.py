@@ -40,6 +40,7 @@ from brickhub.virtual.micropython.text import (
 )
 
 _EXACT_INT_MAX = 2**24
+"""Integers up to this one are exact as 32-bit floats."""
 _BASES = {"0b": 2, "0o": 8, "0x": 16}
 ASCII_METHODS = (
     *("lower", "upper", "isalpha", "isdigit", "islower", "isupper", "isspace"),
@@ -48,15 +49,18 @@ ASCII_METHODS = (
 _NO_DIGITS = re.compile(r"\s*([-+]?)(?:\.|\.?e[-+]?\d+)\s*", re.IGNORECASE)
 """What a hub reads as zero."""
 _FLOAT_MAX = 3.4028234663852886e38
+"""The greatest float of 32 bits."""
 _ITEM_BYTES: dict[Any, int] = {str: 1, bytes: 1, list: 4, tuple: 4}
 """Sizes of the items of what operators make longer."""
 _SIZED = (str, bytes, HubBytearray, list, tuple)
 _CHECKED_ITEMS = 256
+"""Items of a list comprehension between two looks at its size."""
 
 
 def _check_length(kind: type, length: int) -> None:
-    # these end with a zero byte
-    check_allocation(length * _ITEM_BYTES[kind] + (kind in (str, bytes)))
+    # Text and bytes end with a zero byte.
+    zero_bytes = 1 if kind in (str, bytes) else 0
+    check_allocation(length * _ITEM_BYTES[kind] + zero_bytes)
 
 
 def small(value: int) -> int:
@@ -69,8 +73,11 @@ def small(value: int) -> int:
 def normalizer() -> Callable[[Any], Any]:
     """A function that rounds floats and checks integers; one per program, as it keeps a scratch
     cell."""
+    # Writing to a cell of four bytes and reading it rounds faster than `struct` does.
     cell = memoryview(bytearray(4)).cast("f")
 
+    # The hottest function of all: each sum and product of a program passes through it. The limits
+    # stand in it as numbers, and the commonest kinds come first.
     def normalize(value: Any) -> Any:
         kind = type(value)
         if kind is int:
@@ -93,16 +100,16 @@ def normalizer() -> Callable[[Any], Any]:
 
 def _single_int(value: Any) -> Any:
     """Integers become floats in operations with floats; large ones lose digits."""
-    return (
-        to_single(value)
-        if type(value) is int and not -_EXACT_INT_MAX <= value <= _EXACT_INT_MAX
-        else value
-    )
+    if type(value) is int and not -_EXACT_INT_MAX <= value <= _EXACT_INT_MAX:
+        return to_single(value)
+    return value
 
 
 def _operands(a: Any, b: Any) -> tuple[Any, Any]:
     """The operands; beside a float, an integer as a float."""
-    return (_single_int(a), _single_int(b)) if float in (type(a), type(b)) else (a, b)
+    if float in (type(a), type(b)):
+        return _single_int(a), _single_int(b)
+    return a, b
 
 
 def to_int(*args: Any) -> Any:
@@ -114,36 +121,46 @@ def to_int(*args: Any) -> Any:
         if type(value) is float:
             return int_from_float(value)
         if not isinstance(value, str | bytes | bytearray):
-            return small(int(to_number(value, "int")))
+            number = to_number(value, "int")
+            return small(int(number))
     elif args and not isinstance(args[0], str | bytes):
-        raise TypeError(f"can't convert '{type_name(type(args[0]))}' object to str implicitly")
+        kind = type_name(type(args[0]))
+        raise TypeError(f"can't convert '{kind}' object to str implicitly")
     try:
         if args and isinstance(args[0], str | bytes | bytearray):
             args = (_digits(args[0]), *args[1:])
         value = int(*args)
     except ValueError as error:
-        if "Exceeds the limit" in str(error):  # of CPython
+        # CPython refuses to read thousands of digits.
+        if "Exceeds the limit" in str(error):
             raise OverflowError("long int not supported in this build") from None
         base = args[1] if len(args) > 1 else 10
-        if base != 0 and not 2 <= base <= 36:
-            raise ValueError("int() arg 2 must be >= 2 and <= 36") from None
-        digits = re.sub(r"^\s*[-+]?", "", args[0])
-        if base == 0:
-            base = _BASES.get(digits[:2].lower(), 10)
-            digits = digits if base == 10 else digits[2:]
-        raise ValueError(
-            f"invalid syntax for integer with base {base}: {representation(digits)}"
-        ) from None
+        raise _wrong_digits(args[0], base) from None
     except TypeError:
-        raise TypeError(f"can't convert {type(args[0]).__name__} to int") from None
-    if abs(value) > SMALL_MAX:  # digits are read before the sign
+        kind = type(args[0]).__name__
+        raise TypeError(f"can't convert {kind} to int") from None
+    # Digits are read before the sign.
+    if abs(value) > SMALL_MAX:
         raise OverflowError("long int not supported in this build")
     return value
 
 
+def _wrong_digits(text: str, base: int) -> ValueError:
+    if base != 0 and not 2 <= base <= 36:
+        return ValueError("int() arg 2 must be >= 2 and <= 36")
+    digits = re.sub(r"^\s*[-+]?", "", text)
+    # The message has the base that the prefix tells, and the digits behind it.
+    if base == 0:
+        base = _BASES.get(digits[:2].lower(), 10)
+        digits = digits if base == 10 else digits[2:]
+    shown = representation(digits)
+    return ValueError(f"invalid syntax for integer with base {base}: {shown}")
+
+
 def _digits(value: str | bytes | bytearray) -> str:
     """Text of a number, in which digits and spaces outside ASCII are none."""
-    return (value.encode() if isinstance(value, str) else value).decode("latin-1")
+    data = value.encode() if isinstance(value, str) else value
+    return data.decode("latin-1")
 
 
 def to_float(*args: Any) -> Any:
@@ -157,7 +174,8 @@ def to_float(*args: Any) -> Any:
     try:
         return read_float(digits)
     except ValueError:
-        if match := _NO_DIGITS.fullmatch(digits):
+        match = _NO_DIGITS.fullmatch(digits)
+        if match is not None:
             return -0.0 if match[1] == "-" else 0.0
         raise ValueError("invalid syntax for number") from None
 
@@ -184,7 +202,8 @@ def _from_bytes(kind: Any, *args: Any, **kwargs: Any) -> Any:
         return kind.from_bytes(*args, **kwargs)
     _refuse_keywords(kwargs)
     is_little = args[1:] and args[1] == "little"
-    return small(int.from_bytes(as_bytes(args[0]), "little" if is_little else "big") & 0xFFFFFFFF)
+    value = int.from_bytes(as_bytes(args[0]), "little" if is_little else "big")
+    return small(value & 0xFFFFFFFF)
 
 
 def _ascii_method(name: str) -> Callable[..., Any]:
@@ -194,23 +213,35 @@ def _ascii_method(name: str) -> Callable[..., Any]:
     def call(value: Any, *args: Any, **kwargs: Any) -> Any:
         if isinstance(value, str | bytes):
             _refuse_keywords(kwargs)
-            if name == "rsplit" and args[1:] and args[0] is None:
-                raise NotImplementedError("rsplit(None,n)")
-            if name.endswith("strip") and args and not isinstance(args[0], type(value)):
-                wanted = "bytes" if isinstance(args[0], str) else "str"
-                raise TypeError(
-                    f"can't convert '{type(args[0]).__name__}' object to {wanted} implicitly"
-                )
+            _check_text_arguments(name, value, args)
         if not isinstance(value, str) or value.isascii():
             return getattr(value, name)(*args, **kwargs)
-        result = method(
-            value.encode(), *(arg.encode() if isinstance(arg, str) else arg for arg in args)
-        )
+        # Methods of bytes know ASCII only, and letters outside of it are several bytes, as on a
+        # hub.
+        encoded = [arg.encode() if isinstance(arg, str) else arg for arg in args]
+        result = method(value.encode(), *encoded)
         if isinstance(result, list):
             return [part.decode() for part in result]
-        return result.decode(errors="replace") if isinstance(result, bytes) else result
+        if isinstance(result, bytes):
+            return result.decode(errors="replace")
+        return result
 
     return call
+
+
+def _check_text_arguments(name: str, value: str | bytes, args: tuple[Any, ...]) -> None:
+    """Raise what a hub raises for arguments of a method of text that CPython takes, or refuses in
+    other words."""
+    if not args:
+        return
+    first = args[0]
+    has_count = len(args) > 1
+    if name == "rsplit" and first is None and has_count:
+        raise NotImplementedError("rsplit(None,n)")
+    if name.endswith("strip") and not isinstance(first, type(value)):
+        kind = type(first).__name__
+        wanted = "bytes" if isinstance(first, str) else "str"
+        raise TypeError(f"can't convert '{kind}' object to {wanted} implicitly")
 
 
 def _contains(item: Any, container: Any) -> bool:
@@ -222,12 +253,12 @@ def _contains(item: Any, container: Any) -> bool:
         raise NotImplementedError
     if type(item) is int and type(container) in (int, float, complex):
         raise TypeError(f"unsupported types for : 'int', '{type(container).__name__}'")
-    if type(container) is bool or (type(item) is bool and type(container) is int):
+    # A truth value is refused as the number that it is.
+    is_truth_value = type(container) is bool or (type(item) is bool and type(container) is int)
+    if is_truth_value:
         if isinstance(item, int | float | complex):
-            raise TypeError(
-                "unsupported types for __contains__: 'int', "
-                f"'{type(item).__name__.replace('bool', 'int')}'"
-            )
+            kind = type(item).__name__.replace("bool", "int")
+            raise TypeError(f"unsupported types for __contains__: 'int', '{kind}'")
         container = int(container)
     return item in container
 
@@ -235,16 +266,17 @@ def _contains(item: Any, container: Any) -> bool:
 def _is_part(item: Any, data: bytes) -> bool:
     if isinstance(item, int):
         return 0 <= item <= 255 and item in data
-    return isinstance(item, str | bytes | bytearray | memoryview) and as_bytes(item) in data
+    is_data = isinstance(item, str | bytes | bytearray | memoryview)
+    return is_data and as_bytes(item) in data
 
 
 def _ordered(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """A comparison in which bytes come before or after text, as its bytes do."""
 
     def compare(a: Any, b: Any) -> Any:
-        return operation(
-            a, b.encode() if isinstance(a, bytes | bytearray) and isinstance(b, str) else b
-        )
+        if isinstance(a, bytes | bytearray) and isinstance(b, str):
+            b = b.encode()
+        return operation(a, b)
 
     return compare
 
@@ -256,11 +288,8 @@ def _to_slice(*args: Any) -> Any:
 
 def _stepped(container: Any, start: Any, stop: Any, step: Any) -> Any:
     """``container[start:stop:step]``; only lists support a step."""
-    if (
-        step is not None
-        and step != 1
-        and isinstance(container, str | bytes | bytearray | memoryview | tuple)
-    ):
+    has_step = step is not None and step != 1
+    if has_step and isinstance(container, str | bytes | bytearray | memoryview | tuple):
         raise NotImplementedError("only slices with step=1 (aka None) are supported")
     return container[start:stop:step]
 
@@ -283,13 +312,16 @@ def _sliced(container: Any, step: Any) -> Any:
 
 def _set_slice(value: Any, container: Any, start: Any, stop: Any, step: Any) -> None:
     """``container[start:stop:step] = value``."""
-    if isinstance(_sliced(container, step), list) and not isinstance(value, list | tuple):
+    container = _sliced(container, step)
+    # CPython takes any iterable.
+    if isinstance(container, list) and not isinstance(value, list | tuple):
         raise TypeError(f"object '{type(value).__name__}' isn't a tuple or list")
     container[start:stop:step] = value
 
 
 def _product(a: Any, b: Any) -> Any:
     """``a * b``; a refusal names both classes."""
+    # Before it is made: on this computer it might fit.
     if type(a) in _ITEM_BYTES and isinstance(b, int):
         _check_length(type(a), len(a) * b)
     try:
@@ -304,13 +336,16 @@ def _product(a: Any, b: Any) -> Any:
 
 def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """Truth values are numbers; dicts and classes have no union."""
-    symbol = {"and": "&", "or": "|", "xor": "^"}[operation.__name__.strip("_").removeprefix("i")]
+    name = operation.__name__.strip("_").removeprefix("i")
+    symbol = {"and": "&", "or": "|", "xor": "^"}[name]
 
     def operate(a: Any, b: Any) -> Any:
+        # The commonest case first.
         if type(a) is int and type(b) is int:
             return operation(a, b)
         if type(a) is bool and type(b) is bool:
             return int(operation(a, b))
+        # CPython makes unions of dicts, and of classes types for annotations.
         if isinstance(a, dict | type) or isinstance(b, type):
             raise TypeError(
                 f"unsupported operand type(s) for {symbol}: '{type(a).__name__}' and "
@@ -323,15 +358,21 @@ def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 
 def _list_comprehension(elements: Iterator[Any]) -> list[Any]:
     """The elements; a StopIteration in one of them is not that of a generator."""
+    # The list is no variable of the program yet, where the heap would be looked through for it; so
+    # it is measured while it grows.
     items: list[Any] = []
     size_bytes = 0
     try:
-        while some := list(itertools.islice(elements, _CHECKED_ITEMS)):
-            items += some
-            size_bytes += sum(len(item) for item in some if type(item) in _SIZED)
+        while chunk := list(itertools.islice(elements, _CHECKED_ITEMS)):
+            items += chunk
+            size_bytes += sum(len(item) for item in chunk if type(item) in _SIZED)
             check_allocation(_ITEM_BYTES[list] * len(items) + size_bytes)
     except RuntimeError as error:
-        raise (error.__cause__ if isinstance(error.__cause__, StopIteration) else error) from None
+        # CPython makes a RuntimeError of a StopIteration in a generator, and this comprehension is
+        # a generator here only.
+        if isinstance(error.__cause__, StopIteration):
+            raise error.__cause__ from None
+        raise error from None
     return items
 
 
@@ -339,12 +380,25 @@ def _format(obj: Any, *args: Any, **kwargs: Any) -> Any:
     """``obj.format(...)``, which bytes have too."""
     if isinstance(obj, bytes):
         return format_text(obj.decode("latin-1"), args, kwargs).encode("latin-1")
-    return format_text(obj, args, kwargs) if isinstance(obj, str) else obj.format(*args, **kwargs)
+    if isinstance(obj, str):
+        return format_text(obj, args, kwargs)
+    return obj.format(*args, **kwargs)
 
 
 def _f_string(value: Any, conversion: int, spec: str) -> str:
-    convert = {ord("r"): representation, ord("s"): text}.get(conversion)
-    return format_value(value if convert is None else convert(value), spec)
+    """``{value!conversion:spec}`` in an f-string. ``conversion``: character, or -1 for none."""
+    if conversion == ord("r"):
+        value = representation(value)
+    elif conversion == ord("s"):
+        value = text(value)
+    return format_value(value, spec)
+
+
+def _to_str(*args: Any) -> str:
+    """``str(...)``; with more arguments, of bytes in UTF-8, whatever encoding they name."""
+    if not args:
+        return ""
+    return text(args[0]) if len(args) == 1 else as_bytes(args[0]).decode()
 
 
 CONVERSIONS: dict[Any, Callable[..., Any]] = {
@@ -352,9 +406,7 @@ CONVERSIONS: dict[Any, Callable[..., Any]] = {
     int: to_int,
     float: to_float,
     slice: _to_slice,
-    str: lambda *args: (
-        text(args[0]) if len(args) == 1 else as_bytes(args[0]).decode() if args else ""
-    ),
+    str: _to_str,
 }
 """Calls of builtin classes as on a hub."""
 
@@ -368,20 +420,23 @@ def _convert(kind: Any, *args: Any, **kwargs: Any) -> Any:
     return convert(*args)
 
 
-_FUNCTIONS: dict[str, Any] = {f"@{name}": _ascii_method(name) for name in ASCII_METHODS}
-_FUNCTIONS |= {"@convert": _convert, "@sort": sort, "@f": _f_string}
-_FUNCTIONS |= {
+_FUNCTIONS: dict[str, Any] = {
+    "@convert": _convert,
+    "@sort": sort,
+    "@f": _f_string,
     "@format": _format,
     "@in": _contains,
     "@to_bytes": _to_bytes,
     "@from_bytes": _from_bytes,
-}
-_FUNCTIONS |= {f"@{name}": _ordered(getattr(operator, name)) for name in ("lt", "le", "gt", "ge")}
-_FUNCTIONS |= {
     "@sub": _subscriptable,
     "@stepped": _stepped,
     "@sliced": _sliced,
     "@setslice": _set_slice,
+    "@lt": _ordered(operator.lt),
+    "@le": _ordered(operator.le),
+    "@gt": _ordered(operator.gt),
+    "@ge": _ordered(operator.ge),
+    **{f"@{name}": _ascii_method(name) for name in ASCII_METHODS},
 }
 
 
@@ -391,6 +446,7 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
     normalize = normalizer()
 
     def divide(a: Any, b: Any) -> Any:
+        # Two integers are divided as floats too.
         if type(a) is int or type(b) is int:
             a = _single_int(a)
             b = _single_int(b)
@@ -411,55 +467,81 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         return normalize(a % b)
 
     def power(a: Any, b: Any) -> Any:
-        if type(a) is int and type(b) is int and b > 0 and a not in (-1, 0, 1) and b > 30:
+        # Not computed: the result might have millions of digits.
+        are_integers = type(a) is int and type(b) is int
+        if are_integers and b > 30 and a not in (-1, 0, 1):
             raise OverflowError("small int overflow")
         try:
             return normalize(a**b)
         except OverflowError:
+            # CPython refuses powers of floats that are infinite.
             if isinstance(a, float) or isinstance(b, float):
                 return math.inf
             raise
+
+    def multiply(a: Any, b: Any) -> Any:
+        return normalize(_product(a, b))
+
+    def add(a: Any, b: Any) -> Any:
+        return normalize(add_in_place(a, b))
 
     def subtract_in_place(a: Any, b: Any) -> Any:
         a -= b
         return normalize(a)
 
-    arithmetic = {
+    def runs_finally() -> bool:
+        return not (isinstance(sys.exc_info()[1], SwitchedOff) or is_dropped())
+
+    return {
+        **_FUNCTIONS,
+        **ITERABLE_FUNCTIONS,
+        **_DISPLAYS,
         "@n": normalize,
         "@div": divide,
         "@floordiv": floor_divide,
         "@mod": modulo,
         "@pow": power,
-    }
-    arithmetic |= {
-        "@mul": lambda a, b: normalize(_product(a, b)),
-        "@iadd": lambda a, b: normalize(add_in_place(a, b)),
-    }
-    bits = ("and_", "or_", "xor", "iand", "ior", "ixor")
-    bitwise = {f"@{name.rstrip('_')}": _bitwise(getattr(operator, name)) for name in bits}
-    displays = {
-        # `{key: value, ...}` with as many slots as keys; in pairs the value is first, as a hub
-        # computes it first
-        "@dict": lambda *parts: HubDict.sized(
-            len(parts) // 2, zip(parts[1::2], parts[::2], strict=True)
-        ),
-        "@dictof": lambda pairs: HubDict.sized(0, ((key, value) for value, key in pairs)),
-        "@set": lambda *values: HubSet.sized(len(values), values),
-        "@setof": HubSet,
-        "@listof": _list_comprehension,
-        "@named": lambda names: HubDict.sized(len(names), names.items()),
-    }
-    errors = {
+        "@mul": multiply,
+        "@iadd": add,
+        "@isub": subtract_in_place,
+        "@and": _bitwise(operator.and_),
+        "@or": _bitwise(operator.or_),
+        "@xor": _bitwise(operator.xor),
+        "@iand": _bitwise(operator.iand),
+        "@ior": _bitwise(operator.ior),
+        "@ixor": _bitwise(operator.ixor),
         "@any": CATCHABLE,
-        "@ends": lambda: not (isinstance(sys.exc_info()[1], SwitchedOff) or is_dropped()),
+        "@ends": runs_finally,
         "@reword": lambda error: reword(error, namespaces),
     }
-    return {
-        **_FUNCTIONS,
-        **ITERABLE_FUNCTIONS,
-        **arithmetic,
-        "@isub": subtract_in_place,
-        **bitwise,
-        **displays,
-        **errors,
-    }
+
+
+def _dict(*parts: Any) -> HubDict:
+    """``{key: value, ...}`` of its parts, each value before its key, as a hub computes it first."""
+    # As many slots as keys: the order of a dict of a hub depends on it.
+    return HubDict.sized(len(parts) // 2, zip(parts[1::2], parts[::2], strict=True))
+
+
+def _dict_of(pairs: Any) -> HubDict:
+    """A dict comprehension, of pairs of value and key."""
+    return HubDict.sized(0, ((key, value) for value, key in pairs))
+
+
+def _set(*values: Any) -> HubSet:
+    return HubSet.sized(len(values), values)
+
+
+def _named(names: Mapping[str, Any]) -> HubDict:
+    """The dict of ``**names``."""
+    return HubDict.sized(len(names), names.items())
+
+
+_DISPLAYS: dict[str, Any] = {
+    "@dict": _dict,
+    "@dictof": _dict_of,
+    "@set": _set,
+    "@setof": HubSet,
+    "@listof": _list_comprehension,
+    "@named": _named,
+}
+"""Functions that make containers, by their names in the transformed program."""

@@ -34,13 +34,14 @@ class HubBytearray(bytearray):
         if isinstance(source, bool):
             raise TypeError("'bool' object isn't iterable")
         if isinstance(source, int):
+            # A negative size is a large one, without a sign.
             check_allocation(source & 0xFFFFFFFF)
         super().__init__(_low_bytes(source), *encoding)
 
     def __setitem__(self, index: Any, value: Any) -> None:
-        super().__setitem__(
-            index, value if isinstance(index, slice) else operator.index(value) & 0xFF
-        )
+        if not isinstance(index, slice):
+            value = operator.index(value) & 0xFF
+        super().__setitem__(index, value)
 
     def __getitem__(self, index: Any) -> Any:
         item = super().__getitem__(index)
@@ -50,12 +51,13 @@ class HubBytearray(bytearray):
         raise TypeError("'bytearray' object doesn't support item deletion")
 
     def __contains__(self, item: Any) -> bool:
+        # A hub searches for data only, not for a single number (`py/objarray.c`).
         if isinstance(item, int | float):
             raise NotImplementedError
-        return isinstance(item, str | bytes | bytearray | memoryview) and super().__contains__(
-            _buffer(item)
-        )
+        is_data = isinstance(item, str | bytes | bytearray | memoryview)
+        return is_data and super().__contains__(_buffer(item))
 
+    # A hub's cannot be repeated.
     def __mul__(self, other: Any) -> Any:
         return NotImplemented
 
@@ -110,7 +112,10 @@ def part_of(data: Any, *part: int) -> bytes:
     """Bytes of a buffer or text: all, the first ``(count,)`` or, after a start, ``(start,
     count)``."""
     content = as_bytes(data)
-    start, count = part if len(part) > 1 else (0, *(part or (-1,)))
+    if not part:
+        return content
+    start, count = part if len(part) > 1 else (0, *part)
+    # A negative count is one without a limit.
     return content[start:] if count < 0 else content[start : start + count]
 
 
@@ -125,12 +130,12 @@ class IOBase:
 def write_text(stream: Any, piece: str) -> None:
     """Write to a stream, as ``print`` does. Raises HubOSError if it is none."""
     if isinstance(stream, Stream):
-        # those that lack it have no file number 1
+        # Those that lack it have no file number 1.
         stream.write(piece)  # type: ignore[attr-defined]
     elif not isinstance(stream, IOBase):
         raise HubOSError("stream operation not supported")
     elif piece:
-        # a program's method
+        # A program's method.
         stream.write(HubBytearray(piece.encode()))  # type: ignore[attr-defined]
 
 
@@ -138,7 +143,8 @@ class BytesIO(Stream, io.BytesIO):
     """Bytes as a file; an initial number reserves memory."""
 
     def __init__(self, initial: Any = b"", /) -> None:
-        super().__init__(b"" if isinstance(initial, int) else as_bytes(initial))
+        content = b"" if isinstance(initial, int) else as_bytes(initial)
+        super().__init__(content)
 
     def __repr__(self) -> str:
         return f"<io.{type(self).__name__} 0x{id(self) & 0xFFFFFFFF:x}>"
@@ -147,7 +153,9 @@ class BytesIO(Stream, io.BytesIO):
         return super().write(part_of(data, *part))
 
     def readinto(self, buffer: Any, /, size: int = -1) -> int:
-        return super().readinto(memoryview(buffer)[:size] if size >= 0 else buffer)
+        if size >= 0:
+            buffer = memoryview(buffer)[:size]
+        return super().readinto(buffer)
 
     def seek(self, offset: int, whence: int = 0, /) -> int:
         try:
@@ -169,6 +177,7 @@ class StringIO(BytesIO):
         return super().getvalue().decode()
 
     def __next__(self) -> Any:
-        if line := self.readline():
-            return line
-        raise StopIteration
+        line = self.readline()
+        if not line:
+            raise StopIteration
+        return line

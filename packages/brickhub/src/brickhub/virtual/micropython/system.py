@@ -36,6 +36,7 @@ _ESCAPES = {"b": "\b", "f": "\f", "n": "\n", "r": "\r", "t": "\t"}
 _SPACES = " \t\n\r\v\f"
 _NO_KEY = object()
 _SYNTAX_ERROR = "syntax error in JSON"
+# As `py/stream.h` numbers them.
 _POLLIN = 1
 _POLLOUT = 4
 _POLLERR = 8
@@ -43,12 +44,16 @@ _POLLHUP = 16
 _STDIN = 0
 _CTRL_C = 3
 _STACK_BYTES = 8 * 1024
-_FOREVER_MS = 1000  # polling interval
+_ENDLESS_BYTES = 1 << 20
+"""More than anybody types."""
+_FOREVER_MS = 1000
+"""Simulated time between two looks for input where there is no timeout."""
 
 
 def read_json(source: str) -> Any:
     """Parse JSON. Raises ValueError as on the hub, OverflowError if a number needs more than 31
     bits."""
+    # No recursion, as on a hub: the containers around the innermost one wait in a list.
     parents: list[Any] = []
     top: Any = None
     key: Any = _NO_KEY
@@ -71,6 +76,7 @@ def read_json(source: str) -> Any:
             top[key] = value
             key = _NO_KEY
         elif top is not None:
+            # A key, which may be anything but a container.
             if opens:
                 raise ValueError(_SYNTAX_ERROR)
             key = value
@@ -94,7 +100,8 @@ def _value(token: re.Match[str]) -> Any:
     number = token["number"]
     if number is None:
         return re.sub(r"\\(u.{4}|.)", _unescaped, token["text"], flags=re.DOTALL)
-    return to_float(number) if re.search("[.eE]", number) else to_int(number, 10)
+    is_float = re.search("[.eE]", number)
+    return to_float(number) if is_float else to_int(number, 10)
 
 
 def _unescaped(escape: re.Match[str]) -> str:
@@ -153,7 +160,10 @@ class FileIO(Stream):
 
     def read(self, size: int = -1) -> Any:
         self._terminal.tick()
-        return self._take(1 << 20 if size < 0 else size) if size else b""
+        if size == 0:
+            return b""
+        # To the end, which a console has not: it waits until it is interrupted.
+        return self._take(_ENDLESS_BYTES if size < 0 else size)
 
     def readinto(self, buffer: bytearray, size: int = -1) -> int:
         if not isinstance(buffer, bytearray | memoryview):
@@ -202,12 +212,14 @@ class TextIOWrapper(FileIO):
         """Read a number of characters."""
         self._terminal.tick()
         if size < 0:
-            return self._take(1 << 20).decode()
+            return self._take(_ENDLESS_BYTES).decode()
         characters = ""
         for _ in range(size):
+            # The first byte of a character in UTF-8 says how many follow.
             first = self._take(1)
             others = (first >= b"\xc0") + (first >= b"\xe0") + (first >= b"\xf0")
-            characters += (first + self._take(others)).decode()
+            character = first + self._take(others)
+            characters += character.decode()
         return characters
 
     def readline(self, size: int = -1) -> str:
@@ -241,22 +253,27 @@ class Poll:
 
     def poll(self, timeout: int = -1, flags: int = 0) -> list[tuple[FileIO, int]]:
         self._tick()
-        streams = self._streams.values()
-        while (
-            not (
-                ready := [
-                    (stream, now) for stream, mask in streams if (now := stream.events() & mask)
-                ]
-            )
-            and timeout
-        ):
+        # Looked at once at least, also without a timeout.
+        ready = self._ready()
+        while not ready and timeout:
             if timeout < 0:
                 self._advance(_FOREVER_MS)
             else:
                 timeout -= self._advance(timeout)
+            ready = self._ready()
+        # One-shot: a stream that was ready is not looked at any more.
         if flags & 1:
             for stream, _ in ready:
                 self.modify(stream, 0)
+        return ready
+
+    def _ready(self) -> list[tuple[FileIO, int]]:
+        """Streams with those of their events that the program asked for."""
+        ready = []
+        for stream, mask in self._streams.values():
+            events = stream.events() & mask
+            if events:
+                ready.append((stream, events))
         return ready
 
     def ipoll(self, timeout: int = -1, flags: int = 0) -> Iterator[tuple[FileIO, int]]:
@@ -276,12 +293,11 @@ def sys_module(terminal: Terminal, build: str, machine: str) -> ModuleType:
     stdout = TextIOWrapper(1, terminal)
 
     def print_exception(error: object, file: Any = stdout) -> None:
-        write_text(
-            file,
-            format_traceback(error, "")
-            if isinstance(error, BaseException)
-            else f"{representation(error)}\n",
-        )
+        if isinstance(error, BaseException):
+            shown = format_traceback(error, "")
+        else:
+            shown = f"{representation(error)}\n"
+        write_text(file, shown)
 
     names: dict[str, Any] = {
         "stdin": TextIOWrapper(0, terminal),
@@ -298,26 +314,36 @@ def sys_module(terminal: Terminal, build: str, machine: str) -> ModuleType:
 
 
 def select_module(advance: Callable[[int], int], tick: Callable[[], None]) -> ModuleType:
-    flags = {"POLLIN": _POLLIN, "POLLOUT": _POLLOUT, "POLLERR": _POLLERR, "POLLHUP": _POLLHUP}
-
     def select(
         readers: Any, writers: Any, others: Any, timeout: float | None = None, /
     ) -> tuple[list[FileIO], ...]:
         """Streams that can be read, be written, or failed; ``timeout`` in seconds."""
         poll = Poll(advance, tick)
         masks = (_POLLIN, _POLLOUT, _POLLERR | _POLLHUP)
+        groups = (readers, writers, others)
+        # A stream may be in several groups.
         masks_by_stream: dict[FileIO, int] = {}
-        for streams, mask in zip((readers, writers, others), masks, strict=True):
+        for streams, mask in zip(groups, masks, strict=True):
             if not isinstance(streams, list | tuple):
-                raise TypeError(f"object '{type(streams).__name__}' isn't a tuple or list")
+                kind = type(streams).__name__
+                raise TypeError(f"object '{kind}' isn't a tuple or list")
             for stream in map(_pollable, streams):
-                masks_by_stream[stream] = masks_by_stream.get(stream, 0) | mask
+                mask_before = masks_by_stream.get(stream, 0)
+                masks_by_stream[stream] = mask_before | mask
         for stream, mask in masks_by_stream.items():
             poll.register(stream, mask)
-        ready = poll.poll(-1 if timeout is None or timeout < 0 else int(to_single(timeout * 1000)))
+        timeout_ms = -1 if timeout is None or timeout < 0 else int(to_single(timeout * 1000))
+        ready = poll.poll(timeout_ms)
         return tuple([stream for stream, events in ready if events & mask] for mask in masks)
 
-    return module("select", {"poll": lambda: Poll(advance, tick), "select": select, **flags})
+    names: dict[str, Any] = {
+        "poll": lambda: Poll(advance, tick),
+        "POLLIN": _POLLIN,
+        "POLLOUT": _POLLOUT,
+        "POLLERR": _POLLERR,
+        "POLLHUP": _POLLHUP,
+    }
+    return module("select", names, select)
 
 
 def micropython_module(terminal: Terminal, memory: Callable[[], tuple[int, int]]) -> ModuleType:
@@ -343,6 +369,7 @@ def micropython_module(terminal: Terminal, memory: Callable[[], tuple[int, int]]
 
     def mem_info(verbose: Any = None) -> None:
         used_bytes, free_bytes = memory()
+        # In the form of a hub's, for programs that read the numbers; there are no blocks here.
         lines = (
             f"stack: 0 out of {_STACK_BYTES}",
             f"GC: total: {used_bytes + free_bytes}, used: {used_bytes}, free: {free_bytes}",
@@ -351,12 +378,12 @@ def micropython_module(terminal: Terminal, memory: Callable[[], tuple[int, int]]
                 f"{free_bytes // BLOCK_BYTES}"
             ),
         )
-        terminal.console.write(cooked("".join(f"{line}\n" for line in lines).encode()))
+        shown = "".join(f"{line}\n" for line in lines)
+        terminal.console.write(cooked(shown.encode()))
 
     def qstr_info(verbose: Any = None) -> None:
-        terminal.console.write(
-            cooked(b"qstr pool: n_pool=0, n_qstr=0, n_str_data_bytes=0, n_total_bytes=0\n")
-        )
+        line = b"qstr pool: n_pool=0, n_qstr=0, n_str_data_bytes=0, n_total_bytes=0\n"
+        terminal.console.write(cooked(line))
 
     names = {"const": lambda value: value, "stack_use": lambda: 0}
     return module(
@@ -373,52 +400,48 @@ def gc_module(memory: Callable[[], tuple[int, int]]) -> ModuleType:
         (state["limit"],) = size
         return None
 
+    # What is garbage CPython collects by itself: none of this changes what a program needs.
     names: dict[str, Any] = {
         "enable": lambda: state.update(on=True),
         "disable": lambda: state.update(on=False),
-    }
-    names |= {
         "isenabled": lambda: state["on"],
         "mem_alloc": lambda: memory()[0],
         "mem_free": lambda: memory()[1],
+        "collect": lambda: None,
     }
-    return module("gc", {**names, "collect": lambda: None}, threshold)
+    return module("gc", names, threshold)
 
 
 def errno_module() -> ModuleType:
-    return module(
-        "errno",
-        {
-            **{name: code for code, name in ERROR_NAMES.items()},
-            "errorcode": HubDict.in_order(ERROR_NAMES),
-        },
-    )
+    names: dict[str, Any] = {name: code for code, name in ERROR_NAMES.items()}
+    names["errorcode"] = HubDict.in_order(ERROR_NAMES)
+    return module("errno", names)
 
 
 def json_module() -> ModuleType:
     def dumps(value: Any, /, *, separators: tuple[str, str] | None = None) -> str:
-        item, key = separators or (", ", ": ")
+        between_items, after_key = separators or (", ", ": ")
 
         def write(value: Any) -> str:
             if isinstance(value, dict):
-                names = (
-                    write(name) if isinstance(name, str) else f'"{write(name)}"' for name in value
-                )
-                return (
-                    "{"
-                    + item.join(
-                        name + key + write(part)
-                        for name, part in zip(names, value.values(), strict=True)
-                    )
-                    + "}"
-                )
+                pairs = []
+                for name, part in zip(value, value.values(), strict=True):
+                    # A key that is no text is written as one in quotes.
+                    key = write(name)
+                    if not isinstance(name, str):
+                        key = f'"{key}"'
+                    pairs.append(key + after_key + write(part))
+                return "{" + between_items.join(pairs) + "}"
             if isinstance(value, list | tuple):
-                return "[" + item.join(map(write, value)) + "]"
+                return "[" + between_items.join(map(write, value)) + "]"
             if value is None or isinstance(value, bool):
                 return json.dumps(value)
             if isinstance(value, bytes):
                 value = value.decode()
-            return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else text(value)
+            if isinstance(value, str):
+                return json.dumps(value, ensure_ascii=False)
+            # A hub writes anything else too, as `print` does.
+            return text(value)
 
         return write(value)
 

@@ -15,13 +15,28 @@ from brickhub.virtual.micropython.floats import float_text, format_float, int_fr
 from brickhub.virtual.micropython.memory import check_allocation
 from brickhub.virtual.micropython.streams import HubBytearray
 
-_ESCAPES = {ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t", ord("\\"): "\\\\"}
+_ESCAPES = {
+    ord("\n"): "\\n",
+    ord("\r"): "\\r",
+    ord("\t"): "\\t",
+    ord("\\"): "\\\\",
+}
 _PLAIN = (BaseException.__str__, OSError.__str__, KeyError.__str__, SyntaxError.__str__)
+"""``__str__`` of exceptions that a program did not write itself."""
+# CPython has an iterator class for each container, and another one for text outside ASCII; a hub
+# has one for all.
 _ITERATORS: set[type] = {
-    *(type(iter(kind())) for kind in (list, tuple, str, bytes, bytearray)),
-    *(type(iter(range(0))), type(iter("\u00e4")), TableIterator),
+    type(iter([])),
+    type(iter(())),
+    type(iter("")),
+    type(iter("\u00e4")),
+    type(iter(b"")),
+    type(iter(bytearray())),
+    type(iter(range(0))),
+    TableIterator,
 }
 _REVERSED: list[type] = [reversed, type(reversed([]))]
+"""CPython has a class of its own for reversed lists."""
 _TYPE_NAMES: dict[type, str] = {
     **dict.fromkeys(_ITERATORS, "iterator"),
     **dict.fromkeys(_REVERSED, "reversed"),
@@ -31,26 +46,30 @@ _TYPE_NAMES: dict[type, str] = {
     ),
     types.MethodType: "bound_method",
 }
+# A subclass of a program shows its items as they are stored, whatever methods it overrides: so they
+# are copied into the native class by that class's own methods.
 _COPIES: dict[type, Callable[[Any], Any]] = {
     list: list.copy,
-    tuple: lambda v: tuple(tuple.__iter__(v)),
+    tuple: lambda values: tuple(tuple.__iter__(values)),
     HubDict: HubDict.copy,
     HubSet: HubSet.copy,
-}  # for objects of a program's subclasses, regardless of overridden methods
+}
 _PRIVATE = (type, types.FunctionType, types.ModuleType)
 _DEFAULT_PRECISION = 6
+# A hub reads a specification byte by byte, so only a character of ASCII can fill.
 _SPEC = re.compile(
-    r"(?:(?P<fill>[^<>=^\x80-\U0010ffff])?(?P<align>[<>=^]))?(?P<sign>[-+ "
-    r"])?(?P<prefix>#?)(?P<zero>0)?(?P<width>\d+)?"
+    r"(?:(?P<fill>[^<>=^\x80-\U0010ffff])?(?P<align>[<>=^]))?"
+    r"(?P<sign>[-+ ])?(?P<prefix>#?)(?P<zero>0)?(?P<width>\d+)?"
     r"(?P<separator>[,_])?(?:\.(?P<precision>\d+)?)?(?P<code>[bcdeEfFgGnosxX%])?",
     re.DOTALL,
 )
+# Programs format in loops, with the few specifications that stand in their source.
 _parsed = functools.lru_cache(maxsize=256)(_SPEC.fullmatch)
 _INTEGER_CODES = ("", *"bcdnoxX")
 _FLOAT_CODES = ("", *"eEfFgGn%")
 _PERCENT = re.compile(
-    r"%(?:\((?P<key>[^)]*)\))?(?P<flags>[-+ "
-    r"#0]*)(?P<width>\*|\d+)?(?:\.(?P<precision>\*|\d+))?(?P<code>.)?",
+    r"%(?:\((?P<key>[^)]*)\))?(?P<flags>[-+ #0]*)"
+    r"(?P<width>\*|\d+)?(?:\.(?P<precision>\*|\d+))?(?P<code>.)?",
     re.DOTALL,
 )
 
@@ -58,6 +77,7 @@ _PERCENT = re.compile(
 def text(value: Any) -> str:
     """``str(value)``."""
     kind: Any = type(value)
+    # What programs print most comes first: texts, counts and readings.
     if kind is str:
         return str.__str__(value)
     if kind is int:
@@ -66,25 +86,24 @@ def text(value: Any) -> str:
         return float_text(value)
     if isinstance(value, BaseException) and kind.__str__ in _PLAIN:
         return _exception_text(value)
-    if (
-        kind.__str__ is not object.__str__
-        and kind not in _REPRESENTATIONS
-        and not isinstance(value, _PRIVATE)
-    ):
+    has_text_method = kind.__str__ is not object.__str__
+    is_hidden = kind in _REPRESENTATIONS or isinstance(value, _PRIVATE)
+    if has_text_method and not is_hidden:
         return _returned(kind.__str__(value))
-    native = _native_base(value)  # goes before the ``__repr__`` of a subclass
-    return (
-        representation(value)
-        if native is None
-        else _REPRESENTATIONS[native](_COPIES[native](value))
-    )
+    native = _native_base(value)
+    if native is None:
+        return representation(value)
+    # On a hub the native class's text goes before the `__repr__` of a subclass; on CPython not.
+    return _REPRESENTATIONS[native](_COPIES[native](value))
 
 
 def _native_base(value: object) -> Any:
-    """The native class of which the object's class is a program's subclass."""
-    return next(
-        (base for base in _COPIES if type(value) is not base and isinstance(value, base)), None
-    )
+    """The native class of which the object's class is a program's subclass, or ``None``."""
+    kind = type(value)
+    for base in _COPIES:
+        if kind is not base and isinstance(value, base):
+            return base
+    return None
 
 
 def _returned(result: Any) -> str:
@@ -100,14 +119,14 @@ def representation(value: object) -> str:
     if isinstance(value, BaseException) and kind.__repr__ is BaseException.__repr__:
         return f"{class_name(kind)}{representation(value.args)}"
     if isinstance(value, type):
-        return (
-            repr(value) if kind.__repr__ is not type.__repr__ else f"<class '{type_name(value)}'>"
-        )
+        has_own_metaclass = kind.__repr__ is not type.__repr__
+        return repr(value) if has_own_metaclass else f"<class '{type_name(value)}'>"
     if kind.__repr__ is object.__repr__:
-        is_native = kind.__module__.startswith(FIRMWARE)
-        return (
-            f"<{kind.__name__}>" if is_native else f"<{kind.__name__} object at {_address(value)}>"
-        )
+        # A native class without a printer of its own shows its name alone
+        # (`mp_obj_print_helper`, `py/obj.c`).
+        if kind.__module__.startswith(FIRMWARE):
+            return f"<{kind.__name__}>"
+        return f"<{kind.__name__} object at {_address(value)}>"
     native = _native_base(value)
     if native is None or kind.__repr__ is not native.__repr__:
         return _returned(kind.__repr__(value))
@@ -116,14 +135,13 @@ def representation(value: object) -> str:
 
 def type_name(kind: type) -> str:
     """Name of a class on a hub."""
-    return (
-        class_name(kind)
-        if issubclass(kind, BaseException)
-        else _TYPE_NAMES.get(kind, kind.__name__)
-    )
+    if issubclass(kind, BaseException):
+        return class_name(kind)
+    return _TYPE_NAMES.get(kind, kind.__name__)
 
 
 def _address(value: object) -> str:
+    # The memory of the hubs' processors begins at 0x20000000.
     return f"{0x20000000 + id(value) % 0x50000:x}"
 
 
@@ -134,52 +152,110 @@ def format_traceback(error: BaseException, filename: str) -> str:
     """
     lines = []
     for frame, line in traceback.walk_tb(error.__traceback__):
+        # Only code that was transformed has the helpers; all other frames are the interpreter's.
         if "@n" in frame.f_builtins:
-            lines.append(
-                f'  File "{frame.f_code.co_filename}", line {line}, in {frame.f_code.co_name}'
-            )
+            code = frame.f_code
+            lines.append(f'  File "{code.co_filename}", line {line}, in {code.co_name}')
+    kind = type(error)
     if isinstance(error, SyntaxError) and error.lineno is not None:
-        block = f", in {error.text}" if error.text and error.offset is None else ""
-        lines.append(f'  File "{error.filename or filename}", line {error.lineno}{block}')
+        # The hub's compiler names the function, which `_compile_for_hub` keeps in `text`. CPython's
+        # errors have the source there, and an offset.
+        is_from_hub = error.text and error.offset is None
+        block = f", in {error.text}" if is_from_hub else ""
+        file = error.filename or filename
+        lines.append(f'  File "{file}", line {error.lineno}{block}')
     if lines:
         lines.insert(0, "Traceback (most recent call last):")
-    has_own = type(error).__repr__ is not BaseException.__repr__
-    lines.append(repr(error) if has_own else f"{class_name(type(error))}: {_exception_text(error)}")
+    if kind.__repr__ is BaseException.__repr__:
+        name = class_name(kind)
+        lines.append(f"{name}: {_exception_text(error)}")
+    else:
+        lines.append(repr(error))
     return "\n".join(lines) + "\n"
 
 
 def _exception_text(error: BaseException) -> str:
+    # CPython adds file and line to the text of a SyntaxError.
     args = (error.msg,) if isinstance(error, SyntaxError) else error.args
-    if (
-        isinstance(error, OSError)
-        and 0 < len(args) < 3
-        and type(args[0]) is int
-        and args[0] in ERROR_NAMES
-    ):
-        return f"[Errno {args[0]}] {ERROR_NAMES[args[0]]}" + (
-            f": {text(args[1])}" if len(args) == 2 else ""
-        )
-    return "" if not args else text(args[0]) if len(args) == 1 else representation(args)
+    if not args:
+        return ""
+    first = args[0]
+    has_number = len(args) in (1, 2) and type(first) is int and first in ERROR_NAMES
+    if isinstance(error, OSError) and has_number:
+        # The hub writes the name of the number, where CPython writes a sentence
+        # (`py/objexcept.c`).
+        described = f"[Errno {first}] {ERROR_NAMES[first]}"
+        if len(args) == 2:
+            described += f": {text(args[1])}"
+        return described
+    return text(first) if len(args) == 1 else representation(args)
 
 
 def _quoted(codes: Iterable[int], quote: str) -> str:
-    out = []
+    written = []
     for code in codes:
         if code == ord(quote):
-            out.append("\\" + quote)
+            written.append("\\" + quote)
         elif code in _ESCAPES:
-            out.append(_ESCAPES[code])
+            written.append(_ESCAPES[code])
         elif 32 <= code < 127:
-            out.append(chr(code))
+            written.append(chr(code))
+        # A hub escapes all that is outside ASCII; CPython writes letters of other alphabets.
         elif code < 256:
-            out.append(f"\\x{code:02x}")
+            written.append(f"\\x{code:02x}")
+        elif code < 0x10000:
+            written.append(f"\\u{code:04x}")
         else:
-            out.append(f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}")
-    return quote + "".join(out) + quote
+            written.append(f"\\U{code:08x}")
+    return quote + "".join(written) + quote
 
 
 def _bytes(value: Any) -> str:
-    return "b" + _quoted(value, '"' if b"'" in value and b'"' not in value else "'")
+    quote = '"' if b"'" in value and b'"' not in value else "'"
+    return "b" + _quoted(value, quote)
+
+
+def _str(value: Any) -> str:
+    quote = '"' if "'" in value and '"' not in value else "'"
+    return _quoted(map(ord, value), quote)
+
+
+def _tuple(value: Any) -> str:
+    comma = "," if len(value) == 1 else ""
+    return f"({_joined(value)}{comma})"
+
+
+def _set(value: Any) -> str:
+    return "{" + _joined(value) + "}" if value else "set()"
+
+
+def _range(value: Any) -> str:
+    step = "" if value.step == 1 else f", {value.step}"
+    return f"range({value.start}, {value.stop}{step})"
+
+
+def _namespace(value: dict[Any, Any]) -> str:
+    """Text of a dict of CPython, which is the globals of a module."""
+    # CPython puts these in; a hub's module does not have them.
+    visible = {
+        name: part for name, part in value.items() if name not in ("__builtins__", "__doc__")
+    }
+    return _dict(visible)
+
+
+def _function(value: Any) -> str:
+    return "<generator>" if value.__code__.co_flags & CO_GENERATOR else "<function>"
+
+
+def _builtin_function(value: Any) -> str:
+    # CPython makes methods of its builtin objects, such as `[].append`, builtin functions too.
+    is_function = isinstance(value.__self__, types.ModuleType | None)
+    return "<function>" if is_function else _method(value)
+
+
+def _nameless(value: Any) -> str:
+    """Text of an iterator."""
+    return f"<{type_name(type(value))}>"
 
 
 def _joined(values: Iterable[object]) -> str:
@@ -187,16 +263,21 @@ def _joined(values: Iterable[object]) -> str:
 
 
 def _dict(value: Any) -> str:
-    return (
-        "{" + ", ".join(f"{representation(k)}: {representation(v)}" for k, v in value.items()) + "}"
-    )
+    pairs = []
+    for key, part in value.items():
+        shown_key = representation(key)
+        shown_part = representation(part)
+        pairs.append(f"{shown_key}: {shown_part}")
+    return "{" + ", ".join(pairs) + "}"
 
 
 def _complex(value: complex) -> str:
-    real, imaginary = (format_float(part, "g", None) for part in (value.real, value.imag))
+    imaginary = format_float(value.imag, "g", None)
     if value.real == 0:
         return f"{imaginary}j"
-    return f"({real}{'' if value.imag < 0 else '+'}{imaginary}j)"
+    real = format_float(value.real, "g", None)
+    plus = "" if value.imag < 0 else "+"
+    return f"({real}{plus}{imaginary}j)"
 
 
 def _method(value: Any) -> str:
@@ -204,39 +285,34 @@ def _method(value: Any) -> str:
 
 
 _REPRESENTATIONS: dict[type, Callable[[Any], str]] = {
-    str: lambda v: _quoted(map(ord, v), '"' if "'" in v and '"' not in v else "'"),
+    str: _str,
     bytes: _bytes,
-    HubBytearray: lambda v: f"bytearray({_bytes(v)})",
+    HubBytearray: lambda value: f"bytearray({_bytes(value)})",
     int: int.__repr__,
     bool: bool.__repr__,
     float: float_text,
     complex: _complex,
-    type(None): lambda v: "None",
-    type(...): lambda v: "Ellipsis",
-    list: lambda v: f"[{_joined(v)}]",
-    tuple: lambda v: f"({_joined(v)},)" if len(v) == 1 else f"({_joined(v)})",
+    type(None): lambda value: "None",
+    type(...): lambda value: "Ellipsis",
+    list: lambda value: f"[{_joined(value)}]",
+    tuple: _tuple,
     HubDict: _dict,
-    dict: lambda v: _dict(
-        {name: value for name, value in v.items() if name not in ("__builtins__", "__doc__")}
+    dict: _namespace,
+    HubSet: _set,
+    range: _range,
+    object: lambda value: "<object>",
+    DictView: lambda value: f"dict_{value.kind}([{_joined(value)}])",
+    types.GeneratorType: lambda value: (
+        f"<generator object '{value.__name__}' at {_address(value)}>"
     ),
-    HubSet: lambda v: "{" + _joined(v) + "}" if v else "set()",
-    range: lambda v: f"range({v.start}, {v.stop}" + (")" if v.step == 1 else f", {v.step})"),
-    object: lambda v: "<object>",
-    DictView: lambda v: f"dict_{v.kind}([{_joined(v)}])",
-    types.GeneratorType: lambda v: f"<generator object '{v.__name__}' at {_address(v)}>",
-    types.FunctionType: lambda v: (
-        "<generator>" if v.__code__.co_flags & CO_GENERATOR else "<function>"
-    ),
-    types.BuiltinFunctionType: lambda v: (
-        "<function>" if isinstance(v.__self__, types.ModuleType | None) else _method(v)
-    ),
+    types.FunctionType: _function,
+    types.BuiltinFunctionType: _builtin_function,
     types.MethodType: _method,
-    **dict.fromkeys(
-        (zip, map, enumerate, *_REVERSED, *_ITERATORS), lambda v: f"<{type_name(type(v))}>"
-    ),
-    types.ModuleType: lambda v: f"<module '{v.__name__}'>",
-    memoryview: lambda v: "<memoryview>",
+    **dict.fromkeys((zip, map, enumerate, *_REVERSED, *_ITERATORS), _nameless),
+    types.ModuleType: lambda value: f"<module '{value.__name__}'>",
+    memoryview: lambda value: "<memoryview>",
 }
+"""``repr`` by class, of values whose class a program did not write."""
 
 
 def to_number(value: Any, kind: str) -> Any:
@@ -245,16 +321,16 @@ def to_number(value: Any, kind: str) -> Any:
     if isinstance(value, int | float):
         return value
     convert = getattr(type(value), f"__{kind}__", None)
-    number = None if convert is None or isinstance(value, str | bytes) else convert(value)
+    number = None
+    if convert is not None and not isinstance(value, str | bytes):
+        number = convert(value)
     if type(number).__name__ == kind:
         return number
-    raise TypeError(
-        *(
-            ()
-            if kind == "int" and number is not None
-            else (f"can't convert {type(value).__name__} to {kind}",)
-        )
-    )
+    # A hub checks the result of `__int__` where it calls it, without a message
+    # (`py/objtype.c`).
+    if kind == "int" and number is not None:
+        raise TypeError
+    raise TypeError(f"can't convert {type(value).__name__} to {kind}")
 
 
 def format_value(value: object, spec: str) -> str:
@@ -266,32 +342,46 @@ def format_value(value: object, spec: str) -> str:
         raise ValueError("invalid format specifier")
     code = match["code"] or ""
     sign = (match["sign"] or "").replace("-", "")
-    if sign and code in ("s", "c"):
-        kind = "in string format specifier" if code == "s" else "with integer format specifier 'c'"
-        raise ValueError(f"sign not allowed {kind}")
+    if sign and code == "s":
+        raise ValueError("sign not allowed in string format specifier")
+    if sign and code == "c":
+        raise ValueError("sign not allowed with integer format specifier 'c'")
+
+    # Numbers are aligned to the right, and filled with zeros behind their sign.
     is_number = isinstance(value, int | float)
-    align = match["align"] or ("=" if match["zero"] and is_number else ">" if is_number else "<")
-    check_allocation(int(match["width"] or 0))
-    padding = match["fill"] or match["zero"] or " ", align, int(match["width"] or 0)
+    if match["align"]:
+        align = match["align"]
+    elif is_number:
+        align = "=" if match["zero"] else ">"
+    else:
+        align = "<"
+    width = int(match["width"] or 0)
+    fill = match["fill"] or match["zero"] or " "
+    precision = match["precision"]
+    # Before the text is made: a width that fits on no hub would fill this computer's memory.
+    check_allocation(width)
+
     if isinstance(value, int) and code in _INTEGER_CODES:
-        return _format_integer(
-            int(value), code, sign + match["prefix"], match["separator"] or "", *padding
-        )
+        flags = sign + match["prefix"]
+        separator = match["separator"] or ""
+        return _format_integer(int(value), code, flags, separator, fill, align, width)
     if isinstance(value, int | float) and code in _FLOAT_CODES:
-        return _padded(_format_float(value, code or "g", sign, match["precision"]), *padding)
+        formatted = _format_float(value, code or "g", sign, precision)
+        return _padded(formatted, fill, align, width)
+    # Text, or a number with a code that is not for it.
     if not is_number and align == "=":
         raise ValueError("'=' alignment not allowed in string format specifier")
     if is_number or code not in ("", "s"):
-        raise ValueError(
-            f"unknown format code '{code}' for object of type '{type_name(type(value))}'"
-        )
+        kind = type_name(type(value))
+        raise ValueError(f"unknown format code '{code}' for object of type '{kind}'")
     if not isinstance(value, str | bytes):
-        raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
+        kind = type(value).__name__
+        raise TypeError(f"can't convert '{kind}' object to str implicitly")
+    # Bytes are text of as many characters on a hub; CPython's have no format.
     characters = value if isinstance(value, str) else value.decode("latin-1")
-    return _padded(
-        characters if match["precision"] is None else characters[: int(match["precision"])],
-        *padding,
-    )
+    if precision is not None:
+        characters = characters[: int(precision)]
+    return _padded(characters, fill, align, width)
 
 
 def _format_integer(
@@ -299,9 +389,12 @@ def _format_integer(
 ) -> str:
     if code == "c":
         return _padded(chr(value & 0xFF), fill, align, width)
-    if code in ("b", "o", "x", "X"):  # in groups of four digits, whatever separates them
-        digits = format(value, f"{flags}{separator and '_'}{code}").replace("_", separator)
+    if code in ("b", "o", "x", "X"):
+        # A hub groups four digits whatever separates them. CPython takes no comma here.
+        underscore = "_" if separator else ""
+        digits = format(value, f"{flags}{underscore}{code}").replace("_", separator)
     else:
+        # To a hub "n" is "d": there is no locale whose separators it could use.
         digits = format(value, f"{flags}{separator}{code.replace('n', 'd')}")
     return _padded(digits, fill, align, width)
 
@@ -310,20 +403,27 @@ def _format_float(value: float, code: str, sign: str, precision: str | None) -> 
     digits = _DEFAULT_PRECISION if precision is None else int(precision)
     value = to_single(value)
     if code == "%":
-        return format_float(to_single(value * 100), "f", digits, sign) + "%"
-    return format_float(value, "g" if code == "n" else code, digits, sign)
+        # The product is rounded to a float of the hub before its digits are computed.
+        share_pct = to_single(value * 100)
+        return format_float(share_pct, "f", digits, sign) + "%"
+    if code == "n":
+        code = "g"
+    return format_float(value, code, digits, sign)
 
 
 def _padded(formatted: str, fill: str, align: str, width: int) -> str:
     if align == "=":
         sign = re.match("[-+ ]?(?:0[xXob])?", formatted)[0]  # type: ignore[index]
-        return sign + formatted[len(sign) :].rjust(width - len(sign), fill)
-    return format(formatted, f"{fill}{align}{_in_characters(width, formatted)}")
+        digits = formatted.removeprefix(sign)
+        return sign + digits.rjust(width - len(sign), fill)
+    width = _in_characters(width, formatted)
+    return format(formatted, f"{fill}{align}{width}")
 
 
 def _in_characters(width: int, formatted: str) -> int:
     """A width in bytes, as a hub counts, in characters."""
-    return max(0, width - len(formatted.encode()) + len(formatted))
+    extra_bytes = len(formatted.encode()) - len(formatted)
+    return max(0, width - extra_bytes)
 
 
 class _Formatter(string.Formatter):
@@ -331,9 +431,15 @@ class _Formatter(string.Formatter):
         self._numbering = ""
 
     def parse(self, format_string: str) -> Iterator[Any]:
+        # CPython's formatter refuses a mixture of `{}` and `{0}` too, later and in other words.
         for part in super().parse(format_string):
-            if part[1] is not None and (not part[1] or part[1][0].isdigit()):
-                numbering = "manual field specification" if part[1] else "automatic field numbering"
+            field_name = part[1]
+            has_number = field_name is not None and (not field_name or field_name[0].isdigit())
+            if has_number:
+                if field_name:
+                    numbering = "manual field specification"
+                else:
+                    numbering = "automatic field numbering"
                 if self._numbering not in ("", numbering):
                     raise ValueError(f"can't switch from {self._numbering} to {numbering}")
                 self._numbering = numbering
@@ -342,6 +448,7 @@ class _Formatter(string.Formatter):
     def get_field(self, field_name: str, args: Any, kwargs: Any) -> Any:
         if "." in field_name or "[" in field_name:
             name = re.split(r"[.\[]", field_name)[0]
+            # A missing argument is found before the attribute is refused.
             self.get_value(int(name) if name.isdigit() else name, args, kwargs)
             raise NotImplementedError("attributes not supported")
         return super().get_field(field_name, args, kwargs)
@@ -379,21 +486,27 @@ def percent(template: Any, values: object) -> Any:
             raise TypeError("format string needs more arguments")
         return queue.pop(0)
 
+    def star_or_digits(written: str | None) -> str | None:
+        return _width_argument(next_value) if written == "*" else written
+
     def replace(match: re.Match[str]) -> str:
         code = match["code"]
         if match[0] == "%%":
             return "%"
-        if code is None or code == "(":
-            raise ValueError("incomplete format" if code is None else "incomplete format key")
+        if code is None:
+            raise ValueError("incomplete format")
+        # A key without its closing bracket.
+        if code == "(":
+            raise ValueError("incomplete format key")
         key = match["key"]
         if key is not None:
+            # With a key no value is taken in turn any more, not even for a `*`.
             queue.clear()
             if not isinstance(values, dict):
                 raise TypeError("format needs a dict")
-        width, precision = (
-            _given(next_value) if match[name] == "*" else match[name]
-            for name in ("width", "precision")
-        )
+        # The order in which `*` takes its numbers: width, precision, then the value itself.
+        width = star_or_digits(match["width"])
+        precision = star_or_digits(match["precision"])
         value = next_value() if key is None else values[key]  # type: ignore[index]
         return _format_argument(value, match, width or "", precision, is_bytes)
 
@@ -403,7 +516,7 @@ def percent(template: Any, values: object) -> Any:
     return result.encode("latin-1") if is_bytes else result
 
 
-def _given(next_value: Callable[[], Any]) -> str:
+def _width_argument(next_value: Callable[[], Any]) -> str:
     """Width or precision from the arguments; none if negative."""
     number = next_value()
     if not isinstance(number, int):
@@ -419,29 +532,53 @@ def _format_argument(
     flags = match["flags"]
     limit = "" if precision is None else f".{precision}"
     spec = f"%{flags}{width}{limit}"
+    if code == "s" and is_bytes and isinstance(value, bytes):
+        return (spec + "s") % value.decode("latin-1")
     if code in "sr":
-        if code == "s" and is_bytes and isinstance(value, bytes):
-            return (spec + "s") % value.decode("latin-1")
         characters = text(value) if code == "s" else representation(value)
-        return f"%{flags}{_in_characters(int(width or 0), characters)}{limit}s" % characters
+        width_in_characters = _in_characters(int(width or 0), characters)
+        padded: str = f"%{flags}{width_in_characters}{limit}s" % characters
+        return padded
     if code == "c":
-        if isinstance(value, str) and len(value.encode()) != 1:
-            raise TypeError("%c needs int or char")
-        if not isinstance(value, int | str):
-            raise TypeError("integer needed")
-        return (spec + "c") % (value & 0xFF if isinstance(value, int) else value)
+        character: str = (spec + "c") % _character(value)
+        return character
     if code in "diuxXo":
         check_allocation(int(precision or 0))
         return _format_int(value, code, spec, flags)
     if code in "eEfFgG":
-        sign = next((mark for mark in "+ " if mark in flags), "")
-        digits = _DEFAULT_PRECISION if precision is None else int(precision)
-        formatted = format_float(to_single(to_number(value, "float")), code, digits, sign)
-        align = "<" if "-" in flags else "=" if "0" in flags else ">"
-        return _padded(formatted, "0" if "0" in flags else " ", align, int(width or 0))
-    raise ValueError(
-        f"unsupported format character '{code}' (0x{ord(code):x}) at index {match.end() - 1}"
-    )
+        return _format_float_argument(value, code, flags, width, precision)
+    index = match.end() - 1
+    raise ValueError(f"unsupported format character '{code}' (0x{ord(code):x}) at index {index}")
+
+
+def _character(value: Any) -> Any:
+    if isinstance(value, str) and len(value.encode()) != 1:
+        raise TypeError("%c needs int or char")
+    if not isinstance(value, int | str):
+        raise TypeError("integer needed")
+    # A hub writes the lowest byte of a number; CPython refuses what is no character.
+    return value & 0xFF if isinstance(value, int) else value
+
+
+def _format_float_argument(
+    value: Any, code: str, flags: str, width: str, precision: str | None
+) -> str:
+    sign = ""
+    if "+" in flags:
+        sign = "+"
+    elif " " in flags:
+        sign = " "
+    digits = _DEFAULT_PRECISION if precision is None else int(precision)
+    number = to_single(to_number(value, "float"))
+    formatted = format_float(number, code, digits, sign)
+    fill = "0" if "0" in flags else " "
+    # At the left the zeros of the flag "0" go behind the number, so "-" goes before "0".
+    align = ">"
+    if "-" in flags:
+        align = "<"
+    elif "0" in flags:
+        align = "="
+    return _padded(formatted, fill, align, int(width or 0))
 
 
 def _format_int(value: Any, code: str, spec: str, flags: str) -> str:
@@ -450,7 +587,9 @@ def _format_int(value: Any, code: str, spec: str, flags: str) -> str:
         if code not in "diu":
             raise TypeError("can't convert float to int")
         number = int_from_float(number)
-    if "-" in flags and "0" in flags and "." not in spec:  # zeros at the right
-        plain = str((spec.replace("0", "", 1) + code) % number)
+    # With both flags a hub fills with zeros at the right, where CPython ignores the zero.
+    if "-" in flags and "0" in flags and "." not in spec:
+        plain_spec = spec.replace("0", "", 1) + code
+        plain = str(plain_spec % number)
         return plain.rstrip(" ").ljust(len(plain), "0")
     return str((spec + code) % number)

@@ -15,18 +15,28 @@ from brickhub.virtual.micropython.attributes import may_be_hidden
 from brickhub.virtual.micropython.floats import SMALL_MAX, SMALL_MIN, read_constant
 from brickhub.virtual.micropython.operators import ASCII_METHODS
 
+# The hub's compiler computes these with integers of any size: it runs on a PC. `/` it leaves.
 _FOLDED: dict[type[ast.operator], Callable[[int, int], int]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
     ast.FloorDiv: operator.floordiv,
-    ast.Mod: operator.mod, ast.Pow: operator.pow, ast.LShift: operator.lshift,
+    ast.Mod: operator.mod,
+    ast.Pow: operator.pow,
+    ast.LShift: operator.lshift,
     ast.RShift: operator.rshift,
-    ast.BitOr: operator.or_, ast.BitAnd: operator.and_, ast.BitXor: operator.xor,
-}  # fmt: skip
+    ast.BitOr: operator.or_,
+    ast.BitAnd: operator.and_,
+    ast.BitXor: operator.xor,
+}
 _SIGNS: dict[type[ast.unaryop], Callable[[int], int]] = {
-    ast.USub: operator.neg, ast.UAdd: operator.pos, ast.Invert: operator.invert,
-}  # fmt: skip
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+    ast.Invert: operator.invert,
+}
 _MAX_BITS = 4096
 """Limit of a folded power or shift: larger ones take time, and no result of that size fits."""
+# CPython computes these itself, and the result is checked: no operand has to be converted first.
 _WRAPPED = (ast.Add, ast.Sub, ast.LShift)
 _ARITHMETIC = {
     ast.Mult: "@mul",
@@ -45,26 +55,35 @@ _IN_PLACE = {
 }
 """Operators that can change a value in place on a hub; for others ``a *= b`` is ``a = a * b``."""
 _CONVERSIONS = ("int", "float", "str", "slice")
+# Methods that differ on a hub, whatever has them.
 _METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", "close", *ASCII_METHODS)
-# their helper takes one argument; others are refused as those of any function
+# Their helpers take one argument; another number is refused as with any function.
 _OF_ITERABLES = ("list", "tuple", "bytes")
-_ORDERS: dict[type[ast.cmpop], str] = {ast.Lt: "@lt", ast.LtE: "@le", ast.Gt: "@gt", ast.GtE: "@ge"}
-# have items, such as list[int]
+_ORDERS: dict[type[ast.cmpop], str] = {
+    ast.Lt: "@lt",
+    ast.LtE: "@le",
+    ast.Gt: "@gt",
+    ast.GtE: "@ge",
+}
+# CPython's classes with items, such as list[int], which a hub refuses.
 _GENERIC = ("list", "tuple", "dict", "set", "type", "enumerate", "map", "zip", "reversed")
+# Expressions for whose sake a loop has to look whether the heap is full.
 _TAKE_MEMORY = (ast.Call, ast.List, ast.Tuple)
 _TOP_DOWN = (
-    *(
-        ast.UnaryOp,
-        ast.BinOp,
-        ast.Expr,
-        ast.Call,
-        ast.Assign,
-        ast.AnnAssign,
-        ast.arg,
-        ast.ClassDef,
-        ast.FunctionDef,
-    ),
-    *(ast.AsyncFunctionDef, ast.GeneratorExp, ast.ListComp, ast.DictComp, ast.SetComp),
+    ast.UnaryOp,
+    ast.BinOp,
+    ast.Expr,
+    ast.Call,
+    ast.Assign,
+    ast.AnnAssign,
+    ast.arg,
+    ast.ClassDef,
+    ast.FunctionDef,
+    ast.AsyncFunctionDef,
+    ast.GeneratorExp,
+    ast.ListComp,
+    ast.DictComp,
+    ast.SetComp,
 )
 """Nodes of which a part is looked at before it is transformed; of all others the parts come
 first."""
@@ -107,18 +126,39 @@ finally:
 def called_name(node: ast.Call) -> str:
     """Name of the called function; that of a method begins with a point."""
     function = node.func
-    return (
-        function.id
-        if isinstance(function, ast.Name)
-        else f".{function.attr}"
-        if isinstance(function, ast.Attribute)
-        else ""
-    )
+    if isinstance(function, ast.Name):
+        return function.id
+    if isinstance(function, ast.Attribute):
+        return f".{function.attr}"
+    return ""
 
 
 def call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
     """A call of a helper, whose name programs cannot write, at the place of another node."""
-    return ast.copy_location(ast.Call(ast.Name(name, ast.Load()), list(args), []), at)
+    helper = ast.Name(name, ast.Load())
+    return ast.copy_location(ast.Call(helper, list(args), []), at)
+
+
+def _load(name: str) -> ast.expr:
+    return ast.Name(name, ast.Load())
+
+
+def _store(name: str) -> ast.expr:
+    return ast.Name(name, ast.Store())
+
+
+def _statement(value: ast.expr, at: ast.AST) -> ast.stmt:
+    """An expression as a statement, at the place of another node."""
+    return ast.copy_location(ast.Expr(value), at)
+
+
+def _assignment(target: ast.expr, value: ast.expr, at: ast.AST) -> ast.Assign:
+    return ast.copy_location(ast.Assign([target], value), at)
+
+
+def _never(statement: ast.stmt, at: ast.AST) -> ast.stmt:
+    """``if False: statement``, for the names that it makes local, or its ``yield``."""
+    return ast.copy_location(ast.If(ast.Constant(False), [statement], []), at)
 
 
 def fold(node: ast.expr) -> int | None:
@@ -126,25 +166,32 @@ def fold(node: ast.expr) -> int | None:
     to fit 31 bits."""
     if isinstance(node, ast.Constant):
         return node.value if type(node.value) is int else None
-    if isinstance(node, ast.UnaryOp) and type(node.op) in _SIGNS:
+    if isinstance(node, ast.UnaryOp):
+        sign = _SIGNS.get(type(node.op))
         value = fold(node.operand)
-        return None if value is None else int(_SIGNS[type(node.op)](value))
-    if not isinstance(node, ast.BinOp) or type(node.op) not in _FOLDED:
+        if sign is None or value is None:
+            return None
+        return sign(value)
+    if not isinstance(node, ast.BinOp):
         return None
     kind = type(node.op)
+    operation = _FOLDED.get(kind)
+    if operation is None:
+        return None
     left = fold(node.left)
     right = fold(node.right)
     if left is None or right is None:
         return None
-    if (kind in (ast.FloorDiv, ast.Mod) and right == 0) or (
-        kind in (ast.Pow, ast.LShift, ast.RShift) and right < 0
-    ):
+    # What fails, or gives a float, is left to fail when the program comes to it.
+    if kind in (ast.FloorDiv, ast.Mod) and right == 0:
         return None
-    if (kind is ast.Pow and left.bit_length() * right > _MAX_BITS) or (
-        kind is ast.LShift and right > _MAX_BITS
-    ):
+    if kind in (ast.Pow, ast.LShift, ast.RShift) and right < 0:
         return None
-    return int(_FOLDED[kind](left, right))
+    if kind is ast.Pow and left.bit_length() * right > _MAX_BITS:
+        return None
+    if kind is ast.LShift and right > _MAX_BITS:
+        return None
+    return operation(left, right)
 
 
 def transform(
@@ -153,10 +200,12 @@ def transform(
     """The transformed program. ``recursive``: `called_name` of functions that may call themselves.
     ``floats``: text of the compiled program's floats. Raises OverflowError if a constant needs more
     than 31 bits."""
-    return ast.fix_missing_locations(_Transformer(recursive, floats).visit(tree))  # type: ignore[no-any-return]
+    transformed = _Transformer(recursive, floats).visit(tree)
+    return ast.fix_missing_locations(transformed)  # type: ignore[no-any-return]
 
 
 def _bounds(part: ast.Slice) -> list[ast.expr]:
+    # The helpers take all three bounds, of which brackets may leave out any.
     return [bound or ast.Constant(None) for bound in (part.lower, part.upper, part.step)]
 
 
@@ -176,10 +225,12 @@ class _Transformer(ast.NodeTransformer):
     def visit(self, node: ast.AST) -> Any:
         if not isinstance(node, _TOP_DOWN):
             self.generic_visit(node)
-        return getattr(self, f"visit_{type(node).__name__}", lambda node: node)(node)
+        method = getattr(self, f"visit_{type(node).__name__}", None)
+        return node if method is None else method(node)
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         is_private = node.id in self._private and isinstance(node.ctx, ast.Load)
+        # A copy for each place, as a transformed node may be changed again.
         return copy.deepcopy(self._private[node.id]) if is_private else node
 
     def visit_Constant(self, node: ast.Constant) -> ast.expr:
@@ -190,6 +241,7 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_BinOp(self, node: ast.BinOp | ast.UnaryOp) -> ast.expr:
+        # Before the parts are looked at: 2**40 - 2**40 is right, though neither part is.
         folded = fold(node)
         if folded is not None:
             return self.visit_Constant(ast.copy_location(ast.Constant(folded), node))
@@ -206,39 +258,53 @@ class _Transformer(ast.NodeTransformer):
     def visit_Expr(self, node: ast.Expr) -> ast.AST:
         """The hub's compiler drops a number that stands alone, even a large one."""
         is_number = isinstance(node.value, ast.BinOp) and fold(node.value) is not None
-        return ast.copy_location(ast.Pass(), node) if is_number else self.generic_visit(node)
+        if is_number:
+            return ast.copy_location(ast.Pass(), node)
+        return self.generic_visit(node)
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST | list[ast.stmt]:
-        kind = type(node.op)
         target = node.target
         if isinstance(target, ast.Name):
-            read: ast.expr = ast.Name(target.id, ast.Load())
-            if kind is ast.Sub or (kind is ast.Add and isinstance(node.value, ast.Constant)):
-                return [
-                    node,
-                    ast.copy_location(ast.Assign([target], call("@n", read, at=node)), node),
-                ]
-            return ast.copy_location(ast.Assign([target], self._operate(read, node)), node)
+            return self._augment_name(target, node)
+        # Owner and index are computed once, before the value, as in `a[f()] += g()`.
         statements: list[ast.stmt] = [self._assign("@owner", target.value, node)]
-        owner: ast.expr = ast.Name("@owner", ast.Load())
+        owner: ast.expr = _load("@owner")
+        read: ast.expr
+        write: ast.expr
         if isinstance(target, ast.Attribute):
             read = ast.Attribute(owner, target.attr, ast.Load())
-            write: ast.expr = ast.Attribute(owner, target.attr, ast.Store())
+            write = ast.Attribute(owner, target.attr, ast.Store())
         else:
             statements.append(self._assign("@index", target.slice, node))
-            index = ast.Name("@index", ast.Load())
+            index = _load("@index")
             read = ast.Subscript(owner, index, ast.Load())
             write = ast.Subscript(owner, index, ast.Store())
-        assign = ast.copy_location(ast.Assign([write], self._operate(read, node)), node)
-        return [*statements, self._store_statement(assign)]
+        new_value = self._operate(read, node)
+        assign = _assignment(write, new_value, node)
+        statements.append(self._store_statement(assign))
+        return statements
+
+    def _augment_name(self, target: ast.Name, node: ast.AugAssign) -> ast.AST | list[ast.stmt]:
+        kind = type(node.op)
+        read = _load(target.id)
+        # `a += 1` stays, with its result checked in a second statement: the fastest form for what
+        # loops do most. Any other right side of `+=` may be an iterable, which a hub adds to a
+        # list in its own way.
+        adds_constant = kind is ast.Add and isinstance(node.value, ast.Constant)
+        if kind is ast.Sub or adds_constant:
+            checked = call("@n", read, at=node)
+            return [node, _assignment(target, checked, node)]
+        return _assignment(target, self._operate(read, node), node)
 
     @staticmethod
     def _operate(read: ast.expr, node: ast.AugAssign) -> ast.expr:
         """The new value of the target of ``a += b``."""
         kind = type(node.op)
-        if helper := _IN_PLACE.get(kind) or _ARITHMETIC.get(kind):
+        helper = _IN_PLACE.get(kind) or _ARITHMETIC.get(kind)
+        if helper is not None:
             return call(helper, read, node.value, at=node)
-        return call("@n", ast.copy_location(ast.BinOp(read, node.op, node.value), node), at=node)
+        operation = ast.BinOp(read, node.op, node.value)
+        return call("@n", ast.copy_location(operation, node), at=node)
 
     @staticmethod
     def _store_statement(node: ast.Assign) -> ast.stmt:
@@ -246,28 +312,30 @@ class _Transformer(ast.NodeTransformer):
         if len(node.targets) > 1 or not isinstance(node.targets[0], ast.Attribute):
             return node
         target = node.targets[0]
-        return ast.copy_location(
-            ast.Expr(call("@store", node.value, target.value, ast.Constant(target.attr), at=node)),
-            node,
-        )
+        name = ast.Constant(target.attr)
+        store = call("@store", node.value, target.value, name, at=node)
+        return _statement(store, node)
 
     @staticmethod
     def _assign(name: str, value: ast.expr, at: ast.AST) -> ast.stmt:
-        value = call("slice", *_bounds(value), at=at) if isinstance(value, ast.Slice) else value
-        return ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), at)
+        # A slice can stand in brackets only.
+        if isinstance(value, ast.Slice):
+            value = call("slice", *_bounds(value), at=at)
+        return _assignment(_store(name), value, at)
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
         function = node.func
+        # Looked at before the parts are transformed, which may hide the called name.
         is_recursive = called_name(node) in self._recursive
-        is_of_one = (
-            len(node.args) == 1 and not node.keywords and not isinstance(node.args[0], ast.Starred)
-        )
+        has_one_argument = len(node.args) == 1 and not node.keywords
+        is_of_one = has_one_argument and not isinstance(node.args[0], ast.Starred)
+        # A program's own method of such a name has to be called directly, to count its calls.
         methods = (*_METHODS, "extend", "join") if is_of_one and not is_recursive else _METHODS
         self.generic_visit(node)
-        if isinstance(function, ast.Name) and (
-            function.id in _CONVERSIONS or (is_of_one and function.id in _OF_ITERABLES)
-        ):
-            return self._call_helper(node, "convert", function)
+        if isinstance(function, ast.Name):
+            converts_iterable = is_of_one and function.id in _OF_ITERABLES
+            if function.id in _CONVERSIONS or converts_iterable:
+                return self._call_helper(node, "convert", function)
         if isinstance(function, ast.Attribute) and function.attr in methods:
             return self._call_helper(node, function.attr, function.value)
         if node.keywords:
@@ -279,7 +347,7 @@ class _Transformer(ast.NodeTransformer):
     @staticmethod
     def _call_helper(node: ast.Call, name: str, subject: ast.expr) -> ast.Call:
         node.args.insert(0, subject)
-        node.func = ast.copy_location(ast.Name("@" + name, ast.Load()), node.func)
+        node.func = ast.copy_location(_load("@" + name), node.func)
         return node
 
     def visit_Starred(self, node: ast.Starred) -> ast.expr:
@@ -294,52 +362,50 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
-        s = node.slice
+        index = node.slice
         owner = node.value
+        # `type(x)[0]`, `list[int]` and what `type(...)` made: CPython may take these for a type.
         is_class = isinstance(owner, ast.Call) and called_name(owner) == "type"
-        if is_class or (
-            isinstance(owner, ast.Name) and (owner.id in _GENERIC or owner.id in self._classes)
-        ):
+        if isinstance(owner, ast.Name):
+            is_class = owner.id in _GENERIC or owner.id in self._classes
+        if is_class:
             node.value = call("@sub", node.value, at=node.value)
-        if isinstance(node.ctx, ast.Load) and isinstance(s, ast.Slice) and s.step is not None:
-            return call("@stepped", node.value, *_bounds(s), at=node)
+        is_read = isinstance(node.ctx, ast.Load)
+        if is_read and isinstance(index, ast.Slice) and index.step is not None:
+            return call("@stepped", node.value, *_bounds(index), at=node)
         return node
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST:
         target = node.targets[0]
-        if (
-            len(node.targets) == 1
-            and isinstance(target, ast.Name)
-            and isinstance(node.value, ast.Call)
-        ):
-            function = node.value.func
-            # a directive to the compiler
-            if isinstance(function, ast.Name) and function.id == "const" and node.value.args:
-                node.value = node.value.args[0]
+        is_single = len(node.targets) == 1
+        if isinstance(target, ast.Name):
+            constant = _argument_of_const(node.value) if is_single else None
+            if constant is not None:
+                node.value = constant
+                # It stands wherever the name is read, and the name itself is in no namespace.
                 if target.id.startswith("_"):
-                    self._private[target.id] = self.visit(node.value)
+                    self._private[target.id] = self.visit(constant)
                     return ast.copy_location(ast.Pass(), node)
-        if (
-            isinstance(target, ast.Name)
-            and isinstance(node.value, ast.Call)
-            and called_name(node.value) == "type"
-        ):
-            self._classes.add(target.id)
+            if isinstance(node.value, ast.Call) and called_name(node.value) == "type":
+                self._classes.add(target.id)
         self.generic_visit(node)
-        if (
-            len(node.targets) == 1
-            and isinstance(target, ast.Subscript)
-            and isinstance(target.slice, ast.Slice)
-        ):
-            store = call("@setslice", node.value, target.value, *_bounds(target.slice), at=node)
-            return ast.copy_location(ast.Expr(store), node)
-        return self._store_statement(node)
+        if not is_single or not isinstance(target, ast.Subscript):
+            return self._store_statement(node)
+        if not isinstance(target.slice, ast.Slice):
+            return node
+        bounds = _bounds(target.slice)
+        store = call("@setslice", node.value, target.value, *bounds, at=node)
+        return _statement(store, node)
 
     def visit_Dict(self, node: ast.Dict) -> ast.expr:
-        pairs = zip(node.values, node.keys, strict=True)
-        return call(
-            "@dict", *(part for pair in pairs for part in pair if part is not None), at=node
-        )
+        # A hub computes each value before its key.
+        parts: list[ast.expr] = []
+        for value, key in zip(node.values, node.keys, strict=True):
+            parts.append(value)
+            # `None` stands for `**`, which the hub's compiler has refused already.
+            if key is not None:
+                parts.append(key)
+        return call("@dict", *parts, at=node)
 
     def visit_Set(self, node: ast.Set) -> ast.expr:
         return call("@set", *node.elts, at=node)
@@ -361,10 +427,9 @@ class _Transformer(ast.NodeTransformer):
         return call("@listof", self.visit_GeneratorExp(generator, element), at=node)
 
     def visit_DictComp(self, node: ast.DictComp) -> ast.expr:
-        pairs = ast.ListComp(ast.Tuple([node.value, node.key], ast.Load()), node.generators)
-        return call(
-            "@dictof", self.visit_ListComp(ast.copy_location(pairs, node), "@dictcomp"), at=node
-        )
+        pair = ast.Tuple([node.value, node.key], ast.Load())
+        pairs = ast.copy_location(ast.ListComp(pair, node.generators), node)
+        return call("@dictof", self.visit_ListComp(pairs, "@dictcomp"), at=node)
 
     def visit_SetComp(self, node: ast.SetComp) -> ast.expr:
         elements = ast.copy_location(ast.ListComp(node.elt, node.generators), node)
@@ -375,61 +440,63 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
+        # `lambda **names: body` becomes `lambda **names: (lambda names: body)(@named(names))`, as
+        # there is no place for a statement that converts the dict.
         if node.args.kwarg is not None:
             name = node.args.kwarg.arg
-            inner = ast.Lambda(
-                ast.arguments([], [ast.arg(name)], None, [], [], None, []), node.body
-            )
-            node.body = ast.copy_location(
-                ast.Call(inner, [call("@named", ast.Name(name, ast.Load()), at=node)], []), node
-            )
+            parameters = ast.arguments([], [ast.arg(name)], None, [], [], None, [])
+            inner = ast.Lambda(parameters, node.body)
+            converted = call("@named", _load(name), at=node)
+            node.body = ast.copy_location(ast.Call(inner, [converted], []), node)
         return node
 
     def _convert_kwargs(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> list[ast.stmt]:
         """Conversion of ``**kwargs`` to a hub's dict."""
-        names = [node.args.kwarg.arg] if node.args.kwarg else []
-        return [
-            self._assign(name, call("@named", ast.Name(name, ast.Load()), at=node), node)
-            for name in names
-        ]
+        if node.args.kwarg is None:
+            return []
+        name = node.args.kwarg.arg
+        converted = call("@named", _load(name), at=node)
+        return [self._assign(name, converted, node)]
 
     def visit_Delete(self, node: ast.Delete) -> list[ast.stmt]:
         statements: list[ast.stmt] = []
         for target in node.targets:
-            if isinstance(target, ast.Name) and (
-                self._globals is None or target.id in self._globals
-            ):
-                delete: ast.stmt = ast.Expr(call("@del", ast.Constant(target.id), at=node))
+            # A hub's error for a global that is missing is a KeyError.
+            if isinstance(target, ast.Name) and self._is_global(target.id):
+                name = ast.Constant(target.id)
+                delete: ast.stmt = ast.Expr(call("@del", name, at=node))
             else:
                 delete = ast.Delete([target])
             if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
-                target.value = call(
-                    "@sliced", target.value, target.slice.step or ast.Constant(None), at=target
-                )
+                step = target.slice.step or ast.Constant(None)
+                target.value = call("@sliced", target.value, step, at=target)
             statements.append(ast.copy_location(delete, node))
         return statements
 
+    def _is_global(self, name: str) -> bool:
+        return self._globals is None or name in self._globals
+
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
+        # Only where a constant tells that a hub's answer may differ: a helper for each comparison
+        # would make all loops slower.
         left = node.left
         operation = node.ops[0]
         right = node.comparators[0]
-        has_text = any(
-            isinstance(part, ast.Constant) and isinstance(part.value, str | bytes)
-            for part in (left, right)
-        )
-        if len(node.ops) == 1 and type(operation) in _ORDERS and has_text:
-            return call(_ORDERS[type(operation)], left, right, at=node)
-        is_constant = isinstance(left, ast.Constant) or (
-            isinstance(right, ast.Constant) and isinstance(right.value, bytes)
-        )
-        if len(node.ops) > 1 or not isinstance(operation, ast.In | ast.NotIn) or not is_constant:
+        is_single = len(node.ops) == 1
+        if not is_single:
+            return node
+        helper = _ORDERS.get(type(operation))
+        if helper is not None:
+            has_text = _is_text(left) or _is_text(right)
+            return call(helper, left, right, at=node) if has_text else node
+        is_data = isinstance(right, ast.Constant) and isinstance(right.value, bytes)
+        has_constant = isinstance(left, ast.Constant) or is_data
+        if not isinstance(operation, ast.In | ast.NotIn) or not has_constant:
             return node
         contains = call("@in", left, right, at=node)
-        return (
-            contains
-            if isinstance(operation, ast.In)
-            else ast.copy_location(ast.UnaryOp(ast.Not(), contains), node)
-        )
+        if isinstance(operation, ast.In):
+            return contains
+        return ast.copy_location(ast.UnaryOp(ast.Not(), contains), node)
 
     def visit_Import(self, node: ast.Import) -> ast.AST | list[ast.stmt]:
         """On a hub ``import a.b`` returns ``a.b``, and ``as`` looks for another ``b`` in it."""
@@ -447,8 +514,10 @@ class _Transformer(ast.NodeTransformer):
     def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.expr:
         if all(isinstance(part, ast.Constant) for part in node.values):
             return node
+        # CPython would format the values as CPython does; so `"".join((...))` of texts.
         join = ast.Attribute(ast.Constant(""), "join", ast.Load())
-        return ast.copy_location(ast.Call(join, [ast.Tuple(node.values, ast.Load())], []), node)
+        parts = ast.Tuple(node.values, ast.Load())
+        return ast.copy_location(ast.Call(join, [parts], []), node)
 
     def visit_FormattedValue(self, node: ast.FormattedValue) -> ast.expr:
         spec = node.format_spec or ast.Constant("")
@@ -456,13 +525,13 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
         """A program must not catch the exceptions that stop it from outside."""
-        if node.type is None or (
-            isinstance(node.type, ast.Name) and node.type.id == "BaseException"
-        ):
-            node.type = ast.copy_location(ast.Name("@any", ast.Load()), node)
+        is_base = isinstance(node.type, ast.Name) and node.type.id == "BaseException"
+        if node.type is None or is_base:
+            node.type = ast.copy_location(_load("@any"), node)
+        # The hub's message is made only for a program that looks at it.
         if node.name is not None:
-            reword = ast.Expr(call("@reword", ast.Name(node.name, ast.Load()), at=node))
-            node.body.insert(0, ast.copy_location(reword, node))
+            reword = call("@reword", _load(node.name), at=node)
+            node.body.insert(0, _statement(reword, node))
         return node
 
     def visit_Try(self, node: ast.Try) -> ast.AST:
@@ -470,16 +539,14 @@ class _Transformer(ast.NodeTransformer):
         dropped."""
         if node.finalbody:
             at = node.finalbody[0]
-            node.finalbody = [
-                ast.copy_location(ast.If(call("@ends", at=at), node.finalbody, []), at)
-            ]
+            guarded = ast.If(call("@ends", at=at), node.finalbody, [])
+            node.finalbody = [ast.copy_location(guarded, at)]
         return node
 
     def visit_With(self, node: ast.With) -> ast.AST:
         for item in node.items:
-            item.context_expr = call(
-                "@with", item.context_expr, ast.Name("@reword", ast.Load()), at=item.context_expr
-            )
+            value = item.context_expr
+            item.context_expr = call("@with", value, _load("@reword"), at=value)
         return node
 
     def visit_If(self, node: ast.If | ast.IfExp) -> ast.AST:
@@ -489,59 +556,67 @@ class _Transformer(ast.NodeTransformer):
     visit_IfExp = visit_If
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.AST:
-        *first, last = node.values
-        node.values = [*(call("@branch", value, at=value) for value in first), last]
+        # The last value is the result: nothing branches on it here.
+        *tests, last = node.values
+        branches = [call("@branch", value, at=value) for value in tests]
+        node.values = [*branches, last]
         return node
 
     def visit_While(self, node: ast.While) -> ast.AST:
+        # `while True` has no branch on a hub either.
         if not isinstance(node.test, ast.Constant):
             node.test = call("@branch", node.test, at=node.test)
-        node.body.insert(0, ast.copy_location(ast.Expr(call("@tick", at=node)), node))
+        tick = call("@tick", at=node)
+        node.body.insert(0, _statement(tick, node))
         return node
 
     def visit_For(self, node: ast.For) -> ast.AST | list[ast.stmt]:
-        if not any(
-            isinstance(part, _TAKE_MEMORY)
-            for statement in node.body
-            for part in ast.walk(statement)
-        ):
+        # A loop that only computes ends soon, and takes no memory: it runs at full speed.
+        if not any(_takes_memory(statement) for statement in node.body):
             return node
         first = node.body[0]
-        node.body.insert(
-            0, ast.copy_location(ast.Expr(call("@turn", ast.Constant(None), at=first)), first)
-        )
-        branch = ast.Expr(call("@branch", ast.Constant(None), at=node))
-        return [node, ast.copy_location(branch, node)]
+        turn = call("@turn", ast.Constant(None), at=first)
+        node.body.insert(0, _statement(turn, first))
+        # The branch with which the loop ends.
+        branch = call("@branch", ast.Constant(None), at=node)
+        return [node, _statement(branch, node)]
 
     def visit_arg(self, node: ast.arg) -> ast.AST:
-        node.annotation = None  # the hub's compiler skips annotations, whatever names are in them
+        # The hub's compiler skips annotations, whatever names are in them.
+        node.annotation = None
         return node
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
         """An annotation without a value only makes a name local."""
-        assign = ast.copy_location(
-            ast.Assign([node.target], node.value or ast.Constant(None)), node
-        )
+        value = node.value or ast.Constant(None)
+        assign = _assignment(node.target, value, node)
         if node.value is None:
-            return ast.copy_location(ast.If(ast.Constant(False), [assign], []), node)
+            return _never(assign, node)
         self.generic_visit(assign)
         return assign
 
     def _visit_scope(self, node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -> None:
         # Without `@micropython.native` and the like, which are directives to the compiler.
-        node.decorator_list = [d for d in node.decorator_list if ast.unparse(d) not in _EMITTERS]
-        around = self._globals
-        self._globals = [
-            name for part in ast.walk(node) if isinstance(part, ast.Global) for name in part.names
+        node.decorator_list = [
+            decorator
+            for decorator in node.decorator_list
+            if ast.unparse(decorator) not in _EMITTERS
         ]
+        around = self._globals
+        declared: list[str] = []
+        for part in ast.walk(node):
+            if isinstance(part, ast.Global):
+                declared += part.names
+        self._globals = declared
         self.generic_visit(node)
         self._globals = around
 
     def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
         """A hub ignores ``__slots__``: every object has a dictionary."""
         self._visit_scope(node)
-        for statement in node.body:
-            for target in statement.targets if isinstance(statement, ast.Assign) else ():
+        assignments = [part for part in node.body if isinstance(part, ast.Assign)]
+        for statement in assignments:
+            for target in statement.targets:
                 if isinstance(target, ast.Name) and target.id == "__slots__":
                     target.id = "@slots"
         return node
@@ -555,11 +630,11 @@ class _Transformer(ast.NodeTransformer):
     def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
         """On a hub a coroutine is a generator, and ``await`` is ``yield from``."""
         self._visit_scope(node)
-        never = ast.If(ast.Constant(False), [ast.Expr(ast.Yield(None))], [])
-        body = [never, *self._convert_kwargs(node), *node.body]
-        return ast.copy_location(
-            ast.FunctionDef(node.name, node.args, body, node.decorator_list), node
-        )
+        # A `yield` makes it a generator, even one that awaits nothing.
+        generates = _never(ast.Expr(ast.Yield(None)), node)
+        body = [generates, *self._convert_kwargs(node), *node.body]
+        function = ast.FunctionDef(node.name, node.args, body, node.decorator_list)
+        return ast.copy_location(function, node)
 
     def visit_AsyncFor(self, node: ast.AsyncFor) -> list[ast.stmt]:
         parts = {"VALUE": node.iter, "TARGET": node.target}
@@ -567,20 +642,32 @@ class _Transformer(ast.NodeTransformer):
         return _fill(_FOR, node, parts, {"BODY": node.body, "ELSE": node.orelse}, kept)
 
     def visit_AsyncWith(self, node: ast.AsyncWith) -> list[ast.stmt]:
+        # `async with a, b` is `async with a` around `async with b`, so the last comes first.
         body = node.body
         for item in reversed(node.items):
-            target = item.optional_vars or ast.Name("@unused", ast.Store())
-            body = _fill(
-                _WITH,
-                item.context_expr,
-                {"VALUE": item.context_expr, "TARGET": target},
-                {"BODY": body},
-                {},
-            )
+            target = item.optional_vars or _store("@unused")
+            value = item.context_expr
+            body = _fill(_WITH, value, {"VALUE": value, "TARGET": target}, {"BODY": body}, {})
         return body
 
     def visit_Await(self, node: ast.Await) -> ast.expr:
         return ast.copy_location(ast.YieldFrom(node.value), node)
+
+
+def _argument_of_const(value: ast.expr) -> ast.expr | None:
+    """The argument of ``const(value)``, a directive to the compiler; ``None`` if it is none."""
+    if not isinstance(value, ast.Call) or not value.args:
+        return None
+    return value.args[0] if called_name(value) == "const" else None
+
+
+def _is_text(node: ast.expr) -> bool:
+    """Whether an expression is text or bytes that stand in the program."""
+    return isinstance(node, ast.Constant) and isinstance(node.value, str | bytes)
+
+
+def _takes_memory(statement: ast.stmt) -> bool:
+    return any(isinstance(part, _TAKE_MEMORY) for part in ast.walk(statement))
 
 
 def _fill(
@@ -595,12 +682,10 @@ def _fill(
     for node in ast.walk(tree):
         if hasattr(node, "lineno"):
             ast.copy_location(node, at)
-    _Filler(
-        parts,
-        blocks,
-        {"ANY": "@any", "ATTRIBUTE": "@attr", **names},
-        f"{at.lineno}.{at.col_offset}",
-    ).visit(tree)
+    helpers = {"ANY": "@any", "ATTRIBUTE": "@attr", **names}
+    # The place is a part of the names, so that statements within each other keep theirs apart.
+    location = f"{at.lineno}.{at.col_offset}"
+    _Filler(parts, blocks, helpers, location).visit(tree)
     return tree.body
 
 
@@ -620,14 +705,14 @@ class _Filler(ast.NodeTransformer):
         self._location = location
 
     def _name(self, name: str) -> str:
-        return self._names.get(name) or (f"@{name}{self._location}" if name.isupper() else name)
+        if name in self._names:
+            return self._names[name]
+        return f"@{name}{self._location}" if name.isupper() else name
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
-        return (
-            self._parts[node.id]
-            if node.id in self._parts
-            else ast.Name(self._name(node.id), node.ctx)
-        )
+        if node.id in self._parts:
+            return self._parts[node.id]
+        return ast.Name(self._name(node.id), node.ctx)
 
     def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
         self.generic_visit(node)
@@ -636,6 +721,7 @@ class _Filler(ast.NodeTransformer):
 
     def visit_Expr(self, node: ast.Expr) -> ast.stmt | list[ast.stmt]:
         if isinstance(node.value, ast.Name) and node.value.id in self._blocks:
+            # An `else` that the program does not have is an empty block.
             return self._blocks[node.value.id] or [ast.Pass()]
         self.generic_visit(node)
         return node

@@ -11,7 +11,7 @@ import mujoco
 
 from brickhub.errors import TwinError
 from brickhub.robot import AnyHub, DriveBase, Motor, MotorKind, Robot
-from bricktwin.plans.drawing import pieces as drawings
+from bricktwin.plans.drawing import pieces
 from bricktwin.plans.drawing.pieces import Piece, piece
 from bricktwin.plans.drawing.shapes import X_AXIS, Y_AXIS, Z_AXIS, box, cylinder, merge
 from bricktwin.plans.geometry import Triple
@@ -25,12 +25,17 @@ _TYRE_WIDTH_MM = 14.0
 _FRAME_KG = 0.040
 _CASTER_KG = 0.010
 _WHEEL_KG = 0.018
+"""Mass of a wheel of ``_WHEEL_MM``; other wheels are scaled by area."""
 _WHEEL_MM = 56.0
-"""Mass of a wheel of this diameter; other wheels are scaled by area."""
 _HUB_X_MM = -16.0
+"""Place of the hub unless the description says so: behind the axle, towards the caster."""
 _CLEARANCE_MM = 3.0
+"""Least distance of the motors to the floor."""
 _UNKNOWN_HUB: tuple[Triple, float] = ((64.0, 40.0, 32.0), 100.0)
-_DRAWINGS = {"prime": drawings.hub, "spike-medium": drawings.medium_motor}
+"""Size (mm) and mass (g) of a hub that is not in the catalogue."""
+_FRAME_MM: Triple = (88.0, 48.0, 8.0)
+"""Size of the box that stands for the beams of the frame."""
+_DRAWINGS = {"prime": pieces.hub, "spike-medium": pieces.medium_motor}
 """Our drawings of hubs and motors; all others are drawn as their cases."""
 
 
@@ -47,22 +52,41 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     axle_m = frame.axle / 1000
     chassis = spec.worldbody.add_body(name="chassis", pos=[0.0, 0.0, axle_m])
     chassis.add_freejoint(name="root")
+
+    # What has mass or moves. MuJoCo numbers joints and actuators in the order of these calls.
     frame.add_masses(chassis)
-    x, y, z = frame.hub
-    add_hub_site(chassis, hub_axes(robot.hub_sides), (x / 1000, y / 1000, z / 1000))
+    x_mm, y_mm, z_mm = frame.hub
+    hub_m = (x_mm / 1000, y_mm / 1000, z_mm / 1000)
+    add_hub_site(chassis, hub_axes(robot.hub_sides), hub_m)
     for motor, side in frame.driving.items():
         frame.add_wheel(spec, chassis, motor, side)
     for motor in robot.motors:
         if motor not in frame.driving:
-            # without load
-            mjcf.add_rotor(spec, chassis, motor, (0.0, 0.0, 0.08), gear=motor.shaft_turns)
+            # Nobody says what it drives: it turns without load.
+            at_m = (0.0, 0.0, 0.08)
+            mjcf.add_rotor(spec, chassis, motor, at_m, gear=motor.shaft_turns)
+
+    # Looks, lights and cameras.
     mjcf.add_colours(spec)
-    sensors = [mount_sensor(spec, chassis, sensor, axle_m) for sensor in robot.sensors]
-    mjcf.draw(spec, chassis, [*frame.parts(), *sensors])
+    drawn_sensors = [mount_sensor(spec, chassis, sensor, axle_m) for sensor in robot.sensors]
+    parts = frame.parts() + drawn_sensors
+    mjcf.draw(spec, chassis, parts)
     mjcf.add_light(chassis)
     reach_m = max(0.42, 4.0 * frame.half_track / 1000)
-    mjcf.add_camera(chassis, "chase", (-0.005, 0.0, 0.01), (-0.62, -0.62, 0.55), reach_m)
-    mjcf.add_camera(chassis, "portrait", (-0.002, 0.0, 0.008), (0.75, -0.52, 0.45), 0.75 * reach_m)
+    mjcf.add_camera(
+        chassis,
+        "chase",
+        target=(-0.005, 0.0, 0.01),
+        direction=(-0.62, -0.62, 0.55),
+        distance_m=reach_m,
+    )
+    mjcf.add_camera(
+        chassis,
+        "portrait",
+        target=(-0.002, 0.0, 0.008),
+        direction=(0.75, -0.52, 0.45),
+        distance_m=0.75 * reach_m,
+    )
     return spec
 
 
@@ -75,11 +99,16 @@ class _Frame:
 
     def __init__(self, robot: Robot, base: DriveBase) -> None:
         self.robot = robot
-        self.driving = {robot.motor(base.left): 1.0, robot.motor(base.right): -1.0}
+        left = robot.motor(base.left)
+        right = robot.motor(base.right)
+        self.driving = {left: 1.0, right: -1.0}
         self.axle = base.wheel_diameter_mm / 2
         self.half_track = base.axle_track_mm / 2
-        self.motor_size, _ = _motor_case(robot.motor(base.left).kind)
-        self.hub_size, self.hub_g = case_of(DeviceKind.HUB, robot.hub.value) or _UNKNOWN_HUB
+        self.motor_size, _ = _motor_case(left.kind)
+        hub_case = case_of(DeviceKind.HUB, robot.hub.value)
+        self.hub_size, self.hub_g = hub_case or _UNKNOWN_HUB
+
+        # The motors lie across, each with its shaft in its wheel.
         _, motor_height, motor_width = self.motor_size
         space = self.half_track - _TYRE_WIDTH_MM / 2
         if self.axle < _CASTER_RADIUS_MM or space < motor_width / 2:
@@ -89,98 +118,166 @@ class _Frame:
                 f"for its motors; give wheels of {2 * _CASTER_RADIUS_MM:g} mm or more and a wider "
                 "axle track"
             )
-        self.motor_z = max(0.0, motor_height / 2 + _CLEARANCE_MM - self.axle)
+        # At the axle's height, but above the floor where wheels are small.
+        half_height = motor_height / 2
+        half_width = motor_width / 2
+        self.motor_z = max(0.0, half_height + _CLEARANCE_MM - self.axle)
         # Beside its wheel, without overlapping the other motor.
-        self.motor_y = max(motor_width / 2, space - 8.0 - motor_width / 2)
-        self.top = self.motor_z + motor_height / 2 + 4.0
+        self.motor_y = max(half_width, space - 8.0 - half_width)
+
+        # The frame of beams lies on the motors, the hub on the frame.
+        motor_top = self.motor_z + half_height
+        self.top = motor_top + 4.0
         hub_x, hub_y = robot.chassis.hub_mm or (_HUB_X_MM, 0.0)
-        self.hub = (hub_x, hub_y, self.motor_z + motor_height / 2 + 8.0 + self.hub_size[2] / 2)
+        hub_height = self.hub_size[2]
+        hub_z = motor_top + 8.0 + hub_height / 2
+        self.hub = (hub_x, hub_y, hub_z)
 
     def add_masses(self, chassis: mujoco.MjsBody) -> None:
         """Add the masses of hub, motors, frame, ballast and caster."""
-        mjcf.add_box(chassis, self.hub, self.hub_size, self.hub_g / 1000)
+        hub_x, _, hub_z = self.hub
+        mjcf.add_box(
+            chassis,
+            self.hub,
+            self.hub_size,
+            self.hub_g / 1000,
+        )
         for motor in self.robot.motors:
             size, mass_g = _motor_case(motor.kind)
-            centre = (self.hub[0], 0.0, self.hub[2] + 30.0)
+            length, height, width = size
             if motor in self.driving:
-                centre = (12.0 - size[0] / 2, self.driving[motor] * self.motor_y, self.motor_z)
-            mjcf.add_box(chassis, centre, (size[0], size[2], size[1]), mass_g / 1000)
+                # The shaft, on the axle, is 12 mm behind the front of the case.
+                middle_x = 12.0 - length / 2
+                middle_y = self.driving[motor] * self.motor_y
+                centre = (middle_x, middle_y, self.motor_z)
+            else:
+                # Where other motors are is unknown: above the hub, as an arm would be.
+                centre = (hub_x, 0.0, hub_z + 30.0)
+            mjcf.add_box(
+                chassis,
+                centre,
+                (length, width, height),
+                mass_g / 1000,
+            )
         frame_kg = _FRAME_KG + self.robot.chassis.ballast_g / 1000
-        mjcf.add_box(chassis, (self.hub[0], 0.0, self.top), (88.0, 48.0, 8.0), frame_kg)
+        mjcf.add_box(
+            chassis,
+            (self.hub[0], 0.0, self.top),
+            _FRAME_MM,
+            frame_kg,
+        )
         x, y = self.robot.chassis.caster_mm
-        centre = (x / 1000, y / 1000, (_CASTER_RADIUS_MM - self.axle) / 1000)
-        mjcf.add_caster(chassis, "caster", centre, _CASTER_RADIUS_MM / 1000, _CASTER_KG)
+        height_mm = _CASTER_RADIUS_MM - self.axle
+        centre_m = (x / 1000, y / 1000, height_mm / 1000)
+        mjcf.add_caster(chassis, "caster", centre_m, _CASTER_RADIUS_MM / 1000, _CASTER_KG)
 
     def add_wheel(
-        self, spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side: float
+        self,
+        spec: mujoco.MjSpec,
+        chassis: mujoco.MjsBody,
+        motor: Motor,
+        side: float,
     ) -> None:
         """Add a motor's geared output and the wheel on it with backlash; a positive turn of both
         drives forward."""
-        rotor = mjcf.add_rotor(
-            spec, chassis, motor, (0.0, side * self.half_track / 1000, 0.0), gear=motor.shaft_turns
+        hub_m = (0.0, side * self.half_track / 1000, 0.0)
+        rotor = mjcf.add_rotor(spec, chassis, motor, hub_m, gear=motor.shaft_turns)
+        wheel = mjcf.add_driven(
+            rotor,
+            f"wheel_{motor.port}",
+            motor.port,
+            (0.0, 1.0, 0.0),
         )
-        mass_kg = _WHEEL_KG * (2 * self.axle / _WHEEL_MM) ** 2
-        wheel = mjcf.add_driven(rotor, f"wheel_{motor.port}", motor.port, (0.0, 1.0, 0.0))
+        radius_m = self.axle / 1000
+        diameter_ratio = 2 * self.axle / _WHEEL_MM
         mjcf.add_tyre(
             wheel,
             f"tyre_{motor.port}",
-            (self.axle / 1000, _TYRE_WIDTH_MM / 2000, self.axle / 1000),
-            mass_kg,
+            size_m=(radius_m, _TYRE_WIDTH_MM / 2000, radius_m),
+            mass_kg=_WHEEL_KG * diameter_ratio**2,
         )
+
+        # The axle turns with the rotor, the tyre with the wheel: backlash can be seen.
         length = self.half_track - self.motor_y
-        mjcf.draw(spec, rotor, [drawings.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])
-        mjcf.draw(spec, wheel, [drawings.wheel(2 * self.axle)])
+        axle = pieces.axle(max(length, 16.0))
+        axle = axle.at(0, -side * length / 2, 0)
+        tyre = pieces.wheel(2 * self.axle)
+        mjcf.draw(spec, rotor, [axle])
+        mjcf.draw(spec, wheel, [tyre])
 
     def parts(self) -> list[Piece]:
         """Drawn parts of the chassis."""
-        x, y = self.robot.chassis.caster_mm
-        parts = [_hub(self.robot.hub, self.hub_size).at(*self.hub)]
+        hub = _hub(self.robot.hub, self.hub_size)
+        parts = [hub.at(*self.hub)]
         for motor, side in self.driving.items():
-            parts.append(
-                _motor(motor.kind, self.motor_size, side).at(0, side * self.motor_y, self.motor_z)
-            )
-        parts += [
-            drawings.beam(13, "turquoise").turned(X_AXIS, 90).at(-12, side * 20, self.top)
-            for side in (1, -1)
-        ]
-        parts += [
-            drawings.beam(9, "dark_grey").turned(Z_AXIS, 90).at(ahead, 0, self.top)
-            for ahead in (20, -52)
-        ]
+            drawn = _motor(motor.kind, self.motor_size, side)
+            parts.append(drawn.at(0, side * self.motor_y, self.motor_z))
+        # The frame: two beams along, two across.
+        for side in (1, -1):
+            along = pieces.beam(13, "turquoise").turned(X_AXIS, 90)
+            parts.append(along.at(-12, side * 20, self.top))
+        for ahead in (20, -52):
+            across = pieces.beam(9, "dark_grey").turned(Z_AXIS, 90)
+            parts.append(across.at(ahead, 0, self.top))
+        # The caster on its post, which is drawn even where the frame is lower than the caster.
+        x, y = self.robot.chassis.caster_mm
         height = _CASTER_RADIUS_MM - self.axle
-        post = max(self.top - height - 16.0, 8.0)
-        parts.append(drawings.ball_caster(_CASTER_RADIUS_MM).at(x, y, height))
-        parts.append(piece(dark_grey=box(14, 14, post, radius=1.0).at(x, y, self.top - post / 2)))
-        return parts + [self._holder(mount_of(sensor).at_mm) for sensor in self.robot.sensors]
+        length = max(self.top - height - 16.0, 8.0)
+        ball = pieces.ball_caster(_CASTER_RADIUS_MM)
+        post = box(14, 14, length, radius=1.0)
+        post = post.at(x, y, self.top - length / 2)
+        parts.append(ball.at(x, y, height))
+        parts.append(piece(dark_grey=post))
+        for sensor in self.robot.sensors:
+            mount = mount_of(sensor)
+            parts.append(self._holder(mount.at_mm))
+        return parts
 
     def _holder(self, at_mm: Triple) -> Piece:
         """Strut from the frame to a sensor."""
         ahead = at_mm[0] - 12.0
         left = at_mm[1]
+        # Mounts are above the floor, the frame's heights above the axle.
         up = at_mm[2] - self.axle
         length = max(abs(ahead) - 20.0, 8.0)
         height = max(abs(self.top - up) - 8.0, 8.0)
         sign = 1.0 if ahead >= 0 else -1.0
-        bar = box(length, 7.6, 7.6, radius=1.0).at(sign * (20.0 + length / 2), left, self.top)
-        post = box(7.6, 7.6, height, radius=1.0).at(ahead, left, (self.top + up) / 2)
+        middle = sign * (20.0 + length / 2)
+        bar = box(length, 7.6, 7.6, radius=1.0)
+        bar = bar.at(middle, left, self.top)
+        post = box(7.6, 7.6, height, radius=1.0)
+        post = post.at(ahead, left, (self.top + up) / 2)
         return piece(dark_grey=merge([bar, post]))
 
 
 def _motor_case(kind: MotorKind) -> tuple[Triple, float]:
-    case = case_of(DeviceKind.MOTOR, kind.model.like or kind.model.case or kind.value)
-    # - the catalogue has every kind of motor, which a test checks
+    """Size (mm) and mass (g) of a motor; one without a part of its own has those of a similar
+    one."""
+    name = kind.model.like or kind.model.case or kind.value
+    case = case_of(DeviceKind.MOTOR, name)
+    # The catalogue has every kind of motor, which a test checks.
     assert case is not None  # noqa: S101
     return case
 
 
 def _hub(kind: AnyHub, size: Triple) -> Piece:
+    """Hub around the origin."""
     if kind.value in _DRAWINGS:
         return _DRAWINGS[kind.value]()
     length, width, height = size
-    lower = box(length, width, height * 0.6, radius=2.0).at(0, 0, -height * 0.2)
-    upper = box(length - 2, width - 2, height * 0.4, radius=2.0).at(0, 0, height * 0.3)
-    button = cylinder(6.0, 2.0, bevel=0.6).at(length / 4, 0, height / 2)
-    return piece(dark_grey=lower, white=upper, azure=button)
+    lower = box(length, width, height * 0.6, radius=2.0)
+    upper = box(
+        length - 2,
+        width - 2,
+        height * 0.4,
+        radius=2.0,
+    )
+    button = cylinder(6.0, 2.0, bevel=0.6)
+    return piece(
+        dark_grey=lower.at(0, 0, -height * 0.2),
+        white=upper.at(0, 0, height * 0.3),
+        azure=button.at(length / 4, 0, height / 2),
+    )
 
 
 def _motor(kind: MotorKind, size: Triple, side: float) -> Piece:
@@ -188,9 +285,16 @@ def _motor(kind: MotorKind, size: Triple, side: float) -> Piece:
     origin."""
     draw_motor = _DRAWINGS.get(kind.model.like or kind.value)
     if draw_motor is not None:
-        return draw_motor() if side > 0 else draw_motor().turned(X_AXIS, 180)
+        # Our drawings have the shaft on the left.
+        motor = draw_motor()
+        return motor if side > 0 else motor.turned(X_AXIS, 180)
     length, height, width = size
-    case = box(length - 16, width, height, radius=2.2).at(12 - (length - 16) / 2, 0, 0)
-    cap = box(16, width - 1, height - 1, radius=2.2).at(12 - length + 8, 0, 0)
-    collar = cylinder(10.8, width + 2, bevel=0.6).along(Y_AXIS)
-    return piece(white=case, dark_grey=cap, turquoise=collar)
+    case_length = length - 16
+    case = box(case_length, width, height, radius=2.2)
+    cap = box(16, width - 1, height - 1, radius=2.2)
+    collar = cylinder(10.8, width + 2, bevel=0.6)
+    return piece(
+        white=case.at(12 - case_length / 2, 0, 0),
+        dark_grey=cap.at(12 - length + 8, 0, 0),
+        turquoise=collar.along(Y_AXIS),
+    )

@@ -25,7 +25,7 @@ def robot_model(robot: Robot, scene: Scene) -> mujoco.MjModel:
     ``load_model``, or it does not compile."""
 
     def build() -> mujoco.MjSpec:
-        # takes longer to import than a kept model to load
+        # Takes longer to import than a kept model to load.
         from bricktwin.twin.models.load import load_model
 
         return load_model(robot, scene)
@@ -61,6 +61,7 @@ def kept_model(
         yield from _library()
 
     model = kept(sources, compiled, _encoded, _decoded)
+    # After loading, so that it holds for models of both origins.
     if model.nv >= _SPARSE_FROM_DOFS:
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     return model
@@ -69,10 +70,11 @@ def kept_model(
 def _model_sources(robot: Robot) -> Iterator[bytes]:
     """Names and contents of the files of a robot's model: its plan with the files beside it, or its
     MJCF file with all that this includes."""
-    source = robot.model or robot.plan
+    source = robot.model
     if source is None:
         return
-    if (plan := plan_file(source)) is not None:
+    plan = plan_file(source)
+    if plan is not None:
         yield from sources_of(plan)
         return
     if not source.endswith(".xml"):
@@ -81,6 +83,7 @@ def _model_sources(robot: Robot) -> Iterator[bytes]:
         paths = sorted(map(Path, mujoco.mju_getXMLDependencies(source)))
     except mujoco.FatalError as error:
         raise UnkeptError(str(error)) from error
+    # By name, not by path: two copies of a model are one.
     for path in paths:
         yield path.name.encode()
         yield path.read_bytes()
@@ -90,12 +93,11 @@ def _library() -> Iterator[bytes]:
     """The installed LDraw library, which parts are drawn from: its folders, with the times of their
     last changes."""
     root = ldraw_library.folder()
-    paths = (
-        []
-        if root is None
-        else [root / name for name in ("LDConfig.ldr", "parts", "parts/s", "p", "p/48", "p/8")]
-    )
-    for path in paths:
+    if root is None:
+        return
+    # Reading tens of thousands of files would take longer than to build the model.
+    for name in ("LDConfig.ldr", "parts", "parts/s", "p", "p/48", "p/8"):
+        path = root / name
         if path.exists():
             yield f"{path} {path.stat().st_mtime_ns}".encode()
 

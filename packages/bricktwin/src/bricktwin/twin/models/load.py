@@ -48,13 +48,20 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
         raise TwinError(f"{path} has no body; describe the robot's parts as bodies")
     for geom in spec.geoms:
         if geom.group == mjcf.OBSTACLE_GROUP:
-            # ultrasound detects this group only, and must not detect the robot itself
+            # Ultrasound detects this group only, and must not detect the robot itself.
             geom.group = mjcf.LOOKS_GROUP
+    # Elements are found by the names of the description, and get those that wire them.
     hinges = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
     for motor in robot.motors:
         joint = _named(hinges, motor.name, "hinge", path, robot)
         joint.name = f"motor_{motor.port}"
-        mjcf.add_motor(spec, joint, motor.port, motor.kind, gear=motor.shaft_turns)
+        mjcf.add_motor(
+            spec,
+            joint,
+            motor.port,
+            motor.kind,
+            gear=motor.shaft_turns,
+        )
     for sensor in robot.sensors:
         site = _named(spec.sites, sensor.name, "site", path, robot)
         _require_first(site, base, path)
@@ -62,13 +69,20 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
         if Sense.FORCE in sensor.kind.model.senses:
             add_touch(spec, sensor)
     hub = spec.site("imu")
+    is_mobile = any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in base.joints)
     if hub is None:
         add_hub_site(base, hub_axes(robot.hub_sides))
-    elif any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in base.joints):
+    elif is_mobile:
         _require_first(hub, base, path)
     try:
         mjcf.add_surroundings(spec, scene)
-        mjcf.add_camera(base, "chase", (0.0, 0.0, 0.0), (-0.62, -0.62, 0.55), 0.5)
+        mjcf.add_camera(
+            base,
+            "chase",
+            target=(0.0, 0.0, 0.0),
+            direction=(-0.62, -0.62, 0.55),
+            distance_m=0.5,
+        )
     except ValueError as error:
         raise TwinError(
             f"{path}: {message_of(error)}; take it out, as floor, wall and cameras are added to "
@@ -79,6 +93,7 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
 
 
 def _require_first(site: mujoco.MjsSite, base: mujoco.MjsBody, path: Path) -> None:
+    """Raise TwinError unless a site is on the first body."""
     if site.parent.name != base.name:
         raise TwinError(
             f"{path} has the site '{site.name}' on '{site.parent.name}'; put it on the first "
@@ -87,8 +102,13 @@ def _require_first(site: mujoco.MjsSite, base: mujoco.MjsBody, path: Path) -> No
 
 
 def _named(
-    elements: list[mujoco.MjsElement], name: str, kind: str, path: Path, robot: Robot
+    elements: list[mujoco.MjsElement],
+    name: str,
+    kind: str,
+    path: Path,
+    robot: Robot,
 ) -> mujoco.MjsElement:
+    """The element of this name. Raises TwinError if there is none."""
     for element in elements:
         if element.name == name:
             return element
@@ -104,7 +124,7 @@ def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSp
 
     ``alone``: whether the robot can touch nothing but this scene's obstacles.
     """
-    source = robot.model or robot.plan
+    source = robot.model
     plan = None if source is None else plan_file(source)
     is_generated = plan is not None or source is None
     if plan is not None:
@@ -115,9 +135,8 @@ def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSp
         spec = from_file(Path(source), robot, scene)
     else:
         spec = _from_function(robot, source, scene)
-    if scene.wall_distance_mm is not None and not any(
-        sensor.kind.model.range_mm for sensor in robot.sensors
-    ):
+    has_sonar = any(sensor.kind.model.range_mm for sensor in robot.sensors)
+    if scene.wall_distance_mm is not None and not has_sonar:
         raise TwinError(
             f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit "
             "the wall"
@@ -131,6 +150,8 @@ def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSp
     add_objects(spec, scene)
     for motor in robot.motors:
         _set_end_stops(spec, robot, motor)
+    # Pairs are right only where all that touches is known: in a model of ours, with nothing that
+    # another thing may push.
     if is_generated and alone and not scene.pushable:
         mjcf.pair_contacts(spec)
     return spec
@@ -143,15 +164,15 @@ def _set_end_stops(spec: mujoco.MjSpec, robot: Robot, motor: Motor) -> None:
         return
     joint = spec.joint(f"motor_{motor.port}")
     actuator = spec.actuator(f"motor_{motor.port}")
-    stops = [
-        math.radians(angle * motor.shaft_turns) / float(actuator.gear[0])
-        for angle in motor.end_stops_deg
-    ]
+    # From degrees at the output to radians of the joint; a negative gear swaps the ends.
+    gear = float(actuator.gear[0])
+    stops = [math.radians(angle * motor.shaft_turns) / gear for angle in motor.end_stops_deg]
     low, high = sorted(stops)
     if not low <= joint.ref <= high:
-        start = math.degrees(joint.ref * float(actuator.gear[0])) / motor.shaft_turns
+        start_deg = math.degrees(joint.ref * gear) / motor.shaft_turns
         raise TwinError(
-            f"motor '{motor.name}' of robot '{robot.name}' starts at {start:.0f} degrees, outside "
+            f"motor '{motor.name}' of robot '{robot.name}' starts at {start_deg:.0f} degrees, "
+            "outside "
             "of its end stops "
             f"{motor.end_stops_deg}; correct them, or the angle in its plan"
         )

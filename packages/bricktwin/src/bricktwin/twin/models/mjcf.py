@@ -23,6 +23,7 @@ from bricktwin.twin.objects import Block, Field, Lamp, Line, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
 TIMESTEP_S = 0.0025
+"""Time of a physics step."""
 TYRE_FRICTION = 1.0
 """Sliding friction of rubber on a smooth floor; an estimate."""
 OBSTACLE_GROUP = 0
@@ -56,8 +57,10 @@ def set_options(spec: mujoco.MjSpec) -> None:
     """Set the physics options of all twins; the timestep of 2.5 ms divides the hub's control loop
     of 5 ms."""
     spec.option.timestep = TIMESTEP_S
+    # With this integrator and these cones, such a long step is stable.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    # Friction is stiffer than contacts are, or wheels would creep.
     spec.option.impratio = 5.0
 
 
@@ -79,18 +82,23 @@ def add_motor(
     """
     motor = motor_constants(kind)
     actuator = spec.add_actuator(
-        name=f"motor_{port}", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
+        name=f"motor_{port}",
+        target=joint.name,
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
     )
+    # Torque of the shaft = torque_nm_v * voltage - drag_nm_s * speed.
     actuator.gear[0] = gear
     actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
     actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
     actuator.gainprm[0] = motor.torque_nm_v
     actuator.biasprm[2] = -motor.drag_nm_s
+    # The hub limits the current, and so the torque.
     actuator.forcelimited = True
     most_nm = LIMIT_A * motor.torque_nm_a
     actuator.forcerange = [-most_nm, most_nm]
     # A separate group, so that the body can open this motor's circuit.
     actuator.group = len(spec.actuators) - 1
+    # What the shaft has, the joint feels through the gears.
     joint.armature = motor.inertia_kg_m2 * gear**2
     joint.frictionloss = motor.friction_nm * abs(gear) + train_friction_nm
     # With MuJoCo's default a joint creeps by 3 degrees per second at torques below its friction.
@@ -152,20 +160,37 @@ def add_rotor(
     :func:`add_motor`."""
     rotor = parent.add_body(name=f"rotor_{motor.port}", pos=list(at_m))
     shaft = rotor.add_joint(
-        name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=list(axis)
+        name=f"motor_{motor.port}",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=list(axis),
     )
+    # The rotor's own inertia is the joint's armature.
     rotor.explicitinertial = True
     rotor.mass = 0.002
     rotor.inertia = [1e-7, 1e-7, 1e-7]
-    add_motor(spec, shaft, motor.port, motor.kind, gear=gear, train_friction_nm=train_friction_nm)
+    add_motor(
+        spec,
+        shaft,
+        motor.port,
+        motor.kind,
+        gear=gear,
+        train_friction_nm=train_friction_nm,
+    )
     return rotor
 
 
 def add_driven(
-    rotor: mujoco.MjsBody, name: str, port: str, axis: Triple, *, is_heavy: bool = False
+    rotor: mujoco.MjsBody,
+    name: str,
+    port: str,
+    axis: Triple,
+    *,
+    is_heavy: bool = False,
 ) -> mujoco.MjsBody:
     """Add a body to a rotor, with backlash; that of a heavy body is softer and more damped."""
+    is_turntable = is_heavy and abs(axis[2]) > 0.9
     body = rotor.add_body(name=name)
+    # The range is a placeholder: the physics of the twin sets it.
     body.add_joint(
         name=f"backlash_{port}",
         type=mujoco.mjtJoint.mjJNT_HINGE,
@@ -173,7 +198,7 @@ def add_driven(
         limited=True,
         range=[-0.05, 0.05],
         damping=4e-3 if is_heavy else 5e-4,
-        frictionloss=_TURNTABLE_FRICTION_NM if is_heavy and abs(axis[2]) > 0.9 else 0.0,
+        frictionloss=_TURNTABLE_FRICTION_NM if is_turntable else 0.0,
         solref_limit=[0.010 if is_heavy else 0.005, 1.0],
     )
     return body
@@ -189,10 +214,13 @@ def add_tyre(
 ) -> None:
     """Add a tyre with these half sizes. An ellipsoid touches in one point, which takes the solver
     half the time of a cylinder."""
-    shape = mujoco.mjtGeom.mjGEOM_ELLIPSOID
-    attributes = contact_attributes(TYRE_FRICTION, mass_kg)
     body.add_geom(
-        name=name, type=shape, size=list(size_m), pos=list(at_m), quat=list(turn), **attributes
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+        size=list(size_m),
+        pos=list(at_m),
+        quat=list(turn),
+        **contact_attributes(TYRE_FRICTION, mass_kg),
     )
 
 
@@ -205,10 +233,14 @@ def add_caster(
 ) -> None:
     """Add a ball caster without friction. (Dry friction of a sliding ball would make the contact
     chatter.)"""
-    shape = mujoco.mjtGeom.mjGEOM_SPHERE
-    attributes = contact_attributes(1.0, mass_kg)
+    # Of one dimension: the contact pushes, and has no friction.
     body.add_geom(
-        name=name, type=shape, pos=list(centre_m), size=[radius_m, 0, 0], condim=1, **attributes
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        pos=list(centre_m),
+        size=[radius_m, 0, 0],
+        condim=1,
+        **contact_attributes(1.0, mass_kg),
     )
 
 
@@ -225,34 +257,44 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
         contype=0,
         conaffinity=1,
     )
+    target: Triple = (0.0, 0.0, 0.0)
+    distance_m = 1.1
     if scene.wall_distance_mm is not None:
-        # Only a hand at the page moves it.
-        wall = world.add_body(
-            name="wall", mocap=True, pos=[WALL_X_M + _WALL_HALF_SIZE[0], 0.0, _WALL_HALF_SIZE[2]]
-        )
-        wall.add_geom(
-            name="wall",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=list(_WALL_HALF_SIZE),
-            rgba=[*_BRICK, 1.0],
-            mass=0.0,
-            **OBSTACLE,
-        )
-        # A box stretches its texture over each side; a plane in front of it repeats it.
-        wall.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_PLANE,
-            pos=[-_WALL_HALF_SIZE[0] - 0.0005, 0.0, 0.0],
-            size=[*_WALL_HALF_SIZE[1:], 0.1],
-            quat=[0.5, -0.5, -0.5, 0.5],
-            material="bricks",
-            **LOOKS,
-        )
-    target, distance_m = (
-        ((-0.62, 0.1, 0.0), 1.95) if scene.wall_distance_mm is not None else ((0.0, 0.0, 0.0), 1.1)
-    )
+        _add_wall(world)
+        # Robots start before the wall, at any distance up to what they can measure.
+        target = (-0.62, 0.1, 0.0)
+        distance_m = 1.95
     if scene.objects:
         target, distance_m = overview_of(scene)
     add_camera(world, "overview", target, (-0.18, -1.0, 0.72), distance_m)
+
+
+def _add_wall(world: mujoco.MjsBody) -> None:
+    """Add the wall ahead of the robot."""
+    half_thickness, half_width, half_height = _WALL_HALF_SIZE
+    # Only a hand at the page moves it.
+    wall = world.add_body(
+        name="wall",
+        mocap=True,
+        pos=[WALL_X_M + half_thickness, 0.0, half_height],
+    )
+    wall.add_geom(
+        name="wall",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=list(_WALL_HALF_SIZE),
+        rgba=[*_BRICK, 1.0],
+        mass=0.0,
+        **OBSTACLE,
+    )
+    # A box stretches its texture over each side; a plane in front of it repeats it.
+    wall.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=[-half_thickness - 0.0005, 0.0, 0.0],
+        size=[half_width, half_height, 0.1],
+        quat=[0.5, -0.5, -0.5, 0.5],
+        material="bricks",
+        **LOOKS,
+    )
 
 
 def overview_of(scene: Scene) -> tuple[Triple, float]:
@@ -268,15 +310,17 @@ def overview_of(scene: Scene) -> tuple[Triple, float]:
             case Lamp():
                 points_mm.append(item.at_mm[:2])
             case Field() | Block() | Ramp():
+                # Whatever its heading: a ramp is on one side of its place, all else around it.
                 reach = item.length_mm if isinstance(item, Ramp) else max(item.size_mm[:2]) / 2
-                points_mm += [
-                    (item.at_mm[0] + side * reach, item.at_mm[1] + side * reach) for side in (-1, 1)
-                ]
+                x_mm, y_mm = item.at_mm
+                points_mm.append((x_mm - reach, y_mm - reach))
+                points_mm.append((x_mm + reach, y_mm + reach))
     points = np.array(points_mm) / 1000
     low = points.min(0)
     high = points.max(0)
     x, y = ((low + high) / 2).tolist()
-    return (x, y, 0.0), max(1.1, 1.25 * float(np.linalg.norm(high - low)))
+    diagonal = float(np.linalg.norm(high - low))
+    return (x, y, 0.0), max(1.1, 1.25 * diagonal)
 
 
 def pair_contacts(spec: mujoco.MjSpec) -> None:
@@ -292,33 +336,48 @@ def pair_contacts(spec: mujoco.MjSpec) -> None:
         shape.name = shape.name or f"shape_{number}"
         for other in surroundings:
             pair = spec.add_pair(geomname1=other.name, geomname2=shape.name)
-            pair.condim = (
-                shape.condim if shape.priority > other.priority else max(shape.condim, other.condim)
-            )
+            # MuJoCo's own rule, which a pair has to state: the higher priority decides.
+            pair.condim = max(shape.condim, other.condim)
+            if shape.priority > other.priority:
+                pair.condim = shape.condim
             # NaN: MuJoCo derives these from the two geoms, as without an explicit pair.
             pair.friction = [math.nan] * 5
             pair.solref = [math.nan] * 2
             pair.solimp = [math.nan] * 5
+    # No bits: without a pair nothing touches.
     for geom in (*surroundings, *shapes):
-        geom.contype = geom.conaffinity = 0
+        geom.contype = 0
+        geom.conaffinity = 0
 
 
 def add_camera(
-    body: mujoco.MjsBody, name: str, target: Triple, direction: Triple, distance_m: float
+    body: mujoco.MjsBody,
+    name: str,
+    target: Triple,
+    direction: Triple,
+    distance_m: float,
 ) -> None:
     """Add a camera that looks at a point of a body's frame from a direction; on a moving body it
     follows without turning."""
+    # Axes of a camera: to the right, up, and away from what it sees; its horizon is level.
     backward = np.array(direction) / np.linalg.norm(direction)
     right = np.cross((0.0, 0.0, 1.0), backward)
     right /= np.linalg.norm(right)
+    up = np.cross(backward, right)
+    axes = np.column_stack([right, up, backward])
     frame = np.empty(4)
-    mujoco.mju_mat2Quat(
-        frame, np.column_stack([right, np.cross(backward, right), backward]).ravel()
-    )
-    is_moving = body.name != "world"
-    mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACK if is_moving else mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+    mujoco.mju_mat2Quat(frame, axes.ravel())
+    mode = mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+    if body.name != "world":
+        mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACK
     position = np.array(target) + distance_m * backward
-    body.add_camera(name=name, pos=position.tolist(), quat=frame.tolist(), fovy=40, mode=mode)
+    body.add_camera(
+        name=name,
+        pos=position.tolist(),
+        quat=frame.tolist(),
+        fovy=40,
+        mode=mode,
+    )
 
 
 def add_webcam(world: mujoco.MjsBody) -> None:
@@ -331,16 +390,22 @@ def add_webcam(world: mujoco.MjsBody) -> None:
 
 def add_ball(body: mujoco.MjsBody, at_m: Triple) -> None:
     """Add the red ball that a gripper holds."""
-    shape = mujoco.mjtGeom.mjGEOM_SPHERE
-    size = [BALL_RADIUS_M, 0, 0]
+    # It collides with nothing: the gripper holds it, come what may.
     body.add_geom(
-        name="ball", type=shape, pos=list(at_m), size=size, mass=_BALL_KG, material="red", **LOOKS
+        name="ball",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        pos=list(at_m),
+        size=[BALL_RADIUS_M, 0, 0],
+        mass=_BALL_KG,
+        material="red",
+        **LOOKS,
     )
 
 
 def quaternion(axis: Triple | Floats, angle: float) -> list[float]:
     """Quaternion of a rotation about an axis, in radians."""
-    return [math.cos(angle / 2), *(math.sin(angle / 2) * np.array(axis)).tolist()]
+    imaginary = math.sin(angle / 2) * np.array(axis)
+    return [math.cos(angle / 2), *imaginary.tolist()]
 
 
 def yaw_quaternion(angle: float) -> list[float]:
@@ -365,6 +430,7 @@ def add_light(body: mujoco.MjsBody) -> None:
 
 
 def _add_looks(spec: mujoco.MjSpec) -> None:
+    """Add sky, light, and the materials of floor and wall."""
     visual = spec.visual
     visual.map.znear = 0.02
     visual.map.zfar = 30.0
@@ -389,8 +455,12 @@ def _add_looks(spec: mujoco.MjSpec) -> None:
 
 
 def _add_tiles(
-    spec: mujoco.MjSpec, name: str, image: NDArray[np.uint8], size_m: tuple[float, float]
+    spec: mujoco.MjSpec,
+    name: str,
+    image: NDArray[np.uint8],
+    size_m: tuple[float, float],
 ) -> None:
+    """Add a material that repeats an image of this size."""
     height, width, channels = image.shape
     texture = spec.add_texture(
         name=name,
@@ -418,17 +488,24 @@ def _floor_tile() -> NDArray[np.uint8]:
     is_even = (index[:, None] + index) % 2 == 0
     tone = np.where(is_even, 214, 204)
     line = np.arange(256) % 128 < 1
-    tone[line, :] = tone[:, line] = 186
-    return np.stack([tone, tone + 2, tone + 5], axis=-1).astype(np.uint8)
+    tone[line, :] = 186
+    tone[:, line] = 186
+    # A little blue.
+    image = np.stack([tone, tone + 2, tone + 5], axis=-1)
+    return image.astype(np.uint8)
 
 
 def _brick_tile() -> NDArray[np.uint8]:
     """Wall texture of two staggered courses of bricks."""
-    rows = np.arange(64)
-    columns = np.arange(128)
+    rows = np.arange(64)[:, None]
+    columns = np.arange(128)[None, :]
+    # Bricks of 64 x 32 pixels; the second course is shifted by half a brick.
     shift = np.where(rows < 32, 0, 32)
-    joint = (rows % 32 < 2)[:, None] | ((columns[None, :] + shift[:, None]) % 64 < 2)
-    light = (rows % 32 > 29)[:, None] & ~joint
+    bed_joint = rows % 32 < 2
+    head_joint = (columns + shift) % 64 < 2
+    joint = bed_joint | head_joint
+    # Bricks are lighter at one edge, which makes them look raised.
+    light = (rows % 32 > 29) & ~joint
     tile = np.empty((64, 128, 3))
     tile[:] = np.array(_BRICK) * 255
     tile[joint] *= 0.62
@@ -439,13 +516,21 @@ def _brick_tile() -> NDArray[np.uint8]:
 def add_colours(spec: mujoco.MjSpec) -> None:
     """Add materials for all colours."""
     for name, rgb in COLOURS.items():
-        emission = 0.6 if name in GLOWING else 0.0
         spec.add_material(
-            name=name, rgba=[*rgb, 1.0], specular=0.35, shininess=0.5, emission=emission
+            name=name,
+            rgba=[*rgb, 1.0],
+            specular=0.35,
+            shininess=0.5,
+            emission=0.6 if name in GLOWING else 0.0,
         )
 
 
-def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Piece], name: str = "") -> None:
+def draw(
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    parts: Sequence[Piece],
+    name: str = "",
+) -> None:
     """Draw parts, given in millimetres in the body's frame: one mesh per colour, without mass or
     contact.
 
@@ -465,14 +550,22 @@ def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Piece], name
             spec.add_material(name=colour, rgba=rgba, specular=0.35, shininess=0.5)
         shape = merge(shapes)
         mesh_name = f"{name or body.name}_{colour}"
+        points_m = shape.points / 1000
+        # Each point has one normal, so faces have the same numbers for both.
+        faces = shape.faces.ravel().tolist()
         spec.add_mesh(
             name=mesh_name,
-            uservert=(shape.points / 1000).ravel().tolist(),
+            uservert=points_m.ravel().tolist(),
             usernormal=shape.normals.ravel().tolist(),
-            userface=shape.faces.ravel().tolist(),
-            userfacenormal=shape.faces.ravel().tolist(),
+            userface=faces,
+            userfacenormal=faces,
+            # Drawings may be open, and MuJoCo refuses an open solid.
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         )
         body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh_name, material=colour, mass=0, **LOOKS
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=mesh_name,
+            material=colour,
+            mass=0,
+            **LOOKS,
         )

@@ -50,17 +50,30 @@ class MotorSheet:
         """Free speed (rad/s) and stall torque (Nm) of the straight line that misses the three
         points by the same share: both are ``share`` times the sheet's, and the loaded speed ``2 -
         share`` times."""
-        at_load = self.free_rpm * self.load_nm / self.stall_nm
-        share = (2.0 * self.loaded_rpm + at_load) / (self.free_rpm + self.loaded_rpm)
-        return share * self.free_rpm * RAD_S_PER_RPM, share * self.stall_nm
+        # On a line with ``share`` times both ends, the speed at the load is ``share * free_rpm -
+        # at_load_rpm``; this is where it is ``2 - share`` times the sheet's.
+        at_load_rpm = self.free_rpm * self.load_nm / self.stall_nm
+        both_rpm = self.free_rpm + self.loaded_rpm
+        share = (2.0 * self.loaded_rpm + at_load_rpm) / both_rpm
+        free_rad_s = share * self.free_rpm * RAD_S_PER_RPM
+        stall_nm = share * self.stall_nm
+        return free_rad_s, stall_nm
 
 
 SHEETS = {
     "spike-medium": MotorSheet(
-        free_rpm=185.0, loaded_rpm=135.0, load_nm=0.035, stall_nm=0.18, ohm=10.7
+        free_rpm=185.0,
+        loaded_rpm=135.0,
+        load_nm=0.035,
+        stall_nm=0.18,
+        ohm=10.7,
     ),
     "spike-large": MotorSheet(
-        free_rpm=175.0, loaded_rpm=135.0, load_nm=0.08, stall_nm=0.25, ohm=SHEET_V / 1.4
+        free_rpm=175.0,
+        loaded_rpm=135.0,
+        load_nm=0.08,
+        stall_nm=0.25,
+        ohm=SHEET_V / 1.4,
     ),
 }
 """LEGO Education's data sheets of 45603 (medium; its resistance is of Pybricks' curve) and 45602
@@ -105,6 +118,7 @@ def motor_constants(kind: MotorKind) -> MotorConstants:
     sheet = SHEETS.get(kind.model.like or kind.value)
     if sheet is not None:
         free_rad_s, stall_nm = sheet.line()
+        # A sheet's torque is what the shaft gives: the friction is overcome already.
         torque_nm_v = (stall_nm + friction_nm) / SHEET_V
         drag_nm_s = stall_nm / free_rad_s
         ohm = sheet.ohm
@@ -118,9 +132,16 @@ def _blocked_ohm(kind: MotorKind) -> float:
     model = MOTOR_TYPES[kind].model
     # Contributions of a current (0.1 mA), a voltage (mV) and a torque (uNm) to the next speed and
     # current.
-    (a, b, c), (d, e, f) = (
-        (PRESCALE_CURRENT / row[1], PRESCALE_VOLTAGE / row[2], PRESCALE_TORQUE / row[3])
-        for row in (model.speed, model.current)
-    )
-    current_per_mv = (e - b * f / c) / (1.0 - d + a * f / c)
-    return 10.0 / current_per_mv
+    # next speed = a * current + b * voltage + c * torque
+    a = PRESCALE_CURRENT / model.speed[1]
+    b = PRESCALE_VOLTAGE / model.speed[2]
+    c = PRESCALE_TORQUE / model.speed[3]
+    # next current = d * current + e * voltage + f * torque
+    d = PRESCALE_CURRENT / model.current[1]
+    e = PRESCALE_VOLTAGE / model.current[2]
+    f = PRESCALE_TORQUE / model.current[3]
+    # The next speed is 0 and the next current the present one: the torque is eliminated.
+    by_voltage = e - b * f / c
+    by_current = 1.0 - d + a * f / c
+    current_per_mv = by_voltage / by_current
+    return 10.0 / current_per_mv  # mV / 0.1 mA is 10 ohm

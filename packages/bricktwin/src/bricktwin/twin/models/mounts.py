@@ -10,7 +10,7 @@ import numpy as np
 from brickhub.robot import Mount, Sense, Sensor, SensorKind
 from brickhub.robot.spec import LOOKS
 from bricktwin.plans import catalogue
-from bricktwin.plans.drawing import pieces as drawings
+from bricktwin.plans.drawing import pieces
 from bricktwin.plans.drawing.pieces import Piece, piece
 from bricktwin.plans.drawing.shapes import X_AXIS, Z_AXIS, box, cylinder, ring
 from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple, triple
@@ -18,6 +18,8 @@ from bricktwin.plans.part import DeviceKind
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box, quaternion
 
 _BUTTON_MM = 8.0
+"""Length of a force sensor's button."""
+_BUTTON_KG = 0.002
 _AHEAD = Mount((60.0, 0.0, 40.0))
 _FACING_FLOOR = Mount((60.0, 0.0, 12.0), "down")
 _MOUNTS = {
@@ -29,6 +31,8 @@ _MOUNTS = {
 ahead."""
 INFRARED_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
 """Distances that sensors with infrared light report as 100 %; estimates."""
+_UNKNOWN_SENSOR: tuple[Triple, float] = ((24.0, 24.0, 24.0), 12.0)
+"""Size (mm) and mass (g) of a sensor that is not in the catalogue."""
 
 
 @functools.cache
@@ -36,24 +40,39 @@ def case_of(kind: DeviceKind, name: str) -> tuple[Triple, float] | None:
     """Size of an electric part's case, the longest side first (mm), and its mass (g); ``None`` if
     not in the catalogue."""
     for part in catalogue.parts():
-        if part.device is not None and (part.device.kind, part.device.name) == (kind, name):
-            sides = sorted((2.0 * MM_PER_LDU * half for half in part.solids[0].half), reverse=True)
-            return (sides[0], sides[1], sides[2]), part.mass_g
+        device = part.device
+        if device is None:
+            continue
+        if device.kind != kind or device.name != name:
+            continue
+        # The first solid of an electric part is its case.
+        sides_mm = [2.0 * MM_PER_LDU * half for half in part.solids[0].half]
+        longest, middle, shortest = sorted(sides_mm, reverse=True)
+        return (longest, middle, shortest), part.mass_g
     return None
 
 
 def hub_axes(sides: tuple[str, ...]) -> Floats:
     """Rotation matrix [3, 3] from the axes of a hub, whose top and front look to these sides of the
     robot, to the robot's."""
-    top, front = (np.array(LOOKS[side]) for side in sides)
-    return np.column_stack([front, np.cross(top, front), top])
+    top_side, front_side = sides
+    top = np.array(LOOKS[top_side])
+    front = np.array(LOOKS[front_side])
+    # Pybricks' axes of a hub: x to its front, y to its left, z to its top.
+    left = np.cross(top, front)
+    return np.column_stack([front, left, top])
 
 
 def add_hub_site(body: mujoco.MjsBody, axes: Floats, at_m: Triple = (0.0, 0.0, 0.0)) -> None:
     """Add the site of a hub. ``axes``: rotation matrix [3, 3] from the hub's axes to the body's."""
     turn = np.empty(4)
     mujoco.mju_mat2Quat(turn, axes.ravel())
-    body.add_site(name="imu", pos=list(at_m), quat=turn.tolist(), group=SHAPE_GROUP)
+    body.add_site(
+        name="imu",
+        pos=list(at_m),
+        quat=turn.tolist(),
+        group=SHAPE_GROUP,
+    )
 
 
 def mount_of(sensor: Sensor) -> Mount:
@@ -63,43 +82,76 @@ def mount_of(sensor: Sensor) -> Mount:
 
 def site_name(sensor: Sensor) -> str:
     """Name of a sensor's site."""
-    return f"{'sensor' if sensor.kind.model.range_mm is None else 'ultrasonic'}_{sensor.port}"
+    kind = "sensor" if sensor.kind.model.range_mm is None else "ultrasonic"
+    return f"{kind}_{sensor.port}"
 
 
 def mount_sensor(
-    spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, axle_m: float
+    spec: mujoco.MjSpec,
+    chassis: mujoco.MjsBody,
+    sensor: Sensor,
+    axle_m: float,
 ) -> Piece:
     """Add a sensor's site, mass and button to a chassis with its origin at ``axle_m`` height;
     returns the drawn part (mm)."""
     mount = mount_of(sensor)
     ahead, left, up = mount.at_mm
-    eye = np.array([ahead, left, up - axle_m * 1000.0])
+    # A mount is given from the floor, all else from the chassis' origin.
+    above_axle = up - axle_m * 1000.0
+    eye = np.array([ahead, left, above_axle])
     gaze = np.array(LOOKS[mount.looks])
-    size, mass_g = case_of(DeviceKind.SENSOR, sensor.kind.value) or ((24.0, 24.0, 24.0), 12.0)
-    depth = min(size)
-    middle = eye - gaze * depth / 2
+    case = case_of(DeviceKind.SENSOR, sensor.kind.value)
+    size, mass_g = case or _UNKNOWN_SENSOR
     axis, angle_deg = _turn_to(gaze)
     turn = quaternion(axis, math.radians(angle_deg))
     add_sensor_site(spec, chassis, sensor, eye / 1000, turn)
+
     if Sense.FORCE in sensor.kind.model.senses:
-        middle = eye - gaze * (max(size) / 2 + _BUTTON_MM)
-        add_box(chassis, eye - gaze * _BUTTON_MM / 2, (_BUTTON_MM, 16.0, 16.0), 0.002, turn=turn)
-        add_box(chassis, middle, size, mass_g / 1000 - 0.002, turn=turn, collides=False)
-        return _force_sensor(size).turned(axis, angle_deg).at(*eye.tolist())
+        # What touches the button must not touch the case, whose contacts nothing measures.
+        button_middle = eye - gaze * _BUTTON_MM / 2
+        button_size = (_BUTTON_MM, 16.0, 16.0)
+        half_length = max(size) / 2
+        case_middle = eye - gaze * (half_length + _BUTTON_MM)
+        case_kg = mass_g / 1000 - _BUTTON_KG
+        add_box(chassis, button_middle, button_size, _BUTTON_KG, turn=turn)
+        add_box(chassis, case_middle, size, case_kg, turn=turn, collides=False)
+        drawing = _force_sensor(size)
+        return drawing.turned(axis, angle_deg).at(*eye.tolist())
+
+    # Other sensors look out of one of their large sides.
+    depth = min(size)
+    middle = eye - gaze * depth / 2
     is_sonar = sensor.kind.model.range_mm is not None
-    add_box(chassis, middle, (depth, size[0], size[1]), mass_g / 1000, turn=turn, collides=is_sonar)
-    drawing = drawings.ultrasonic_sensor().at(-13.0, 0, 0) if is_sonar else _small_sensor(size)
+    add_box(
+        chassis,
+        middle,
+        (depth, size[0], size[1]),
+        mass_g / 1000,
+        turn=turn,
+        collides=is_sonar,
+    )
+    drawing = pieces.ultrasonic_sensor().at(-13.0, 0, 0) if is_sonar else _small_sensor(size)
     return drawing.turned(axis, angle_deg).at(*eye.tolist())
 
 
 def add_sensor_site(
-    spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, at_m: Floats, turn: list[float]
+    spec: mujoco.MjSpec,
+    chassis: mujoco.MjsBody,
+    sensor: Sensor,
+    at_m: Floats,
+    turn: list[float],
 ) -> None:
     """Add a sensor's site, whose x axis is the viewing direction; that of a force sensor measures
     the contacts near it."""
     pose = {"name": site_name(sensor), "pos": at_m.tolist(), "quat": turn}
     if Sense.FORCE in sensor.kind.model.senses:
-        chassis.add_site(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.012] * 3, group=5, **pose)
+        # A touch sensor sums the forces of the contacts within its site: a box around the button.
+        chassis.add_site(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[0.012] * 3,
+            group=5,
+            **pose,
+        )
         add_touch(spec, sensor)
     else:
         chassis.add_site(group=SHAPE_GROUP, **pose)
@@ -107,36 +159,45 @@ def add_sensor_site(
 
 def add_touch(spec: mujoco.MjSpec, sensor: Sensor) -> None:
     """Add a touch sensor of the contact forces (N) within a sensor's site."""
-    touch = mujoco.mjtSensor.mjSENS_TOUCH
-    site = mujoco.mjtObj.mjOBJ_SITE
     spec.add_sensor(
-        name=f"force_{sensor.port}", type=touch, objtype=site, objname=site_name(sensor)
+        name=f"force_{sensor.port}",
+        type=mujoco.mjtSensor.mjSENS_TOUCH,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname=site_name(sensor),
     )
 
 
 def _turn_to(gaze: Floats) -> tuple[Triple, float]:
     """Axis and angle in degrees of a rotation of x to a direction along an axis."""
     axis = np.cross(X_AXIS, gaze)
-    return (triple(axis), 90.0) if axis.any() else (Z_AXIS, 90.0 - 90.0 * gaze[0])
+    if axis.any():
+        return triple(axis), 90.0
+    # Along x itself: no turn ahead, half a turn about the vertical behind.
+    return Z_AXIS, 90.0 - 90.0 * gaze[0]
 
 
 def _small_sensor(size: Triple) -> Piece:
     """Sensor with one round eye, facing x; its eye is the origin."""
-    depth = min(size)
-    width = size[0]
-    height = size[1]
+    width, height, depth = size
+    case = box(depth - 2, width, height, radius=2.0)
+    eye = cylinder(8.8, 1.6, bevel=0.4).along(X_AXIS)
+    rim = ring(8.6, 6.2, 2.0).along(X_AXIS)
     return piece(
-        white=box(depth - 2, width, height, radius=2.0).at(-depth / 2 - 1, 0, 0),
-        black=cylinder(8.8, 1.6, bevel=0.4).along(X_AXIS).at(-1.4, 0, 0),
-        azure=ring(8.6, 6.2, 2.0).along(X_AXIS).at(-0.8, 0, 0),
+        white=case.at(-depth / 2 - 1, 0, 0),
+        black=eye.at(-1.4, 0, 0),
+        azure=rim.at(-0.8, 0, 0),
     )
 
 
 def _force_sensor(size: Triple) -> Piece:
     """Force sensor facing x, with its button at the end; the button's front is the origin."""
     length, width, height = size
+    middle = -_BUTTON_MM - length / 2
+    case = box(length, width, height, radius=2.0)
+    button = cylinder(8.0, _BUTTON_MM, bevel=1.0).along(X_AXIS)
+    stripe = box(length * 0.4, width + 0.4, 6, radius=0.8)
     return piece(
-        white=box(length, width, height, radius=2.0).at(-_BUTTON_MM - length / 2, 0, 0),
-        black=cylinder(8.0, _BUTTON_MM, bevel=1.0).along(X_AXIS).at(-_BUTTON_MM / 2, 0, 0),
-        light_grey=box(length * 0.4, width + 0.4, 6, radius=0.8).at(-_BUTTON_MM - length / 2, 0, 3),
+        white=case.at(middle, 0, 0),
+        black=button.at(-_BUTTON_MM / 2, 0, 0),
+        light_grey=stripe.at(middle, 0, 3),
     )

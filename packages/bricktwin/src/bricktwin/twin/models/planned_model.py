@@ -7,7 +7,6 @@ of the driven wheels if there are any; that of a robot that stands on the table 
 Tyres, casters and feet touch the floor, and the convex hulls of the other bodies.
 """
 
-import itertools
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +16,7 @@ import mujoco
 import numpy as np
 
 from brickhub.errors import TwinError
-from brickhub.robot import Motor, Robot
+from brickhub.robot import Motor, Robot, Sensor
 from bricktwin.plans.drawing.pieces import Piece
 from bricktwin.plans.drawing.planned_looks import cables_of, looks_of
 from bricktwin.plans.geometry import M_PER_LDU, MM_PER_LDU, Floats, Form
@@ -32,12 +31,10 @@ from bricktwin.twin.models.mounts import add_hub_site, add_sensor_site, mount_se
 from bricktwin.twin.models.turning import add_coupling, add_loop, add_rod, add_spinner
 from bricktwin.twin.scene import Scene
 
-_HINGE = mujoco.mjtJoint.mjJNT_HINGE
-_BALL = mujoco.mjtJoint.mjJNT_BALL
 _ROTOR_KG = 1e-4
+"""Mass of the body between a motor's joint and its backlash: MuJoCo needs a mass for each."""
 _ROTOR_KG_M2 = 1e-8
-"""Mass and inertia of the body between a motor's joint and its backlash; the rotor's inertia is the
-joint's armature."""
+"""Inertia of that body; the rotor's own is the joint's armature."""
 _TRAIN_FRICTION_NM = 0.033
 """Dry friction of a gear train at the motor's side; an estimate: arms hold themselves while their
 motors coast."""
@@ -51,7 +48,14 @@ _FOOT_REACH_M = 0.015
 """Height above the robot's lowest point up to which a leg's lower end is a foot, in a robot without
 wheels."""
 _SAME_AXIS_M = 0.0012
-_CARRIED = DeviceKind.HUB, DeviceKind.SENSOR
+"""Largest distance of cylinders that count as one round end of a leg."""
+_SAME_WHEEL_M = 0.008
+"""Largest distance of a rim from the tyre around it: a module of LEGO."""
+_LEAST_HULL_M = 0.001
+"""Least thickness of a convex hull."""
+_CORNER_M = 0.002
+"""Corners closer than this make no difference in a collision."""
+_CARRIED = (DeviceKind.HUB, DeviceKind.SENSOR)
 
 
 def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
@@ -65,9 +69,8 @@ def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     """
     check_description(robot, path)
     planned = planned_robot(path)
-    if planned.articulation.is_fixed and (
-        scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0)
-    ):
+    is_placed = scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0)
+    if planned.articulation.is_fixed and is_placed:
         raise TwinError(
             f"robot '{robot.name}' stands still and sees no wall; omit wall_distance_mm and "
             "heading_deg"
@@ -87,7 +90,12 @@ class _Builder:
     """Builder of a model."""
 
     def __init__(
-        self, spec: mujoco.MjSpec, robot: Robot, planned: PlannedRobot, *, holds_ball: bool
+        self,
+        spec: mujoco.MjSpec,
+        robot: Robot,
+        planned: PlannedRobot,
+        *,
+        holds_ball: bool,
     ) -> None:
         self.spec = spec
         self.robot = robot
@@ -95,21 +103,22 @@ class _Builder:
         self.holds_ball = holds_ball
         self.articulation: Articulation = planned.articulation
         self.motors = {motor.port: motor for motor in robot.motors}
-        carried = [
-            (placed, self.articulation.body_of(placed.index))
-            for placed in planned.plan.devices(*_CARRIED)
-        ]
-        self.mounted = {
-            placed.port: (placed, body) for placed, body in reversed(carried) if body is not None
-        }
+        self.mounted: dict[str | None, tuple[Placed, int]] = {}
         """Each sensor and its body, by port, and the hub, whose port is ``None``."""
+        # Backwards, so that of two at one port the first one stays.
+        for placed in reversed(list(planned.plan.devices(*_CARRIED))):
+            body = self.articulation.body_of(placed.index)
+            if body is not None:
+                self.mounted[placed.port] = (placed, body)
         if None not in self.mounted:
             raise TwinError(
                 f"{planned.plan.path} has no hub that is connected to the robot; add one"
             )
         self.hub, self.hub_body = self.mounted[None]
-        self.hub_m = point_m_of(self.hub.point(self.hub.electric.plug))
-        for port in sorted(self.motors.keys() - {drive.port for drive in self.articulation.drives}):
+        plug = self.hub.electric.plug
+        self.hub_m = point_m_of(self.hub.point(plug))
+        driving_ports = {drive.port for drive in self.articulation.drives}
+        for port in sorted(self.motors.keys() - driving_ports):
             placed = planned.device(port)
             fault = (
                 f"{placed.name} is not connected to the main body; add a pin or an axle, or "
@@ -128,33 +137,29 @@ class _Builder:
 
     def build(self) -> None:
         """Build everything except the surroundings."""
+        # Parents are before their children among the joints.
         self._add_base()
-        driven = {
-            drive.joint.child: drive
-            for drive in self.articulation.drives
-            if drive.port in self.motors
-        }
+        driven: dict[int, Drive] = {}
+        for drive in self.articulation.drives:
+            if drive.port in self.motors:
+                driven[drive.joint.child] = drive
         for joint in self.articulation.joints:
             if joint.child in driven:
                 self._add_drive(driven[joint.child])
             else:
                 self._add_passive(joint)
+        # What holds between them needs all bodies.
         self._couple()
-        for number, rod in enumerate(self.articulation.rods):
-            near = (self.bodies[rod.near], self._local(rod.near, rod.near_m))
-            far = (self.bodies[rod.far], self._local(rod.far, rod.far_m))
-            name = self.ports.get(rod.far) or self.ports.get(rod.near) or str(number)
-            body = add_rod(self.spec, name, near, far)
-            axes = _axes_along(rod.far_m - rod.near_m)
-            mjcf.draw(
-                self.spec, body, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)]
-            )
+        self._add_rods()
         for number, loop in enumerate(self.articulation.loops):
-            at_m = self._local(loop.parent, loop.point_m)
             add_loop(
-                self.spec, f"loop_{number}", self.bodies[loop.parent], self.bodies[loop.child], at_m
+                self.spec,
+                f"loop_{number}",
+                self.bodies[loop.parent],
+                self.bodies[loop.child],
+                self._local(loop.parent, loop.point_m),
             )
-        # nothing collides within the ranges of a fixed robot's joints
+        # Nothing collides within the ranges of a fixed robot's joints.
         if not self.articulation.is_fixed:
             self._add_shapes()
         mjcf.add_colours(self.spec)
@@ -167,9 +172,10 @@ class _Builder:
         """Origin of the first body, in the plan's frame."""
         if self.articulation.is_fixed:
             return np.zeros(3)
-        axle_m = [wheel.centre_m for _, wheel in self.planned.rolling] or [
-            self.hub_m * (1.0, 1.0, 0.0)
-        ]
+        axle_m = [wheel.centre_m for _, wheel in self.planned.rolling]
+        if not axle_m:
+            below_hub_m = self.hub_m * (1.0, 1.0, 0.0)
+            axle_m = [below_hub_m]
         x, _, z = np.mean(axle_m, axis=0)
         return np.round([x, self.hub_m[1], z], 6)
 
@@ -177,40 +183,50 @@ class _Builder:
         """Wheels that roll on the floor: the largest of those at one position, without casters."""
         casters = {wheel.part for wheel, _, _ in self.casters}
         tyres: list[Wheel] = []
-        for wheel in sorted(self.articulation.wheels, key=lambda wheel: -wheel.diameter_mm):
-            is_inner = any(
-                tyre.link == wheel.link and np.linalg.norm(tyre.centre_m - wheel.centre_m) <= 0.008
-                for tyre in tyres
-            )
+        # The largest first: a rim is then within the tyre around it.
+        by_size = sorted(self.articulation.wheels, key=lambda wheel: -wheel.diameter_mm)
+        for wheel in by_size:
+            is_inner = any(_is_around(tyre, wheel) for tyre in tyres)
             if not is_inner and wheel.part not in casters:
                 tyres.append(wheel)
         return tyres
 
     def _lowest_m(self) -> float:
         """Height of the robot's lowest point in the plan."""
-        lowest = [float(wheel.centre_m[2]) - wheel.diameter_mm / 2000 for wheel in self.tyres]
-        lowest += [float(foot.start_m[2]) - foot.radius_m for foot in self.feet]
-        lowest += [float(centre_m[2]) - radius_m for _, centre_m, radius_m in self.casters]
-        if self.articulation.is_fixed or not lowest:
-            parts = [
-                self.planned.plan.parts[part]
-                for body in self.articulation.bodies
-                for part in body.parts
-            ]
-            lowest += [float(_in_twin(placed, placed.part.corners)[:, 2].min()) for placed in parts]
-        return min(lowest)
+        lowest_m: list[float] = []
+        for wheel in self.tyres:
+            radius_m = wheel.diameter_mm / 2000
+            lowest_m.append(float(wheel.centre_m[2]) - radius_m)
+        lowest_m.extend(foot.lowest_m for foot in self.feet)
+        for _, centre_m, radius_m in self.casters:
+            lowest_m.append(float(centre_m[2]) - radius_m)
+        if self.articulation.is_fixed or not lowest_m:
+            # It stands on whatever part is lowest.
+            for body in self.articulation.bodies:
+                for part in body.parts:
+                    placed = self.planned.plan.parts[part]
+                    corners_m = _in_twin(placed, placed.part.corners)  # [n, 3]
+                    lowest_m.append(float(corners_m[:, 2].min()))
+        return min(lowest_m)
 
     def _subtree_kg(self) -> dict[int, float]:
         """Mass of each body with all its descendants, kg."""
-        mass = {number: body.mass_kg for number, body in enumerate(self.articulation.bodies)}
+        mass: dict[int, float] = {}
+        for number, body in enumerate(self.articulation.bodies):
+            mass[number] = body.mass_kg
+        # From the leaves to the root: a child has all of its mass before its parent counts it.
         for joint in reversed(self.articulation.joints):
             mass[joint.parent] += mass[joint.child]
         return mass
 
     def _ports(self) -> dict[int, str]:
         """Port of the motor that moves each body."""
-        ports = {drive.joint.child: drive.port for drive in self.articulation.drives}
-        ports |= {geared.joint.child: geared.port for geared in self.articulation.geared}
+        ports: dict[int, str] = {}
+        for drive in self.articulation.drives:
+            ports[drive.joint.child] = drive.port
+        for geared in self.articulation.geared:
+            ports[geared.joint.child] = geared.port
+        # What swings on a driven body is named after its motor too, the nearest bodies first.
         for joint in sorted(self.articulation.swings, key=lambda joint: joint.child):
             if joint.parent in ports:
                 ports[joint.child] = ports[joint.parent]
@@ -224,18 +240,23 @@ class _Builder:
     def _set_inertia(self, body: mujoco.MjsBody, number: int) -> None:
         """Set mass and inertia of a body."""
         link = self.articulation.bodies[number]
-        xx, yy, zz = np.diag(link.inertia)
+        inertia = link.inertia
         body.explicitinertial = True
         body.mass = link.mass_kg
         body.ipos = self._local(number, link.centre_m)
-        body.fullinertia = [xx, yy, zz, link.inertia[0, 1], link.inertia[0, 2], link.inertia[1, 2]]
+        # MuJoCo's order: the diagonal, then xy, xz and yz.
+        xx, yy, zz = np.diag(inertia)
+        xy = inertia[0, 1]
+        xz = inertia[0, 2]
+        yz = inertia[1, 2]
+        body.fullinertia = [xx, yy, zz, xy, xz, yz]
 
     def _add_base(self) -> None:
         """Add the root body: free, or fixed to the floor."""
-        height = float(self.origins[0][2]) - self._lowest_m()
-        body = self.spec.worldbody.add_body(
-            name="base" if self.articulation.is_fixed else "chassis", pos=[0.0, 0.0, height]
-        )
+        origin_m = self.origins[0]
+        height_m = float(origin_m[2]) - self._lowest_m()
+        name = "base" if self.articulation.is_fixed else "chassis"
+        body = self.spec.worldbody.add_body(name=name, pos=[0.0, 0.0, height_m])
         if not self.articulation.is_fixed:
             body.add_freejoint(name="root")
         self.bodies[0] = body
@@ -247,32 +268,48 @@ class _Builder:
         joint = drive.joint
         port = drive.port
         motor = self.motors[port]
-        start = self._start_deg(self.motors[port])
-        angle = math.radians(start - self.planned.device(port).angle_deg) / drive.gear
-        friction = _TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0
         x, y, z = joint.axis.tolist()
-        at_m = self._local(joint.parent, joint.point_m)
         rotor = mjcf.add_rotor(
-            self.spec, self.bodies[joint.parent], motor, at_m, (x, y, z), drive.gear, friction
+            self.spec,
+            self.bodies[joint.parent],
+            motor,
+            at_m=self._local(joint.parent, joint.point_m),
+            axis=(x, y, z),
+            gear=drive.gear,
+            train_friction_nm=_TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0,
         )
+        # The plan's configuration has the plan's angle; the joint counts as the motor does.
+        start_deg = self._start_deg(motor)
+        turned_deg = start_deg - self.planned.device(port).angle_deg
+        angle = math.radians(turned_deg) / drive.gear
         rotor.quat = mjcf.quaternion(joint.axis, angle)
         rotor.mass = _ROTOR_KG
         rotor.inertia = [_ROTOR_KG_M2] * 3
         is_heavy = self.subtree_kg[joint.child] > _HEAVY_KG
         shaft = rotor.joints[0]
-        shaft.damping[0], shaft.ref = 1e-3 if is_heavy else 0.0, math.radians(start) / drive.gear
+        shaft.damping[0] = 1e-3 if is_heavy else 0.0
+        shaft.ref = math.radians(start_deg) / drive.gear
         shaft.armature += drive.armature
         self._limit(shaft, motor, drive.gear)
-        body = mjcf.add_driven(rotor, f"driven_{port}", port, (x, y, z), is_heavy=is_heavy)
+        body = mjcf.add_driven(
+            rotor,
+            f"driven_{port}",
+            port,
+            (x, y, z),
+            is_heavy=is_heavy,
+        )
         self._register(joint, body)
 
     def _add_passive(self, joint: Hinge) -> None:
         """Add a body that turns freely on a pin, an axle or a ball, or that is driven by a motor
         missing in the description."""
         body = self.bodies[joint.parent].add_body(
-            name=f"part_{joint.child}", pos=self._local(joint.parent, joint.point_m)
+            name=f"part_{joint.child}",
+            pos=self._local(joint.parent, joint.point_m),
         )
-        kind = _BALL if joint.is_ball else _HINGE
+        kind = mujoco.mjtJoint.mjJNT_HINGE
+        if joint.is_ball:
+            kind = mujoco.mjtJoint.mjJNT_BALL
         body.add_joint(
             name=f"turn_{joint.child}",
             type=kind,
@@ -291,35 +328,38 @@ class _Builder:
         """Angle of a motor's shaft at start: the middle of its range, or as in the plan without a
         range or with linkages."""
         ends = _range_of_shaft(motor)
-        if ends is None or self.articulation.rods or self.articulation.loops:
+        # Linkages are closed in the plan's configuration only.
+        is_linked = self.articulation.rods or self.articulation.loops
+        if ends is None or is_linked:
             return self.planned.device(motor.port).angle_deg
         return sum(ends) / 2
 
-    def _limit(self, shaft: mujoco.MjsJoint, motor: Motor, gear: float) -> None:
+    def _limit(
+        self,
+        shaft: mujoco.MjsJoint,
+        motor: Motor,
+        gear: float,
+    ) -> None:
         """Set the end stops of a motor: where parts of the robot collide; with a range, at most a
         little beyond it."""
-        ends = _range_of_shaft(motor)
         if motor.end_stops_deg is not None:
-            return  # which the description, or the plan, says
+            # The description, or the plan, says them; the loader of models sets them.
+            return
+        ends = _range_of_shaft(motor)
         if ends is None:
-            self._limit_by_collisions(shaft, motor, gear)
+            # Only what can turn less than once has stops.
+            stops = stops_deg(self.planned, motor.port)
+            if stops is None:
+                return
         else:
-            shaft.limited = True
             lowest = ends[0] - _BEYOND_DEG
             highest = ends[1] + _BEYOND_DEG
-            # wider if the plan's position is outside
+            # What is free is wider than asked for if the plan's position is outside.
             low, high = free_deg(self.planned, motor.port, lowest, highest)
-            shaft.range = sorted(
-                math.radians(angle) / gear for angle in (max(low, lowest), min(high, highest))
-            )
-
-    def _limit_by_collisions(self, shaft: mujoco.MjsJoint, motor: Motor, gear: float) -> None:
-        """Set the end stops of a motor that can turn less than once: where what it drives meets
-        other parts."""
-        stops = stops_deg(self.planned, motor.port)
-        if stops is not None:
-            shaft.limited = True
-            shaft.range = sorted(math.radians(angle) / gear for angle in stops)
+            stops = (max(low, lowest), min(high, highest))
+        shaft.limited = True
+        # A negative gear swaps the ends.
+        shaft.range = sorted(math.radians(angle) / gear for angle in stops)
 
     def _couple(self) -> None:
         """Couple bodies that are geared to a motor's joint."""
@@ -328,166 +368,271 @@ class _Builder:
                 continue
             joint = geared.joint
             port = geared.port
-            add_coupling(self.spec, geared, f"geared_{joint.child}", f"turn_{joint.child}")
+            add_coupling(
+                self.spec,
+                geared,
+                f"geared_{joint.child}",
+                f"turn_{joint.child}",
+            )
             # Its start angle relative to the plan follows from the motor's.
             drive = next(drive for drive in self.articulation.drives if drive.port == port)
-            start = self._start_deg(self.motors[port]) - self.planned.device(port).angle_deg
-            self.bodies[joint.child].quat = mjcf.quaternion(
-                joint.axis, geared.ratio * math.radians(start) / drive.gear
+            start_deg = self._start_deg(self.motors[port])
+            turned_deg = start_deg - self.planned.device(port).angle_deg
+            angle = geared.ratio * math.radians(turned_deg) / drive.gear
+            body = self.bodies[joint.child]
+            body.quat = mjcf.quaternion(joint.axis, angle)
+
+    def _add_rods(self) -> None:
+        """Add all rods, named after the port of a motor at one of their ends."""
+        for number, rod in enumerate(self.articulation.rods):
+            near_m = self._local(rod.near, rod.near_m)
+            far_m = self._local(rod.far, rod.far_m)
+            port = self.ports.get(rod.far) or self.ports.get(rod.near)
+            body = add_rod(
+                self.spec,
+                name=port or str(number),
+                near=(self.bodies[rod.near], near_m),
+                far=(self.bodies[rod.far], far_m),
             )
+            # The body's axes are those into which `TurningParts` turns it.
+            axes = _axes_along(rod.far_m - rod.near_m)
+            looks = looks_of(
+                self.planned.plan,
+                rod.parts,
+                rod.near_m,
+                axes=axes,
+            )
+            mjcf.draw(self.spec, body, [looks])
 
     def _add_shapes(self) -> None:
         """Add all collision shapes; tyres and feet are named after the port of their motor."""
         for wheel in self.tyres:
-            placed = self.planned.plan.parts[wheel.part]
-            low, high = placed.part.bounds
-            radius = wheel.diameter_mm / 2000
-            half_width = float(high[2] - low[2]) / 2 * M_PER_LDU
-            quaternion = np.empty(4)
-            mujoco.mju_quatZ2Vec(quaternion, TO_TWIN @ placed.rotation[:, 2])
-            name = self._free_name(f"tyre_{self.ports.get(wheel.link, wheel.part)}")
-            at_m = self._local(wheel.link, wheel.centre_m)
-            mjcf.add_tyre(
-                self.bodies[wheel.link],
-                name,
-                (radius, radius, half_width),
-                at_m=at_m,
-                turn=quaternion,
-            )
+            self._add_tyre(wheel)
         for number, (wheel, centre_m, radius_m) in enumerate(self.casters):
             name = "caster" if number == 0 else f"caster_{number}"
+            local_m = self._local(wheel.link, centre_m)
             mjcf.add_caster(
-                self.bodies[wheel.link], name, self._local(wheel.link, centre_m), radius_m
+                self.bodies[wheel.link],
+                name,
+                local_m,
+                radius_m,
             )
         for number, foot in enumerate(self.feet):
-            name = self._free_name(f"foot_{self.ports.get(foot.body, number)}")
-            ends = [*self._local(foot.body, foot.start_m), *self._local(foot.body, foot.end_m)]
-            shape = mujoco.mjtGeom.mjGEOM_CAPSULE
-            attributes = mjcf.contact_attributes(_PLASTIC_FRICTION)
+            start_m = self._local(foot.body, foot.start_m)
+            end_m = self._local(foot.body, foot.end_m)
+            port = self.ports.get(foot.body, number)
             self.bodies[foot.body].add_geom(
-                name=name, type=shape, fromto=ends, size=[foot.radius_m, 0, 0], **attributes
+                name=self._free_name(f"foot_{port}"),
+                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                fromto=[*start_m, *end_m],
+                size=[foot.radius_m, 0, 0],
+                **mjcf.contact_attributes(_PLASTIC_FRICTION),
             )
-        touching = {foot.body for foot in self.feet} | {wheel.link for wheel in self.tyres}
-        for number in sorted(self.bodies.keys() - touching | {0}):
+        # What touches the floor has a shape of its own; a hull around it would touch beside it.
+        # The chassis has a hull whatever it rolls on.
+        touching = {foot.body for foot in self.feet}
+        touching.update(wheel.link for wheel in self.tyres)
+        touching.discard(0)
+        for number in sorted(self.bodies.keys() - touching):
             self._add_hull(number)
+
+    def _add_tyre(self, wheel: Wheel) -> None:
+        """Add the shape of a wheel that rolls on the floor."""
+        placed = self.planned.plan.parts[wheel.part]
+        low, high = placed.part.bounds
+        radius_m = wheel.diameter_mm / 2000
+        width_ldu = float(high[2] - low[2])
+        half_width_m = width_ldu / 2 * M_PER_LDU
+        # A wheel of the parts library turns about its z axis.
+        axis = TO_TWIN @ placed.rotation[:, 2]
+        quaternion = np.empty(4)
+        mujoco.mju_quatZ2Vec(quaternion, axis)
+        port = self.ports.get(wheel.link, wheel.part)
+        mjcf.add_tyre(
+            self.bodies[wheel.link],
+            self._free_name(f"tyre_{port}"),
+            (radius_m, radius_m, half_width_m),
+            at_m=self._local(wheel.link, wheel.centre_m),
+            turn=quaternion,
+        )
 
     def _free_name(self, name: str) -> str:
         """The name, or with a number if it is taken."""
-        numbered = itertools.chain([name], (f"{name}_{number}" for number in itertools.count(2)))
-        return next(candidate for candidate in numbered if self.spec.geom(candidate) is None)
+        candidate = name
+        number = 2
+        while self.spec.geom(candidate) is not None:
+            candidate = f"{name}_{number}"
+            number += 1
+        return candidate
 
     def _add_hull(self, number: int) -> None:
         """Add the convex hull of a body's parts, except wheels and casters. MuJoCo makes it from
         the points."""
-        rolls = {wheel.part for wheel in self.articulation.wheels}
-        parts = [
-            self.planned.plan.parts[part]
-            for part in self.articulation.bodies[number].parts
-            if part not in rolls
-        ]
-        if not parts:
+        rolling = {wheel.part for wheel in self.articulation.wheels}
+        corners_m = []
+        for part in self.articulation.bodies[number].parts:
+            if part not in rolling:
+                placed = self.planned.plan.parts[part]
+                corners_m.append(_in_twin(placed, placed.part.corners))
+        if not corners_m:
             return
-        points = (
-            np.concatenate([_in_twin(placed, placed.part.corners) for placed in parts])
-            - self.origins[number]
-        )
-        if np.ptp(points, axis=0).min() < 0.001:
+        points_m = np.concatenate(corners_m) - self.origins[number]  # [n, 3]
+        # MuJoCo compiles no flat hull.
+        if np.ptp(points_m, axis=0).min() < _LEAST_HULL_M:
             return
-        # Corners closer than 2 mm make no difference in a collision.
-        corners = points[np.unique(np.round(points / 0.002), axis=0, return_index=True)[1]]
+        # One point of each cell of a grid: fewer points make contacts faster.
+        cells = np.round(points_m / _CORNER_M)
+        _, chosen = np.unique(cells, axis=0, return_index=True)
         name = f"hull_{number}"
-        shell = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-        self.spec.add_mesh(name=name, uservert=corners.ravel().tolist(), inertia=shell)
+        self.spec.add_mesh(
+            name=name,
+            uservert=points_m[chosen].ravel().tolist(),
+            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+        )
         self.bodies[number].add_geom(
-            name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, mass=0, **mjcf.COLLIDING
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=name,
+            mass=0,
+            **mjcf.COLLIDING,
         )
 
     def _add_sensors(self) -> None:
         """Add the sites of hub and sensors; sensors that are not in the plan are mounted on the
         first body."""
-        if self.robot.needs_imu and self.hub_body != 0 and not self.articulation.is_fixed:
+        # Tilt and heading are those of the first body, so what measures them is there.
+        hub_moves = self.hub_body != 0 and not self.articulation.is_fixed
+        if self.robot.needs_imu and hub_moves:
             raise TwinError(
                 f"{self.planned.plan.path}: the hub moves against the chassis; fix it there, or "
                 "say needs_imu=False"
             )
         axes = TO_TWIN @ self.hub.rotation @ TO_TWIN.T
-        add_hub_site(self.bodies[self.hub_body], axes, self._local(self.hub_body, self.hub_m))
+        at_m = self._local(self.hub_body, self.hub_m)
+        add_hub_site(self.bodies[self.hub_body], axes, at_m)
         base = self.bodies[0]
         for sensor in self.robot.sensors:
             placed, number = self.mounted.get(sensor.port, (None, 0))
-            if placed is None and sensor.mount is None and self.robot.drive_base is None:
+            if placed is not None:
+                self._add_sensor(sensor, placed, number)
+                continue
+            # The usual place of a sensor is one on a car.
+            if sensor.mount is None and self.robot.drive_base is None:
                 raise TwinError(
                     f"there is no place for '{sensor.name}' in {self.planned.plan.path}; add it "
                     "there or give a mount"
                 )
-            if placed is None:
-                self.mounted_parts.append(mount_sensor(self.spec, base, sensor, float(base.pos[2])))
-                continue
-            if number != 0:
-                raise TwinError(
-                    f"{self.planned.plan.path}: '{sensor.name}' moves against the chassis; put it "
-                    "on the chassis"
-                )
-            looks = np.array(placed.electric.direction)
-            (low, high) = placed.part.bounds
-            eye_m = point_m_of(
-                placed.point(np.where(looks > 0.5, high, np.where(looks < -0.5, low, 0.0)))
-            )
-            add_sensor_site(
+            part = mount_sensor(
                 self.spec,
                 base,
                 sensor,
-                np.array(self._local(0, eye_m)),
-                _facing(TO_TWIN @ placed.rotation @ looks),
+                float(base.pos[2]),
             )
+            self.mounted_parts.append(part)
+
+    def _add_sensor(
+        self,
+        sensor: Sensor,
+        placed: Placed,
+        body: int,
+    ) -> None:
+        """Add the site of a sensor in the plan, at the end of its case to which it looks."""
+        if body != 0:
+            raise TwinError(
+                f"{self.planned.plan.path}: '{sensor.name}' moves against the chassis; put it "
+                "on the chassis"
+            )
+        looks = np.array(placed.electric.direction)
+        low, high = placed.part.bounds
+        # Along each axis of the part: its upper end, its lower one, or its middle.
+        lower_or_middle = np.where(looks < -0.5, low, 0.0)
+        eye = np.where(looks > 0.5, high, lower_or_middle)
+        eye_m = point_m_of(placed.point(eye))
+        add_sensor_site(
+            self.spec,
+            self.bodies[0],
+            sensor,
+            np.array(self._local(0, eye_m)),
+            _facing(TO_TWIN @ placed.rotation @ looks),
+        )
 
     def _add_ball(self) -> None:
         """Add the ball at the place that the plan names."""
-        holder = next(
-            (placed for placed in self.planned.plan.parts if placed.ball is not None), None
-        )
-        if holder is None or holder.ball is None:
-            return
-        number = self.articulation.body_of(holder.index) or 0
-        centre_m = TO_TWIN @ holder.point(holder.ball) * MM_PER_LDU / 1000
-        mjcf.add_ball(self.bodies[number], self._local(number, centre_m))
+        for placed in self.planned.plan.parts:
+            if placed.ball is not None:
+                body = self.articulation.body_of(placed.index) or 0
+                centre_ldu = TO_TWIN @ placed.point(placed.ball)
+                centre_m = centre_ldu * MM_PER_LDU / 1000
+                mjcf.add_ball(self.bodies[body], self._local(body, centre_m))
+                return
 
     def _draw(self) -> None:
+        """Draw all parts, and add lights and cameras."""
         plan = self.planned.plan
-        drawn_apart = {part for follower in self.articulation.followers for part in follower.parts}
-        drawn_apart |= {part for rod in self.articulation.rods for part in rod.parts}
+        # Rods, shafts and gears turn against the bodies that carry them.
+        drawn_apart: set[int] = set()
+        for follower in self.articulation.followers:
+            drawn_apart.update(follower.parts)
+        for rod in self.articulation.rods:
+            drawn_apart.update(rod.parts)
         for number, body in self.bodies.items():
             parts = tuple(
                 part for part in self.articulation.bodies[number].parts if part not in drawn_apart
             )
-            ports = [
-                drive.port
-                for drive in self.articulation.drives
-                if drive.joint.child == number and not drive.teeth
-            ]
-            shafts = tuple(self.planned.device(port).index for port in ports)
+            looks = looks_of(
+                plan,
+                parts,
+                self.origins[number],
+                shafts=self._shafts_of(number),
+            )
             cables = cables_of(plan, parts, self.origins[number])
             mounted = self.mounted_parts if number == 0 else []
-            mjcf.draw(
-                self.spec,
-                body,
-                [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted],
-            )
+            mjcf.draw(self.spec, body, [looks, *cables, *mounted])
         for number, follower in enumerate(self.articulation.followers):
             at_m = self._local(follower.body, follower.point_m)
-            body = add_spinner(self.bodies[follower.body], number, follower, at_m)
-            mjcf.draw(self.spec, body, [looks_of(plan, follower.parts, follower.point_m)])
-        corners = np.concatenate(
-            [placed.to_plan(np.stack(placed.part.bounds)) for placed in plan.parts]
-        )
-        size_m = float(np.linalg.norm(np.ptp(corners, axis=0))) * MM_PER_LDU / 1000
-        base = self.bodies[0]
-        middle = tuple((self.articulation.bodies[0].centre_m - self.origins[0]).tolist())
-        parent = self.spec.worldbody if self.articulation.is_fixed else base
-        target = (middle[0], middle[1], 0.4 * size_m) if self.articulation.is_fixed else middle
+            carrier = self.bodies[follower.body]
+            body = add_spinner(carrier, number, follower, at_m)
+            looks = looks_of(plan, follower.parts, follower.point_m)
+            mjcf.draw(self.spec, body, [looks])
+        self._add_cameras()
+
+    def _shafts_of(self, body: int) -> tuple[int, ...]:
+        """Motors whose shafts turn with a body, as nothing but an axle is between them."""
+        drives = [drive for drive in self.articulation.drives if drive.joint.child == body]
+        return tuple(self.planned.device(drive.port).index for drive in drives if not drive.teeth)
+
+    def _add_cameras(self) -> None:
+        """Add light and cameras, at distances that show the whole robot."""
+        corners = []
+        for placed in self.planned.plan.parts:
+            bounds = np.stack(placed.part.bounds)
+            corners.append(placed.to_plan(bounds))
+        extent = np.ptp(np.concatenate(corners), axis=0)  # [3], LDU
+        size_m = float(np.linalg.norm(extent)) * MM_PER_LDU / 1000
+        first = self.articulation.bodies[0]
+        x_m, y_m, z_m = self._local(0, first.centre_m)
+        if self.articulation.is_fixed:
+            # What moves of an arm is above its base.
+            parent = self.spec.worldbody
+            target = (x_m, y_m, 0.4 * size_m)
+        else:
+            parent = self.bodies[0]
+            target = (x_m, y_m, z_m)
         mjcf.add_light(parent)
-        mjcf.add_camera(parent, "chase", target, (-0.62, -0.62, 0.55), 1.6 * size_m)
-        mjcf.add_camera(parent, "portrait", target, (0.75, -0.55, 0.42), 1.55 * size_m)
+        mjcf.add_camera(
+            parent,
+            "chase",
+            target,
+            (-0.62, -0.62, 0.55),
+            1.6 * size_m,
+        )
+        mjcf.add_camera(
+            parent,
+            "portrait",
+            target,
+            (0.75, -0.55, 0.42),
+            1.55 * size_m,
+        )
         if self.articulation.is_fixed:
             mjcf.add_webcam(parent)
 
@@ -502,10 +647,13 @@ def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:
 
 def _facing(looks: Floats) -> list[float]:
     """Quaternion of the shortest rotation of x to a direction."""
+    # Backwards no rotation is the shortest: half a turn about the vertical.
     if 1.0 + looks[0] < 1e-6:
         return [0.0, 0.0, 0.0, 1.0]
-    turn = np.array([1.0 + looks[0], 0.0, -looks[2], looks[1]])
-    return [float(value) for value in turn / np.linalg.norm(turn)]
+    x, y, z = looks
+    turn = np.array([1.0 + x, 0.0, -z, y])
+    turn /= np.linalg.norm(turn)
+    return [float(value) for value in turn]
 
 
 def _axes_along(direction: Floats) -> Floats:
@@ -527,45 +675,79 @@ class _Foot(NamedTuple):
     end_m: Floats
     radius_m: float
 
+    @property
+    def lowest_m(self) -> float:
+        """Height of its lowest point."""
+        return float(self.start_m[2] - self.radius_m)
+
 
 def _feet(planned: PlannedRobot) -> list[_Foot]:
     """Feet of a robot without wheels; empty for others."""
     articulation = planned.articulation
     if articulation.is_fixed or articulation.wheels:
         return []
-    legs = []
-    for number, body in enumerate(articulation.bodies):
-        cylinders = [
-            cylinder for part in body.parts for cylinder in _cylinders(planned.plan.parts[part])
-        ]
-        if number == 0 or not cylinders:
-            continue
-        centre, axis, _, radius = min(cylinders, key=lambda cylinder: cylinder[0][2] - cylinder[3])
-        ends = [
-            other + axis * sign * half_length
-            for other, other_axis, half_length, _ in cylinders
-            for sign in (-1.0, 1.0)
-            if np.linalg.norm(np.cross(other - centre, axis)) < _SAME_AXIS_M
-            and abs(float(other_axis @ axis)) > 0.99
-        ]
-        along = np.array([float((end - centre) @ axis) for end in ends])
-        legs.append(_Foot(number, centre + axis * along.min(), centre + axis * along.max(), radius))
-    low = min((foot.start_m[2] - foot.radius_m for foot in legs), default=0.0)
-    standing = [foot for foot in legs if foot.start_m[2] - foot.radius_m < low + _FOOT_REACH_M]
-    return standing if len(standing) > 1 else []  # nothing stands on one
+    # The chassis, body 0, is no leg.
+    ends: list[_Foot] = []
+    for number, body in enumerate(articulation.bodies[1:], 1):
+        cylinders: list[_Cylinder] = []
+        for part in body.parts:
+            cylinders += _cylinders(planned.plan.parts[part])
+        if cylinders:
+            ends.append(_lower_end(number, cylinders))
+    # Of all bodies with round ends, those near the floor stand on it.
+    low_m = min((end.lowest_m for end in ends), default=0.0)
+    feet = [end for end in ends if end.lowest_m < low_m + _FOOT_REACH_M]
+    return feet if len(feet) > 1 else []  # nothing stands on one
 
 
-def _cylinders(placed: Placed) -> Iterator[tuple[Floats, Floats, float, float]]:
-    """Centre [3], axis [3], half length and radius of each horizontal cylinder of a part."""
+class _Cylinder(NamedTuple):
+    """Cylinder of a part in the twin's axes, with its axis ``[3]`` through its centre ``[3]``."""
+
+    centre_m: Floats
+    axis: Floats
+    half_length_m: float
+    radius_m: float
+
+    def is_in_line_with(self, other: "_Cylinder") -> bool:
+        """Whether both have one axis."""
+        offset_m = self.centre_m - other.centre_m
+        across_m = np.linalg.norm(np.cross(offset_m, other.axis))
+        cosine = float(self.axis @ other.axis)
+        return bool(across_m < _SAME_AXIS_M and abs(cosine) > 0.99)
+
+
+def _cylinders(placed: Placed) -> Iterator[_Cylinder]:
+    """Each horizontal cylinder of a part: a leg stands on the sides of its beam's round ends."""
     for solid in placed.part.solids:
         axis = TO_TWIN @ placed.rotation @ np.array(solid.axes[2])
-        if solid.form is Form.CYLINDER and abs(float(axis[2])) < 0.1:
-            yield (
-                _in_twin(placed, np.array([solid.centre]))[0],
-                axis,
-                solid.half[2] * M_PER_LDU,
-                solid.half[0] * M_PER_LDU,
+        is_level = abs(float(axis[2])) < 0.1
+        if solid.form is Form.CYLINDER and is_level:
+            centres_m = _in_twin(placed, np.array([solid.centre]))
+            yield _Cylinder(
+                centre_m=centres_m[0],
+                axis=axis,
+                half_length_m=solid.half[2] * M_PER_LDU,
+                radius_m=solid.half[0] * M_PER_LDU,
             )
+
+
+def _lower_end(body: int, cylinders: list[_Cylinder]) -> _Foot:
+    """Lower end of a leg: its lowest cylinder, as long as all those in line with it together."""
+    lowest = min(cylinders, key=lambda cylinder: cylinder.centre_m[2] - cylinder.radius_m)
+    along_m = []  # of both ends of each, from the centre of the lowest
+    for cylinder in cylinders:
+        if not cylinder.is_in_line_with(lowest):
+            continue
+        for sign in (-1.0, 1.0):
+            end_m = cylinder.centre_m + lowest.axis * sign * cylinder.half_length_m
+            offset_m = end_m - lowest.centre_m
+            along_m.append(float(offset_m @ lowest.axis))
+    return _Foot(
+        body,
+        start_m=lowest.centre_m + lowest.axis * min(along_m),
+        end_m=lowest.centre_m + lowest.axis * max(along_m),
+        radius_m=lowest.radius_m,
+    )
 
 
 def _casters(planned: PlannedRobot) -> list[tuple[Wheel, Floats, float]]:
@@ -575,14 +757,17 @@ def _casters(planned: PlannedRobot) -> list[tuple[Wheel, Floats, float]]:
         placed = planned.plan.parts[wheel.part]
         balls = [solid for solid in placed.part.solids if solid.form is Form.BALL]
         if balls:
-            casters.append(
-                (
-                    wheel,
-                    _in_twin(placed, np.array([balls[0].centre]))[0],
-                    balls[0].half[0] * M_PER_LDU,
-                )
-            )
+            ball = balls[0]
+            centres_m = _in_twin(placed, np.array([ball.centre]))
+            radius_m = ball.half[0] * M_PER_LDU
+            casters.append((wheel, centres_m[0], radius_m))
     return casters
+
+
+def _is_around(tyre: Wheel, wheel: Wheel) -> bool:
+    """Whether a smaller wheel is the rim in a tyre."""
+    apart_m = np.linalg.norm(tyre.centre_m - wheel.centre_m)
+    return bool(tyre.link == wheel.link and apart_m <= _SAME_WHEEL_M)
 
 
 def _in_twin(placed: Placed, points: Floats) -> Floats:

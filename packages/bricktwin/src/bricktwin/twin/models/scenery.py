@@ -12,76 +12,114 @@ from bricktwin.plans.drawing.pieces import Piece, colour_name
 from bricktwin.plans.drawing.shapes import Shape, discs, merge
 from bricktwin.plans.geometry import Floats, Triple
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, draw, yaw_quaternion
-from bricktwin.twin.objects import COLORS, Field, Line, Mark, Point, Ramp, Wall
+from bricktwin.twin.objects import COLORS, Block, Field, Line, Mark, Point, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
 LOWEST_MM = 0.6
+"""Height above the floor of the lowest layer of marks."""
 _LAYER_MM = 0.2
+"""Height of each further layer above the one that it covers."""
 _HIGHEST_MM = 2.4
-"""Heights above the floor of the lowest layer of marks, of each further one above the one that it
-covers, and of the uppermost at most."""
+"""Height above the floor of the uppermost layer at most."""
 _RAMP_MM = 8.0
+"""Thickness of a ramp's plate."""
+_CORNERS = 64
+"""Corners of what is drawn as round."""
+_FLAT_MM = 0.01
+"""Thickness of a mark: a mesh needs a volume."""
 _FRICTION = 0.4
 """Friction of a pushed block, on the floor and against a robot; an estimate for plastic on wood."""
 
 
 def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
     """Add the scene's objects to a model, after the robot."""
-    world = spec.worldbody
     _draw_marks(spec, scene.marks)
+    world = spec.worldbody
     for number, solid in enumerate(scene.solids):
         name = f"object_{number}"
-        rgb = COLORS[solid.color]
         if isinstance(solid, Wall):
-            start = np.array(solid.from_mm) / 1000
-            end = np.array(solid.to_mm) / 1000
-            (x, y) = ((start + end) / 2).tolist()
-            (along_x, along_y) = end - start
-            half = [
-                float(np.hypot(along_x, along_y)) / 2,
-                solid.thickness_mm / 2000,
-                solid.height_mm / 2000,
-            ]
-            add_geom(
-                world,
-                name,
-                [x, y, half[2]],
-                half,
-                rgb,
-                yaw_quaternion(math.atan2(along_y, along_x)),
-            )
-            continue
-        (x, y) = (value / 1000 for value in solid.at_mm)
-        yaw = -math.radians(solid.heading_deg)
-        # a plate whose upper side rises from the floor to the ramp's height
-        if isinstance(solid, Ramp):
-            rise = math.atan2(solid.height_mm, solid.length_mm)
-            half = [
-                math.hypot(solid.length_mm, solid.height_mm) / 2000,
-                solid.width_mm / 2000,
-                _RAMP_MM / 2000,
-            ]
-            ahead = half[0] * math.cos(rise) + half[2] * math.sin(rise)
-            position = [
-                x + ahead * math.cos(yaw),
-                y + ahead * math.sin(yaw),
-                half[0] * math.sin(rise) - half[2] * math.cos(rise),
-            ]
-            turn = np.empty(4)
-            tilt = np.array([math.cos(rise / 2), 0.0, -math.sin(rise / 2), 0.0])
-            mujoco.mju_mulQuat(turn, np.array(yaw_quaternion(yaw)), tilt)
-            add_geom(world, name, position, half, rgb, turn.tolist())
-            continue
-        half = [side / 2000 for side in solid.size_mm]
-        position = [x, y, half[2]]
-        if solid.mass_g is None:
-            add_geom(world, name, position, half, rgb, yaw_quaternion(yaw), is_round=solid.round)
+            _add_wall(world, name, solid)
+        elif isinstance(solid, Ramp):
+            _add_ramp(world, name, solid)
         else:
-            body = world.add_body(name=name, pos=position, quat=yaw_quaternion(yaw))
-            body.add_freejoint(name=name)
-            add_geom(
-                body, name, [0.0] * 3, half, rgb, is_round=solid.round, mass_kg=solid.mass_g / 1000
-            )
+            _add_block(world, name, solid)
+
+
+def _add_wall(world: mujoco.MjsBody, name: str, wall: Wall) -> None:
+    start_m = np.array(wall.from_mm) / 1000
+    end_m = np.array(wall.to_mm) / 1000
+    x, y = ((start_m + end_m) / 2).tolist()
+    along_x, along_y = end_m - start_m
+    length_m = float(np.hypot(along_x, along_y))
+    half_height_m = wall.height_mm / 2000
+    add_geom(
+        world,
+        name,
+        position=[x, y, half_height_m],
+        half=[length_m / 2, wall.thickness_mm / 2000, half_height_m],
+        rgb=COLORS[wall.color],
+        turn=yaw_quaternion(math.atan2(along_y, along_x)),
+    )
+
+
+def _add_ramp(world: mujoco.MjsBody, name: str, ramp: Ramp) -> None:
+    """Add a plate whose upper side rises from the floor to the ramp's height."""
+    x, y = (value / 1000 for value in ramp.at_mm)
+    yaw = -math.radians(ramp.heading_deg)
+    rise = math.atan2(ramp.height_mm, ramp.length_mm)
+    half_length = math.hypot(ramp.length_mm, ramp.height_mm) / 2000
+    half_thickness = _RAMP_MM / 2000
+    # The plate's middle is below that of its upper side, at right angles to it.
+    cosine = math.cos(rise)
+    sine = math.sin(rise)
+    ahead = half_length * cosine + half_thickness * sine
+    height = half_length * sine - half_thickness * cosine
+    x += ahead * math.cos(yaw)
+    y += ahead * math.sin(yaw)
+    half_rise = rise / 2
+    tilt = np.array([math.cos(half_rise), 0.0, -math.sin(half_rise), 0.0])
+    turned = np.array(yaw_quaternion(yaw))
+    turn = np.empty(4)
+    mujoco.mju_mulQuat(turn, turned, tilt)
+    add_geom(
+        world,
+        name,
+        position=[x, y, height],
+        half=[half_length, ramp.width_mm / 2000, half_thickness],
+        rgb=COLORS[ramp.color],
+        turn=turn.tolist(),
+    )
+
+
+def _add_block(world: mujoco.MjsBody, name: str, block: Block) -> None:
+    x, y = (value / 1000 for value in block.at_mm)
+    half = [side / 2000 for side in block.size_mm]
+    position = [x, y, half[2]]
+    turn = yaw_quaternion(-math.radians(block.heading_deg))
+    rgb = COLORS[block.color]
+    if block.mass_g is None:
+        add_geom(
+            world,
+            name,
+            position,
+            half,
+            rgb,
+            turn,
+            is_round=block.round,
+        )
+        return
+    # What can be pushed is a body with a joint of its own, by whose name a reset finds it.
+    body = world.add_body(name=name, pos=position, quat=turn)
+    body.add_freejoint(name=name)
+    add_geom(
+        body,
+        name,
+        [0.0] * 3,
+        half,
+        rgb,
+        is_round=block.round,
+        mass_kg=block.mass_g / 1000,
+    )
 
 
 def add_geom(
@@ -99,16 +137,25 @@ def add_geom(
 ) -> None:
     """Add an obstacle with half sizes ``half`` (m): a box, or an upright cylinder; one with a mass
     can be pushed."""
-    shape = mujoco.mjtGeom.mjGEOM_CYLINDER if is_round else mujoco.mjtGeom.mjGEOM_BOX
+    if is_round:
+        # MuJoCo's cylinder has a radius and half a height.
+        shape = mujoco.mjtGeom.mjGEOM_CYLINDER
+        size = [half[0], half[2], 0.0]
+    else:
+        shape = mujoco.mjtGeom.mjGEOM_BOX
+        size = half
+    # Of two that touch, the friction of the higher priority counts: a block's on the floor, a
+    # tyre's on a wall. What is fixed collides with robots only, what moves with all.
+    sliding = friction if mass_kg else 1.0
     body.add_geom(
         name=name,
         type=shape,
         pos=position,
-        size=[half[0], half[2], 0.0] if is_round else half,
+        size=size,
         quat=list(turn),
         rgba=[*rgb, 1.0],
         mass=mass_kg,
-        friction=[friction if mass_kg else 1.0, 0.005, 0.0001],
+        friction=[sliding, 0.005, 0.0001],
         priority=priority if mass_kg else 0,
         group=OBSTACLE_GROUP,
         contype=int(mass_kg > 0),
@@ -122,48 +169,77 @@ def add_geom(
 def _draw_marks(spec: mujoco.MjSpec, marks: Sequence[Mark]) -> None:
     """Draw marks, the lowest first: a mesh per layer, as a renderer may paint layers in the order
     of their heights. Marks of one color that follow one another share a layer."""
-    layers = [
-        (color, list(members))
-        for color, members in itertools.groupby(marks, lambda mark: mark.color)
-    ]
-    rise_mm = min(_LAYER_MM, (_HIGHEST_MM - LOWEST_MM) / max(1, len(layers)))
-    for number, (color, members) in enumerate(layers):
-        shape = merge(
-            [_field(mark) if isinstance(mark, Field) else _line(mark) for mark in members]
-        )
-        piece = Piece(
-            ((colour_name(COLORS[color]), shape.at(0.0, 0.0, LOWEST_MM + number * rise_mm)),)
-        )
+    layers: list[tuple[str, list[Shape]]] = []
+    for color, members in itertools.groupby(marks, lambda mark: mark.color):
+        shapes = []
+        for mark in members:
+            shape = _field(mark) if isinstance(mark, Field) else _line(mark)
+            shapes.append(shape)
+        layers.append((color, shapes))
+    # Many layers get closer, as the uppermost must not hide the wheels.
+    room_mm = _HIGHEST_MM - LOWEST_MM
+    rise_mm = min(_LAYER_MM, room_mm / max(1, len(layers)))
+    for number, (color, shapes) in enumerate(layers):
+        height_mm = LOWEST_MM + number * rise_mm
+        shape = merge(shapes).at(0.0, 0.0, height_mm)
+        piece = Piece(((colour_name(COLORS[color]), shape),))
         draw(spec, spec.worldbody, [piece], f"layer_{number}")
 
 
 def _field(field: Field) -> Shape:
-    corners: list[Point] = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]
+    corners: list[Point] = [
+        (1.0, 1.0),
+        (-1.0, 1.0),
+        (-1.0, -1.0),
+        (1.0, -1.0),
+    ]
     if field.round:
-        corners = [
-            (math.cos(math.tau * step / 64), math.sin(math.tau * step / 64)) for step in range(64)
-        ]
+        angles = [math.tau * step / _CORNERS for step in range(_CORNERS)]
+        corners = [(math.cos(angle), math.sin(angle)) for angle in angles]
     outline = np.array(corners) * np.array(field.size_mm) / 2
-    return _flat(outline).turned((0.0, 0.0, 1.0), -field.heading_deg).at(*field.at_mm, 0.0)
+    shape = _flat(outline).turned((0.0, 0.0, 1.0), -field.heading_deg)
+    return shape.at(*field.at_mm, 0.0)
 
 
 def _line(line: Line) -> Shape:
     """Shape of a line: a rectangle per segment, and a disc at each corner."""
-    pieces = [discs(line.width_mm / 2, 0.01, 24).at(x, y, 0.0) for x, y in line.points_mm]
-    for start, end in zip(*line.ends_mm, strict=True):
-        direction = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
-        side = np.array([-direction[1], direction[0]]) * line.width_mm / 2
-        pieces.append(_flat(np.array([end + side, start + side, start - side, end - side])))
+    half_width = line.width_mm / 2
+    pieces = []
+    for x, y in line.points_mm:
+        disc = discs(half_width, _FLAT_MM, 24)
+        pieces.append(disc.at(x, y, 0.0))
+    starts, ends = line.ends_mm
+    for start, end in zip(starts, ends, strict=True):
+        along = end - start
+        # Two equal points are a segment without a direction.
+        length = max(float(np.linalg.norm(along)), 1e-9)
+        along_x, along_y = along / length
+        side = np.array([-along_y, along_x]) * line.width_mm / 2
+        corners = [
+            end + side,
+            start + side,
+            start - side,
+            end - side,
+        ]
+        pieces.append(_flat(np.array(corners)))
     return merge(pieces)
 
 
 def _flat(outline: Floats) -> Shape:
-    """Flat mesh of a convex outline ``[n, 2]``, counter-clockwise, with 0.01 mm thickness, as a
-    mesh needs a volume."""
+    """Flat mesh of a convex outline ``[n, 2]``, counter-clockwise, of two sides without edges."""
     count = len(outline)
-    points = np.concatenate(
-        [np.column_stack([outline, np.full(count, height)]) for height in (0.005, -0.005)]
-    )
-    normals = np.repeat([(0.0, 0.0, 1.0), (0.0, 0.0, -1.0)], count, axis=0)
-    top = np.stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)], -1)
-    return Shape(points, normals, np.concatenate([top, top[:, ::-1] + count]).astype(np.int32))
+    heights = np.full(count, _FLAT_MM / 2)
+    upper = np.column_stack([outline, heights])
+    lower = np.column_stack([outline, -heights])
+    points = np.concatenate([upper, lower])  # [2 n, 3]
+    up = (0.0, 0.0, 1.0)
+    down = (0.0, 0.0, -1.0)
+    normals = np.repeat([up, down], count, axis=0)
+    # A fan of triangles around the first corner; seen from below, it goes the other way round.
+    first = np.zeros(count - 2, int)
+    second = np.arange(1, count - 1)
+    third = np.arange(2, count)
+    top = np.stack([first, second, third], -1)  # [n - 2, 3]
+    bottom = top[:, ::-1] + count
+    faces = np.concatenate([top, bottom])
+    return Shape(points, normals, faces.astype(np.int32))

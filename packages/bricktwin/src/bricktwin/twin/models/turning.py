@@ -14,8 +14,10 @@ from bricktwin.plans.mechanism.articulation import Follower, Geared
 from bricktwin.twin.models.mjcf import SHAPE_GROUP
 
 _SPINNER = "spin_"
+"""First letters of the names of shafts and gears: `TurningParts` finds them by these, as a compiled
+model keeps nothing else of what they are."""
 _ROD = "rod_"
-"""First letters of the names of the bodies."""
+"""First letters of the names of rods."""
 
 
 def add_rod(
@@ -33,53 +35,88 @@ def add_rod(
     Returns:
         The body to draw the rod on: its origin is the near pin, its z axis points to the far one.
     """
-    name = _ROD + (name if spec.tendon(_ROD + name) is None else f"{name}_{len(spec.tendons)}")
+    if spec.tendon(_ROD + name) is not None:
+        name = f"{name}_{len(spec.tendons)}"
+    name = _ROD + name
+    # A tendon between the pins measures their distance, and an equality keeps it.
     tendon = spec.add_tendon(name=name, group=SHAPE_GROUP)
     for end, (carrier, pin) in {"near": near, "far": far}.items():
-        tendon.wrap_site(
-            carrier.add_site(name=f"{name}_{end}", pos=list(pin), group=SHAPE_GROUP).name
+        site = carrier.add_site(
+            name=f"{name}_{end}",
+            pos=list(pin),
+            group=SHAPE_GROUP,
         )
+        tendon.wrap_site(site.name)
     constraint = spec.add_equality(
-        name=name, type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON
+        name=name,
+        type=mujoco.mjtEq.mjEQ_TENDON,
+        objtype=mujoco.mjtObj.mjOBJ_TENDON,
     )
     constraint.name1 = name
+    # A polynomial of zeros: the length is that of the initial configuration.
     constraint.data[:5] = 0.0
     # Stiff: with MuJoCo's default the ends of a light rod separate by fractions of a millimetre.
     constraint.solref = [2 * spec.option.timestep, 1.0]
     constraint.solimp = [0.99, 0.99, 0.001, 0.5, 2.0]
-    body: mujoco.MjsBody = near[0].add_body(name=name, pos=list(near[1]))
+    near_body, near_pin = near
+    body: mujoco.MjsBody = near_body.add_body(name=name, pos=list(near_pin))
     return body
 
 
 def add_spinner(
-    body: mujoco.MjsBody, number: int, follower: Follower, at_m: Triple
+    body: mujoco.MjsBody,
+    number: int,
+    follower: Follower,
+    at_m: Triple,
 ) -> mujoco.MjsBody:
     """Add a body that turns with a motor, to draw on."""
-    about = [follower.ratio, *(-follower.axis).tolist()]
-    return body.add_body(name=f"{_SPINNER}{follower.port}_{number}", pos=at_m, userdata=about)
-
-
-def add_coupling(spec: mujoco.MjSpec, geared: Geared, name: str, joint: str) -> None:
-    """Couple a joint to that of the motor that it is geared to."""
-    equal = spec.add_equality(
-        name=name, type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT
+    # What turns it is the port in its name, and by how much its user data: both survive in a kept
+    # model, from which `TurningParts` reads them.
+    axis = -follower.axis
+    ratio_and_axis = [follower.ratio, *axis.tolist()]
+    return body.add_body(
+        name=f"{_SPINNER}{follower.port}_{number}",
+        pos=at_m,
+        userdata=ratio_and_axis,
     )
-    equal.name1 = joint
-    equal.name2 = f"motor_{geared.port}"
-    equal.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
+
+
+def add_coupling(
+    spec: mujoco.MjSpec,
+    geared: Geared,
+    name: str,
+    joint: str,
+) -> None:
+    """Couple a joint to that of the motor that it is geared to."""
+    constraint = spec.add_equality(
+        name=name,
+        type=mujoco.mjtEq.mjEQ_JOINT,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+    )
+    constraint.name1 = joint
+    constraint.name2 = f"motor_{geared.port}"
+    # Coefficients of a polynomial in the motor's angle: a ratio is its linear term.
+    constraint.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
 
 
 def add_loop(
-    spec: mujoco.MjSpec, name: str, body: mujoco.MjsBody, other: mujoco.MjsBody, at_m: Triple
+    spec: mujoco.MjSpec,
+    name: str,
+    body: mujoco.MjsBody,
+    other: mujoco.MjsBody,
+    at_m: Triple,
 ) -> None:
     """Connect two bodies at a pin, given in the first one's frame, that is no joint of the tree."""
-    equal = spec.add_equality(
-        name=name, type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY
+    constraint = spec.add_equality(
+        name=name,
+        type=mujoco.mjtEq.mjEQ_CONNECT,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
     )
-    equal.name1 = body.name
-    equal.name2 = other.name
-    equal.data[:3] = at_m
-    equal.solref = [2 * spec.option.timestep, 1.0]
+    constraint.name1 = body.name
+    constraint.name2 = other.name
+    constraint.data[:3] = at_m
+    # MuJoCo allows no stiffer constraint than one with a time constant of two steps.
+    constraint.solref = [2 * spec.option.timestep, 1.0]
 
 
 class TurningParts:
@@ -92,26 +129,32 @@ class TurningParts:
         """Body, and site of the far pin of each rod."""
         for body in range(model.nbody):
             full_name = model.body(body).name
-            robot, slash, name = full_name.rpartition("/")  # "ROBOT/" in an arena
+            # In an arena all names of a robot begin with "ROBOT/".
+            robot, slash, name = full_name.rpartition("/")
+            # A user's model may have bodies of such names, too, but not with what belongs to them.
             if name.startswith(_SPINNER) and model.nuser_body:
                 ratio, *axis = model.body_user[body, :4].tolist()
-                address = int(model.joint(f"{robot}{slash}motor_{name.split('_')[1]}").qposadr[0])
+                port = name.split("_")[1]
+                joint = model.joint(f"{robot}{slash}motor_{port}")
+                address = int(joint.qposadr[0])
                 self._spinners.append((body, address, ratio, np.array(axis)))
             elif name.startswith(_ROD):
                 far = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{full_name}_far")
-                if far >= 0:  # a user's model may have bodies of such names
+                if far >= 0:
                     self._rods.append((body, far))
 
     def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Turn shafts and gears with their motors' joints, rods to their far pins; positions must
         be up to date, and are so afterwards."""
         for body, address, ratio, axis in self._spinners:
-            angle = ratio * float(data.qpos[address] - model.qpos0[address])
+            turned = float(data.qpos[address] - model.qpos0[address])
+            angle = ratio * turned
             mujoco.mju_axisAngle2Quat(model.body_quat[body], axis, angle)
         for body, far in self._rods:
-            frame = data.xmat[model.body_parentid[body]].reshape(3, 3)
-            mujoco.mju_quatZ2Vec(
-                model.body_quat[body], (data.site_xpos[far] - data.xpos[body]) @ frame
-            )
+            parent = model.body_parentid[body]
+            frame = data.xmat[parent].reshape(3, 3)
+            along_m = data.site_xpos[far] - data.xpos[body]
+            mujoco.mju_quatZ2Vec(model.body_quat[body], along_m @ frame)
+        # Their orientations are the model's, not the data's: the world's have to follow.
         if self._spinners or self._rods:
             mujoco.mj_kinematics(model, data)

@@ -5,6 +5,7 @@ import contextlib
 import ctypes
 import errno
 import importlib
+import itertools
 import math
 import os
 import shutil
@@ -50,15 +51,20 @@ class Box:
 def is_fixed_camera(model: mujoco.MjModel, camera: int) -> bool:
     """True if a camera is fixed in the world."""
     fixed = model.cam_mode[camera] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED
-    return bool(fixed and model.body_weldid[model.cam_bodyid[camera]] == 0)
+    body = model.cam_bodyid[camera]
+    # Welded to the world, which is body 0.
+    return bool(fixed and model.body_weldid[body] == 0)
 
 
 def is_opaque(model: mujoco.MjModel, groups: NDArray[np.uint8]) -> bool:
     """True if no geometry of the drawn groups is transparent."""
-    geoms = np.flatnonzero(groups[model.geom_group])
-    materials = model.geom_matid[geoms]
-    alphas = *model.geom_rgba[geoms, 3], *model.mat_rgba[materials[materials >= 0], 3]
-    return all(alpha == 1.0 for alpha in alphas)
+    drawn = np.flatnonzero(groups[model.geom_group])
+    # A geometry has a colour of its own, and may have that of a material.
+    materials = model.geom_matid[drawn]
+    used = materials[materials >= 0]
+    own_alphas = model.geom_rgba[drawn, 3]
+    material_alphas = model.mat_rgba[used, 3]
+    return bool((own_alphas == 1.0).all() and (material_alphas == 1.0).all())
 
 
 class MovingParts:
@@ -66,32 +72,47 @@ class MovingParts:
     geometry groups that are drawn."""
 
     def __init__(
-        self, model: mujoco.MjModel, camera: int, width: int, height: int, groups: NDArray[np.uint8]
+        self,
+        model: mujoco.MjModel,
+        camera: int,
+        width: int,
+        height: int,
+        groups: NDArray[np.uint8],
     ) -> None:
         self._camera = camera
         self._width = width
         self._height = height
         moves = model.body_weldid[model.geom_bodyid] != 0
-        self._geoms = np.flatnonzero(moves & (groups[model.geom_group] != 0))
-        middle = model.geom_aabb[self._geoms, None, :3]
+        is_drawn = groups[model.geom_group] != 0
+        self._geoms = np.flatnonzero(moves & is_drawn)
+        middle = model.geom_aabb[self._geoms, None, :3]  # [geoms, 1, 3]
         half = model.geom_aabb[self._geoms, None, 3:]
-        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        signs = np.array(list(itertools.product((-1, 1), repeat=3)))  # [8, 3]
         self._corners = middle + half * signs  # [geoms, 8, 3], in the frame of each geometry
-        focal_px = height / 2 / math.tan(math.radians(float(model.cam_fovy[camera])) / 2)
+        fovy = math.radians(float(model.cam_fovy[camera]))
+        focal_px = height / 2 / math.tan(fovy / 2)
+        # Rows count downwards.
         self._focal_px = np.array((focal_px, -focal_px))
         self._middle_px = np.array((width, height)) / 2
-        self._whole = 0, 0, width, height
+        self._whole = (0, 0, width, height)
 
     def box(self, data: mujoco.MjData) -> Box:
         """Bounding box of all moving geometry, with a margin of 1 px; empty if there is none."""
         if not len(self._geoms):
             return Box(0, 0, 0, 0)
         bounds = self._bounds(data)
-        return Box(*bounds[:, :2].min(0).tolist(), *bounds[:, 2:].max(0).tolist())
+        upper_left = bounds[:, :2].min(0)
+        lower_right = bounds[:, 2:].max(0)
+        left, top = upper_left.tolist()
+        right, bottom = lower_right.tolist()
+        return Box(left, top, right, bottom)
 
     def mask(self, data: mujoco.MjData, spot_px: int) -> NDArray[np.bool_]:
         """Mask ``[rows, columns]`` of the squares of ``spot_px`` that moving geometry may cover."""
-        mask = np.zeros((-(-self._height // spot_px), -(-self._width // spot_px)), bool)
+        # Rounded up: the last squares may reach beyond the image.
+        rows = -(-self._height // spot_px)
+        columns = -(-self._width // spot_px)
+        mask = np.zeros((rows, columns), bool)
         bounds = self._bounds(data)
         bounds[:, 2:] += spot_px - 1
         for left, top, right, bottom in bounds // spot_px:
@@ -101,29 +122,44 @@ class MovingParts:
     def _bounds(self, data: mujoco.MjData) -> NDArray[np.int64]:
         """Left, top, right and bottom of each geometry's bounding box, with a margin of 1 px;
         ``[geometries, 4]``."""
-        rotated = self._corners @ data.geom_xmat[self._geoms].reshape(-1, 3, 3).transpose(0, 2, 1)
-        corners = rotated + data.geom_xpos[self._geoms, None] - data.cam_xpos[self._camera]
-        local = corners @ data.cam_xmat[self._camera].reshape(3, 3)  # right, up, back
-        pixels = self._middle_px + self._focal_px * local[..., :2] / np.maximum(
-            -local[..., 2:], _NEAR_M
-        )
-        bounds = np.concatenate((np.floor(pixels.min(1)) - 1, np.ceil(pixels.max(1)) + 1), 1)
-        # beside or behind the camera: it may cover anything
-        bounds[local[..., 2].max(1) > -_NEAR_M] = self._whole
-        clipped: NDArray[np.int64] = np.minimum(np.maximum(bounds, 0), self._whole[2:] * 2).astype(
-            np.int64
-        )
-        return clipped
+        # Corners of the boxes from the camera [geoms, 8, 3], in the axes of the world.
+        axes = data.geom_xmat[self._geoms].reshape(-1, 3, 3)
+        rotated = self._corners @ axes.transpose(0, 2, 1)
+        middles = data.geom_xpos[self._geoms, None]
+        corners = rotated + middles - data.cam_xpos[self._camera]
+
+        # In those of the camera: to the right, up, and back. Its image is a central projection.
+        camera_axes = data.cam_xmat[self._camera].reshape(3, 3)
+        local = corners @ camera_axes
+        depths = np.maximum(-local[..., 2:], _NEAR_M)  # [geoms, 8, 1]
+        from_middle_px = self._focal_px * local[..., :2] / depths
+        pixels = self._middle_px + from_middle_px  # [geoms, 8, 2]
+        upper_left = np.floor(pixels.min(1)) - 1
+        lower_right = np.ceil(pixels.max(1)) + 1
+        bounds = np.concatenate((upper_left, lower_right), 1)
+        # Beside or behind the camera: it may cover anything.
+        is_beside = local[..., 2].max(1) > -_NEAR_M
+        bounds[is_beside] = self._whole
+        size = self._whole[2:]
+        clipped = np.minimum(np.maximum(bounds, 0), size * 2)
+        whole_px: NDArray[np.int64] = clipped.astype(np.int64)
+        return whole_px
 
 
-def aim(scene: mujoco.MjvScene, box: Box, width: int, height: int) -> None:
+def aim(
+    scene: mujoco.MjvScene,
+    box: Box,
+    width: int,
+    height: int,
+) -> None:
     """Narrow the view of the scene's camera to a part of its image of ``width`` x ``height`` px."""
     for camera in scene.camera:
         top = camera.frustum_top
         bottom = camera.frustum_bottom
-        half_width = (top - bottom) / 2 * width / height
         height_m = top - bottom
-        camera.frustum_center = half_width * ((box.left + box.right) / width - 1.0)
+        half_width = height_m / 2 * width / height
+        middle = (box.left + box.right) / width
+        camera.frustum_center = half_width * (middle - 1.0)
         camera.frustum_width = half_width * box.width / width
         camera.frustum_top = top - height_m * box.top / height
         camera.frustum_bottom = top - height_m * box.bottom / height
@@ -142,6 +178,11 @@ _LIBRARIES = {
 _DISABLED = ("disable", "disabled", "off", "false", "0")
 """Values of MUJOCO_GL that disable MuJoCo's rendering."""
 _MAX_GEOMS = 1000
+"""Geometries of a scene, with decorations."""
+_TABLE_BYTES = 2**20
+"""More than the size of a film's table of images."""
+_LITTLE_BYTES = 2**20
+"""Free space below which a disk counts as full."""
 _PIXEL = np.dtype("V3")
 """A pixel is copied as one value, several times as fast as by colour."""
 
@@ -190,6 +231,7 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
             raise TwinError(
                 f"an image of {width} x {height} cannot be drawn; give positive sizes in pixels"
             )
+        is_named = isinstance(camera, str)
         self._camera = named_camera(model, camera) if isinstance(camera, str) else camera
         self._decorate = decorate
         self._body = body
@@ -200,17 +242,14 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         self._whole = Box(0, 0, width, height)
         self._background: tuple[Image, NDArray[np.float32]] | None = None
         self._moving: MovingParts | None = None
-        is_free = not isinstance(camera, str)
-        if (
-            not shadows
-            and not is_free
-            and decorate is None
-            and is_fixed_camera(model, self._camera.fixedcamid)
-        ):
-            self._moving = MovingParts(
-                model, self._camera.fixedcamid, width, height, self._option.geomgroup
-            )
-            self._is_composited = not smooth and is_opaque(model, self._option.geomgroup)
+        # Shadows and decorations change the background, and a camera object may move.
+        keeps_background = is_named and not shadows and decorate is None
+        fixed = self._camera.fixedcamid
+        groups = self._option.geomgroup
+        if keeps_background and is_fixed_camera(model, fixed):
+            self._moving = MovingParts(model, fixed, width, height, groups)
+            # Smoothing mixes an edge with what is behind it, and so does transparency.
+            self._is_composited = not smooth and is_opaque(model, groups)
         model.vis.global_.offwidth = width
         model.vis.global_.offheight = height
         model.vis.quality.offsamples = 4 if smooth else 0
@@ -218,7 +257,8 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         # OpenGL objects must be freed in their own context, or another context's objects of the
         # same number would be freed.
         self._free = weakref.finalize(self, _free_context, self._gl, self._context)
-        self._free.atexit = False  # the end of the process frees all of it
+        # The end of the process frees all of it.
+        self._free.atexit = False
 
     def render(self) -> Image:
         """Draw the present image.
@@ -232,24 +272,27 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         self._body.update_visuals()
         self._gl.make_current()
         if self._moving is None:
-            return self._draw(self._whole, mujoco.mjtCatBit.mjCAT_ALL)[0].copy()
+            pixels, _ = self._draw(self._whole, mujoco.mjtCatBit.mjCAT_ALL)
+            return pixels.copy()
         if self._background is None:
             self._background = self._draw(self._whole, mujoco.mjtCatBit.mjCAT_STATIC)
         background, background_depth = self._background
         image = background.copy()
         box = self._moving.box(data)
-        if box.width and box.height:
-            part = slice(box.top, box.bottom), slice(box.left, box.right)
-            pixels, depth = self._draw(
-                box,
-                mujoco.mjtCatBit.mjCAT_DYNAMIC
-                if self._is_composited
-                else mujoco.mjtCatBit.mjCAT_ALL,
-            )
-            nearer = (
-                (depth < background_depth[part])[..., None] if self._is_composited else np.True_
-            )
-            np.copyto(image.view(_PIXEL)[part], pixels.view(_PIXEL), where=nearer)
+        if not (box.width and box.height):
+            return image
+        rows = slice(box.top, box.bottom)
+        columns = slice(box.left, box.right)
+        part = (rows, columns)
+        is_nearer: NDArray[np.bool_] | np.bool_
+        if self._is_composited:
+            pixels, depth = self._draw(box, mujoco.mjtCatBit.mjCAT_DYNAMIC)
+            is_nearer = (depth < background_depth[part])[..., None]
+        else:
+            pixels, _ = self._draw(box, mujoco.mjtCatBit.mjCAT_ALL)
+            is_nearer = np.True_
+        target = image.view(_PIXEL)[part]
+        np.copyto(target, pixels.view(_PIXEL), where=is_nearer)
         return image
 
     def _draw(self, box: Box, categories: int) -> tuple[Image, NDArray[np.float32]]:
@@ -264,19 +307,26 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
             categories,
             self._scene,
         )
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = (
-            categories != mujoco.mjtCatBit.mjCAT_DYNAMIC
-        )
+        # The sky is a part of the background.
+        has_sky = categories != mujoco.mjtCatBit.mjCAT_DYNAMIC
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = has_sky
         if self._decorate is not None:
             self._decorate(self._scene)
-        aim(self._scene, box, self._whole.width, self._whole.height)
+        aim(
+            self._scene,
+            box,
+            self._whole.width,
+            self._whole.height,
+        )
         viewport = mujoco.MjrRect(0, 0, box.width, box.height)
-        pixels = np.empty((box.height, box.width, 3), np.uint8)
-        depth = np.empty((box.height, box.width), np.float32)
+        size = (box.height, box.width)
+        pixels = np.empty((*size, 3), np.uint8)
+        depth = np.empty(size, np.float32)
         # A buffer of exactly this size is cleared at once, a part of a larger one pixel by pixel.
         mujoco.mjr_resizeOffscreen(box.width, box.height, self._context)
         mujoco.mjr_render(viewport, self._scene, self._context)
         mujoco.mjr_readPixels(pixels, depth, viewport, self._context)
+        # OpenGL's first row is the lowest.
         return pixels[::-1], depth[::-1]
 
     def close(self) -> None:
@@ -321,7 +371,8 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
             )
         try:
             self._file.send(np.ascontiguousarray(frame))
-        except (OSError, StopIteration):  # the encoder has ended
+        except (OSError, StopIteration):
+            # The encoder has ended, most likely as the disk is full.
             self._file = None
             self._fail()
 
@@ -334,15 +385,17 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
             self._part = temporary_beside(self.path.absolute(), ".mp4")
             self._part.touch(exist_ok=False)
         self._size = frame.shape
+        height, width, *_ = self._size
         self._file = imageio_ffmpeg.write_frames(
             str(self._part),
-            (self._size[1], self._size[0]),
+            (width, height),
             fps=self._fps,
             codec="libx264",
             quality=7,
             macro_block_size=2,
             ffmpeg_log_level="quiet",
         )
+        # A generator runs up to its first `yield` before it takes images.
         self._file.send(None)
 
     def close(self, *, complete: bool = True) -> None:
@@ -356,11 +409,7 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
         try:
             file.close()
             if complete:
-                with self._part.open("rb") as written:
-                    written.seek(max(0, self._part.stat().st_size - 2**20))
-                    # the table of the images, which the encoder writes last
-                    is_whole = b"moov" in written.read()
-                if not is_whole:
+                if not _is_whole(self._part):
                     self._fail()
                 with writing(self.path):
                     put_in_place(self._part, self.path)
@@ -368,15 +417,24 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
             self._part.unlink(missing_ok=True)
 
     def _fail(self) -> NoReturn:
+        """Raise WriteError, with what is probably the reason: the encoder says none."""
         with writing(self.path):
             assert self._part is not None  # noqa: S101  the encoder has begun it
             self._part.unlink(missing_ok=True)
-            is_full = shutil.disk_usage(self.path.parent).free < 2**20
-            code = errno.ENOSPC if is_full else errno.EIO
-            raise OSError(code, os.strerror(code) if is_full else "the encoder ended")
+            if shutil.disk_usage(self.path.parent).free < _LITTLE_BYTES:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            raise OSError(errno.EIO, "the encoder ended")
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.close(complete=kind is None)
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether an mp4 file has its table of images, which the encoder writes last."""
+    with path.open("rb") as written:
+        size = path.stat().st_size
+        written.seek(max(0, size - _TABLE_BYTES))
+        return b"moov" in written.read()
 
 
 def named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:
@@ -385,13 +443,14 @@ def named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:
     camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
     camera.fixedcamid = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)
     if camera.fixedcamid < 0:
-        cameras = ", ".join(model.camera(index).name for index in range(model.ncam))
+        names = [model.camera(index).name for index in range(model.ncam)]
+        cameras = ", ".join(names)
         raise TwinError(f"there is no camera '{name}'; choose one of {cameras}")
     return camera
 
 
 def _free_context(gl: Any, context: Any) -> None:
-    # fails while the process ends and MuJoCo has closed the display: all of it is freed
+    # Fails while the process ends and MuJoCo has closed the display: all of it is freed.
     with contextlib.suppress(Exception):
         gl.make_current()
         context.free()
@@ -400,7 +459,8 @@ def _free_context(gl: Any, context: Any) -> None:
 
 def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, Any]:
     """An OpenGL context and MuJoCo's rendering context in it."""
-    backend = os.environ.get("MUJOCO_GL", "").lower().strip() or _choose_backend()
+    asked_for = os.environ.get("MUJOCO_GL", "")
+    backend = asked_for.lower().strip() or _choose_backend()
     if backend:
         # MuJoCo's library reads this when it loads OpenGL's functions.
         os.environ["MUJOCO_GL"] = backend
@@ -410,13 +470,12 @@ def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, 
             f"nothing is drawn with MUJOCO_GL={asked}; unset it, or {_REMEDY}"
         )
     try:
-        module = (
-            importlib.import_module(f"mujoco.{backend}")
-            if backend in ("egl", "osmesa", "glfw", "cgl")
-            else mujoco
-        )
+        module: Any = mujoco
+        if backend in ("egl", "osmesa", "glfw", "cgl"):
+            # MuJoCo chose a library when it was imported; it may be another one.
+            module = importlib.import_module(f"mujoco.{backend}")
         if not hasattr(module.GLContext, "_context"):
-            # its destructor reads this, even if the constructor failed
+            # Its destructor reads this, even if the constructor failed.
             module.GLContext._context = None
         gl = module.GLContext(width, height)
         gl.make_current()
@@ -434,11 +493,9 @@ def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, 
 
 def _choose_backend() -> str:
     """OpenGL library if the user named none; empty for MuJoCo's default."""
-    if (
-        not sys.platform.startswith("linux")
-        or os.environ.get("DISPLAY")
-        or os.environ.get("WAYLAND_DISPLAY")
-    ):
+    # With a window system, and on other systems, MuJoCo's own choice works.
+    has_windows = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if not sys.platform.startswith("linux") or has_windows:
         return ""
     for backend, names in _LIBRARIES.items():
         for name in names:

@@ -14,8 +14,10 @@ from brickhub.errors import TwinError
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.render.opengl import MovingParts, is_fixed_camera, named_camera
 
-_DRAWN_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # the groups that MuJoCo draws by default
+_DRAWN_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)
+"""Flags of the geometry groups that MuJoCo draws by default."""
 _SKY = (0.50, 0.59, 0.69)
+"""Colour of rays that hit nothing."""
 
 Image = NDArray[np.uint8]
 
@@ -35,7 +37,12 @@ class RayCaster:
     """
 
     def __init__(
-        self, body: MujocoBody, width: int, height: int, camera: str, spot_px: int = 5
+        self,
+        body: MujocoBody,
+        width: int,
+        height: int,
+        camera: str,
+        spot_px: int = 5,
     ) -> None:
         if min(spot_px, width, height) < 1:
             raise TwinError(
@@ -48,18 +55,15 @@ class RayCaster:
         self._camera = named_camera(model, camera).fixedcamid
         self._width = width
         self._height = height
-        focal_px = height / 2 / math.tan(math.radians(float(model.cam_fovy[self._camera])) / 2)
-        rows, columns = np.mgrid[:height:spot_px, :width:spot_px] + spot_px / 2
-        across = (columns - width / 2) / focal_px
-        down = (rows - height / 2) / focal_px
-        rays = np.stack([across, -down, np.full_like(across, -1.0)], -1)
-        # [rows, columns, 3], in the frame of the camera
-        self._rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+        fovy = math.radians(float(model.cam_fovy[self._camera]))
+        self._rays = _camera_rays(width, height, spot_px, fovy)
         self._colours, self._textures = _colours(model)
+        # What is welded to the world never moves.
         self._is_moving = model.body_weldid[model.geom_bodyid] != 0
-        self._image = np.empty(rays.shape, np.uint8)
-        # squares that show geometry which may have moved since
-        self._stale = np.ones(rays.shape[:2], bool)
+        self._image = np.empty(self._rays.shape, np.uint8)
+        # Squares that show geometry which may have moved since; at first all are to be cast.
+        rows, columns, _ = self._rays.shape
+        self._stale = np.ones((rows, columns), bool)
         self._moving: MovingParts | None = None
         if is_fixed_camera(model, self._camera):
             self._moving = MovingParts(model, self._camera, width, height, _DRAWN_GROUPS)
@@ -74,14 +78,17 @@ class RayCaster:
         self._body.update_visuals()
         if self._moving is not None:
             self._stale |= self._moving.mask(data, self._spot_px)
-        rays = self._rays[self._stale] @ data.cam_xmat[self._camera].reshape(3, 3).T
+        camera_axes = data.cam_xmat[self._camera].reshape(3, 3)
+        rays = self._rays[self._stale] @ camera_axes.T  # [stale, 3], in the world
         hits, normals = self._cast(rays)
         self._image[self._stale] = self._shade(hits, normals, rays)
         if self._moving is not None:
-            self._stale[self._stale] = (hits >= 0) & self._is_moving[hits]
-        return self._image.repeat(self._spot_px, 0).repeat(self._spot_px, 1)[
-            : self._height, : self._width
-        ]
+            # Where something that moves is seen now, the background must be cast when it has left.
+            shows_moving = (hits >= 0) & self._is_moving[hits]
+            self._stale[self._stale] = shows_moving
+        # The last squares may reach beyond the image.
+        pixels = self._image.repeat(self._spot_px, 0).repeat(self._spot_px, 1)
+        return pixels[: self._height, : self._width]
 
     def close(self) -> None:
         """Do nothing: there is nothing to free."""
@@ -96,43 +103,94 @@ class RayCaster:
         # One at a time: the function for many rays misses geometries that do not collide (MuJoCo
         # 4.0.0).
         for ray, geom, normal in zip(rays, hits, normals, strict=True):
-            mujoco.mj_ray(model, data, eye, ray, _DRAWN_GROUPS, True, -1, geom, normal)
+            mujoco.mj_ray(
+                model,
+                data,
+                eye,
+                ray,
+                _DRAWN_GROUPS,
+                True,
+                -1,
+                geom,
+                normal,
+            )
         return hits[:, 0], normals
 
     def _shade(
-        self, hits: NDArray[np.int32], normals: NDArray[np.float64], rays: NDArray[np.float64]
+        self,
+        hits: NDArray[np.int32],
+        normals: NDArray[np.float64],
+        rays: NDArray[np.float64],
     ) -> NDArray[np.uint8]:
         """Colours ``[rays, 3]`` under the headlight and the lights of the scene, without specular
         light."""
         model = self._body.model
         data = self._body.data
-        lamp = model.vis.headlight
-        facing = np.clip(-(normals * rays).sum(-1, keepdims=True), 0.0, 1.0)
-        light = lamp.ambient + facing * lamp.diffuse
-        for number in range(model.nlight):
-            cosine = np.clip(-normals @ data.light_xdir[number], 0.0, 1.0)[:, None]
-            light = light + model.light_ambient[number] + cosine * model.light_diffuse[number]
+        # Lambert's law: a surface reflects light by the cosine of its angle to the normal. The
+        # headlight shines along the rays.
+        headlight = model.vis.headlight
+        cosines = -(normals * rays).sum(-1, keepdims=True)  # [rays, 1]
+        facing = np.clip(cosines, 0.0, 1.0)
+        light = headlight.ambient + facing * headlight.diffuse
+        for lamp in range(model.nlight):
+            cosines = -normals @ data.light_xdir[lamp]
+            facing = np.clip(cosines, 0.0, 1.0)[:, None]
+            diffuse = facing * model.light_diffuse[lamp]
+            light = light + model.light_ambient[lamp] + diffuse
         light[hits < 0] = 1.0  # the sky is not lit
         # As in OpenGL, the lit colour is clipped to white before the texture is applied.
-        colours = np.clip(self._colours[hits] * light, 0.0, 1.0) * self._textures[hits]
-        shaded: NDArray[np.uint8] = np.rint(colours * 255).astype(np.uint8)
+        lit = np.clip(self._colours[hits] * light, 0.0, 1.0)
+        colours = lit * self._textures[hits]
+        levels = np.rint(colours * 255)
+        shaded: NDArray[np.uint8] = levels.astype(np.uint8)
         return shaded
+
+
+def _camera_rays(
+    width: int,
+    height: int,
+    spot_px: int,
+    fovy: float,
+) -> NDArray[np.float64]:
+    """Directions of the rays through the middle of each square ``[rows, columns, 3]``, in the frame
+    of a camera with this vertical field of view (rad): x to the right, y up, z back."""
+    focal_px = height / 2 / math.tan(fovy / 2)
+    corners = np.mgrid[:height:spot_px, :width:spot_px]
+    rows, columns = corners + spot_px / 2
+    across = (columns - width / 2) / focal_px
+    down = (rows - height / 2) / focal_px
+    ahead = np.full_like(across, -1.0)
+    rays = np.stack([across, -down, ahead], -1)
+    lengths = np.linalg.norm(rays, axis=-1, keepdims=True)
+    directions: NDArray[np.float64] = rays / lengths
+    return directions
 
 
 def _colours(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Colour and mean texture colour (RGB in 0..1) of each geometry, and of the sky; ``[geometries
     + 1, 3]`` each."""
-    colours = np.vstack((model.geom_rgba[:, :3].astype(float), _SKY))
+    # The sky is the last one, which a ray that hits nothing (-1) reads.
+    rgb = model.geom_rgba[:, :3].astype(float)
+    colours = np.vstack((rgb, _SKY))
     textures = np.ones((model.ngeom + 1, 3))
     for geom, material in enumerate(model.geom_matid):
-        if material >= 0:
-            colours[geom] = model.mat_rgba[material, :3]
-            texture = int(model.mat_texid[material].max())
-            if texture >= 0:
-                start = int(model.tex_adr[texture])
-                channels = int(model.tex_nchannel[texture])
-                size = int(model.tex_height[texture]) * int(model.tex_width[texture]) * channels
-                textures[geom] = (
-                    model.tex_data[start : start + size].reshape(-1, channels)[:, :3].mean(0) / 255
-                )
+        if material < 0:
+            continue
+        colours[geom] = model.mat_rgba[material, :3]
+        # A material has a slot for each role of a texture; ours use one, and -1 is none.
+        texture = int(model.mat_texid[material].max())
+        if texture >= 0:
+            textures[geom] = _mean_colour(model, texture)
     return colours, textures
+
+
+def _mean_colour(model: mujoco.MjModel, texture: int) -> NDArray[np.float64]:
+    """Mean of a texture's pixels [3], in 0..1."""
+    start = int(model.tex_adr[texture])
+    channels = int(model.tex_nchannel[texture])
+    height = int(model.tex_height[texture])
+    width = int(model.tex_width[texture])
+    end = start + height * width * channels
+    pixels = model.tex_data[start:end].reshape(-1, channels)
+    mean: NDArray[np.float64] = pixels[:, :3].mean(0) / 255
+    return mean

@@ -40,53 +40,73 @@ def _font(size_px: int, bold: bool) -> ImageFont.FreeTypeFont:
     import matplotlib
 
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    return ImageFont.truetype(
-        str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size_px
-    )
+    path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name
+    return ImageFont.truetype(str(path), size_px)
 
 
 def captioned(
-    image: Pixels, title: str, line: str, labels: Iterable[tuple[int, int, str]] = ()
+    image: Pixels,
+    title: str,
+    line: str,
+    labels: Iterable[tuple[int, int, str]] = (),
 ) -> Pixels:
     """The image ``[height, width, 3]`` with title and line in its upper left corner, and labels
     (column, row, text)."""
     height = image.shape[0]
-    large = max(11, height // 26)
-    small = max(9, height // 34)
+    # Text grows with the picture, and stays legible in a small one.
+    title_font = _font(max(11, height // 26), True)
+    small_font = _font(max(9, height // 34), False)
     picture = Image.fromarray(image)
     pen = ImageDraw.Draw(picture)
     for column, row, text in labels:
-        pen.text((column, row), text, _MUTED, _font(small, False), anchor="mm")
-    lines = [
-        (text, _font(size, bold))
-        for text, size, bold in ((title, large, True), (line, small, False))
-        if text
-    ]
+        pen.text((column, row), text, _MUTED, small_font, anchor="mm")
+    lines = []
+    if title:
+        lines.append((title, title_font))
+    if line:
+        lines.append((line, small_font))
     if lines:
-        margin = height // 45
-        width = 2 * margin + round(max(pen.textlength(text, font) for text, font in lines))
-        box_height = (
-            2 * margin + round(sum(font.size for _, font in lines)) + margin // 2 * (len(lines) - 1)
-        )
-        # Only the area behind the text is blended: the whole image would take longer than drawing
-        # the robot.
-        mask = Image.new("L", (width, box_height), 0)
-        ImageDraw.Draw(mask).rounded_rectangle(
-            (0, 0, width - 1, box_height - 1), margin // 2, _OPACITY
-        )
-        picture.paste(_BACKGROUND, (margin, margin, margin + width, margin + box_height), mask)
-        top = 2.0 * margin
-        for text, font in lines:
-            pen.text((2 * margin, top), text, _INK, font)
-            top += font.size + margin // 2
+        _write(picture, pen, lines, height // 45)
     return np.asarray(picture)
 
 
+def _write(
+    picture: Image.Image,
+    pen: ImageDraw.ImageDraw,
+    lines: list[tuple[str, ImageFont.FreeTypeFont]],
+    margin: int,
+) -> None:
+    """Write lines of text, each in its font, on a box in the upper left corner."""
+    longest = max(pen.textlength(text, font) for text, font in lines)
+    text_height = round(sum(font.size for _, font in lines))
+    gap = margin // 2
+    width = 2 * margin + round(longest)
+    gaps = gap * (len(lines) - 1)
+    height = 2 * margin + text_height + gaps
+    # Only the area behind the text is blended: the whole image would take longer than drawing
+    # the robot.
+    mask = Image.new("L", (width, height), 0)
+    corners = (0, 0, width - 1, height - 1)
+    ImageDraw.Draw(mask).rounded_rectangle(corners, gap, _OPACITY)
+    area = (margin, margin, margin + width, margin + height)
+    picture.paste(_BACKGROUND, area, mask)
+    top = 2.0 * margin
+    for text, font in lines:
+        pen.text(
+            (2 * margin, top),
+            text,
+            _INK,
+            font,
+        )
+        top += font.size + gap
+
+
 _BACK_M = 1.3
+"""Distance of the wall behind the robot, to the left of its start."""
 _HEIGHT_M = 1.6
+"""Height of that wall."""
 _SKIRTING_M = 0.07
-"""Wall behind the robot: distance to the left of its start, height, and height of its skirting
-board."""
+"""Height of its skirting board."""
 _LINE = (0.45, 0.50, 0.58, 1.0)
 _PAINT_M = 0.0002
 """Height of a metre line, below whatever lies on the floor."""
@@ -114,14 +134,22 @@ class Room:
         self.camera = mujoco.MjvCamera()
         self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         self._moves = body.model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
-        self.camera.distance = 0.72 if not self._moves else 0.62 if self._place is None else 1.1
-        # from behind, so that no wall ahead hides the robot
+        if not self._moves:
+            self.camera.distance = 0.72
+        elif self._place is None:
+            self.camera.distance = 0.62
+        else:
+            # Farther, as robot and goal are both to be seen.
+            self.camera.distance = 1.1
+        # From behind, so that no wall ahead hides the robot.
         self.camera.azimuth = 62.0
         self.camera.elevation = -21.0
         self._target = np.array(self._robot())
         self.camera.lookat[:] = self._target
         self._option = mujoco.MjvOption()
-        self._ghost = None if goal is None else MujocoBody(body.robot, body.scene, Physics(), 0)
+        self._ghost: MujocoBody | None = None
+        if goal is not None:
+            self._ghost = MujocoBody(body.robot, body.scene, Physics(), 0)
         self._goal: Goal | None = None
         self.aim_for(goal)
 
@@ -134,36 +162,73 @@ class Room:
     def follow(self) -> None:
         """Move the camera's target towards the robot, or the middle between it and the place where
         it is to go, smoothly."""
-        self._target += _LAG * (np.array(self._robot()) - self._target)
+        away_m = np.array(self._robot()) - self._target
+        self._target += _LAG * away_m
         self.camera.lookat[:] = self._target
 
     def _robot(self) -> tuple[float, float, float]:
+        """Where the camera should look, m."""
         if not self._moves:
+            # The middle of an arm on its table.
             return 0.04, 0.0, 0.13
         x, y = self._body.data.qpos[:2].tolist()
-        goal_x, goal_y = (x, y) if self._place is None else (value / 1000 for value in self._place)
-        return (x + goal_x) / 2, (y + goal_y) / 2, 0.07
+        if self._place is None:
+            return x, y, 0.07
+        goal_x, goal_y = (value / 1000 for value in self._place)
+        middle_x = (x + goal_x) / 2
+        middle_y = (y + goal_y) / 2
+        return middle_x, middle_y, 0.07
 
     def decorate(self, scene: mujoco.MjvScene) -> None:
         """Add walls, metre lines and ghost to a scene."""
+        # Walls and lines go with the camera, in whole metres: the room has no end.
         middle = round(float(self._target[0]))
-        _box(scene, (middle, _BACK_M + 0.01, _HEIGHT_M / 2), (6.0, 0.01, _HEIGHT_M / 2), _WALL)
+        half_height = _HEIGHT_M / 2
+        half_skirting = _SKIRTING_M / 2
         _box(
-            scene, (middle, _BACK_M - 0.008, _SKIRTING_M / 2), (6.0, 0.008, _SKIRTING_M / 2), _BOARD
+            scene,
+            (middle, _BACK_M + 0.01, half_height),
+            (6.0, 0.01, half_height),
+            _WALL,
         )
+        _box(
+            scene,
+            (middle, _BACK_M - 0.008, half_skirting),
+            (6.0, 0.008, half_skirting),
+            _BOARD,
+        )
+        # Lines across the robot's way end at the wall.
+        line_middle = _BACK_M / 2 - 1.0
+        half_line = _BACK_M / 2 + 1.0
         for metre in range(middle - 3, middle + 4):
             _box(
-                scene, (metre, _BACK_M / 2 - 1.0, 0.0), (0.003, _BACK_M / 2 + 1.0, _PAINT_M), _LINE
+                scene,
+                (metre, line_middle, 0.0),
+                (0.003, half_line, _PAINT_M),
+                _LINE,
             )
         for metre in range(-2, 2):
-            _box(scene, (middle, metre, 0.0), (6.0, 0.003, _PAINT_M), _LINE)
-        ghost = self._ghost
-        first = scene.ngeom
-        category = mujoco.mjtCatBit.mjCAT_DYNAMIC
-        if ghost is not None:
-            mujoco.mjv_addGeoms(
-                ghost.model, ghost.data, self._option, mujoco.MjvPerturb(), category, scene
+            _box(
+                scene,
+                (middle, metre, 0.0),
+                (6.0, 0.003, _PAINT_M),
+                _LINE,
             )
+        if self._ghost is not None:
+            self._add_ghost(scene, self._ghost)
+
+    def _add_ghost(self, scene: mujoco.MjvScene, ghost: MujocoBody) -> None:
+        """Add the robot at its goal, transparent and of one colour."""
+        first = scene.ngeom
+        mujoco.mjv_addGeoms(
+            ghost.model,
+            ghost.data,
+            self._option,
+            mujoco.MjvPerturb(),
+            # What moves of it: its floor and walls are there already.
+            mujoco.mjtCatBit.mjCAT_DYNAMIC,
+            scene,
+        )
         for geom in scene.geoms[first : scene.ngeom]:
             geom.rgba[:] = _GHOST
             geom.matid = -1
@@ -171,15 +236,25 @@ class Room:
     def metre_marks(self, width: int, height: int) -> list[tuple[int, int, str]]:
         """Labels of the metre lines in an image of that size in px: column, row, text."""
         marks = []
-        for metre in range(round(float(self._target[0])) - 2, round(float(self._target[0])) + 3):
-            pixel = self._project(np.array([metre, -0.28, 0.0]), width, height)
-            if pixel is not None and 0 < pixel[0] < width and 0 < pixel[1] < height:
-                marks.append((*pixel, f"{metre} m"))
+        middle = round(float(self._target[0]))
+        for metre in range(middle - 2, middle + 3):
+            # Beside the robot's way, where it does not hide them.
+            point = np.array([metre, -0.28, 0.0])
+            pixel = self._project(point, width, height)
+            if pixel is None:
+                continue
+            column, row = pixel
+            if 0 < column < width and 0 < row < height:
+                marks.append((column, row, f"{metre} m"))
         return marks
 
     def _project(
-        self, point: NDArray[np.float64], width: int, height: int
+        self,
+        point: NDArray[np.float64],
+        width: int,
+        height: int,
     ) -> tuple[int, int] | None:
+        """Column and row of a point [3] in the image; ``None`` if it is behind the camera."""
         azimuth = math.radians(self.camera.azimuth)
         elevation = math.radians(self.camera.elevation)
         forward = np.array(
@@ -189,16 +264,30 @@ class Room:
                 math.sin(elevation),
             ]
         )
-        right = np.array([math.sin(azimuth), -math.cos(azimuth), 0.0])
+        # Level, as the camera does not lean.
+        right = np.array(
+            [
+                math.sin(azimuth),
+                -math.cos(azimuth),
+                0.0,
+            ]
+        )
         up = np.cross(right, forward)
-        offset = point - (np.array(self.camera.lookat) - self.camera.distance * forward)
+        back = self.camera.distance * forward
+        eye = np.array(self.camera.lookat) - back
+        offset = point - eye
         depth = float(offset @ forward)
         if depth < 0.05:
             return None
-        focal_px = height / 2 / math.tan(math.radians(float(self._body.model.vis.global_.fovy)) / 2)
+        # A free camera has the field of view of the model's options.
+        fovy = math.radians(float(self._body.model.vis.global_.fovy))
+        focal_px = height / 2 / math.tan(fovy / 2)
         x = float(offset @ right)
         y = float(offset @ up)
-        return round(width / 2 + focal_px * x / depth), round(height / 2 - focal_px * y / depth)
+        # Rows count downwards.
+        column = width / 2 + focal_px * x / depth
+        row = height / 2 - focal_px * y / depth
+        return round(column), round(row)
 
 
 def _box(
@@ -207,6 +296,7 @@ def _box(
     half: tuple[float, float, float],
     rgba: tuple[float, ...],
 ) -> None:
+    """Add a box to a scene, unless that is full."""
     if scene.ngeom >= scene.maxgeom:
         return
     geom = scene.geoms[scene.ngeom]
@@ -249,6 +339,7 @@ class Filmed:
         """Advance the body; then take an image if one is due."""
         self._body.advance_to(time_ms)
         if time_ms >= self._due_ms:
+            # From when it was due, not from now, or a film would run slower than the robot.
             self._due_ms += self._frame_ms
             self._on_image(self._render())
 
@@ -277,7 +368,9 @@ def filmed(body: Body, path: Path) -> Iterator[Body]:
             f"there is nothing to see of robot '{body.robot.name}'; film one with a MuJoCo model"
         )
     check_film(path)
+    width, height = SIZE
+    fps = 1000 / _FRAME_MS
     # The writer is closed, not entered: the film is kept even if the program raises.
-    with Renderer(body, *SIZE) as renderer, closing(VideoWriter(path, 1000 / _FRAME_MS)) as video:
+    with Renderer(body, width, height) as renderer, closing(VideoWriter(path, fps)) as video:
         video.add(renderer.render())
         yield Filmed(body, renderer.render, _FRAME_MS, _FRAME_MS, video.add)
