@@ -25,7 +25,7 @@ from bricksrl.page.start import StartPage
 from bricksrl.policies.sharing import export_policy
 from bricksrl.training import RunFolder, TrainConfig, train
 from bricksrl.training.config import code_in
-from bricksrl.training.restore import make_learner_for, stand_in
+from bricksrl.training.learners import make_learner_for, stand_in
 from bricksrl.training.trust import trust
 
 CANARY = "stranger_canary"

@@ -33,7 +33,9 @@ from bricksrl.evaluation.statistics import (
     seeds_interval,
     wilson_interval,
 )
-from bricksrl.training.restore import Which, load_learner, reproducible
+from bricksrl.training.learners import load_learner
+from bricksrl.training.reproducible import reproducible
+from bricksrl.training.restore import Which
 from bricksrl.training.run_folder import Origin, RunFolder
 
 _log = logging.getLogger(__name__)

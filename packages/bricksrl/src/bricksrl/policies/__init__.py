@@ -35,7 +35,7 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
     """
     from bricksrl.policies.policy import Policy
     from bricksrl.policies.sharing import is_policy, load_shared
-    from bricksrl.training.restore import load_learner
+    from bricksrl.training.learners import load_learner
 
     check_value("path", path, Path | str)
     path = Path(path)

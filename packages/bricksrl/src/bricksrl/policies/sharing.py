@@ -18,7 +18,7 @@ from bricksrl.envs.transforms import prepare, transform_state
 from bricksrl.errors import CheckpointError, RunError, counted
 from bricksrl.training.config import TrainConfig, code_in, portable
 from bricksrl.training.existing_run import POLICY
-from bricksrl.training.restore import load_learner, make_learner_for, one_robot
+from bricksrl.training.learners import load_learner, make_learner_for, one_robot
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.trust import is_trusted, remember, require_trusted
 

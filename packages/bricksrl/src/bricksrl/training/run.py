@@ -13,7 +13,6 @@ from brickhub.files import only_writer, remove_unfinished
 from brickhub.seed import derive_seed
 from brickhub.user_files import calling, is_reference
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.teachers import restore
 from bricksrl.envs.connection import Placement
 from bricksrl.envs.make import make
 from bricksrl.envs.registry import is_simulation
@@ -24,17 +23,11 @@ from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.fleet.fleet_robots import make_fleet
 from bricksrl.training.learner_side import AsyncLearner, InLoopLearner, LearnerSide
+from bricksrl.training.learners import attach_dataset, make_learner_for, warm_start
 from bricksrl.training.loggers import Tracking
 from bricksrl.training.loop import Loop
-from bricksrl.training.restore import (
-    attach_dataset,
-    identity_of,
-    load_state,
-    make_learner_for,
-    reproducible,
-    run_state,
-    warm_start,
-)
+from bricksrl.training.reproducible import reproducible
+from bricksrl.training.restore import identity_of, load_state, restore, run_state
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.signals import StopSignals
 

@@ -28,7 +28,7 @@ from bricksrl.envs.rollout import Rollout, play
 from bricksrl.envs.transforms import load_transform_state, over
 from bricksrl.errors import StoppedError, message_of
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.restore import make_learner_for, stand_in
+from bricksrl.training.learners import make_learner_for, stand_in
 
 
 class _FleetEnded(BaseException):
