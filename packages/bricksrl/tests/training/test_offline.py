@@ -25,7 +25,7 @@ from bricksrl.errors import CheckpointError, DataError, DescriptionError, HubErr
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, RunFolder, TrainConfig, load_learner, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
-from bricksrl.training.restore import read_for
+from bricksrl.training.learners import read_for
 
 
 def recorded(root: Path, policy: Any = None, episodes: int = 12) -> str:

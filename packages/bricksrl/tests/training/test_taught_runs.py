@@ -24,7 +24,7 @@ from bricksrl.policies.sharing import export_policy
 from bricksrl.training import Phase, RunFolder, TrainConfig, load_learner, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.config import RunOptions
-from bricksrl.training.restore import attach_dataset, warm_start
+from bricksrl.training.learners import attach_dataset, warm_start
 
 ENV = "RoboArmSim-v0"
 SMALL = {"hidden": (64, 64), "batch_size": 64, "prefill_episodes": 1}

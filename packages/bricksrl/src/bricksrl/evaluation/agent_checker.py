@@ -22,7 +22,7 @@ from bricksrl.envs.env_checker import Broken, Skip, run_checks
 from bricksrl.errors import BricksError, counted
 from bricksrl.evaluation.settings_text import with_changes
 from bricksrl.training.config import settings_from
-from bricksrl.training.restore import reproducible
+from bricksrl.training.reproducible import reproducible
 
 ENV = "RoboArmSim-v0"
 """A small environment with goals."""

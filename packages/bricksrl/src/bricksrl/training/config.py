@@ -14,7 +14,7 @@ from brickhub.options import Existing, Flag, option
 from brickhub.seed import check_seed
 from brickhub.user_files import NotCode, code_names, with_absolute_file, without_folder
 from bricksrl.agents import AGENTS, algorithm, preset, with_present_names
-from bricksrl.agents.settings import CriticSettings
+from bricksrl.agents.settings import CriticSettings, OffPolicySettings, TargetSettings
 from bricksrl.data.dataset import existing_dataset
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import LABELS, get_task, option_types
@@ -111,11 +111,12 @@ class TrainConfig(RunOptions, EnvOptions):
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        for name in ("run_dir", "data", "start", "base", "demonstrations"):
-            if isinstance(getattr(self, name), Path | str):  # one is as good as the other
-                object.__setattr__(
-                    self, name, (Path if name == "run_dir" else str)(getattr(self, name))
-                )
+        # a path or a text: one is as good as the other, but a config in a file has texts
+        for name in ("data", "start", "base", "demonstrations"):
+            if isinstance(getattr(self, name), Path | str):
+                object.__setattr__(self, name, str(getattr(self, name)))
+        if isinstance(self.run_dir, Path | str):
+            object.__setattr__(self, "run_dir", Path(self.run_dir))
         super().__post_init__()
         object.__setattr__(self, "physics", self.known_physics)  # stored with the run
         for name in ("env", "agent"):  # the run can then be used in any folder
@@ -205,6 +206,11 @@ def _are_ambiguous(hubs: tuple[str, ...]) -> bool:
         and bool(real)
         and (len(real) < len(hubs) or any(":" not in hub for hub in real))
     )
+
+
+@dataclass(frozen=True)
+class _CommonSettings(CriticSettings, TargetSettings, OffPolicySettings):
+    """What a user's agent may have too: its texts are known to name code, or not."""
 
 
 MAX_NAME = 40
@@ -319,14 +325,13 @@ def _code_in_settings(settings: Any, agent: Any) -> Iterator[str]:
     settings = with_present_names(settings)
     if isinstance(agent, str) and agent in AGENTS:
         return code_names(settings, algorithm(agent).settings)
-    shared = {field.name for field in dataclasses.fields(CriticSettings)}
-    return code_names(
-        {name: value for name, value in settings.items() if name in shared}, CriticSettings
-    )
+    common = {field.name for field in dataclasses.fields(_CommonSettings)}
+    known = {name: value for name, value in settings.items() if name in common}
+    return code_names(known, _CommonSettings)
 
 
 def code_in_settings(
-    values: Mapping[str, Any], settings_type: type[Any] = CriticSettings
+    values: Mapping[str, Any], settings_type: type[Any] = _CommonSettings
 ) -> tuple[str, ...]:
     """Texts in settings, as plain values, that may name code of the user's."""
     return tuple(code_names(with_present_names(values), settings_type))

@@ -540,7 +540,8 @@ def _format_argument(
         padded: str = f"%{flags}{width_in_characters}{limit}s" % characters
         return padded
     if code == "c":
-        return (spec + "c") % _character(value)
+        character: str = (spec + "c") % _character(value)
+        return character
     if code in "diuxXo":
         check_allocation(int(precision or 0))
         return _format_int(value, code, spec, flags)
