@@ -56,8 +56,7 @@ ROOM = Scene(
     objects=(Line(((0, 0), (300, 0))), Wall((500, -100), (500, 100)), Block((200, 0), mass_g=30.0)),
     start_mm=((0, 9), (0, 0)),
 )
-PLAN = plan_file(str(TWO_WHEELER.model))
-assert PLAN is not None
+PLAN = Path(str(plan_file(str(TWO_WHEELER.model))))
 
 MJCF = """<mujoco><asset><mesh name="case" file="case.obj"/></asset>
 <include file="{include}"/></mujoco>"""
@@ -215,7 +214,7 @@ def test_changed_plan_or_file_beside_it_is_built_anew(
     changed: str, cache: Cache, tmp_path: Path
 ) -> None:
     pin = "1 0 70 -100 40 1 0 0 0 0 -1 0 1 0 2780.dat"
-    whole = Path(PLAN).read_text()
+    whole = PLAN.read_text()
     assert pin in whole
     # With one of its pins in a file of its own.
     (tmp_path / "car.ldr").write_text(
