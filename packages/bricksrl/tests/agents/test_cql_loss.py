@@ -23,7 +23,7 @@ from torch import Tensor, nn
 from torchrl.objectives import CQLLoss as TorchRLCQLLoss
 
 from bricksrl.agents.actor_critic import Batch
-from bricksrl.agents.cql import CQLLoss, CQLSettings, draw_indices
+from bricksrl.agents.offline.cql import CQLLoss, CQLSettings, draw_indices
 
 
 def make(**changes: Any) -> CQLLoss:

@@ -30,8 +30,8 @@ from torchrl.objectives import REDQLoss, SoftUpdate
 from torchrl.objectives import SACLoss as TorchRLSACLoss
 
 from bricksrl.agents.actor_critic import PolyakUpdate
-from bricksrl.agents.cql import log_prob
 from bricksrl.agents.networks import Dropout
+from bricksrl.agents.offline.cql import log_prob
 from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale
 
 pytestmark = pytest.mark.usefixtures("double")

@@ -18,7 +18,7 @@ from toys import Cart, LosingCart, assert_equal
 import bricksrl
 from brickhub.entry import Entry
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.act import ChunkPolicy
+from bricksrl.agents.offline.act import ChunkPolicy
 from bricksrl.data import About, Recorder, Step, describe
 from bricksrl.data.collect import collect, random_policy
 from bricksrl.errors import CheckpointError, DataError, DescriptionError, HubError, RunError

@@ -12,7 +12,7 @@ from brickhub.user_files import calling, is_reference, load_object
 from bricksrl.errors import DescriptionError, UnknownNameError, hint
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from torchrl.envs import EnvBase
 
@@ -37,8 +37,13 @@ AGENTS = (
     "random",
 )
 """Algorithms by name; DroQ and REDQ are settings of SAC."""
-_MODULES = {"droq": "sac", "redq": "sac", "gait": "search.gait"}
-"""Modules of algorithms, where they have other names."""
+_MODULES = {
+    "droq": "sac",
+    "redq": "sac",
+    "gait": "search.gait",
+    **{name: f"offline.{name}" for name in ("bc", "act", "diffusion", "iql", "cql", "td3bc")},
+}
+"""Modules of algorithms, where they have other names or a room of their own."""
 PRESETS = ("default", "paper")
 """Presets by name: "default" is tuned for few robot steps; "paper" has the values of the BricksRL
 paper, and those of an algorithm's authors (with the paper's networks) for what the paper does not
@@ -54,28 +59,6 @@ class Algorithm:
     settings: type[Any]
     build: Callable[..., Learner]
     presets: Presets | None = None
-
-
-_FORMER = {"critic_layer_norm": "critic_norm", "actor_layer_norm": "actor_norm"}
-_FORMER_VALUES = {
-    "true": "layer",
-    "yes": "layer",
-    "1": "layer",
-    "false": "none",
-    "no": "none",
-    "0": "none",
-}
-
-
-def with_present_names(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of settings by name, where what was a flag of layer normalisation before it had kinds
-    is one of these."""
-    known = {
-        _FORMER[name]: _FORMER_VALUES.get(str(value).lower(), value)
-        for name, value in values.items()
-        if name in _FORMER
-    }
-    return {name: value for name, value in values.items() if name not in _FORMER} | known
 
 
 def check_agent(agent: str) -> None:

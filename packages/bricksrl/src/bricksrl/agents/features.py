@@ -36,7 +36,7 @@ def reward_unit(rewards: Tensor) -> float:
 
 class SeenInputs(nn.Module):
     """Least, greatest, mean and deviation of each input ``[n]`` that was learned on, in the
-    module's state; where it lacks them, nothing was seen. Angles (``wraps``) are held only if they
+    module's state. Angles (``wraps``) are held only if they
     never varied, ``free`` inputs never."""
 
     least: Tensor
@@ -127,12 +127,6 @@ class SeenInputs(nn.Module):
         scale = torch.where(deviation > 1e-6, 1.0 / deviation.clamp_min(1e-6), 0.0)
         normalised: Tensor = (inputs - mean) * scale
         return normalised.to(inputs.dtype)
-
-    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *args: Any) -> None:
-        for name, buffer in self.named_buffers():
-            if name in ("least", "greatest", "moments"):
-                state_dict.setdefault(prefix + name, buffer)
-        super()._load_from_state_dict(state_dict, prefix, *args)
 
 
 class ObservationEncoder(nn.Module):

@@ -346,7 +346,7 @@ class Learner:
             self.policy.load_state_dict(state["policy"])
             self.updates = int(state["updates"])
             self.due = float(state["due"])
-            self.reward_unit = float(state.get("reward_unit", 1.0))  # older ones had none
+            self.reward_unit = float(state["reward_unit"])
             if self.loss is not None and self.optimizer is not None:
                 load_loss(self.loss, state["loss"])
                 self.optimizer.load_state_dict(state["optimizer"])

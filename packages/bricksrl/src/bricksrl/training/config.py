@@ -13,7 +13,7 @@ from brickhub.fields import Count, Range, check_fields
 from brickhub.options import Existing, Flag, option
 from brickhub.seed import check_seed
 from brickhub.user_files import NotCode, code_names, with_absolute_file, without_folder
-from bricksrl.agents import AGENTS, algorithm, preset, with_present_names
+from bricksrl.agents import AGENTS, algorithm, preset
 from bricksrl.agents.settings import CriticSettings, OffPolicySettings, TargetSettings
 from bricksrl.data.dataset import existing_dataset
 from bricksrl.envs.options import EnvOptions
@@ -188,8 +188,6 @@ class TrainConfig(RunOptions, EnvOptions):
                 "settings": settings,
                 "physics": None if physics is None else Physics.from_dict(physics),
             }
-            if not data.get("updates"):  # as earlier versions wrote it
-                data["demonstrations"] = data.pop("data", None) or data.get("demonstrations")
             return cls(**data, run_dir=run_dir)
         except UnknownNameError as error:  # says what to do
             raise RunError(f"the run needs what is not here: {error}") from None
@@ -322,7 +320,6 @@ def _code_in_settings(settings: Any, agent: Any) -> Iterator[str]:
     have too."""
     if not isinstance(settings, Mapping):
         return code_names(settings)
-    settings = with_present_names(settings)
     if isinstance(agent, str) and agent in AGENTS:
         return code_names(settings, algorithm(agent).settings)
     common = {field.name for field in dataclasses.fields(_CommonSettings)}
@@ -334,7 +331,7 @@ def code_in_settings(
     values: Mapping[str, Any], settings_type: type[Any] = _CommonSettings
 ) -> tuple[str, ...]:
     """Texts in settings, as plain values, that may name code of the user's."""
-    return tuple(code_names(with_present_names(values), settings_type))
+    return tuple(code_names(values, settings_type))
 
 
 def settings_from(agent: str, given: dict[str, Any]) -> Any:
@@ -342,8 +339,7 @@ def settings_from(agent: str, given: dict[str, Any]) -> Any:
     settings are invalid."""
     settings_type = algorithm(agent).settings
     values = {
-        key: tuple(value) if isinstance(value, list) else value
-        for key, value in with_present_names(given).items()
+        key: tuple(value) if isinstance(value, list) else value for key, value in given.items()
     }
     check_fields(settings_type, values)
     return settings_type(**values)

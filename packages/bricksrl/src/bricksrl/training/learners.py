@@ -11,9 +11,9 @@ from torchrl.envs import EnvBase
 from brickhub.files import quoted
 from brickhub.seed import derive_seed
 from bricksrl.agents import make_learner
-from bricksrl.agents.bc import recorded_memory
 from bricksrl.agents.compiled import compile_updates
 from bricksrl.agents.learner import Learner
+from bricksrl.agents.offline.bc import recorded_memory
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.agents.teachers import Base, Scripted, add_base, imitate
 from bricksrl.data import Episodes, describe, load

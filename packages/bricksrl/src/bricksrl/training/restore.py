@@ -8,7 +8,6 @@ import torch
 from torchrl.envs import EnvBase
 
 from brickhub.fields import check_fields, check_value
-from bricksrl.agents import with_present_names
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size
 from bricksrl.agents.teachers import anchor
@@ -21,7 +20,6 @@ from bricksrl.envs.transforms import (
 from bricksrl.errors import (
     BricksError,
     CheckpointError,
-    DescriptionError,
 )
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.checkpoint import load_checkpoint
@@ -65,7 +63,7 @@ def load_state(
     with contextlib.suppress(AttributeError, LookupError, RuntimeError, TypeError, ValueError):
         load_transform_state(env, state["transforms"], frozen=frozen)
     identity = identity_of(config, env)
-    differs = _differences(state.get("identity"), identity, config)
+    differs = _differences(state.get("identity"), identity)
     if differs and differs <= {"layout", "action_size"}:
         raise CheckpointError(
             f"{folder.path} learned in {config.env}; choose an environment with its observations "
@@ -118,24 +116,14 @@ def run_state(env: EnvBase, identity: dict[str, Any], episodes: list[Episode]) -
     }
 
 
-def _differences(saved: Any, identity: dict[str, Any], config: TrainConfig) -> set[str]:
-    """Names of the values that differ in a checkpoint, where settings that are newer than it have
-    their defaults."""
-    with contextlib.suppress(DescriptionError, LookupError, TypeError):
-        defaults = TrainConfig(
-            config.env, config.agent, settings=type(config.settings)()
-        ).to_dict()["settings"]
-        saved = {**saved, "settings": {**defaults, **with_present_names(saved["settings"])}}
-    with contextlib.suppress(LookupError, TypeError):  # of a layout what it had then
-        layout = {key: value for key, value in identity["layout"].items() if key in saved["layout"]}
-        identity = {**identity, "layout": layout}
-        saved = {**saved, "layout": {key: saved["layout"][key] for key in layout}}
+def _differences(saved: Any, identity: dict[str, Any]) -> set[str]:
+    """Names of the values that differ in a checkpoint."""
     try:
         saved = portable(saved)
         identity = portable(identity)
         return {key for key, value in identity.items() if value != saved[key]}
     except (AttributeError, LookupError, RuntimeError, TypeError):
-        # a part is missing, or a tensor in place of a number
+        # A part is missing, or there is a tensor in place of a number.
         return set(identity)
 
 
@@ -157,14 +145,13 @@ def _check_state(state: dict[str, Any]) -> None:
         raise TypeError
     for frames in state["collected"]:
         frames["next"]["done"].shape  # noqa: B018
-    state.setdefault("transforms", {})
+    if not isinstance(state["transforms"], dict):
+        raise TypeError
     identity = state["identity"]
-    shapes = dict(
-        identity["layout"].get("vectors", [("observation", [len(identity["layout"]["low"])])])
-    )
+    shapes = dict(identity["layout"]["vectors"])
     shapes["action"] = [identity["action_size"]]
+    # An agent that has remembered nothing yet has no rows.
     rows = state["agent"].get("memory", {"rows": {}})["rows"]
-    if any(
-        name in rows and list(rows[name].shape[1:]) != list(shape) for name, shape in shapes.items()
-    ):
-        raise ValueError
+    for name, shape in shapes.items():
+        if name in rows and list(rows[name].shape[1:]) != list(shape):
+            raise ValueError

@@ -12,10 +12,10 @@ from torchrl.envs import EnvBase
 from torchrl.modules import DiffusionActor
 from torchrl.objectives import DiffusionBCLoss
 
-from bricksrl.agents.act import ChunkPolicy, ChunkSettings, chunk_learner
 from bricksrl.agents.encoder import encode, make_encoder
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size, make_body
+from bricksrl.agents.offline.act import ChunkPolicy, ChunkSettings, chunk_learner
 from bricksrl.agents.settings import IMAGES, PAPER, NotNegative, Presets, Range
 
 
