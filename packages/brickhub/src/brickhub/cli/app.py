@@ -307,6 +307,8 @@ def one_line(box: str, command: str = "bricksrl") -> str:
         if part.startswith(_SUGGESTS):
             option = part.removeprefix(_SUGGESTS).split()[0]
             suggestion = f" (did you mean {option}?)"
+            # The others are less like it.
+            break
     return f"{_plain(message.removesuffix('.'))}{suggestion}; see `{command} --help`"
 
 
