@@ -69,7 +69,8 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     state = trained.learner.policy_state()
     # safetensors takes no views of other tensors.
     tensors = {name: tensor.contiguous() for name, tensor in state.items()}
-    # What the training was fed with is not there where the policy goes.
+    # Files that the training has read do not exist on other computers, and settings of training
+    # alone say nothing on the policy.
     acting = replace(
         one_robot(config),
         data=None,
