@@ -34,7 +34,8 @@ from playwright.sync_api import Page, sync_playwright
 
 from benchmarks.session import Session
 from bricksrl.envs.arenas import ARENAS, get_arena_task
-from bricksrl.envs.registry import is_simulation, list_envs, make_robot
+from bricksrl.envs.make import has_arrays, make
+from bricksrl.envs.registry import is_simulation, list_envs
 from bricksrl.envs.tasks.scripted import CONTROLLERS
 from bricksrl.errors import BricksError
 from bricktwin.twin.arena import ArenaWorld
@@ -106,9 +107,9 @@ def take(page: Page, path: Path) -> None:
 def draw_environment(env_id: str, path: Path) -> None:
     """Draw an environment after some steps of its controller, with its goal, as films do, from the
     front if nothing is ahead."""
-    env = make_robot(env_id, seed=SEED)
-    if env is None:
+    if not has_arrays(env_id):
         raise BricksError(f"{env_id} has no robot to draw; give one that has")
+    env = make(env_id, seed=SEED, arrays=True)
     with closing(env):
         observation, act = env.begin().observation, CONTROLLERS.get(env_id)
         body: Any = None if env.twin is None else env.twin.body

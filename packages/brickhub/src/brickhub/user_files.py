@@ -232,12 +232,12 @@ def beside(reference: str) -> Iterator[None]:
     it ran that file."""
     location, _ = _parts(reference)
     is_file = location.endswith(".py")
-    folder = str(Path(location).resolve().parent if is_file else Path.cwd())
-    sys.path.insert(0, folder)
+    folder = Path(location).resolve().parent if is_file else Path.cwd()
+    sys.path.insert(0, str(folder))
     try:
         yield
     finally:
-        sys.path.remove(folder)
+        sys.path.remove(str(folder))
 
 
 def line_of_user(error: BaseException) -> str:
@@ -307,7 +307,10 @@ def _only(type_: type, module: ModuleType, reference: str, missing: str) -> str:
     several."""
     # An object does not record the module that defines it, so imported ones count too; aliases of
     # one object count once.
-    name_of = {id(value): name for name, value in vars(module).items() if isinstance(value, type_)}
+    name_of = {}
+    for name, value in vars(module).items():
+        if isinstance(value, type_):
+            name_of[id(value)] = name
     names = list(name_of.values())
     if len(names) == 1:
         return names[0]

@@ -18,8 +18,8 @@ from brickhub.seed import episode_seed, evaluation_seed
 from brickhub.virtual.faults import sound_body
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.registry import make_env
-from bricksrl.envs.robot_env import EpisodeState
+from bricksrl.envs.episode_state import EpisodeState
+from bricksrl.envs.make import make
 from bricksrl.envs.rollout import play, play_episodes
 from bricksrl.errors import TwinError
 from bricksrl.evaluation.evaluator import EVALUATION_SEED, evaluation_options
@@ -213,7 +213,7 @@ def film_run(
     origin = RunFolder(run_dir).origin()
     # Its twin is filmed also of a run on a real robot.
     options = evaluation_options(origin, origin.env, hub="virtual")
-    with closing(make_env(origin.env, options, seed=origin.seed)) as env:
+    with closing(make(origin.env, options, seed=origin.seed)) as env:
         check_filmable(env)
         # The first episode of its evaluation, whose return stands in the report.
         seed = evaluation_seed(origin.seed, EVALUATION_SEED)

@@ -10,15 +10,22 @@ from typing import Any
 
 from torchrl.envs import EnvBase
 
-from brickhub.files import atomic_folder, folder_with, reading, refuse_existing, write_durably
+from brickhub.files import (
+    atomic_folder,
+    folder_with,
+    parsing,
+    reading,
+    refuse_existing,
+    write_durably,
+)
 from bricksrl.agents.learner import Learner
 from bricksrl.data.share import CARD, downloaded, hub_client
-from bricksrl.envs.registry import make_env
+from bricksrl.envs.make import make
 from bricksrl.envs.transforms import prepare, transform_state
 from bricksrl.errors import CheckpointError, RunError, counted
 from bricksrl.training.config import TrainConfig, code_in, portable
 from bricksrl.training.existing_run import POLICY
-from bricksrl.training.restore import load_learner, make_learner_for, one_robot
+from bricksrl.training.learners import load_learner, make_learner_for, one_robot
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.trust import is_trusted, remember, require_trusted
 
@@ -46,7 +53,7 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
             "a shared policy comes without the run of its base; `bricksrl export RUN --out FILE` "
             "writes both to one file"
         )
-    with closing(make_env(config.env, config.robot, seed=config.seed)) as env:
+    with closing(make(config.env, config.robot, seed=config.seed)) as env:
         prepare(env)
         made = transform_state(env)
         trained = load_learner(run_dir, env)
@@ -62,7 +69,8 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     state = trained.learner.policy_state()
     # safetensors takes no views of other tensors.
     tensors = {name: tensor.contiguous() for name, tensor in state.items()}
-    # What the training was fed with is not there where the policy goes.
+    # Files that the training has read do not exist on other computers, and settings of training
+    # alone say nothing on the policy.
     acting = replace(
         one_robot(config),
         data=None,
@@ -96,7 +104,6 @@ def read_policy(path: Path) -> tuple[TrainConfig, dict[str, Any]]:
 def _read_files(path: Path) -> tuple[bytes, dict[str, Any], dict[str, Any]]:
     """Content of `ABOUT`, the config in it, and the tensors. Raises CheckpointError if there is no
     policy, or it is damaged."""
-    from safetensors import SafetensorError
     from safetensors.torch import load
 
     if not is_policy(path):
@@ -111,12 +118,9 @@ def _read_files(path: Path) -> tuple[bytes, dict[str, Any], dict[str, Any]]:
         raise CheckpointError(
             f"{path / ABOUT} describes no policy of this version of BricksRL; choose another"
         )
-    try:
+    reason = "is not a valid safetensors file; fetch the policy again"
+    with parsing(CheckpointError(f"{path / TENSORS} {reason}")):
         return text, config, load(data)
-    except (SafetensorError, ValueError, KeyError, TypeError):
-        raise CheckpointError(
-            f"{path / TENSORS} is not a valid safetensors file; fetch the policy again"
-        ) from None
 
 
 def _config_from(path: Path, config: dict[str, Any]) -> TrainConfig:

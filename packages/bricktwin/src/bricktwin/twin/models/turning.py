@@ -147,13 +147,14 @@ class TurningParts:
         """Turn shafts and gears with their motors' joints, rods to their far pins; positions must
         be up to date, and are so afterwards."""
         for body, address, ratio, axis in self._spinners:
-            angle = ratio * float(data.qpos[address] - model.qpos0[address])
+            turned = float(data.qpos[address] - model.qpos0[address])
+            angle = ratio * turned
             mujoco.mju_axisAngle2Quat(model.body_quat[body], axis, angle)
         for body, far in self._rods:
             parent = model.body_parentid[body]
             frame = data.xmat[parent].reshape(3, 3)
             along_m = data.site_xpos[far] - data.xpos[body]
             mujoco.mju_quatZ2Vec(model.body_quat[body], along_m @ frame)
-        # Their orientations are the model's, not the data's: the world's have to follow.
+        # The turns were written into the model; the positions in the data follow from it.
         if self._spinners or self._rods:
             mujoco.mj_kinematics(model, data)
