@@ -213,7 +213,8 @@ export class Scene3D {
   draw(resolution = this.resolution) {
     const gl = this.gl, canvas = this.canvas, scale = resolution * Math.min(window.devicePixelRatio || 1, 2);
     const width = Math.round(canvas.clientWidth * scale), height = Math.round(canvas.clientHeight * scale);
-    if (!width || !height || !this.poses || gl.isContextLost()) return;
+    // Poses may come before the scene: an empty floor would say that the robot is gone.
+    if (!width || !height || !this.poses || !this.bodies.length || gl.isContextLost()) return;
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
     this.frames += 1;
     canvas.dataset.frames = this.frames;
