@@ -31,7 +31,7 @@ from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.task import Mirror, Task, mirrors
 from bricksrl.envs.transforms import layout_of
 from bricksrl.training import Callback, TrainConfig, train
-from bricksrl.training.restore import load_learner
+from bricksrl.training.learners import load_learner
 from bricktwin.twin.physics import PARAMETERS, Physics
 
 _MOTORS = tuple(f"motor_{number}_scale" for number in range(1, 5))

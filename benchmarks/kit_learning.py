@@ -22,9 +22,9 @@ from benchmarks import baselines
 from benchmarks.robots import run, summary
 from benchmarks.scripted import CONTROLLERS
 from benchmarks.session import Session
+from bricksrl.envs.make import make
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.reference_returns import REFERENCES
-from bricksrl.envs.registry import make
 
 EPISODES = {"LineFollow-v0": 20, "Park-v0": 20, "Spinning-v0": 15}
 ROBOTS: dict[str, dict[str, Any]] = {

@@ -34,7 +34,8 @@ from playwright.sync_api import Page, sync_playwright
 
 from benchmarks.session import Session
 from bricksrl.envs.arenas import ARENAS, get_arena_task
-from bricksrl.envs.registry import is_simulation, list_envs, make_robot
+from bricksrl.envs.make import has_arrays, make
+from bricksrl.envs.registry import is_simulation, list_envs
 from bricksrl.envs.tasks.scripted import CONTROLLERS
 from bricksrl.errors import BricksError
 from bricktwin.twin.arena import ArenaWorld
@@ -55,6 +56,11 @@ FLAGS = (
 SEED, STEPS = 3, 2
 SIZES_PX = {"laptop": (1366, 768), "upright": (390, 844), "across": (844, 390)}
 """Of windows: a laptop, and a phone in both directions."""
+_HAS_ALL_PIXELS = """() => {
+  const scene = document.querySelector("#scene");
+  const width = scene.clientWidth * Math.min(devicePixelRatio, 2);
+  return Math.abs(width - scene.width) < 1;
+}"""
 NAMES = ("Anna", "Ben and Carla", "The group at the window")
 """Of visitors of a class."""
 SIZE_PX = (480, 300)
@@ -106,9 +112,9 @@ def take(page: Page, path: Path) -> None:
 def draw_environment(env_id: str, path: Path) -> None:
     """Draw an environment after some steps of its controller, with its goal, as films do, from the
     front if nothing is ahead."""
-    env = make_robot(env_id, seed=SEED)
-    if env is None:
+    if not has_arrays(env_id):
         raise BricksError(f"{env_id} has no robot to draw; give one that has")
+    env = make(env_id, seed=SEED, arrays=True)
     with closing(env):
         observation, act = env.begin().observation, CONTROLLERS.get(env_id)
         body: Any = None if env.twin is None else env.twin.body
@@ -157,7 +163,10 @@ def take_sizes(page: Page, path: Path, *, whole: bool = False) -> None:
     """Take the picture of a page at each size; ``whole`` with what is below the window."""
     for name, (width, height) in SIZES_PX.items():
         page.set_viewport_size({"width": width, "height": height})
-        page.wait_for_timeout(1_500)  # until it is drawn at rest
+        page.wait_for_timeout(1_500)
+        if not whole:
+            # A processor in place of a graphics card draws with fewer pixels at first.
+            page.wait_for_function(_HAS_ALL_PIXELS)
         page.screenshot(path=path.with_name(f"{path.name}_{name}.png"), full_page=whole)
 
 

@@ -264,8 +264,11 @@ def _matches(value: Any, hint: Any) -> bool:
     accepted: Any = int | float if cls is float else cls
     if not isinstance(value, accepted):
         return False
-    if not parts:
-        return True
+    return not parts or _items_match(value, cls, parts)
+
+
+def _items_match(value: Any, cls: Any, parts: tuple[Any, ...]) -> bool:
+    """Whether what is in a container is of the types of its annotation."""
     if cls is dict:
         key_hint, item_hint = parts
         keys_match = all(_matches(key, key_hint) for key in value)
@@ -276,7 +279,7 @@ def _matches(value: Any, hint: Any) -> bool:
     if cls is tuple:
         has_length = len(value) == len(parts)
         return has_length and all(map(_matches, value, parts))
-    # Of other containers and of functions, what is within cannot be checked, or not without use.
+    # What other containers hold, and what a function takes, shows only when it is used.
     return True
 
 

@@ -258,12 +258,12 @@ def beside(reference: str) -> Iterator[None]:
     it ran that file."""
     location, _ = _parts(reference)
     is_file = location.endswith(".py")
-    folder = str(Path(location).resolve().parent if is_file else Path.cwd())
-    sys.path.insert(0, folder)
+    folder = Path(location).resolve().parent if is_file else Path.cwd()
+    sys.path.insert(0, str(folder))
     try:
         yield
     finally:
-        sys.path.remove(folder)
+        sys.path.remove(str(folder))
 
 
 def line_of_user(error: BaseException) -> str:

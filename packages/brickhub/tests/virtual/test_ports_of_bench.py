@@ -13,7 +13,7 @@ from brickhub.errors import DescriptionError, TwinError
 from brickhub.robot import HubKind, MotorKind, SensorKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.firmware.motor_model import MOTOR_TYPES
-from brickhub.virtual.firmware.settings import servo_settings
+from brickhub.virtual.firmware.servo import servo_settings
 from brickhub.virtual.given_readings import parse_device, parse_reading
 from brickhub.virtual.run import Operation, run_file
 

@@ -14,9 +14,9 @@ from torchrl.data import Bounded, TensorSpec
 from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import SoftUpdate
 
+from bricksrl.agents.actor_critic import ActorCriticLoss, Critics
 from bricksrl.agents.networks import deterministic_policy, gaussian_policy, mlp
 from bricksrl.agents.operators import critic_operator
-from bricksrl.agents.sac import ActorCriticLoss, Critics
 
 SIZE, ACTION, N = 5, 3, 64
 GAMMA = 0.9

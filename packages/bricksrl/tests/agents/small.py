@@ -16,8 +16,8 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 import bricksrl
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.bc import recorded_memory
 from bricksrl.agents.learner import Learner
+from bricksrl.agents.offline.bc import recorded_memory
 from bricksrl.envs.transforms import layout_of
 
 

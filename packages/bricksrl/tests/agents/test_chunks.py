@@ -16,8 +16,8 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.act import ChunkPolicy, ChunkSettings
 from bricksrl.agents.learner import Learner
+from bricksrl.agents.offline.act import ChunkPolicy, ChunkSettings
 
 RHYTHM = torch.tensor([1.0, 1.0, -1.0, -1.0, 1.0, -1.0])
 """Actions of an episode, or their opposites."""

@@ -9,9 +9,9 @@ import torch
 from small import learned, make, steps, taught
 from torch import Tensor
 
+from bricksrl.agents.actor_critic import ActorCriticLoss
 from bricksrl.agents.compiled import CompiledGradients, compile_updates
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.sac import ActorCriticLoss
 from bricksrl.agents.teachers import hold
 from bricksrl.errors import RunError
 

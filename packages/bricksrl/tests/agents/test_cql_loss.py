@@ -22,8 +22,8 @@ from oracle import (
 from torch import Tensor, nn
 from torchrl.objectives import CQLLoss as TorchRLCQLLoss
 
-from bricksrl.agents.cql import CQLLoss, CQLSettings, draw_indices
-from bricksrl.agents.sac import Batch
+from bricksrl.agents.actor_critic import Batch
+from bricksrl.agents.offline.cql import CQLLoss, CQLSettings, draw_indices
 
 
 def make(**changes: Any) -> CQLLoss:

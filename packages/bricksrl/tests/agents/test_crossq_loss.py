@@ -20,8 +20,8 @@ from oracle import (
 from torch import nn
 from torchrl.objectives import CrossQLoss as TorchRLCrossQLoss
 
+from bricksrl.agents.actor_critic import Critics
 from bricksrl.agents.crossq import CrossQLoss, CrossQSettings, batch_normalised
-from bricksrl.agents.sac import Critics
 
 pytestmark = pytest.mark.usefixtures("double")
 

@@ -28,7 +28,7 @@ from bricksrl.agents.search.structures import oscillators
 from bricksrl.envs import make
 from bricksrl.errors import DescriptionError, RunError, UnknownNameError
 from bricksrl.training import TrainConfig, resume, train
-from bricksrl.training.restore import load_learner
+from bricksrl.training.learners import load_learner
 
 ANGLE, SHARE = Entry("phase", 0.0, 360.0, "deg", wraps=True), Entry("speed", -1.0, 1.0)
 

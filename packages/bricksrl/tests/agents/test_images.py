@@ -10,9 +10,9 @@ from small import SIGHT, make, same, saved, settings, weights
 from tensordict import TensorDict
 
 from bricksrl.agents import make_learner
-from bricksrl.agents.bc import recorded_memory
+from bricksrl.agents.actor_critic import ActorCriticLoss
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.sac import ActorCriticLoss
+from bricksrl.agents.offline.bc import recorded_memory
 
 SEEING = ("sac", "droq", "td3", "crossq", "tqc", "iql", "cql", "td3bc")
 

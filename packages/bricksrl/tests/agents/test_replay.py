@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tensordict import TensorDict
 
-from bricksrl.agents.bc import recorded_memory
 from bricksrl.agents.learner import load_memory_state, memory_state
+from bricksrl.agents.offline.bc import recorded_memory
 from bricksrl.agents.replay.augmentation import ShiftImages
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.envs.specs import ImageShape

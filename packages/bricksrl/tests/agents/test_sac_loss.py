@@ -29,9 +29,10 @@ from torchrl.modules import TanhNormal
 from torchrl.objectives import REDQLoss, SoftUpdate
 from torchrl.objectives import SACLoss as TorchRLSACLoss
 
-from bricksrl.agents.cql import log_prob
+from bricksrl.agents.actor_critic import PolyakUpdate
 from bricksrl.agents.networks import Dropout
-from bricksrl.agents.sac import PolyakUpdate, SACLoss, SACSettings, location_and_scale
+from bricksrl.agents.offline.cql import log_prob
+from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale
 
 pytestmark = pytest.mark.usefixtures("double")
 

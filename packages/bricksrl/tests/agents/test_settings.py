@@ -17,7 +17,7 @@ from toys import Cart
 
 from brickhub.fields import check_value
 from bricksrl.agents import AGENTS, PRESETS, algorithm, make_learner, preset
-from bricksrl.agents.act import ACTSettings
+from bricksrl.agents.offline.act import ACTSettings
 from bricksrl.agents.sac import SACSettings
 from bricksrl.agents.settings import Positive, Range, Settings
 from bricksrl.agents.td3 import TD3Settings

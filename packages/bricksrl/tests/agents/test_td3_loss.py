@@ -22,8 +22,8 @@ from torch import nn
 from torchrl.objectives import SoftUpdate
 from torchrl.objectives import TD3Loss as TorchRLTD3Loss
 
+from bricksrl.agents.actor_critic import PolyakUpdate
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.sac import PolyakUpdate
 from bricksrl.agents.td3 import TD3Loss, TD3Settings
 
 pytestmark = pytest.mark.usefixtures("double")

@@ -8,20 +8,12 @@ import torch
 from small import ENV, learned, make, same, saved, steps, weights
 from torch import Tensor, nn
 
+from bricksrl.agents.actor_critic import ActorCriticLoss
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.sac import ActorCriticLoss
-from bricksrl.agents.teachers import (
-    ALPHA,
-    REACH,
-    Base,
-    PolicyAnchor,
-    Scripted,
-    add_base,
-    imitate,
-    restore,
-)
+from bricksrl.agents.teachers import ALPHA, REACH, Base, PolicyAnchor, Scripted, add_base, imitate
 from bricksrl.errors import RunError
 from bricksrl.policies.policy import Policy
+from bricksrl.training.restore import restore
 
 TAUGHT = ("sac", "droq", "td3", "crossq", "cql")
 

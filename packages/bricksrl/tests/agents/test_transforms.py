@@ -16,11 +16,13 @@ from torchrl.data import Bounded, Composite, NonTensor, Unbounded
 from torchrl.envs import (
     ActionDiscretizer,
     CatFrames,
+    CatTensors,
     Compose,
     DoubleToFloat,
     DTypeCastTransform,
     EnvBase,
     ExcludeTransform,
+    FlattenObservation,
     InitTracker,
     ObservationNorm,
     ObservationTransform,
@@ -46,9 +48,11 @@ from bricksrl.agents.encoder import Encoder, encode, make_encoder
 from bricksrl.envs.rollout import play_episodes
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.transforms import (
+    FrameSkip,
     changes_nothing,
     keeps_vectors,
     layout_of,
+    numbers_of,
     own_frames,
     prepare,
     runs_on,
@@ -212,21 +216,96 @@ def test_stacked_frames_are_stacked_entries() -> None:
     torch.testing.assert_close(sines[4], torch.sin(own[0] * math.pi / 180), atol=1e-5, rtol=0)
 
 
-def test_an_own_transform_keeps_what_it_keeps() -> None:
-    _, _, layout = features(arm(Mixed()))
-    assert layout.names == ("grab_goal", "low_goal", "grab_angle", "low_angle")
-    assert (layout.goals, layout.scale, layout.offset) == (
-        ((0, 2), (1, 3)),
-        (-0.25,) * 4,
-        (3.0,) * 4,
-    )
+@pytest.mark.parametrize("transform", [Mixed, Noisy])
+def test_numbers_of_an_own_transform_are_new(transform: type[Transform]) -> None:
+    made, _, layout = features(arm(transform()))
+    assert layout.names == tuple(f"observation_{index}" for index in range(len(layout.names)))
+    assert (layout.goals, any(layout.wraps), made.shape[-1]) == ((), False, len(layout.names))
 
 
-def test_noise_and_rounding_change_no_meaning() -> None:
+def test_rounding_changes_no_meaning() -> None:
     before = layout_of(bricksrl.make("RoboArmSim-v0"))
-    rounded = DTypeCastTransform(torch.float32, torch.int32, in_keys=KEYS)
-    for layout in (layout_of(arm(Noisy())), layout_of(arm(rounded))):
-        assert (layout.wraps, layout.goals) == (before.wraps, before.goals)
+    layout = layout_of(arm(DTypeCastTransform(torch.float32, torch.int32, in_keys=KEYS)))
+    assert (layout.wraps, layout.goals) == (before.wraps, before.goals)
+
+
+class Undeclared(Transform):
+    """Writes what it does not name."""
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return next_tensordict.set("observation", next_tensordict["observation"].flip(-1))
+
+
+def test_only_what_a_transform_names_is_new_behind_it() -> None:
+    before = layout_of(bricksrl.make("RoboArmSim-v0")).names
+    assert layout_of(arm(Embedding())).names[:8] == before
+    assert layout_of(arm(Swapped())).names == before
+    for transform in (Undeclared(), lambda frame: frame.set("observation", frame["observation"])):
+        assert not set(layout_of(arm(transform)).names) & set(before)  # type: ignore[arg-type]
+
+
+def middle_and_half() -> tuple[Tensor, Tensor]:
+    return torch.linspace(-90, 90, 8), torch.linspace(20, 90, 8)
+
+
+FOLLOWED: dict[str, Callable[[], list[Transform]]] = {
+    "stacked, then normalised": lambda: [
+        CatFrames(3, -1, in_keys=KEYS),
+        ObservationNorm(torch.linspace(-9, 9, 24), torch.linspace(1, 3, 24), KEYS),
+    ],
+    "normalised twice, then stacked": lambda: [
+        ObservationNorm(*middle_and_half(), KEYS, standard_normal=True),
+        ObservationNorm(torch.linspace(-1, 1, 8), torch.linspace(2, 3, 8), KEYS),
+        CatFrames(2, -1, in_keys=KEYS, out_keys=["frames"]),
+    ],
+    "stacks of stacks": lambda: [
+        CatFrames(2, -1, in_keys=KEYS),
+        CatFrames(2, -1, in_keys=KEYS, padding="same"),
+    ],
+    "rows of frames, flat": lambda: [
+        UnsqueezeTransform(-2, in_keys=KEYS),
+        CatFrames(3, -2, in_keys=KEYS),
+        FlattenObservation(-2, -1, in_keys=KEYS),
+    ],
+    "columns of frames": lambda: [
+        UnsqueezeTransform(-1, in_keys=KEYS),
+        SqueezeTransform(-2, in_keys=KEYS),
+        CatFrames(2, -1, in_keys=KEYS),
+    ],
+    "a copy joined": lambda: [
+        RenameTransform(KEYS, ["again"], create_copy=True),
+        ObservationNorm(*middle_and_half(), in_keys=["again"], standard_normal=True),
+        CatTensors(["observation", "again"], "both"),
+    ],
+    "beside new numbers": lambda: [Embedding(), CatTensors([*KEYS, "embedding"], "both")],
+    "from step to step": lambda: [FrameSkip(1), CatFrames(2, -1, in_keys=KEYS), StepCounter()],
+}
+
+
+@pytest.mark.parametrize("name", FOLLOWED)
+def test_numbers_are_what_the_layout_says(name: str) -> None:
+    """Each number with a known entry is its ``scale * entry + offset``, of its own frame."""
+    env = arm(*FOLLOWED[name]())
+    own_names = layout_of(bricksrl.make("RoboArmSim-v0")).names
+    numbers = [number for numbers in numbers_of(env).values() for number in numbers]
+    known = [index for index, number in enumerate(numbers) if number.entry.name in own_names]
+    assert known
+    torch.manual_seed(0)
+    state, past = env.reset(), list[Tensor]()
+    for _ in range(6):
+        frame = env.step(state.update(env.full_action_spec.rand()))
+        past += [own["next", "observation"] for own in own_frames(env, frame)]
+        state = env.step_mdp(frame)
+    made = torch.cat([state[key].flatten() for key in layout_of(env).keys])
+    said = [
+        number.scale * past[-1 - number.frame][own_names.index(number.entry.name)] + number.offset
+        for number in (numbers[index] for index in known)
+    ]
+    torch.testing.assert_close(made[known], torch.stack(said), atol=1e-4, rtol=1e-4)
+    if name == "beside new numbers":
+        assert len(numbers) - len(known) == 16
+    else:
+        assert len(known) == len(numbers)
 
 
 def test_numbers_of_several_vectors_are_read() -> None:

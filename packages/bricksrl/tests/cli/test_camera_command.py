@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from bricksrl.cli import main
-from bricksrl.envs.registry import make_env
+from bricksrl.envs.make import make
 from bricksrl.envs.vision.camera import VideoCamera
 from bricksrl.envs.vision.color_calibration import read_red
 from bricksrl.envs.vision.frames import Frame, RedWindow
@@ -47,7 +47,7 @@ def test_calibrate_camera_then_train(
     assert (
         TrainConfig.from_dict(json.loads(json.dumps(told[0].to_dict()))).options == told[0].options
     )
-    env = make_env(ID, told[0].robot, seed=0)
+    env = make(ID, told[0].robot, seed=0)
     assert env.task.camera.goal.red == window
     assert env.task.reward(*[torch.zeros(1, 5)] * 3).item() == 1
 

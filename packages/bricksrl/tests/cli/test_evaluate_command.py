@@ -90,11 +90,11 @@ def test_robot_options_are_used(fails, trained, monkeypatch):
     fails("evaluate", str(trained[0]), "--hub", "wifi", says="choose 'virtual', 'ble' or 'usb'")
     asked = []
 
-    def make_env(env, options, copies, **_):
+    def make(env, options, **_):
         asked.append(options.hub)
         raise HubNotFoundError("no hub; switch it on")
 
-    monkeypatch.setattr("bricksrl.evaluation.evaluator.make_env", make_env)
+    monkeypatch.setattr("bricksrl.evaluation.evaluator.make", make)
     for hub in ("ble", "ble:Rover", "usb"):
         fails("evaluate", str(trained[0]), "--hub", hub, says="no hub; switch it on")
     assert asked == ["ble", "ble:Rover", "usb"]
@@ -141,13 +141,13 @@ def test_what_cannot_be_filmed_is_refused_before_the_first_episode(env, says, tm
 def test_user_is_asked_to_place_robot_each_episode(fails, trained, monkeypatch, capfd):
     task = get_task("RunAway-v0")
 
-    def make_env(env, options, copies, *, seed, place):
+    def make(env, options, *, copies, seed, place):
         """A robot that needs placing by hand, as over Bluetooth."""
         twin = VirtualHub(make_body(task.robot, scene=task.scene))
         link = HubLink(twin, task.robot, task.interface)
         return HubEnv(task, lambda _seed: Connection(link, place), seed=0)
 
-    monkeypatch.setattr("bricksrl.evaluation.evaluator.make_env", make_env)
+    monkeypatch.setattr("bricksrl.evaluation.evaluator.make", make)
     monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))
     assert main(["evaluate", str(trained[0]), "--episodes", "2", "--hub", "ble", "--json"]) == 0
     written = capfd.readouterr()

@@ -17,7 +17,7 @@ from bricksrl.cli import main
 from bricksrl.cli.app import parse
 from bricksrl.cli.terminal import telling
 from bricksrl.data.edit import salvage
-from bricksrl.envs.registry import COPIES_PER_CORE
+from bricksrl.envs.make import COPIES_PER_CORE
 from bricksrl.errors import RunError
 
 RECORD = ("record", "RunAway-v0", "--episodes", "3", "--out")

@@ -15,8 +15,8 @@ from brickhub.cli.app import parse
 from brickhub.virtual.faults import FAULT_KINDS, FaultyBody
 from bricksrl.cli import main
 from bricksrl.cli.app import LINE
+from bricksrl.envs.make import make
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.registry import make_robot
 from bricksrl.errors import BricksError
 
 PAGE = (Path(__file__).parents[4] / "docs" / "practice.md").read_text(encoding="utf-8")
@@ -56,7 +56,7 @@ def test_the_exercises_show_what_the_page_says(capfd: pytest.CaptureFixture[str]
 
 def first_distances(fault: tuple[str, ...], steps: int = 3) -> list[float]:
     """Distance at the end of each step of an environment."""
-    robot = make_robot("RunAway-v0", EnvOptions(link="mac", fault=fault), seed=0)
+    robot = make("RunAway-v0", EnvOptions(link="mac", fault=fault), seed=0, arrays=True)
     assert robot is not None
     index = [entry.name for entry in robot.task.entries].index("distance")
     try:

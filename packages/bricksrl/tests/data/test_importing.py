@@ -15,7 +15,7 @@ from bricksrl.data.formats import import_paper
 from bricksrl.data.integrity import check
 from bricksrl.envs import get_task, make
 from bricksrl.errors import DataError
-from bricksrl.training.restore import read_for
+from bricksrl.training.learners import read_for
 
 
 def save(

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import pytest
+import torch
 
 import bricksrl
 from bricksrl.envs import get_task
 from bricksrl.envs.options import parse_option
+from bricksrl.envs.registry import ARGUMENTS
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.errors import DescriptionError, RunError, UnknownNameError
 
@@ -89,6 +92,39 @@ def test_user_tasks_cannot_replace_built_in() -> None:
     bricksrl.register(dataclasses.replace(mine, max_steps=7))
     assert get_task("Mine-v0").max_steps == 7
     assert gymnasium.spec("bricksrl/Mine-v0").max_episode_steps == 7
+
+
+def test_arguments_of_each_kind_are_those_of_make() -> None:
+    named = set(inspect.signature(bricksrl.make).parameters) - {"env_id", "options", "named"}
+    assert {name for names in ARGUMENTS.values() for name in names} == named
+
+
+@pytest.mark.parametrize(
+    ("env_id", "named", "says"),
+    [
+        ("WalkerSim-v0", {"copies": 0}, "copies are 1 or more"),
+        ("WalkerSim-v0", {"copies": 2, "batch_size": 2}, "give either copies or batch_size"),
+        ("WalkerSim-v0", {"arrays": True}, "has no robot that works with arrays alone"),
+        ("RunAway-v0", {"arrays": True, "frame_skip": 2}, "has no robot that works with arrays"),
+        ("RunAway-v0", {"arrays": True, "copies": 2}, "with arrays is one robot"),
+        ("RunAway-v0", {"arrays": True, "device": "cuda"}, "with arrays is one robot"),
+    ],
+)
+def test_what_cannot_be_made_together_raises(env_id: str, named: Any, says: str) -> None:
+    with pytest.raises(DescriptionError, match=says):
+        bricksrl.make(env_id, **named)
+
+
+def test_copies_of_a_robot_have_no_device() -> None:
+    with pytest.raises(RunError, match="cannot make 2 copies of RunAway-v0: .* omit batch_size"):
+        bricksrl.make("RunAway-v0", copies=2, device="cuda")
+
+
+def test_copies_of_a_simulation_count() -> None:
+    copies = bricksrl.make("WalkerSim-v0", copies=3, seed=0)
+    state = copies.rollout(2)["next"]
+    assert state["step_count"].shape == (3, 2, 1)
+    assert torch.equal(state["episode_reward"][:, -1], state["reward"].sum(1))
 
 
 def test_arenas_are_made_elsewhere() -> None:

@@ -16,19 +16,16 @@ from bricksrl.training.trust import trust
 
 
 @given(st.floats(1e-6, 1.0), st.lists(st.integers(1, 512), min_size=1, max_size=4), st.booleans())
-def test_numbers_lists_and_flags_are_parsed(
-    rate: float, hidden: list[int], layer_norm: bool
-) -> None:
+def test_numbers_lists_and_flags_are_parsed(rate: float, hidden: list[int], flag: bool) -> None:
     text = ",".join(map(str, hidden))
     changed = with_changes(
         SACSettings(),
-        [f"learning_rate={rate!r}", f"hidden={text}", f"critic-layer-norm={layer_norm}"],
+        [f"learning_rate={rate!r}", f"hidden={text}", f"scale-rewards={flag}"],
     )
-    norm = "layer" if layer_norm else "none"
-    assert (changed.learning_rate, changed.hidden, changed.critic_norm) == (
+    assert (changed.learning_rate, changed.hidden, changed.scale_rewards) == (
         rate,
         tuple(hidden),
-        norm,
+        flag,
     )
 
 
@@ -57,7 +54,7 @@ def test_every_setting_can_be_given(agent: str, tmp_path: Path) -> None:
         ("learning_rate=fast", "give a number"),
         ("batch_size=1.5", "whole number"),
         ("hidden=a,b", "whole number"),
-        ("mirror=perhaps", "True or False"),
+        ("flag=perhaps", "True or False"),
         ("angles=round", "choose "),
         ("gamma=7", "gamma"),
     ],

@@ -19,7 +19,7 @@ import torch
 from browser import chromium, tab
 
 import bricksrl
-from bricksrl.envs.registry import make_robot
+from bricksrl.envs.make import make
 from bricksrl.envs.tasks.scripted import CONTROLLERS
 from bricksrl.errors import StoppedError
 from bricksrl.page.live import LivePage
@@ -28,10 +28,10 @@ from bricksrl.page.robot_play import play_robot
 
 MOVED = """
 import sys
-from bricksrl.envs.registry import make_robot
+from bricksrl.envs.make import make
 from bricksrl.page import live, robot_play
 from bricksrl.policies.by_name import array_policies
-env = make_robot("Walker-v1", seed=0)
+env = make("Walker-v1", seed=0, arrays=True)
 policy = list(array_policies("Walker-v1", env.task, 0).values())[-1]()
 before = env.begin().observation
 after = env.move(policy({"observation": before.copy()}).tolist())
@@ -49,7 +49,7 @@ def test_robot_moves_without_torch():
 def test_robot_is_the_environment(env_id):
     with (
         closing(bricksrl.make(env_id, seed=3)) as env,
-        closing(make_robot(env_id, seed=3)) as robot,
+        closing(make(env_id, seed=3, arrays=True)) as robot,
     ):
         state, observation = env.reset(), robot.begin().observation
         for _ in range(3):
@@ -62,7 +62,7 @@ def test_robot_is_the_environment(env_id):
 
 
 def played(env_id: str, **named: object) -> tuple[object, LivePage]:
-    env = make_robot(env_id, seed=0)
+    env = make(env_id, seed=0, arrays=True)
     return env, LivePage(env_id, task=env.task, **named)
 
 
@@ -111,7 +111,7 @@ def test_nothing_resets_while_one_drives():
 
 @pytest.mark.parametrize("is_plain", [True, False])
 def test_paused_page_ends_when_it_is_stopped(is_plain):
-    env = make_robot("RunAway-v0", seed=0) if is_plain else bricksrl.make("RunAway-v0", seed=0)
+    env = make("RunAway-v0", seed=0, arrays=is_plain)
     page, stop = LivePage("RunAway-v0", task=env.task, policies=("",)), threading.Event()
     page._press("pause", None)
     timer = threading.Timer(0.5, stop.set)

@@ -19,7 +19,7 @@ from test_training_loop import Recorder, assert_same_run, ctrl_c, rows
 import bricksrl
 from bricksrl.agents import preset
 from bricksrl.agents.networks import Dropout
-from bricksrl.envs.registry import make_env
+from bricksrl.envs.make import make
 from bricksrl.envs.rollout import play_episodes
 from bricksrl.errors import DescriptionError, RunError
 from bricksrl.evaluation import evaluate
@@ -256,7 +256,7 @@ def test_own_copies_without_counters_raise(tmp_path: Path) -> None:
             config("sac", tmp_path / "run", num_envs=1),
             env=bricksrl.make(ENV, batch_size=2, max_steps=ROUND),
         )
-    own = make_env(ENV, config("sac", tmp_path), 2, seed=0)
+    own = make(ENV, config("sac", tmp_path), copies=2, seed=0)
     assert (
         train(config("sac", tmp_path / "run", num_envs=1, episodes=1), env=own).episodes[0].steps
         == 2 * ROUND

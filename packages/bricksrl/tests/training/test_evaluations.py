@@ -34,7 +34,7 @@ from bricksrl.training import (
 )
 from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.learner_side import InLoopLearner
-from bricksrl.training.restore import reproducible
+from bricksrl.training.reproducible import reproducible
 
 SMALL = SACSettings(hidden=(8,), batch_size=8, prefill_episodes=1, updates_per_step=0.25)
 

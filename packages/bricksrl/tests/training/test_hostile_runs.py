@@ -221,7 +221,7 @@ def test_agent_out_of_memory_raises(run: Path, monkeypatch: pytest.MonkeyPatch) 
     def make(*_: Any) -> None:
         torch.empty(2**60)
 
-    monkeypatch.setattr("bricksrl.training.restore.make_learner", make)
+    monkeypatch.setattr("bricksrl.training.learners.make_learner", make)
     with pytest.raises(RunError, match="not enough memory for the agent sac"):
         load_learner(run, Cart())
 

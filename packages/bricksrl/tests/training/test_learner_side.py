@@ -225,7 +225,7 @@ def test_motors_stop_when_learner_dies(started, tmp_path: Path, monkeypatch) -> 
     config = TrainConfig("RunAway-v0", settings=SMALL, run_dir=tmp_path / "run", asynchronous=True)
     env = make("RunAway-v0", seed=0)
     assert isinstance(env, HubEnv)
-    monkeypatch.setattr("bricksrl.training.run.make_env", lambda *_, **__: env)
+    monkeypatch.setattr("bricksrl.training.run.make", lambda *_, **__: env)
     twins = []
 
     def kill() -> None:

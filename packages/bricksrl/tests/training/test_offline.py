@@ -18,14 +18,14 @@ from toys import Cart, LosingCart, assert_equal
 import bricksrl
 from brickhub.entry import Entry
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.act import ChunkPolicy
+from bricksrl.agents.offline.act import ChunkPolicy
 from bricksrl.data import About, Recorder, Step, describe
 from bricksrl.data.collect import collect, random_policy
 from bricksrl.errors import CheckpointError, DataError, DescriptionError, HubError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, RunFolder, TrainConfig, load_learner, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
-from bricksrl.training.restore import read_for
+from bricksrl.training.learners import read_for
 
 
 def recorded(root: Path, policy: Any = None, episodes: int = 12) -> str:

@@ -22,8 +22,8 @@ from bricksrl.data import load
 from bricksrl.envs import get_task
 from bricksrl.envs.connection import Connection, Reconnect
 from bricksrl.envs.env import HubEnv
+from bricksrl.envs.make import make
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.registry import make_env
 from bricksrl.envs.transforms import FrameSkip
 from bricksrl.errors import CameraError, HubError, HubTimeoutError
 from bricksrl.training import TrainConfig, train
@@ -147,7 +147,7 @@ def test_placing_and_pauses_do_not_use_up_the_patience(monkeypatch: pytest.Monke
 def test_copies_end_by_themselves_behind_a_frame_skip(skip: int) -> None:
     options = EnvOptions(frame_skip=skip, options={"threshold_deg": 60})
     # Random actions meet the goal in one of twelve episodes: none of 128 does by 1 to 100,000.
-    env = make_env("RoboArmSim-v0", options, 64, seed=3)
+    env = make("RoboArmSim-v0", options, copies=64, seed=3)
     frames = env.rollout(max(2, 250 // skip), break_when_any_done=False)["next"]
     assert bool(frames["terminated"].any())
     assert int(frames["step_count"].max()) <= 100

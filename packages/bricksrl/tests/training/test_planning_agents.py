@@ -14,7 +14,7 @@ from toys import Cart
 
 import bricksrl
 from bricksrl.agents import preset
-from bricksrl.agents.act import ChunkPolicy
+from bricksrl.agents.offline.act import ChunkPolicy
 from bricksrl.cli import main
 from bricksrl.data import Recorder, describe, load
 from bricksrl.data.collect import collect, random_policy

@@ -11,8 +11,8 @@ import pytest
 from brickhub.seed import derive_seed
 from bricksrl.agents.sac import SACSettings
 from bricksrl.envs.env import HubEnv
+from bricksrl.envs.make import make
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.registry import make_env
 from bricksrl.envs.rollout import seed_episode
 from bricksrl.errors import DescriptionError, RunError, TwinError
 from bricksrl.evaluation import evaluate, evaluator
@@ -24,7 +24,7 @@ WEAK = Physics(battery_v=7.2, friction_scale=0.8)
 
 def physics_of_episodes(config: TrainConfig, episodes: int = 4) -> list[Physics]:
     """Physics of each episode of a training."""
-    env = make_env(config.env, config.robot, seed=config.seed)
+    env = make(config.env, config.robot, seed=config.seed)
     assert isinstance(env, HubEnv)
     found = []
     for episode in range(episodes):
@@ -60,7 +60,7 @@ def test_physics_and_randomisation_raise() -> None:
 
 def test_a_simulation_without_a_robot_has_no_physics() -> None:
     with pytest.raises(DescriptionError, match="physics"):
-        make_env("WalkerSim-v0", TrainConfig("WalkerSim-v0", randomize=True), seed=0)
+        make("WalkerSim-v0", TrainConfig("WalkerSim-v0", randomize=True), seed=0)
 
 
 def test_old_and_new_configs_are_read() -> None:
@@ -96,11 +96,11 @@ def test_evaluation_does_not_randomise_by_default(
     assert RunFolder(Path(tmp_path / "run")).read_config() == replace(config, **trained_with)
     used = []
 
-    def noting(env: str, options: EnvOptions, copies: int, **named: Any) -> object:
+    def noting(env: str, options: EnvOptions, **named: Any) -> object:
         used.append((options.randomize, options.physics))
-        return make_env(env, options, copies, **named)
+        return make(env, options, **named)
 
-    monkeypatch.setattr(evaluator, "make_env", noting)
+    monkeypatch.setattr(evaluator, "make", noting)
     evaluate(tmp_path / "run", episodes=1, **evaluated_with)
     assert used == [expected]
 
@@ -111,7 +111,7 @@ def test_physics_may_be_a_file(tmp_path: Path) -> None:
         config = TrainConfig("RunAway-v0", physics=file)  # type: ignore[arg-type]
         assert config.physics == WEAK, "stored with the run"
         assert set(physics_of_episodes(config, 1)) == {WEAK}
-        env = make_env("RunAway-v0", EnvOptions(physics=file), seed=0)  # type: ignore[arg-type]
+        env = make("RunAway-v0", EnvOptions(physics=file), seed=0)  # type: ignore[arg-type]
         env.reset()
         assert env.twin.body.physics == WEAK
         env.close()

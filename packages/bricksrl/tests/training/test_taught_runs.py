@@ -21,10 +21,10 @@ from bricksrl.evaluation import evaluate
 from bricksrl.policies import load_policy
 from bricksrl.policies.export import export_model
 from bricksrl.policies.sharing import export_policy
-from bricksrl.training import Phase, RunFolder, TrainConfig, load_learner, resume, train
-from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
+from bricksrl.training import Phase, TrainConfig, load_learner, resume, train
+from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.config import RunOptions
-from bricksrl.training.restore import attach_dataset, warm_start
+from bricksrl.training.learners import attach_dataset, warm_start
 
 ENV = "RoboArmSim-v0"
 SMALL = {"hidden": (64, 64), "batch_size": 64, "prefill_episodes": 1}
@@ -172,19 +172,3 @@ def test_teachers_that_do_not_fit_raise(
     with pytest.raises(BricksError, match=says):
         train(taught(tmp_path / "run", agent, **changes))
     assert not (tmp_path / "run").exists()
-
-
-def test_data_beside_the_robot_are_demonstrations_now() -> None:
-    """In the runs of earlier versions."""
-    old = {**taught(Path("run")).to_dict(), "data": "datasets/arm"}
-    config = TrainConfig.from_dict(old)
-    assert (config.data, config.demonstrations) == (None, "datasets/arm")
-
-
-def test_older_runs_without_new_settings_are_read(iql: str, tmp_path: Path) -> None:
-    state = load_checkpoint(Path(iql) / "checkpoint.bin")
-    folder = RunFolder(tmp_path)
-    folder.write_config(RunFolder(Path(iql)).read_config())
-    del state["identity"]["settings"]["expectile"]
-    save_checkpoint(folder.checkpoint_path, state)
-    assert load_learner(tmp_path, make(ENV, seed=0)).episodes == 1

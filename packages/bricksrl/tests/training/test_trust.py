@@ -18,13 +18,14 @@ from hypothesis import strategies as st
 
 from bricksrl.agents import AGENTS, preset
 from bricksrl.cli import main
-from bricksrl.envs.registry import BUILT_IN, make
+from bricksrl.envs.make import make
+from bricksrl.envs.registry import BUILT_IN
 from bricksrl.errors import BricksError, RunError, UnknownNameError
 from bricksrl.page.start import StartPage
 from bricksrl.policies.sharing import export_policy
 from bricksrl.training import RunFolder, TrainConfig, train
 from bricksrl.training.config import code_in
-from bricksrl.training.restore import make_learner_for, stand_in
+from bricksrl.training.learners import make_learner_for, stand_in
 from bricksrl.training.trust import trust
 
 CANARY = "stranger_canary"

@@ -27,7 +27,7 @@ def plain_number(value: float, digits: int = 4) -> str:
     Digits before the decimal point are all kept: 12345.6 is "12346".
     """
     if value == 0.0:
-        # -0.0 too, which rounding leaves.
+        # -0.0 equals 0.0, and must not show its minus.
         return "0"
     if not math.isfinite(value):
         return f"{value:g}"

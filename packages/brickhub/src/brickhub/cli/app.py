@@ -86,7 +86,8 @@ def run(
     except OSError as error:
         if _is_unread(error):
             # Nobody reads any more; what Python still writes at its end must not fail again.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, sys.stdout.fileno())
             return 1
         print_error(_message_of_system(error))
         return 2
@@ -149,7 +150,8 @@ def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
             parsed = _parse(line, words, arguments[len(words) :])
     except SystemExit as end:
         if end.code:
-            print_error(one_line(messages.getvalue(), " ".join([line.prog, *words])))
+            command = " ".join([line.prog, *words])
+            print_error(one_line(messages.getvalue(), command))
         raise
     return cast(ParsedCommand, parsed)
 
@@ -252,7 +254,9 @@ def one_line(box: str, command: str = "bricksrl") -> str:
     """One line from the parser's boxed message: its first paragraph, and the command with the help.
     The box is drawn with hyphens if the console has no line-drawing characters."""
     # The first line is the upper edge with the title; rules within become empty lines.
-    lines = [re.sub(r"^-+$", "", line.strip("│╭╮╰╯─ ")) for line in box.splitlines()[1:]]
+    rows = box.splitlines()[1:]
+    inner = [row.strip("│╭╮╰╯─ ") for row in rows]
+    lines = [re.sub(r"^-+$", "", row) for row in inner]
     paragraphs = []
     for part in "\n".join(lines).split("\n\n"):
         # The box breaks lines at the width of the terminal.
@@ -294,11 +298,12 @@ def plain(message: str) -> str:
     if match := re.fullmatch(_NO_CHOICE, message):
         value, option, texts = match.groups()
         # To leave an option out is never what a message should advise.
-        choices = sorted(choice for choice in re.findall(_QUOTED, texts) if choice != "None")
-        return f"{option} is {value}; choose {', '.join(choices)}"
+        choices = [choice for choice in re.findall(_QUOTED, texts) if choice != "None"]
+        return f"{option} is {value}; choose {', '.join(sorted(choices))}"
     if match := re.fullmatch(_MISSING, message):
         # Each an option with the placeholder of its value, or an argument's placeholder alone.
-        names = (re.match(r" *(--\S+ \S+|\S+)", part) for part in match[1].split("(required)"))
+        parts = match[1].split("(required)")
+        names = (re.match(r" *(--\S+ \S+|\S+)", part) for part in parts)
         missing = [name[1] for name in names if name]
         verb = "is" if len(missing) == 1 else "are"
         return f"{' and '.join(missing)} {verb} missing"

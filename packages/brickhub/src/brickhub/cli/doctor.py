@@ -77,9 +77,9 @@ def check_packages(
             faults.append(f"{requirement.name} {version} is not {requirement.specifier}")
     if faults:
         return Outcome.ERROR, f"{'; '.join(faults)}; run `pip install {distributions[0]}` again"
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in named)
+    versions = [f"{name} {metadata.version(name)}" for name in named]
     others = installed - set(named)
-    return Outcome.OK, f"{versions}, and {len(others)} more"
+    return Outcome.OK, f"{', '.join(versions)}, and {len(others)} more"
 
 
 def check_compiler() -> Answer:

@@ -319,7 +319,7 @@ class KitLink(RobotLink):
             product = device.part.product
             if product is Product.COLOR_SENSOR:
                 continue
-            # Of a pair, `motor_stop` stops one motor.
+            # Of a pair, `motor_stop` stops only the left one, if none is named.
             is_pair = product is Product.DOUBLE_MOTOR
             stop = device.lego.movement_stop if is_pair else device.lego.motor_stop
             with self._sending(device):
@@ -425,26 +425,31 @@ def _note(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
 def _rolled(
     robot: Robot, command: kinds.DriveStraight | kinds.Turn, amount: float
 ) -> dict[str, Move]:
+    names = command.motors(robot)
     turns_deg = command.wheel_turns_deg(robot, amount)
-    return {
-        name: (_DRIVE_DEG_S, turn_deg)
-        for name, turn_deg in zip(command.motors(robot), turns_deg, strict=True)
-    }
+    return {name: (_DRIVE_DEG_S, turn) for name, turn in zip(names, turns_deg, strict=True)}
 
 
 def _driven(
     robot: Robot, command: kinds.DriveSpeed | kinds.DriveTurnRate, rate: float
 ) -> dict[str, Move]:
+    # Degrees of the wheels for a distance or an angle are, of a rate, degrees a second.
+    names = command.motors(robot)
     speeds_deg_s = command.wheel_turns_deg(robot, rate)
-    return {
-        name: (speed_deg_s, None)
-        for name, speed_deg_s in zip(command.motors(robot), speeds_deg_s, strict=True)
-    }
+    return {name: (speed, None) for name, speed in zip(names, speeds_deg_s, strict=True)}
+
+
+def _turned(_robot: Robot, command: kinds.RunAngle, angle_deg: float) -> dict[str, Move]:
+    return {command.motor: (command.speed_deg_s, angle_deg)}
+
+
+def _run(_robot: Robot, command: kinds.RunSpeed, speed_deg_s: float) -> dict[str, Move]:
+    return {command.motor: (speed_deg_s, None)}
 
 
 _MOVES: Mapping[type[kinds.Command], Callable[[Robot, Any, float], dict[str, Move]]] = {
-    kinds.RunAngle: lambda robot, command, amount: {command.motor: (command.speed_deg_s, amount)},
-    kinds.RunSpeed: lambda robot, command, amount: {command.motor: (amount, None)},
+    kinds.RunAngle: _turned,
+    kinds.RunSpeed: _run,
     kinds.DriveSpeed: _driven,
     kinds.DriveTurnRate: _driven,
     kinds.DriveStraight: _rolled,

@@ -192,6 +192,10 @@ class _Drive:
     speed_pct: int = _DEFAULT_SPEED_PCT
     then: OnCompletion = OnCompletion.BRAKE_SMART
 
+    def speed_deg_s(self, share: float) -> int:
+        """A share of the speed, as the firmware takes it."""
+        return round(share * self.speed_pct * protocol.FULL_SPEED_DEG_S / 100)
+
 
 @dataclass(frozen=True)
 class _Move:
@@ -274,7 +278,8 @@ class SingleMotor(KitDevice):
         servo = self._servos[bit]
         voltage_mv = servo.voltage_mv or 0
         power = trunc(voltage_mv * 10_000 / self._machine.body.battery_mv)  # in 0.01 %
-        absolute_deg = self._machine.body.angle_mdeg(servo.port) % 360_000 // 1000
+        angle_mdeg = self._machine.body.angle_mdeg(servo.port)
+        absolute_deg = angle_mdeg % 360_000 // 1000
         speed_pct = 100 * servo.speed_deg_s() / protocol.FULL_SPEED_DEG_S
         return (
             bit,
@@ -289,7 +294,11 @@ class SingleMotor(KitDevice):
     def _named(self, message: protocol.Message) -> dict[int, _Drive]:
         """The motors that a message names, and their settings."""
         named_bits = message.values["motors"]
-        return {bit: drive for bit, drive in self._drives.items() if bit & named_bits}
+        named = {}
+        for bit, drive in self._drives.items():
+            if bit & named_bits:
+                named[bit] = drive
+        return named
 
     def _start(
         self,
@@ -310,7 +319,7 @@ class SingleMotor(KitDevice):
             time_ms = None
         for bit, drive in drives.items():
             servo = self._servos[bit]
-            speed_deg_s = round(shares[bit] * drive.speed_pct * protocol.FULL_SPEED_DEG_S / 100)
+            speed_deg_s = drive.speed_deg_s(shares[bit])
             if time_ms is not None:
                 servo.run_time(speed_deg_s, time_ms, drive.then)
             elif angle_deg is not None:
@@ -436,8 +445,7 @@ class SingleMotor(KitDevice):
             # A new speed acts at once on an endless move, and on the next one otherwise.
             share = self._endless.get(bit)
             if share is not None:
-                speed_deg_s = round(share * drive.speed_pct * protocol.FULL_SPEED_DEG_S / 100)
-                self._servos[bit].run(speed_deg_s)
+                self._servos[bit].run(drive.speed_deg_s(share))
 
     def _set_end_state(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
         name = _END_STATES[message.values["end_state"]]
@@ -445,7 +453,7 @@ class SingleMotor(KitDevice):
             drive.then = OnCompletion[name]
 
     def _set_acceleration(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
-        # The firmware refuses 0, with which a motor would never start.
+        # The firmware refuses an acceleration of 0.
         acceleration_pct = max(message.values["acceleration"], 1)
         deceleration_pct = max(message.values["deceleration"], 1)
         for bit in drives:
@@ -460,7 +468,6 @@ class SingleMotor(KitDevice):
 
 
 def _state_of(servo: Servo) -> protocol.MotorState:
-    # A motor that coasts against something is at rest, not stalled.
     if servo.voltage_mv is not None and servo.is_stalled():
         return protocol.MotorState.STALLED
     if servo.control.is_active:
@@ -520,7 +527,8 @@ class DoubleMotor(SingleMotor):
         # At rest, an accelerometer feels a force upward: the face with the most of it is on top.
         parts_mm_s2 = [_along(force_mm_s2, face) for face in range(len(protocol.FACES))]
         upper_face = parts_mm_s2.index(max(parts_mm_s2))
-        yaw_deg = (self._turned() + self._yaw_offset + 180) % 360 - 180
+        yaw_deg = self._turned() + self._yaw_offset
+        yaw_deg = (yaw_deg + 180) % 360 - 180
         tilt_deg = body.tilt_deg()
         force_mg = [_MG_PER_MM_S2 * value for value in force_mm_s2]
         numbers = (yaw_deg, *tilt_deg, *force_mg, *spin_deg_s)
@@ -559,12 +567,14 @@ class DoubleMotor(SingleMotor):
         self._start(message, self._pair, self._shares(message))
 
     def _move_for_time(self, message: protocol.Message) -> None:
+        shares = self._shares(message)
         time_ms = message.values["time_ms"]
-        self._start(message, self._pair, self._shares(message), time_ms=time_ms)
+        self._start(message, self._pair, shares, time_ms=time_ms)
 
     def _move_for_degrees(self, message: protocol.Message) -> None:
+        shares = self._shares(message)
         degrees = message.values["degrees"]
-        self._start(message, self._pair, self._shares(message), angle_deg=lambda _bit: degrees)
+        self._start(message, self._pair, shares, angle_deg=lambda _bit: degrees)
 
     def _tank(self, message: protocol.Message, degrees: int | None) -> None:
         """Move at two speeds, by ``degrees`` of the faster motor."""
@@ -619,8 +629,9 @@ class DoubleMotor(SingleMotor):
         # A turn is always on the spot; the steering that is set is for moves.
         steering_pct = self._steering_pct
         self._steering_pct = 100
-        self._start(message, self._pair, self._shares(message), until=is_done)
+        shares = self._shares(message)
         self._steering_pct = steering_pct
+        self._start(message, self._pair, shares, until=is_done)
 
 
 class ColorSensor(KitDevice):

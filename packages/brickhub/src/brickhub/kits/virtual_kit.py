@@ -12,7 +12,7 @@ import concurrent.futures
 import math
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 from brickhub.errors import HubNotFoundError, HubTimeoutError
@@ -116,7 +116,9 @@ class Peer:
             silent_ms = now_ms - self._lost_ms
             if silent_ms >= SUPERVISION_S * 1000:
                 device.disconnect()
-        for packet in _arrived(self._down, now_ms):
+        # Written out twice, as this runs for each device in each control step.
+        while self._down and self._down[0][0] <= now_ms:
+            _, packet = self._down.popleft()
             if device.is_connected and not is_lost:
                 device.receive(packet)
         if device.is_connected:
@@ -127,21 +129,13 @@ class Peer:
             for packet in device.outbox:
                 self._up.append((due_ms, packet))
         device.outbox.clear()
-        arrived = list(_arrived(self._up, now_ms))
+        arrived: list[_Delivery] = []
         notify = self._notify
-        if notify is None or is_lost:
-            return []
-        return [(notify, packet) for packet in arrived]
-
-
-def _arrived(packets: deque[tuple[float, bytes]], now_ms: int) -> Iterator[bytes]:
-    """Take the packets that are due off a queue, in order."""
-    while packets:
-        due_ms, packet = packets[0]
-        if due_ms > now_ms:
-            return
-        packets.popleft()
-        yield packet
+        while self._up and self._up[0][0] <= now_ms:
+            _, packet = self._up.popleft()
+            if notify is not None and not is_lost:
+                arrived.append((notify, packet))
+        return arrived
 
 
 class VirtualKit:

@@ -20,14 +20,16 @@ from brickhub.virtual.stimuli import DEFAULT_STIMULI, Reading, Sensed, number
 
 _FRICTION_UNM = 21413.268
 _FRICTION_LINEAR_BELOW_MDEG_S = 2000.0
-# stiffness and damping of an end stop
+# Stiffness and damping of an end stop.
 _STOP_UNM_PER_MDEG = 500.0
 _STOP_UNM_PER_MDEG_S = 5.0
-_MAX_DUTY = 1000  # steps of the PWM (``PBDRV_MOTOR_DRIVER_MAX_DUTY``)
+_MAX_DUTY = 1000
+"""Steps of the PWM (``PBDRV_MOTOR_DRIVER_MAX_DUTY``)."""
 _NEAREST_MM = UltrasonicSensor.NEAREST_MM
 _FARTHEST_MM = UltrasonicSensor.FARTHEST_MM
 _STALL_TRAVEL_MDEG = 90_000.0
-_HEADING_PER_WHEEL = 0.25  # wheels of 56 mm, 112 mm apart
+_HEADING_PER_WHEEL = 0.25
+"""Degrees that the hub turns for one of a wheel: wheels of 56 mm, 112 mm apart."""
 _DEFAULTS: Mapping[Sense, Sensed] = {
     **DEFAULT_STIMULI,
     Sense.SURFACE: (0.0, 0.0, 0.0),
@@ -43,7 +45,10 @@ class BenchMotor:
     __slots__ = ("angle", "current", "speed", "stops", "voltage")
 
     def __init__(self, stops: tuple[float, float] | None = None) -> None:
-        self.angle = self.speed = self.current = self.voltage = 0.0
+        self.angle = 0.0
+        self.speed = 0.0
+        self.current = 0.0
+        self.voltage = 0.0
         self.stops = stops
 
     def step(self, friction_unm: float) -> None:
@@ -51,20 +56,21 @@ class BenchMotor:
         v = self.speed
         i = self.current
         u = self.voltage
-        # In the firmware's order of operations, which decides the last digit of a drive base's
-        # angle.
         linear_below = _FRICTION_LINEAR_BELOW_MDEG_S
-        torque = (
-            friction_unm
-            if v > linear_below
-            else -friction_unm
-            if v < -linear_below
-            else friction_unm * v / linear_below
-        )
+        if v > linear_below:
+            torque = friction_unm
+        elif v < -linear_below:
+            torque = -friction_unm
+        else:
+            torque = friction_unm * v / linear_below
+        # An end stop is a spring with a damper, which acts only beyond it.
         if self.stops is not None:
-            excess = self.angle - max(self.stops[0], min(self.angle, self.stops[1]))
+            low, high = self.stops
+            excess = self.angle - max(low, min(self.angle, high))
             if excess:
                 torque += excess * _STOP_UNM_PER_MDEG + v * _STOP_UNM_PER_MDEG_S
+        # x(k+1) = A x(k) + B u(k) of the firmware's simulation, in its order of operations, which
+        # decides the last digit of a drive base's angle.
         angle = self.angle + v * 0.0009981527613056019 + i * 0.001957577848006867
         self.angle = angle + u * 0.0002818172865566039 + torque * -9.498678309037282e-05
         self.speed = (
@@ -118,11 +124,15 @@ class BenchBody:
         self.link = PROFILES[DEFAULT_LINK]
         self._readings = _readings_by_sense(robot, readings)
         self._kinds = {sensor.port: sensor.kind for sensor in robot.sensors}
+        # Name and port of each motor, and mdeg of its shaft for a degree of its output.
         self._outputs = [
             (motor.name, motor.port, 1000.0 * motor.shaft_turns) for motor in robot.motors
         ]
+        # What is given here goes before what is described.
         stops = _end_stops_mdeg(robot, {**described_end_stops(robot), **end_stops})
-        self._motors = {motor.port: BenchMotor(stops.get(motor.port)) for motor in robot.motors}
+        self._motors: dict[str, BenchMotor] = {}
+        for motor in robot.motors:
+            self._motors[motor.port] = BenchMotor(stops.get(motor.port))
         self._time_ms = 0
 
     def reset(self, rng: Rng) -> None:
@@ -139,9 +149,11 @@ class BenchBody:
         return int(self._motors[port].angle)
 
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
+        # Through the steps of the PWM, as the firmware's test build: they cost some millivolts.
         duty = int((voltage_mv or 0) * _MAX_DUTY / self.battery_mv)
         duty = max(-_MAX_DUTY, min(_MAX_DUTY, duty))
-        self._motors[port].voltage = int(duty * self.battery_mv / _MAX_DUTY)
+        motor = self._motors[port]
+        motor.voltage = int(duty * self.battery_mv / _MAX_DUTY)
 
     def sensed(self, port: str, sense: Sense) -> Sensed:
         """Stimulus of a sensor at the present angles. Raises SceneError if its reading raises."""
@@ -150,25 +162,26 @@ class BenchBody:
             range_mm = self._kinds[port].model.range_mm
             return _DEFAULTS[sense] if range_mm is None else range_mm[1]
         try:
-            return reading({name: self.angle_mdeg(p) / scale for name, p, scale in self._outputs})
+            angles_deg = {
+                name: self.angle_mdeg(motor_port) / mdeg_per_deg
+                for name, motor_port, mdeg_per_deg in self._outputs
+            }
+            return reading(angles_deg)
         except Exception as error:
-            line = (
-                error.__traceback__.tb_next.tb_lineno
-                if error.__traceback__ and error.__traceback__.tb_next
-                else 0
-            )
-            file = reading.__code__.co_filename if hasattr(reading, "__code__") else "its file"
+            file, line = _place(error, reading)
             raise SceneError(
                 f"the scene's reading for port {port} of '{self.robot.name}' raised "
                 f"{type(error).__name__}: {error} "
-                f"({file.rpartition('/')[2]}, line {line}); correct it"
+                f"({file}, line {line}); correct it"
             ) from error
 
     def distance_mm(self, port: str) -> int:
-        return min(max(round(number(self.sensed(port, Sense.DISTANCE))), _NEAREST_MM), _FARTHEST_MM)
+        distance_mm = round(number(self.sensed(port, Sense.DISTANCE)))
+        return min(max(distance_mm, _NEAREST_MM), _FARTHEST_MM)
 
     def tilt_deg(self) -> tuple[float, float]:
-        return -0.0, 0.0  # as computed from a vertical acceleration
+        # -0.0, as computed from a vertical acceleration.
+        return -0.0, 0.0
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0
@@ -183,12 +196,23 @@ class BenchBody:
         return 0.0, 0.0, -self.heading_deg()
 
 
+def _place(error: Exception, reading: Reading) -> tuple[str, int]:
+    """File and line of a scene's reading at which it raised an error."""
+    file = reading.__code__.co_filename if hasattr(reading, "__code__") else "its file"
+    # The first entry of the traceback is the call here, the next one the reading itself.
+    here = error.__traceback__
+    inside = here.tb_next if here else None
+    line = inside.tb_lineno if inside else 0
+    return file.rpartition("/")[2], line
+
+
 def described_end_stops(robot: Robot) -> dict[str, tuple[float, float]]:
     """End stops of a description (deg of the output), by name of the motor. Raises TwinError if one
     does not begin at 0, where a motor on the bench is."""
-    stops = {
-        motor.name: motor.end_stops_deg for motor in robot.motors if motor.end_stops_deg is not None
-    }
+    stops = {}
+    for motor in robot.motors:
+        if motor.end_stops_deg is not None:
+            stops[motor.name] = motor.end_stops_deg
     for name, (low, high) in stops.items():
         if not low <= 0.0 <= high:
             raise TwinError(
@@ -212,6 +236,8 @@ def _end_stops_mdeg(
         )
     stops = {}
     for name, angles_deg in end_stops.items():
+        # Negative for a motor whose positive direction is counterclockwise: lowest and highest
+        # change places then.
         scale = 1000.0 * motors[name].shaft_turns
         low, high = sorted(angle * scale for angle in angles_deg)
         stops[motors[name].port] = low, high
@@ -221,10 +247,12 @@ def _end_stops_mdeg(
 def _readings_by_sense(
     robot: Robot, readings: Mapping[str, Reading]
 ) -> dict[tuple[str, Sense], Reading]:
+    # The first quantity of a sensor has the sensor's name alone.
     inputs = {}
     for sensor in robot.sensors:
         for index, sense in enumerate(sensor.kind.model.senses):
-            inputs[f"{sensor.name}.{sense}" if index else sensor.name] = (sensor.port, sense)
+            name = f"{sensor.name}.{sense}" if index else sensor.name
+            inputs[name] = (sensor.port, sense)
     unknown = sorted(set(readings) - set(inputs))
     if unknown:
         raise TwinError(
@@ -232,11 +260,10 @@ def _readings_by_sense(
             f"{', '.join(inputs) or 'nothing'}"
         )
     for sensor in robot.sensors:
-        if (
-            sensor.kind.model.senses
-            and sensor.kind.model.range_mm is None
-            and sensor.name not in readings
-        ):
+        model = sensor.kind.model
+        # Nothing near is a sensible reading of a distance; others have none.
+        needs_reading = model.senses and model.range_mm is None
+        if needs_reading and sensor.name not in readings:
             raise TwinError(
                 f"sensor '{sensor.name}' of robot '{robot.name}' has no reading; "
                 f"give readings={{'{sensor.name}': a function of the motors' angles}}, for a task "
@@ -306,29 +333,33 @@ class FittedBench(BenchBody):
     def plug_in(self, port: str, device: str) -> bool:
         """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether the port was free
         or has it already. Raises TwinError if the port's reading does not suit the device."""
-        is_motor = device in ("Motor", "DCMotor")
         if port not in self._free_ports:
             return self._devices.get(port) == device
         self._free_ports.remove(port)
-        if is_motor:
-            hub = self.robot.hub.model
-            usual = (
-                MotorKind.SPIKE_MEDIUM
-                if device == MotorKind.SPIKE_MEDIUM.model.class_name
-                else MotorKind.MEDIUM_LINEAR
-            )
-            self._add_motor(
-                port, MotorKind(hub.own_kind) if port in hub.own_motors else usual, device
-            )
+        if device in ("Motor", "DCMotor"):
+            self._add_motor(port, self._usual_motor(port, device), device)
         else:
             self._add_sensor(port, device)
         return True
 
+    def _usual_motor(self, port: str, device: str) -> MotorKind:
+        """The kind of motor that a program means by a class of motors."""
+        hub = self.robot.hub.model
+        if port in hub.own_motors:
+            return MotorKind(hub.own_kind)
+        if device == MotorKind.SPIKE_MEDIUM.model.class_name:
+            return MotorKind.SPIKE_MEDIUM
+        return MotorKind.MEDIUM_LINEAR
+
     def _add_motor(self, port: str, kind: MotorKind, device: str = "Motor") -> None:
         self._devices[port] = device
         self.motors[port] = kind
-        stops = self._stops.get(port)
-        self._motors[port] = BenchMotor(stops and (stops[0] * 1000.0, stops[1] * 1000.0))
+        stops_deg = self._stops.get(port)
+        stops_mdeg = None
+        if stops_deg is not None:
+            low, high = stops_deg
+            stops_mdeg = (low * 1000.0, high * 1000.0)
+        self._motors[port] = BenchMotor(stops_mdeg)
 
     def _add_sensor(self, port: str, device: str) -> None:
         self._devices[port] = device
@@ -346,7 +377,8 @@ class FittedBench(BenchBody):
         counterclockwise (-1)."""
         motor = self._motors[port]
         low, high = motor.stops or (-math.inf, math.inf)
-        if motor.stops is None:  # said once
+        # Said once: from now on it has stops.
+        if motor.stops is None:
             self._tell(
                 f"The bench blocks the motor on port {port} after 90 degrees, as the program runs "
                 "it until it stalls; "
@@ -364,6 +396,7 @@ class FittedBench(BenchBody):
     def put_on_wheels(self, turns: Mapping[str, float]) -> None:
         """The hub rides on wheels that do not slip: degrees that it turns clockwise for one
         millidegree of each motor."""
+        # The heading goes on from where it is, whatever the wheels have turned before.
         heading_deg = self.heading_deg()
         self._turns = dict(turns)
         self._heading_offset_deg += heading_deg - self.heading_deg()
@@ -372,24 +405,27 @@ class FittedBench(BenchBody):
         """The program reads the gyroscope without a drive base: positive directions of its motors,
         clockwise 1 or counterclockwise -1, by port in order of creation."""
         pair = list(directions)[:2]
-        if (
-            self._report is None
-            or self._turns
-            or len(pair) < 2
-            or not any(self._motors[port].angle for port in pair)
-        ):
+        is_settled = self._report is None or self._turns
+        if is_settled or len(pair) < 2:
             return
+        # As long as neither has turned, nobody can see a difference.
         first, second = pair
-        kinds = [(self._devices[port], self.motors[port]) for port in pair]
-        if directions[first] != directions[second] and kinds[0] == kinds[1]:
+        has_turned = self._motors[first].angle or self._motors[second].angle
+        if not has_turned:
+            return
+        first_kind = (self._devices[first], self.motors[first])
+        second_kind = (self._devices[second], self.motors[second])
+        report = self._tell
+        are_opposite = directions[first] != directions[second]
+        if are_opposite and first_kind == second_kind:
             self._turns = dict.fromkeys(pair, -_HEADING_PER_WHEEL / 1000.0)
-            self._report(
+            report(
                 f"The bench takes the motors on ports {first} and {second} for wheels, as they "
                 "come first and their positive "
                 "directions are opposite: the hub turns with them."
             )
         else:
-            self._report(
+            report(
                 "The hub lies still on the bench: its first two motors are not taken for wheels, "
                 "as they are not of one kind "
                 "with opposite positive directions. It turns with a drive base; or take a robot, "
@@ -400,39 +436,42 @@ class FittedBench(BenchBody):
     def mount(self, up: tuple[float, float, float]) -> None:
         """In a robot with motors, up is this direction in the hub's frame."""
         x, y, z = up
-        # -0.0 would change the roll of a hub on end by 180 degrees
+        # -0.0 would change the roll of a hub on end by 180 degrees.
         self._up = x + 0.0, y + 0.0, z + 0.0
 
     def heading_deg(self) -> float:
-        return self._heading_offset_deg + sum(
-            turn * self._motors[port].angle for port, turn in self._turns.items()
-        )
+        turned_deg = sum(turn * self._motors[port].angle for port, turn in self._turns.items())
+        return self._heading_offset_deg + turned_deg
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
-        return self._about_vertical(
-            sum(turn * self._motors[port].speed for port, turn in self._turns.items())
-        )
+        rate = sum(turn * self._motors[port].speed for port, turn in self._turns.items())
+        return self._about_vertical(rate)
 
     def rotation_deg(self) -> tuple[float, float, float]:
         return self._about_vertical(self.heading_deg())
 
     def acceleration_mm_s2(self) -> tuple[float, float, float]:
+        # A hub alone lies flat, whatever its program says of a robot.
         at_rest = super().acceleration_mm_s2()
         if not self.motors:
             return at_rest
-        x, y, z = (at_rest[2] * component for component in self._up)
-        return x, y, z
+        gravity = at_rest[2]
+        x, y, z = self._up
+        return gravity * x, gravity * y, gravity * z
 
     def tilt_deg(self) -> tuple[float, float]:
         if not self.motors:
             return super().tilt_deg()
         x, y, z = self._up
-        return math.degrees(math.atan2(-x, math.hypot(y, z))), math.degrees(math.atan2(y, z))
+        pitch = math.atan2(-x, math.hypot(y, z))
+        roll = math.atan2(y, z)
+        return math.degrees(pitch), math.degrees(roll)
 
     def device(self, port: str) -> str | None:
         """Class name of the device on a port."""
         return self._devices.get(port)
 
     def _about_vertical(self, clockwise: float) -> tuple[float, float, float]:
+        # A rotation vector points along its axis if it is counterclockwise.
         x, y, z = self._up
         return -clockwise * x, -clockwise * y, -clockwise * z

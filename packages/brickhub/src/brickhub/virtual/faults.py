@@ -21,7 +21,9 @@ from brickhub.virtual.stimuli import DEFAULT_STIMULI, Sensed
 _LOWEST_V = 3.0
 _HIGHEST_V = 9.0
 _MOST_SLIP = 0.95
+"""Less than 1, as the motor's angle is the wheel's by the share that is kept."""
 _REFUSALS = 2
+"""Calls for which a hub stays out of reach after its link broke."""
 _NOTHING_SENSED: dict[Sense, Sensed] = {
     **DEFAULT_STIMULI,
     Sense.SURFACE: (0.0, 0.0, 0.0),
@@ -91,6 +93,7 @@ def _weaken(body: "FaultyBody", fault: Fault) -> None:
 
 
 def _reverse(body: "FaultyBody", fault: Fault) -> None:
+    # Given twice, the motor turns the right way again.
     motor = body.motor(fault)
     body.directions[motor.port] = -body.directions.get(motor.port, 1)
 
@@ -98,7 +101,9 @@ def _reverse(body: "FaultyBody", fault: Fault) -> None:
 def _slip(body: "FaultyBody", fault: Fault) -> None:
     motor = body.motor(fault)
     body.kept_shares[motor.port] = 1.0 - fault.value
-    body.start_mdeg[motor.port] = body.sound.angle_mdeg(body.sound_port(motor.port))
+    # The share counts from here on, so that the angle does not jump now.
+    sound_port = body.sound_port(motor.port)
+    body.start_mdeg[motor.port] = body.sound.angle_mdeg(sound_port)
 
 
 def _kill(body: "FaultyBody", fault: Fault) -> None:
@@ -117,13 +122,15 @@ def _replug(body: "FaultyBody", fault: Fault) -> None:
             f"fault {fault.kind}:{fault.device}={fault.port}: the hub has no such port; "
             f"choose {ports}"
         )
-    ports_now = {other.name: other.port for other in (*body.robot.motors, *body.robot.sensors)}
-    there = [name for name, port in ports_now.items() if port == fault.port]
-    body.wire(
-        {device.name: fault.port, **dict.fromkeys(there, device.port)}
-        if fault.port != device.port
-        else {}
-    )
+    if fault.port == device.port:
+        body.wire({})
+        return
+    # Two devices cannot share a port: what is there goes to where this one was.
+    new_ports = {device.name: fault.port}
+    for other in (*body.robot.motors, *body.robot.sensors):
+        if other.port == fault.port:
+            new_ports[other.name] = device.port
+    body.wire(new_ports)
 
 
 def _break_link(body: "FaultyBody", fault: Fault) -> None:
@@ -200,6 +207,7 @@ def parse_fault(text: str) -> Fault:
     """Parse a fault such as ``battery=6.2``, ``reversed:left`` or ``port:left=C``. Raises
     DescriptionError if it is none."""
     match = re.fullmatch(r"\s*(\w+)\s*(?::\s*(\w+)\s*)?(?:=\s*(\S+)\s*)?", text)
+    # Of a text that is no fault, all of it serves to guess what was meant.
     name = match[1].lower() if match else text
     if match is None or name not in FAULT_KINDS:
         examples = ", ".join(kind.example for kind in FAULT_KINDS.values())
@@ -209,10 +217,14 @@ def parse_fault(text: str) -> Fault:
     kind = FAULT_KINDS[name]
     device = match[2] or ""
     value = match[3] or ""
-    if bool(device) is not kind.has_device or bool(value) is not kind.has_value:
+    # It has the parts that the example of its kind has, and no others.
+    has_its_device = bool(device) is kind.has_device
+    has_its_value = bool(value) is kind.has_value
+    if not (has_its_device and has_its_value):
         raise DescriptionError(f"'{text}' is not a whole fault; write it as {kind.example}")
     if not value:
         return Fault(name, device)
+    # A value without a range is a port.
     if kind.low is None or kind.high is None:
         return Fault(name, device, port=value.upper())
     number = _number(value, kind.unit)
@@ -236,10 +248,9 @@ def with_faults(body: Body, faults: Sequence[str]) -> Body:
     if not faults:
         return body
     faulty = FaultyBody(body)
+    parsed = [parse_fault(text) for text in faults]
     # Wires first: other faults are those of a device, wherever it is plugged in.
-    parsed = sorted(
-        map(parse_fault, faults), key=lambda fault: fault.kind not in ("port", "absent")
-    )
+    parsed.sort(key=lambda fault: fault.kind not in ("port", "absent"))
     for fault in parsed:
         FAULT_KINDS[fault.kind].apply(faulty, fault)
     return faulty
@@ -278,7 +289,8 @@ class FaultyBody:
         self._sound_ports: dict[str, str] = {}
 
     def __getattr__(self, name: str) -> Any:
-        if name == "sound":  # while a copy is made
+        # While a copy is made, there is no sound body yet: asking for it would never end.
+        if name == "sound":
             raise AttributeError(name)
         return getattr(self.sound, name)
 
@@ -287,13 +299,12 @@ class FaultyBody:
     def device(self, fault: Fault) -> Any:
         """The device of a fault. Raises DescriptionError if the robot does not have it, or it is
         unplugged."""
-        devices = {device.name: device for device in (*self.robot.motors, *self.robot.sensors)}
+        all_devices = (*self.robot.motors, *self.robot.sensors)
+        devices = {device.name: device for device in all_devices}
         if fault.device not in devices:
             known = ", ".join(devices) or "none"
-            problem = (
-                f"robot '{self.robot.name}' has no '{fault.device}' plugged "
-                f"in{hint(fault.device, devices)}"
-            )
+            guess = hint(fault.device, devices)
+            problem = f"robot '{self.robot.name}' has no '{fault.device}' plugged in{guess}"
             raise DescriptionError(f"fault {fault.kind}:{fault.device}: {problem}; choose {known}")
         return devices[fault.device]
 
@@ -311,18 +322,21 @@ class FaultyBody:
         """Plug devices, by name, into other ports; "" leaves them unplugged."""
 
         def plugged(devices: Sequence[Any]) -> tuple[Any, ...]:
-            wired = [
-                replace(device, port=ports.get(device.name, device.port))
-                for device in devices
-                if ports.get(device.name, "x")
-            ]
-            return tuple(wired)
+            plugged_in = []
+            for device in devices:
+                new_port = ports.get(device.name, device.port)
+                unplugged = ports.get(device.name) == ""
+                if not unplugged:
+                    plugged_in.append(replace(device, port=new_port))
+            return tuple(plugged_in)
 
-        # a description would have to have all devices of its drive base and its plan
+        # Past the checks of a description, which would have to have all devices of its drive base
+        # and its plan.
         wired = copy.copy(self.robot)
         for field in ("motors", "sensors"):
             object.__setattr__(wired, field, plugged(getattr(self.robot, field)))
         self.robot = wired
+        # The sound body knows its devices by the ports of the description.
         devices = (*wired.motors, *wired.sensors)
         self._sound_ports = {device.port: self._described_ports[device.name] for device in devices}
 
@@ -356,32 +370,38 @@ class FaultyBody:
 
     def angle_mdeg(self, port: str) -> int:
         angle_mdeg = self.sound.angle_mdeg(self.sound_port(port))
+        # The sound body's wheel turns as far as the floor sees it; the motor, and its sensor with
+        # it, turns further.
         if port in self.kept_shares:
             start_mdeg = self.start_mdeg[port]
-            angle_mdeg = start_mdeg + round((angle_mdeg - start_mdeg) / self.kept_shares[port])
+            turned_mdeg = (angle_mdeg - start_mdeg) / self.kept_shares[port]
+            angle_mdeg = start_mdeg + round(turned_mdeg)
         return angle_mdeg * self.directions.get(port, 1)
 
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
         if voltage_mv is None or port in self.dead_ports:
             self.sound.set_voltage(self.sound_port(port), None)
             return
+        # A motor gets no more than the weak battery has, and a slipping wheel is slower by as much
+        # as is lost.
         battery_mv = self.battery_mv
         limited_mv = max(-battery_mv, min(battery_mv, voltage_mv))
-        share = self.kept_shares.get(port, 1.0) * self.directions.get(port, 1)
-        self.sound.set_voltage(self.sound_port(port), round(limited_mv * share))
+        share = self.kept_shares.get(port, 1.0)
+        direction = self.directions.get(port, 1)
+        sound_mv = round(limited_mv * (share * direction))
+        self.sound.set_voltage(self.sound_port(port), sound_mv)
 
     def sensed(self, port: str, sense: Sense) -> Sensed:
-        if port in self.dead_ports:
-            is_far = sense is Sense.DISTANCE and self._measures_mm(port)
-            return float(UltrasonicSensor.FARTHEST_MM) if is_far else _NOTHING_SENSED[sense]
-        return self.sound.sensed(self.sound_port(port), sense)
+        if port not in self.dead_ports:
+            return self.sound.sensed(self.sound_port(port), sense)
+        # Other sensors of a distance, by infrared light, tell theirs in percent.
+        is_far = sense is Sense.DISTANCE and self._measures_mm(port)
+        return float(UltrasonicSensor.FARTHEST_MM) if is_far else _NOTHING_SENSED[sense]
 
     def distance_mm(self, port: str) -> int:
-        return (
-            UltrasonicSensor.FARTHEST_MM
-            if port in self.dead_ports
-            else self.sound.distance_mm(self.sound_port(port))
-        )
+        if port in self.dead_ports:
+            return UltrasonicSensor.FARTHEST_MM
+        return self.sound.distance_mm(self.sound_port(port))
 
     def _measures_mm(self, port: str) -> bool:
         return any(

@@ -63,12 +63,15 @@ class GivenReading:
         """What a device of a class of ``pybricks.pupdevices`` senses by it. Raises TwinError if it
         has no such sense, or if the values do not suit that."""
         available = SensorKind(device).model.senses
-        sense = self.sense or next(iter(available), None)
+        sense = self.sense
+        # The first sense is the main one, such as the surface of a color sensor.
+        if sense is None and available:
+            sense = available[0]
         if sense not in available:
             names = " or ".join(available) or "nothing"
-            raise TwinError(
-                f"the {device} on port {self.port} senses {names}, not {sense}; give such a reading"
-            )
+            what = f"the {device} on port {self.port} senses {names}"
+            raise TwinError(f"{what}, not {sense}; give such a reading")
+        # Counted here, as only the device tells what a reading without a sense is for.
         counts = _VALUE_COUNTS.get(sense, (1,))
         for index, value in enumerate(self.values):
             count = len(value) if isinstance(value, tuple) else 1
@@ -78,8 +81,9 @@ class GivenReading:
             examples = _EXAMPLES
             if self.places:
                 examples = _CELLS
-                hint = self.hint if count > 1 else ""
-                place = f"{self.places[index]}{hint}"
+                place = self.places[index]
+                if count > 1:
+                    place += self.hint
             what = f"{value} is not a {sense} for the {device} on port {self.port}"
             raise TwinError(f"{place}: {what}; give one such as {examples}")
         return sense
@@ -90,7 +94,7 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
     in ``folder``. Raises TwinError if the text is invalid, or the file cannot be read."""
     match = _READING.fullmatch(text.strip())
     if match is None:
-        raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
+        raise _no_reading(text)
     letter, name, written = match.groups()
     port = letter.upper()
     value = written.strip()
@@ -116,6 +120,10 @@ def _hint_of(row: Row) -> str:
     return _COMMAS if row.separator == "," else ""
 
 
+def _no_reading(text: str, examples: str = _EXAMPLES) -> TwinError:
+    return TwinError(f"'{text}' is not a reading; give one such as {examples}")
+
+
 def _value_of_row(row: Row) -> Sensed:
     has_comma = re.match(r"\d+\s*,", row.text)
     hint = _hint_of(row) if has_comma else ""
@@ -135,18 +143,19 @@ def _value(value: str, text: str, examples: str = _EXAMPLES) -> tuple[Sensed, Se
     numbers: tuple[float, ...] = ()
     unit = None
     if match is not None:
-        unit = match[2]
+        written, unit = match.groups()
         # What is no number after all, such as "1..2", leaves none.
         with contextlib.suppress(ValueError):
-            numbers = tuple(float(part) for part in match[1].split(","))
+            numbers = tuple(map(float, written.split(",")))
     other_unit = _OTHER_UNIT.fullmatch(word) if match is None else None
     if other_unit is not None:
         raise TwinError(
             f"'{text}' is in {other_unit[1]}; write it in mm, N, % or deg: 355 mm for 35.5 cm"
         )
     suits_unit = len(numbers) in _COUNTS_BY_UNIT.get(unit, (1,))
-    if not suits_unit or not all(map(math.isfinite, numbers)):
-        raise TwinError(f"'{text}' is not a reading; give one such as {examples}")
+    are_finite = all(map(math.isfinite, numbers))
+    if not suits_unit or not are_finite:
+        raise _no_reading(text, examples)
     stimulus: Sensed = numbers if len(numbers) > 1 else numbers[0]
     return stimulus, _UNIT_SENSES.get(unit or "")
 

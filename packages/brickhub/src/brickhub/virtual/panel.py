@@ -25,35 +25,33 @@ _DIRECTIONS = ("up", "down", "left", "right")
 _WIRELESS_BUTTONS = {
     "remote": REMOTE_BUTTONS,
     "xbox": (
-        *(
-            "a",
-            "b",
-            "x",
-            "y",
-            "lb",
-            "rb",
-            "view",
-            "menu",
-            "guide",
-            "lj",
-            "rj",
-            "upload",
-            "p1",
-            "p2",
-            "p3",
-            "p4",
-            *_DIRECTIONS,
-        ),
-        *(
-            "left_trigger",
-            "right_trigger",
-            *(f"joystick_{side}_{end}" for side in ("left", "right") for end in _DIRECTIONS),
-        ),
+        "a",
+        "b",
+        "x",
+        "y",
+        "lb",
+        "rb",
+        "view",
+        "menu",
+        "guide",
+        "lj",
+        "rj",
+        "upload",
+        "p1",
+        "p2",
+        "p3",
+        "p4",
+        *_DIRECTIONS,
+        "left_trigger",
+        "right_trigger",
+        *(f"joystick_left_{direction}" for direction in _DIRECTIONS),
+        *(f"joystick_right_{direction}" for direction in _DIRECTIONS),
     ),
 }
 """Buttons of wireless devices; a stick and a trigger are pressed all the way."""
 WIRELESS = frozenset(_WIRELESS_BUTTONS)
 _MAX_S = 100_000.0
+"""Latest time and longest duration of a press: more than a day."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,9 @@ class Press:
     duration_s: float = DEFAULT_PRESS_S
 
     def __post_init__(self) -> None:
-        if not (0.0 <= self.start_s <= _MAX_S and 0.0 < self.duration_s <= _MAX_S):
+        starts_in_range = 0.0 <= self.start_s <= _MAX_S
+        lasts_in_range = 0.0 < self.duration_s <= _MAX_S
+        if not (starts_in_range and lasts_in_range):
             raise TwinError(
                 f"the time of the press of '{self.button}' is out of range; give "
                 f"{self.button}@2.5s or {self.button}@2.5s+1s"
@@ -141,12 +141,14 @@ class Panel:
         self.display = [0] * 25
         self.text = ""
         self.quarter_turns = 0
-        self.is_watched = self.is_off = False
+        self.is_watched = False
+        self.is_off = False
+        # Until a machine sets its own clock, the time of the last poll.
         self.clock_ms: Callable[[], int] = lambda: self._now_ms
         self.next_ms: int | None = None
         self._now_ms = 0
         self._stop_pressed_ms = -POLL_MS
-        # first and last of those that found the center button down without a break
+        # First and last of those that found the center button down without a break.
         self._center_polls = (-POLL_MS, -POLL_MS)
         self._animations: dict[str, tuple[int, Iterator[int]]] = {}
         for press in presses:
@@ -160,36 +162,51 @@ class Panel:
     def describe(self) -> str:
         """Light, display and sound in one line; the display as five rows of five, from ``.`` to
         ``#``."""
-        light = (
-            "off"
-            if self.light is None
-            else f"hue {self.light[0]}, {self.light[1]} %, {self.light[2]} %"
-        )
-        rows = (self.display[i : i + 5] for i in range(0, 25, 5))
-        display = self.text or "/".join(
-            "".join(_SHADES[min(3, value * 3 // 100 + (value > 0))] for value in row)
-            for row in rows
-        )
-        shown = (
-            f"light {light}; display {display if any(self.display) or self.text else 'off'}; "
-            f"sound {self.sound_hz or 'off'}"
-        )
-        return "; ".join(
-            [shown, *(f"lamp {port} {value} %" for port, value in sorted(self.lamps.items()))]
-        )
+        light = "off"
+        if self.light is not None:
+            hue, saturation, value = self.light
+            light = f"hue {hue}, {saturation} %, {value} %"
+        # A text stands in place of the pixels, as on the hub.
+        display = "off"
+        if self.text:
+            display = self.text
+        elif any(self.display):
+            display = self._picture()
+        parts = [
+            f"light {light}",
+            f"display {display}",
+            f"sound {self.sound_hz or 'off'}",
+        ]
+        for port, brightness_pct in sorted(self.lamps.items()):
+            parts.append(f"lamp {port} {brightness_pct} %")
+        return "; ".join(parts)
+
+    def _picture(self) -> str:
+        """The pixels of the display as text, a character each."""
+        rows = []
+        for start in range(0, 25, 5):
+            row = ""
+            for brightness_pct in self.display[start : start + 5]:
+                # The darkest shade is for off alone: what shines at all is to be seen.
+                shade = brightness_pct * 3 // 100 + (brightness_pct > 0)
+                row += _SHADES[min(3, shade)]
+            rows.append(row)
+        return "/".join(rows)
 
     def tap(self, button: str) -> None:
         """Press a button now, for :data:`DEFAULT_PRESS_S`."""
+        # In the next millisecond, as this one may have been polled already.
         self.press(Press(button, self.now_s + 0.001))
 
     def press(self, press: Press) -> None:
         """Schedule a press."""
         self._check(press.button)
-        self.near |= {press.button.partition(".")[0]} & WIRELESS
+        # A button of a wireless device is pressed: then the device is there.
+        device = press.button.partition(".")[0]
+        self.near |= {device} & WIRELESS
         start_ms = round(press.start_s * 1000)
-        self._presses.append(
-            (start_ms, start_ms + max(1, math.ceil(press.duration_s * 1000)), press.button)
-        )
+        duration_ms = max(1, math.ceil(press.duration_s * 1000))
+        self._presses.append((start_ms, start_ms + duration_ms, press.button))
         self._schedule(self.clock_ms())
 
     def hold(self, button: str) -> None:
@@ -204,25 +221,31 @@ class Panel:
     @property
     def is_unattended(self) -> bool:
         """Whether no button will ever be pressed again."""
+        if self.is_watched or self._held:
+            return False
         now_ms = self.clock_ms()
-        return not (
-            self.is_watched or self._held or any(end_ms > now_ms for _, end_ms, _ in self._presses)
-        )
+        return not any(end_ms > now_ms for _, end_ms, _ in self._presses)
 
     def pressed(self, time_ms: int) -> frozenset[str]:
         """Buttons of the hub that are down at a simulated time."""
+        # Those of other devices have the device before a dot.
         return frozenset(name for name in self._down(time_ms) if "." not in name)
 
     def pressed_on(self, device: str, time_ms: int) -> frozenset[str]:
         """Buttons of a wireless device that are down at a simulated time."""
-        return frozenset(
-            name.partition(".")[2] for name in self._down(time_ms) if name.startswith(f"{device}.")
-        )
+        prefix = f"{device}."
+        names = set()
+        for name in self._down(time_ms):
+            if name.startswith(prefix):
+                names.add(name.removeprefix(prefix))
+        return frozenset(names)
 
     def poll(self, time_ms: int) -> bool:
         """Process animations and the poll that are due; returns whether a program ends, as the stop
         button was pressed since the last poll, or the hub is switched off."""
         self._now_ms = time_ms
+        # A copy, as a step of an animation may change the panel. An interval of 0 takes a
+        # millisecond here, or it would never let the time pass.
         for part, (due_ms, frames) in tuple(self._animations.items()):
             if due_ms <= time_ms:
                 self._animations[part] = time_ms + max(1, next(frames)), frames
@@ -231,13 +254,18 @@ class Panel:
         if time_ms % POLL_MS:
             return False
         down = self.pressed(time_ms - 1)
+        # The center button switches the hub off after two seconds, whatever the program made of
+        # the stop button.
         if STOP_BUTTON in down:
             first_ms, last_ms = self._center_polls
-            first_ms = first_ms if last_ms == time_ms - POLL_MS else time_ms
+            is_held_since = last_ms == time_ms - POLL_MS
+            first_ms = first_ms if is_held_since else time_ms
             self._center_polls = first_ms, time_ms
             self.is_off = time_ms - first_ms >= _SWITCH_OFF_MS
             if self.is_off:
                 return True
+        # All of them at once. Held on, they stop only one program: the next one may start under
+        # the finger.
         if not self.stop_buttons or not self.stop_buttons <= down:
             return False
         was_pressed = self._stop_pressed_ms == time_ms - POLL_MS
@@ -250,7 +278,10 @@ class Panel:
         Args:
             frames: endless; each step shows the next picture and gives its duration in ms.
         """
-        self._animations[part] = self.clock_ms() + 1 + max(1, next(frames)), frames
+        # The first picture is shown by this, at once; the next one is due after its duration.
+        duration_ms = max(1, next(frames))
+        due_ms = self.clock_ms() + 1 + duration_ms
+        self._animations[part] = due_ms, frames
         self._schedule(self.clock_ms() + 1)
 
     def stop_animation(self, part: str) -> bool:
@@ -272,40 +303,46 @@ class Panel:
 
     def change(self, **outputs: Any) -> None:
         """Change light, display, text or sound."""
+        # Who watches is told of real changes only: a program may show the same all the time.
         if any(getattr(self, name) != value for name, value in outputs.items()):
             vars(self).update(outputs)
             if self.on_change is not None:
                 self.on_change(self)
 
     def _down(self, time_ms: int) -> set[str]:
-        return self._held | {
-            name for start_ms, end_ms, name in self._presses if start_ms <= time_ms < end_ms
-        }
+        down = set(self._held)
+        for start_ms, end_ms, name in self._presses:
+            if start_ms <= time_ms < end_ms:
+                down.add(name)
+        return down
 
     def _schedule(self, from_ms: int) -> None:
         """Compute :attr:`next_ms`: the next poll of a pressed button or step of an animation."""
-        polls = [
-            (max(start_ms + 1, from_ms), end_ms)
-            for start_ms, end_ms, _ in self._presses
-            if end_ms >= from_ms
-        ]
-        polls += [(from_ms, from_ms + POLL_MS)] * bool(self._held)
-        due = [
-            poll_ms
-            for begin_ms, end_ms in polls
-            if (poll_ms := -(-begin_ms // POLL_MS) * POLL_MS) <= end_ms
-        ]
-        self.next_ms = min(
-            (*due, *(due_ms for due_ms, _ in self._animations.values())), default=None
-        )
+        # Times in which a button is down; the poll of a millisecond is in the next one.
+        spans = []
+        for start_ms, end_ms, _ in self._presses:
+            if end_ms >= from_ms:
+                spans.append((max(start_ms + 1, from_ms), end_ms))
+        if self._held:
+            spans.append((from_ms, from_ms + POLL_MS))
+        due = [due_ms for due_ms, _ in self._animations.values()]
+        for begin_ms, end_ms in spans:
+            # Rounded up to the next poll; a short press may fall between two of them.
+            poll_ms = -(-begin_ms // POLL_MS) * POLL_MS
+            if poll_ms <= end_ms:
+                due.append(poll_ms)
+        self.next_ms = min(due, default=None)
 
     def _check(self, button: str) -> None:
         device = button.partition(".")[0]
-        names = [f"{device}.{name}" for name in _WIRELESS_BUTTONS.get(device, ())]
-        if button not in (names or self.buttons):
-            owner = f"the {device}" if names else f"the {self._hub.value} hub"
-            known = ", ".join(
-                names
-                or [*self.buttons, "or of a wireless device, such as remote.left_plus or xbox.a"]
-            )
-            raise TwinError(f"{owner} has no button '{button}'; press one of {known}")
+        wireless_names = [f"{device}.{name}" for name in _WIRELESS_BUTTONS.get(device, ())]
+        if button in (wireless_names or self.buttons):
+            return
+        if wireless_names:
+            owner = f"the {device}"
+            known = wireless_names
+        else:
+            owner = f"the {self._hub.value} hub"
+            also = "or of a wireless device, such as remote.left_plus or xbox.a"
+            known = [*self.buttons, also]
+        raise TwinError(f"{owner} has no button '{button}'; press one of {', '.join(known)}")

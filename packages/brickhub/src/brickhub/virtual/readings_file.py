@@ -13,6 +13,7 @@ _SEPARATORS = "\t;,"
 _EXAMPLE = "a line such as: 2.5, red"
 _REMEDY = "give a file with lines such as: 2.5, red"
 _EXAMPLES = {",": "2.5, red", ";": "2.5; red", "\t": "2.5, a tab, and red"}
+"""Cells of a line, by what separates them."""
 _DECLARATION = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 """First line with which Excel declares the separator."""
 _DECIMAL_COMMA = re.compile(r"([-+]?\d*),(\d+)(\s*(?!deg)(?:[^\W\d]+|%)?)", re.IGNORECASE)

@@ -36,11 +36,13 @@ class RunLog:
             self._set(f"{port}_speed_deg_s", speed_deg_s)
             self._set(f"{port}_load_mnm", load_mnm)
             self._set(f"{port}_voltage_mv", voltage_mv)
+        # Milliseconds in full, as simulated time counts them.
         time = f"{time_ms / 1000:.3f}"
         # The end of a run may be at the time of the last row.
         if self._lines and self._lines[-1].startswith(f"{time},"):
             self._lines.pop()
-        self._lines.append(",".join((time, *self._cells.values())))
+        line = ",".join((time, *self._cells.values()))
+        self._lines.append(line)
         if len(self._lines) == _MOST_ROWS:
             del self._lines[::2]
             self.period_ms *= 2

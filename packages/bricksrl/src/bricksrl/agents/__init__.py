@@ -12,11 +12,12 @@ from brickhub.user_files import calling, is_reference, load_object
 from bricksrl.errors import DescriptionError, UnknownNameError, hint
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from torchrl.envs import EnvBase
 
     from bricksrl.agents.learner import Learner
+    from bricksrl.agents.settings import Presets
 
 AGENTS = (
     "sac",
@@ -36,135 +37,28 @@ AGENTS = (
     "random",
 )
 """Algorithms by name; DroQ and REDQ are settings of SAC."""
-_MODULES = {"droq": "sac", "redq": "sac", "gait": "search.gait"}
-"""Modules of algorithms, where they have other names."""
+_MODULES = {
+    "droq": "sac",
+    "redq": "sac",
+    "gait": "search.gait",
+    **{name: f"offline.{name}" for name in ("bc", "act", "diffusion", "iql", "cql", "td3bc")},
+}
+"""Modules of algorithms, where they have other names or a room of their own."""
 PRESETS = ("default", "paper")
 """Presets by name: "default" is tuned for few robot steps; "paper" has the values of the BricksRL
 paper, and those of an algorithm's authors (with the paper's networks) for what the paper does not
 state. Other settings keep their defaults."""
 
-_DROQ: dict[str, Any] = {
-    "dropout": 0.01,
-    "updates_per_step": 20.0,
-    "actor_delay": 20,
-    "actor_q": "mean",
-}
-_REDQ: dict[str, Any] = {**_DROQ, "critic_norm": "none", "dropout": 0.0, "num_qs": 10}
-_DEFAULT_BY_AGENT: dict[str, dict[str, Any]] = {
-    "droq": {**_DROQ, "alpha_init": 0.2},
-    "redq": {**_REDQ, "alpha_init": 0.2},
-}
-_VECTORS: dict[str, dict[str, Any]] = {"sac": {"batch_size": 128, "actor_delay": 2}}
-"""Without a camera: what gives as much for fewer products (`python -m benchmarks ablation`)."""
-
-_IMAGES: dict[str, Any] = {
-    "hidden": (128, 128),
-    "batch_size": 64,
-    "gamma": 0.9,
-    "updates_per_step": 1.0,
-    "prefill_episodes": 5,
-    "angles": "sincos",
-    "goals": "plain",
-    "buffer_size": 15_000,
-    "tau": 0.01,
-    "learning_rate": 1e-3,
-    "alpha_init": 0.1,
-}
-"""Tuned for few robot steps from images, on one processor core."""
-
-_PAPER: dict[str, Any] = {
-    "hidden": (256, 256),
-    "learning_rate": 3e-4,
-    "batch_size": 256,
-    "gamma": 0.99,
-    "updates_per_step": 1.0,
-    "prefill_episodes": 10,
-    "alpha_init": 1.0,
-    "tau": 0.005,
-    "critic_norm": "none",
-    "start_value": False,
-    "exploration_noise": 0.1,
-    "target_noise": 0.2,
-    "angles": "raw",
-    "goals": "plain",
-    "hindsight": 0.0,
-    "new_goals": 0.0,
-    "mirror": False,
-    "scale_rewards": False,
-    "encoder": "convolutions",
-}
-_PAPER_BY_AGENT: dict[str, dict[str, Any]] = {
-    # as released with the paper: its actor is like its critics, and learns with them
-    "droq": {
-        **_DROQ,
-        "critic_norm": "layer",
-        "actor_norm": "layer",
-        "actor_dropout": 0.01,
-        "actor_delay": 1,
-    },
-    "redq": _REDQ,
-    "crossq": {"learning_rate": 1e-3, "momentum": 0.01},
-    "iql": {"expectile": 0.5, "temperature": 1.0},
-    "cql": {"lagrange_threshold": 5.0, "imitation_updates": 1000},
-    # Zhao et al. 2023, appendix; ensemble, latent size and weight decay from their released code
-    "act": {
-        "learning_rate": 1e-5,
-        "batch_size": 8,
-        "chunk": 100,
-        "executed": 1,
-        "ensemble": 0.01,
-        "width": 512,
-        "feedforward": 3200,
-        "heads": 8,
-        "encoder_layers": 4,
-        "decoder_layers": 7,
-        "dropout": 0.1,
-        "latent": 32,
-        "kl_weight": 10.0,
-        "weight_decay": 1e-4,
-    },
-    # Schulman et al. 2017, table of the continuous control tasks
-    "ppo": {
-        "hidden": (64, 64),
-        "steps": 2048,
-        "batch_size": 64,
-        "passes": 10,
-        "gae_lambda": 0.95,
-        "entropy_coeff": 0.0,
-    },
-}
-
 
 @dataclass(frozen=True)
 class Algorithm:
-    """An algorithm: its settings, a frozen dataclass, and the function that builds its
-    `Learner`."""
+    """An algorithm: its settings, a frozen dataclass, the function that builds its `Learner`, and
+    its presets; a user's has none."""
 
     name: str
     settings: type[Any]
     build: Callable[..., Learner]
-
-
-_FORMER = {"critic_layer_norm": "critic_norm", "actor_layer_norm": "actor_norm"}
-_FORMER_VALUES = {
-    "true": "layer",
-    "yes": "layer",
-    "1": "layer",
-    "false": "none",
-    "no": "none",
-    "0": "none",
-}
-
-
-def with_present_names(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of settings by name, where what was a flag of layer normalisation before it had kinds
-    is one of these."""
-    known = {
-        _FORMER[name]: _FORMER_VALUES.get(str(value).lower(), value)
-        for name, value in values.items()
-        if name in _FORMER
-    }
-    return {name: value for name, value in values.items() if name not in _FORMER} | known
+    presets: Presets | None = None
 
 
 def check_agent(agent: str) -> None:
@@ -188,9 +82,11 @@ def algorithm(agent: str) -> Algorithm:
     if is_reference(agent):
         build = load_object(agent, "build")
         module = inspect.getmodule(build)
+        presets = None
     else:
         module = importlib.import_module(f"bricksrl.agents.{_MODULES.get(agent, agent)}")
         build = module.build
+        presets = module.PRESETS[agent]
     remedy = "write build(env, settings: Settings, device) with a frozen dataclass Settings"
     try:
         settings = inspect.signature(build).parameters["settings"].annotation
@@ -199,7 +95,7 @@ def algorithm(agent: str) -> Algorithm:
     settings = getattr(module, settings, None) if isinstance(settings, str) else settings
     if not (isinstance(settings, type) and is_dataclass(settings)):
         raise DescriptionError(f"{agent} has no type for its settings; {remedy}")
-    return Algorithm(agent, settings, build)
+    return Algorithm(agent, settings, build, presets)
 
 
 def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -> Any:
@@ -207,29 +103,23 @@ def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -
     there is no such name."""
     if name not in PRESETS:
         raise UnknownNameError(f"there is no preset '{name}'; choose one of {', '.join(PRESETS)}")
-    settings_type = algorithm(agent).settings
-    if is_reference(agent):
+    chosen = algorithm(agent)
+    if chosen.presets is None:
         if name != "default":
             raise UnknownNameError(f"{agent} has no preset '{name}'; it has its own defaults")
         missing = [
             field.name
-            for field in fields(settings_type)
+            for field in fields(chosen.settings)
             if field.init and field.default is field.default_factory is MISSING
         ]
         if missing:
             raise DescriptionError(
                 f"the settings of {agent} have no default for {', '.join(missing)}; give it one"
             )
-        return settings_type()
+        return chosen.settings()
     if name == "paper":
-        values = {**_PAPER, **_PAPER_BY_AGENT.get(agent, {})}
-    else:
-        values = {
-            **(_IMAGES if images else _VECTORS.get(agent, {})),
-            **_DEFAULT_BY_AGENT.get(agent, {}),
-        }
-    known = {field.name for field in fields(settings_type)}
-    return settings_type(**{key: value for key, value in values.items() if key in known})
+        return chosen.presets.paper
+    return chosen.presets.images if images else chosen.presets.default
 
 
 def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "cpu") -> Learner:

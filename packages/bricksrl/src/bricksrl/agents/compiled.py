@@ -14,10 +14,10 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torch.func import functional_call, grad
 
-from bricksrl.agents.cql import CQLLoss
+from bricksrl.agents.actor_critic import ActorCriticLoss, Batch
 from bricksrl.agents.crossq import CrossQLoss
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.sac import ActorCriticLoss, Batch
+from bricksrl.agents.offline.cql import CQLLoss
 from bricksrl.errors import RunError
 
 

@@ -7,15 +7,25 @@ import torch
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
+from bricksrl.agents.actor_critic import Batch, Critics
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import BatchNorm, action_size, action_spec, gaussian_policy, make_body
-from bricksrl.agents.sac import Batch, Critics, EntropySettings, SACLoss
-from bricksrl.agents.settings import Positive, Range, ShareBelowOne
+from bricksrl.agents.sac import SACLoss
+from bricksrl.agents.settings import (
+    IMAGES_OFF_POLICY,
+    PAPER_OFF_POLICY,
+    EntropySettings,
+    OffPolicySettings,
+    Positive,
+    Presets,
+    Range,
+    ShareBelowOne,
+)
 
 
 @dataclass(frozen=True)
-class CrossQSettings(EntropySettings):
+class CrossQSettings(EntropySettings, OffPolicySettings):
     """Settings of CrossQ."""
 
     actor_q: ClassVar[str] = "min"
@@ -26,6 +36,18 @@ class CrossQSettings(EntropySettings):
     alpha_init: Annotated[float, Positive] = 0.1
     momentum: Annotated[float, Range(0.0, 1.0, above=True)] = 0.05
     """Weight of a batch in the running statistics of batch normalisation."""
+
+
+PRESETS = {
+    "crossq": Presets(
+        default=CrossQSettings(),
+        images=CrossQSettings(**IMAGES_OFF_POLICY),
+        # rate and momentum of its authors
+        paper=CrossQSettings(
+            **{**PAPER_OFF_POLICY, "learning_rate": 1e-3}, alpha_init=1.0, momentum=0.01
+        ),
+    )
+}
 
 
 class CrossQLoss(SACLoss):

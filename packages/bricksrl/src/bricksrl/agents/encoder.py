@@ -7,8 +7,7 @@ import torch
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
-# users find it here
-from bricksrl.agents.features import ObservationEncoder as ObservationEncoder  # noqa: PLC0414
+from bricksrl.agents.features import ObservationEncoder
 from bricksrl.agents.image_networks import Convolutions, Keypoints, pixels
 from bricksrl.agents.settings import Settings
 from bricksrl.envs.specs import ObservationLayout
@@ -43,10 +42,10 @@ class Encoder(nn.Module):
     def forward(self, *inputs: Tensor) -> Tensor:
         """Vectors and images ``[*batch, *shape]``, in the order of ``in_keys``, to features."""
         shown = zip(inputs[len(self._dims) :], self.images, self.networks, strict=True)
-        parts = [
-            network(pixels(image, shape)).view(*image.shape[:-3], -1)
-            for image, shape, network in shown
-        ]
+        parts = []
+        for image, shape, network in shown:
+            features = network(pixels(image, shape))  # all dimensions of the batch are one there
+            parts.append(features.view(*image.shape[:-3], -1))
         if self._dims:
             parts.append(self.dense(self.numbers(self._joined(inputs))))
         return parts[0] if len(parts) == 1 else torch.cat(parts, -1)
@@ -54,9 +53,9 @@ class Encoder(nn.Module):
     def see(self, tensordict: Any) -> None:
         """Note the range of observations that are learned on."""
         if self._dims:
-            self.numbers.seen.see(
-                self.numbers.in_units(self._joined([tensordict[key] for key in self.in_keys]))
-            )
+            # vectors come first among the keys, so that what follows them is not read
+            joined = self._joined([tensordict[key] for key in self.in_keys])
+            self.numbers.seen.see(self.numbers.in_units(joined))
 
     def _joined(self, inputs: Sequence[Tensor]) -> Tensor:
         """The numbers of all vectors."""

@@ -28,13 +28,15 @@ def reward_unit(rewards: Tensor) -> float:
     """The power of ten nearest to the root mean square of rewards ``[n]`` other than 0, at most 1;
     1 for fewer than `ENOUGH`."""
     paid = rewards[rewards != 0.0]
-    size = float(paid.square().mean().sqrt()) if len(paid) and len(rewards) >= ENOUGH else 1.0
+    size = 1.0
+    if len(paid) and len(rewards) >= ENOUGH:
+        size = float(paid.square().mean().sqrt())
     return min(1.0, 10.0 ** round(math.log10(size)))
 
 
 class SeenInputs(nn.Module):
     """Least, greatest, mean and deviation of each input ``[n]`` that was learned on, in the
-    module's state; where it lacks them, nothing was seen. Angles (``wraps``) are held only if they
+    module's state. Angles (``wraps``) are held only if they
     never varied, ``free`` inputs never."""
 
     least: Tensor
@@ -61,14 +63,17 @@ class SeenInputs(nn.Module):
         rows = inputs.reshape(-1, inputs.shape[-1])
         torch.minimum(self.least, rows.amin(0), out=self.least)
         torch.maximum(self.greatest, rows.amax(0), out=self.greatest)
+        # The parallel form of Welford's formulas (Chan et al., 1979), in double precision: the sums
+        # go on for a whole run. The three are views: what is added to them is added to the buffer.
         count, mean, squares = self.moments
         added = len(rows)
         values = rows.double()
-        difference = values.mean(0) - mean
+        added_mean = values.mean(0)
+        difference = added_mean - mean
         total = count + added
-        squares += (values - values.mean(0)).square().sum(
-            0
-        ) + difference.square() * count * added / total
+        within = (values - added_mean).square().sum(0)
+        between = difference.square() * count * added / total
+        squares += within + between
         mean += difference * added / total
         count += added
 
@@ -78,39 +83,42 @@ class SeenInputs(nn.Module):
         if self.training or exploration_type() is not ExplorationType.DETERMINISTIC:
             return inputs
         least, greatest = self.bounds()
+        # an export traces without numbers, so that there is nothing to say about them
         if not (torch.compiler.is_exporting() or inputs.is_meta):
             self._say(inputs, least, greatest)
         return inputs.clamp(least, greatest)
 
     def bounds(self) -> tuple[Tensor, Tensor]:
         """Least and greatest value ``[n]`` within which each input is held."""
-        is_held = (
-            (self.least <= self.greatest)
-            & ~self.free
-            & (~self.wraps | (self.least == self.greatest))
-        )
-        return torch.where(is_held, self.least, -LARGEST), torch.where(
-            is_held, self.greatest, LARGEST
-        )
+        was_seen = self.least <= self.greatest
+        never_varied = self.least == self.greatest
+        # between 350 and 10 degrees lies 0, not 180: an angle's least and greatest bound nothing
+        may_be_held = ~self.wraps | never_varied
+        is_held = was_seen & ~self.free & may_be_held
+        least = torch.where(is_held, self.least, -LARGEST)
+        greatest = torch.where(is_held, self.greatest, LARGEST)
+        return least, greatest
 
     def _say(self, inputs: Tensor, least: Tensor, greatest: Tensor) -> None:
         """Say once of each input that it is farther outside of what was seen than that is wide."""
         span = greatest - least
         rows = inputs.reshape(-1, len(least))
-        for row, index in ((rows < least - span) | (rows > greatest + span)).nonzero().tolist():
+        is_far = (rows < least - span) | (rows > greatest + span)
+        for row, index in is_far.nonzero().tolist():
             name = self.names[index] if self.names else f"input {index}"
-            if name not in self.warned:
-                self.warned.add(name)
-                low = float(least[index])
-                high = float(greatest[index])
-                value = float(rows[row, index])
-                learned = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-                _log.warning(
-                    "%s reads %g, but the agent learned with %s: it acts as if it read that",
-                    name,
-                    value,
-                    learned,
-                )
+            if name in self.warned:
+                continue
+            self.warned.add(name)
+            low = float(least[index])
+            high = float(greatest[index])
+            value = float(rows[row, index])
+            learned = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+            _log.warning(
+                "%s reads %g, but the agent learned with %s: it acts as if it read that",
+                name,
+                value,
+                learned,
+            )
 
     def normalised(self, inputs: Tensor) -> Tensor:
         """Inputs less their mean, divided by their deviation; 0 where they never varied."""
@@ -119,12 +127,6 @@ class SeenInputs(nn.Module):
         scale = torch.where(deviation > 1e-6, 1.0 / deviation.clamp_min(1e-6), 0.0)
         normalised: Tensor = (inputs - mean) * scale
         return normalised.to(inputs.dtype)
-
-    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *args: Any) -> None:
-        for name, buffer in self.named_buffers():
-            if name in ("least", "greatest", "moments"):
-                state_dict.setdefault(prefix + name, buffer)
-        super()._load_from_state_dict(state_dict, prefix, *args)
 
 
 class ObservationEncoder(nn.Module):
@@ -153,46 +155,50 @@ class ObservationEncoder(nn.Module):
         self.unit_scale = _constant(layout.scale)
         self.unit_offset = _constant(layout.offset)
         self.seen = SeenInputs(layout.names, layout.wraps, [goal for goal, _ in layout.goals])
-        wraps = [w and angles != "raw" for w in layout.wraps]
-        angle_index = [i for i, w in enumerate(wraps) if w]
-        linear_index = [i for i, w in enumerate(wraps) if not w]
+        is_angle = [wraps and angles != "raw" for wraps in layout.wraps]
+        angle_index = [i for i, is_one in enumerate(is_angle) if is_one]
+        linear_index = [i for i, is_one in enumerate(is_angle) if not is_one]
+        # Linear entries: low..high becomes -1..1, and an unbounded one stays.
         low = torch.tensor(layout.low)
         high = torch.tensor(layout.high)
         bounded = torch.isfinite(low) & torch.isfinite(high) & (high > low)
         scale = torch.where(bounded, 2.0 / (high - low), 1.0)
         offset = torch.where(bounded, -(high + low) / (high - low), 0.0)
         past = layout.past
-        pairs = [pair for pair in layout.goals if pair[0] not in past and goals == "difference"]
+        # Differences to goals and between angles are of the newest frame alone.
+        pairs: list[tuple[int, int]] = []
+        if goals == "difference":
+            pairs = [pair for pair in layout.goals if pair[0] not in past]
         goal_index = {goal for goal, _ in layout.goals}
-        own = [
-            i for i in angle_index if i not in goal_index and i not in past and angles == "phases"
-        ]
-        first, second = torch.combinations(torch.tensor(own, dtype=torch.int64)).T
-        less_newest = torch.eye(len(wraps))
+        phases: list[int] = []
+        if angles == "phases":
+            phases = [i for i in angle_index if i not in goal_index and i not in past]
+        first, second = torch.combinations(torch.tensor(phases, dtype=torch.int64)).T
+        # Row i is what entry i is made of: itself, and in an older frame less the newest one.
+        less_newest = torch.eye(len(is_angle))
         less_newest[list(past), list(past.values())] = -1.0
         one_rad = less_newest * (math.pi / 180.0)
-        # one column per angle
-        angle_matrix = torch.cat(
-            (one_rad[angle_index], one_rad[first] - one_rad[second])
-        ).T.contiguous()
+        # one column per angle: one product gives all angles and their differences in radians
+        differences = one_rad[first] - one_rad[second]
+        angle_matrix = torch.cat((one_rad[angle_index], differences)).T.contiguous()
         self.angle_matrix = _constant(angle_matrix)
         self.linear = _constant(linear_index, torch.int64)
         self.scale = _constant(scale[self.linear])
         self.offset = _constant(offset[self.linear])
         self.has_past = bool(past)
         self.past_matrix = _constant(less_newest[linear_index][:, linear_index].T.contiguous())
-        is_old = [[i in past for i in index] for index in (linear_index, angle_index)]
-        old = torch.tensor(
-            [*is_old[0], *([*is_old[1], *(False for _ in first)] * 2), *(False for _ in pairs)],
-            dtype=torch.bool,
-        )
+        # Which features are of older frames, in the order of `forward`.
+        linear_is_old = [i in past for i in linear_index]
+        angle_is_old = [i in past for i in angle_index] + [False] * len(first)
+        is_old = [*linear_is_old, *angle_is_old, *angle_is_old, *([False] * len(pairs))]
+        old = torch.tensor(is_old, dtype=torch.bool)
         self.share = _constant(torch.where(old, PAST_SHARE, 1.0))
         self.goal = _constant([goal for goal, _ in pairs], torch.int64)
         self.reached = _constant([reached for _, reached in pairs], torch.int64)
+        # An infinite period turns no difference the other way round: one formula for all goals.
         self.period = _constant([360.0 if layout.wraps[goal] else math.inf for goal, _ in pairs])
-        self.goal_scale = _constant(
-            [1 / 180.0 if layout.wraps[goal] else float(scale[goal]) for goal, _ in pairs]
-        )
+        goal_scale = [1 / 180.0 if layout.wraps[goal] else float(scale[goal]) for goal, _ in pairs]
+        self.goal_scale = _constant(goal_scale)
         self.size = len(linear_index) + 2 * angle_matrix.shape[1] + len(pairs)
 
     def forward(self, observation: Tensor) -> Tensor:
@@ -206,18 +212,19 @@ class ObservationEncoder(nn.Module):
             angle_rad = observation @ self.angle_matrix
             parts += [angle_rad.sin(), angle_rad.cos()]
         if len(self.goal):
-            difference = observation.index_select(-1, self.goal) - observation.index_select(
-                -1, self.reached
-            )
-            parts.append(
-                (difference - (difference / self.period).round() * 360.0) * self.goal_scale
-            )
+            goal = observation.index_select(-1, self.goal)
+            reached = observation.index_select(-1, self.reached)
+            difference = goal - reached
+            whole_turns = (difference / self.period).round()
+            parts.append((difference - whole_turns * 360.0) * self.goal_scale)
         features = torch.cat(parts, -1)
         return features * self.share if self.has_past else features
 
     def in_units(self, observation: Tensor) -> Tensor:
         """Observations ``[*batch, n]`` in physical units."""
-        return (observation - self.unit_offset) / self.unit_scale if self.is_scaled else observation
+        if not self.is_scaled:
+            return observation
+        return (observation - self.unit_offset) / self.unit_scale
 
 
 def _constant(values: Any, dtype: torch.dtype | None = None) -> nn.Buffer:

@@ -26,6 +26,7 @@ class Keypoints(nn.Module):
         self.first = nn.Conv2d(colors, channels, 8, stride=4, padding=2)
         self.second = nn.Conv2d(channels, points, 1)
         self.sharpness = nn.Parameter(torch.ones(points, 1))
+        # as many places along a side as the first convolution leaves: (side + 2 * 2 - 8) / 4 + 1
         axis = torch.linspace(-1.0, 1.0, (image_px - 4) // 4 + 1)
         self.positions = nn.Buffer(torch.cartesian_prod(axis, axis), persistent=False)
         self.size = 2 * points
@@ -35,7 +36,9 @@ class Keypoints(nn.Module):
         edge."""
         maps = self.second(self.first(images).relu()).flatten(2)
         sharp = functional.layer_norm(maps, maps.shape[-1:]) * self.sharpness
-        return (sharp.softmax(-1) @ self.positions).flatten(1)
+        # the expected place of each map: [batch, points, places] times [places, 2]
+        expected = sharp.softmax(-1) @ self.positions
+        return expected.flatten(1)
 
 
 class Convolutions(nn.Sequential):
@@ -45,6 +48,7 @@ class Convolutions(nn.Sequential):
     size = 128
 
     def __init__(self, image_px: int, colors: int = 3) -> None:
+        # what the three convolutions leave of a side: kernels of 8, 4 and 3 px, strides of 4, 2, 1
         side_left = ((image_px - 8) // 4 - 3) // 2 - 1
         if side_left < 1:
             raise DescriptionError(
@@ -56,9 +60,16 @@ class Convolutions(nn.Sequential):
             nn.ReLU(),
             nn.Conv2d(32, 64, 4, stride=2),
             nn.ReLU(),
+            nn.Conv2d(64, 64, 3),
+            nn.ReLU(),
+            nn.Flatten(),
         ]
-        convolutions += [nn.Conv2d(64, 64, 3), nn.ReLU(), nn.Flatten()]
-        dense = (nn.Linear(64 * side_left**2, 256), nn.ReLU(), nn.Linear(256, self.size), nn.ReLU())
+        dense = [
+            nn.Linear(64 * side_left**2, 256),
+            nn.ReLU(),
+            nn.Linear(256, self.size),
+            nn.ReLU(),
+        ]
         super().__init__(OrderedDict(layers=nn.Sequential(*convolutions, *dense)))
 
 
@@ -66,7 +77,8 @@ def pixels(images: Tensor, shape: ImageShape) -> Tensor:
     """Images ``[*batch, *shape]`` as ``[batch, channels, side, side]``, -0.5 (black) to 0.5
     (white)."""
     flat = images.reshape(-1, *images.shape[-3:])
-    flat = flat.permute(0, 3, 1, 2) if shape.is_channels_last else flat
+    if shape.is_channels_last:
+        flat = flat.permute(0, 3, 1, 2)
     span = shape.high - shape.low
     return flat.float().mul(1 / span).sub_(0.5 + shape.low / span)
 
@@ -79,8 +91,6 @@ def shift_images(images: Tensor, max_px: int, is_channels_last: bool = True) -> 
     batch, side = images.shape[:2]
     shift = torch.randint(-max_px, max_px + 1, (2, batch, 1), device=images.device)
     rows, columns = (torch.arange(side, device=images.device) + shift).clamp_(0, side - 1)
-    return images[
-        torch.arange(batch, device=images.device)[:, None, None],
-        rows[:, :, None],
-        columns[:, None, :],
-    ]
+    # indices broadcast to [batch, side, side]: a shift of rows and one of columns for each image
+    each_image = torch.arange(batch, device=images.device)[:, None, None]
+    return images[each_image, rows[:, :, None], columns[:, None, :]]

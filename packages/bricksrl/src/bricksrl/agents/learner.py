@@ -124,6 +124,7 @@ class Learner:
     @property
     def device(self) -> torch.device:
         """Device of the networks."""
+        # a policy that learns nothing, such as a random one, may still have tensors
         tensors = self.parameters() or [*self.policy.parameters(), *self.policy.buffers()]
         return tensors[0].device if tensors else torch.device("cpu")
 
@@ -170,9 +171,14 @@ class Learner:
             return
         frames = frames.to(self.device)
         self.see(frames)
+        # Ours leaves out steps without an outcome, and needs them to see where links end.
         if isinstance(self.memory, TransitionReplayBuffer):
             self.memory.extend(self.prepare(frames), robot=robot)
-        elif len(rows := with_outcome(self.prepare(cut_at_lost_links(frames)), lost_links(frames))):
+            return
+        # An estimate over time, such as GAE, must not reach across a lost link.
+        prepared = self.prepare(cut_at_lost_links(frames))
+        rows = with_outcome(prepared, lost_links(frames))
+        if len(rows):
             self.memory.extend(rows)
 
     def see(self, frames: TensorDictBase) -> None:
@@ -198,13 +204,16 @@ class Learner:
         """Make the updates due for ``steps`` environment steps. Returns mean metrics."""
         if self.on_policy and self.memory is not None:
             size = self.memory.batch_size or len(self.memory)
-            metrics = self.make_updates(
-                int(self.updates_per_step * math.ceil(len(self.memory) / size))
-            )
+            batches_a_pass = math.ceil(len(self.memory) / size)
+            metrics = self.make_updates(int(self.updates_per_step * batches_a_pass))
+            # what was collected by the policy before these updates is not learned from again
             self.memory.empty()
             return metrics
-        if self.scale_rewards and not self.updates and self.memory is not None and len(self.memory):
+        # Before the first update, and never again: values of two units do not mix.
+        is_first = not self.updates and self.memory is not None and len(self.memory)
+        if self.scale_rewards and is_first and self.memory is not None:
             self.reward_unit = reward_unit(self.memory[:]["next", "reward"])
+        # the fraction waits for the next step, as half an update a step is one in two steps
         self.due, count = math.modf(self.due + self.updates_per_step * steps)
         return self.make_updates(int(count))
 
@@ -227,17 +236,16 @@ class Learner:
             yield from (sources[0].sample() for _ in range(count))
             return
         size = sources[0].batch_size
+        # half from what was collected, half from the dataset (RLPD, Ball et al., 2023)
         half = size // 2 if len(sources) > 1 else 0
+        sizes = (size - half, half)
+        shares = [(source, share) for source, share in zip(sources, sizes, strict=False) if share]
         at_once = max(1, MAX_ROWS // size)
         for start in range(0, count, at_once):
             n = min(at_once, count - start)
-            shares = [
-                (source, share)
-                for source, share in zip(sources, (size - half, half), strict=False)
-                if share
-            ]
             parts = [source.sample(n * share, batches=n).view(n, share) for source, share in shares]
-            yield from self.in_units(parts[0] if len(parts) == 1 else torch.cat(parts, 1)).unbind(0)
+            rows = parts[0] if len(parts) == 1 else torch.cat(parts, 1)  # [n, size]
+            yield from self.in_units(rows).unbind(0)
 
     def in_units(self, rows: TensorDictBase) -> TensorDictBase:
         """Transitions ``[*batch]`` with rewards in the unit that they are learned in."""
@@ -254,16 +262,18 @@ class Learner:
         if self.gradients is not None:
             losses = self.gradients(batch, with_actor)
         else:
-            only_critics = not with_actor and hasattr(self.loss, "critic_losses")
-            losses = (
-                self.loss.critic_losses(batch) if only_critics else self.loss(batch.to(self.device))
-            )
-            # a TensorDict
+            # Ours can leave the actor's losses out; TorchRL's compute all, and some are dropped.
+            if not with_actor and hasattr(self.loss, "critic_losses"):
+                losses = self.loss.critic_losses(batch)
+            else:
+                losses = self.loss(batch.to(self.device))
+            # a TensorDict, which is iterated over by rows rather than by names
             names = self.descend or tuple(name for name in losses.keys() if name.startswith("loss"))  # noqa: SIM118
             skipped = () if with_actor else ACTOR_LOSSES
-            torch.stack(
-                [losses[name].sum() for name in names if name in losses and name not in skipped]
-            ).sum().backward()
+            minimised = [
+                losses[name].sum() for name in names if name in losses and name not in skipped
+            ]
+            torch.stack(minimised).sum().backward()
         if self.clip_norm is not None:
             torch.nn.utils.clip_grad_norm_(self.parameters(), self.clip_norm)
         self.optimizer.step()
@@ -284,11 +294,10 @@ class Learner:
         temperature, stays."""
         learned = {id(tensor) for tensor in self.parameters() if tensor.requires_grad}
         for module in self.loss.modules() if self.loss is not None else ():
-            own = list(module.parameters(recurse=False))
-            if not hasattr(module, "reset_parameters") or not any(
-                id(tensor) in learned for tensor in own
-            ):
+            is_learned = any(id(tensor) in learned for tensor in module.parameters(recurse=False))
+            if not is_learned or not hasattr(module, "reset_parameters"):
                 continue
+            # `reset_parameters` draws all of a layer's tensors, also one that is frozen
             frozen = [
                 (tensor, tensor.detach().clone())
                 for tensor in module.parameters()
@@ -337,7 +346,7 @@ class Learner:
             self.policy.load_state_dict(state["policy"])
             self.updates = int(state["updates"])
             self.due = float(state["due"])
-            self.reward_unit = float(state.get("reward_unit", 1.0))  # older ones had none
+            self.reward_unit = float(state["reward_unit"])
             if self.loss is not None and self.optimizer is not None:
                 load_loss(self.loss, state["loss"])
                 self.optimizer.load_state_dict(state["optimizer"])

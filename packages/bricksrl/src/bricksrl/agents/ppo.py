@@ -15,7 +15,16 @@ from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, adam
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
 from bricksrl.agents.operators import value_operator
-from bricksrl.agents.settings import NotNegative, Positive, Range, Settings, Share
+from bricksrl.agents.settings import (
+    IMAGES,
+    PAPER,
+    NotNegative,
+    Positive,
+    Presets,
+    Range,
+    Settings,
+    Share,
+)
 
 
 @dataclass(frozen=True)
@@ -40,6 +49,23 @@ class PPOSettings(Settings):
     """Limit of the gradient's norm."""
     min_scale: Annotated[float, Positive] = 0.1
     """Minimum standard deviation of an action before the tanh."""
+
+
+PRESETS = {
+    "ppo": Presets(
+        default=PPOSettings(),
+        images=PPOSettings(**IMAGES, gamma=0.9),
+        # Schulman et al. 2017, table of the continuous control tasks
+        paper=PPOSettings(
+            **{**PAPER, "hidden": (64, 64), "batch_size": 64},
+            gamma=0.99,
+            gae_lambda=0.95,
+            steps=2048,
+            passes=10,
+            entropy_coeff=0.0,
+        ),
+    )
+}
 
 
 def build(env: EnvBase, settings: PPOSettings, device: torch.device | str = "cpu") -> Learner:

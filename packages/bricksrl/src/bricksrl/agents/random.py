@@ -10,12 +10,16 @@ from torchrl.envs import EnvBase
 
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size
+from bricksrl.agents.settings import Presets
 from bricksrl.envs.transforms import layout_of
 
 
 @dataclass(frozen=True)
 class RandomSettings:
     """No settings."""
+
+
+PRESETS = {"random": Presets(RandomSettings(), images=RandomSettings(), paper=RandomSettings())}
 
 
 def uniform_actions(observation: Tensor, *, size: int, dims: int = 1) -> Tensor:

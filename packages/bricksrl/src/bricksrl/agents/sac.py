@@ -1,35 +1,35 @@
 """Soft actor-critic (Haarnoja et al., 2018) with learned temperature; includes DroQ and REDQ.
 
 DroQ: dropout and layer normalisation in the critics, 20 updates per step (Hiraoka et al., 2022).
-REDQ: ten critics, targets from two random ones (Chen et al., 2021). TD3, CrossQ and CQL share
-`ActorCriticLoss`.
+REDQ: ten critics, targets from two random ones (Chen et al., 2021).
 """
 
 import copy
 import math
-from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import torch
-from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torch.nn import functional
-from torch.optim.swa_utils import get_ema_multi_avg_fn
 from torchrl.envs import EnvBase
-from torchrl.objectives.common import LossModule
-from torchrl.objectives.utils import hold_out_net
 
-from bricksrl.agents.encoder import encode, encoder_keys, make_encoder
+from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate, on_base
+from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
 from bricksrl.agents.settings import (
+    IMAGES_TARGETS,
+    PAPER_TARGETS,
     CriticSettings,
+    EntropySettings,
     Norm,
     OffPolicySettings,
     Positive,
+    Presets,
     Range,
     ShareBelowOne,
+    TargetSettings,
 )
 from bricksrl.errors import DescriptionError
 
@@ -39,21 +39,12 @@ SCALE_SHIFT = math.log(math.expm1(1.0 - LEAST_SCALE))
 
 
 @dataclass(frozen=True)
-class EntropySettings(OffPolicySettings):
-    """Settings of maximum-entropy policies."""
-
-    alpha_init: Annotated[float, Positive] = 0.2
-    """Initial temperature (weight of the entropy); it is learned."""
-    target_entropy: Annotated[float, Range(-1e6, 1e6)] = -1.0
-    """Target entropy per action entry; uniform actions have 0.69."""
-    min_scale: Annotated[float, Positive] = 0.1
-    """Lower limit of the standard deviation of an action before the tanh."""
-
-
-@dataclass(frozen=True)
-class SACSettings(EntropySettings, CriticSettings):
+class SACSettings(EntropySettings, CriticSettings, TargetSettings, OffPolicySettings):
     """Settings of SAC, DroQ and REDQ."""
 
+    # as much for fewer products than 256 and 1 (`python -m benchmarks ablation`)
+    batch_size: Annotated[int, Range(1)] = 128
+    actor_delay: Annotated[int, Range(1)] = 2
     alpha_init: Annotated[float, Positive] = 0.1
     actor_norm: Norm = "none"
     """Normalisation in the actor, before each ReLU."""
@@ -76,124 +67,38 @@ class SACSettings(EntropySettings, CriticSettings):
             )
 
 
-class Critics(nn.ModuleList):
-    """``k`` independent critics: features ``[batch, f]`` and actions ``[batch, m]`` to values ``[k,
-    batch]``."""
-
-    def forward(self, features: Tensor, action: Tensor) -> Tensor:
-        x = torch.cat((features, action), -1)
-        return torch.stack([body(x).squeeze(-1) for body in self])
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Encoded transitions: ``features``, ``next_features`` ``[batch, f]``, ``action`` ``[batch,
-    m]``, others ``[batch]``."""
-
-    features: Tensor
-    action: Tensor
-    reward: Tensor
-    next_features: Tensor
-    discount: Tensor
-    """Weight of the next state's value: 0 after termination, else gamma to the number of steps."""
-    base: Tensor | None = None
-    next_base: Tensor | None = None
-    """Actions ``[batch, m]`` of a base, if there is one, which the actor's are added to."""
-
-
-class ActorCriticLoss(LossModule):  # type: ignore[misc]
-    """Loss of an actor (features to the policy's outputs) and critics on the features ``[batch,
-    f]`` of a shared encoder.
-
-    It has TorchRL's keys (TorchRL's losses are the oracles in tests), a `qvalue_loss`, and an
-    `actor_loss`, which not every update computes. Features are encoded once; only the critics' loss
-    trains the encoder.
-    """
-
-    def __init__(
-        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: OffPolicySettings
-    ) -> None:
-        super().__init__()
-        self.encoder = encoder
-        self.actor = actor
-        self.critics = critics
-        self.gamma = settings.gamma
-        self.anchor: nn.Module | None = None  # of a policy that was taught
-        self.base: nn.Module | None = None
-        is_smooth = isinstance(settings, CriticSettings) and settings.critic_loss == "smooth-l1"
-        self.errors = smooth_errors if is_smooth else squared_errors
-        keys = encoder_keys(encoder)
-        self.in_keys = [
-            *keys,
-            "action",
-            *(("next", key) for key in (*keys, "reward", "terminated")),
-        ]
-
-    @abstractmethod
-    def target_qvalue(self, batch: Batch) -> Tensor:
-        """Target of the critics ``[batch]``, without gradient."""
-
-    @abstractmethod
-    def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
-        """Losses ("loss_actor" and others) and metrics; without gradient for the critics."""
-
-    def qvalue_loss(self, batch: Batch) -> dict[str, Tensor]:
-        """Errors summed over the critics, other losses and metrics."""
-        target = self.target_qvalue(batch)
-        return {"loss_qvalue": self.errors(self.critics(batch.features, batch.action), target)}
-
-    def encode(self, tensordict: TensorDictBase) -> Batch:
-        """Encode a batch from a replay buffer."""
-        features = encode(self.encoder, tensordict)
-        after = tensordict["next"]
-        with torch.no_grad():
-            next_features = encode(self.encoder, after)
-        steps = tensordict.get("steps_to_next_obs", None)
-        gamma = self.gamma if steps is None else self.gamma ** steps.squeeze(-1)
-        discount = gamma * (~after["terminated"].squeeze(-1)).to(features.dtype)
-        batch = Batch(
-            features, tensordict["action"], after["reward"].squeeze(-1), next_features, discount
-        )
-        return (
-            batch
-            if self.base is None
-            else replace(batch, base=self.base(tensordict), next_base=self.base(after))
-        )
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDict:
-        """All losses of a batch, and detached metrics; scalars."""
-        batch = self.encode(tensordict)
-        losses = self.qvalue_loss(batch)
-        with hold_out_net(self.critics):
-            losses |= self.actor_loss(batch)
-        return TensorDict(losses)
-
-    def critic_losses(self, tensordict: TensorDictBase) -> TensorDict:
-        """The losses of an update without the actor."""
-        return TensorDict(self.qvalue_loss(self.encode(tensordict)))
-
-    def actor_outputs(self, features: Tensor) -> Tensor:
-        """The actor's outputs on detached features, with the pull of the policy anchor, if any."""
-        features = features.detach()
-        out: Tensor = self.actor(features)
-        return out if self.anchor is None else self.anchor(features, out)
-
-
-def on_base(action: Tensor, base: Tensor | None) -> Tensor:
-    """An actor's action ``[*batch, m]`` added to that of a base, if there is one, within -1..1."""
-    return action if base is None else (base + action).clamp(-1.0, 1.0)
-
-
-def squared_errors(values: Tensor, target: Tensor) -> Tensor:
-    """Mean squared error of values ``[k, batch]``, summed over the ``k`` critics."""
-    return (values - target).square().mean(-1).sum()
-
-
-def smooth_errors(values: Tensor, target: Tensor) -> Tensor:
-    """Mean of half the squared error up to 1, linear beyond, summed over the critics."""
-    return (
-        functional.smooth_l1_loss(values, target.expand_as(values), reduction="none").mean(-1).sum()
-    )
+_IMAGES = SACSettings(**IMAGES_TARGETS, actor_delay=1)
+_PAPER = SACSettings(**PAPER_TARGETS, actor_delay=1, alpha_init=1.0)
+_DROQ: dict[str, Any] = {
+    "dropout": 0.01,
+    "updates_per_step": 20.0,
+    "actor_delay": 20,
+    "actor_q": "mean",
+}
+"""What DroQ changes, of its authors."""
+_REDQ: dict[str, Any] = {**_DROQ, "critic_norm": "none", "dropout": 0.0, "num_qs": 10}
+"""What REDQ changes, of its authors: many critics in place of dropout and normalisation."""
+_RELEASED_DROQ: dict[str, Any] = {
+    **_DROQ,
+    "critic_norm": "layer",
+    "actor_norm": "layer",
+    "actor_dropout": 0.01,
+    "actor_delay": 1,
+}
+"""As released with the BricksRL paper: its actor is like its critics, and learns with them."""
+PRESETS = {
+    "sac": Presets(default=SACSettings(), images=_IMAGES, paper=_PAPER),
+    "droq": Presets(
+        default=SACSettings(**_DROQ, batch_size=256, alpha_init=0.2),
+        images=replace(_IMAGES, **_DROQ, alpha_init=0.2),
+        paper=replace(_PAPER, **_RELEASED_DROQ),
+    ),
+    "redq": Presets(
+        default=SACSettings(**_REDQ, batch_size=256, alpha_init=0.2),
+        images=replace(_IMAGES, **_REDQ, alpha_init=0.2),
+        paper=replace(_PAPER, **_REDQ),
+    ),
+}
 
 
 class SACLoss(ActorCriticLoss):
@@ -232,8 +137,10 @@ class SACLoss(ActorCriticLoss):
         if drawn is not None and not torch.compiler.is_compiling():
             critics = Critics(critics[i] for i in drawn.tolist())
             drawn = None
-        values: Tensor = critics(batch.next_features, next_action)
-        return (values if drawn is None else values[drawn.to(values.device)]).amin(0)
+        values: Tensor = critics(batch.next_features, next_action)  # [k, batch]
+        if drawn is not None:
+            values = values[drawn.to(values.device)]
+        return values.amin(0)
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Losses of actor and temperature."""
@@ -273,26 +180,6 @@ def location_and_scale(out: Tensor, min_scale: float) -> tuple[Tensor, Tensor]:
     m]``."""
     loc, raw_scale = out.chunk(2, -1)
     return loc, (functional.softplus(raw_scale + SCALE_SHIFT) + LEAST_SCALE).clamp_min(min_scale)
-
-
-class PolyakUpdate:
-    """TorchRL's ``SoftUpdate`` for plain modules: each step moves each pair's target by ``tau``."""
-
-    def __init__(self, *pairs: tuple[nn.Module, nn.Module], tau: float) -> None:
-        self._sources = [parameter for source, _ in pairs for parameter in source.parameters()]
-        self._targets = [parameter for _, target in pairs for parameter in target.parameters()]
-        self._average = get_ema_multi_avg_fn(1.0 - tau)
-
-    @torch.no_grad()
-    def step(self) -> None:
-        """Move the targets."""
-        self._average(self._targets, self._sources, 0)
-
-    @torch.no_grad()
-    def init_(self) -> None:
-        """Let the targets equal their networks."""
-        for target, source in zip(self._targets, self._sources, strict=True):
-            target.copy_(source)
 
 
 def build(

@@ -5,7 +5,7 @@ Field docstrings are the help of ``bricksrl settings AGENT``. Importing this loa
 
 import itertools
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from brickhub.fields import Range as Range  # noqa: PLC0414  users find it beside its shorthands
 from brickhub.fields import check_fields
@@ -110,8 +110,8 @@ class OffPolicySettings(Settings):
 
 
 @dataclass(frozen=True)
-class TargetSettings(OffPolicySettings):
-    """Settings of algorithms with target networks."""
+class TargetSettings:
+    """Settings of target networks, beside those of an algorithm with value functions."""
 
     tau: Annotated[float, Range(0.0, 1.0, above=True)] = 0.005
     """Step of target networks towards the others at each update (soft update); TD3: at each update
@@ -121,11 +121,81 @@ class TargetSettings(OffPolicySettings):
 
 
 @dataclass(frozen=True)
-class CriticSettings(TargetSettings):
-    """Settings of algorithms with target networks and plain critics."""
+class CriticSettings:
+    """Settings of plain critics, beside those of target networks."""
 
     reset_every: Annotated[int, NotNegative] = 0
     """Updates after which the networks start anew and learn from the replay again (Nikishin et al.,
     2022); 0 for never."""
     critic_loss: Literal["squared", "smooth-l1"] = "squared"
     """Loss of the critics' errors: squared, or of their size beyond 1."""
+
+
+@dataclass(frozen=True)
+class EntropySettings:
+    """Settings of maximum-entropy policies, beside those of an algorithm with value functions."""
+
+    alpha_init: Annotated[float, Positive] = 0.2
+    """Initial temperature (weight of the entropy); it is learned."""
+    target_entropy: Annotated[float, Range(-1e6, 1e6)] = -1.0
+    """Target entropy per action entry; uniform actions have 0.69."""
+    min_scale: Annotated[float, Positive] = 0.1
+    """Lower limit of the standard deviation of an action before the tanh."""
+
+
+@dataclass(frozen=True)
+class Presets:
+    """Settings of an algorithm by the name of a preset."""
+
+    default: Any
+    """Tuned for few robot steps."""
+    images: Any
+    """The default for an environment with a camera."""
+    paper: Any
+    """The values of the BricksRL paper, and those of the algorithm's authors for what the paper
+    does not state."""
+
+
+# What the presets of several algorithms share. An algorithm states what is its own beside its
+# settings; a name that these do not have is an error there.
+IMAGES: dict[str, Any] = {
+    "hidden": (128, 128),
+    "learning_rate": 1e-3,
+    "batch_size": 64,
+    "angles": "sincos",
+    "goals": "plain",
+}
+"""From images, on one processor core: small networks and batches, as the images cost most."""
+IMAGES_OFF_POLICY: dict[str, Any] = {
+    **IMAGES,
+    "gamma": 0.9,
+    "updates_per_step": 1.0,
+    "prefill_episodes": 5,
+    "buffer_size": 15_000,
+}
+"""The same for `OffPolicySettings`; so few transitions with images fit into memory."""
+IMAGES_TARGETS: dict[str, Any] = {**IMAGES_OFF_POLICY, "tau": 0.01}
+"""The same with `TargetSettings`."""
+PAPER: dict[str, Any] = {
+    "hidden": (256, 256),
+    "learning_rate": 3e-4,
+    "batch_size": 256,
+    "angles": "raw",
+    "goals": "plain",
+    "encoder": "convolutions",
+}
+"""Networks and optimiser of the BricksRL paper."""
+PAPER_OFF_POLICY: dict[str, Any] = {
+    **PAPER,
+    "gamma": 0.99,
+    "updates_per_step": 1.0,
+    "prefill_episodes": 10,
+    # the paper relabels, mirrors and scales nothing
+    "hindsight": 0.0,
+    "new_goals": 0.0,
+    "mirror": False,
+    "scale_rewards": False,
+}
+"""The same for `OffPolicySettings`."""
+PAPER_TARGETS: dict[str, Any] = {**PAPER_OFF_POLICY, "tau": 0.005, "critic_norm": "none"}
+"""The same with `TargetSettings`."""

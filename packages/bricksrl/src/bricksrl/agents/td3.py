@@ -2,34 +2,35 @@
 
 import copy
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
+from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate, on_base
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
-from bricksrl.agents.sac import ActorCriticLoss, Batch, Critics, PolyakUpdate, on_base
 from bricksrl.agents.settings import (
+    IMAGES_TARGETS,
+    PAPER_TARGETS,
     CriticSettings,
     Norm,
     NotNegative,
+    OffPolicySettings,
     Positive,
+    Presets,
     Range,
     TargetSettings,
 )
 
 
 @dataclass(frozen=True)
-class DeterministicSettings(TargetSettings):
-    """Settings of TD3 and TD3+BC; targets move with the actor."""
+class DeterministicSettings:
+    """Settings of deterministic actors, of TD3 and TD3+BC, beside those of target networks."""
 
-    learning_rate: Annotated[float, Positive] = 5e-4
-    updates_per_step: Annotated[float, Positive] = 4.0
-    actor_delay: Annotated[int, Range(1)] = 2
     actor_norm: Norm = "none"
     """Normalisation in the actor, before each ReLU."""
     exploration_noise: Annotated[float, NotNegative] = 0.3
@@ -40,14 +41,29 @@ class DeterministicSettings(TargetSettings):
     """Limit of the target noise."""
 
 
-@dataclass(frozen=True)
-class TD3Settings(DeterministicSettings, CriticSettings):
-    """Settings of TD3."""
+PAPER_NOISE: dict[str, Any] = {"exploration_noise": 0.1, "target_noise": 0.2}
+"""Noise of TD3's authors, which the BricksRL paper takes over."""
 
+
+@dataclass(frozen=True)
+class TD3Settings(DeterministicSettings, CriticSettings, TargetSettings, OffPolicySettings):
+    """Settings of TD3; targets move with the actor."""
+
+    learning_rate: Annotated[float, Positive] = 5e-4
+    updates_per_step: Annotated[float, Positive] = 4.0
+    actor_delay: Annotated[int, Range(1)] = 2
     tau: Annotated[float, Range(0.0, 1.0, above=True)] = 0.01
     start_value: bool = True
     """Start the critics at the mean value of the first transitions instead of at 0."""
 
+
+PRESETS = {
+    "td3": Presets(
+        default=TD3Settings(),
+        images=TD3Settings(**IMAGES_TARGETS),
+        paper=TD3Settings(**PAPER_TARGETS, **PAPER_NOISE, start_value=False),
+    )
+}
 
 FARTHEST = 0.999
 """Largest discount whose horizon, ``1 / (1 - discount)``, is taken for that of the task."""

@@ -11,7 +11,6 @@ scale.
 import copy
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import torch
@@ -20,25 +19,27 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from bricksrl.agents.actor_critic import ActorCriticLoss, on_base
 from bricksrl.agents.encoder import encode
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.sac import LEAST_SCALE, SCALE_SHIFT, ActorCriticLoss, SACLoss, on_base
+from bricksrl.agents.sac import LEAST_SCALE, SCALE_SHIFT, SACLoss
 from bricksrl.envs.tasks.scripted import ArrayPolicy
 from bricksrl.errors import RunError
 
 STEPS = 2000
 """Robot steps until the actor is free."""
 REACH = 2.0
+"""Distance from the first policy at that time, before the tanh."""
 REACH_ON_BASE = 0.4
-"""Distance from the first policy at that time, before the tanh; and of what is added to a base,
-where it is all that acts."""
+"""The same of what is added to a base, which is all that acts at first."""
 MARGIN = 1.2
 """First standard deviation, relative to the minimum, at which it has no gradient."""
 ALPHA = 0.01
 """Maximum initial temperature, so that entropy does not outweigh the policy."""
 UPDATES = 2000
+"""Updates of imitation."""
 ROWS = 256
-"""Updates of imitation, and rows of each."""
+"""Frames in each of these updates."""
 
 
 class Base(nn.Module):
@@ -66,9 +67,11 @@ class Scripted(TensorDictModuleBase):  # type: ignore[misc]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         rows = tensordict.select(*self.in_keys).reshape(-1).cpu()
-        acted = [
-            self.controller({key: row[key].numpy().copy() for key in self.in_keys}) for row in rows
-        ]
+        acted = []
+        for row in rows:
+            # a copy, as a controller is free to write into what it is given
+            observed = {key: row[key].numpy().copy() for key in self.in_keys}
+            acted.append(self.controller(observed))
         action = torch.as_tensor(np.stack(acted), dtype=torch.float32, device=tensordict.device)
         return tensordict.set("action", action.view(*tensordict.batch_size, -1))
 
@@ -95,6 +98,7 @@ def add_base(learner: Learner, base: Base) -> None:
     loss = _teachable(learner)
     loss.base = learner.base = base.to(learner.device)
     learner.policy = Residual(base, learner.policy)
+    # weights and biases of the last layer: with them at 0 the base acts alone
     with torch.no_grad():
         for part in _layers(loss.actor)[-2:]:
             part.zero_()
@@ -129,12 +133,14 @@ def hold(learner: Learner) -> None:
     loss = _teachable(learner)
     if isinstance(loss, SACLoss):
         *_, weight, bias = _layers(loss.actor)
+        # the second half of the outputs are scales, before the softplus of `location_and_scale`,
+        # which is inverted here
         size = len(bias) // 2
+        scale = MARGIN * loss.settings.min_scale - LEAST_SCALE
         weight[size:] = 0.0
-        bias[size:] = (
-            math.log(math.expm1(MARGIN * loss.settings.min_scale - LEAST_SCALE)) - SCALE_SHIFT
-        )
+        bias[size:] = math.log(math.expm1(scale)) - SCALE_SHIFT
         loss.log_alpha.clamp_(max=math.log(ALPHA))
+    # TD3's target would else go on from the actor as it was before it was taught
     if hasattr(loss, "target_actor"):
         loss.target_actor.load_state_dict(loss.actor.state_dict())
     anchor(learner)
@@ -152,15 +158,6 @@ def anchor(learner: Learner) -> None:
     loss.anchor = PolicyAnchor(
         loss.actor, size, updates, REACH if loss.base is None else REACH_ON_BASE
     )
-
-
-def restore(learner: Learner, state: dict[str, Any]) -> None:
-    """Restore `Learner.state_dict` of a learner that may be anchored. Raises CheckpointError as
-    `Learner.load_state_dict` does, RunError if an anchored one is compiled."""
-    loss = state.get("loss")
-    if isinstance(loss, dict) and any(str(name).startswith("anchor.") for name in loss):
-        anchor(learner)
-    learner.load_state_dict(state)
 
 
 class CountedUpdates:

@@ -11,13 +11,20 @@ from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
 from bricksrl.agents.operators import critic_operator
-from bricksrl.agents.sac import EntropySettings
-from bricksrl.agents.settings import Range, TargetSettings
+from bricksrl.agents.settings import (
+    IMAGES_TARGETS,
+    PAPER_TARGETS,
+    EntropySettings,
+    OffPolicySettings,
+    Presets,
+    Range,
+    TargetSettings,
+)
 from bricksrl.errors import DescriptionError
 
 
 @dataclass(frozen=True)
-class TQCSettings(EntropySettings, TargetSettings):
+class TQCSettings(EntropySettings, TargetSettings, OffPolicySettings):
     """Settings of TQC."""
 
     num_qs: Annotated[int, Range(1, 64)] = 2
@@ -33,6 +40,15 @@ class TQCSettings(EntropySettings, TargetSettings):
             raise DescriptionError(
                 f"dropped is {self.dropped}; leave at least one of the {self.quantiles} quantiles"
             )
+
+
+PRESETS = {
+    "tqc": Presets(
+        default=TQCSettings(),
+        images=TQCSettings(**IMAGES_TARGETS, alpha_init=0.1),
+        paper=TQCSettings(**PAPER_TARGETS, alpha_init=1.0),
+    )
+}
 
 
 def build(env: EnvBase, settings: TQCSettings, device: torch.device | str = "cpu") -> Learner:

@@ -26,9 +26,9 @@ from brickhub.options import Existing, SavesNothing, Seed, option, refuse_ignore
 from brickhub.seed import evaluation_seed
 from brickhub.user_files import check_there, is_reference
 from bricksrl.cli.terminal import EmergencyStop, driving, load_learning, placing
-from bricksrl.envs import get_task, make
+from bricksrl.envs import get_task
+from bricksrl.envs.make import has_arrays, make
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.registry import make_robot
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.page.server import LOOPBACK, PageOptions
@@ -143,11 +143,11 @@ class Demo(SavesNothing):
     def execute(self) -> None:
         from bricksrl.page.robot_play import play_robot
 
-        env = make_robot(self.env, seed=self.seed)
-        if env is None:
+        if not has_arrays(self.env):
             raise DescriptionError(
                 f"{self.env} has no robot to show; `bricksrl demo` shows a Walker"
             )
+        env = make(self.env, seed=self.seed, arrays=True)
         policies = _array_policies(self.env, env.task, self.policy, self.seed)
         with closing(env):
             _on_page(
@@ -199,12 +199,10 @@ class Play(SavesNothing):
         if not is_run:
             get_task(self.target)  # raises if there is none, before anything is loaded
         is_virtual = parse_hub(self.robot.hub).is_virtual
-        robot = (
-            make_robot(self.target, self.robot, seed=self.seed)
-            if is_virtual and address is not None and not is_run
-            else None
-        )
-        if robot is not None and address is not None:
+        is_shown = is_virtual and address is not None and not is_run
+        if is_shown and address is not None and has_arrays(self.target, self.robot):
+            # Without TorchRL the page is there seconds earlier.
+            robot = make(self.target, self.robot, seed=self.seed, arrays=True)
             from bricksrl.page.robot_play import play_robot
 
             arrays = _array_policies(self.target, robot.task, self.policy, self.seed)
@@ -294,12 +292,8 @@ class DriveRobot(SavesNothing):
     def execute(self) -> None:
         from bricksrl.page.robot_play import play_robot
 
-        robot = (
-            None
-            if self.device
-            else make_robot(self.env, self.robot, seed=self.seed, place=placing())
-        )
-        if robot is not None:
+        if not self.device and has_arrays(self.env, self.robot):
+            robot = make(self.env, self.robot, seed=self.seed, place=placing(), arrays=True)
             with closing(robot):
                 _on_page(
                     self.live_page,

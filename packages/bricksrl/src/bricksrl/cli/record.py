@@ -234,7 +234,7 @@ class Record:
         from bricksrl.page.play import resting_player
         from bricksrl.policies.policy import Player, random_player
         from bricksrl.policies.sharing import is_policy, load_shared
-        from bricksrl.training.restore import load_learner
+        from bricksrl.training.learners import load_learner
 
         if self.policy == "random":
             return random_player(env, self.seed)

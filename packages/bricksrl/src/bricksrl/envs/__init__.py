@@ -2,8 +2,9 @@
 link to a hub."""
 
 from brickhub.entry import Entry
+from bricksrl.envs.make import make
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.registry import get_task, list_envs, make, register
+from bricksrl.envs.registry import get_task, list_envs, register
 from bricksrl.envs.task import SampledEntry, Task
 
 __all__ = [

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 
 _FIRST_PAUSE_S = 0.5
+"""Pause after the second try in vain; each later one is twice as long."""
 _LONGEST_PAUSE_S = 15.0
+"""Longest pause between two tries."""
 
 Placement = Callable[[np.random.Generator], None]
 """Places the robot at the start of an episode: a virtual robot is moved by a method, a real one by
@@ -78,7 +80,9 @@ class Reconnect:
     _tries: int = 0
 
     def until_answered(
-        self, begin: Callable[[], _T], is_final: Callable[[BricksError], bool] = lambda _: False
+        self,
+        begin: Callable[[], _T],
+        is_final: Callable[[BricksError], bool] = lambda _: False,
     ) -> _T:
         """What ``begin`` returns, which is tried again after each HubError or CameraError. Raises
         the error if it is final, if it is useless to try again, or if ``patience_s`` is used up."""

@@ -13,13 +13,15 @@ from torchrl.envs import EnvBase, ParallelEnv
 from brickhub.entry import Entry
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env_interface import BricksEnv
-from bricksrl.envs.robot_env import EpisodeState, RobotEnv
+from bricksrl.envs.episode_state import EpisodeState
+from bricksrl.envs.robot_env import RobotEnv
 from bricksrl.envs.specs import set_vector_specs
 from bricksrl.envs.task import Task, never
 from bricksrl.errors import BricksError, CameraError, DescriptionError, HubError, HubProgramError
 
 BLOCKED_TIMEOUT_S = 120.0
 """Time that a blocked robot waits for the obstacle to be removed."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -58,7 +60,11 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
     """
 
     def __init__(
-        self, task: Task, connect: Callable[[int], Connection], *, seed: int | None = None
+        self,
+        task: Task,
+        connect: Callable[[int], Connection],
+        *,
+        seed: int | None = None,
     ) -> None:
         super().__init__(task, connect, seed=seed, batch_size=())
         self._entries = len(task.entries)
@@ -98,8 +104,10 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         for index, entry in enumerate(self.task.entries):
             low, high = entry.bounds
             value = values[index]
-            values[index] = min(max(value, low), high) if math.isfinite(value) else value
-            if values[index] != value and math.isfinite(value) and entry.name not in self.outside:
+            if not math.isfinite(value):
+                continue  # a check of the environment names it
+            values[index] = min(max(value, low), high)
+            if values[index] != value and entry.name not in self.outside:
                 self.outside[entry.name] = value
                 text = outside_text(entry, value)
                 _log.warning("%s: %s; it is cut to this range from now on", self.task.id, text)
@@ -116,13 +124,12 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             episode.age_s = age_s  # of the last step that has an outcome
             self.link_error = error
             self.reconnect.failed(error)
-            no = torch.zeros(1, dtype=torch.bool)
-            yes = torch.ones(1, dtype=torch.bool)
+            # Tensors of their own, as a caller may change one of them.
             ends = {
-                "terminated": no,
-                "truncated": yes,
-                "done": yes.clone(),
-                "link_lost": yes.clone(),
+                "terminated": torch.zeros(1, dtype=torch.bool),
+                "truncated": torch.ones(1, dtype=torch.bool),
+                "done": torch.ones(1, dtype=torch.bool),
+                "link_lost": torch.ones(1, dtype=torch.bool),
             }
             return self._out(episode, reward=torch.zeros(1), **ends)
         self.reconnect.recovered()
@@ -139,8 +146,42 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             )
         if episode is None:
             raise BricksError(f"{task.id} has no episode to step; reset the environment first")
+        # Before the action: a motor must not push against what is in the way.
         self._wait_while_blocked(episode)
         observation, reward, terminated = self._outcome(episode, action)
+        self._check_outcome(episode, observation, reward, terminated)
+        observation = self._within(observation)
+        episode.observation = observation
+        episode.images = self.image()
+        episode.step_count += 1
+        episode.rewards.append(float(reward))
+        # Only after the step, so that no step spans a pause.
+        if self._is_paused:
+            episode.is_cut = True
+            self._guarded(self._connected().link.rest)
+        is_truncated = episode.is_cut or episode.step_count >= task.max_steps
+        truncated = torch.full_like(terminated, is_truncated)
+        if task.has_hidden_entries:
+            judged = _with_truth(episode, observation, self._entries)
+            episode.task_observations.append(judged)
+        return self._out(
+            episode,
+            reward=reward,
+            terminated=terminated,
+            truncated=truncated,
+            done=terminated | truncated,
+        )
+
+    def _check_outcome(
+        self,
+        episode: EpisodeState,
+        observation: torch.Tensor,
+        reward: torch.Tensor,
+        terminated: torch.Tensor,
+    ) -> None:
+        """Raise DescriptionError for a reward or an end that no agent can learn from."""
+        task = self.task
+        # Numbers one by one: an operation of torch's costs more than the check.
         if not all(map(math.isfinite, reward.flatten().tolist())):
             raise DescriptionError(
                 f"the reward of {task.id} is {reward.tolist()} in step {episode.step_count + 1}, "
@@ -151,36 +192,23 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             raise DescriptionError(
                 f"terminated of {task.id} is {terminated.tolist()}, not true or false; compare"
             )
-        observation = self._within(observation)
-        episode.observation = observation
-        episode.images = self.image()
-        episode.step_count += 1
-        episode.rewards.append(float(reward))
-        if self._is_paused:
-            episode.is_cut = True
-            self._guarded(self._connected().link.rest)
-        truncated = torch.full_like(
-            terminated, episode.is_cut or episode.step_count >= task.max_steps
-        )
-        if task.has_hidden_entries:
-            episode.task_observations.append(_with_truth(episode, observation, self._entries))
-        return self._out(
-            episode,
-            reward=reward,
-            terminated=terminated,
-            truncated=truncated,
-            done=terminated | truncated,
-        )
 
     def _outcome(
-        self, episode: EpisodeState, action: torch.Tensor
+        self,
+        episode: EpisodeState,
+        action: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Hook: carry out the action; the observation after it, the reward and whether the episode
         is over."""
         task = self.task
         observation = torch.from_numpy(self.move(action.tolist()))
-        reward = _single(task, "reward", task.reward(episode.observation, action, observation))
-        return observation, reward, _single(task, "terminated", task.terminated(observation))
+        reward = task.reward(episode.observation, action, observation)
+        terminated = task.terminated(observation)
+        return (
+            observation,
+            _single(task, "reward", reward),
+            _single(task, "terminated", terminated),
+        )
 
     def _out(self, episode: EpisodeState, **outcome: torch.Tensor) -> TensorDictBase:
         """Output of a reset or, with its outcome, of a step; copied, as a caller's change must not
@@ -195,11 +223,9 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
     def _step_proc_data(self, next_tensordict_out: TensorDictBase) -> TensorDictBase:
         """Skip TorchRL's completion of ``_step``'s output, unless a task's functions return shapes
         that it has to correct."""
-        if (
-            next_tensordict_out.get("reward").shape
-            == next_tensordict_out.get("terminated").shape
-            == (1,)
-        ):
+        reward = next_tensordict_out.get("reward")
+        terminated = next_tensordict_out.get("terminated")
+        if reward.shape == terminated.shape == (1,):
             return next_tensordict_out
         return super()._step_proc_data(next_tensordict_out)
 
@@ -210,7 +236,8 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             return
         link = self._connected().link
         _log.warning(
-            "%s: something is in the robot's way; it waits until that is gone", self.task.id
+            "%s: something is in the robot's way; it waits until that is gone",
+            self.task.id,
         )
         waited_s = 0.0
         while bool(self.task.blocked(episode.observation)):
@@ -234,7 +261,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         """
         if not self.task.has_hidden_entries:
             return observations
-        stored = self._episode.task_observations if self._episode is not None else []
+        stored = [] if self._episode is None else self._episode.task_observations
         if len(stored) != len(observations):
             raise BricksError(
                 f"{self.task.id} judges an episode before the next reset, and not "
@@ -255,7 +282,9 @@ def _with_truth(episode: EpisodeState, observation: torch.Tensor, end: int) -> t
     if episode.tracker is None:
         return observation
     truth = torch.tensor(episode.tracker.truth(), dtype=observation.dtype)
-    return torch.cat((observation[: end - len(truth)], truth, observation[end:]))
+    before = observation[: end - len(truth)]
+    after = observation[end:]
+    return torch.cat((before, truth, after))
 
 
 def _single(task: Task, name: str, value: Any) -> torch.Tensor:

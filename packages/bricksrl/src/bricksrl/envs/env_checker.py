@@ -13,15 +13,18 @@ from brickhub.hub.program.compile import check_program
 from brickhub.user_files import line_of_user
 from bricksrl.envs.env import outside_text
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.registry import get_task, make
+from bricksrl.envs.make import make
+from bricksrl.envs.registry import get_task
 from bricksrl.envs.task import Task
 from bricksrl.errors import BricksError, RenderingUnavailableError
 
 _STEPS = 5
+"""Steps of a repeated episode, and of a batch that the task's functions get."""
 _SEED = 7
 _EPISODES = 3
+"""Episodes of random actions whose values are looked at."""
 _LONG = 10
-"""Episodes of random actions, and their longest, whose values are looked at."""
+"""Their longest, in steps: a check is to take seconds."""
 _MOST_SHOWN = 160
 """Most characters that are shown of what a library says."""
 
@@ -51,19 +54,20 @@ def check_env(env_id: str) -> Iterator[Finding]:
 
 
 def _all_checks(env_id: str, task: Task) -> Iterator[Finding]:
-    yield from run_checks(
-        {
-            "description": lambda: _description(task),
-            "functions": lambda: _functions(task),
-            "hub program": lambda: _program(task),
-            "specs": lambda: _specs(env_id),
-            "reset": lambda: _reset(env_id),
-            **({"sensors": lambda: _sensors(env_id, task)} if task.sensors else {}),
-            "determinism": lambda: _determinism(env_id, task),
-            "twin": lambda: _twin(env_id),
-            "values": lambda: _values(env_id, task),
-        }
-    )
+    # What needs no robot comes first: an error there explains those that follow.
+    checks: dict[str, Callable[[], str]] = {
+        "description": lambda: _description(task),
+        "functions": lambda: _functions(task),
+        "hub program": lambda: _program(task),
+        "specs": lambda: _specs(env_id),
+        "reset": lambda: _reset(env_id),
+    }
+    if task.sensors:
+        checks["sensors"] = lambda: _sensors(env_id, task)
+    checks["determinism"] = lambda: _determinism(env_id, task)
+    checks["twin"] = lambda: _twin(env_id)
+    checks["values"] = lambda: _values(env_id, task)
+    yield from run_checks(checks)
 
 
 @contextmanager
@@ -103,11 +107,12 @@ def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
         except Doubtful as doubt:
             yield Finding(name, Outcome.WARNING, str(doubt))
         except Exception as error:  # noqa: BLE001 - any error of the user's functions is a finding
-            error_type = (
-                "" if isinstance(error, (Broken, BricksError)) else f"{type(error).__name__}: "
-            )
-            line = "" if isinstance(error, (Broken, BricksError)) else line_of_user(error)
-            text = " ".join(f"{error_type}{error}{line}".split())
+            text = str(error)
+            if not isinstance(error, (Broken, BricksError)):
+                # Of the user's code: only type and line say what it is about.
+                text = f"{type(error).__name__}: {error}{line_of_user(error)}"
+            text = " ".join(text.split())
+            # One fault fails many checks; it is said once.
             first = first_checks.setdefault(text, name)
             yield Finding(name, Outcome.ERROR, text if first == name else f"the same as in {first}")
 
@@ -115,44 +120,58 @@ def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
 def table(doc: str, heading: str) -> list[list[str]]:
     """Rows of the table below a heading of a description, without its header; empty if there is
     none."""
-    section = doc.partition(f"## {heading}\n")[2].partition("\n## ")[0]
+    _, _, below = doc.partition(f"## {heading}\n")
+    section, _, _ = below.partition("\n## ")
     rows = [line for line in section.splitlines() if line.startswith("|")]
-    return [[cell.strip() for cell in row.strip("|").split("|")] for row in rows[2:]]
+    body = rows[2:]  # without the header and the line under it
+    return [_cells(row) for row in body]
+
+
+def _cells(row: str) -> list[str]:
+    return [cell.strip() for cell in row.strip("|").split("|")]
 
 
 def _description(task: Task) -> str:
     if not task.summary:
         raise Broken("the description is empty; say in one line what is to be learned")
-    headings = [
-        heading
-        for heading in ("Action", "Observation", "End of an episode")
-        if table(task.doc, heading)
-    ]
+    known = ("Action", "Observation", "End of an episode")
+    headings = [heading for heading in known if table(task.doc, heading)]
     if not headings:
         raise Skip("it has no tables of action, observation and end")
-    actions = [
+    actions: list[tuple[str | float, ...]] = [
         (str(number), command.name, -1.0, 1.0, command.low, command.high, command.unit)
         for number, command in enumerate(task.interface.commands)
     ]
-    entries = [
+    entries: list[tuple[str | float, ...]] = [
         (str(number), entry.name, entry.low, entry.high, entry.unit)
         for number, entry in enumerate(task.entries)
     ]
     for heading, expected in (("Action", actions), ("Observation", entries)):
-        rows = [
-            tuple(_number(cell) if 2 <= i < len(row) - 1 else cell for i, cell in enumerate(row))
-            for row in table(task.doc, heading)
-        ]
+        rows = [_values_of(row) for row in table(task.doc, heading)]
         if heading in headings and rows != expected:
-            wrong = next(
-                (row for row, right in zip(rows, expected, strict=False) if row != right),
-                f"{len(rows)} rows",
-            )
+            wrong = _first_wrong(rows, expected)
             raise Broken(f"the table of the {heading.lower()} does not fit the task at {wrong}")
     ends = [row[1] for row in table(task.doc, "End of an episode") if row[0] == "truncated"]
     if "End of an episode" in headings and ends != [f"after {task.max_steps} steps"]:
         raise Broken(f"the table of ends does not say: truncated, after {task.max_steps} steps")
     return f"the tables ({', '.join(headings).lower()}) fit the task"
+
+
+def _values_of(row: list[str]) -> tuple[str | float, ...]:
+    """Cells of a row: texts at its ends (place, name; unit), numbers between them."""
+    numbers = [_number(cell) for cell in row[2:-1]]
+    return (*row[:2], *numbers, *row[max(2, len(row) - 1) :])
+
+
+def _first_wrong(
+    rows: list[tuple[str | float, ...]],
+    expected: list[tuple[str | float, ...]],
+) -> object:
+    """The first row that is not as expected, or the number of rows."""
+    for row, right in zip(rows, expected, strict=False):
+        if row != right:
+            return row
+    return f"{len(rows)} rows"
 
 
 def _number(cell: str) -> float | str:
@@ -177,7 +196,8 @@ def _specs(env_id: str) -> str:
             try:
                 check_env_specs(env, seed=_SEED)
             except AssertionError as error:
-                first_line = next(iter(str(error).splitlines()), "")
+                # TorchRL prints both specs in whole below it.
+                first_line, _, _ = str(error).partition("\n")
                 raise Broken(
                     f"what it returns does not fit its specs: {first_line[:_MOST_SHOWN]}"
                 ) from None
@@ -195,30 +215,28 @@ def _reset(env_id: str) -> str:
             raise Broken(
                 f"the observation holds {observation.tolist()}; all entries have to be numbers"
             )
-    return (
-        "twice, the observation starts with "
-        f"{[round(value, 1) for value in observations[0].tolist()[:4]]}"
-    )
+    first_values = [round(value, 1) for value in observations[0].tolist()[:4]]
+    return f"twice, the observation starts with {first_values}"
 
 
 def _sensors(env_id: str, task: Task) -> str:
     with closing(make(env_id, seed=_SEED)) as env:
         state = env.reset()
-    values = dict(
-        zip((entry.name for entry in task.entries), state["observation"].tolist(), strict=True)
-    )
-    readings = [
-        f"{entry.name} {values[entry.name]:.4g}"
-        for sensor in task.sensors
-        for entry in sensor.observed_entries
-    ]
-    return ", ".join(
-        [*readings, *(f"an image {sensor.name}" for sensor in task.sensors if sensor.image_px)]
-    )
+    names = [entry.name for entry in task.entries]
+    values = dict(zip(names, state["observation"].tolist(), strict=True))
+    readings = []
+    images = []
+    for sensor in task.sensors:
+        of_sensor = [entry.name for entry in sensor.observed_entries]
+        readings += [f"{name} {values[name]:.4g}" for name in of_sensor]
+        if sensor.image_px:
+            images.append(f"an image {sensor.name}")
+    return ", ".join([*readings, *images])
 
 
 def _determinism(env_id: str, task: Task) -> str:
-    if real := [sensor.name for sensor in task.sensors if sensor.twin is None]:
+    real = [sensor.name for sensor in task.sensors if sensor.twin is None]
+    if real:
         raise Skip(f"{', '.join(real)} is a real sensor beside the virtual robot")
     rollouts = []
     for _ in range(2):
@@ -241,6 +259,7 @@ def _twin(env_id: str) -> str:
             raise Skip("it is simulated without a robot")
         state = env.reset()
         started_s = twin.now_s()
+        # Both ends, the middle, and one value twice: some change shows in every kind of command.
         before = state["observation"]
         changed = torch.zeros_like(before, dtype=torch.bool)
         for value in (1.0, 0.0, -1.0, 0.5, 0.5):
@@ -275,18 +294,19 @@ def _values(env_id: str, task: Task) -> str:
     if outside:
         text = ", ".join(outside_text(entries[name], value) for name, value in outside.items())
         raise Broken(f"{text}; correct the client, or the range")
-    values = torch.cat(observed)
+    values = torch.cat(observed)  # [observations, n]
     reward = torch.cat(rewards)
-    wrong = [
-        name for index, name in enumerate(entries) if not bool(values[:, index].isfinite().all())
-    ]
+    are_numbers = values.isfinite().all(0).tolist()
+    wrong = [name for name, is_number in zip(entries, are_numbers, strict=False) if not is_number]
     if wrong:
         raise Broken(f"{', '.join(wrong)} is not always a number (NaN); correct what computes it")
     doubts = []
+    first = values[0]
+    never_changed = (values == first).all(0).tolist()
     constant = []
     for index, name in enumerate(entries):
-        if bool((values[:, index] == values[0, index]).all()):
-            constant.append(f"{name} ({values[0, index]:g})")
+        if never_changed[index]:
+            constant.append(f"{name} ({first[index]:g})")
     if constant:
         doubts.append(
             f"{', '.join(constant)} never changed; look at the sensor and the scene, or "
@@ -294,7 +314,8 @@ def _values(env_id: str, task: Task) -> str:
         )
     if bool((reward == reward[0]).all()):
         doubts.append(f"the reward was always {float(reward[0]):g}; nothing can be learned from it")
-    if idle := _idle_actions(env_id, task):
+    idle = _idle_actions(env_id, task)
+    if idle:
         doubts.append(
             f"action {', '.join(idle)} changed nothing; look at its port, its range and its units"
         )
@@ -309,22 +330,20 @@ def _values(env_id: str, task: Task) -> str:
 def _idle_actions(env_id: str, task: Task) -> list[str]:
     """Names of the commands whose smallest and largest action lead to the same observations and
     rewards."""
-    count = len(task.interface.commands)
-    return [
-        command.name
-        for index, command in enumerate(task.interface.commands)
-        if _is_idle(env_id, index, count)
-    ]
-
-
-def _is_idle(env_id: str, index: int, count: int) -> bool:
-    first, second = (_outcome(env_id, index, count, value) for value in (-1.0, 1.0))
-    return first.shape == second.shape and bool((first == second).all())
+    commands = task.interface.commands
+    idle = []
+    for index, command in enumerate(commands):
+        lowest = _outcome(env_id, index, len(commands), -1.0)
+        highest = _outcome(env_id, index, len(commands), 1.0)
+        if lowest.shape == highest.shape and bool((lowest == highest).all()):
+            idle.append(command.name)
+    return idle
 
 
 def _outcome(env_id: str, index: int, count: int, value: float) -> TensorDictBase:
     """Observations and rewards of two steps in which one command has a value, and the others are
     0."""
+    # The other commands rest, so that a change is this one's.
     action = torch.zeros(count)
     action[index] = value
 
@@ -342,21 +361,22 @@ def _functions(task: Task) -> str:
         raise Skip("its resets and steps are its own")
     generator = torch.Generator().manual_seed(_SEED)
     steps = _STEPS
-    low, high = (
-        torch.tensor([getattr(entry, end) for entry in task.task_entries])
-        for end in ("low", "high")
-    )
-    before, after = low + (high - low) * torch.rand((2, steps, len(low)), generator=generator)
-    action = 2 * torch.rand((steps, len(task.interface.commands)), generator=generator) - 1
+    commands = len(task.interface.commands)
+    low = torch.tensor([entry.low for entry in task.task_entries])
+    high = torch.tensor([entry.high for entry in task.task_entries])
+    share = torch.rand((2, steps, len(low)), generator=generator)
+    before, after = low + (high - low) * share  # [steps, n] each
+    action = 2 * torch.rand((steps, commands), generator=generator) - 1
+    episodes = torch.stack((after, after))
+    # What each returns, and the shape that it should have.
     shapes = {
         "reward": (task.reward(before, action, after), (steps, 1)),
         "terminated": (task.terminated(after), (steps, 1)),
         "blocked": (task.blocked(after), (steps, 1)),
-        "success": (task.success(torch.stack((after, after))), (2,)),
-        **{
-            name: (value, (2,)) for name, value in task.metrics(torch.stack((after, after))).items()
-        },
+        "success": (task.success(episodes), (2,)),
     }
+    for name, value in task.metrics(episodes).items():
+        shapes[name] = (value, (2,))
     for name, (value, shape) in shapes.items():
         if not isinstance(value, torch.Tensor):
             raise Broken(
@@ -369,11 +389,8 @@ def _functions(task: Task) -> str:
             )
     if not bool(torch.isfinite(shapes["reward"][0]).all()):
         raise Broken("the reward is not always a number")
-    flags = [
-        name
-        for name in ("terminated", "blocked", "success")
-        if shapes[name][0].dtype is not torch.bool
-    ]
-    if flags:
-        raise Broken(f"{', '.join(flags)} is not bool; compare")
+    flags = ("terminated", "blocked", "success")
+    wrong = [name for name in flags if shapes[name][0].dtype is not torch.bool]
+    if wrong:
+        raise Broken(f"{', '.join(wrong)} is not bool; compare")
     return f"{', '.join(shapes)} have the right shapes"

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from brickhub.kits.virtual_kit import VirtualRobot
     from bricksrl.envs.connection import Connection, Reconnect
-    from bricksrl.envs.robot_env import EpisodeState
+    from bricksrl.envs.episode_state import EpisodeState
     from bricksrl.envs.task import Task
 
 

@@ -26,7 +26,13 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 _DISTANCE_LIMITS_MM = (-1e5, 1e5)
+"""Farther than a robot drives in an episode."""
 _TURN_LIMITS_DEG = (-180.0, 180.0)
+
+
+def _signed_deg(angle_deg: float) -> float:
+    """The same direction in -180..180 degrees."""
+    return (angle_deg + 180.0) % 360.0 - 180.0
 
 
 @dataclass(frozen=True)
@@ -43,19 +49,21 @@ class FloorPose:
         x_mm = self.x_mm - robot.x_mm
         y_mm = self.y_mm - robot.y_mm
         heading = math.radians(robot.heading_deg)
+        # Headings are clockwise, y points left.
         ahead_mm = x_mm * math.cos(heading) - y_mm * math.sin(heading)
         left_mm = x_mm * math.sin(heading) + y_mm * math.cos(heading)
-        return ahead_mm, left_mm, (self.heading_deg - robot.heading_deg + 180.0) % 360.0 - 180.0
+        turn_deg = _signed_deg(self.heading_deg - robot.heading_deg)
+        return ahead_mm, left_mm, turn_deg
 
     def driven(self, way_mm: float, turn_deg: float) -> FloorPose:
         """The pose after driving an arc of length ``way_mm`` that turns the robot by ``turn_deg``
         clockwise."""
+        # The chord of an arc points to the middle of the headings at its ends.
         heading = math.radians(self.heading_deg + turn_deg / 2)
-        chord_mm = (
-            way_mm * math.sin(math.radians(turn_deg) / 2) / (math.radians(turn_deg) / 2)
-            if turn_deg
-            else way_mm
-        )
+        chord_mm = way_mm
+        if turn_deg:
+            half_turn = math.radians(turn_deg) / 2
+            chord_mm = way_mm * math.sin(half_turn) / half_turn
         x_mm = self.x_mm + chord_mm * math.cos(heading)
         y_mm = self.y_mm - chord_mm * math.sin(heading)
         return FloorPose(x_mm, y_mm, self.heading_deg + turn_deg)
@@ -148,16 +156,15 @@ class TargetTracker:
         """Update the pose from the channels ``values [n]`` after a step."""
         angles_deg = self._angles(values)
         # A wheel turns by less than half a turn in a step.
-        turns_deg = (
-            (after - before + 180.0) % 360.0 - 180.0
-            for after, before in zip(angles_deg, self._angles_deg, strict=True)
-        )
-        left_mm, right_mm = (turn_deg / self._base.turn_deg(1.0) for turn_deg in turns_deg)
+        pairs = zip(angles_deg, self._angles_deg, strict=True)
+        left_deg, right_deg = (_signed_deg(after - before) for after, before in pairs)
+        deg_per_mm = self._base.turn_deg(1.0)
+        left_mm = left_deg / deg_per_mm
+        right_mm = right_deg / deg_per_mm
         self._angles_deg = angles_deg
-        self._last_step = (
-            (left_mm + right_mm) / 2,
-            math.degrees((left_mm - right_mm) / self._base.axle_track_mm),
-        )
+        way_mm = (left_mm + right_mm) / 2
+        turn = (left_mm - right_mm) / self._base.axle_track_mm
+        self._last_step = (way_mm, math.degrees(turn))
         self.pose = self.pose.driven(*self._last_step)
 
     def truth(self) -> tuple[float, ...]:
@@ -186,14 +193,18 @@ def floor_pose(pose: Pose) -> FloorPose:
 
 
 def start_pose(
-    scene: Scene, task_id: str, true_pose: Callable[[], Pose] | None, rng: np.random.Generator
+    scene: Scene,
+    task_id: str,
+    true_pose: Callable[[], Pose] | None,
+    rng: np.random.Generator,
 ) -> FloorPose:
     """Start pose of an episode: a virtual robot's present one; for a real robot a drawn one, where
     the log asks to put it."""
     if true_pose is not None:
         return floor_pose(true_pose())
     ranges = (*scene.start_mm, scene.heading_deg)
-    start = FloorPose(*(float(rng.uniform(low, high)) for low, high in ranges))
+    x_mm, y_mm, heading_deg = (float(rng.uniform(low, high)) for low, high in ranges)
+    start = FloorPose(x_mm, y_mm, heading_deg)
     place = (
         f"x = {start.x_mm:.0f} mm, y = {start.y_mm:.0f} mm, turned by {start.heading_deg:.0f} "
         "degrees clockwise"
@@ -215,12 +226,14 @@ class TrueOdometer:
     def forward_mm(self, time_s: float, _values: Sequence[float]) -> float:
         """Distance forward since the last call, in mm; ``time_s`` is the time of this one."""
         pose = self._pose()
-        heading = math.radians(self._start.heading_deg)
-        self._path_m += math.hypot(pose.x_m - self._last.x_m, pose.y_m - self._last.y_m)
+        moved_x_m = pose.x_m - self._last.x_m
+        moved_y_m = pose.y_m - self._last.y_m
+        self._path_m += math.hypot(moved_x_m, moved_y_m)
+        x_m = pose.x_m - self._start.x_m
+        y_m = pose.y_m - self._start.y_m
         # Headings are clockwise, y points left.
-        forward_m = (pose.x_m - self._start.x_m) * math.cos(heading) - (
-            pose.y_m - self._start.y_m
-        ) * math.sin(heading)
+        heading = math.radians(self._start.heading_deg)
+        forward_m = x_m * math.cos(heading) - y_m * math.sin(heading)
         step_mm = (forward_m - self._forward_m) * 1000
         self._forward_m = forward_m
         self._last = pose
@@ -231,10 +244,13 @@ class TrueOdometer:
         """Metrics of the episode's motion; straightness is the distance forward over the path
         length, at most 1."""
         time_s = self._now_s - self._start_s
+        # Before the first step neither time nor way has passed.
+        speed_m_s = self._forward_m / time_s if time_s > 0 else 0.0
+        straightness = self._forward_m / self._path_m if self._path_m > 0 else 0.0
         return {
             "forward_m": self._forward_m,
-            "forward_speed_m_s": self._forward_m / time_s if time_s > 0 else 0.0,
-            "straightness": self._forward_m / self._path_m if self._path_m > 0 else 0.0,
+            "forward_speed_m_s": speed_m_s,
+            "straightness": straightness,
             "turned_deg": self._last.heading_deg - self._start.heading_deg,
         }
 
@@ -254,6 +270,7 @@ class SonarOdometer:
         """Decrease of the distance to the wall since the last call, in mm; 0 where it was out of
         range."""
         now_mm = Distance.FARTHEST_MM if self._column is None else values[self._column]
+        # A sensor that hears no echo reads the farthest distance.
         in_range = max(now_mm, self._last_mm) < Distance.FARTHEST_MM
         step_mm = self._last_mm - now_mm if in_range else 0.0
         self._last_mm = now_mm

@@ -97,7 +97,9 @@ class EnvOptions(TransformOptions):
         faults: object = self.fault
         if isinstance(faults, str | list):  # of one fault, or out of JSON
             object.__setattr__(
-                self, "fault", (faults,) if isinstance(faults, str) else tuple(faults)
+                self,
+                "fault",
+                (faults,) if isinstance(faults, str) else tuple(faults),
             )
         check_fields(type(self), vars(self))
         for text in self.fault:
@@ -115,17 +117,21 @@ class EnvOptions(TransformOptions):
     def changed(self, **named: Any) -> Self:
         """A copy with fields changed by name; any other name is an option of the task."""
         names = {option.name for option in fields(EnvOptions)}
-        values = {name: value for name, value in named.items() if name in names}
-        options = {
-            **self.options,
-            **{name: value for name, value in named.items() if name not in names},
-        }
+        values: dict[str, Any] = {}
+        options = dict(self.options)
+        for name, value in named.items():
+            if name in names:
+                values[name] = value
+            else:
+                options[name] = value
+        # Options that are given as a whole replace these.
         return replace(self, **{"options": options, **values})
 
     def refuse(self, names: Iterable[str], reason: str) -> None:
         """Raise DescriptionError with the reason if one of these options is given, as it would have
         no effect."""
-        if any(getattr(self, name) != getattr(EnvOptions(), name) for name in names):
+        default = EnvOptions()
+        if any(getattr(self, name) != getattr(default, name) for name in names):
             raise DescriptionError(reason)
 
     @property

@@ -10,7 +10,7 @@ from brickhub.hub.link.own_client import ClientLink
 from brickhub.hub.link.robot_link import Reading
 from bricksrl.envs.base_env import BaseEnv
 from bricksrl.envs.env import HubEnv
-from bricksrl.envs.robot_env import EpisodeState, Floats
+from bricksrl.envs.episode_state import EpisodeState, Floats
 from bricksrl.errors import DescriptionError
 
 
@@ -25,14 +25,19 @@ class OwnEnv(HubEnv):
 
     def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> Floats:
         self._own.link = lambda: cast("ClientLink", self._connected().link)
+        # The client has just answered: its reset reads this, and does not ask again.
         self._own.state = reading.values
-        first: Floats = self._observation_in(self._guarded(lambda: self._own._reset(None))).numpy()
+        state = self._guarded(lambda: self._own._reset(None))
+        first: Floats = self._observation_in(state).numpy()
         return first
 
     def _outcome(
-        self, episode: EpisodeState, action: torch.Tensor
+        self,
+        episode: EpisodeState,
+        action: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         commands = self._commanded(episode, action.tolist())
+        # The paper's template takes and returns batches of one.
         before = TensorDict(
             {
                 self._own.observation_key: episode.observation[None],
@@ -41,13 +46,15 @@ class OwnEnv(HubEnv):
             [1],
         )
         after = self._guarded(lambda: self._own._step(before))
+        # Its client sends no time of the hub.
         episode.measured_s = episode.hub_time_s = self._connected().link.now_s()
         ends = after.get("terminated", after.get("done", None))
         if ends is None or after.get("reward", None) is None:
             raise DescriptionError(
                 f"_step of {self.task.id} returns no 'reward' or no 'done'; set both"
             )
-        return self._observation_in(after), after["reward"].reshape(1).float(), ends.reshape(1)
+        reward = after["reward"].reshape(1).float()
+        return self._observation_in(after), reward, ends.reshape(1)
 
     def _observation_in(self, state: TensorDictBase) -> torch.Tensor:
         key = self._own.observation_key

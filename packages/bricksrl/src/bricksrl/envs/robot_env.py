@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from bricksrl.envs.connection import Connection, Reconnect
 from bricksrl.envs.env_interface import BricksEnv
+from bricksrl.envs.episode_state import EpisodeState, Floats
 from bricksrl.envs.odometry import Odometer, SonarOdometer, TargetTracker, TrueOdometer, start_pose
 from bricksrl.envs.task import Task
 from bricksrl.envs.vision.camera import Camera, Watch
@@ -22,60 +22,10 @@ if TYPE_CHECKING:
     from brickhub.hub.link.robot_link import Reading
     from brickhub.kits.virtual_kit import VirtualRobot
 
-Floats = NDArray[np.float32]
 PAUSE_PERIOD_S = 0.2
 """Period of the reads during a pause, which keep the hub program's watchdog from ending it."""
 
 _T = TypeVar("_T")
-
-
-@dataclass(slots=True)
-class EpisodeState:
-    """State that changes every step; not in the environment, where each attribute assignment costs
-    ten microseconds.
-
-    Attributes:
-        drawn: sampled entries, constant for the episode.
-        commands: the last ones, where they are observed.
-        odometer: measures the distance travelled.
-        zeros: of the observed channels, what is subtracted from each: what one that accumulates was
-            at the start.
-        tracker: position of the target; ``None`` for a task without a target.
-        watch: the camera's view; ``None`` for a task without a camera.
-        observation: the last one, as the task's functions get it; ``images``: those that belong to
-            it, by name.
-        rewards: of each step, for whoever shows them.
-        task_observations: what success and metrics get after each step; only with a camera or a
-            target.
-        is_cut: whether a pause truncated the episode.
-        measured_s: the link's clock when the last observation was measured; ``hub_time_s`` is the
-            hub's.
-        age_s: age of the observation that the last action was chosen for, when the action was sent.
-    """
-
-    drawn: list[float]
-    commands: list[float]
-    measured_s: float
-    odometer: Odometer
-    zeros: list[float]
-    tracker: TargetTracker | None
-    watch: Watch | None = None
-    observation: Any = ()
-    images: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
-    step_count: int = 0
-    rewards: list[float] = field(default_factory=list)
-    task_observations: list[Any] = field(default_factory=list)
-    is_cut: bool = False
-    hub_time_s: float = 0.0
-    age_s: float = 0.0
-
-    def observe(self, channels: Sequence[float], forward_mm: Sequence[float]) -> Floats:
-        """The observation ``[n]`` as the task's functions get it: channels, sampled entries,
-        distance forward, last commands, the target's entries and the camera's distances."""
-        target = () if self.tracker is None else self.tracker.entries()
-        distances_px = () if self.watch is None else self.watch.numbers()
-        values = (*channels, *self.drawn, *forward_mm, *self.commands, *target, *distances_px)
-        return np.array(values, dtype=np.float32)
 
 
 class RobotEnv(BricksEnv):
@@ -110,14 +60,19 @@ class RobotEnv(BricksEnv):
         self._watchers: list[Callable[[Connection], None]] = []
         self._episode: EpisodeState | None = None
         self._timed: EpisodeState | None = None  # also when the link has broken
-        self._spans = [
-            ((c.high + c.low) / 2, (c.high - c.low) / 2) for c in task.interface.commands
-        ]
+        self._spans: list[tuple[float, float]] = []
+        """Middle and half of the range of each command."""
+        for command in task.interface.commands:
+            middle = (command.high + command.low) / 2
+            half = (command.high - command.low) / 2
+            self._spans.append((middle, half))
         self._observed = task.observed_channels
         self._images: dict[str, NDArray[np.uint8]] = {}  # the last ones of sensors
         self.reconnect = Reconnect()
-        self._changed = threading.Condition()
-        self._is_stopped = self._is_paused = self._is_confirmed = False
+        self._changed = threading.Condition()  # of what follows, as any thread may stop or pause
+        self._is_stopped = False
+        self._is_paused = False
+        self._is_confirmed = False  # that the motors of a real robot stand still
         self._set_seed(seed)
 
     def close(self, **_: Any) -> None:
@@ -135,6 +90,7 @@ class RobotEnv(BricksEnv):
         return lambda: self._watchers.remove(watcher)
 
     def stop(self) -> None:
+        # First the flag, which ends a wait and keeps a link that opens just now from moving.
         with self._changed:
             self._is_stopped = True
             self._is_confirmed = False
@@ -179,6 +135,7 @@ class RobotEnv(BricksEnv):
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
+        # Streams of their own: a place that draws more changes no goal and no twin.
         host, place, twin = np.random.SeedSequence(seed).spawn(3)
         self._host_rng = np.random.default_rng(host)
         self._place_rng = np.random.default_rng(place)
@@ -195,38 +152,54 @@ class RobotEnv(BricksEnv):
         true_pose = self._connected().true_pose
         task = self.task
         measured_s = link.now_s() - reading.age_s
+        # The order of draws is that of seeded runs: entries, target, camera.
         drawn = [entry.draw(self._host_rng) for entry in task.sampled_entries]
         tracker = None
         if task.target is not None:
             start = start_pose(task.scene, task.id, true_pose, self._host_rng)
             tracker = TargetTracker(
-                task.target, task.robot, task.interface, true_pose, start, reading.values
+                task.target,
+                task.robot,
+                task.interface,
+                true_pose,
+                start,
+                reading.values,
             )
-        odometer = (
-            SonarOdometer(task.interface)
-            if true_pose is None
-            else TrueOdometer(true_pose, link.now_s())
-        )
+        odometer: Odometer
+        if true_pose is None:
+            odometer = SonarOdometer(task.interface)
+        else:
+            odometer = TrueOdometer(true_pose, link.now_s())
+        # The first call only notes where the episode starts.
         odometer.forward_mm(link.now_s(), reading.values)
-        channels = (
-            (task.interface.channels[index], reading.values[index]) for index in self._observed
-        )
-        zeros = [value if channel.accumulates else 0.0 for channel, value in channels]
         episode = EpisodeState(
-            drawn, [0.0] * len(task.command_entries), measured_s, odometer, zeros, tracker
+            drawn=drawn,
+            commands=[0.0] * len(task.command_entries),
+            measured_s=measured_s,
+            odometer=odometer,
+            zeros=self._zeros(reading),
+            tracker=tracker,
         )
         if task.camera is not None:
-            episode.watch = Watch(task.camera, self._host_rng, self._guarded(self._camera.frame))
+            frame = self._guarded(self._camera.frame)
+            episode.watch = Watch(task.camera, self._host_rng, frame)
         self._episode = self._timed = episode
         episode.observation = self._observation_at_start(episode, reading)
         episode.images = self.image()
         return episode
 
+    def _zeros(self, reading: Reading) -> list[float]:
+        """What is subtracted from each observed channel: an accumulating one starts at 0."""
+        zeros = []
+        for index in self._observed:
+            accumulates = self.task.interface.channels[index].accumulates
+            zeros.append(reading.values[index] if accumulates else 0.0)
+        return zeros
+
     def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> Floats:
         """Hook: the first observation of an episode."""
-        return episode.observe(
-            self._channels(reading, episode), [0.0] * len(self.task.measured_entries)
-        )
+        nothing_measured = [0.0] * len(self.task.measured_entries)
+        return episode.observe(self._channels(reading, episode), nothing_measured)
 
     def move(self, shares: Sequence[float]) -> Floats:
         """The observation ``[n]`` after a step with the action ``[m]``, in -1..1. Raises
@@ -251,8 +224,11 @@ class RobotEnv(BricksEnv):
     def image(self) -> dict[str, NDArray[np.uint8]]:
         """The last images ``[side, side, 3]``: the camera's as ``image``, and those of sensors by
         their names."""
+        images = dict(self._images)
         watch = None if self._episode is None else self._episode.watch
-        return {**self._images, **({} if watch is None else {"image": watch.image})}
+        if watch is not None:
+            images["image"] = watch.image
+        return images
 
     def _measure(self, reading: Reading, episode: EpisodeState) -> Floats:
         """The observation for the task's functions after a step; reads odometer and camera only
@@ -261,16 +237,15 @@ class RobotEnv(BricksEnv):
         episode.hub_time_s = reading.hub_time_ms / 1000
         forward_mm: list[float] = []
         if self.task.walks or self.task.measured_entries:
-            forward_mm = [
-                episode.odometer.forward_mm(self._connected().link.now_s(), reading.values)
-            ]
+            now_s = self._connected().link.now_s()
+            forward_mm = [episode.odometer.forward_mm(now_s, reading.values)]
         if episode.tracker is not None:
             episode.tracker.follow(reading.values)
         if episode.watch is not None:
             episode.watch.see(self._guarded(self._camera.frame))
-        return episode.observe(
-            self._channels(reading, episode), forward_mm[: len(self.task.measured_entries)]
-        )
+        # A task may report the distance and not observe it.
+        measured = forward_mm[: len(self.task.measured_entries)]
+        return episode.observe(self._channels(reading, episode), measured)
 
     def _channels(self, reading: Reading, episode: EpisodeState) -> list[float]:
         """The channels that are in the observation, and the readings of sensors on the computer;
@@ -284,10 +259,10 @@ class RobotEnv(BricksEnv):
             (sensed, age_s) = self._guarded(reader.latest)
             if sensor.image_px:
                 self._images[sensor.name] = np.array(sensed, dtype=np.uint8)
-            values += [
-                *(() if sensor.image_px else sensed),
-                *((age_s,) if sensor.observes_age else ()),
-            ]
+            else:
+                values += sensed
+            if sensor.observes_age:
+                values.append(age_s)
         return values
 
     @property
@@ -299,12 +274,12 @@ class RobotEnv(BricksEnv):
     def walk_metrics(self) -> dict[str, float]:
         if self._episode is None:
             return {}
-        walked = self._episode.odometer.metrics() if self.task.walks else {}
-        return (
-            walked
-            if self._episode.tracker is None
-            else {**walked, **self._episode.tracker.metrics()}
-        )
+        metrics: dict[str, float] = {}
+        if self.task.walks:
+            metrics |= self._episode.odometer.metrics()
+        if self._episode.tracker is not None:
+            metrics |= self._episode.tracker.metrics()
+        return metrics
 
     @property
     def _camera(self) -> Camera:
@@ -321,11 +296,11 @@ class RobotEnv(BricksEnv):
             self._connection = self._connect(self._twin_seed)
             for watcher in self._watchers:
                 watcher(self._connection)
-            if self._connection.twin is not None:
-                # which breaks by a fault of the robot
-                twin = self._connection.twin
-                own = self._connection.twin.in_reach
-                twin.in_reach = lambda: own() and self.in_reach()
+            twin = self._connection.twin
+            if twin is not None:
+                # Its link breaks by a fault of the robot, or where a test takes it out of reach.
+                by_itself = twin.in_reach
+                twin.in_reach = lambda: by_itself() and self.in_reach()
             self._check_stop()  # a stop requested before this had no link to act on
         return self._connection
 
@@ -337,6 +312,7 @@ class RobotEnv(BricksEnv):
             while not self._waited(PAUSE_PERIOD_S):
                 if connection.link.is_open:
                     connection.link.read()
+        # A stop may have come during the pause.
         self._check_stop()
         connection.link.open()  # without effect when it is open
         for reader in connection.sensors:
@@ -349,7 +325,8 @@ class RobotEnv(BricksEnv):
         """Wait for the end of a pause, or a stop; True if there is no pause or there is a stop."""
         with self._changed:
             return self._changed.wait_for(
-                lambda: self._is_stopped or not self._is_paused, timeout_s
+                lambda: self._is_stopped or not self._is_paused,
+                timeout_s,
             )
 
     def _check_stop(self) -> None:

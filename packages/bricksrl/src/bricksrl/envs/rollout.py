@@ -11,7 +11,7 @@ from torchrl.envs import EnvBase
 
 from brickhub.seed import EpisodeKind, episode_seed
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.task import metrics_of, success_of
+from bricksrl.envs.task import Task, metrics_of, success_of
 from bricksrl.envs.transforms import changes_nothing, own_frames, own_state
 from bricksrl.errors import DescriptionError, HubError
 
@@ -56,13 +56,17 @@ def play(
     reset_policy()
     done = False
     while not done:
+        # A driver sees what the robot observes, and not what transforms make of it.
         driver_action = None if driver is None else driver(own_state(env, state)["observation"])
-        if driver_action is not None:
+        if driver_action is None:
+            state = policy(state)
+        else:
             reset_policy()
-        state = policy(state) if driver_action is None else state.set("action", driver_action)
+            state = state.set("action", driver_action)
         if driver is not None:
             state["intervention"] = torch.tensor(driver_action is not None)
         frame = env.step(state)
+        # Read before the frame is given away, whose receiver may change it.
         done = bool(frame["next", "done"]) and not goes_on()
         yield frame
         state = env.step_mdp(frame)
@@ -102,6 +106,7 @@ def cut_at_lost_links(frames: TensorDictBase) -> TensorDictBase:
     lost = lost_links(frames)
     if lost is not None and bool(lost.any()):
         frames = frames.clone()
+        # The frame before a lost one is the last of its episode.
         frames["next", "done"][..., :-1, :] |= lost[..., 1:, None]
     return frames
 
@@ -137,7 +142,8 @@ class Rollout:
             self.rewards.append(float(step["next", "reward"]))
             self.action_sizes.append(float(step["action"].abs().mean()))
             self.observations.append(step["next"].get("observation", None))
-        if bool(own[-1]["next", "done"]) and not bool(frame["next", "done"]):
+        has_ended = bool(own[-1]["next", "done"])
+        if has_ended and not bool(frame["next", "done"]):
             raise DescriptionError(
                 "a transform hides the end of the episode; let it pass 'done' on"
             )
@@ -164,8 +170,8 @@ class Rollout:
         ours = interface_of(env)
         if ours.task is None or self.is_lost or not self.rewards:
             return None, {}
-        seen = ours.task_observations(torch.stack(self.observations))
-        metrics = metrics_of(ours.task, seen)
+        judged = ours.task_observations(torch.stack(self.observations))
+        metrics = metrics_of(ours.task, judged)
         walked = ours.walk_metrics()
         if twice := sorted(metrics.keys() & walked.keys()):
             reason = (
@@ -173,7 +179,7 @@ class Rollout:
                 "each virtual robot that moves"
             )
             raise DescriptionError(f"{reason}; give it another one")
-        return success_of(ours.task, seen), {**metrics, **walked}
+        return success_of(ours.task, judged), {**metrics, **walked}
 
 
 @dataclass(frozen=True)
@@ -201,9 +207,11 @@ def play_episodes(
     episode in which the link to the robot broke is played again. Raises HubError if it does so in
     ``TRIES`` of its tries."""
     if env.batch_size:
-        yield from _play_copies(
-            env, policy, episodes, lambda number: episode_seed(kind, seed, number), reset_policy
-        )
+
+        def seed_of(number: int) -> int:
+            return episode_seed(kind, seed, number)
+
+        yield from _play_copies(env, policy, episodes, seed_of, reset_policy)
         return
     for number in range(1, episodes + 1):
         episode = None
@@ -218,8 +226,13 @@ def play_episodes(
             lost += episode.is_lost
             if lost == TRIES:
                 raise interface_of(env).link_error
+        success, metrics = episode.judged(env)
         yield EpisodeScore(
-            episode.return_, len(episode.rewards), episode.action_size, *episode.judged(env)
+            episode.return_,
+            len(episode.rewards),
+            episode.action_size,
+            success,
+            metrics,
         )
 
 
@@ -242,21 +255,26 @@ def _play_copies(
     what it sees through transforms, gives no success and no metrics. Raises HubError if the links
     of all copies break again and again."""
     copies = env.batch_size.numel()
-    task = interface_of(env).task
-    judge = None if task is None or task.has_hidden_entries or not changes_nothing(env) else task
-    started = played = in_vain = 0
+    judge = _judge_of_copies(env)
+    started = 0
+    played = 0
+    in_vain = 0  # rounds one after the other in which all links broke
     while played < episodes:
         seed_episode(env, seed_of(1 + started))
         started += copies
         reset_policy()
         rollout = env.rollout(longest_of(env), policy, break_when_any_done=False).cpu()
         frames = rollout["next"]
-        sizes = rollout["action"].abs().mean(-1)
+        sizes = rollout["action"].abs().mean(-1)  # [copies, time]
         done = frames["done"].squeeze(-1)
-        lengths = torch.where(done.any(-1), done.int().argmax(-1) + 1, done.shape[-1])
-        whole = [
-            copy for copy in range(copies) if not link_lost(rollout[copy, int(lengths[copy]) - 1])
-        ]
+        # Of each copy only the first episode counts: quick ones would count more often.
+        first_end = done.int().argmax(-1) + 1
+        lengths = torch.where(done.any(-1), first_end, done.shape[-1])  # [copies]
+        whole = []
+        for copy in range(copies):
+            last = rollout[copy, int(lengths[copy]) - 1]
+            if not link_lost(last):
+                whole.append(copy)
         in_vain = 0 if whole else in_vain + 1
         if in_vain == TRIES:
             raise HubError(
@@ -268,11 +286,19 @@ def _play_copies(
             success = None if judge is None else success_of(judge, episode["observation"])
             numbers = {} if judge is None else metrics_of(judge, episode["observation"])
             size = float(sizes[copy, : len(episode)].mean())
-            return_ = float(
-                episode["episode_reward"][-1]
-                if "episode_reward" in episode
-                else episode["reward"].sum()
-            )
+            # Counters stand before the transforms, and hold the environment's own.
+            if "episode_reward" in episode:
+                return_ = episode["episode_reward"][-1]
+            else:
+                return_ = episode["reward"].sum()
             length = int(episode["step_count"][-1]) if "step_count" in episode else len(episode)
             played += 1
-            yield EpisodeScore(return_, length, size, success, numbers)
+            yield EpisodeScore(float(return_), length, size, success, numbers)
+
+
+def _judge_of_copies(env: EnvBase) -> Task | None:
+    """The task where it can judge what is observed of copies; ``None`` where it cannot."""
+    task = interface_of(env).task
+    if task is None or task.has_hidden_entries or not changes_nothing(env):
+        return None
+    return task

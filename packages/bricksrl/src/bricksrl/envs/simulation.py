@@ -60,22 +60,26 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     ) -> None:
         shape = batch_shape(batch_size)
         super().__init__(batch_size=shape, device=resolve_device(device))
+        motors = len(task.interface.commands)
         self.task = task
-        self._action_shape = torch.Size((*shape, len(task.interface.commands)))
+        self._action_shape = torch.Size((*shape, motors))
         self._kinematics = kinematics
         self._rng = torch.Generator(self.device)
-        self._plan(task)
+        indices = self._commanded_channels(task)
+        self._plan_motion(task, indices)
+        self._plan_starts(task, indices)
         set_vector_specs(self, task)
         self._set_seed(seed)
         self._copies = shape.numel()
         self._state = torch.zeros(len(task.entries), self._copies, device=self.device)
         self._steps = torch.zeros(self._copies, 1, dtype=torch.int32, device=self.device)
-        self._speed = torch.zeros(len(task.interface.commands), self._copies, device=self.device)
+        self._speed = torch.zeros(motors, self._copies, device=self.device)
 
-    def _plan(self, task: Task) -> None:
-        """Convert the task's commands and channels into tensors, with one row per command."""
+    @staticmethod
+    def _commanded_channels(task: Task) -> list[int]:
+        """Index of the angle channel of each command's motor. Raises DescriptionError for what
+        kinematics do not know."""
         commands = task.interface.commands
-        channels = task.interface.channels
         if task.measured_entries or task.observes_commands or task.has_hidden_entries:
             unknown = "distances, last commands, targets and cameras"
             raise DescriptionError(
@@ -83,62 +87,70 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             )
         angle_index = task.interface.angle_indices
         turns = [command for command in commands if isinstance(command, RunAngle)]
-        if len(turns) < len(commands) or {turn.motor for turn in turns} != set(angle_index):
+        motors = {turn.motor for turn in turns}
+        if len(turns) < len(commands) or motors != set(angle_index):
             raise DescriptionError(
                 f"{task.id} cannot be simulated; every motor needs a RunAngle command and an "
                 "angle channel"
             )
-        indices = [angle_index[turn.motor] for turn in turns]
-        angles = [channels[index] for index in indices]
+        return [angle_index[turn.motor] for turn in turns]
 
-        def tensor(values: list[float]) -> Tensor:
-            return torch.tensor(values, dtype=torch.float32, device=self.device)[:, None]
+    def _column(self, values: list[float]) -> Tensor:
+        """Values of commands or entries as ``[n, 1]``, which go along with all copies."""
+        return torch.tensor(values, dtype=torch.float32, device=self.device)[:, None]
 
-        self._middle = tensor([(c.low + c.high) / 2 for c in commands])
-        self._half = tensor([(c.high - c.low) / 2 for c in commands])
+    def _plan_motion(self, task: Task, indices: list[int]) -> None:
+        """Convert the task's commands and their channels into tensors, with one row per command."""
+        commands = task.interface.commands
+        angles = [task.interface.channels[index] for index in indices]
+        self._middle = self._column([(command.low + command.high) / 2 for command in commands])
+        self._half = self._column([(command.high - command.low) / 2 for command in commands])
         self._noise = self._kinematics.noise * self._half
-        self._limit = tensor([turn.speed_deg_s for turn in turns])
+        speeds_deg_s: list[float] = [
+            turn.speed_deg_s for turn in commands if isinstance(turn, RunAngle)
+        ]
+        self._limit = self._column(speeds_deg_s)
         step_ms = task.interface.settle.fixed_ms
         is_instant = self._kinematics.motion == "instant"
-        # end stops are not modelled
-        if not is_instant and (step_ms is None or not all(angle.wraps for angle in angles)):
+        is_endless = all(angle.wraps for angle in angles)
+        # End stops are not modelled: there the firmware's trajectory is not the motion.
+        if not is_instant and (step_ms is None or not is_endless):
             raise DescriptionError(
                 f"{task.id} cannot be simulated with the firmware's motion; it needs a Wait, and "
                 "motors without ends"
             )
         # until the next command
         self._time_s = None if is_instant or step_ms is None else step_ms / 1000
-        self._low = tensor([a.low for a in angles])
-        self._high = tensor([a.high for a in angles])
+        self._low = self._column([angle.low for angle in angles])
+        self._high = self._column([angle.high for angle in angles])
         # Wrap and stop in one formula: whole turns are subtracted for endless motors, then all
         # angles are clamped.
-        wraps = tensor([float(angle.wraps) for angle in angles])
+        wraps = self._column([float(angle.wraps) for angle in angles])
         self._turns_per_deg = wraps / 360.0
         self._deg_per_turn = wraps * 360.0
         # A slice where the commanded motors are contiguous: indexing then copies nothing.
-        contiguous = indices == list(range(indices[0], indices[0] + len(indices)))
-        self._angles = (
-            slice(indices[0], indices[0] + len(indices))
-            if contiguous
-            else torch.tensor(indices, device=self.device)
+        first = indices[0]
+        end = first + len(indices)
+        is_contiguous = indices == list(range(first, end))
+        self._angles: slice | Tensor = (
+            slice(first, end) if is_contiguous else torch.tensor(indices, device=self.device)
         )
-        entries = task.entries
-        drawn = {*indices, *range(len(channels), len(entries))}
-        # Entries that a reset draws uniformly; the others read 0. Integers are rounded down, so
-        # their range ends at high + 1.
-        self._whole = torch.tensor(
-            [False] * len(channels) + [e.whole for e in task.sampled_entries], device=self.device
-        )[:, None]
-        ends = [
-            e.high + whole for e, whole in zip(entries, self._whole[:, 0].tolist(), strict=True)
-        ]
-        self._start_low = tensor([e.low if i in drawn else 0.0 for i, e in enumerate(entries)])
-        self._start_span = tensor(
-            [
-                end - e.low if i in drawn else 0.0
-                for i, (e, end) in enumerate(zip(entries, ends, strict=True))
-            ]
-        )
+
+    def _plan_starts(self, task: Task, indices: list[int]) -> None:
+        """Ranges of the entries that a reset draws uniformly; the others read 0."""
+        channels = len(task.interface.channels)
+        drawn = {*indices, *range(channels, len(task.entries))}
+        is_whole = [False] * channels + [entry.whole for entry in task.sampled_entries]
+        lows = []
+        spans = []
+        for index, entry in enumerate(task.entries):
+            # Integers are rounded down, so their range ends at high + 1.
+            end = entry.high + is_whole[index]
+            lows.append(entry.low if index in drawn else 0.0)
+            spans.append(end - entry.low if index in drawn else 0.0)
+        self._whole = torch.tensor(is_whole, device=self.device)[:, None]
+        self._start_low = self._column(lows)
+        self._start_span = self._column(spans)
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
@@ -147,9 +159,10 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     def maybe_reset(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Reset the copies that are done, and only those: resetting all would dominate the time of
         a step."""
-        done = tensordict.get("done").view(-1).nonzero().squeeze(1)
-        if len(done):
-            self._start(done)
+        done = tensordict.get("done").view(-1)
+        ended = done.nonzero().squeeze(1)
+        if len(ended):
+            self._start(ended)
             tensordict.set("observation", self._out(self._state.t()))
             for key in self.done_keys:
                 tensordict.set(key, torch.zeros_like(tensordict.get(key)))
@@ -158,22 +171,21 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     def _reset(self, tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
         self.is_closed = False
         mask = tensordict.get("_reset", None) if tensordict is not None else None
-        all_copies = torch.arange(self._copies, device=self.device)
-        self._start(all_copies if mask is None else mask.view(-1).nonzero().squeeze(1))
-        return TensorDict(
-            {"observation": self._out(self._state.t())}, self.batch_size, device=self.device
-        )
+        if mask is None:
+            copies = torch.arange(self._copies, device=self.device)
+        else:
+            copies = mask.view(-1).nonzero().squeeze(1)
+        self._start(copies)
+        observation = self._out(self._state.t())
+        return TensorDict({"observation": observation}, self.batch_size, device=self.device)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         if self.is_closed:
             raise BricksError(f"{self.task.id} has no episode to step; reset the environment first")
-        action = (
-            clamped(tensordict["action"], self._action_shape, self.task.id)
-            .view(self._copies, -1)
-            .t()
-            .contiguous()
-        )
+        given = clamped(tensordict["action"], self._action_shape, self.task.id)
+        action = given.view(self._copies, -1).t().contiguous()  # [m, copies]
         before = self._state
+        # New tensors in place of changed ones: what an earlier step returned may be kept.
         (self._state, self._speed) = self._move(self._state, action)
         self._steps = self._steps + 1
         observation = self._state.t()
@@ -186,25 +198,25 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             "truncated": truncated,
             "done": terminated | truncated,
         }
-        return TensorDict(
-            {key: self._out(value) for key, value in out.items()},
-            self.batch_size,
-            device=self.device,
-        )
+        copied = {key: self._out(value) for key, value in out.items()}
+        return TensorDict(copied, self.batch_size, device=self.device)
 
     def _move(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
         """Next state ``[n, copies]`` and speeds ``[m, copies]``; ``state`` and ``action [m,
         copies]`` are not changed."""
-        noise = torch.randn(action.shape, generator=self._rng, device=self.device).mul_(self._noise)
+        noise = torch.randn(action.shape, generator=self._rng, device=self.device)
+        noise = noise.mul_(self._noise)
         turn = torch.addcmul(self._middle, action, self._half)
         on_action = self._kinematics.noise_on == "action"
-        turn = turn.add_(noise) if on_action else turn
+        if on_action:
+            turn = turn.add_(noise)
         speed = self._speed
         if self._time_s is not None:
             turn, speed = turned_angle(turn, speed, self._limit, self._time_s)
         angles = self._bounded(turn.add_(state[self._angles]))
         if not on_action:
             angles = self._bounded(angles.add_(noise))
+        # A copy: the state before the step is still needed for the reward.
         moved = state.clone()
         moved[self._angles] = angles
         return moved, speed
@@ -216,9 +228,8 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
 
     def _start(self, copies: Tensor) -> None:
         """Draw new start states for ``copies``; tensors returned earlier are not changed."""
-        share = torch.rand(
-            (self._state.shape[0], len(copies)), generator=self._rng, device=self.device
-        )
+        shape = (self._state.shape[0], len(copies))
+        share = torch.rand(shape, generator=self._rng, device=self.device)
         drawn = torch.addcmul(self._start_low, share, self._start_span)
         drawn = torch.where(self._whole, drawn.floor(), drawn)
         self._state = self._state.index_copy(1, copies, drawn)
@@ -241,28 +252,34 @@ def reseed(generator: torch.Generator, seed: int | None) -> None:
 def resolve_device(name: str | torch.device) -> torch.device:
     """A device by name; "auto" is the best one here. Raises RunError if there is no such device."""
     if name == "auto":
-        name = (
-            "cuda"
-            if torch.cuda.is_available()
-            else "mps"
-            if torch.backends.mps.is_available()
-            else "cpu"
-        )
+        name = next(iter(_accelerators()), "cpu")
     try:
+        # Only a tensor on it shows that there is such a device, and gives it its number.
         return torch.empty(0, device=torch.device(name)).device
     except (RuntimeError, AssertionError, NotImplementedError, TypeError):
-        found = {"cuda": torch.cuda.is_available(), "mps": torch.backends.mps.is_available()}
-        here = ", ".join(["cpu", *(device for device, is_here in found.items() if is_here)])
+        here = ", ".join(["cpu", *_accelerators()])
         raise RunError(f"there is no device '{name}' here; choose {here} or auto") from None
+
+
+def _accelerators() -> list[str]:
+    """Names of the devices here beside the processor, the best one first."""
+    found = {
+        "cuda": torch.cuda.is_available(),
+        "mps": torch.backends.mps.is_available(),
+    }
+    return [name for name, is_here in found.items() if is_here]
 
 
 def batch_shape(batch_size: int | Sequence[int]) -> torch.Size:
     """Shape of a number of copies, as an integer or as in TorchRL. Raises DescriptionError if it is
     no number of copies."""
-    sizes = (
-        list(batch_size) if isinstance(batch_size, Sequence) else [batch_size] if batch_size else []
-    )
-    if len(sizes) > 1 or not all(hasattr(size, "__index__") and size > 0 for size in sizes):
+    if isinstance(batch_size, Sequence):
+        sizes = list(batch_size)
+    else:
+        sizes = [batch_size] if batch_size else []
+    # A NumPy integer has an index too, a float has none.
+    are_counts = all(hasattr(size, "__index__") and size > 0 for size in sizes)
+    if len(sizes) > 1 or not are_counts:
         raise DescriptionError(
             f"batch_size is {batch_size!r}; give a number of copies, or 0 for one without a batch "
             "dimension"
@@ -271,7 +288,10 @@ def batch_shape(batch_size: int | Sequence[int]) -> torch.Size:
 
 
 def turned_angle(
-    turn_deg: Tensor, speed_deg_s: Tensor, limit_deg_s: Tensor, time_s: float
+    turn_deg: Tensor,
+    speed_deg_s: Tensor,
+    limit_deg_s: Tensor,
+    time_s: float,
 ) -> tuple[Tensor, Tensor]:
     """Angle turned after ``time_s`` (deg) and the speed then (deg/s).
 
@@ -288,6 +308,7 @@ def turned_angle(
     start = torch.minimum(sign * speed_deg_s, (2.0 * a * distance).sqrt())
     back = torch.where(start < 0, start.square() / (2.0 * a), 0.0)
     top = torch.minimum((2.0 * a * (distance + back)).sqrt(), limit_deg_s)
+    # A command with a lower limit than the present speed begins by braking.
     first = torch.where(start < top, a, -a)
     # position where the first ramp, extrapolated, has speed zero
     origin = -start.square() / (2.0 * first)
@@ -297,12 +318,19 @@ def turned_angle(
     is_triangular = braking < ramped
     ramped = torch.where(is_triangular, (origin + distance) / 2.0, ramped)
     braking = torch.where(is_triangular, ramped, braking)
-    top = torch.where(is_triangular, (2.0 * first * (ramped - origin)).clamp_min(0.0).sqrt(), top)
+    peak_squared = 2.0 * first * (ramped - origin)
+    top = torch.where(is_triangular, peak_squared.clamp_min(0.0).sqrt(), top)
+    # Times at which the first ramp ends, and the braking begins.
     t1 = (top - start) / first
-    t2 = t1 + torch.where(top > 0, (braking - ramped) / top.clamp_min(1e-6), 0.0)
+    cruise_s = (braking - ramped) / top.clamp_min(1e-6)
+    t2 = t1 + torch.where(top > 0, cruise_s, 0.0)
+    # Parts of ``time_s`` in the first ramp, at constant speed, and braking.
     u1 = t1.clamp_max(time_s)
     u3 = (time_s - t2).clamp_min(0.0).minimum(top / a)
     cruise = (time_s - t1).clamp_min(0.0).minimum(t2 - t1)
-    turned = start * u1 + first * u1.square() / 2.0 + top * (cruise + u3) - a * u3.square() / 2.0
-    speed = torch.where(time_s < t1, start + first * u1, top - a * u3)
+    in_ramp = start * u1 + first * u1.square() / 2.0
+    turned = in_ramp + top * (cruise + u3) - a * u3.square() / 2.0
+    ramp_speed = start + first * u1
+    end_speed = top - a * u3
+    speed = torch.where(time_s < t1, ramp_speed, end_speed)
     return sign * turned, sign * speed

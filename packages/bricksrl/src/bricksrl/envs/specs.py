@@ -4,7 +4,7 @@ consists of its specs only."""
 import traceback
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isnan
 from typing import Any
 
@@ -28,6 +28,7 @@ def clamped(action: Tensor, shape: Sequence[int], env_id: str) -> Tensor:
             f"{env_id} got an action of shape {list(action.shape)}; give {list(shape)}"
         )
     action = action.detach().clamp(-1.0, 1.0)
+    # One number is NaN where any of them is.
     if action.device.type == "cpu" and isnan(action.sum()):
         raise BricksError(
             f"{env_id} got an action that is not a number (NaN); look for what computed it"
@@ -69,13 +70,14 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
 
     @classmethod
     def of(
-        cls, entries: Sequence[Entry], batch: Sequence[int] = (), device: torch.device | None = None
+        cls,
+        entries: Sequence[Entry],
+        batch: Sequence[int] = (),
+        device: torch.device | None = None,
     ) -> "NominalBounded":
         """Spec of a vector of ``entries``, with leading dimensions ``batch``."""
-        low, high = (
-            torch.tensor([getattr(e, end) for e in entries], device=device)
-            for end in ("low", "high")
-        )
+        low = torch.tensor([entry.low for entry in entries], device=device)
+        high = torch.tensor([entry.high for entry in entries], device=device)
         shape = (*batch, len(entries))
         spec: NominalBounded = cls(low.expand(shape), high.expand(shape))
         spec.entries = tuple(entries)
@@ -88,16 +90,16 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         ``UnsqueezeTransform`` adds dimensions of one entry."""
         marks = [entry.bounds != (entry.low, entry.high) for entry in self.entries]
         sizes = [size for size in self.shape if size != 1] or [1]
-        if not marks or sizes[-1] % len(marks):
+        count = sizes[-1]
+        if not marks or count % len(marks):
             return torch.ones(self.shape, dtype=torch.bool)
-        return torch.tensor(marks * (sizes[-1] // len(marks))).expand(sizes).reshape(self.shape)
+        repeated = torch.tensor(marks * (count // len(marks)))
+        return repeated.expand(sizes).reshape(self.shape)
 
     def is_in(self, val: Tensor) -> bool:
-        if (
-            val.dtype != self.dtype
-            or val.shape[-self.ndim :] != self.shape
-            or not bool(val.isfinite().all())
-        ):
+        inner_shape = val.shape[-self.ndim :]  # it may have batch dimensions before
+        is_alike = val.dtype == self.dtype and inner_shape == self.shape
+        if not is_alike or not bool(val.isfinite().all()):
             return False
         return bool((self._project(val) == val).all())
 
@@ -123,18 +125,17 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         "__getitem__",
     )
     clone, to, expand, squeeze, unsqueeze, _reshape, _unflatten, __getitem__ = map(
-        _keeping, operations
+        _keeping,
+        operations,
     )
 
     def unbind(self, dim: int = 0) -> "tuple[NominalBounded, ...]":
         return tuple(map(self.of_same, super().unbind(dim)))
 
     def __eq__(self, other: object) -> bool:
-        return (
-            bool(super().__eq__(other))
-            and isinstance(other, NominalBounded)
-            and self.entries == other.entries
-        )
+        if not isinstance(other, NominalBounded) or not super().__eq__(other):
+            return False
+        return self.entries == other.entries
 
     def __hash__(self) -> int:
         return hash((self.shape, self.dtype))
@@ -156,7 +157,9 @@ def set_vector_specs(env: EnvBase, task: Task) -> None:
     batch = env.batch_size
     device = env.device
     env.observation_spec = Composite(
-        observation=NominalBounded.of(task.entries, batch, device), shape=batch, device=device
+        observation=NominalBounded.of(task.entries, batch, device),
+        shape=batch,
+        device=device,
     )
     env.action_spec = Bounded(-1.0, 1.0, (*batch, len(task.interface.commands)), device=device)
     env.reward_spec = Unbounded((*batch, 1), device=device)
@@ -167,17 +170,17 @@ def spec_entries(spec: Any, prefix: str | tuple[str, ...]) -> tuple[Entry, ...]:
     """Entries of a spec; where it has none, numbered ones with its bounds, infinite where it has
     none. ``prefix``: its key."""
     entries: tuple[Entry, ...] = getattr(spec, "entries", ())
-    space = getattr(spec, "space", None)
-    n = spec.shape.numel()
-    if len(entries) == n:
+    count = spec.shape.numel()
+    if len(entries) == count:
         return entries
-    ends = [getattr(space, end, None) for end in ("low", "high")]
-    low, high = (
-        [without] * n if end is None else end.flatten().tolist()
-        for end, without in zip(ends, (-inf, inf), strict=True)
-    )
+    space = getattr(spec, "space", None)
+    low = getattr(space, "low", None)
+    high = getattr(space, "high", None)
+    lows = [-inf] * count if low is None else low.flatten().tolist()
+    highs = [inf] * count if high is None else high.flatten().tolist()
     name = prefix if isinstance(prefix, str) else ".".join(prefix)
-    return tuple(Entry(f"{name}_{i}", low[i], high[i]) for i in range(n))
+    bounds = zip(lows, highs, strict=True)
+    return tuple(Entry(f"{name}_{index}", *ends) for index, ends in enumerate(bounds))
 
 
 @dataclass(frozen=True)
@@ -208,21 +211,25 @@ class ImageShape:
         """The image of a spec ``[side, side, channels]`` or ``[channels, side, side]``. Raises
         DescriptionError for another."""
         shape = tuple(spec.shape)
-        is_last = shape[-1] < shape[0]
-        channels, side = (shape[-1], shape[0]) if is_last else (shape[0], shape[-1])
+        first = shape[0]
+        last = shape[-1]
+        # Channels are fewer than pixels; which end they stand at is a matter of the library.
+        is_last = last < first
+        channels = last if is_last else first
+        side = first if is_last else last
         if sorted(shape) != sorted((channels, side, side)):
             raise DescriptionError(
                 f"an agent reads no '{key}' of shape {list(shape)}; crop it to a square, or "
                 "leave it out"
             )
-        ends = [getattr(spec.space, end, None) for end in ("low", "high")]
-        low, high = (
-            without if end is None else float(end.max())
-            for end, without in zip(ends, (0.0, 1.0), strict=True)
-        )
-        return cls(
-            key, side, channels, is_last, *((low, high) if inf > high > low > -inf else (0.0, 1.0))
-        )
+        image = cls(key, side, channels, is_last)
+        low = getattr(spec.space, "low", None)
+        high = getattr(spec.space, "high", None)
+        black = image.low if low is None else float(low.max())
+        white = image.high if high is None else float(high.max())
+        if inf > white > black > -inf:
+            return replace(image, low=black, high=white)
+        return image  # an unbounded spec does not say what white is
 
 
 EPISODE_KEYS = (
@@ -241,16 +248,14 @@ nor what begins with "_"."""
 
 def transform_failure(error: Exception) -> DescriptionError:
     """The error of a transform that raised, by the name of its class."""
-    within = (frame.f_locals.get("self") for frame, _ in traceback.walk_tb(error.__traceback__))
-    names = [
-        type(one).__name__
-        for one in within
-        if isinstance(one, Transform) and not isinstance(one, Compose)
-    ]
+    name = "the transform"
+    # The innermost one of the traceback: those around it only called it.
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        caller = frame.f_locals.get("self")
+        if isinstance(caller, Transform) and not isinstance(caller, Compose):
+            name = type(caller).__name__
     what = f"{message_of(error, typed=True)}{line_of_user(error)}"
-    return DescriptionError(
-        f"{(names or ['the transform'])[-1]} fails ({what}); correct it, or omit it"
-    )
+    return DescriptionError(f"{name} fails ({what}); correct it, or omit it")
 
 
 def specs_of(env: EnvBase, kind: str) -> Composite:
@@ -265,8 +270,12 @@ def specs_of(env: EnvBase, kind: str) -> Composite:
 def given_specs(env: EnvBase) -> dict[Any, Any]:
     """Specs, without batch, of all numbers that an environment gives to its transforms, whether an
     agent can read them or not."""
-    specs = specs_of(env, "observation").items(True, True)
-    return {key: spec for key, spec in specs if spec.dtype is not None and key not in EPISODE_KEYS}
+    given = {}
+    for key, spec in specs_of(env, "observation").items(True, True):
+        is_text = spec.dtype is None
+        if not is_text and key not in EPISODE_KEYS:
+            given[key] = spec
+    return given
 
 
 def observed_specs(env: EnvBase) -> dict[str, Any]:
@@ -275,15 +284,13 @@ def observed_specs(env: EnvBase) -> dict[str, Any]:
     specs = {}
     for key, spec in specs_of(env, "observation").items():
         # its parts have other names now
-        is_empty = isinstance(spec, Composite) and not list(spec.keys(True, True))
+        is_group = isinstance(spec, Composite)
+        is_empty = is_group and not list(spec.keys(True, True))
         if key in EPISODE_KEYS or key.startswith("_") or is_empty:
             continue
-        if isinstance(spec, Composite) or spec.dtype is None or not 0 < len(spec.shape) <= 3:
-            kind = (
-                type(spec).__name__
-                if isinstance(spec, Composite) or spec.dtype is None
-                else f"shape {list(spec.shape)}"
-            )
+        is_numbers = not is_group and spec.dtype is not None
+        if not is_numbers or not 0 < len(spec.shape) <= 3:
+            kind = f"shape {list(spec.shape)}" if is_numbers else type(spec).__name__
             raise DescriptionError(
                 f"an agent reads no '{key}' ({kind}); rename its parts, or leave it out "
                 "(ExcludeTransform)"
@@ -329,26 +336,26 @@ class ObservationLayout:
     @property
     def places(self) -> dict[str, int]:
         """Index of each entry in the newest observation that stands there in its own units."""
-        scaled = list(zip(self.scale, self.offset, strict=True)) or [(1.0, 0.0)] * len(self.names)
-        numbers = enumerate(zip(self.names, self.frames, scaled, strict=True))
-        return {
-            name: index
-            for index, (name, frame, factors) in numbers
-            if frame == 0 and factors == (1.0, 0.0)
-        }
+        places = {}
+        for index, name in enumerate(self.names):
+            factors = (self.scale[index], self.offset[index]) if self.scale else (1.0, 0.0)
+            if self.frames[index] == 0 and factors == (1.0, 0.0):
+                places[name] = index
+        return places
 
     @property
     def past(self) -> dict[int, int]:
         """Numbers of older frames, each with that of its entry in the newest frame that has it."""
         numbers = list(zip(self.frames, self.names, strict=False))
         newest = dict[str, int]()
-        for _, name, index in sorted((*number, index) for index, number in enumerate(numbers)):
+        by_age = sorted((frame, name, index) for index, (frame, name) in enumerate(numbers))
+        for _, name, index in by_age:
             newest.setdefault(name, index)
-        return {
-            old: newest[name]
-            for old, (frame, name) in enumerate(numbers)
-            if frame > self.frames[newest[name]]
-        }
+        past = {}
+        for index, (frame, name) in enumerate(numbers):
+            if frame > self.frames[newest[name]]:
+                past[index] = newest[name]
+        return past
 
     @classmethod
     def of_numbers(
@@ -361,31 +368,26 @@ class ObservationLayout:
         numbers = [number for numbers in vectors.values() for number in numbers]
         goals = _goal_pairs(numbers)
         paired = {index for pair in goals for index in pair}
-        # the scale of a number without range, angle or goal is a transform's matter
-        plain = [
-            i not in paired and not n.entry.wraps and not inf > n.entry.high - n.entry.low
-            for i, n in enumerate(numbers)
-        ]
-        maps = [
-            (1.0, 0.0) if is_plain else (n.scale, n.offset)
-            for is_plain, n in zip(plain, numbers, strict=True)
-        ]
+        maps = []
+        for index, number in enumerate(numbers):
+            entry = number.entry
+            has_range = inf > entry.high - entry.low
+            # The scale of a number without range, angle or goal is a transform's matter.
+            has_unit = index in paired or entry.wraps or has_range
+            maps.append((number.scale, number.offset) if has_unit else (1.0, 0.0))
         is_scaled = any(pair != (1.0, 0.0) for pair in maps)
         entries = [number.entry for number in numbers]
         return cls(
-            tuple(e.low for e in entries),
-            tuple(e.high for e in entries),
-            tuple(e.wraps for e in entries),
-            goals,
-            images,
-            tuple(zip(vectors, shapes, strict=True)),
-            *(
-                (tuple(scale for scale, _ in maps), tuple(offset for _, offset in maps))
-                if is_scaled
-                else ((), ())
-            ),
-            names=tuple(e.name for e in entries),
-            frames=tuple(n.frame for n in numbers),
+            low=tuple(entry.low for entry in entries),
+            high=tuple(entry.high for entry in entries),
+            wraps=tuple(entry.wraps for entry in entries),
+            goals=goals,
+            images=images,
+            vectors=tuple(zip(vectors, shapes, strict=True)),
+            scale=tuple(scale for scale, _ in maps) if is_scaled else (),
+            offset=tuple(offset for _, offset in maps) if is_scaled else (),
+            names=tuple(entry.name for entry in entries),
+            frames=tuple(number.frame for number in numbers),
         )
 
 
@@ -397,13 +399,19 @@ def _goal_pairs(numbers: Sequence[Number]) -> tuple[tuple[int, int], ...]:
         places[number.entry.name, number.frame].append(index)
     pairs: list[tuple[int, int]] = []
     for (name, frame), goals in places.items():
-        if name.endswith("_goal"):
-            pairs += zip(
-                goals, places.get((f"{name.removesuffix('_goal')}_angle", frame), ()), strict=False
-            )
-    return tuple(
-        sorted(pair for pair in pairs if len({numbers[index].entry.wraps for index in pair}) == 1)
-    )
+        if not name.endswith("_goal"):
+            continue
+        joint = name.removesuffix("_goal")
+        angles = places.get((f"{joint}_angle", frame), ())
+        # Where a transform copies both, the first belong together, then the second, and so on.
+        pairs += zip(goals, angles, strict=False)
+    # A difference has a meaning only where both run around, or neither does.
+    alike = [
+        (goal, angle)
+        for goal, angle in pairs
+        if numbers[goal].entry.wraps == numbers[angle].entry.wraps
+    ]
+    return tuple(sorted(alike))
 
 
 SPECS = ("observation_spec", "action_spec", "reward_spec", "done_spec")

@@ -28,6 +28,7 @@ def find(name: str) -> Target:
         return _in_arena(get_arena_task(arena), contestant)
     if name in robots.ROBOTS or is_plan(name):
         return target.find(name)
+    # A file that has no task may have a robot alone.
     if is_reference(name) and not _names_task(name):
         return target.find(name)
     try:
@@ -47,25 +48,24 @@ def find(name: str) -> Target:
 
 def _in_arena(task: ArenaTask, name: str) -> Target:
     """A robot of an arena, by itself."""
-    index = task.robots.index(name) if name in task.robots else 0
-    others = [f"{task.id}:{other}" for other in task.robots if other != task.robots[index]]
     if name and name not in task.robots:
         raise UnknownNameError(
             f"{task.id} has no robot '{name}'{hint(name, task.robots)}; it has "
             f"{', '.join(task.robots)}"
         )
+    index = task.robots.index(name) if name else 0
+    found = task.robots[index]
     robot = task.arena.robots[index].robot
-    note = (
-        f"{task.id} has several robots: this is {task.robots[index]}; there are also "
-        f"{', '.join(others)}"
-    )
-    make = partial(make_body, robot)
+    note = ""
+    if not name:
+        others = [f"{task.id}:{other}" for other in task.robots if other != found]
+        note = f"{task.id} has several robots: this is {found}; there are also {', '.join(others)}"
     return Target(
-        f"{task.id}:{task.robots[index]}",
+        f"{task.id}:{found}",
         robot,
         task.interfaces[index],
-        make,
-        note="" if name else note,
+        partial(make_body, robot),
+        note=note,
     )
 
 

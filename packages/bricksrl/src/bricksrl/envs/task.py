@@ -128,14 +128,11 @@ class Task:
         check_fields(Task, vars(self))
         self.robot.check_complete()
         if self.client is not None:
-            # which can be used in any folder
+            # An absolute path, which can be used in any folder.
             object.__setattr__(self, "program", self.client.program)
             self.client.check(self.interface)
-        check_arguments(f"reward of {self.id}", self.reward, ("previous", "action", "observation"))
-        for name in ("success", "metrics"):
-            check_arguments(f"{name} of {self.id}", getattr(self, name), ("observations",))
-        for name in ("terminated", "blocked"):
-            check_arguments(f"{name} of {self.id}", getattr(self, name), ("observation",))
+        for name, arguments in _ARGUMENTS.items():
+            check_arguments(f"{name} of {self.id}", getattr(self, name), arguments)
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
             raise DescriptionError(
                 f"'{self.id}' is not an id for a task; take a name and a version, such as "
@@ -153,40 +150,46 @@ class Task:
                 f"task {self.id}: nothing to command or nothing to observe; name commands and "
                 "channels"
             )
-        names = [entry.name for entry in self.entries] + [
-            sensor.name for sensor in self.sensors if sensor.image_px
-        ]
+        self._check_names()
+        if self.symmetric:
+            mirrors(self)  # raises where something has no mirror image
+
+    def _check_names(self) -> None:
+        """Raise DescriptionError where two numbers or images have one name, or an image that of a
+        part of each step, or a range is none."""
+        images = [sensor.name for sensor in self.sensors if sensor.image_px]
+        names = [entry.name for entry in self.entries] + images
         if len(set(names)) < len(names):
             raise DescriptionError(
                 f"task {self.id}: the observation {', '.join(names)} names an entry twice; "
                 "rename one"
             )
-        if taken := [
-            sensor.name
-            for sensor in self.sensors
-            if sensor.image_px and sensor.name in RESERVED_KEYS
-        ]:
+        taken = [name for name in images if name in RESERVED_KEYS]
+        if taken:
             raise DescriptionError(
                 f"task {self.id}: '{taken[0]}' is what each step has anyway; give the sensor "
                 "another name"
             )
-        if backwards := [entry.name for entry in self.entries if not entry.low <= entry.high]:
+        # Not `low > high`, which is false where an end is no number.
+        backwards = [entry.name for entry in self.entries if not entry.low <= entry.high]
+        if backwards:
             raise DescriptionError(
                 f"task {self.id}: the range of {', '.join(backwards)} ends below its start; "
                 "exchange the two"
             )
-        if self.symmetric:
-            mirrors(self)  # raises where something has no mirror image
 
     @property
     def client(self) -> OwnClient | None:
         """The client program of one's own, if any."""
-        return None if self.program is None else OwnClient(self.program, self.commands, self.answer)
+        if self.program is None:
+            return None
+        return OwnClient(self.program, self.commands, self.answer)
 
     @property
     def hub_program(self) -> HubProgram:
         """The program on the hub. Raises ProgramError if the hub cannot run it."""
-        return generate(self.robot, self.interface) if self.client is None else self.client.load()
+        client = self.client
+        return generate(self.robot, self.interface) if client is None else client.load()
 
     @property
     def summary(self) -> str:
@@ -202,10 +205,10 @@ class Task:
     @property
     def observed_channels(self) -> tuple[int, ...]:
         """Indices of the channels that are in the observation."""
+        # The wheels only tell where the target is: see `Target`.
         wheel_angles = () if self.target is None else wheels(self.robot, self.interface)
-        return tuple(
-            index for index in range(len(self.interface.channels)) if index not in wheel_angles
-        )
+        channels = range(len(self.interface.channels))
+        return tuple(index for index in channels if index not in wheel_angles)
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -225,21 +228,26 @@ class Task:
     @property
     def images(self) -> dict[str, int]:
         """Side in px of each image of the observation, by its key: the camera's is ``"image"``."""
-        own = {} if self.camera is None else {"image": self.camera.image_px}
-        return own | {sensor.name: sensor.image_px for sensor in self.sensors if sensor.image_px}
+        images = {}
+        if self.camera is not None:
+            images["image"] = self.camera.image_px
+        for sensor in self.sensors:
+            if sensor.image_px:
+                images[sensor.name] = sensor.image_px
+        return images
 
     @property
     def command_entries(self) -> tuple[Entry, ...]:
         """Entries of the last commands, where they are observed."""
         if not self.observes_commands:
             return ()
-        commands = self.interface.commands
-        return tuple(
-            Entry(
-                f"last_{c.name}", c.low, c.high, c.unit, limits=(min(c.low, 0.0), max(c.high, 0.0))
-            )
-            for c in commands
-        )
+        entries = []
+        for command in self.interface.commands:
+            # After a reset it reads 0, also where that is no command.
+            limits = (min(command.low, 0.0), max(command.high, 0.0))
+            name = f"last_{command.name}"
+            entries.append(Entry(name, command.low, command.high, command.unit, limits=limits))
+        return tuple(entries)
 
     @property
     def has_hidden_entries(self) -> bool:
@@ -249,20 +257,17 @@ class Task:
     def goal(self, observation: Sequence[float]) -> Goal | None:
         """Pose that the robot is to reach by an observation ``[n]``, to be drawn: of motors, each
         with an entry such as ``low_goal``, or the target's; ``None`` if there is none."""
-        values = dict(zip((entry.name for entry in self.entries), observation, strict=False))
-        goals = {
-            motor.name: values[name]
-            for motor in self.robot.motors
-            if (name := f"{motor.name}_goal") in values
-        }
-        place = None if self.target is None else self.target.place
-        if not goals and place is None:
-            return None
-        return (
-            Goal(goals)
-            if place is None
-            else Goal(goals, (place.x_mm, place.y_mm), place.heading_deg)
-        )
+        names = [entry.name for entry in self.entries]
+        values = dict(zip(names, observation, strict=False))
+        goals = {}
+        for motor in self.robot.motors:
+            name = f"{motor.name}_goal"
+            if name in values:
+                goals[motor.name] = values[name]
+        if self.target is not None:
+            place = self.target.place
+            return Goal(goals, (place.x_mm, place.y_mm), place.heading_deg)
+        return Goal(goals) if goals else None
 
     @property
     def task_entries(self) -> tuple[Entry, ...]:
@@ -275,14 +280,28 @@ class Task:
         if self.camera is None or self.camera.goal is None:
             return self.entries
         farthest_px = self.camera.farthest_px
-        names = ("mean_distance", "nearest_distance")
-        return (*self.entries, *(Entry(name, 0.0, farthest_px, "px") for name in names))
+        return (
+            *self.entries,
+            Entry("mean_distance", 0.0, farthest_px, "px"),
+            Entry("nearest_distance", 0.0, farthest_px, "px"),
+        )
 
 
+_ARGUMENTS = {
+    "reward": ("previous", "action", "observation"),
+    "success": ("observations",),
+    "metrics": ("observations",),
+    "terminated": ("observation",),
+    "blocked": ("observation",),
+}
+"""Arguments of the functions of a task."""
+
+
+# What is known about an episode whatever its task, also for trackers.
 MEASURED = ("episode", "phase", "steps", "length", "return", "success")
+"""The first columns of ``metrics.csv``."""
 MEASURED_TOO = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
-"""What is known about an episode whatever its task: the first and the last columns of
-``metrics.csv``, also for trackers."""
+"""The last columns of ``metrics.csv``."""
 _IN_INFO = (
     "is_success",
     "final_obs",
@@ -386,11 +405,9 @@ class Mirror:
     def __call__(self, vector: Tensor) -> Tensor:
         """Mirror image of vectors ``[*batch, n]``."""
         moved = vector[..., list(self.places)] * vector.new_tensor(self.signs)
-        turned = [
-            index
-            for index, (sign, wraps) in enumerate(zip(self.signs, self.wraps, strict=True))
-            if wraps and sign < 0
-        ]
+        # An angle of 0..360 degrees that changes its sign stays one.
+        signs_and_wraps = enumerate(zip(self.signs, self.wraps, strict=True))
+        turned = [index for index, (sign, wraps) in signs_and_wraps if wraps and sign < 0]
         if turned:
             moved[..., turned] = moved[..., turned].remainder(360.0)
         return moved
@@ -413,22 +430,28 @@ def mirrors(task: Task) -> tuple[Mirror, Mirror]:
     actions = [command.in_mirror(robot) for command in interface.commands]
     observed = [channel.in_mirror(robot) for channel in channels]
     observed += [(entry.name, 1) for entry in task.measured_entries]
-    observed += [(f"last_{name}", sign) for name, sign in actions] if task.observes_commands else []
+    if task.observes_commands:
+        observed += [(f"last_{name}", sign) for name, sign in actions]
     for command, (_, sign) in zip(interface.commands, actions, strict=True):
-        if sign == 0 or (sign < 0 and command.low != -command.high):
+        # Of a range about 0 the mirror image is the range itself.
+        is_about_0 = command.low == -command.high
+        if sign == 0 or (sign < 0 and not is_about_0):
             raise command.error(
                 f" has no mirror image in {task.id}: give it a range about 0, or omit symmetric"
             )
     names = [entry.name for entry in task.entries]
-    commands = [command.name for command in interface.commands]
     wraps = [entry.wraps for entry in task.entries]
-    return _mirror(task, names, observed, wraps), _mirror(
-        task, commands, actions, [False] * len(commands)
-    )
+    of_observation = _mirror(task, names, observed, wraps)
+    commands = [command.name for command in interface.commands]
+    of_action = _mirror(task, commands, actions, [False] * len(commands))
+    return of_observation, of_action
 
 
 def _mirror(
-    task: Task, names: Sequence[str], images: Sequence[tuple[str, int]], wraps: Sequence[bool]
+    task: Task,
+    names: Sequence[str],
+    images: Sequence[tuple[str, int]],
+    wraps: Sequence[bool],
 ) -> Mirror:
     missing = {name for name, _ in images} - set(names)
     if missing:
@@ -446,24 +469,19 @@ def _mirror(
 def task_of(env: BaseEnv) -> Task:
     """What everybody asks of an environment. Raises DescriptionError if a part of it is missing."""
     try:
-        action = env.action_spec.space
-        state = env.observation_spec[env.observation_key].space
-        commands = zip(action.low.flatten().tolist(), action.high.flatten().tolist(), strict=True)
-        channels = zip(state.low.flatten().tolist(), state.high.flatten().tolist(), strict=True)
+        actions = _ends(env.action_spec.space)
+        states = _ends(env.observation_spec[env.observation_key].space)
+        commands = [ClientCommand(f"action_{i}", *ends) for i, ends in enumerate(actions)]
+        channels = [ClientChannel(f"state_{i}", *ends) for i, ends in enumerate(states)]
         return Task(
             id=f"{type(env).__name__}-v0",
             doc=type(env).__doc__ or "An environment with resets and steps of its own.",
             robot=env.robot,
-            interface=Interface(
-                tuple(ClientCommand(f"action_{i}", *ends) for i, ends in enumerate(commands)),
-                tuple(ClientChannel(f"state_{i}", *ends) for i, ends in enumerate(channels)),
-                UntilDone(),
-            ),
+            interface=Interface(tuple(commands), tuple(channels), UntilDone()),
             max_steps=env.max_episode_steps,
-            reward=lambda previous, action, observation: observation.new_zeros(
-                (*observation.shape[:-1], 1)
-            ),
-            success=lambda observations: observations.new_zeros(observations.shape[:-2]).bool(),
+            # Its own steps pay and judge; nothing asks these.
+            reward=lambda previous, action, observation: _unpaid(observation),
+            success=_unjudged,
             metrics=lambda observations: {},
             scene=env.scene,
             program=env.program,
@@ -475,3 +493,18 @@ def task_of(env: BaseEnv) -> Task:
         raise DescriptionError(
             f"{type(env).__name__}: {error}; set robot, program and specs, and call __init__"
         ) from None
+
+
+def _ends(space: Any) -> list[tuple[float, float]]:
+    """Lowest and highest value of each number of a space."""
+    lows = space.low.flatten().tolist()
+    highs = space.high.flatten().tolist()
+    return list(zip(lows, highs, strict=True))
+
+
+def _unpaid(observation: Tensor) -> Tensor:
+    return observation.new_zeros((*observation.shape[:-1], 1))
+
+
+def _unjudged(observations: Tensor) -> Tensor:
+    return observations.new_zeros(observations.shape[:-2]).bool()

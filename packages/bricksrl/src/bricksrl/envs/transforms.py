@@ -1,17 +1,15 @@
 """Transforms between an environment and its agent: what they do to each number, what they hide,
 what they keep.
 
-Which number of an observation is which entry of the environment is found by trying: the transforms
-are copied onto a playback of random observations, and a number that in every try is the same linear
-function of the same entry is that entry. Nothing is concluded from the name of a class, except that
-running statistics (`RUNNING`) change while an agent learns.
+Which number of an observation is which entry of the environment is followed from transform to
+transform (`transform_rows`). One step is played through copies of them before an agent is built, so
+that a transform which fails is refused by name, and not in the middle of a run.
 """
 
 import copy
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
-from math import inf
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -47,18 +45,19 @@ from bricksrl.envs.specs import (
     specs_of,
     transform_failure,
 )
+from bricksrl.envs.transform_rows import (
+    RUNNING,
+    as_arrays,
+    as_list,
+    has_unit,
+    numbers_behind,
+)
 from bricksrl.errors import DataError, DescriptionError
 
-_TRIES = 8
-_STEPS = (2, 24)
-"""Random episodes, and their steps; the longer ones if a number is the same in all short ones, as
-it is of an earlier step."""
-RUNNING = (VecNorm, VecNormV2)
-"""Transforms by running statistics, which can be undone (``denorm``) and frozen."""
 _TOLERANCE = 1e-4
-_ROUNDING = 0.1
-"""Largest deviations, in standard deviations: from a linear function, that of single precision;
-from an entry itself, that of whole numbers and half precision."""
+"""Largest difference of two actions, in -1..1, that are the same but for single precision."""
+_MOST_REPEATS = 24
+"""Longest repetition of an action that may outlast the end of a recorded episode."""
 
 
 def base_of(env: EnvBase) -> EnvBase:
@@ -72,8 +71,7 @@ def transforms_of(env: EnvBase) -> list[Transform]:
     """The transforms of an environment, innermost first."""
     chain: list[Transform] = []
     while isinstance(env, TransformedEnv):
-        own = env.transform
-        chain = [*(own.transforms if isinstance(own, Compose) else [own]), *chain]
+        chain = [*_chain(env), *chain]
         env = env.base_env
     return chain
 
@@ -89,10 +87,9 @@ def layout_of(env: EnvBase) -> ObservationLayout:
         raise DescriptionError(
             "there is nothing that an agent observes; leave a vector or an image"
         )
-    images = tuple(ImageShape.of(key, spec) for key, spec in specs.items() if key not in vectors)
-    return ObservationLayout.of_numbers(
-        vectors, [tuple(specs[key].shape) for key in vectors], images
-    )
+    images = [ImageShape.of(key, spec) for key, spec in specs.items() if key not in vectors]
+    shapes = [tuple(specs[key].shape) for key in vectors]
+    return ObservationLayout.of_numbers(vectors, shapes, tuple(images))
 
 
 class Tap(Transform):  # type: ignore[misc]
@@ -108,41 +105,50 @@ class Tap(Transform):  # type: ignore[misc]
         return tensordict
 
     def _reset(
-        self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+        self,
+        _tensordict: TensorDictBase,
+        tensordict_reset: TensorDictBase,
     ) -> TensorDictBase:
         self.noted |= {"frames": [], "state": tensordict_reset.clone()}
         return tensordict_reset
 
     def _step(self, _tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        if not next_tensordict.batch_dims:  # copies are judged by their task's kinematics
-            before = self.noted["state"]
-            after = next_tensordict.clone()
-            ends = ("done", "terminated", "truncated")
-            state = before.exclude("reward", *ends).set("action", self.noted["action"])
-            self.noted["frames"].append(state.set("next", after))
-            self.noted["state"] = after
+        if next_tensordict.batch_dims:  # copies are judged by their task's kinematics
+            return next_tensordict
+        before = self.noted["state"]
+        # A clone: transforms after this one write into the tensordict.
+        after = next_tensordict.clone()
+        ends = ("done", "terminated", "truncated")
+        state = before.exclude("reward", *ends).set("action", self.noted["action"])
+        self.noted["frames"].append(state.set("next", after))
+        self.noted["state"] = after
         return next_tensordict
 
 
 def own_state(env: EnvBase, state: TensorDictBase) -> TensorDictBase:
     """The environment's own observation behind a state of its transforms."""
-    first = next(iter(transforms_of(env)), None)
-    own: TensorDictBase = first.noted["state"] if isinstance(first, Tap) else state
-    return own
+    tap = _tap_of(env)
+    return state if tap is None else tap.noted["state"]
 
 
 def own_frames(env: EnvBase, frame: TensorDictBase) -> list[TensorDictBase]:
     """The environment's own steps behind the last step of its transforms: with its observations,
     actions and rewards."""
-    first = next(iter(transforms_of(env)), None)
-    if not isinstance(first, Tap):
+    tap = _tap_of(env)
+    if tap is None:
         return [frame]
-    frames = first.noted["frames"]
-    first.noted["frames"] = []
-    if "intervention" in frame:
-        for own in frames:
-            own["intervention"] = frame["intervention"]
+    frames = tap.noted["frames"]
+    tap.noted["frames"] = []
+    if "intervention" in frame:  # which is written behind the transforms
+        for own_frame in frames:
+            own_frame["intervention"] = frame["intervention"]
     return list(frames)
+
+
+def _tap_of(env: EnvBase) -> Tap | None:
+    """The tap of an environment that has been prepared, which is the innermost transform."""
+    chain = transforms_of(env)
+    return chain[0] if chain and isinstance(chain[0], Tap) else None
 
 
 class FrameSkip(FrameSkipTransform):  # type: ignore[misc]
@@ -151,6 +157,7 @@ class FrameSkip(FrameSkipTransform):  # type: ignore[misc]
     before it count."""
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        # The environment before this transform, of which TorchRL makes a view.
         parent = self.parent
         state = tensordict
         outcome = next_tensordict
@@ -160,12 +167,14 @@ class FrameSkip(FrameSkipTransform):  # type: ignore[misc]
             if bool(done.all()):
                 break
             state = parent.step_mdp(state.clone(False).set("next", outcome))
+            goes_on = ~done.squeeze(-1)
             if state.batch_dims:
                 # robots in processes: those that have ended wait
-                state["_step"] = ~done.squeeze(-1)
+                state["_step"] = goes_on
             after = parent._step(state)
             reward = reward + after["reward"].masked_fill(done, 0.0)
-            outcome = after if not state.batch_dims else after.where(~done.squeeze(-1), outcome)
+            # A copy that has ended keeps the outcome of its last step.
+            outcome = after.where(goes_on, outcome) if state.batch_dims else after
         return outcome.set("reward", reward)
 
 
@@ -176,42 +185,34 @@ class KeepUnits(Transform):  # type: ignore[misc]
 
     def __init__(self, statistics: VecNorm | VecNormV2) -> None:
         super().__init__()
-        self.is_tried = False
         before = statistics.parent
         specs = observed_specs(before)
         numbers = numbers_of(before)
-        self.kept = {
-            (key, out): torch.tensor([_has_unit(number.entry) for number in numbers[key]]).view(
-                specs[key].shape
-            )
-            for key, out in zip(statistics.in_keys, statistics.out_keys, strict=True)
-            if key in numbers
-        }
+        self.kept: dict[tuple[Any, Any], Tensor] = {}
+        """Which numbers keep their units, by the keys of a vector before and behind."""
+        for key, out in zip(statistics.in_keys, statistics.out_keys, strict=True):
+            if key in numbers:  # and not a reward or an image
+                kept = torch.tensor([has_unit(number.entry) for number in numbers[key]])
+                self.kept[key, out] = kept.view(specs[key].shape)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        chain = self.__dict__["_container"]().transforms
-        statistics = copy.copy(chain[list(chain).index(self) - 1])  # in a copy of the chain its own
-        # not of a reward
-        statistics.in_keys, statistics.out_keys = (
-            [pair[end] for pair in self.kept] for end in (0, 1)
-        )
+        chain = _chain(self.container)
+        statistics = copy.copy(chain[chain.index(self) - 1])  # in a copy of the chain its own
+        statistics.in_keys = [key for key, _ in self.kept]
+        statistics.out_keys = [out for _, out in self.kept]
         before = statistics.denorm(next_tensordict)
         for (key, out), kept in self.kept.items():
             if out in next_tensordict:
                 value = next_tensordict[out]
-                # no fixed function of an entry
-                other = torch.randn_like(value) if self.is_tried else value
-                next_tensordict[out] = torch.where(kept.to(value.device), before[key], other)
+                next_tensordict[out] = torch.where(kept.to(value.device), before[key], value)
         return next_tensordict
 
     def _reset(
-        self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+        self,
+        _tensordict: TensorDictBase,
+        tensordict_reset: TensorDictBase,
     ) -> TensorDictBase:
         return self._call(tensordict_reset)
-
-
-def _has_unit(entry: Entry) -> bool:
-    return entry.wraps or entry.name.endswith(("_goal", "_angle")) or entry.high - entry.low < inf
 
 
 def prepare(env: EnvBase) -> None:
@@ -220,20 +221,15 @@ def prepare(env: EnvBase) -> None:
     while isinstance(env, TransformedEnv):
         inner = env.base_env
         chain = _chain(env)
-        for place, (transform, after) in reversed(
-            list(enumerate(zip(chain, [*chain[1:], None], strict=True)))
-        ):
-            if (
-                isinstance(transform, RUNNING)
-                and not transform.frozen
-                and not isinstance(after, KeepUnits)
-            ):
+        pairs = list(enumerate(pairwise([*chain, None])))
+        # From the last one on, so that the places of those before stay.
+        for place, (transform, after) in reversed(pairs):
+            runs = isinstance(transform, RUNNING) and not transform.frozen
+            if runs and not isinstance(after, KeepUnits):
                 _insert(env, place + 1, KeepUnits(transform))
-        if not (
-            isinstance(inner, TransformedEnv)
-            or inner.batch_size
-            or isinstance(next(iter(chain), None), Tap)
-        ):
+        is_innermost = not isinstance(inner, TransformedEnv)
+        has_tap = bool(chain) and isinstance(chain[0], Tap)
+        if is_innermost and not inner.batch_size and not has_tap:
             _insert(env, 0, Tap())
         env = inner
 
@@ -241,7 +237,8 @@ def prepare(env: EnvBase) -> None:
 def with_unit_actions(env: EnvBase) -> EnvBase:
     """An environment whose actions are in -1..1, by TorchRL's ``ActionScaling`` where they have
     another range. Raises DescriptionError for actions that no agent gives, and without a reward."""
-    action, reward = (specs_of(env, kind).get(kind, None) for kind in ("action", "reward"))
+    action = specs_of(env, "action").get("action", None)
+    reward = specs_of(env, "reward").get("reward", None)
     if action is None or reward is None:
         raise DescriptionError(
             "the environment has no 'action' or no 'reward'; let its transforms keep these names"
@@ -251,13 +248,13 @@ def with_unit_actions(env: EnvBase) -> EnvBase:
         raise DescriptionError(
             f"an agent gives no such action ({kind}); let it take float32 [n] with a range"
         )
-    if bool((action.space.low == -1.0).all() and (action.space.high == 1.0).all()):
+    space = action.space
+    is_unit = (space.low == -1.0).all() and (space.high == 1.0).all()
+    if bool(is_unit):
         return env
-    return (
-        env.append_transform(ActionScaling())
-        if isinstance(env, TransformedEnv)
-        else TransformedEnv(env, ActionScaling())
-    )
+    if isinstance(env, TransformedEnv):
+        return env.append_transform(ActionScaling())
+    return TransformedEnv(env, ActionScaling())
 
 
 def _chain(env: TransformedEnv) -> list[Transform]:
@@ -280,11 +277,17 @@ class Playback(SpecsEnv):
     ``outcome``: the n-th."""
 
     def __init__(
-        self, env: EnvBase, outcome: Callable[[int], TensorDictBase], batch: Sequence[int] = ()
+        self,
+        env: EnvBase,
+        outcome: Callable[[int], TensorDictBase],
+        batch: Sequence[int] = (),
     ) -> None:
-        specs = {name: getattr(env, name) for name in SPECS}
-        specs = {name: spec.expand(*batch, *spec.shape).clone() for name, spec in specs.items()}
-        super().__init__(specs, interface_of(env).task, batch=(*batch, *env.batch_size))
+        specs = {}
+        for name in SPECS:
+            spec = getattr(env, name)
+            specs[name] = spec.expand(*batch, *spec.shape).clone()
+        task = interface_of(env).task
+        super().__init__(specs, task, batch=(*batch, *env.batch_size))
         self.outcome = outcome
         self.played = [outcome(0)]
         self.acted: list[Tensor] = []
@@ -298,28 +301,28 @@ class Playback(SpecsEnv):
         return self.played[-1].clone()
 
 
-def over(env: EnvBase, base: EnvBase, *, is_tried: bool = False) -> EnvBase:
+def over(env: EnvBase, base: EnvBase) -> EnvBase:
     """A base, such as a playback, behind copies of an environment's transforms, in their state."""
     chain = transforms_of(env)
+    # What `deepcopy` finds in its memo it does not copy: so they are copied without the
+    # environment.
     memo = dict[int, Any]()
     level = env
-    while isinstance(level, TransformedEnv):  # they are copied without the environment
+    while isinstance(level, TransformedEnv):
         memo[id(level)] = None
         if isinstance(level.transform, Compose):
             memo[id(level.transform)] = None
         level.transform.empty_cache()
         level = level.base_env
-    for buffer in (
-        buffer for transform in chain for buffer in transform.buffers() if is_lazy(buffer)
-    ):
-        # its stub is wrong
-        empty = UninitializedBuffer(False, buffer.device, buffer.dtype)  # type: ignore[arg-type]
-        memo[id(buffer)] = empty  # it cannot be copied
+    for transform in chain:
+        for buffer in transform.buffers():
+            # A buffer without a shape cannot be copied. The stub of its class is wrong.
+            if is_lazy(buffer):
+                empty: Any = UninitializedBuffer
+                memo[id(buffer)] = empty(False, buffer.device, buffer.dtype)
     copied = copy.deepcopy(chain, memo)
     for transform in copied:
         transform.reset_parent()
-        if isinstance(transform, KeepUnits):
-            transform.is_tried = is_tried
     return TransformedEnv(base, Compose(*copied)) if copied else base
 
 
@@ -331,14 +334,44 @@ def numbers_of(env: EnvBase) -> dict[str, list[Number]]:
         return {key: [Number(entry) for entry in entries] for key, entries in vectors.items()}
     chain = transforms_of(env)
     known = env.__dict__.get("_known", ([None], {}))
-    if known[0] != chain:  # to try them takes time
-        given, seen, entries = _tried(env, list(vectors))
-        known = env.__dict__["_known"] = (
-            chain,
-            {key: _numbers(given, values, entries, key) for key, values in seen.items()},
-        )
+    if known[0] != chain:  # to play a step takes time
+        _check_step(env, list(vectors))
+        known = env.__dict__["_known"] = (chain, _followed(env, chain))
     numbers: dict[str, list[Number]] = known[1]
     return numbers
+
+
+def _followed(env: EnvBase, chain: list[Transform]) -> dict[str, list[Number]]:
+    """The numbers of each vector that is observed, followed through the transforms."""
+    given = given_specs(base_of(env))
+    numbers = as_arrays(_vectors(given), given)
+    for transform, after in pairwise([*chain, None]):
+        numbers = numbers_behind(transform, numbers, keeps_units=isinstance(after, KeepUnits))
+    specs = observed_specs(env)
+    return {
+        key: as_list(numbers.get(key), tuple(spec.shape), key)
+        for key, spec in specs.items()
+        if len(spec.shape) < 3
+    }
+
+
+def _check_step(env: EnvBase, wanted: list[str]) -> None:
+    """Raise DescriptionError if a transform fails in a step, or makes a vector of another shape
+    than its spec says."""
+    base = base_of(env)
+    playback = Playback(base, lambda _: still(base))
+    with torch.random.fork_rng(devices=[]), torch.no_grad():
+        try:
+            view = over(env, playback)
+            state = view.step(view.rand_action(view.reset()))["next"]
+        except Exception as error:
+            raise transform_failure(error) from error
+    for key in wanted:
+        shape = state[key].shape
+        if shape != env.full_observation_spec[key].shape:
+            raise DescriptionError(
+                f"the transforms make a '{key}' {list(shape)}; correct transform_observation_spec"
+            )
 
 
 def keeps_vectors(env: EnvBase) -> bool:
@@ -349,11 +382,10 @@ def keeps_vectors(env: EnvBase) -> bool:
         return True
     own = layout_of(base)
     seen = layout_of(env)
-    is_same = numbers_of(env) == numbers_of(base) and (seen.vectors, seen.keys) == (
-        own.vectors,
-        own.keys,
-    )
-    return is_same and keeps_actions(env)
+    # Names and units first, then keys: a renamed vector means the same, and is read elsewhere.
+    has_same_numbers = numbers_of(env) == numbers_of(base)
+    has_same_shapes = seen.vectors == own.vectors and seen.keys == own.keys
+    return has_same_numbers and has_same_shapes and keeps_actions(env)
 
 
 def keeps_actions(env: EnvBase) -> bool:
@@ -374,15 +406,16 @@ def one_step(env: EnvBase) -> tuple[Tensor, int, bool]:
     """What a step behind the transforms pays where each of the environment's own pays 1, the number
     of these, and whether their action is the agent's."""
     base = base_of(env)
-    playback = Playback(
-        base, lambda _: still(base).set("reward", torch.ones_like(base.reward_spec.zero()))
-    )
+
+    def paying_one(_: int) -> TensorDictBase:
+        return still(base).set("reward", torch.ones_like(base.reward_spec.zero()))
+
+    playback = Playback(base, paying_one)
     view = over(env, playback)
     start = view.reset().update(view.full_action_spec.zero())
-    # no two are equal
-    start["action"] += torch.linspace(
-        -0.9, 0.7, start["action"].shape[-1], device=start["action"].device
-    )
+    # No two numbers are equal, so that an exchange shows.
+    size = start["action"].shape[-1]
+    start["action"] += torch.linspace(-0.9, 0.7, size, device=start["action"].device)
     paid: Tensor = view.step(start.clone())["next", "reward"]
     acted = playback.acted[0]
     action = start["action"]
@@ -398,11 +431,7 @@ def steps_of(env: EnvBase) -> int:
 def runs_on(env: EnvBase) -> bool:
     """Whether what transforms keep depends on the episodes before, such as running statistics."""
     base = base_of(env)
-    ends = {key: _ends(spec) for key, spec in given_specs(base).items()}
-    playback = Playback(
-        base, partial(_random_outcome, base, ends, torch.Generator().manual_seed(0))
-    )
-    view = over(env, playback)
+    view = over(env, Playback(base, lambda _: still(base)))
     kept = list[dict[str, Any]]()
     with torch.random.fork_rng(devices=[]), torch.no_grad():
         for _ in range(2):
@@ -415,8 +444,12 @@ def runs_on(env: EnvBase) -> bool:
 
 def _equal(one: Any, other: Any) -> bool:
     if isinstance(one, dict | TensorDictBase):
-        return one.keys() == other.keys() and all(_equal(one[key], other[key]) for key in one)
-    return torch.equal(one, other) if isinstance(one, Tensor) else bool(one == other)
+        if one.keys() != other.keys():
+            return False
+        return all(_equal(one[key], other[key]) for key in one)
+    if isinstance(one, Tensor):
+        return torch.equal(one, other)
+    return bool(one == other)
 
 
 def still(env: EnvBase) -> TensorDictBase:
@@ -426,115 +459,11 @@ def still(env: EnvBase) -> TensorDictBase:
 
 
 def _vectors(specs: dict[Any, Any]) -> dict[Any, tuple[Entry, ...]]:
-    return {key: spec_entries(spec, key) for key, spec in specs.items() if len(spec.shape) < 3}
-
-
-def _tried(env: EnvBase, wanted: list[str]) -> tuple[Tensor, dict[str, Tensor], list[Entry]]:
-    """Random observations ``[tries, frames, entries]`` of the environment, what its transforms make
-    of the last ones, ``[tries, numbers]`` for each key, and the entries. Raises DescriptionError if
-    a transform fails."""
-    base = base_of(env)
-    specs = given_specs(base)
-    vectors = _vectors(specs)
-    ends = {key: _ends(spec) for key, spec in specs.items()}
-    given = list[Tensor]()
-    seen = dict[str, list[Tensor]]()
-    for steps in _STEPS:
-        given = []
-        seen = {key: [] for key in wanted}
-        for number in range(_TRIES):
-            generator = torch.Generator().manual_seed(number)
-            playback = Playback(base, partial(_random_outcome, base, ends, generator))
-            with torch.random.fork_rng(devices=[]), torch.no_grad():
-                torch.manual_seed(0)  # noise that a transform adds is the same in all tries
-                try:
-                    view = over(env, playback, is_tried=True)
-                    state = view.reset()
-                    for _ in range(steps):
-                        state = view.step(view.rand_action(state))["next"]
-                except Exception as error:
-                    raise transform_failure(error) from error
-            # or images alone
-            rows = [
-                [torch.zeros(0), *(_flat(row[key], base) for key in vectors)]
-                for row in playback.played
-            ]
-            given.append(torch.stack([torch.cat(row) for row in rows]))
-            for key in wanted:
-                if (shape := state[key].shape) != env.full_observation_spec[key].shape:
-                    raise DescriptionError(
-                        f"the transforms make a '{key}' {list(shape)}; correct "
-                        "transform_observation_spec"
-                    )
-                seen[key].append(_flat(state[key], env))
-        if all(bool((torch.stack(values) != values[0]).any(0).all()) for values in seen.values()):
-            break
-    entries = [entry for of_key in vectors.values() for entry in of_key]
-    return torch.stack(given), {key: torch.stack(values) for key, values in seen.items()}, entries
-
-
-def _ends(spec: Any) -> tuple[Tensor, Tensor]:
-    """Bounds that random values are drawn from."""
-    low, high = (getattr(spec.space, end, torch.full(spec.shape, inf)) for end in ("low", "high"))
-    is_bounded = (high - low).isfinite()
-    return torch.where(is_bounded, low, -1.0), torch.where(is_bounded, high, 1.0)
-
-
-def _random_outcome(
-    env: EnvBase, ends: dict[str, tuple[Tensor, Tensor]], generator: torch.Generator, _: int
-) -> TensorDictBase:
-    """A random observation, the same for all copies, that ends nothing."""
-    outcome = still(env)
-    copies = env.batch_size
-    for key, (low, high) in ends.items():
-        zeros = outcome[key]
-        value = low + (high - low) * torch.rand(zeros.shape[len(copies) :], generator=generator)
-        outcome[key] = value.to(zeros).expand(zeros.shape).clone()
-    return outcome
-
-
-def _flat(value: Tensor, env: EnvBase) -> Tensor:
-    """The numbers of the first copy."""
-    value = value.flatten(0, len(env.batch_size) - 1)[0] if env.batch_size else value
-    return value.detach().cpu().double().flatten()
-
-
-def _numbers(given: Tensor, seen: Tensor, entries: Sequence[Entry], key: str) -> list[Number]:
-    """Each number ``[tries, numbers]`` as a linear function of an entry in one of the frames, or as
-    a new entry."""
-    _, frames, n = given.shape
-    x = given.flatten(1) - given.flatten(1).mean(0)
-    y = seen - seen.mean(0)
-    covariance = x.T @ y  # of shape [frames * n, numbers]
-    variance = x.square().sum(0)[:, None]
-    slope = covariance / variance.clamp_min(1e-12)
-    rest = (y[:, None] - x[:, :, None] * slope).square().sum(0).sqrt()
-    size = y.square().sum(0).sqrt()
-    is_same = (seen[:, None] - given.flatten(1)[:, :, None]).square().sum(
-        0
-    ).sqrt() <= _ROUNDING * size
-    found = ((rest <= _TOLERANCE * size) & (slope.abs() > 1e-9) | is_same) & (size > 1e-9)
-    numbers = []
-    for j in range(seen.shape[1]):
-        index = next(iter(found[:, j].nonzero().flatten().tolist()), None)
-        if index is None:
-            numbers.append(Number(Entry(f"{key}_{j}")))
-            continue
-        scale = 1.0
-        offset = 0.0
-        if not is_same[index, j]:
-            scale = _exact(float(slope[index, j]))
-            offset = _exact(
-                float(seen[:, j].mean() - scale * given.flatten(1)[:, index].mean()), float(size[j])
-            )
-        numbers.append(Number(entries[index % n], scale, offset, frames - 1 - index // n))
-    return numbers
-
-
-def _exact(value: float, size: float = 0.0) -> float:
-    """A value without the noise of single precision; ``size``: of what it is added to."""
-    whole = float(round(value))
-    return whole if abs(value - whole) <= 1e-6 * max(abs(whole), size) else float(f"{value:.7g}")
+    vectors = {}
+    for key, spec in specs.items():
+        if len(spec.shape) < 3:  # the others are images
+            vectors[key] = spec_entries(spec, key)
+    return vectors
 
 
 def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
@@ -544,33 +473,36 @@ def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
     if base_of(env) is env:
         return frames
     base = base_of(env)
-    start = 0
     if base.batch_size:  # copies: the frames are of one
-        base = SpecsEnv(
-            {name: getattr(base, f"{name}_unbatched").clone() for name in SPECS},
-            interface_of(base).task,
-        )
+        specs = {name: getattr(base, f"{name}_unbatched").clone() for name in SPECS}
+        base = SpecsEnv(specs, interface_of(base).task)
     given = frames.select(*base.full_observation_spec.keys(), "action", "next", strict=False)
     playback = Playback(base, lambda _: still(base))
     view = over(env, playback)
-    none, full = (
-        view.transform.inv(TensorDict(action=torch.full_like(given["action"][0], x)))["action"]
-        for x in (0.0, 1.0)
-    )
+    none = _passed(view, torch.zeros_like(given["action"][0]))
+    full = _passed(view, torch.ones_like(given["action"][0]))
     made = []
-    for end in (frames["next", "done"].view(-1).nonzero().flatten() + 1).tolist():
+    start = 0
+    ends = frames["next", "done"].view(-1).nonzero().flatten() + 1
+    for end in ends.tolist():
         episode = given[start:end]
         first = episode[0].exclude("action", "next").update(base.full_done_spec.zero())
-        after = [still(base).update(first), *(still(base).update(row["next"]) for row in episode)]
+        outcomes = [still(base).update(first)]
+        outcomes += [still(base).update(row["next"]) for row in episode]
         # a repeated action may outlast its episode
-        playback.outcome = [*after, *after[-1:] * _STEPS[-1]].__getitem__
-        playback.played = after[:1]
+        repeated = outcomes[-1:] * _MOST_REPEATS
+        playback.outcome = [*outcomes, *repeated].__getitem__
+        playback.played = outcomes[:1]
         state = view.reset()
+        # One step behind the transforms may be several of the episode's.
         while len(playback.played) <= len(episode):
             place = len(playback.played) - 1
-            out = view.step(state.set("action", (episode[place]["action"] - none) / (full - none)))
+            # The agent's action that becomes the recorded one: transforms scale actions.
+            action = (episode[place]["action"] - none) / (full - none)
+            out = view.step(state.set("action", action))
             taken = episode[place : len(playback.played) - 1]["action"]
-            if not torch.allclose(torch.stack(playback.acted)[: len(taken)], taken, atol=1e-4):
+            passed = torch.stack(playback.acted)[: len(taken)]
+            if not torch.allclose(passed, taken, atol=_TOLERANCE):
                 raise DataError(
                     "the data has other actions than these transforms would give; record with "
                     "them, or omit them"
@@ -583,6 +515,12 @@ def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
     return torch.stack(made)
 
 
+def _passed(view: EnvBase, action: Tensor) -> Tensor:
+    """What transforms make of an action on its way to the environment."""
+    passed: Tensor = view.transform.inv(TensorDict(action=action))["action"]
+    return passed
+
+
 def transform_state(env: EnvBase) -> dict[str, Any]:
     """What transforms keep from episode to episode, such as statistics, as plain tensors; networks
     do not change."""
@@ -591,6 +529,7 @@ def transform_state(env: EnvBase) -> dict[str, Any]:
         for name, value in transform.state_dict(keep_vars=True).items():
             if not (isinstance(value, Parameter) or is_lazy(value)):
                 kept[f"{place}.{name}"] = copy.deepcopy(value)
+    # Empty groups, of statistics that nothing was measured for yet, are left out.
     return {name: value for name, value in kept.items() if isinstance(value, Tensor) or value}
 
 
@@ -598,13 +537,13 @@ def load_transform_state(env: EnvBase, state: dict[str, Any], *, frozen: bool = 
     """Inverse of `transform_state`; ``frozen``: statistics do not run on."""
     env.__dict__.pop("_known", None)
     for place, transform in enumerate(transforms_of(env)):
-        own = transform.state_dict(keep_vars=True)
-        part = {
-            name.partition(".")[2]: value
-            for name, value in state.items()
-            if name.startswith(f"{place}.")
-        }
-        part = {name: value for name, value in part.items() if not is_lazy(own.get(name))}
+        present = transform.state_dict(keep_vars=True)
+        part = {}
+        for full_name, value in state.items():
+            number, _, name = full_name.partition(".")
+            if number == str(place) and not is_lazy(present.get(name)):
+                part[name] = value
+        # A copy: a transform goes on counting in the tensors that it loads.
         transform.load_state_dict(copy.deepcopy(part), strict=False)
         if frozen and isinstance(transform, RUNNING):
             transform.freeze()
@@ -632,10 +571,10 @@ def transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
             torch.manual_seed(0)
             found = load_object(options.transform, "transform")
             with calling(options.transform, "cannot be applied"):
-                found = (
-                    found() if isinstance(found, type) and issubclass(found, Transform) else found
-                )
-                env = TransformedEnv(env, found) if isinstance(found, Transform) else found(env)
+                if isinstance(found, type) and issubclass(found, Transform):
+                    found = found()
+                is_transform = isinstance(found, Transform)
+                env = TransformedEnv(env, found) if is_transform else found(env)
         if not isinstance(env, EnvBase):
             raise DescriptionError(
                 f"{options.transform} gives a {type(env).__name__}; let it return a TransformedEnv"
@@ -643,21 +582,25 @@ def transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
     if options.frame_skip > 1:
         env = TransformedEnv(env, FrameSkip(options.frame_skip))
     if options.frame_stack > 1:
-        specs = observed_specs(env)
-        stacks = {
-            dim: [key for key, spec in specs.items() if _stack_dim(key, spec) == dim]
-            for dim in (-1, -3)
-        }
-        stacked = [
-            CatFrames(options.frame_stack, dim, in_keys=keys)
-            for dim, keys in stacks.items()
-            if keys
-        ]
-        env = TransformedEnv(env, Compose(*stacked))
+        env = TransformedEnv(env, Compose(*_stacking(env, options.frame_stack)))
     env = with_unit_actions(env)
     prepare(env)
     return env
 
 
+def _stacking(env: EnvBase, count: int) -> list[Transform]:
+    """Stacks of vectors and images along their numbers or channels."""
+    specs = observed_specs(env)
+    stacks = []
+    for dim in (-1, -3):
+        keys = [key for key, spec in specs.items() if _stack_dim(key, spec) == dim]
+        if keys:
+            stacks.append(CatFrames(count, dim, in_keys=keys))
+    return stacks
+
+
 def _stack_dim(key: str, spec: Any) -> int:
-    return -3 if len(spec.shape) == 3 and not ImageShape.of(key, spec).is_channels_last else -1
+    is_image = len(spec.shape) == 3
+    if is_image and not ImageShape.of(key, spec).is_channels_last:
+        return -3
+    return -1

@@ -15,14 +15,14 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from brickhub.finding import Finding
 from brickhub.user_files import load_object
 from bricksrl.agents import AGENTS, Algorithm, algorithm, is_reference, make_learner, preset
-from bricksrl.agents.bc import recorded_memory
 from bricksrl.agents.learner import Learner
+from bricksrl.agents.offline.bc import recorded_memory
 from bricksrl.envs import make
 from bricksrl.envs.env_checker import Broken, Skip, run_checks
 from bricksrl.errors import BricksError, counted
 from bricksrl.evaluation.settings_text import with_changes
 from bricksrl.training.config import settings_from
-from bricksrl.training.restore import reproducible
+from bricksrl.training.reproducible import reproducible
 
 ENV = "RoboArmSim-v0"
 """A small environment with goals."""

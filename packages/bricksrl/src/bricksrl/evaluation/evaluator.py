@@ -20,8 +20,9 @@ from brickhub.user_files import is_reference, with_absolute_file
 from bricksrl.agents import algorithm
 from bricksrl.envs.connection import Placement
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.make import make
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.registry import is_simulation, make_env, options_of
+from bricksrl.envs.registry import is_simulation, options_of
 from bricksrl.envs.rollout import EpisodeScore, play_episodes
 from bricksrl.envs.transforms import with_unit_actions
 from bricksrl.errors import RunError
@@ -32,7 +33,9 @@ from bricksrl.evaluation.statistics import (
     seeds_interval,
     wilson_interval,
 )
-from bricksrl.training.restore import Which, load_learner, reproducible
+from bricksrl.training.learners import load_learner
+from bricksrl.training.reproducible import reproducible
+from bricksrl.training.restore import Which
 from bricksrl.training.run_folder import Origin, RunFolder
 
 _log = logging.getLogger(__name__)
@@ -197,7 +200,7 @@ def evaluate(
         in_chunks = hasattr(algorithm(origin.agent).settings, "chunk")
         in_turn = in_chunks or options.is_transformed or is_reference(origin.agent)
         copies = min(episodes, MAX_COPIES) if side_by_side and not in_turn else 1
-        env = own = make_env(env_id, options, copies, seed=origin.seed, place=place)
+        env = own = make(env_id, options, copies=copies, seed=origin.seed, place=place)
     else:
         task = interface_of(env).task
         env = with_unit_actions(env)

@@ -18,8 +18,8 @@ from brickhub.seed import episode_seed, evaluation_seed
 from brickhub.virtual.faults import sound_body
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.registry import make_env
-from bricksrl.envs.robot_env import EpisodeState
+from bricksrl.envs.episode_state import EpisodeState
+from bricksrl.envs.make import make
 from bricksrl.envs.rollout import play, play_episodes
 from bricksrl.errors import TwinError
 from bricksrl.evaluation.evaluator import EVALUATION_SEED, evaluation_options
@@ -238,7 +238,7 @@ def film_run(
 def _env_of_run(origin: Origin) -> EnvBase:
     """The environment in which a run is filmed: its twin, also of a run on a real robot."""
     options = evaluation_options(origin, origin.env, hub="virtual")
-    return make_env(origin.env, options, seed=origin.seed)
+    return make(origin.env, options, seed=origin.seed)
 
 
 def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:

@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 
 from brickhub.fields import check_fields
 from brickhub.files import reading
-from bricksrl.agents import with_present_names
 from bricksrl.errors import DescriptionError, hint
 from bricksrl.training.config import code_in_settings
 from bricksrl.training.trust import require_trusted
@@ -46,14 +45,13 @@ def read_settings(path: Path, settings: S) -> S:
         data = json.loads(text)
         table = dict(data.get("settings", data))
     changed = _changed(settings, table)
-    read = {name: getattr(changed, name) for name in with_present_names(table)}
+    read = {name: getattr(changed, name) for name in table}
     require_trusted(path, text, code_in_settings(read, type(settings)))
     return changed
 
 
 def _changed(settings: S, values: Mapping[str, Any]) -> S:
     """A copy of the settings with other values, which may be texts."""
-    values = with_present_names(values)
     hints = typing.get_type_hints(type(settings))
     fields = dataclasses.fields(settings)  # type: ignore[arg-type]
     names = [field.name for field in fields]

@@ -33,8 +33,9 @@ from tensordict import TensorDict, TensorDictBase
 from brickhub.fields import Count, check_value
 from bricksrl.agents.features import ObservationEncoder
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.make import make
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.registry import is_simulation, make
+from bricksrl.envs.registry import is_simulation
 from bricksrl.envs.rollout import link_lost
 from bricksrl.envs.specs import clamped
 from bricksrl.envs.task import check_measures, metrics_of, success_of
@@ -108,7 +109,8 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self._remove_inner_limit()
         self._hint = ""  # about episodes that Gymnasium ends earlier than the options say
         self._spec: EnvSpec | None = None
-        self.metadata = {**self.metadata, "render_fps": max(1, round(self.env.task.rate_hz))}
+        fps = max(1, round(self.env.task.rate_hz))
+        self.metadata = {**self.metadata, "render_fps": fps}
         self.render_mode = render_mode
         self._observations: list[torch.Tensor] = []
         self._info: dict[str, Any] = {}  # of the last step
@@ -116,8 +118,11 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self._renderer: Renderer | None = None
         vector = _box(self.env.task)
         self.observation_space: gymnasium.Space[Any] = vector
-        if images := self.env.task.images:
-            boxes = {key: Box(0, 255, (px, px, 3), np.uint8) for key, px in images.items()}
+        images = self.env.task.images
+        if images:
+            boxes = {
+                key: Box(0, 255, (side_px, side_px, 3), np.uint8) for key, side_px in images.items()
+            }
             self.observation_space = Dict({"observation": vector, **boxes})
         self.action_space = Box(-1.0, 1.0, self.env.action_spec.shape)
 
@@ -130,19 +135,22 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        if spec is not None:
-            _refuse_max_steps(spec.kwargs)
-            registered = gymnasium.registry.get(spec.id)
-            self._hint = (
-                ""
-                if registered is None
-                else _longer(self.max_episode_steps, registered.max_episode_steps)
-            )
-            self.max_episode_steps = None
         self._spec = spec
+        if spec is None:
+            return
+        _refuse_max_steps(spec.kwargs)
+        registered = gymnasium.registry.get(spec.id)
+        self._hint = ""
+        if registered is not None:
+            self._hint = _longer(self.max_episode_steps, registered.max_episode_steps)
+        # Its wrapper counts the steps from here on.
+        self.max_episode_steps = None
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode. A seed makes this and all later episodes reproducible."""
         self._warn_of_short_episodes()
@@ -153,6 +161,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self._observations = []
         self._info = {}
         self._ended = False
+        # No info: nothing has happened that could be judged.
         return self._observation(self.env.reset()), {}
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -165,27 +174,23 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         sent = TensorDict({"action": torch.tensor(action, dtype=torch.float32)}, batch_size=())
         result = self.env.step(sent)["next"]
         if link_lost(sent.set("next", result)):
+            # The step has no outcome: the metrics stay those of the step before.
             self._ended = True
             info = self._info | self._successes(False) | {"link_lost": True}
             return self._observation(result), 0.0, False, True, info
         self._observations.append(result["observation"].clone())
+        steps = len(self._observations)
+        is_over = self.max_episode_steps is not None and steps >= self.max_episode_steps
         terminated = bool(result["terminated"])
-        is_over = (
-            self.max_episode_steps is not None and len(self._observations) >= self.max_episode_steps
-        )
         truncated = is_over or bool(result["truncated"])
         self._ended = terminated or truncated
+        # Judged after each step, as whoever ends an episode does not tell it.
         episode = self.env.task_observations(torch.stack(self._observations))
-        self._info = metrics_of(self.env.task, episode) | self._successes(
-            success_of(self.env.task, episode)
-        )
-        return (
-            self._observation(result),
-            float(result["reward"]),
-            terminated,
-            truncated,
-            dict(self._info),
-        )
+        metrics = metrics_of(self.env.task, episode)
+        is_success = success_of(self.env.task, episode)
+        self._info = metrics | self._successes(is_success)
+        reward = float(result["reward"])
+        return self._observation(result), reward, terminated, truncated, dict(self._info)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Image of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode.
@@ -197,6 +202,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
             from bricktwin.twin.mujoco_body import MujocoBody
             from bricktwin.twin.render.opengl import Renderer
 
+            # Faults are of the robot's devices; the body that is drawn is behind them.
             body = None if self.env.twin is None else sound_body(self.env.twin.body)
             if not isinstance(body, MujocoBody):
                 raise RenderingUnavailableError(
@@ -237,14 +243,13 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
     def _warn_of_short_episodes(self) -> None:
         """Say once that Gymnasium ended an episode earlier than the options say."""
-        registered = (
-            gymnasium.registry.get(self._spec.id) if self._hint and self._spec is not None else None
-        )
-        if (
-            registered is not None
-            and not self._ended
-            and len(self._observations) == registered.max_episode_steps
-        ):
+        if not self._hint or self._spec is None or self._ended:
+            return
+        registered = gymnasium.registry.get(self._spec.id)
+        if registered is None:
+            return
+        # The wrapper ends an episode without telling: its number of steps is the sign.
+        if len(self._observations) == registered.max_episode_steps:
             _log.warning("%s: %s", self.env.task.id, self._hint)
             self._hint = ""
 
@@ -272,8 +277,10 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             ``final_info``; ``DISABLED`` leaves it to ``reset(options={"reset_mask": ended})``.
     """
 
-    # - as Gymnasium declares it
-    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
+    metadata = {  # noqa: RUF012 - as Gymnasium declares it
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+        "render_modes": [],
+    }
 
     def __init__(
         self,
@@ -304,23 +311,26 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         if max_episode_steps is not None:  # by make_vec, from the registry or from the user
             _refuse_max_steps(named)
             registered = gymnasium.registry.get(f"bricksrl/{env_id}")
-            is_default = (
-                registered is not None and registered.max_episode_steps == max_episode_steps
-            )
-            if is_default and (remedy := _longer(task.max_steps, max_episode_steps)):
+            by_default = None if registered is None else registered.max_episode_steps
+            remedy = _longer(task.max_steps, max_episode_steps)
+            if by_default == max_episode_steps and remedy:
                 _log.warning("%s: %s", task.id, remedy)
         self.env.task = replace(task, max_steps=_ENDLESS)
         self.single_observation_space = _box(self.env.task)
         self.single_action_space = Box(-1.0, 1.0, self.env.action_spec.shape[1:])
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        # Whole episodes are kept, as success and metrics judge them at their end.
         self._episodes = torch.zeros(num_envs, task.max_steps, len(task.entries))
         self._copies = torch.arange(num_envs)
         self._steps = torch.zeros_like(self._copies)
         self._ended = torch.zeros(num_envs, dtype=torch.bool)
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | list[int | None] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[Array, dict[str, Any]]:
         """Start an episode of all copies, or of those in ``options["reset_mask"]``, bool
         ``[copies]``. A seed makes these and all later episodes reproducible."""
@@ -334,7 +344,8 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         mask = (options or {}).get("reset_mask")
         if mask is not None:
             copies = np.asarray(mask)
-            if copies.dtype != np.bool_ or copies.shape != (self.num_envs,) or not copies.any():
+            is_mask = copies.dtype == np.bool_ and copies.shape == (self.num_envs,)
+            if not is_mask or not copies.any():
                 wanted = f"a reset_mask of {self.num_envs} bools, one of them True at least"
                 raise UnknownOptionError(f"{self.env.task.id} needs {wanted}")
             return self._restart(torch.from_numpy(copies)), {}
@@ -343,7 +354,8 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         return self.env.reset()["observation"].cpu().numpy().copy(), {}
 
     def step(
-        self, actions: Array
+        self,
+        actions: Array,
     ) -> tuple[Array, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Take one step in all copies; returns observations, rewards, terminated, truncated and
         info."""
@@ -360,15 +372,18 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         )
         sent = TensorDict({"action": batch}, self.env.batch_size, device=self.env.device)
         result = self.env.step(sent)["next"]
-        names = ("reward", "terminated", "truncated")
+        # A copy that starts in this step has ignored its action: it is paid nothing, and goes on.
         reward, terminated, truncated = (
-            result[name].squeeze(-1).cpu().masked_fill(starts, 0) for name in names
+            result[name].squeeze(-1).cpu().masked_fill(starts, 0)
+            for name in ("reward", "terminated", "truncated")
         )
-        observation = (
-            self._restart(starts) if starts.any() else result["observation"].cpu().numpy().copy()
-        )
+        if starts.any():
+            observation = self._restart(starts)
+        else:
+            observation = result["observation"].cpu().numpy().copy()
         self._store(torch.from_numpy(observation))
         self._steps += ~starts  # the first step overwrites the start
+        # The simulation inside has no limit: see `_ENDLESS`.
         if self._max_steps is not None:
             truncated |= self._steps >= self._max_steps
         self._ended = terminated | truncated
@@ -392,13 +407,16 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         """Keep the observations ``[copies, n]`` of this step; twice the room, if an episode became
         longer than all before."""
         if self._steps.max() >= self._episodes.shape[1]:
-            self._episodes = torch.cat((self._episodes, torch.zeros_like(self._episodes)), dim=1)
+            more = torch.zeros_like(self._episodes)
+            self._episodes = torch.cat((self._episodes, more), dim=1)
         self._episodes[self._copies, self._steps] = observations
 
     def _restart(self, copies: torch.Tensor) -> Array:
         """Observations of all copies after those of a mask have been reset."""
-        done = dict.fromkeys(self.env.done_keys, copies[:, None].to(self.env.device))
-        state = self.env.maybe_reset(TensorDict(done, self.env.batch_size, device=self.env.device))
+        mask = copies[:, None].to(self.env.device)
+        done = dict.fromkeys(self.env.done_keys, mask)
+        ended = TensorDict(done, self.env.batch_size, device=self.env.device)
+        state = self.env.maybe_reset(ended)
         self._steps = self._steps.masked_fill(copies, 0)
         self._ended = self._ended & ~copies
         observation: Array = state["observation"].cpu().numpy().copy()
@@ -408,18 +426,21 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         """Metrics and success of the episodes that just ended, each with a mask of their copies, as
         in Gymnasium."""
         info: dict[str, Any] = {}
+        # Episodes of one length are judged in one batch.
         for steps in self._steps[self._ended].unique().tolist():
-            copies = (self._ended & (self._steps == steps)).nonzero().squeeze(-1)
+            is_of_length = self._ended & (self._steps == steps)
+            copies = is_of_length.nonzero().squeeze(-1)
             episodes = self._episodes[copies, :steps]
             metrics = self.env.task.metrics(episodes)
             check_measures(metrics, f"metrics of {self.env.task.id}")
             success = self.env.task.success(episodes)
             outcome = {**metrics, "success": success, "is_success": success}
             for name, value in outcome.items():
-                info.setdefault(name, torch.zeros(self.num_envs, dtype=value.dtype).numpy())[
-                    copies
-                ] = value
-        return info | {f"_{name}": self._ended.numpy() for name in info}
+                if name not in info:
+                    info[name] = torch.zeros(self.num_envs, dtype=value.dtype).numpy()
+                info[name][copies] = value
+        masks = {f"_{name}": self._ended.numpy() for name in info}
+        return info | masks
 
     def close_extras(self, **_kwargs: Any) -> None:
         """Close the simulation."""
@@ -461,6 +482,7 @@ def _longer(steps: int | None, registered: int | None) -> str:
 
 def _made(env_id: str, options: EnvOptions | None, **named: Any) -> Any:
     env = make(env_id, options, **named)
+    # TorchRL's transforms stand around the environment, and Gymnasium's users would not see them.
     if interface_of(env) is not env:
         raise UnknownOptionError(
             "Gymnasium has wrappers of its own; omit frame_stack, frame_skip and transform"
@@ -485,26 +507,24 @@ class _Goals:
 
     def _find_goals(self, env: Any, vector: gymnasium.Space[Any]) -> None:
         ours = env.unwrapped
-        pairs = (
-            layout_of(ours.env).goals if isinstance(ours, GymnasiumEnv | GymnasiumVectorEnv) else ()
-        )
+        is_ours = isinstance(ours, GymnasiumEnv | GymnasiumVectorEnv)
+        pairs = layout_of(ours.env).goals if is_ours else ()
         if not isinstance(vector, Box) or not pairs:
             raise DescriptionError(
                 f"{env} has no goals in a vector of ours; take one that has, such as "
                 "bricksrl/RoboArm-v0"
             )
         self._size = vector.shape[-1]
-        goals, reached = ([pair[k] for pair in pairs] for k in (0, 1))
+        goals = [goal for goal, _ in pairs]
+        reached = [angle for _, angle in pairs]
         others = [index for index in range(self._size) if index not in goals]
         self._parts = {"observation": others, "achieved_goal": reached, "desired_goal": goals}
 
     def _split_space(self, vector: Any) -> gymnasium.Space[Any]:
-        return Dict(
-            {
-                name: Box(vector.low[..., part], vector.high[..., part])
-                for name, part in self._parts.items()
-            }
-        )
+        boxes: dict[str, gymnasium.Space[Any]] = {}
+        for name, part in self._parts.items():
+            boxes[name] = Box(vector.low[..., part], vector.high[..., part])
+        return Dict(boxes)
 
     def observation(self, observation: Array) -> dict[str, Array]:
         """Parts of an observation vector."""
@@ -531,9 +551,9 @@ class _Goals:
         return task
 
     def _state(self, achieved_goal: Array, desired_goal: Array) -> torch.Tensor:
-        achieved, desired = (
-            torch.as_tensor(np.asarray(goal, np.float32)) for goal in (achieved_goal, desired_goal)
-        )
+        achieved = torch.as_tensor(np.asarray(achieved_goal, np.float32))
+        desired = torch.as_tensor(np.asarray(desired_goal, np.float32))
+        # The other entries stay 0: rewards of goals depend on goals and reached entries alone.
         state = torch.zeros(*achieved.shape[:-1], self._size)
         state[..., self._parts["achieved_goal"]] = achieved
         state[..., self._parts["desired_goal"]] = desired
@@ -619,7 +639,10 @@ class VectorGoalObservation(_Goals, VectorWrapper):
         self.observation_space = self._split_space(envs.observation_space)
 
     def reset(
-        self, *, seed: Any = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: Any = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[dict[str, Array], dict[str, Any]]:
         """Start an episode of all copies, or of those in ``options["reset_mask"]``."""
         observations, info = self.env.reset(seed=seed, options=options)

@@ -24,6 +24,7 @@ with installed("PettingZoo", RunError, '"bricksrl[arenas]"'):
 
 Array = NDArray[np.float32]
 _SIZE_PX = (480, 360)
+"""Width and height of a picture of the arena."""
 
 
 class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
@@ -52,7 +53,9 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
             )
         self._env: ArenaEnv = make_arena(env, **named)
         task = self._env.task
-        fps = max(1, round(1000.0 / (task.interfaces[0].settle.fixed_ms or 1000.0)))
+        # Steps without a fixed time are shown once a second.
+        step_ms = task.interfaces[0].settle.fixed_ms or 1000.0
+        fps = max(1, round(1000.0 / step_ms))
         self.metadata = {
             "name": task.id,
             "is_parallelizable": True,
@@ -63,9 +66,11 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         self._renderer: Renderer | None = None
         self.possible_agents = list(task.robots)
         self.agents: list[str] = []
-        low, high = np.array([entry.bounds for entry in task.entries], np.float32).T
+        bounds = [entry.bounds for entry in task.entries]
+        low, high = np.array(bounds, np.float32).T
+        robots = len(task.robots)
         self.observation_spaces = {name: Box(low, high) for name in task.robots}
-        self.state_space = Box(np.tile(low, len(task.robots)), np.tile(high, len(task.robots)))
+        self.state_space = Box(np.tile(low, robots), np.tile(high, robots))
         self.action_spaces = {name: Box(-1.0, 1.0, (2,), np.float32) for name in task.robots}
         self._state: Any = None
         self.np_random, _ = np_random(named.get("seed"))
@@ -79,7 +84,9 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         return self.action_spaces[agent]
 
     def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
+        self,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
         """Start an episode, reproducibly with a seed."""
         if seed is not None:
@@ -91,7 +98,8 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         return self._per_robot(self._state, "observation"), {name: {} for name in self.agents}
 
     def step(
-        self, actions: dict[str, Array]
+        self,
+        actions: dict[str, Array],
     ) -> tuple[
         dict[str, Array],
         dict[str, float],
@@ -109,21 +117,30 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
                 "one of each agent"
             )
         for group, names in task.groups.items():
-            group_actions = torch.tensor(
-                np.stack([actions[name] for name in names]), dtype=torch.float32
-            )
-            self._state[group, "action"] = group_actions
+            group_actions = np.stack([actions[name] for name in names])
+            self._state[group, "action"] = torch.tensor(group_actions, dtype=torch.float32)
         out = self._env.step(TensorDict(self._state))["next"]
+        # The ends belong to the step, not to the state of the next one.
         self._state = out.exclude("terminated", "truncated", "done")
-        info = {name: bool(out[name]) for name in ("link_lost", "success")}
-        info["is_success"] = info["success"]  # as Stable-Baselines3 and Gymnasium-Robotics call it
-        rewards = {name: float(value[0]) for name, value in self._per_robot(out, "reward").items()}
-        ends = [dict.fromkeys(self.agents, bool(out[name])) for name in ("terminated", "truncated")]
-        infos: dict[str, dict[str, Any]] = {name: dict(info) for name in self.agents}
+        is_success = bool(out["success"])
+        info = {
+            "link_lost": bool(out["link_lost"]),
+            "success": is_success,
+            # as Stable-Baselines3 and Gymnasium-Robotics call it
+            "is_success": is_success,
+        }
         observations = self._per_robot(out, "observation")
+        rewards = {}
+        for name, reward in self._per_robot(out, "reward").items():
+            rewards[name] = float(reward[0])
+        terminated = dict.fromkeys(self.agents, bool(out["terminated"]))
+        truncated = dict.fromkeys(self.agents, bool(out["truncated"]))
+        # A wrapper may write into the info of one robot.
+        infos: dict[str, dict[str, Any]] = {name: dict(info) for name in self.agents}
         if bool(out["done"]):
+            # PettingZoo's sign that the episode has ended for all.
             self.agents = []
-        return observations, rewards, ends[0], ends[1], infos
+        return observations, rewards, terminated, truncated, infos
 
     def state(self) -> Array:
         """What all robots observe, in the order of `possible_agents`, for critics that see
@@ -132,14 +149,19 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
             raise RunError(
                 f"{self._env.task.id} has no state before its first episode; reset it first"
             )
-        return np.concatenate(list(self._per_robot(self._state, "observation").values()))
+        observations = self._per_robot(self._state, "observation")
+        return np.concatenate(list(observations.values()))
 
     def _per_robot(self, tensordict: Any, name: str) -> dict[str, Array]:
+        task = self._env.task
         values = {}
-        for group, names in self._env.task.groups.items():
-            for robot, value in zip(names, tensordict[group, name].unbind(0), strict=True):
+        for group, names in task.groups.items():
+            parts = tensordict[group, name].unbind(0)
+            for robot, value in zip(names, parts, strict=True):
+                # A copy: the next step may write into the tensor.
                 values[robot] = value.numpy().copy()
-        return {robot: values[robot] for robot in self._env.task.robots}
+        # In the order of the agents, not of the groups.
+        return {robot: values[robot] for robot in task.robots}
 
     def render(self) -> NDArray[np.uint8] | None:
         """Image of the arena from above, uint8 ``[height, width, 3]``; ``None`` without a render
@@ -149,7 +171,9 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         if self._renderer is None:
             from bricktwin.twin.render.opengl import Renderer
 
-            self._renderer = Renderer(self._env.world.bodies[0], *_SIZE_PX, "arena")
+            # All bodies are in one world: that of the first robot shows the others too.
+            body = self._env.world.bodies[0]
+            self._renderer = Renderer(body, *_SIZE_PX, "arena")
         return self._renderer.render()
 
     def close(self) -> None:

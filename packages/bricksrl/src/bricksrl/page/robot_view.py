@@ -38,7 +38,7 @@ from bricksrl.page.scene import (
     mesh_of,
     poses,
 )
-from bricktwin.plans.drawing import shapes as solids
+from bricktwin.plans.drawing import shapes
 from bricktwin.twin.linkage import pose_at, sensed_qpos
 from bricktwin.twin.make_body import lies_on_bench
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, overview_of
@@ -65,13 +65,13 @@ _NO_MODEL = "This robot has no model to draw; its numbers are below."
 _GEOM = mujoco.mjtGeom
 _GHOST = (0.10, 0.62, 0.25, 0.45)
 _ARC = 6  # segments of a quarter of a circle
-_SPHERE = solids.box(2.0, 2.0, 2.0, 1.0, _ARC)
+_SPHERE = shapes.box(2.0, 2.0, 2.0, 1.0, _ARC)
 PRIMITIVES: dict[int, Callable[[float, float, float], Mesh]] = {
     _GEOM.mjGEOM_BOX: lambda x, y, z: box((x, y, z)),
     _GEOM.mjGEOM_SPHERE: lambda x, _y, _z: mesh_of(_SPHERE, x),
     _GEOM.mjGEOM_ELLIPSOID: lambda x, y, z: mesh_of(_SPHERE, (x, y, z)),
-    _GEOM.mjGEOM_CAPSULE: lambda x, y, _z: mesh_of(solids.box(2 * x, 2 * x, 2 * (x + y), x, _ARC)),
-    _GEOM.mjGEOM_CYLINDER: lambda x, y, _z: mesh_of(solids.cylinder(1000 * x, 2000 * y), 0.001),
+    _GEOM.mjGEOM_CAPSULE: lambda x, y, _z: mesh_of(shapes.box(2 * x, 2 * x, 2 * (x + y), x, _ARC)),
+    _GEOM.mjGEOM_CYLINDER: lambda x, y, _z: mesh_of(shapes.cylinder(1000 * x, 2000 * y), 0.001),
 }
 """Meshes of MuJoCo's geometry by kind, from its size."""
 
@@ -145,7 +145,7 @@ def twin_scene(body: MujocoBody) -> tuple[Scene, list[int]]:
     """Scene of all visible geometry of a twin and its surroundings, except the floor, and the
     model's number of each body."""
     model = body.model
-    shapes: dict[int, list[Shape]] = {}
+    shapes_of: dict[int, list[Shape]] = {}
     meshes: dict[int, Mesh] = {}
     for geom in range(model.ngeom):
         kind = int(model.geom_type[geom])
@@ -168,14 +168,14 @@ def twin_scene(body: MujocoBody) -> tuple[Scene, list[int]]:
         w, qx, qy, qz = model.geom_quat[geom].tolist()
         pattern = "bricks" if model.geom(geom).name == "wall" else ""
         shape = Shape(mesh, (red, green, blue, opacity), (px, py, pz), (w, qx, qy, qz), pattern)
-        shapes.setdefault(int(model.geom_bodyid[geom]), []).append(shape)
-    numbers = sorted(shapes)
+        shapes_of.setdefault(int(model.geom_bodyid[geom]), []).append(shape)
+    numbers = sorted(shapes_of)
     view = View(target=(0.06, 0.0, 0.13), distance_m=0.8, yaw_deg=-50.0)
     # A robot with a free joint moves about, and the camera with it.
     if model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         chassis = int(model.jnt_bodyid[0])
         view = View(follow=numbers.index(chassis) if chassis in numbers else None)
-    bodies = [SceneBody(model.body(number).name, tuple(shapes[number])) for number in numbers]
+    bodies = [SceneBody(model.body(number).name, tuple(shapes_of[number])) for number in numbers]
     return Scene(tuple(bodies), view=view), numbers
 
 
@@ -215,8 +215,8 @@ class Mirror:
             # What is welded to the world, such as a table, stands in no other place.
             is_moving = welds[number] != 0
             if is_moving and roots[number] == root:
-                shapes = tuple(replace(shape, colour=_GHOST) for shape in drawn.shapes)
-                ghosts.append(SceneBody(f"goal {drawn.name}", shapes))
+                faded = tuple(replace(shape, colour=_GHOST) for shape in drawn.shapes)
+                ghosts.append(SceneBody(f"goal {drawn.name}", faded))
                 self._ghost_numbers.append(number)
         self.scene = replace(scene, bodies=(*scene.bodies, *ghosts), view=view or scene.view)
         self._ghost: MujocoBody | None = None

@@ -35,7 +35,7 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
     """
     from bricksrl.policies.policy import Policy
     from bricksrl.policies.sharing import is_policy, load_shared
-    from bricksrl.training.restore import load_learner
+    from bricksrl.training.learners import load_learner
 
     check_value("path", path, Path | str)
     path = Path(path)
@@ -75,10 +75,10 @@ def config_of(path: Path) -> TrainConfig:
 def make_env_of(path: Path, **changed: Any) -> EnvBase:
     """The environment that a run or a shared policy was trained in, of a single robot, with these
     options ``changed``. Raises the errors of `config_of`."""
-    from bricksrl.envs.registry import make_env
+    from bricksrl.envs.make import make
 
     config = config_of(path)
-    return make_env(config.env, config.robot.changed(**changed), seed=config.seed)
+    return make(config.env, config.robot.changed(**changed), seed=config.seed)
 
 
 __all__ = ["config_of", "load_policy", "make_env_of"]

@@ -29,7 +29,8 @@ from bricksrl.envs.transforms import base_of
 from bricksrl.errors import RunError
 from bricksrl.policies import config_of, load_policy, make_env_of
 from bricksrl.policies.hub_network import HIDDEN, HubNetwork, distil
-from bricksrl.training.restore import Which, reproducible
+from bricksrl.training.reproducible import reproducible
+from bricksrl.training.restore import Which
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.physics import Physics
 

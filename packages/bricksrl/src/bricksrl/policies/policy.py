@@ -22,7 +22,7 @@ from bricksrl.envs.transforms import Playback, base_of, layout_of, one_step, ove
 from bricksrl.errors import DescriptionError
 from bricksrl.policies import load_policy
 from bricksrl.policies.sharing import is_policy
-from bricksrl.training.restore import untrained_learner
+from bricksrl.training.learners import untrained_learner
 from bricksrl.training.run_folder import RunFolder
 
 

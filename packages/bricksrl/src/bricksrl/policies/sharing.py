@@ -13,12 +13,12 @@ from torchrl.envs import EnvBase
 from brickhub.files import atomic_folder, folder_with, reading, refuse_existing, write_durably
 from bricksrl.agents.learner import Learner
 from bricksrl.data.share import CARD, downloaded, hub_client
-from bricksrl.envs.registry import make_env
+from bricksrl.envs.make import make
 from bricksrl.envs.transforms import prepare, transform_state
 from bricksrl.errors import CheckpointError, RunError, counted
 from bricksrl.training.config import TrainConfig, code_in, portable
 from bricksrl.training.existing_run import POLICY
-from bricksrl.training.restore import load_learner, make_learner_for, one_robot
+from bricksrl.training.learners import load_learner, make_learner_for, one_robot
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.trust import is_trusted, remember, require_trusted
 
@@ -46,7 +46,7 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
             "a shared policy comes without the run of its base; `bricksrl export RUN --out FILE` "
             "writes both to one file"
         )
-    with closing(make_env(config.env, config.robot, seed=config.seed)) as env:
+    with closing(make(config.env, config.robot, seed=config.seed)) as env:
         prepare(env)
         made = transform_state(env)
         trained = load_learner(run_dir, env)

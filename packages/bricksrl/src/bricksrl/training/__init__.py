@@ -16,7 +16,7 @@ from bricksrl.training.config import TrainConfig
 from bricksrl.training.run_folder import RunFolder
 
 if TYPE_CHECKING:
-    from bricksrl.training.restore import load_learner as load_learner
+    from bricksrl.training.learners import load_learner as load_learner
     from bricksrl.training.run import resume as resume
     from bricksrl.training.run import train as train
 
@@ -35,7 +35,7 @@ __all__ = [
     "train",
 ]
 
-_MODULES = {"load_learner": "restore", "resume": "run", "train": "run"}
+_MODULES = {"load_learner": "learners", "resume": "run", "train": "run"}
 
 
 def __getattr__(name: str) -> Any:

@@ -13,8 +13,8 @@ from brickhub.fields import Count, Range, check_fields
 from brickhub.options import Existing, Flag, option
 from brickhub.seed import check_seed
 from brickhub.user_files import NotCode, code_names, with_absolute_file, without_folder
-from bricksrl.agents import AGENTS, algorithm, preset, with_present_names
-from bricksrl.agents.settings import CriticSettings
+from bricksrl.agents import AGENTS, algorithm, preset
+from bricksrl.agents.settings import CriticSettings, OffPolicySettings, TargetSettings
 from bricksrl.data.dataset import existing_dataset
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import LABELS, get_task, option_types
@@ -111,11 +111,12 @@ class TrainConfig(RunOptions, EnvOptions):
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        for name in ("run_dir", "data", "start", "base", "demonstrations"):
-            if isinstance(getattr(self, name), Path | str):  # one is as good as the other
-                object.__setattr__(
-                    self, name, (Path if name == "run_dir" else str)(getattr(self, name))
-                )
+        # a path or a text: one is as good as the other, but a config in a file has texts
+        for name in ("data", "start", "base", "demonstrations"):
+            if isinstance(getattr(self, name), Path | str):
+                object.__setattr__(self, name, str(getattr(self, name)))
+        if isinstance(self.run_dir, Path | str):
+            object.__setattr__(self, "run_dir", Path(self.run_dir))
         super().__post_init__()
         object.__setattr__(self, "physics", self.known_physics)  # stored with the run
         for name in ("env", "agent"):  # the run can then be used in any folder
@@ -187,8 +188,6 @@ class TrainConfig(RunOptions, EnvOptions):
                 "settings": settings,
                 "physics": None if physics is None else Physics.from_dict(physics),
             }
-            if not data.get("updates"):  # as earlier versions wrote it
-                data["demonstrations"] = data.pop("data", None) or data.get("demonstrations")
             return cls(**data, run_dir=run_dir)
         except UnknownNameError as error:  # says what to do
             raise RunError(f"the run needs what is not here: {error}") from None
@@ -205,6 +204,11 @@ def _are_ambiguous(hubs: tuple[str, ...]) -> bool:
         and bool(real)
         and (len(real) < len(hubs) or any(":" not in hub for hub in real))
     )
+
+
+@dataclass(frozen=True)
+class _CommonSettings(CriticSettings, TargetSettings, OffPolicySettings):
+    """What a user's agent may have too: its texts are known to name code, or not."""
 
 
 MAX_NAME = 40
@@ -316,20 +320,18 @@ def _code_in_settings(settings: Any, agent: Any) -> Iterator[str]:
     have too."""
     if not isinstance(settings, Mapping):
         return code_names(settings)
-    settings = with_present_names(settings)
     if isinstance(agent, str) and agent in AGENTS:
         return code_names(settings, algorithm(agent).settings)
-    shared = {field.name for field in dataclasses.fields(CriticSettings)}
-    return code_names(
-        {name: value for name, value in settings.items() if name in shared}, CriticSettings
-    )
+    common = {field.name for field in dataclasses.fields(_CommonSettings)}
+    known = {name: value for name, value in settings.items() if name in common}
+    return code_names(known, _CommonSettings)
 
 
 def code_in_settings(
-    values: Mapping[str, Any], settings_type: type[Any] = CriticSettings
+    values: Mapping[str, Any], settings_type: type[Any] = _CommonSettings
 ) -> tuple[str, ...]:
     """Texts in settings, as plain values, that may name code of the user's."""
-    return tuple(code_names(with_present_names(values), settings_type))
+    return tuple(code_names(values, settings_type))
 
 
 def settings_from(agent: str, given: dict[str, Any]) -> Any:
@@ -337,8 +339,7 @@ def settings_from(agent: str, given: dict[str, Any]) -> Any:
     settings are invalid."""
     settings_type = algorithm(agent).settings
     values = {
-        key: tuple(value) if isinstance(value, list) else value
-        for key, value in with_present_names(given).items()
+        key: tuple(value) if isinstance(value, list) else value for key, value in given.items()
     }
     check_fields(settings_type, values)
     return settings_type(**values)

@@ -23,7 +23,6 @@ from torchrl.envs import EnvBase, TransformedEnv
 
 from brickhub.seed import derive_seed
 from bricksrl.agents.learner import Learner, means
-from bricksrl.agents.teachers import restore
 from bricksrl.child_process import END, ChildProcess, Message, Send, leave, parent_channel
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task
@@ -33,7 +32,8 @@ from bricksrl.envs.transforms import changes_nothing, layout_of, load_transform_
 from bricksrl.errors import BricksError, LearnerError, message_of
 from bricksrl.training.checkpoint import save_checkpoint
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.restore import attach_dataset, make_learner_for, stand_in
+from bricksrl.training.learners import attach_dataset, make_learner_for, stand_in
+from bricksrl.training.restore import restore
 
 _CHECK_S = 0.1
 _END_TIMEOUT_S = 120.0
@@ -79,6 +79,7 @@ class InLoopLearner:
             if sum(part.shape[-1] for part in self._collected) < size:
                 return
             frames = torch.cat(self._collected, -1)
+            # steps with a lost link have no outcome, and do not count
             if len(with_outcome(frames, lost_links(frames))) < size:
                 return
             self._collected = []
@@ -103,8 +104,12 @@ class InLoopLearner:
     def save(self, path: Path, state: dict[str, Any]) -> None:
         """Write a checkpoint of ``state``, the learner and pending frames."""
         collected = [frames.to_dict() for frames in self._collected]
-        own = {"agent": self.actor.state_dict(), "pace": asdict(self.pace), "collected": collected}
-        save_checkpoint(path, {**own, **state})
+        of_learner = {
+            "agent": self.actor.state_dict(),
+            "pace": asdict(self.pace),
+            "collected": collected,
+        }
+        save_checkpoint(path, {**of_learner, **state})
 
     def finish(self, go_on: Callable[[], bool]) -> None:
         """Nothing is pending."""
@@ -142,16 +147,16 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         layout = layout_of(env)
         # of which it would think that it fits
         has_task = interface_of(env).task is not None and changes_nothing(env)
-        if (
-            config.dataset is not None
-            and isinstance(env, TransformedEnv)
-            and not config.is_transformed
-        ):
+        # The process makes the transforms of the config; those of a user's own environment it
+        # cannot know, but a dataset has to pass through them.
+        has_own_transforms = isinstance(env, TransformedEnv) and not config.is_transformed
+        if config.dataset is not None and has_own_transforms:
             raise LearnerError(
                 "the learner's process does not know this environment's transforms; train "
                 "synchronously"
             )
-        own = {name: state[name] for name in ("agent", "pace", "collected", "transforms")}
+        names = ("agent", "pace", "collected", "transforms")
+        begun = {name: state[name] for name in names}
         self._send(
             "begin",
             {
@@ -159,7 +164,7 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
                 "specs": specs,
                 "layout": layout,
                 "has_task": has_task,
-                "state": own,
+                "state": begun,
             },
         )
 

@@ -28,8 +28,9 @@ from bricksrl.training.config import TrainConfig
 from bricksrl.training.fleet.fleet_robots import Fleet
 from bricksrl.training.fleet.schedule import FleetRobots
 from bricksrl.training.learner_side import LearnerSide, LearningPace
+from bricksrl.training.learners import check_weights
 from bricksrl.training.recording import RunRecorder
-from bricksrl.training.restore import check_weights, run_state
+from bricksrl.training.restore import run_state
 from bricksrl.training.run_folder import DATA_FOLDER, RunFolder
 from bricksrl.training.signals import InterruptedEpisodeError, StopSignals
 from bricksrl.training.sources import Copies, Ended, Moved, OneRobot, Playing, Source, reconnect_of
@@ -66,13 +67,13 @@ class Loop:
         self.is_evaluation_due: bool = state["is_evaluation_due"]  # of the last episode
         self.recorded: int = state["recorded"]  # whole episodes in the dataset
         is_held = "observation" in given_specs(base_of(self.env))  # by a dataset
-        make = (
-            FleetRobots
-            if isinstance(base_of(self.env), Fleet)
-            else Copies
-            if self.env.batch_size
-            else OneRobot
-        )
+        make: type[FleetRobots | Copies | OneRobot]
+        if isinstance(base_of(self.env), Fleet):
+            make = FleetRobots
+        elif self.env.batch_size:
+            make = Copies
+        else:
+            make = OneRobot
         self.source: Source = make(
             env=self.env,
             learner=self.learner,
@@ -157,14 +158,21 @@ class Loop:
             self._started += 1
             number = self._started
         is_random = number <= self.prefill_episodes
-        phase = (
-            Phase.OFFLINE if self.config.updates else Phase.PREFILL if is_random else Phase.TRAIN
-        )
+        if self.config.updates:
+            phase = Phase.OFFLINE
+        elif is_random:
+            phase = Phase.PREFILL
+        else:
+            phase = Phase.TRAIN
         policy = "random" if phase is Phase.PREFILL else without_folder(self.config.agent)
-        playing = Playing(number, phase, episode_seed("training", self.config.seed, number), policy)
+        # The seed is that of the number, so that a resumed run draws what the whole one would have.
+        seed = episode_seed("training", self.config.seed, number)
+        playing = Playing(number, phase, seed, policy)
+        # a difference of rounded totals: all shares together are exactly the updates of the config
         total = self.config.updates
         episodes = self.config.episodes
         due = total * number // episodes - total * (number - 1) // episodes
+        # in strides, as Ctrl-C waits for the end of one
         for start in range(0, due, STRIDE):
             playing.metrics.append(self.actor.make_updates(min(STRIDE, due - start)))
             if self.signals.requested:

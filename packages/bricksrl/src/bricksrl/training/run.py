@@ -13,9 +13,9 @@ from brickhub.files import only_writer, remove_unfinished
 from brickhub.seed import derive_seed
 from brickhub.user_files import calling, is_reference
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.teachers import restore
 from bricksrl.envs.connection import Placement
-from bricksrl.envs.registry import make_env
+from bricksrl.envs.make import make
+from bricksrl.envs.registry import is_simulation
 from bricksrl.envs.rollout import Driver
 from bricksrl.envs.transforms import load_transform_state, with_unit_actions
 from bricksrl.errors import DescriptionError, RunError, counted
@@ -23,17 +23,11 @@ from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.fleet.fleet_robots import make_fleet
 from bricksrl.training.learner_side import AsyncLearner, InLoopLearner, LearnerSide
+from bricksrl.training.learners import attach_dataset, make_learner_for, warm_start
 from bricksrl.training.loggers import Tracking
 from bricksrl.training.loop import Loop
-from bricksrl.training.restore import (
-    attach_dataset,
-    identity_of,
-    load_state,
-    make_learner_for,
-    reproducible,
-    run_state,
-    warm_start,
-)
+from bricksrl.training.reproducible import reproducible
+from bricksrl.training.restore import identity_of, load_state, restore, run_state
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.signals import StopSignals
 
@@ -146,12 +140,15 @@ def _run(
             if len(config.hubs) > 1:
                 env = make_fleet(config, place if config.hub != "virtual" else None)
             else:
-                env = make_env(
+                # Only thousands of copies in one batch are worth a device; a robot, and a single
+                # simulation, act on the processor.
+                is_batch = config.num_envs > 1 and is_simulation(config.env)
+                env = make(
                     config.env,
                     config.robot,
-                    config.num_envs,
+                    copies=config.num_envs,
                     seed=config.seed,
-                    device=config.device,
+                    device=config.device if is_batch else "cpu",
                     place=place,
                 )
             stack.callback(env.close, raise_if_closed=False)

@@ -36,8 +36,8 @@ from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.fleet import fleet_robots as robots
 from bricksrl.training.fleet.fleet_robots import Member, make_fleet, members_of
 from bricksrl.training.fleet.schedule import FleetRobots
+from bricksrl.training.learners import attach_dataset, make_learner_for
 from bricksrl.training.loop import Loop
-from bricksrl.training.restore import attach_dataset, make_learner_for
 from bricksrl.training.sources import Ended, Playing
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("forked_children")]

@@ -167,7 +167,6 @@ class Measure:
         comparison = compare(log, robot)
         write_report(self.out / "report.html", log, comparison)
         write_physics(self.out / "physics.json", comparison.fitted())
-        # Columns of 36, 10 and 10, and then what is for a person only.
         for name, value, twin, drawn, remark in (HEAD, *lines(comparison)):
             print_line(f"{name:36}{value:>10}{twin:>10}   {drawn:22}{remark}".rstrip())
         print_line(f"{self.out}: report.html, physics.json, log.jsonl")

@@ -97,10 +97,12 @@ class SimulatedPerson:
             self._edge_deg += deed.turn_deg
         else:
             self._edge_deg = deed.wall_deg
-        self._aim_deg = self._edge_deg + self._rng.uniform(-self._error_deg, self._error_deg)
+        error_deg = self._rng.uniform(-self._error_deg, self._error_deg)
+        self._aim_deg = self._edge_deg + error_deg
         self._now_s = self._hub.now_s()
         turning_s = abs(deed.turn_deg) / _TURN_DEG_S
-        self._done_s = self._now_s + turning_s + self._rng.uniform(0.0, self._error_s)
+        hesitating_s = self._rng.uniform(0.0, self._error_s)
+        self._done_s = self._now_s + turning_s + hesitating_s
         body.data.qvel[:] = 0.0
         if deed.is_lifted:
             self._lift(deed.holds)
@@ -134,7 +136,7 @@ class SimulatedPerson:
             actuator = body.actuator(body.robot.motor(motor).port)
             joint = model.actuator_trnid[actuator, 0]
             model.dof_frictionloss[model.jnt_dofadr[joint]] = _GRIP_NM
-        # Nobody turns a robot while its wheels run.
+        # In the hand it stays as it is: no error of an angle counts.
         self._aim_deg = self._at_deg
 
     def _put(self) -> None:

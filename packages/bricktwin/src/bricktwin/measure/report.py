@@ -56,7 +56,8 @@ def lines(comparison: Comparison) -> Iterator[tuple[str, str, str, str, str]]:
 
 def write_report(path: Path, log: SessionLog, comparison: Comparison) -> None:
     """Write the page. Raises WriteError if that is impossible."""
-    about = ", ".join(f"{name} {value}" for name, value in log.about.items())
+    facts = [f"{name} {value}" for name, value in log.about.items()]
+    about = ", ".join(facts)
     body = [
         f"<h1>{html.escape(log.robot)}, measured</h1>",
         f"<p class=who>{html.escape(about)}</p>",
@@ -113,7 +114,8 @@ def _draw_ranges(axes: Axes, comparison: Comparison) -> None:
         low, nominal, high = comparison.scale(quantity)
         # Each number has a unit and a range of its own: 0 is its lowest twin, 1 its highest.
         nominal_share = (nominal - low) / (high - low)
-        robot_share = (comparison.robot[quantity.name] - low) / (high - low)
+        value = comparison.robot[quantity.name]
+        robot_share = (value - low) / (high - low)
         leftmost, rightmost = _OUTSIDE
         robot_share = min(max(robot_share, leftmost), rightmost)
         axes.plot(

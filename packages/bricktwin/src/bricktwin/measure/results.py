@@ -278,7 +278,8 @@ class Comparison:
         for parameter, estimates in values.items():
             # A robot with a fault may be beyond all that a twin can be.
             low, high = PARAMETERS[parameter].allowed_range
-            fitted[parameter] = float(np.clip(np.mean(estimates), low, high))
+            mean = np.mean(estimates)
+            fitted[parameter] = float(np.clip(mean, low, high))
         return replace(Physics(), **fitted)
 
 

@@ -126,16 +126,20 @@ def composed(references: list[Reference]) -> list[Reference]:
         return expanded
     merged: set[int] = set()
     for index, number in enumerate(numbers):
+        if index in merged:
+            continue
         found: list[tuple[Reference, list[int]]] = []
-        for assembly, first in _wholes().get(number, ()) if index not in merged else ():
+        for assembly, first in _wholes().get(number, ()):
             whole = _whole(expanded[index], assembly, first)
             included = list(_included(whole, assembly, expanded, numbers, merged | {index}))
             if included or first is assembly.pieces[0]:
                 found.append((whole, included))
-        if found:  # two kinds of hubs have the same case: the one with more of the pieces is it
-            whole, included = max(found, key=lambda one: len(one[1]))
-            expanded[index] = _with_marks(whole, [expanded[other] for other in included])
-            merged.update(included)
+        if not found:
+            continue
+        # Two kinds of hubs have the same case: the one with more of the pieces is it.
+        whole, included = max(found, key=lambda candidate: len(candidate[1]))
+        expanded[index] = _with_marks(whole, [expanded[other] for other in included])
+        merged.update(included)
     return [reference for index, reference in enumerate(expanded) if index not in merged]
 
 
@@ -160,12 +164,14 @@ def completed(
     taken: set[int] = set()
     found: list[tuple[Reference, list[int]]] = []
     for reference in wholes:
-        best, best_pieces = reference, list[int]()
+        best = reference
+        best_pieces: list[int] = []
         for whole, assembly in _kinds_of(reference):
             pieces = list(_included(whole, assembly, others, numbers, set(taken)))
             # The kind that it is already comes first, and stays unless another one has more.
             if len(pieces) > len(best_pieces):
-                best, best_pieces = whole, pieces
+                best = whole
+                best_pieces = pieces
         taken.update(best_pieces)
         found.append((_with_marks(best, [others[index] for index in best_pieces]), best_pieces))
     return found
@@ -207,10 +213,10 @@ def _expanded(reference: Reference) -> Iterator[Reference]:
 def _whole(reference: Reference, assembly: Assembly, first: Piece) -> Reference:
     """The whole that a first piece belongs to."""
     offset = reference.offset - reference.matrix @ first.place
-    is_it = catalogue.find(reference.name) is not None
-    return replace(
-        reference, name=reference.name if is_it else f"{assembly.number}.dat", offset=offset
-    )
+    # The number of the first piece may be that of the whole as well.
+    is_known_part = catalogue.find(reference.name) is not None
+    name = reference.name if is_known_part else f"{assembly.number}.dat"
+    return replace(reference, name=name, offset=offset)
 
 
 def _included(
@@ -224,11 +230,9 @@ def _included(
     for piece in assembly.pieces:
         place = whole.matrix @ piece.place + whole.offset
         for index, number in enumerate(numbers):
-            if (
-                number == piece.number
-                and index not in taken
-                and np.abs(references[index].offset - place).max() < _NEAR
-            ):
+            if number != piece.number or index in taken:
+                continue
+            if np.abs(references[index].offset - place).max() < _NEAR:
                 yield index
                 taken.add(index)
                 break

@@ -21,14 +21,18 @@ from bricktwin.plans.plan import Placed
 RATE_LENGTH = 100.0
 """LDU: scales angular rates, so that linear and angular rates have the same magnitude."""
 _RANK_TOLERANCE = 1e-4
+"""Singular values of constraints below this count as 0."""
 _MOTION_TOLERANCE = 1e-4
+"""Difference of rates up to which two bodies move alike."""
 _AXIS_TOLERANCE = 1.5
+"""LDU between two lines that are one axis."""
 MAX_BODIES = 250
 """No motions are computed above this number."""
 _MAX_LOOSE_DISTANCE = 60.0
+"""LDU between the origins of a part with unmodelled connections and of the part that holds it."""
+# Distances between bush and beam, LDU, at which an axle still cannot slide: up to 3.6 mm of play.
 _STOP_LOW = -2.0
 _STOP_HIGH = 9.0
-"""Distance between bush and beam at which an axle still cannot slide: up to 3.6 mm of play."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +55,15 @@ class BodyJoint:
         """Angular rate of the second body relative to the first in each motion [n], or reversed:
         relative to the body ``parent``. A motor's case that turns about its shaft is the shaft
         turning about the reversed axis."""
-        first, second = self.bodies if parent in (None, self.bodies[0]) else self.bodies[::-1]
-        sign = -1.0 if self.motor is not None and first != self.bodies[0] else 1.0
-        relative = motions[6 * second + 3 : 6 * second + 6] - motions[6 * first + 3 : 6 * first + 6]
-        return np.asarray(sign * self.axis @ relative)
+        first, second = self.bodies
+        if parent is not None and parent != first:
+            first, second = second, first
+        is_reversed = first != self.bodies[0]
+        sign = -1.0 if self.motor is not None and is_reversed else 1.0
+        # The angular rates of a body are the last three of its six rows.
+        first_rates = motions[6 * first + 3 : 6 * first + 6]
+        second_rates = motions[6 * second + 3 : 6 * second + 6]
+        return np.asarray(sign * self.axis @ (second_rates - first_rates))
 
 
 @dataclass(frozen=True)
@@ -84,12 +93,14 @@ class Bodies:
                 joint.point, joint.axis, slides=joint.slides, turns=can_turn, is_ball=joint.is_ball
             )
             rows.append(_rows(count, (joint.bodies[0], block), (joint.bodies[1], -block)))
-        rows += [
-            _rows(count, (body, np.concatenate([np.zeros(3), axis])[None]))
-            for body, axis in self._free_spins()
-        ]
+        # Else such a spin would count as a motion of the mechanism.
+        for body, axis in self._free_spins():
+            spin = np.concatenate([np.zeros(3), axis])[None]
+            rows.append(_rows(count, (body, spin)))
         for first, second, mesh in self.meshes:
-            scaled = np.concatenate([mesh.motion[:, :3], mesh.motion[:, 3:] / RATE_LENGTH], axis=1)
+            linear = mesh.motion[:, :3]
+            angular = mesh.motion[:, 3:] / RATE_LENGTH
+            scaled = np.concatenate([linear, angular], axis=1)
             rows.append(_rows(count, (first, scaled[:1]), (second, scaled[1:])))
         return _null_space(np.concatenate(rows))
 
@@ -98,18 +109,21 @@ class Bodies:
         else."""
         for body in range(1, len(self.members)):
             joints = [joint for joint in self.joints if body in joint.bodies]
-            if (
-                len(joints) == 2
-                and all(joint.is_ball for joint in joints)
-                and not any(body in mesh[:2] for mesh in self.meshes)
-            ):
-                axis = joints[1].point - joints[0].point
-                if (length := np.linalg.norm(axis)) > _AXIS_TOLERANCE:
-                    yield body, axis / length
+            if len(joints) != 2 or not all(joint.is_ball for joint in joints):
+                continue
+            if any(body in (first, second) for first, second, _ in self.meshes):
+                continue
+            axis = joints[1].point - joints[0].point
+            length = np.linalg.norm(axis)
+            # Two balls in one place leave every direction free.
+            if length > _AXIS_TOLERANCE:
+                yield body, axis / length
 
 
 def _null_space(rows: Floats) -> Floats:
     """Orthonormal basis [m, n] of the null space of ``rows`` [k, m]."""
+    # The eigenvalues of this product are the squares of the singular values; it stays small,
+    # however many constraints there are.
     eigenvalues, eigenvectors = np.linalg.eigh(rows.T @ rows)
     return np.asarray(eigenvectors[:, eigenvalues < _RANK_TOLERANCE**2])
 
@@ -122,16 +136,17 @@ def _joint_rows(
     first = np.cross(axis, helper)
     first /= np.linalg.norm(first)
     normals = [first, np.cross(axis, first)]
+    # No velocity of the common point across the axis, nor along it unless it slides.
     blocked = normals if slides else [*normals, axis]
     rows = [
         np.concatenate([direction, np.cross(point, direction) / RATE_LENGTH])
         for direction in blocked
     ]
-    if not is_ball:
-        rows += [
-            np.concatenate([np.zeros(3), direction])
-            for direction in (normals if turns else [*normals, axis])
-        ]
+    if is_ball:
+        return np.array(rows)
+    # No turning across the axis, nor about it if it is braked.
+    fixed = normals if turns else [*normals, axis]
+    rows += [np.concatenate([np.zeros(3), direction]) for direction in fixed]
     return np.array(rows)
 
 
@@ -171,21 +186,22 @@ def find_bodies(
     whole mechanism.
     """
     count = len(parts)
-    links = [
-        _Link(
-            link,
-            link.male + count * link.male_site.turns,
-            link.female + count * link.female_site.turns,
-        )
-        for link in connections
-        if link.fits and not link.is_crossed
-    ]
+    links = []
+    for connection in connections:
+        # What cannot be put together holds nothing.
+        if not connection.fits or connection.is_crossed:
+            continue
+        # What is in a motor's shaft is connected to its rotor.
+        male = connection.male + count * connection.male_site.turns
+        female = connection.female + count * connection.female_site.turns
+        links.append(_Link(connection, male, female))
     groups = np.arange(2 * count)
     for link in links:
         if link.connection.is_rigid:
             _join(groups, link.male, link.female)
     _join_fasteners(parts, links, groups)
     _join_loose(parts, groups)
+    # Bodies that are joined may share an axis less, or hold a third one: until nothing changes.
     while True:
         while _merge_rigid(links, groups):
             pass
@@ -204,34 +220,32 @@ def _bodies(
     number_of = {root: number for number, root in enumerate(roots)}
     joints = []
     for motor in motors:
-        if groups[motor] in number_of:
-            placed = parts[motor]
-            shaft = next(
-                site for site in placed.part.sites if site.turns and site.fit is Fit.AXLE_HOLE
-            )
-            pair = (number_of[groups[motor]], number_of[groups[motor + count]])
-            axis = placed.rotation @ np.array(placed.electric.direction)
-            joints.append(BodyJoint(pair, placed.point(shaft.centre), axis, False, motor))
-    slides = _sliding(parts, links, groups)
+        # A motor that is not connected to the heaviest body is left out.
+        if groups[motor] not in number_of:
+            continue
+        placed = parts[motor]
+        shaft = next(site for site in placed.part.sites if site.turns and site.fit is Fit.AXLE_HOLE)
+        pair = (number_of[groups[motor]], number_of[groups[motor + count]])
+        axis = placed.rotation @ np.array(placed.electric.direction)
+        joints.append(BodyJoint(pair, placed.point(shaft.centre), axis, False, motor))
+    sliding = _sliding(parts, links, groups)
     for (first, second), bundles in _bundles(links, groups).items():
-        if first in number_of and second in number_of:
-            can_slide = frozenset((first, second)) in slides
-            pair = (number_of[first], number_of[second])
-            joints += [
-                BodyJoint(
-                    pair,
-                    *_line_of(bundle),
-                    bundle[0].connection.is_axle and can_slide,
-                    None,
-                    bundle[0].connection.is_ball,
-                )
-                for bundle in bundles
-            ]
-    geared_bodies = [
-        (number_of[groups[mesh.first]], number_of[groups[mesh.second]], mesh)
-        for mesh in meshes
-        if mesh.is_good and groups[mesh.first] in number_of and groups[mesh.second] in number_of
-    ]
+        if first not in number_of or second not in number_of:
+            continue
+        can_slide = frozenset((first, second)) in sliding
+        pair = (number_of[first], number_of[second])
+        for bundle in bundles:
+            # The first one of a bundle is one that cannot slide, if there is any.
+            connection = bundle[0].connection
+            point, axis = _line_of(bundle)
+            slides = connection.is_axle and can_slide
+            joints.append(BodyJoint(pair, point, axis, slides, None, connection.is_ball))
+    geared_bodies = []
+    for mesh in meshes:
+        first = groups[mesh.first]
+        second = groups[mesh.second]
+        if mesh.is_good and first in number_of and second in number_of:
+            geared_bodies.append((number_of[first], number_of[second], mesh))
     members = tuple(tuple(part for part in range(count) if groups[part] == root) for root in roots)
     rotors = tuple(
         tuple(motor for motor in motors if groups[motor + count] == root) for root in roots
@@ -249,26 +263,31 @@ def _bundles(links: Sequence[_Link], groups: _Groups) -> dict[tuple[int, int], l
         if first == second:
             continue
         bundles = bundles_of.setdefault((min(first, second), max(first, second)), [])
-        bundle = next(
-            (bundle for bundle in bundles if _is_coaxial(link.connection, bundle[0].connection)), []
-        )
-        if not bundle:
-            bundles.append(bundle)
-        bundle.append(link)
+        for bundle in bundles:
+            if _is_coaxial(link.connection, bundle[0].connection):
+                bundle.append(link)
+                break
+        else:
+            bundles.append([link])
     return bundles_of
 
 
 def _line_of(bundle: Sequence[_Link]) -> tuple[Floats, Floats]:
     """Midpoint and direction of coaxial connections; independent of their order."""
     axis = bundle[0].connection.axis
-    axis = axis * np.sign(axis[int(np.argmax(np.abs(np.round(axis, 6))))])
-    points = np.array([link.connection.point for link in bundle])
+    # The largest component is positive; rounded, so that equal components are told apart by their
+    # place and not by their last digit.
+    largest = int(np.argmax(np.abs(np.round(axis, 6))))
+    axis = axis * np.sign(axis[largest])
+    points = np.array([link.connection.point for link in bundle])  # [n, 3]
     along = points @ axis
+    middle = (along.min() + along.max()) / 2
     mean = points.mean(axis=0)
-    return mean + axis * ((along.min() + along.max()) / 2 - float(mean @ axis)), axis
+    return mean + axis * (middle - float(mean @ axis)), axis
 
 
 def _is_coaxial(first: Connection, second: Connection) -> bool:
+    # A ball joint has a point, but no axis.
     is_ball = first.is_ball or second.is_ball
     return not is_ball and lines_coincide(
         first.point, first.axis, second.point, second.axis, offset=_AXIS_TOLERANCE, sine=0.05
@@ -278,13 +297,16 @@ def _is_coaxial(first: Connection, second: Connection) -> bool:
 def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> None:
     """Join each pin, and each axle or bush with a pin to which nothing is fixed, to a part around
     it: it may spin."""
-    fixed = {
-        node for link in links if link.connection.is_rigid for node in (link.male, link.female)
-    }
+    fixed: set[int] = set()
+    for link in links:
+        if link.connection.is_rigid:
+            fixed.update((link.male, link.female))
     for link in links:
         sites = parts[link.connection.male].part.sites
-        is_alone = len({(site.axis, site.centre[1], site.centre[2]) for site in sites}) == 1
-        if is_alone and link.male not in fixed and not link.connection.is_ball:
+        # Such as a pin, whose sites are all on one line; a beam with a pin on it is no fastener.
+        lines = {(site.axis, site.centre[1], site.centre[2]) for site in sites}
+        is_fastener = len(lines) == 1
+        if is_fastener and link.male not in fixed and not link.connection.is_ball:
             _join(groups, link.male, link.female)
             fixed.add(link.male)
 
@@ -292,20 +314,23 @@ def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Gr
 def _join_loose(parts: Sequence[Placed], groups: _Groups) -> None:
     """Join parts with unmodelled connections to the nearest part, such as a tyre to its rim."""
     for placed in parts:
+        if not placed.part.is_loose:
+            continue
         others = [
             other for other in parts if other.index != placed.index and not other.part.is_loose
         ]
         if placed.part.family == "tyres":
             others = [other for other in others if other.part.family == "wheels"]
+        # A chain's links keep their place, while its gears turn.
         is_chain = placed.part.family == "chains"
-        if is_chain:  # it keeps its place, while its gears turn
+        if is_chain:
             others = [other for other in others if other.part.family in ("beams", "hubs", "motors")]
-        if placed.part.is_loose and others:
-            nearest = min(
-                others, key=lambda other: float(np.linalg.norm(other.position - placed.position))
-            )
-            if is_chain or np.linalg.norm(nearest.position - placed.position) < _MAX_LOOSE_DISTANCE:
-                _join(groups, placed.index, nearest.index)
+        if not others:
+            continue
+        distances = [float(np.linalg.norm(other.position - placed.position)) for other in others]
+        nearest = others[distances.index(min(distances))]
+        if is_chain or min(distances) < _MAX_LOOSE_DISTANCE:
+            _join(groups, placed.index, nearest.index)
 
 
 def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
@@ -314,7 +339,9 @@ def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
     for pair, bundles in _bundles(links, groups).items():
         if len(bundles) < 2:
             continue
+        # Two axes at least: about a single one they could turn.
         connections = [bundle[0].connection for bundle in bundles]
+        # Near to the origin the numbers are small, and the rank is certain.
         origin = connections[0].point
         blocks = [
             _joint_rows(link.point - origin, link.axis, slides=link.is_axle, is_ball=link.is_ball)
@@ -333,10 +360,10 @@ def _merge_equal_motions(bodies: Bodies, roots: Sequence[int], groups: _Groups) 
     for number, root in enumerate(roots):
         rates = motions[6 * number : 6 * number + 6]
         for other in range(number):
-            if (
-                np.abs(motions[6 * other : 6 * other + 6] - rates).max(initial=0.0)
-                < _MOTION_TOLERANCE
-            ):
+            other_rates = motions[6 * other : 6 * other + 6]
+            # With no motions at all, every body is at rest.
+            difference = np.abs(other_rates - rates).max(initial=0.0)
+            if difference < _MOTION_TOLERANCE:
                 _join(groups, root, roots[other])
                 merged = True
                 break
@@ -352,9 +379,10 @@ def _ordered(
     for placed in parts:
         masses[groups[placed.index]] += placed.part.mass_g
     neighbours: dict[int, set[int]] = defaultdict(set)
-    for first, second in [(link.male, link.female) for link in links] + [
-        (motor, motor + count) for motor in motors
-    ]:
+    # A motor's case holds its rotor.
+    pairs = [(link.male, link.female) for link in links]
+    pairs += [(motor, motor + count) for motor in motors]
+    for first, second in pairs:
         neighbours[groups[first]].add(groups[second])
         neighbours[groups[second]].add(groups[first])
     start = max(masses, key=lambda root: masses[root])
@@ -370,23 +398,25 @@ def _sliding(
     for link in links:
         if link.connection.is_axle and groups[link.male] == groups[link.female]:
             fixed_to[link.male].append(link.connection)
+    # For each pair of bodies, how many stops there are in each of the two directions.
     stops: dict[frozenset[int], list[int]] = defaultdict(lambda: [0, 0])
     for link in links:
         first = groups[link.male]
         second = groups[link.female]
         connection = link.connection
-        if not link.connection.is_axle or first == second:
+        if not connection.is_axle or first == second:
             continue
         ends = stops[frozenset((first, second))]
         # Parallel axles have the same two directions, whichever of the bodies has the axle.
-        sign = float(np.sign(connection.axis[int(np.argmax(np.abs(connection.axis)))])) * (
-            1 if first < second else -1
-        )
+        largest = int(np.argmax(np.abs(connection.axis)))
+        order = 1 if first < second else -1
+        is_forward = float(np.sign(connection.axis[largest])) * order > 0
+        ahead, behind = (0, 1) if is_forward else (1, 0)
         low, high = _span(parts[connection.female], connection.female_site, connection)
         for fixed in fixed_to[link.male]:
             start, end = _span(parts[fixed.female], fixed.female_site, connection)
-            ends[0 if sign > 0 else 1] += _STOP_LOW < start - high < _STOP_HIGH
-            ends[1 if sign > 0 else 0] += _STOP_LOW < low - end < _STOP_HIGH
+            ends[ahead] += _STOP_LOW < start - high < _STOP_HIGH
+            ends[behind] += _STOP_LOW < low - end < _STOP_HIGH
     return {pair for pair, ends in stops.items() if not all(ends)}
 
 

@@ -22,12 +22,16 @@ _MARGIN = 0.8
 smaller."""
 _MIN_POINTS = 2
 """Minimum number of points inside."""
+# Limits of the collision search: a file may be a heap of parts in one place.
 _MAX_PAIRS = 200
 _MAX_COMPARED = 50_000
-"""Limits of the collision search."""
+# Limits of the search for paths.
 _MAX_QUERIES = 6000
+"""Collision queries per plan."""
 _MAX_ITEMS = 60
-"""Limits of the search for paths: collision queries per plan, parts per step."""
+"""Parts per step."""
+_SKIN = 1.5
+"""LDU by which the bounds of a part are smaller where parts that touch are looked for."""
 
 
 class Occupancy:
@@ -48,18 +52,19 @@ class Occupancy:
 
     def collisions(self) -> list[tuple[int, int]]:
         """Pairs of colliding parts, the lower index first; at most 200."""
-        still = np.zeros(3)
-        near = (
-            (index, index + 1 + int(other))
-            for index in range(len(self._parts))
-            for other in np.flatnonzero(self._near(index, still)[index + 1 :])
-        )
-        return list(
-            islice(
-                (pair for pair in islice(near, _MAX_COMPARED) if self._collide(*pair, still)),
-                _MAX_PAIRS,
-            )
-        )
+        colliding = (pair for pair in islice(self._near_pairs(), _MAX_COMPARED) if self._hit(*pair))
+        return list(islice(colliding, _MAX_PAIRS))
+
+    def _near_pairs(self) -> Iterator[tuple[int, int]]:
+        """Pairs of parts whose bounds overlap, the lower index first."""
+        for index in range(len(self._parts)):
+            after = index + 1
+            for other in np.flatnonzero(self._near(index, np.zeros(3))[after:]):
+                yield index, after + int(other)
+
+    def _hit(self, index: int, other: int) -> bool:
+        """Whether two parts collide where they are."""
+        return self._collide(index, other, np.zeros(3))
 
     def is_free(self, group: Iterable[int], others: Bools, shift: Floats) -> bool:
         """Whether a group of parts, moved by ``shift``, collides with none of the parts in
@@ -73,14 +78,18 @@ class Occupancy:
 
     def _near(self, index: int, shift: Floats) -> Bools:
         """Parts with bounds that overlap those of a moved part [n]."""
-        low = self.low[index] + shift + 1.5
-        high = self.high[index] + shift - 1.5
+        low = self.low[index] + shift + _SKIN
+        high = self.high[index] + shift - _SKIN
         return np.asarray(((low < self.high) & (self.low < high)).all(axis=1))
 
     def _collide(self, index: int, other: int, shift: Floats) -> bool:
         families = {self._parts[index].part.family, self._parts[other].part.family}
-        if "chains" in families or ("tyres" in families and shift.any()):
-            return False  # links are flexible, and lie between teeth; a tyre is pulled over its rim
+        # Links are flexible, and lie between teeth.
+        if "chains" in families:
+            return False
+        # A tyre is pulled over its rim.
+        if "tyres" in families and shift.any():
+            return False
         return self._inside(index, other, shift) or self._inside(other, index, -shift)
 
     def _inside(self, index: int, other: int, shift: Floats) -> bool:
@@ -93,10 +102,11 @@ class Occupancy:
         inner = target.to_part(points[near])
         holes = open_holes(self._parts[index], shift, target)
         # In large overlaps a few points are enough.
-        return any(
-            np.count_nonzero(target.part.blocks(sample, _MARGIN, holes)) >= _MIN_POINTS
-            for sample in (inner[::23], inner)
-        )
+        for sample in (inner[::23], inner):
+            blocked = target.part.blocks(sample, _MARGIN, holes)
+            if np.count_nonzero(blocked) >= _MIN_POINTS:
+                return True
+        return False
 
 
 _PATH_LDU = (5.0, 11.0, 17.0, 24.0, 34.0, 46.0, 70.0, 110.0, 170.0)
@@ -147,8 +157,9 @@ def links_of(parts: Sequence[Placed], connections: Iterable[Connection]) -> _Lin
     of it is."""
     links: dict[int, list[tuple[int, Floats]]] = defaultdict(list)
     for link in connections:
-        inside = float((np.mean(parts[link.male].bounds, axis=0) - link.point) @ link.axis) < 0.0
-        outward = link.axis * (-1.0 if inside else 1.0)
+        middle = np.mean(parts[link.male].bounds, axis=0)
+        is_behind = float((middle - link.point) @ link.axis) < 0.0
+        outward = link.axis * (-1.0 if is_behind else 1.0)
         links[link.male].append((link.female, outward))
         links[link.female].append((link.male, -outward))
     return links
@@ -167,33 +178,38 @@ def step_faults(
     built: dict[tuple[str, ...], set[int]] = defaultdict(set)
     for step in plan.steps:
         before = built[step.assembly]
-        new = [part for item in (step.new, *step.joined) for part in item]
-        built[step.assembly] = after = before | set(new)
+        items = [step.new, *step.joined]
+        new = [part for item in items for part in item]
+        after = before | set(new)
+        built[step.assembly] = after
+        # In the first step, everything must hang on one part.
         starts = before or [_main_part(plan, new)]
+        # The groups are nodes below 0 (`neighbours`); they are there all the time.
         nodes = after | set(range(-len(groups), 0))
-        held = reached(
-            starts, {node: [other for other in graph[node] if other in nodes] for node in nodes}
-        )
-        loose = tuple(
-            part for part in new if part not in held and not plan.parts[part].part.is_loose
-        )
+        graph_now = {node: [other for other in graph[node] if other in nodes] for node in nodes}
+        held = reached(starts, graph_now)
+        unheld = [part for part in new if part not in held]
+        loose = tuple(part for part in unheld if not plan.parts[part].part.is_loose)
         if loose:
             yield StepFault(step, loose, Fault.UNCONNECTED)
-        if (
-            len(step.new) + len(step.joined) > _MAX_ITEMS
-            or occupancy.queries > occupancy.most_queries
-        ):
+        is_too_large = len(step.new) + len(step.joined) > _MAX_ITEMS
+        if is_too_large or occupancy.queries > occupancy.most_queries:
             yield StepFault(step, (step.new or step.joined[0])[:1], Fault.UNCHECKED)
-        elif blocked := moves_of(step, after, occupancy, links)[1]:
+            continue
+        _, blocked = moves_of(step, after, occupancy, links)
+        if blocked:
             yield StepFault(step, blocked, Fault.BLOCKED)
 
 
 def _main_part(plan: Plan, parts: Sequence[int]) -> int:
     """The heaviest part; one whose connections are not modelled, such as a ball in its cup, only if
     there is no other."""
-    return max(
-        parts, key=lambda part: (not plan.parts[part].part.is_loose, plan.parts[part].part.mass_g)
-    )
+
+    def rank(index: int) -> tuple[bool, float]:
+        part = plan.parts[index].part
+        return not part.is_loose, part.mass_g
+
+    return max(parts, key=rank)
 
 
 def moves_of(
@@ -209,9 +225,10 @@ def moves_of(
     present = np.zeros(len(occupancy.low), dtype=bool)
     present[list(after)] = True
     is_first = sum(map(len, items)) == len(after)
-    removed: list[Move] = []
-    # in the first step, the first item lies on the table
+    # In the first step, the first item lies on the table: the others are put on it.
+    on_table = items[:1] if is_first else []
     remaining = list(items[1:] if is_first else items)
+    removed: list[Move] = []
     while remaining and occupancy.queries <= occupancy.most_queries:
         for group in _groups(remaining, links):
             parts = [part for item in group for part in item]
@@ -224,9 +241,12 @@ def moves_of(
                 remaining = [item for item in remaining if item not in group]
                 break
         else:
+            # Nothing that is left can be removed.
             break
-    still = [Move((item,), np.zeros(3)) for item in (items[:1] if is_first else []) + remaining]
-    return still + removed[::-1], tuple(part for item in remaining for part in item)
+    unmoved = [Move((item,), np.zeros(3)) for item in on_table + remaining]
+    blocked = tuple(part for item in remaining for part in item)
+    # What was removed last is put in place first.
+    return unmoved + removed[::-1], blocked
 
 
 def _free_direction(
@@ -241,10 +261,13 @@ def _free_direction(
 
 def _groups(remaining: Sequence[tuple[int, ...]], links: _Links) -> Iterator[list[tuple[int, ...]]]:
     """Groups to remove together: each item, each with the new items that it touches, all items."""
+    # The author's order is a way to build it: what was put on last comes off first.
     for item in reversed(remaining):
         yield [item]
     for item in reversed(remaining):
-        touched = {other for part in item for other, _ in links[part]}
+        touched: set[int] = set()
+        for part in item:
+            touched.update(other for other, _ in links[part])
         group = [other for other in remaining if other == item or touched & set(other)]
         if 1 < len(group) < len(remaining):
             yield group
@@ -254,10 +277,13 @@ def _groups(remaining: Sequence[tuple[int, ...]], links: _Links) -> Iterator[lis
 
 def _directions(parts: Sequence[int], links: _Links) -> list[Floats]:
     """Directions to try: along the connections, then along the plan's axes."""
+    axes: list[Floats] = []
+    for part in parts:
+        axes += [axis for other, axis in links[part] if other not in parts]
+    axes += list(np.eye(3))
+    # Each line once: most connections of a part are parallel, and each trial costs queries.
     directions: list[Floats] = []
-    for axis in [
-        axis for part in parts for other, axis in links[part] if other not in parts
-    ] + list(np.eye(3)):
+    for axis in axes:
         if not any(abs(float(axis @ direction)) > 0.999 for direction in directions):
             directions.append(axis)
     return [sign * direction for direction in directions for sign in (1.0, -1.0)]

@@ -68,12 +68,15 @@ def check(plan: Plan) -> list[Finding]:
 
 def held_by_unknown(plan: Plan, unknowns: Iterable[Unknown]) -> list[frozenset[int]]:
     """The parts around each place of unknown parts, which may hold them together."""
-    low, high = (
-        np.array([placed.bounds[end] for placed in plan.parts]).reshape(-1, 3) for end in (0, 1)
-    )
-    positions = [position for unknown in unknowns for position in unknown.positions]
-    gaps = [np.maximum(low - position, position - high).max(axis=1) for position in positions]
-    return [frozenset(np.flatnonzero(gap < _REACH).tolist()) for gap in gaps]
+    low = np.array([placed.bounds[0] for placed in plan.parts]).reshape(-1, 3)
+    high = np.array([placed.bounds[1] for placed in plan.parts]).reshape(-1, 3)
+    groups = []
+    for unknown in unknowns:
+        for position in unknown.positions:
+            # How far a part's bounds are from the place [n]; below 0 where it is inside of them.
+            gap = np.maximum(low - position, position - high).max(axis=1)
+            groups.append(frozenset(np.flatnonzero(gap < _REACH).tolist()))
+    return groups
 
 
 def _check_count(plan: Plan) -> Iterator[_Mistake]:
@@ -90,18 +93,12 @@ def _check_count(plan: Plan) -> Iterator[_Mistake]:
             )
             text += " both into one .mpd"
         held = frozenset().union(*held_by_unknown(plan, [unknown]))
-        text += (
-            f"; what it holds, of {counted(len(held), 'part')} around it, is not checked"
-            if held
-            else ""
-        )
+        if held:
+            text += f"; what it holds, of {counted(len(held), 'part')} around it, is not checked"
         yield unknown.lines[0], "missing file" if unknown.is_file else "unknown part", text
-    count = (
-        len(plan.parts)
-        + sum(len(unknown.lines) for unknown in plan.unknown)
-        + len(plan.drawn)
-        + len(plan.faults)
-    )
+    # Every line that places something counts, also what we do not know, or cannot read.
+    unknown_count = sum(len(unknown.lines) for unknown in plan.unknown)
+    count = len(plan.parts) + unknown_count + len(plan.drawn) + len(plan.faults)
     if plan.count not in (None, count):
         yield (
             0,
@@ -173,10 +170,9 @@ def _check_gears(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
                 f"meet over only {percent(mesh.engaged)} of their width; shift one along its axle"
             )
         else:
-            fault = (
-                f"are {abs(mesh.error) * MM_PER_LDU:.1f} mm too "
-                f"{'far apart' if mesh.error > 0 else 'close'}; move one"
-            )
+            error_mm = abs(mesh.error) * MM_PER_LDU
+            kind = "far apart" if mesh.error > 0 else "close"
+            fault = f"are {error_mm:.1f} mm too {kind}; move one"
         yield (
             second.line,
             "gears",
@@ -205,9 +201,9 @@ def _check_motions(
         guessed = frozenset().union(*guesses)
         for number, members in enumerate(bodies.members):
             rates = _remove_spin(plan, members, motions[6 * number : 6 * number + 6])
-            if np.abs(rates).max() < _MIN_RATE or any(
-                plan.parts[part].is_free or part in guessed for part in members
-            ):
+            # What is marked as free shall move, and what is next to unknown parts may be held.
+            may_move = any(plan.parts[part].is_free or part in guessed for part in members)
+            if may_move or np.abs(rates).max() < _MIN_RATE:
                 continue
             names = _names([plan.parts[part] for part in members])
             text = (
@@ -222,15 +218,18 @@ def _remove_spin(plan: Plan, members: tuple[int, ...], rates: Floats) -> Floats:
     """Rates [6, n] of a body; an axle with bushes may spin, and so may a pin, so their spin is
     removed."""
     placed = [plan.parts[part] for part in members]
-    bars = [one for family in _SPINNING[:2] for one in placed if one.part.family == family]
-    if not bars or any(one.part.family not in _SPINNING for one in placed):
+    bars: list[Placed] = []
+    for family in _SPINNING[:2]:
+        bars += [part for part in placed if part.part.family == family]
+    if not bars or any(part.part.family not in _SPINNING for part in placed):
         return rates
     axis = bars[0].rotation[:, 0]
     point = bars[0].position / RATE_LENGTH
     angular = rates[3:]
-    return np.concatenate(
-        [rates[:3] + np.cross(angular, point, axis=0), angular - np.outer(axis, axis @ angular)]
-    )
+    # The velocity of a point on the axis, which a spin does not change, and what else turns it.
+    linear = rates[:3] + np.cross(angular, point, axis=0)
+    across = angular - np.outer(axis, axis @ angular)
+    return np.concatenate([linear, across])
 
 
 def _check_motors(plan: Plan, bodies: Bodies, motors: list[int]) -> Iterator[_Mistake]:
@@ -266,9 +265,10 @@ def _check_motors(plan: Plan, bodies: Bodies, motors: list[int]) -> Iterator[_Mi
 def _names(placed: list[Placed]) -> str:
     counts = Counter(part.name for part in placed)
     names = [f"{count} x {name}" if count > 1 else name for name, count in counts.items()]
-    return ", ".join(names[:_MAX_NAMES]) + (
-        f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
-    )
+    text = ", ".join(names[:_MAX_NAMES])
+    if len(names) > _MAX_NAMES:
+        text += f" and {len(names) - _MAX_NAMES} more"
+    return text
 
 
 def _check_steps(
@@ -331,13 +331,12 @@ def _check_wiring(plan: Plan) -> Iterator[_Mistake]:
 
 def _cable(hub: Placed, position: tuple[float, float, float], placed: Placed) -> Iterator[_Mistake]:
     length_mm = placed.electric.cable_mm
-    needed = (
-        float(np.linalg.norm(hub.point(position) - placed.point(placed.electric.plug))) * MM_PER_LDU
-        + _SLACK_MM
-    )
-    if needed > length_mm:
+    way = hub.point(position) - placed.point(placed.electric.plug)
+    # Straight through everything, so that only what surely is too far is named.
+    needed_mm = float(np.linalg.norm(way)) * MM_PER_LDU + _SLACK_MM
+    if needed_mm > length_mm:
         text = (
             f"the cable of {placed.name} has {length_mm:.0f} mm, but port {placed.port} needs "
-            f"{needed:.0f}; use a nearer port"
+            f"{needed_mm:.0f}; use a nearer port"
         )
         yield placed.line, "wiring", text

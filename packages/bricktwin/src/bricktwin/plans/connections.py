@@ -6,7 +6,7 @@ LDraw units, plan frame.
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice, pairwise
 from typing import NamedTuple
@@ -18,31 +18,37 @@ from bricktwin.plans.part import Fit, Gear, GearForm, Site
 from bricktwin.plans.plan import Placed
 
 _MAX_OFFSET = 1.2
+"""LDU: how far a pin may be from its hole's axis."""
 _MAX_TILT = 0.03
-"""Tolerances of a pin: offset from the hole's axis (LDU), tilt (sine)."""
+"""Sine of the largest angle between the two."""
+# The same where a pin only has room: real parts give way.
 _MAX_LOOSE_OFFSET = 2.5
 _MAX_LOOSE_TILT = 0.1
-"""The same where it only has room: real parts give way."""
 _MIN_DEPTH = 3.5
 """Minimum depth of a connection, LDU; a stud is 4 high."""
 _MIN_SEATED_SHARE = 0.7
 """Minimum depth as a share of the shorter length."""
+_MODULE = 20.0
+"""LDU between holes: what is as deep as this holds, however long it is."""
 _MESH_TOLERANCE = 1.0
+"""Error of two gears' distance up to which they mesh, LDU."""
 _NEAR_TOLERANCE = 9.0
-"""Tolerances of two gears' distance, LDU: up to the first they mesh; above the second they are
-unrelated."""
+"""The same above which they are unrelated; what is between the two is a mistake to be named."""
 _MAX_COMPARED = 20_000
 """Maximum number of gear pairs to compare."""
 _CROSS_DEG = 6.0
+"""Largest angle between an axle's cross and that of its hole."""
 _WORM_PITCH_RADIUS = 10.0
 _TOOTH = 7.854
 """Length of a tooth, pi mm: lead of a worm, pitch of a rack."""
 _LINK = 16.0
+"""Length of a chain's link, along its z axis: two teeth. From the previous link it may be half of
+it away: LSynth fills a straight part with whole links."""
 _LINK_TOLERANCE = 1.5
-"""Length of a chain's link, along its z axis: two teeth. Its largest offset from a gear. From the
-previous link it may be half of its length away: LSynth fills a straight part with whole links."""
+"""Largest offset of a link from a gear, LDU."""
 _BARS = (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.PEG)
 _JOINTS = (Fit.TURNTABLE, Fit.BALL, Fit.SOCKET, Fit.RIM, Fit.TYRE)
+"""Sites that belong together where their middles are in one place, not where one is in another."""
 _SEAT_PLAY = 4.0
 """Tolerance of a tyre, LDU: of its place and of its diameter."""
 _RIGID = ((Fit.AXLE, Fit.AXLE_HOLE), (Fit.STUD, Fit.STUD_HOLE), (Fit.RIM, Fit.TYRE))
@@ -77,10 +83,8 @@ class Connection:
     @property
     def fits(self) -> bool:
         """Whether it is possible; a pin does not fit into an axle hole."""
-        return not (
-            self.male_site.fit in (Fit.PIN, Fit.FRICTION_PIN)
-            and self.female_site.fit is Fit.AXLE_HOLE
-        )
+        is_pin = self.male_site.fit in (Fit.PIN, Fit.FRICTION_PIN)
+        return not (is_pin and self.female_site.fit is Fit.AXLE_HOLE)
 
     @property
     def is_axle(self) -> bool:
@@ -142,9 +146,10 @@ def neighbours(
     """The connected parts of each part. Groups may be held together by something unknown: a node
     -1, -2, ... each."""
     pairs = [(link.male, link.female) for link in connections]
-    return graph_of(
-        [*pairs, *((-1 - number, part) for number, group in enumerate(groups) for part in group)]
-    )
+    # Parts are numbered from 0, so that negative numbers are free for the groups.
+    for number, group in enumerate(groups):
+        pairs += [(-1 - number, part) for part in group]
+    return graph_of(pairs)
 
 
 def reached(starts: Iterable[int], graph: Mapping[int, Iterable[int]]) -> set[int]:
@@ -165,46 +170,48 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
     joints: list[_Placed] = []
     for placed in parts:
         for site in placed.part.sites:
-            entry = (
-                placed.index,
-                site,
-                placed.point(site.centre),
-                placed.rotation @ np.array(site.axis),
-            )
-            (joints if site.fit in _JOINTS else males if site.fit.is_male else females).append(
-                entry
-            )
+            direction = placed.rotation @ np.array(site.axis)
+            entry = (placed.index, site, placed.point(site.centre), direction)
+            if site.fit in _JOINTS:
+                joints.append(entry)
+            elif site.fit.is_male:
+                males.append(entry)
+            else:
+                females.append(entry)
     result = _coinciding(joints)
     if not females:
         return result
+    # Sorted along x, so that a pin is compared with the holes near to it alone: a plan may
+    # have thousands of both.
     females.sort(key=lambda entry: float(entry[2][0]))
     owners = np.array([entry[0] for entry in females])
     centres = np.array([entry[2] for entry in females])
     axes = np.array([entry[3] for entry in females])
     lengths = np.array([entry[1].length for entry in females])
     is_for_stud = np.array([entry[1].fit is Fit.STUD_HOLE for entry in females])
+    longest = float(lengths.max())
     for owner, site, centre, axis in males:
-        reach = (site.length + float(lengths.max())) / 2 + _MAX_OFFSET
-        start, end = np.searchsorted(centres[:, 0], [centre[0] - reach, centre[0] + reach])
-        nearby = slice(int(start), int(end))
+        reach = (site.length + longest) / 2 + _MAX_OFFSET
+        bounds = np.searchsorted(centres[:, 0], [centre[0] - reach, centre[0] + reach])
+        start = int(bounds[0])
+        nearby = slice(start, int(bounds[1]))
+        # Of the m holes nearby: how far along the male's axis [m], how far from it [m], how tilted
+        # [m], and the overlap along the axis from `low` [m] to `high` [m].
         offset = centres[nearby] - centre
         along = offset @ axis
         across = np.linalg.norm(offset - along[:, None] * axis, axis=1)
         tilt = np.linalg.norm(np.cross(axes[nearby], axis), axis=1)
         low = np.maximum(-site.length / 2, along - lengths[nearby] / 2)
         high = np.minimum(site.length / 2, along + lengths[nearby] / 2)
-        fitting = (
-            (across < _MAX_OFFSET)
-            & (tilt < _MAX_TILT)
-            & (high - low > _MIN_DEPTH)
-            & (owners[nearby] != owner)
-        )
-        fitting &= is_for_stud[nearby] == (site.fit is Fit.STUD)
-        for index in np.flatnonzero(fitting):
+        is_coaxial = (across < _MAX_OFFSET) & (tilt < _MAX_TILT)
+        is_inside = high - low > _MIN_DEPTH
+        is_other_part = owners[nearby] != owner
+        # A stud does not hold in a pin hole, nor a pin between studs.
+        is_of_kind = is_for_stud[nearby] == (site.fit is Fit.STUD)
+        for index in np.flatnonzero(is_coaxial & is_inside & is_other_part & is_of_kind):
+            other, hole, *_ = females[start + index]
             depth = float(high[index] - low[index])
-            other = females[int(start) + index][0]
-            hole = females[int(start) + index][1]
-            is_seated = depth >= _MIN_SEATED_SHARE * min(20.0, site.length, hole.length)
+            is_seated = depth >= _MIN_SEATED_SHARE * min(_MODULE, site.length, hole.length)
             is_crossed = _is_crossed(parts[owner], site, parts[other], hole)
             point = centre + axis * float(low[index] + high[index]) / 2
             result.append(
@@ -220,13 +227,19 @@ def open_holes(male: Placed, shift: Floats, female: Placed) -> list[Site]:
     holes = female.part.holes
     if not bars or not holes:
         return []
-    points = female.to_part(male.to_plan(np.array([site.centre for site in bars])) + shift)
-    axes = np.array([site.axis for site in bars]) @ male.rotation.T @ female.rotation
-    offsets = np.array([site.centre for site in holes])[:, None] - points
-    across = np.linalg.norm(np.cross(offsets, axes), axis=2)
-    tilts = np.linalg.norm(np.cross(np.array([site.axis for site in holes])[:, None], axes), axis=2)
-    fitting = ((across < _MAX_LOOSE_OFFSET) & (tilts < _MAX_LOOSE_TILT)).any(axis=1)
-    return [site for site, fits in zip(holes, fitting, strict=True) if fits]
+    # In the frame of the part with the holes: centres [b, 3] and directions [b, 3] of the bars.
+    bar_centres = np.array([site.centre for site in bars])
+    bar_axes = np.array([site.axis for site in bars])
+    points = female.to_part(male.to_plan(bar_centres) + shift)
+    axes = bar_axes @ male.rotation.T @ female.rotation
+    hole_centres = np.array([site.centre for site in holes])[:, None]
+    hole_axes = np.array([site.axis for site in holes])[:, None]
+    # Each hole with each bar [h, b].
+    across = np.linalg.norm(np.cross(hole_centres - points, axes), axis=2)
+    tilts = np.linalg.norm(np.cross(hole_axes, axes), axis=2)
+    is_fitting = (across < _MAX_LOOSE_OFFSET) & (tilts < _MAX_LOOSE_TILT)
+    has_bar = is_fitting.any(axis=1)
+    return [site for site, fits in zip(holes, has_bar, strict=True) if fits]
 
 
 def _is_crossed(axle: Placed, site: Site, holder: Placed, hole: Site) -> bool:
@@ -236,36 +249,43 @@ def _is_crossed(axle: Placed, site: Site, holder: Placed, hole: Site) -> bool:
         return False
     first = axle.rotation @ _arm(site)
     second = holder.rotation @ _arm(hole)
-    angle = np.degrees(np.arccos(np.clip(abs(float(first @ second)), 0.0, 1.0)))
-    return bool(min(angle, 90 - angle) > _CROSS_DEG)
+    # Rounding may leave a little more than 1, of which there is no arc cosine.
+    cosine = np.clip(abs(float(first @ second)), 0.0, 1.0)
+    angle_deg = np.degrees(np.arccos(cosine))
+    # A cross looks the same after a quarter of a turn.
+    return bool(min(angle_deg, 90 - angle_deg) > _CROSS_DEG)
 
 
 def _arm(site: Site) -> Floats:
     """One direction of the cross in the part's frame."""
-    return np.array(site.arm or (AXES["x"] if abs(site.axis[0]) < 0.5 else AXES["y"]))
+    if site.arm:
+        return np.array(site.arm)
+    # The catalogue leaves it out where it is along one of the part's axes.
+    return np.array(AXES["x"] if abs(site.axis[0]) < 0.5 else AXES["y"])
 
 
 def _coinciding(joints: list[_Placed]) -> list[Connection]:
     """Halves of a turntable, balls in sockets, tyres on rims."""
     result = []
     for owner, site, centre, axis in joints:
-        for other, hole, centre2, direction in joints:
-            distance = np.linalg.norm(centre2 - centre)
-            pair = (site.fit, hole.fit)
-            if owner == other or distance > (
-                _SEAT_PLAY if pair == (Fit.RIM, Fit.TYRE) else _MAX_OFFSET
-            ):
+        for other, hole, other_centre, other_axis in joints:
+            if owner == other:
                 continue
-            is_aligned = bool(np.linalg.norm(np.cross(axis, direction)) < _MAX_TILT)
-            is_seat = (
-                pair == (Fit.RIM, Fit.TYRE)
-                and is_aligned
-                and abs(site.length - hole.length) <= _SEAT_PLAY
-            )
+            pair = (site.fit, hole.fit)
+            is_wheel = pair == (Fit.RIM, Fit.TYRE)
+            distance = np.linalg.norm(other_centre - centre)
+            if distance > (_SEAT_PLAY if is_wheel else _MAX_OFFSET):
+                continue
+            is_aligned = bool(np.linalg.norm(np.cross(axis, other_axis)) < _MAX_TILT)
+            # Their lengths are diameters: a tyre fits on a rim of its own.
+            is_seat = is_wheel and is_aligned and abs(site.length - hole.length) <= _SEAT_PLAY
+            # Both halves of a turntable are alike; each pair of them is met twice.
             is_turntable = pair == (Fit.TURNTABLE, Fit.TURNTABLE) and is_aligned and owner < other
+            # A ball may point anywhere in its socket.
             if pair == (Fit.BALL, Fit.SOCKET) or is_turntable or is_seat:
+                depth = site.length
                 result.append(
-                    Connection(owner, other, site, hole, centre, axis, site.length, True, False)
+                    Connection(owner, other, site, hole, centre, axis, depth, True, False)
                 )
     return result
 
@@ -278,50 +298,60 @@ class _Geared(NamedTuple):
     centre: Floats
     axis: Floats
 
+    @property
+    def reach(self) -> float:
+        """Largest distance of something that meshes with it from its middle, LDU."""
+        # A rack is longer than any radius: half a tooth is 4 LDU.
+        return max(self.gear.pitch_radius, self.gear.width, 4.0 * self.gear.teeth)
+
 
 def _geared(parts: Sequence[Placed]) -> list[_Geared]:
-    gears = [(placed, gear) for placed in parts for gear in placed.part.gears]
-    return [
-        _Geared(placed, gear, placed.point(gear.centre), placed.rotation @ np.array(gear.axis))
-        for placed, gear in gears
-    ]
+    geared = []
+    for placed in parts:
+        for gear in placed.part.gears:
+            axis = placed.rotation @ np.array(gear.axis)
+            geared.append(_Geared(placed, gear, placed.point(gear.centre), axis))
+    return geared
 
 
 def meshes(parts: Sequence[Placed]) -> list[Mesh]:
     """Pairs of gears that mesh, or are nearly close enough, then the pairs in chains."""
-    gears = _geared(parts)
+    found: list[Mesh] = []
+    # A file of somebody else may have thousands of gears in a heap: the search must end.
+    for first, second in islice(_near_gears(_geared(parts)), _MAX_COMPARED):
+        if first.placed is second.placed:
+            continue
+        mesh = _mesh(first, second)
+        if mesh is not None:
+            found.append(mesh)
+    return found + chain_meshes(parts)
+
+
+def _near_gears(gears: Sequence[_Geared]) -> Iterator[tuple[_Geared, _Geared]]:
+    """Pairs of gears that are near enough to be compared."""
     centres = np.array([gear.centre for gear in gears]).reshape(-1, 3)
-    reach = np.array(
-        [
-            max(placed.gear.pitch_radius, placed.gear.width, 4.0 * placed.gear.teeth)
-            for placed in gears
-        ]
-    )
-    near = (
-        (first, gears[number + 1 + int(other)])
-        for number, first in enumerate(gears)
-        for other in np.flatnonzero(
-            np.linalg.norm(centres[number + 1 :] - centres[number], axis=1)
-            < reach[number + 1 :] + reach[number] + 2 * _NEAR_TOLERANCE
-        )
-    )
-    found = [
-        _mesh(*pair) for pair in islice(near, _MAX_COMPARED) if pair[0].placed is not pair[1].placed
-    ]
-    return [*(mesh for mesh in found if mesh is not None), *chain_meshes(parts)]
+    reach = np.array([gear.reach for gear in gears])
+    for number, first in enumerate(gears):
+        after = slice(number + 1, None)
+        distances = np.linalg.norm(centres[after] - centres[number], axis=1)
+        is_near = distances < reach[after] + reach[number] + 2 * _NEAR_TOLERANCE
+        for other in np.flatnonzero(is_near):
+            yield first, gears[number + 1 + int(other)]
 
 
 def _mesh(first: _Geared, second: _Geared) -> Mesh | None:
     forms = (first.gear.form, second.gear.form)
-    for form, kind in ((GearForm.RACK, _rack), (GearForm.WORM, _worm)):
-        if form in forms:
-            return kind(first, second) if forms[0] is form else kind(second, first)
+    # Racks and worms are no discs: each has a rule of its own, in which it comes first.
+    for form, special_mesh in ((GearForm.RACK, _rack), (GearForm.WORM, _worm)):
+        if forms[0] is form:
+            return special_mesh(first, second)
+        if forms[1] is form:
+            return special_mesh(second, first)
     if np.linalg.norm(np.cross(first.axis, second.axis)) < _MAX_TILT:
         return _parallel(first, second)
     # At a right angle a spur gear meshes with a crown gear only.
-    if abs(float(first.axis @ second.axis)) < _MAX_TILT and (
-        GearForm.SPUR not in forms or GearForm.CROWN in forms
-    ):
+    is_right_angle = abs(float(first.axis @ second.axis)) < _MAX_TILT
+    if is_right_angle and (GearForm.SPUR not in forms or GearForm.CROWN in forms):
         return _right_angle(first, second)
     return None
 
@@ -335,23 +365,19 @@ def _parallel(first: _Geared, second: _Geared) -> Mesh | None:
     across = offset - along * axis
     distance = float(np.linalg.norm(across))
     error = distance - gear.pitch_radius - other.pitch_radius
-    overlap = min(gear.width / 2, along + other.width / 2) - max(
-        -gear.width / 2, along - other.width / 2
-    )
+    low = max(-gear.width / 2, along - other.width / 2)
+    high = min(gear.width / 2, along + other.width / 2)
+    overlap = high - low
+    # Two gears on one axle have no distance, and so no direction of contact.
     if abs(error) > _NEAR_TOLERANCE or overlap <= 1.0 or distance < 1.0:
         return None
     # Dividing the distance by the teeth gives the exact ratio, even if the pitch circles do not
     # quite touch.
     fraction = gear.pitch_radius / (gear.pitch_radius + other.pitch_radius)
     point = first.centre + across * fraction + axis * along / 2
-    return _make_mesh(
-        first,
-        second,
-        error,
-        point,
-        np.cross(axis, across / distance),
-        overlap / min(gear.width, other.width),
-    )
+    tangent = np.cross(axis, across / distance)
+    engaged = overlap / min(gear.width, other.width)
+    return _make_mesh(first, second, error, point, tangent, engaged)
 
 
 def _right_angle(first: _Geared, second: _Geared) -> Mesh | None:
@@ -361,28 +387,30 @@ def _right_angle(first: _Geared, second: _Geared) -> Mesh | None:
     offset = second.centre - first.centre
     normal = np.cross(first.axis, second.axis)
     along = float(offset @ first.axis)
-    along2 = float(offset @ second.axis)
-    error = max(_set_back_error(along, gear, other), _set_back_error(along2, other, gear), key=abs)
-    if abs(float(offset @ normal)) > _NEAR_TOLERANCE or abs(error) > _NEAR_TOLERANCE:
+    other_along = float(offset @ second.axis)
+    first_error = _set_back_error(along, gear, other)
+    second_error = _set_back_error(other_along, other, gear)
+    error = max(first_error, second_error, key=abs)
+    # How far the two axes miss each other.
+    gap = abs(float(offset @ normal))
+    if gap > _NEAR_TOLERANCE or abs(error) > _NEAR_TOLERANCE:
         return None
-    error += abs(float(offset @ normal))
+    error += gap
     # On the line where the pitch cones touch, whose distances from the axes have the ratio of the
     # teeth.
     apex = first.centre + along * first.axis
-    point = (
-        apex
-        - np.sign(along) * other.pitch_radius * first.axis
-        + np.sign(along2) * gear.pitch_radius * second.axis
-    )
-    return _make_mesh(first, second, error, point, normal)
+    back = np.sign(along) * other.pitch_radius * first.axis
+    aside = np.sign(other_along) * gear.pitch_radius * second.axis
+    return _make_mesh(first, second, error, apex - back + aside, normal)
 
 
 def _set_back_error(along: float, gear: Gear, other: Gear) -> float:
     """A gear's distance from the axis of another at a right angle, minus the correct distance,
     LDU."""
-    # it may lie anywhere on its axle where the crown gear's teeth pass its own
+    # A spur gear may lie anywhere on its axle where the crown gear's teeth pass its own.
     if gear.form is GearForm.SPUR:
-        return max(abs(abs(along) - other.pitch_radius) - gear.width / 2, 0.0)
+        from_middle = abs(abs(along) - other.pitch_radius)
+        return max(from_middle - gear.width / 2, 0.0)
     return abs(along) - other.pitch_radius - gear.set_back
 
 
@@ -390,18 +418,18 @@ def _worm(worm: _Geared, wheel: _Geared) -> Mesh | None:
     axis = worm.axis
     offset = wheel.centre - worm.centre
     radius = wheel.gear.pitch_radius
-    is_beside = (
-        abs(float(offset @ wheel.axis)) > wheel.gear.width / 2
-        or abs(float(offset @ axis)) > worm.gear.width / 2
-    )
-    if is_beside or abs(float(axis @ wheel.axis)) > _MAX_TILT:
+    is_beside_wheel = abs(float(offset @ wheel.axis)) > wheel.gear.width / 2
+    is_beside_worm = abs(float(offset @ axis)) > worm.gear.width / 2
+    is_tilted = abs(float(axis @ wheel.axis)) > _MAX_TILT
+    if is_beside_wheel or is_beside_worm or is_tilted:
         return None
     across = offset - (offset @ axis) * axis - (offset @ wheel.axis) * wheel.axis
     distance = float(np.linalg.norm(across))
     error = distance - _WORM_PITCH_RADIUS - radius
     if abs(error) > _NEAR_TOLERANCE or distance < 1.0:
         return None
-    mesh = _make_mesh(worm, wheel, error, wheel.centre - across / distance * radius, axis)
+    contact = wheel.centre - across / distance * radius
+    mesh = _make_mesh(worm, wheel, error, contact, axis)
     # The thread is right-handed: turning it about its axis also moves the teeth backwards along the
     # axis.
     mesh.motion[0, 3:] -= axis * _TOOTH / (2 * np.pi)
@@ -414,18 +442,16 @@ def _rack(rack: _Geared, wheel: _Geared) -> Mesh | None:
     axis = wheel.axis
     offset = wheel.centre - rack.centre
     error = float(offset @ up) - wheel.gear.pitch_radius
-    if (
-        abs(float(axis @ along)) > _MAX_TILT
-        or abs(float(axis @ up)) > _MAX_TILT
-        or abs(error) > _NEAR_TOLERANCE
-    ):
+    # The wheel rolls along the rack: its axis is across both the rack and its teeth's direction.
+    is_tilted = abs(float(axis @ along)) > _MAX_TILT or abs(float(axis @ up)) > _MAX_TILT
+    if is_tilted or abs(error) > _NEAR_TOLERANCE:
         return None
-    if (
-        abs(float(offset @ along)) > rack.gear.teeth * _TOOTH / 2
-        or abs(float(offset @ axis)) > 0.3 * rack.gear.width
-    ):
+    is_past_end = abs(float(offset @ along)) > rack.gear.teeth * _TOOTH / 2
+    is_beside = abs(float(offset @ axis)) > 0.3 * rack.gear.width
+    if is_past_end or is_beside:
         return None
-    return _make_mesh(rack, wheel, error, wheel.centre - up * wheel.gear.pitch_radius, along)
+    contact = wheel.centre - up * wheel.gear.pitch_radius
+    return _make_mesh(rack, wheel, error, contact, along)
 
 
 def _make_mesh(
@@ -435,44 +461,45 @@ def _make_mesh(
     point: Floats,
     tangent: Floats,
     engaged: float = 1.0,
-    point2: Floats | None = None,
+    second_point: Floats | None = None,
 ) -> Mesh:
-    """A mesh: the first gear at ``point`` and the second there, or at ``point2``, have the same
-    velocity along ``tangent``."""
-    row, row2 = (
-        np.concatenate([tangent, np.cross(at, tangent)])
-        for at in (point, point if point2 is None else point2)
-    )
-    return Mesh(
-        first.placed.index,
-        second.placed.index,
-        (first.gear, second.gear),
-        error,
-        engaged,
-        point,
-        np.stack([row, -row2]),
-    )
+    """A mesh: the first gear at ``point`` and the second there, or at ``second_point``, have the
+    same velocity along ``tangent``."""
+    if second_point is None:
+        second_point = point
+    # The velocity of a point p along t is v . t + w . (p x t): this row times the rates (v, w).
+    first_row = np.concatenate([tangent, np.cross(point, tangent)])
+    second_row = np.concatenate([tangent, np.cross(second_point, tangent)])
+    gears = (first.gear, second.gear)
+    motion = np.stack([first_row, -second_row])
+    return Mesh(first.placed.index, second.placed.index, gears, error, engaged, point, motion)
 
 
 def chain_meshes(parts: Sequence[Placed]) -> list[Mesh]:
     """The gears in each closed chain, in pairs."""
-    gears = [placed for placed in _geared(parts) if placed.gear.form is GearForm.SPUR]
+    gears = [geared for geared in _geared(parts) if geared.gear.form is GearForm.SPUR]
     found = []
     for points, axis in _loops(parts):
         driven = [gear for gear in gears if _is_driven(gear, points, axis)]
-        found += [_chained(first, second, axis) for first, second in pairwise(driven)]
-    return [mesh for mesh in found if mesh is not None]
+        for first, second in pairwise(driven):
+            mesh = _chained(first, second, axis)
+            if mesh is not None:
+                found.append(mesh)
+    return found
 
 
 def _loops(parts: Sequence[Placed]) -> list[tuple[Floats, Floats]]:
     """Points [n, 3] of each closed chain, one a link, and the direction of its pins [3]."""
     links = [placed for placed in parts if placed.part.family == "chains"]
     starts = np.array([link.position for link in links])
+    # The next link is the one that begins where a link ends.
     next_link = {}
     for number, link in enumerate(links):
-        distances = np.linalg.norm(starts - link.to_plan(np.array([[0.0, 0.0, _LINK]])), axis=1)
+        end = link.to_plan(np.array([[0.0, 0.0, _LINK]]))
+        distances = np.linalg.norm(starts - end, axis=1)
         if distances.min() < _LINK / 2:
             next_link[number] = int(distances.argmin())
+    # A dictionary, as a set that keeps its order: which loop comes first must not vary.
     remaining = dict.fromkeys(range(len(links)))
     loops = []
     while remaining:
@@ -480,6 +507,7 @@ def _loops(parts: Sequence[Placed]) -> list[tuple[Floats, Floats]]:
         while loop[-1] in remaining:
             del remaining[loop[-1]]
             loop.append(next_link.get(loop[-1], -1))
+        # It ended at an open end, in a loop that it only led into, or where it began.
         if loop[-1] == loop[0]:
             loops.append((starts[loop[:-1]], links[loop[0]].rotation[:, 0]))
     return loops
@@ -489,16 +517,16 @@ def _is_driven(placed: _Geared, points: Floats, axis: Floats) -> bool:
     """Whether a gear is inside a chain, and links lie on its teeth."""
     offset = points - placed.centre
     projected = offset - np.outer(offset @ axis, axis)
-    # a link is the chord of two teeth
+    # A link is the chord of two teeth.
     radius = _LINK / 2 / math.sin(2 * math.pi / placed.gear.teeth)
     touching = np.abs(np.linalg.norm(projected, axis=1) - radius) < _LINK_TOLERANCE
-    is_level = (
-        np.abs(offset @ axis).max() < placed.gear.width / 2 and abs(placed.axis @ axis) > 0.999
-    )
+    is_in_plane = np.abs(offset @ axis).max() < placed.gear.width / 2
+    is_level = is_in_plane and abs(placed.axis @ axis) > 0.999
+    # The angle by which the chain goes round the gear: a whole turn, or none if it is outside.
     after = np.roll(projected, -1, axis=0)
-    winding = np.arctan2(
-        np.cross(projected, after) @ axis, np.einsum("ij,ij->i", projected, after)
-    ).sum()
+    sines = np.cross(projected, after) @ axis
+    cosines = np.einsum("ij,ij->i", projected, after)
+    winding = np.arctan2(sines, cosines).sum()
     return bool(is_level and np.count_nonzero(touching) >= 2 and abs(winding) > math.pi)
 
 
@@ -506,14 +534,17 @@ def _chained(first: _Geared, second: _Geared, axis: Floats) -> Mesh | None:
     """Two gears in a chain: where its straight part touches them, both move equally fast along it;
     ``None`` if one is inside the other."""
     radius = first.gear.pitch_radius
-    radius2 = second.gear.pitch_radius
+    other_radius = second.gear.pitch_radius
     offset = second.centre - first.centre
     offset = offset - (offset @ axis) * axis
     distance = float(np.linalg.norm(offset))
-    if distance <= abs(radius - radius2) + _LINK_TOLERANCE:
+    if distance <= abs(radius - other_radius) + _LINK_TOLERANCE:
         return None
-    sine = (radius - radius2) / distance
-    outward = sine * offset / distance + math.sqrt(1 - sine**2) * np.cross(axis, offset / distance)
+    # The outer tangent of two circles touches both in this direction from their middles.
+    sine = (radius - other_radius) / distance
+    cosine = math.sqrt(1 - sine**2)
+    outward = sine * offset / distance + cosine * np.cross(axis, offset / distance)
     point = first.centre + radius * outward
-    point2 = second.centre + radius2 * outward
-    return _make_mesh(first, second, 0.0, point, np.cross(axis, outward), point2=point2)
+    other_point = second.centre + other_radius * outward
+    tangent = np.cross(axis, outward)
+    return _make_mesh(first, second, 0.0, point, tangent, second_point=other_point)

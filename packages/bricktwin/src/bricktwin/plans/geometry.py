@@ -15,20 +15,31 @@ Triple = tuple[float, float, float]
 MM_PER_LDU = 0.4
 M_PER_LDU = MM_PER_LDU / 1000
 _MIN_SIDES = 10
+"""Sides of the coarsest polygon that looks round when it is shaded."""
+_MIN_SAMPLED_HALF = 0.25
+"""LDU: a solid that is thinner than twice this is filled by one layer of points."""
 AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 def circle_sides(radius: float, chord_error: float) -> int:
     """Sides of the polygon that is drawn for a circle: at most ``chord_error`` away from it, and
-    enough to look round when shaded. A segment's height is r (1 - cos(pi / sides))."""
-    return max(_MIN_SIDES, math.ceil(math.pi / math.acos(1.0 - min(chord_error / radius, 1.0))))
+    enough to look round when shaded."""
+    # The height of a circle's segment is r (1 - cos(pi / sides)), solved for the sides. A circle
+    # that is smaller than the error itself would have no angle, so the share ends at 1.
+    share = min(chord_error / radius, 1.0)
+    half_angle = math.acos(1.0 - share)
+    sides = math.ceil(math.pi / half_angle)
+    return max(_MIN_SIDES, sides)
 
 
 def rotation(axis: Triple | Floats, angle: float) -> Floats:
     """Rotation matrix [3, 3] about a unit axis by an angle in radians (Rodrigues)."""
     x, y, z = axis
+    # The matrix of the cross product with the axis.
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)
+    sine = math.sin(angle)
+    versine = 1.0 - math.cos(angle)
+    return np.asarray(np.eye(3) + sine * cross + versine * cross @ cross)
 
 
 def lines_coincide(
@@ -37,7 +48,8 @@ def lines_coincide(
     """Whether two lines, each a point [3] and a unit direction [3], are closer and more parallel
     than these limits."""
     distance = np.linalg.norm(np.cross(other - point, axis))
-    return bool(distance < offset and np.linalg.norm(np.cross(axis, other_axis)) < sine)
+    tilt = np.linalg.norm(np.cross(axis, other_axis))
+    return bool(distance < offset and tilt < sine)
 
 
 class Form(enum.Enum):
@@ -69,18 +81,21 @@ class Solid:
         """Whether points [n, 3] are deeper than ``margin`` below the surface [n]."""
         local = (points - np.array(self.centre)) @ np.array(self.axes).T
         half = np.array(self.half) - margin
+        # A ring comes before the test for solids that are thinner than the margin: the second of
+        # its half sizes is its bore, which may well be smaller.
         if self.form is Form.RING:
             radius = np.hypot(local[:, 0], local[:, 1])
-            within = (radius < half[0]) & (radius > self.half[1] + margin)
-            return np.asarray(within & (np.abs(local[:, 2]) < half[2]))
+            is_in_wall = (radius < half[0]) & (radius > self.half[1] + margin)
+            is_between_ends = np.abs(local[:, 2]) < half[2]
+            return np.asarray(is_in_wall & is_between_ends)
         if np.any(half <= 0):
             return np.zeros(len(points), dtype=bool)
         if self.form is Form.BOX:
             return np.asarray((np.abs(local) < half).all(axis=1))
         if self.form is Form.CYLINDER:
-            return np.asarray(
-                (np.hypot(local[:, 0], local[:, 1]) < half[0]) & (np.abs(local[:, 2]) < half[2])
-            )
+            is_in_circle = np.hypot(local[:, 0], local[:, 1]) < half[0]
+            is_between_ends = np.abs(local[:, 2]) < half[2]
+            return np.asarray(is_in_circle & is_between_ends)
         return np.asarray(np.linalg.norm(local, axis=1) < half[0])
 
     def normals(self, points: Floats) -> Floats:
@@ -88,37 +103,25 @@ class Solid:
         axes = np.array(self.axes)
         local = (points - np.array(self.centre)) @ axes.T
         if self.form is Form.BALL:
-            return np.asarray(
-                local @ axes / np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-9)
-            )
-        normals = np.zeros_like(local)
-        rows = np.arange(len(local))
+            distances = np.linalg.norm(local, axis=1, keepdims=True)
+            return np.asarray(local @ axes / np.maximum(distances, 1e-9))
         if self.form is Form.BOX:
-            face = np.argmin(np.array(self.half) - np.abs(local), axis=1)
-            normals[rows, face] = np.sign(local[rows, face])
-            return np.asarray(normals @ axes)
-        radius = np.maximum(np.hypot(local[:, 0], local[:, 1]), 1e-9)
-        gaps = [np.abs(self.half[2] - np.abs(local[:, 2])), np.abs(self.half[0] - radius)]
-        face = np.argmin(
-            [*gaps, np.abs(radius - self.half[1])] if self.form is Form.RING else gaps, axis=0
-        )
-        sides = local[:, :2] / radius[:, None] * np.where(face == 2, -1.0, 1.0)[:, None]
-        normals[:, :2], normals[:, 2] = (
-            np.where((face == 0)[:, None], 0.0, sides),
-            np.where(face == 0, np.sign(local[:, 2]), 0.0),
-        )
+            return np.asarray(_box_normals(local, np.array(self.half)) @ axes)
+        bore = self.half[1] if self.form is Form.RING else None
+        normals = _round_normals(local, self.half[0], bore, self.half[2])
         return np.asarray(normals @ axes)
 
     def samples(self, spacing: float, depth: float) -> Floats:
         """Points [n, 3] that fill the solid up to ``depth`` below its surface."""
         half = np.maximum(np.array(self.half) - depth, 0.0)
         counts = np.maximum(2, np.ceil(2 * half / spacing).astype(int) + 1)
-        lines = [
-            np.linspace(-size, size, count) if size > 0.25 else np.zeros(1)
-            for size, count in zip(half, counts, strict=True)
-        ]
+        lines: list[Floats] = []
+        for size, count in zip(half, counts, strict=True):
+            is_thick = size > _MIN_SAMPLED_HALF
+            lines.append(np.linspace(-size, size, count) if is_thick else np.zeros(1))
         if self.form is Form.BOX:
-            local = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+            grid = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)  # [i, j, k, 3]
+            local = grid.reshape(-1, 3)
         else:
             inner = self.half[1] + depth if self.form is Form.RING else 0.0
             local = _round_samples(half, inner, lines[2], spacing, is_ball=self.form is Form.BALL)
@@ -126,38 +129,71 @@ class Solid:
 
     def corners(self) -> Floats:
         """Corners [8, 3] of the bounding box along ``axes``."""
-        signs = np.array(
-            [[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float
-        )
-        half = np.array(
-            self.half if self.form is not Form.RING else (self.half[0], self.half[0], self.half[2])
-        )
+        ends = (-1, 1)
+        signs = np.array([[i, j, k] for i in ends for j in ends for k in ends], dtype=float)
+        half = np.array(self.half)
+        if self.form is Form.RING:
+            # The second of a ring's sizes is its bore.
+            half = np.array((self.half[0], self.half[0], self.half[2]))
         return np.asarray((signs * half) @ np.array(self.axes) + np.array(self.centre))
+
+
+def _box_normals(local: Floats, half: Floats) -> Floats:
+    """Outward normals [n, 3] at points [n, 3] of a box, both along its axes."""
+    normals = np.zeros_like(local)
+    numbers = np.arange(len(local))
+    gaps = half - np.abs(local)
+    nearest_face = np.argmin(gaps, axis=1)
+    normals[numbers, nearest_face] = np.sign(local[numbers, nearest_face])
+    return normals
+
+
+def _round_normals(local: Floats, outer: float, bore: float | None, half_length: float) -> Floats:
+    """Outward normals [n, 3] at points [n, 3] of a cylinder, or of a ring with a bore of this
+    radius, along their third axis."""
+    radius = np.maximum(np.hypot(local[:, 0], local[:, 1]), 1e-9)
+    # Distances from the faces: 0 the ends, 1 the outside, 2 the bore.
+    gaps = [np.abs(half_length - np.abs(local[:, 2])), np.abs(outer - radius)]
+    if bore is not None:
+        gaps.append(np.abs(radius - bore))
+    nearest_face = np.argmin(gaps, axis=0)
+    is_end = nearest_face == 0
+    # In a bore, outwards is towards the axis.
+    direction = np.where(nearest_face == 2, -1.0, 1.0)
+    sides = local[:, :2] / radius[:, None] * direction[:, None]
+    normals = np.zeros_like(local)
+    normals[:, :2] = np.where(is_end[:, None], 0.0, sides)
+    normals[:, 2] = np.where(is_end, np.sign(local[:, 2]), 0.0)
+    return normals
 
 
 def _round_samples(
     half: Floats, inner: float, heights: Floats, spacing: float, *, is_ball: bool
 ) -> Floats:
     """Rings of points around the third axis, none closer to it than ``inner`` [n, 3]."""
-    rows = []
+    rings = []
     for height in heights:
-        radius = float(np.sqrt(max(half[0] ** 2 - height**2, 0.0))) if is_ball else float(half[0])
-        layers = max(2, int(np.ceil((radius - inner) / spacing)) + 1) if radius >= inner else 0
-        for ring in np.linspace(radius, inner, layers):
-            angles = (
-                np.arange(max(1, round(2 * np.pi * ring / spacing))) * spacing / max(ring, 1e-9)
-            )
-            rows.append(
-                np.column_stack(
-                    [ring * np.cos(angles), ring * np.sin(angles), np.full(len(angles), height)]
-                )
-            )
-    return np.concatenate(rows) if rows else np.zeros((0, 3))
+        radius = float(half[0])
+        if is_ball:
+            # Of the circle in which a plane at this height cuts the ball.
+            radius = float(np.sqrt(max(half[0] ** 2 - height**2, 0.0)))
+        # A wall that is thinner than twice the depth has nothing inside.
+        layers = 0
+        if radius >= inner:
+            layers = max(2, int(np.ceil((radius - inner) / spacing)) + 1)
+        for ring_radius in np.linspace(radius, inner, layers):
+            count = max(1, round(2 * np.pi * ring_radius / spacing))
+            angles = np.arange(count) * spacing / max(ring_radius, 1e-9)
+            x = ring_radius * np.cos(angles)
+            y = ring_radius * np.sin(angles)
+            rings.append(np.column_stack([x, y, np.full(len(angles), height)]))
+    return np.concatenate(rings) if rings else np.zeros((0, 3))
 
 
 def frame_of(axis: Triple) -> tuple[Triple, Triple, Triple]:
     """Right-handed orthonormal axes; the third is along ``axis``."""
     third = np.array(axis) / np.linalg.norm(axis)
+    # Gram-Schmidt from x, or from y where the axis is so near to x that little would be left.
     helper = np.array(AXES["x"] if abs(third[0]) < 0.9 else AXES["y"])
     first = helper - (helper @ third) * third
     first /= np.linalg.norm(first)
@@ -192,14 +228,11 @@ def ball(centre: Triple, radius: float) -> Solid:
 
 def bar(start: Triple, end: Triple, normal: Triple, width: float, thickness: float) -> Solid:
     """A box from ``start`` to ``end``; ``normal`` is the direction of its thickness."""
-    a = np.array(start)
-    b = np.array(end)
+    start_point = np.array(start)
+    end_point = np.array(end)
     up = np.array(normal)
-    along = (b - a) / np.linalg.norm(b - a)
-    half = (float(np.linalg.norm(b - a)) / 2, width / 2, thickness / 2)
-    return Solid(
-        Form.BOX,
-        triple((a + b) / 2),
-        half,
-        (triple(along), triple(np.cross(up, along)), triple(up)),
-    )
+    length = np.linalg.norm(end_point - start_point)
+    along = (end_point - start_point) / length
+    half = (float(length) / 2, width / 2, thickness / 2)
+    axes = (triple(along), triple(np.cross(up, along)), triple(up))
+    return Solid(Form.BOX, triple((start_point + end_point) / 2), half, axes)

@@ -9,6 +9,7 @@ import logging
 import os
 import re
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -65,51 +66,61 @@ def triangles_of(root: Path, name: str) -> Triangles:
 @functools.lru_cache(maxsize=4096)
 def _triangles_of(root: Path, name: str) -> Triangles:
     pieces: dict[int, list[Floats]] = defaultdict(list)
+    # The state of LDraw's language extension for back face culling (BFC), which says on which side
+    # a triangle is seen.
     certified = False
     clockwise = False
     inverted = False
     for line in _text(root, name).splitlines():
         words = line.split()
         if words[:2] == ["0", "BFC"]:
-            certified = "NOCERTIFY" not in words and (
-                certified or bool({"CERTIFY", "CW", "CCW"} & set(words))
-            )
+            # A winding alone certifies a file as well.
+            says_winding = bool({"CERTIFY", "CW", "CCW"} & set(words))
+            certified = "NOCERTIFY" not in words and (certified or says_winding)
             clockwise = "CW" in words or (clockwise and "CCW" not in words)
             inverted = "INVERTNEXT" in words
             continue
-        drawn = (
-            colour_and_numbers(words, _NUMBERS[words[0]])
-            if words and words[0] in _NUMBERS
-            else None
-        )
+        drawn = None
+        if words and words[0] in _NUMBERS:
+            drawn = colour_and_numbers(words, _NUMBERS[words[0]])
         if drawn is not None:
             colour, numbers = drawn
             if words[0] == "1":
                 matrix = np.array(numbers[3:]).reshape(3, 3)
                 offset = np.array(numbers[:3])
+                # A mirrored part is inside out.
                 is_flipped = inverted != bool(np.linalg.det(matrix) < 0)
-                for code, local in _triangles_of(root, key_of(" ".join(words[14:]))).items():
+                file_name = key_of(" ".join(words[14:]))
+                for code, local in _triangles_of(root, file_name).items():
                     triangles = local @ matrix.T + offset
-                    pieces[colour if code == MAIN_COLOUR else code].append(
-                        triangles[:, ::-1] if is_flipped else triangles
-                    )
+                    if is_flipped:
+                        triangles = triangles[:, ::-1]
+                    pieces[colour if code == MAIN_COLOUR else code].append(triangles)
             else:
-                corners = np.array(numbers).reshape(-1, 3)
-                faces = corners[None, :] if len(corners) == 3 else corners[[[0, 1, 2], [0, 2, 3]]]
-                faces = faces[:, ::-1] if clockwise else faces
-                # Of undefined winding, both sides are drawn.
-                pieces[colour].append(
-                    faces if certified else np.concatenate([faces, faces[:, ::-1]])
-                )
-        inverted = inverted and not words  # only the next line
-    return {colour: np.concatenate(own) for colour, own in pieces.items()}
+                pieces[colour].append(_faces(numbers, clockwise=clockwise, certified=certified))
+        # It holds for the next line that says something.
+        inverted = inverted and not words
+    return {colour: np.concatenate(triangles) for colour, triangles in pieces.items()}
+
+
+def _faces(numbers: Sequence[float], *, clockwise: bool, certified: bool) -> Floats:
+    """Triangles [n, 3, 3] of a triangle or a quadrilateral."""
+    corners = np.array(numbers).reshape(-1, 3)
+    faces = corners[None, :]
+    if len(corners) == 4:
+        faces = corners[[[0, 1, 2], [0, 2, 3]]]
+    if clockwise:
+        faces = faces[:, ::-1]
+    # Of undefined winding, both sides are drawn.
+    return faces if certified else np.concatenate([faces, faces[:, ::-1]])
 
 
 def _text(root: Path, name: str) -> str:
-    path = next(
-        (path for path in (root / "parts" / name, root / "p" / name) if path.is_file()), None
-    )
-    return "" if path is None else path.read_text(encoding="utf-8", errors="replace")
+    # Parts, and the primitives that they are made of.
+    for path in (root / "parts" / name, root / "p" / name):
+        if path.is_file():
+            return path.read_text(encoding="utf-8", errors="replace")
+    return ""
 
 
 def rgba(root: Path, code: int) -> tuple[float, float, float, float]:
@@ -122,8 +133,11 @@ def rgba(root: Path, code: int) -> tuple[float, float, float, float]:
 @functools.lru_cache(maxsize=2)
 def _colours(root: Path) -> dict[int, tuple[float, float, float, float]]:
     colours = {}
-    for line in (root / "LDConfig.ldr").read_text(encoding="utf-8", errors="replace").splitlines():
-        if match := _COLOUR.match(line):
-            red, green, blue, alpha = (*bytes.fromhex(match[2]), min(int(match[3] or 255), 255))
+    text = (root / "LDConfig.ldr").read_text(encoding="utf-8", errors="replace")
+    for line in text.splitlines():
+        match = _COLOUR.match(line)
+        if match:
+            red, green, blue = bytes.fromhex(match[2])
+            alpha = min(int(match[3] or 255), 255)
             colours[int(match[1])] = (red / 255, green / 255, blue / 255, alpha / 255)
     return colours

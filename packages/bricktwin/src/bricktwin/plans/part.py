@@ -210,10 +210,9 @@ class Part:
         """Signs [3] of a reflection along an axis that maps the part onto itself; ``None`` for a
         part with a left and a right."""
         for signs in 1.0 - 2.0 * np.eye(3):
-            if (
-                self._features(signs) == self._features(np.ones(3))
-                and self.contains(self.samples * signs, -0.2).all()
-            ):
+            has_same_features = self._features(signs) == self._features(np.ones(3))
+            # Last, as it costs most: the mirrored material lies in the part, give or take 0.2 LDU.
+            if has_same_features and self.contains(self.samples * signs, -0.2).all():
                 return np.asarray(signs)
         return None
 
@@ -221,13 +220,15 @@ class Part:
         """Sites, gears and device after a reflection; axes without their directions."""
 
         def point(values: Triple | None) -> tuple[float, ...]:
+            # Adding 0 makes a zero of a negative zero.
             return () if values is None else tuple((np.array(values) * signs).round(2) + 0.0)
 
         def line(values: Triple | None) -> tuple[float, ...]:
-            return max(
-                point(values),
-                point(None if values is None else (-values[0], -values[1], -values[2])),
-            )
+            # A direction and its reverse are one line.
+            if values is None:
+                return ()
+            reverse = (-values[0], -values[1], -values[2])
+            return max(point(values), point(reverse))
 
         sites = [
             (s.fit.value, point(s.centre), line(s.axis), s.length, s.turns, line(s.arm))
@@ -253,7 +254,9 @@ class Part:
         """Points [n, 3] in the material, at least 0.9 LDU below the surface."""
         points = [np.zeros((0, 3))]
         for number, solid in enumerate((*self.solids, *self.turning)):
-            samples = solid.samples(3.5 if min(solid.half) < 12 else 7.0, 0.9)
+            # A thin solid needs points that are closer together.
+            spacing = 3.5 if min(solid.half) < 12 else 7.0
+            samples = solid.samples(spacing, 0.9)
             points.append(samples[~self._in_notch(samples, number, 0.9)])
         samples = np.concatenate(points)
         return samples[~_in_holes(samples, self.holes, 0.9, _RECESS)]
@@ -271,7 +274,7 @@ def _in_holes(points: Floats, holes: Iterable[Site], margin: float, recess: floa
     for site in holes:
         offset = points - np.array(site.centre)
         along = offset @ np.array(site.axis)
-        # of the distance from the axis
+        # Of the distance from the axis.
         squared = np.einsum("ij,ij->i", offset, offset) - along * along
         is_end = (np.abs(along) > site.length / 2 - _RECESS_DEPTH) & (site.fit is Fit.HOLE)
         radius = HOLE_RADIUS + margin + recess * is_end

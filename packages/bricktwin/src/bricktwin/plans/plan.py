@@ -146,16 +146,18 @@ class Plan:
     def devices(self, *kinds: DeviceKind) -> list[Placed]:
         """The hubs, motors or sensors, kind by kind."""
         devices = [placed for placed in self.parts if placed.part.device is not None]
-        return [placed for kind in kinds for placed in devices if placed.electric.kind is kind]
+        found: list[Placed] = []
+        for kind in kinds:
+            found += [placed for placed in devices if placed.electric.kind is kind]
+        return found
 
     def present_parts(self, step: Step) -> set[int]:
         """Indices of the parts that are in the current sub-assembly after a step."""
-        steps = [
-            earlier for earlier in self.steps[: step.index + 1] if earlier.assembly == step.assembly
-        ]
-        return {
-            part for earlier in steps for group in (earlier.new, *earlier.joined) for part in group
-        }
+        present: set[int] = set()
+        for earlier in self.steps[: step.index + 1]:
+            if earlier.assembly == step.assembly:
+                present.update(earlier.new, *earlier.joined)
+        return present
 
     def kind_of(self, step: Step) -> tuple[object, ...]:
         """Key of equal steps: the model of the sub-assembly, the step's index there, and the
@@ -189,18 +191,15 @@ def make_plan(document: Document, path: Path | None = None) -> Plan:
     a model contains itself, there are too many parts, no line is valid, or a file cannot be
     read."""
     builder = _Builder(document, SubModels(document, path))
-    builder.build(
-        document.main, Reference(_MAIN_COLOUR, np.eye(3), np.zeros(3), "", 0, 0, False), ()
-    )
+    # The robot itself stands where the plan's origin is.
+    at_origin = Reference(_MAIN_COLOUR, np.eye(3), np.zeros(3), "", 0, 0, False)
+    builder.build(document.main, at_origin, ())
     builder.join_pieces()
-    unknown = tuple(
-        Unknown(
-            number,
-            tuple(ref.line for ref in references),
-            np.array([ref.offset for ref in references]),
-        )
-        for number, references in sorted(builder.unknown.items())
-    )
+    unknown = []
+    for number, references in sorted(builder.unknown.items()):
+        lines = tuple(reference.line for reference in references)
+        offsets = np.array([reference.offset for reference in references])
+        unknown.append(Unknown(number, lines, offsets))
     title = document.main.title or Path(document.path).stem
     faults = (*document.faults, *builder.faults)
     if faults and not (builder.parts or unknown):
@@ -209,7 +208,15 @@ def make_plan(document: Document, path: Path | None = None) -> Plan:
     steps = tuple(builder.steps)
     drawn = tuple(builder.drawn)
     return Plan(
-        document.path, title, document.robot, document.count, parts, steps, unknown, drawn, faults
+        document.path,
+        title,
+        document.robot,
+        document.count,
+        parts,
+        steps,
+        tuple(unknown),
+        drawn,
+        faults,
     )
 
 
@@ -265,13 +272,15 @@ class SubModels:
                     "into one .mpd"
                 )
             document = ldraw_file.parse_any(ldraw_text.read_text(path), str(path))
-            document.models.setdefault("", Model(path.name, 0))  # of a file without a line
+            # Of a file without a line.
+            document.models.setdefault("", Model(path.name, 0))
             self._files[path] = document
             self._owners |= {id(model): (document, path) for model in document.models.values()}
         document = self._files[path]
-        return next(
-            (model for model in document.models.values() if model.references), document.main
-        )
+        for model in document.models.values():
+            if model.references:
+                return model
+        return document.main
 
 
 class _Builder:
@@ -303,12 +312,16 @@ class _Builder:
         self._open.append(model)
         first = len(self.parts)
         file = self.models.file_of(model)
-        references = [
-            (ref.line, replace(_located(ref, place), line=place.line if file else ref.line))
-            for ref in composed(
-                [one for one in self._lines(model) if not (one.is_ghost and assembly)]
-            )
+        # A ghost is seen only where its own model is the main one.
+        lines_here = [
+            reference for reference in self._lines(model) if not (reference.is_ghost and assembly)
         ]
+        references = []
+        for reference in composed(lines_here):
+            # What is in another file is named by the line of the plan that places that file.
+            line = place.line if file else reference.line
+            located = replace(_located(reference, place), line=line)
+            references.append((reference.line, located))
         self._add_faults(file, place.line)
         for number, group in itertools.groupby(references, lambda pair: pair[1].step):
             lines = [(own_line, ref, self._assembly(ref, model)) for own_line, ref in group]
@@ -326,14 +339,13 @@ class _Builder:
                 self._place(ref, step, assembly, model) for _, ref, inner in lines if inner is None
             ]
             new = tuple(part.index for part in placed if part is not None)
-            # nothing is assembled of one part
+            # Nothing is assembled of one part.
             for part in [group[0] for group in joined if len(group) == 1]:
                 self.parts[part] = replace(self.parts[part], step=step, assembly=assembly)
                 new = (*new, part)
             if new or groups:
-                self.steps.append(
-                    Step(step, new, groups, assembly, number, " ".join(model.notes.get(number, ())))
-                )
+                note = " ".join(model.notes.get(number, ()))
+                self.steps.append(Step(step, new, groups, assembly, number, note))
         self._open.pop()
         return tuple(range(first, len(self.parts)))
 
@@ -375,7 +387,8 @@ class _Builder:
         for reference in model.references:
             inner = self.models.find(reference.name, model)
             if inner is not None and inner.is_range and self._holds_parts(inner):
-                yield from (replace(one, step=reference.step) for one in inner.references)
+                for piece in inner.references:
+                    yield replace(piece, step=reference.step)
             else:
                 yield reference
 
@@ -392,26 +405,23 @@ class _Builder:
     def _assembly(self, reference: Reference, user: Model) -> Model | None:
         """The sub-model that a line of the model ``user`` places, or ``None`` for a part."""
         model = self.models.find(reference.name, user)
-        if (
-            model is None
-            or model.is_shape
-            or catalogue.find(reference.name)
-            or self._is_drawn(model)
-        ):
+        if model is None or model.is_shape:
             return None
-        # of primitives, without a header
+        # A part of the catalogue may be embedded in the file, with its shape.
+        if catalogue.find(reference.name) or self._is_drawn(model):
+            return None
+        # Of primitives, without a header.
         is_part = reference.name.lower().endswith(".dat") and not self._holds_parts(model)
         return None if is_part else model
 
     def _is_drawn(self, model: Model | None) -> bool:
         """Whether a model is one drawn cable or hose, without parts of the catalogue; others draw
         them as stretched pieces."""
-        is_stretched = (
-            model is not None
-            and not model.is_shape
-            and any(one.is_stretched for one in model.references)
-        )
-        if model is None or not (model.is_drawn or is_stretched):
+        if model is None:
+            return False
+        has_stretched = any(piece.is_stretched for piece in model.references)
+        is_stretched = has_stretched and not model.is_shape
+        if not (model.is_drawn or is_stretched):
             return False
         return not self._holds_parts(model)
 
@@ -428,7 +438,8 @@ class _Builder:
         self, reference: Reference, model: Model, assembly: tuple[str, ...]
     ) -> tuple[int, ...]:
         self._count(reference)
-        if reference.is_stretched:  # so would be all of its parts
+        # So would be all of its parts.
+        if reference.is_stretched:
             self.faults.append(LineFault(reference.line, _STRETCHED.format(reference.name)))
             return ()
         steps = len(self.steps)
@@ -443,7 +454,7 @@ class _Builder:
                 reference,
                 f"'{reference.name}' is no part; write FREE, FIXED and BALL before a part in it",
             )
-        # of two equal sub-models, each has its own
+        # Of two equal sub-models, each has a port and stops of its own.
         if reference.port is not None or reference.stops_deg is not None:
             devices = [
                 self.parts[part] for part in parts if self.parts[part].part.device is not None
@@ -467,16 +478,15 @@ class _Builder:
             if self._is_drawn(self.models.find(reference.name, model)):
                 self.drawn.append(reference.line)
             elif not model.is_drawn:
-                self.unknown.setdefault(reference.name.lower().removesuffix(".dat"), []).append(
-                    reference
-                )
+                number = reference.name.lower().removesuffix(".dat")
+                self.unknown.setdefault(number, []).append(reference)
             return None
         if reference.is_stretched:
             self.faults.append(LineFault(reference.line, _STRETCHED.format(reference.name)))
             return None
         rotation = reference.matrix
         marks = reference.marks
-        # editors mirror halves of a model; a symmetric part can be turned instead
+        # Editors mirror halves of a model; a symmetric part can be turned instead.
         if np.linalg.det(rotation) < 0.0:
             if part.mirror is None:
                 text = (
@@ -486,9 +496,9 @@ class _Builder:
                 self.faults.append(LineFault(reference.line, text))
                 return None
             rotation = rotation * part.mirror
-            marks["ball"] = (
-                None if reference.ball is None else triple(np.array(reference.ball) * part.mirror)
-            )
+            marks["ball"] = None
+            if reference.ball is not None:
+                marks["ball"] = triple(np.array(reference.ball) * part.mirror)
         line = reference.line
         placed = Placed(
             len(self.parts),

@@ -39,17 +39,15 @@ class PlannedRobot:
     @property
     def rolling(self) -> list[tuple[Drive, Wheel]]:
         """The motors that drive wheels, with the leftmost of each motor's wheels."""
-        articulation = self.articulation
-        wheels = [
-            [wheel for wheel in articulation.wheels if wheel.link == drive.joint.child]
-            for drive in articulation.drives
-        ]
-        driven = zip(articulation.drives, wheels, strict=True)
-        return [
-            (drive, max(own, key=lambda wheel: float(wheel.centre_m[1])))
-            for drive, own in driven
-            if own
-        ]
+        rolling = []
+        for drive in self.articulation.drives:
+            wheels = [
+                wheel for wheel in self.articulation.wheels if wheel.link == drive.joint.child
+            ]
+            if wheels:
+                leftmost = max(wheels, key=lambda wheel: float(wheel.centre_m[1]))
+                rolling.append((drive, leftmost))
+        return rolling
 
 
 def planned_robot(path: Path) -> PlannedRobot:
@@ -96,9 +94,9 @@ def planned(plan: Plan) -> PlannedRobot:
     return PlannedRobot(plan, gear_trains, articulation(robot_mechanism, gear_trains))
 
 
+# Steps of the search, degrees of the driven part: coarse, and then fine before what it meets.
 _STEP_DEG = 5.0
 _FINE_DEG = 0.5
-"""Steps of the search, degrees of the driven part: coarse and fine."""
 _LEAST_WAY_DEG = 5.0
 """Less than this between two stops is no way, degrees of the driven part."""
 
@@ -113,8 +111,10 @@ def free_deg(planned: PlannedRobot, port: str, low: float, high: float) -> tuple
     drive = next(drive for drive in planned.articulation.drives if drive.port == port)
     start = planned.device(port).angle_deg
     sweep = _Sweep(planned, drive)
-    ends = [start + sweep.reach((end - start) / drive.gear) * drive.gear for end in (low, high)]
-    return min(start, ends[0]), max(start, ends[1])
+    # The gear is turns of the motor per turn of the driven part, which is what is moved.
+    reached_low = start + sweep.reach((low - start) / drive.gear) * drive.gear
+    reached_high = start + sweep.reach((high - start) / drive.gear) * drive.gear
+    return min(start, reached_low), max(start, reached_high)
 
 
 @functools.lru_cache(maxsize=64)
@@ -125,17 +125,15 @@ def stops_deg(planned: PlannedRobot, port: str) -> tuple[float, float] | None:
     articulation = planned.articulation
     drive = next(drive for drive in articulation.drives if drive.port == port)
     carried = carried_by(articulation, drive)
-    if (
-        articulation.rods
-        or articulation.loops
-        or any(wheel.link in carried for wheel in articulation.wheels)
-    ):
+    has_wheels = any(wheel.link in carried for wheel in articulation.wheels)
+    if articulation.rods or articulation.loops or has_wheels:
         return None
     start = planned.device(port).angle_deg
     turn = 360.0 * abs(drive.gear)
     low, high = free_deg(planned, port, start - turn, start + turn)
     is_all_around = low <= start - turn or high >= start + turn
-    is_locked = high - low < _LEAST_WAY_DEG * abs(drive.gear)  # as it is drawn too closely
+    # What can hardly move is drawn too closely: real parts have more room.
+    is_locked = high - low < _LEAST_WAY_DEG * abs(drive.gear)
     return None if is_all_around or is_locked else (low, high)
 
 
@@ -166,13 +164,11 @@ class _Sweep:
         self._others = np.ones(len(self._parts), dtype=bool)
         self._others[list(self._moved)] = False
         # Geared parts and rods move away, so they are not tested.
-        coupled = [
-            articulation.bodies[geared.joint.child].parts
-            for geared in articulation.geared
-            if geared.port == drive.port
-        ]
-        for parts in (*coupled, *(rod.parts for rod in articulation.rods)):
-            self._others[list(parts)] = False
+        for geared in articulation.geared:
+            if geared.port == drive.port:
+                self._others[list(articulation.bodies[geared.joint.child].parts)] = False
+        for rod in articulation.rods:
+            self._others[list(rod.parts)] = False
         self._is_clear_at_start = self._is_clear(0.0)
 
     def reach(self, travel_deg: float) -> float:
@@ -186,11 +182,13 @@ class _Sweep:
             if self._is_clear(sign * blocked):
                 free = blocked
                 continue
+            # Bisection between the last free step and the blocked one.
             while blocked - free > _FINE_DEG:
                 middle = (free + blocked) / 2
-                free, blocked = (
-                    (middle, blocked) if self._is_clear(sign * middle) else (free, middle)
-                )
+                if self._is_clear(sign * middle):
+                    free = middle
+                else:
+                    blocked = middle
             return sign * free
         return travel_deg
 

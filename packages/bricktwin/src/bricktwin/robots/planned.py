@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from bricktwin.plans.plan import Placed, Plan
     from bricktwin.plans.planned_robot import PlannedRobot
 
+# How far a description and its plan may be apart.
 _WHEEL_TOLERANCE_MM = 0.5
 _TRACK_TOLERANCE_MM = 2.0
 _RATIO_TOLERANCE = 0.01
@@ -90,7 +91,7 @@ def read_facts(path: Path) -> PlanFacts:
     something has no twin."""
 
     def made() -> PlanFacts:
-        # takes longer to import than kept facts to read
+        # It takes longer to import than kept facts to read.
         from bricktwin.plans.planned_robot import planned_robot
 
         return facts_of(planned_robot(path))
@@ -120,18 +121,19 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
     }
 
     def facts(placed: Placed) -> DeviceFacts:
-        top, front = (
-            TO_TWIN @ placed.rotation @ side for side in ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0))
-        )
-        sides = [
-            name
-            for axis in (top, front)
-            for name, look in LOOKS.items()
-            if axis @ look > _ALIGNED_COSINE
-        ]
+        # In the part's frame its top is -y, as the plan's y points down, and its front is z.
+        top = TO_TWIN @ placed.rotation @ (0.0, -1.0, 0.0)
+        front = TO_TWIN @ placed.rotation @ (0.0, 0.0, 1.0)
+        sides: list[str] = []
+        for axis in (top, front):
+            sides += [name for name, look in LOOKS.items() if axis @ look > _ALIGNED_COSINE]
         port = placed.port or ""
-        train = trains.get(placed.port or "")
-        gears, ratio = (train.gears, train.ratio) if train is not None else ((), 0.0)
+        train = trains.get(port)
+        gears: tuple[int, ...] = ()
+        ratio = 0.0
+        if train is not None:
+            gears = train.gears
+            ratio = train.ratio
         name = placed.electric.name
         part = placed.name
         stops_deg = placed.stops_deg or ()
@@ -311,6 +313,7 @@ def _completed(robot: _Description, design: PlanFacts, path: Path) -> _Descripti
     if base is not None and not (base.wheel_diameter_mm and base.axle_track_mm):
         base = _with_wheels(base, robot.name, motors, design, path)
     sides = robot.hub_sides
+    # Only what reads the hub's IMU must know how the hub lies.
     if robot.needs_imu and not sides:
         sides = design.hub_sides
     completed = robot._replace(motors=motors, sensors=sensors, drive_base=base, hub_sides=sides)
@@ -322,11 +325,9 @@ def _with_wheels(
     base: DriveBase, name: str, motors: tuple[Motor, ...], design: PlanFacts, path: Path
 ) -> DriveBase:
     """A drive base with the wheel diameter and axle track of the plan, where it says none."""
+    wheel_motors = {part.port: part for part in design.motors if part.wheel_mm}
     driven = {
-        motor.name: part
-        for motor in motors
-        for part in design.motors
-        if part.port == motor.port and part.wheel_mm
+        motor.name: wheel_motors[motor.port] for motor in motors if motor.port in wheel_motors
     }
     for side in (base.left, base.right):
         if side not in driven:
@@ -378,14 +379,10 @@ def _sensors(robot: _Description, design: PlanFacts, path: Path) -> tuple[Sensor
     ]
     described = {sensor.port for sensor in sensors}
     others = [part for part in parts if part.port not in described]
-    names = [part.label or f"sensor_{part.port.lower()}" for part in others]
-    return (
-        *sensors,
-        *(
-            sensor_of(SensorKind(part.name), name, part.port)
-            for part, name in zip(others, names, strict=True)
-        ),
-    )
+    for part in others:
+        name = part.label or f"sensor_{part.port.lower()}"
+        sensors.append(sensor_of(SensorKind(part.name), name, part.port))
+    return tuple(sensors)
 
 
 def _port_of(name: str, parts: Sequence[DeviceFacts], robot: str, path: Path) -> str:
@@ -433,9 +430,9 @@ def disagreements(robot: Robot | _Description, design: PlanFacts) -> Iterator[_M
             yield part.line, "wiring", text
     if base is not None:
         ports = {device.name: device.port for device in devices}
-        yield from _check_wheels(
-            name, base, *(parts.get(ports.get(side, "")) for side in (base.left, base.right))
-        )
+        left = parts.get(ports.get(base.left, ""))
+        right = parts.get(ports.get(base.right, ""))
+        yield from _check_wheels(name, base, left, right)
     if robot.needs_imu and design.hubs and not (design.hub_sides == sides and len(sides) == 2):
         text = "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"
         if len(design.hub_sides) == 2:
@@ -464,12 +461,9 @@ def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Itera
             "wiring",
             f"{label}, but for the robot {name} '{device.name}'; make both agree",
         )
-    elif (
-        isinstance(device, Motor)
-        and device.gears
-        and part.ratio
-        and device.gears[0] != device.gears[-1]
-    ):
+    elif isinstance(device, Motor) and device.gears and part.ratio:
+        if device.gears[0] == device.gears[-1]:
+            return
         ratio = device.gears[0] / device.gears[-1]
         if abs(ratio - abs(part.ratio)) > _RATIO_TOLERANCE * ratio:
             teeth = " to ".join(map(str, part.gears)) or "no gears"
@@ -537,20 +531,18 @@ def without_stops(plan: Plan) -> list[str]:
     except PlanError:
         return []
     robot = robots.ROBOTS.get(plan.robot or "")
-    ranged = {
-        motor.port
-        for motor in (robot.motors if robot is not None else ())
-        if motor.range_deg or motor.end_stops_deg
-    }
+    described = robot.motors if robot is not None else ()
+    ranged = {motor.port for motor in described if motor.range_deg or motor.end_stops_deg}
     rolling = {drive.port for drive, _ in design.rolling}
-    others = [
-        drive.port for drive in design.articulation.drives if drive.port not in ranged | rolling
-    ]
-    return sorted(
-        port
-        for port in others
-        if design.device(port).stops_deg is None and stops_deg(design, port) is None
-    )
+    ports = []
+    for drive in design.articulation.drives:
+        port = drive.port
+        if port in ranged or port in rolling or design.device(port).stops_deg is not None:
+            continue
+        # Last, as it turns the motor through all of its ways.
+        if stops_deg(design, port) is None:
+            ports.append(port)
+    return sorted(ports)
 
 
 def check_description(robot: Robot, path: Path) -> None:
@@ -575,4 +567,5 @@ def check_description(robot: Robot, path: Path) -> None:
 def _raise_first(mistakes: Iterator[_Mistake], plan: Path) -> None:
     """Raise DescriptionError for the first mistake, if there is one."""
     for line, _, text in mistakes:
-        raise DescriptionError(f"{plan}{f', line {line}' if line else ''}: {text}")
+        place = f"{plan}, line {line}" if line else f"{plan}"
+        raise DescriptionError(f"{place}: {text}")

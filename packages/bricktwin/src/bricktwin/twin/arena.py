@@ -324,8 +324,9 @@ class ArenaWorld:
         """True poses of the robots, then of the loads."""
         poses = [body.pose() for body in self.bodies]
         for address in self._loads:
-            x_m, y_m = self.data.qpos[address : address + 2].tolist()
-            orientation = self.data.qpos[address + 3 : address + 7]
+            pose = self.data.qpos[address : address + 7]
+            x_m, y_m, *_ = pose.tolist()
+            orientation = pose[3:]
             poses.append(Pose(x_m, y_m, clockwise_deg(orientation)))
         return poses
 

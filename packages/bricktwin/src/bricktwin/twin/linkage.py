@@ -60,7 +60,8 @@ def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, passive: Sequence[i
         if np.abs(gaps).max(initial=0.0) < _TOLERANCE:
             return
         # Least squares: there may be more hinges than constraints, and the other way round.
-        solution = np.linalg.lstsq(slopes[:, dofs], -gaps, rcond=1e-6)
+        passive_slopes = slopes[:, dofs]
+        solution = np.linalg.lstsq(passive_slopes, -gaps, rcond=1e-6)
         step = np.clip(solution[0], -_STEP_RAD, _STEP_RAD)
         data.qpos[addresses] += step
     gaps, _ = _constraints(model, data)

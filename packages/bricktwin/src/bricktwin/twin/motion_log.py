@@ -108,7 +108,7 @@ def identification_commands(
     round_trips = round(_RUN_SHARE * len(moving) / round_trip_steps)
     run_steps = round_trips * round_trip_steps
 
-    # Jerks and their reverses; cubed, so that most are weak, as friction shows there.
+    # Jerks of all strengths, most of them weak as they are cubed, each before its reverse.
     jerks = max(0, len(moving) - run_steps) // 2
     strengths = rng.uniform(-1.0, 1.0, (jerks, width)) ** 3
     moving[: 2 * jerks : 2] = strengths

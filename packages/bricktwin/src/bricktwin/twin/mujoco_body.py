@@ -95,6 +95,8 @@ class MujocoBody:
         model, data: MuJoCo's model and data, e.g. for a renderer.
         tyres: geometries of the drive base's tyres, left and right, if it has such.
         chassis: index of the first body; ``moves``: whether it moves freely.
+        base_address: of the first position of its joint.
+        shaft_dofs: degrees of freedom of the motors' joints.
         physics: the present parameters; ``link``: those of the link.
         steps: of the physics since the body was made.
     """
@@ -165,10 +167,11 @@ class MujocoBody:
         self._turning = TurningParts(model)
         self._backlash = _backlash_joints(model)
         # A pushable block has a free joint, after the robot's joints.
-        self._block_addresses = [
-            int(model.joint(f"object_{number}").qposadr[0]) for number in self.scene.pushable
-        ]
-        # Each access through the data makes a new view, which takes longer than what is read.
+        self._block_addresses: list[int] = []
+        for number in self.scene.pushable:
+            joint = model.joint(f"object_{number}")
+            self._block_addresses.append(int(joint.qposadr[0]))
+        # Kept, as each access through MuJoCo's bindings takes time.
         self._qpos = data.qpos
         self._qvel = data.qvel
         self._options = model.opt
@@ -365,7 +368,7 @@ class MujocoBody:
         """Integrate whole steps up to this simulated time."""
         remaining = time_ms * 2 // 5 - self.steps  # steps of 2.5 ms
         while remaining > 0:
-            # Up to the next load of the battery in one call: calls cost as much as steps do.
+            # Up to the next load of the battery in one call, as each call takes time of its own.
             steps = STEPS_PER_LOAD - self.steps % STEPS_PER_LOAD
             steps = steps if steps < remaining else remaining
             mujoco.mj_step(self.model, self.data, steps)
@@ -399,7 +402,7 @@ class MujocoBody:
         power_w = 0.0
         for motor, amperes_per_nm in motors.amperes:
             power_w += voltages[motor] * torques[motor] * amperes_per_nm
-        # The current by the voltage of the last time: that of this time depends on it.
+        # The current follows from the voltage of the last time: this time's depends on it.
         before_v = self._terminal_v
         physics = self.physics
         terminal_v = physics.battery_v - physics.battery_ohm * power_w / before_v
@@ -721,7 +724,8 @@ def _add_side_load(
     principal = np.diag(model.body_inertia[body])
     inertia = axes @ principal @ axes.T  # in the body's axes
     square = offset_m @ offset_m
-    inertia += reduced_kg * (square * np.eye(3) - np.outer(offset_m, offset_m))
+    spread = square * np.eye(3) - np.outer(offset_m, offset_m)
+    inertia += reduced_kg * spread
     # MuJoCo wants principal moments, and a rotation to their axes.
     moments, columns = np.linalg.eigh(inertia)
     columns[:, 0] *= np.linalg.det(columns)  # a rotation, not a mirror image

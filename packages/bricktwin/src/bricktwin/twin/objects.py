@@ -280,7 +280,8 @@ def oval(length_mm: float, width_mm: float) -> tuple[Point, ...]:
         raise TwinError(
             f"scene: an oval of {length_mm} x {width_mm} mm; give a length of at least its width"
         )
-    angles = np.linspace(-math.pi / 2, math.pi / 2, 25)
+    quarter = math.pi / 2
+    angles = np.linspace(-quarter, quarter, 25)
     x = straight / 2 + radius * np.cos(angles)
     y = radius + radius * np.sin(angles)
     right = np.stack([x, y], -1)  # [25, 2]

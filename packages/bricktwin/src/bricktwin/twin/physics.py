@@ -78,7 +78,11 @@ def _link_parameter(
     numbers."""
     drawn = [getattr(link, name) for link in DRAWN_LINKS]
     return _parameter(
-        getattr(PROFILES[DEFAULT_LINK], name), unit, (min(drawn), max(drawn)), allowed_range, source
+        default=getattr(PROFILES[DEFAULT_LINK], name),
+        unit=unit,
+        random_range=(min(drawn), max(drawn)),
+        allowed_range=allowed_range,
+        source=source,
     )
 
 

@@ -170,7 +170,8 @@ class FloatingBase(_Base):
         to_hub = np.empty(4)
         force = np.empty(3)
         mujoco.mju_negQuat(to_hub, self._frame)
-        mujoco.mju_rotVecQuat(force, self._qacc[0:3] - self._gravity, to_hub)
+        felt = self._qacc[0:3] - self._gravity
+        mujoco.mju_rotVecQuat(force, felt, to_hub)
         # The hub is beside the origin, so its acceleration has an Euler and a centripetal part.
         euler = np.cross(angular, self._hub)
         centripetal = np.cross(spin, np.cross(spin, self._hub))
@@ -249,6 +250,14 @@ _WALL_COLOR = (0.78, 0.16, 0.12)
 """Reflectance of the wall of bricks ahead, and of all else that is no object of the scene."""
 
 
+def _floor_distance_m(eye_m: Floats, gaze: Floats) -> float:
+    """Distance to the floor along a gaze; infinite if that does not go down."""
+    descent = gaze[2]
+    if descent >= -1e-6:
+        return math.inf
+    return float(-eye_m[2] / descent)
+
+
 class WorldSenses:
     """Stimuli in the world, from the position and direction of a sensor.
 
@@ -268,7 +277,8 @@ class WorldSenses:
         self._scene = scene
         self._marks: list[tuple[Mark, Floats]] = []
         for mark in scene.marks:
-            self._marks.append((mark, np.array(COLORS[mark.color])))
+            rgb = np.array(COLORS[mark.color])
+            self._marks.append((mark, rgb))
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
         self._colors: dict[int, tuple[float, float, float]] = {}
         """Colours of the scene's objects, by the indices of their geometries."""
@@ -291,7 +301,7 @@ class WorldSenses:
         ``gaze`` in its light."""
         # Rays meet obstacles only; the floor is where the gaze reaches the height 0.
         distance_m, geom = self._ray(eye_m, gaze)
-        floor_m = float(-eye_m[2] / gaze[2]) if gaze[2] < -1e-6 else math.inf
+        floor_m = _floor_distance_m(eye_m, gaze)
         if floor_m < distance_m:
             rgb = self._floor(eye_m + floor_m * gaze, floor_m)
             distance_m = floor_m
@@ -329,7 +339,7 @@ class WorldSenses:
         """Distance to the nearest surface along ``gaze``, including the floor; infinite if there is
         none."""
         distance_m, _ = self._ray(eye_m, gaze)
-        floor_m = float(-eye_m[2] / gaze[2]) if gaze[2] < -1e-6 else math.inf
+        floor_m = _floor_distance_m(eye_m, gaze)
         nearest_m = min(distance_m, floor_m)
         return nearest_m * 1000.0 if nearest_m < _MAX_DISTANCE_M else math.inf
 

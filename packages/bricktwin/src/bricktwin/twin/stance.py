@@ -162,7 +162,7 @@ def refuse_overlap(model: mujoco.MjModel, data: mujoco.MjData, scene: Scene | No
     Contacts have to be computed."""
     contacts = data.contact
     groups = model.geom_group[contacts.geom]  # [contacts, 2]
-    # A block that leans on a wall is two obstacles, and on the floor it is none of a robot's.
+    # Of one obstacle and a robot: not of two obstacles, and not of an obstacle and the floor.
     has_one_obstacle = (groups == OBSTACLE_GROUP).sum(-1) == 1
     has_no_floor = (groups != FLOOR_GROUP).all(-1)
     is_of_robot = has_one_obstacle & has_no_floor

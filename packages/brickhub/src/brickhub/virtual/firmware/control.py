@@ -18,7 +18,10 @@ from brickhub.virtual.firmware.trajectory import (
 )
 
 LOOPS_PER_S = 200
+"""Control steps a second (``PBIO_CONFIG_CONTROL_LOOP_TIME_MS`` is 5 on all hubs)."""
+# Ticks of 0.1 ms, as all times here: finer than a millisecond, for the speeds of short ramps.
 _FOREVER = FOREVER_MS * 10
+# Error to the target of a move that has none: larger than any range it is compared with.
 _UNBOUNDED = 2**31 - 1
 
 
@@ -29,10 +32,13 @@ class PositionIntegrator:
         self._settings = settings
         self.running = True
         self.pause_began = time
-        self.integral = self._paused_total = 0
+        self.integral = 0
+        self._paused_total = 0
 
     def trajectory_time(self, time: int) -> int:
-        return (time if self.running else self.pause_began) - self._paused_total
+        """Time on the trajectory, which stands still during a pause."""
+        now = time if self.running else self.pause_began
+        return now - self._paused_total
 
     def toggle(self, time: int, error: int) -> None:
         """Pause, or resume."""
@@ -48,23 +54,32 @@ class PositionIntegrator:
         s = self._settings
         integral = self.integral
         change = trunc(error / LOOPS_PER_S)
+        # What makes the integral smaller is always welcome, even during a pause.
         shrinks = abs(integral + change) < abs(integral)
         if not shrinks:
             if not self.running:
                 return integral
             rate = s.integral_rate
             if not -rate <= error <= rate:
-                change = trunc((rate if error > 0 else -rate) / LOOPS_PER_S)
+                limited_error = rate if error > 0 else -rate
+                change = trunc(limited_error / LOOPS_PER_S)
+                # A smaller change may no longer cross zero and come out beyond, so ask again.
                 shrinks = abs(integral + change) < abs(integral)
+        # It grows near the target, but not too near. Twice the error of saturation: the firmware
+        # begins a bit before the proportional part comes off its limit.
         if shrinks or s.integral_deadzone <= abs(target_error) <= s.saturation_error * 2:
             integral = integral + change
             limit = s.max_integral
-            self.integral = integral = (
-                limit if integral > limit else -limit if integral < -limit else integral
-            )
+            if integral > limit:
+                integral = limit
+            elif integral < -limit:
+                integral = -limit
+            self.integral = integral
         return integral
 
     def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
+        # The proportional part at its limit pauses the integrator; the integral part at its own
+        # limit is the other sign that the motor gives all it has.
         if self.running:
             limit = self._settings.max_integral
             if limit == 0 or -limit < self.integral < limit:
@@ -75,13 +90,20 @@ class PositionIntegrator:
 class SpeedIntegrator:
     """Integral of the speed error: a difference of positions."""
 
+    # Positions are exact, so the integral is no sum over steps: it is the difference since the
+    # last resume, plus what had come together before the last pause.
+
     def __init__(self, settings: ControlSettings) -> None:
         self._settings = settings
         self.running = True
-        self.pause_began = self._paused_error = self._error_at_resume = 0
+        self.pause_began = 0
+        self._paused_error = 0
+        self._error_at_resume = 0
 
     def error(self, position_error: int) -> int:
-        return self._paused_error + (position_error - self._error_at_resume if self.running else 0)
+        if not self.running:
+            return self._paused_error
+        return self._paused_error + (position_error - self._error_at_resume)
 
     def toggle(self, time: int, position_error: int) -> None:
         """Pause, or resume."""
@@ -93,12 +115,13 @@ class SpeedIntegrator:
         self.running = not self.running
 
     def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
-        return not self.running and _stalls(
-            self._settings, self.pause_began, time, speed, reference_speed
-        )
+        if self.running:
+            return False
+        return _stalls(self._settings, self.pause_began, time, speed, reference_speed)
 
 
 def _stalls(s: ControlSettings, since: int, time: int, speed: int, reference_speed: int) -> bool:
+    # Mirrored to a forward move: a motor that is pushed backward is slow, however fast it turns.
     if reference_speed < 0:
         reference_speed = -reference_speed
         speed = -speed
@@ -131,6 +154,7 @@ class Logger:
         if self._skipped < self._down_sample:
             return
         self._skipped = 0
+        # A hub allocates all rows at the start, so a full log ends instead of growing.
         if len(self.rows) == self._capacity:
             self.is_active = False
         else:
@@ -158,14 +182,14 @@ class OnCompletion(enum.Enum):
     @property
     def passive(self) -> "OnCompletion":
         """Coast or brake, without the smart variant."""
-        return (
-            OnCompletion.COAST
-            if self in (OnCompletion.COAST, OnCompletion.COAST_SMART)
-            else OnCompletion.BRAKE
-        )
+        if self in (OnCompletion.COAST, OnCompletion.COAST_SMART):
+            return OnCompletion.COAST
+        return OnCompletion.BRAKE
 
 
 class ControlType(enum.Enum):
+    """What is controlled: the speed of a timed move, or the position."""
+
     NONE = 0
     TIMED = 1
     POSITION = 2
@@ -186,6 +210,7 @@ Action = tuple[int, int, int, OnCompletion | None, bool]
 
 ACTUATIONS = {OnCompletion.COAST: 0, OnCompletion.BRAKE: 1, None: 3}
 """Codes of a log, as in the firmware; 2 is a voltage, 3 a torque."""
+# Global names, as looking a member up in its class takes longer, and the loop does so all the time.
 _POSITION = ControlType.POSITION
 _TIMED = ControlType.TIMED
 
@@ -211,10 +236,14 @@ class Controller:
         self.pid_average = 0
         self.torque_limit = settings.max_torque
         self.is_done = True
-        self._until_stalled = self._stalled = self._is_fast = self._acts_when_done = False
+        self._until_stalled = False
+        self._stalled = False
+        self._is_fast = False
+        self._acts_when_done = False
         self._position = PositionIntegrator(settings, 0)
         self._speed = SpeedIntegrator(settings)
         self.log = Logger()
+        # Of the last step, for its row in the log, which is written when the outcome is known.
         self._terms = (0,) * 7
 
     @property
@@ -239,11 +268,13 @@ class Controller:
     def reference(self, time: int, state: State) -> TrajectoryReference:
         """Reference at a time, without the shifts caused by load."""
         ref = self.trajectory.reference(self._trajectory_time(time))
-        if self.type is _TIMED:
-            error = ref.position - state.position
-            shift = self._speed.error(error) - error
-            return TrajectoryReference(ref.time, ref.position + shift, ref.speed, ref.acceleration)
-        return ref
+        if self.type is not _TIMED:
+            return ref
+        # A pause of the speed integrator leaves the trajectory's clock running, so its positions
+        # have moved on by what the motor could not follow.
+        error = ref.position - state.position
+        shift = self._speed.error(error) - error
+        return TrajectoryReference(ref.time, ref.position + shift, ref.speed, ref.acceleration)
 
     # ---- commands
 
@@ -258,20 +289,21 @@ class Controller:
     ) -> None:
         """Run to a position; speed 0 is the default speed. Raises ValueError for a move that is too
         long."""
-        start = (
-            self.reference(time, state)
-            if self.is_active
-            else TrajectoryReference(time, state.position, state.speed, 0)
-        )
-        command = self._command(start, speed or self.settings.default_speed, then, end=target)
+        # An active controller branches off from its reference, not from the motor, which lags
+        # behind it: the speed does not drop between two commands.
+        if self.is_active:
+            start = self.reference(time, state)
+        else:
+            start = TrajectoryReference(time, state.position, state.speed, 0)
+        target_speed = speed or self.settings.default_speed
+        command = self._command(start, target_speed, then, end=target)
         new = trajectories.to_angle(command)
         if self.type is _POSITION and allow_shift and new.a0 == start.acceleration:
             # Start where the current phase began, so that commands in a tight loop do not
             # accumulate rounding errors. The firmware compares deg/s2 with mdeg/s2, so this applies
             # only if neither accelerates.
-            new = trajectories.to_angle(
-                _from_vertex(command, self.trajectory.last_vertex(start.time))
-            )
+            vertex = self.trajectory.last_vertex(start.time)
+            new = trajectories.to_angle(_from_vertex(command, vertex))
         self._follow(_POSITION, new, time, then)
 
     def start_relative(
@@ -288,25 +320,26 @@ class Controller:
         if self.is_active:
             origin = self.reference(time, state).position
         else:
+            # After a smart stop the last target counts, if the motor is still near it: a program
+            # of many relative moves does not add up the errors at their ends.
             origin = state.position
             end = self.trajectory.end.position
-            if (
-                self.on_completion.is_smart
-                and abs(end - origin) < self.settings.position_tolerance * 2
-            ):
+            tolerance = self.settings.position_tolerance * 2
+            if self.on_completion.is_smart and abs(end - origin) < tolerance:
                 origin = end
         self.start_position(time, state, origin + distance, speed, then, allow_shift)
 
     def start_hold(self, time: int, position: int) -> None:
         """Hold a position, without a ramp to it."""
-        self._follow(
-            _POSITION, Trajectory(self._trajectory_time(time), position), time, OnCompletion.HOLD
-        )
+        # The time as an active controller counts it, whose pauses the integrator keeps.
+        constant = Trajectory(self._trajectory_time(time), position)
+        self._follow(_POSITION, constant, time, OnCompletion.HOLD)
 
     def start_timed(
         self, time: int, state: State, duration: int, speed: int, then: OnCompletion
     ) -> None:
         """Run at a speed (control units) for a duration in ticks."""
+        # A smart stop is about a target, which a timed move does not have.
         if then.is_smart:
             then = then.passive
         start = TrajectoryReference(time, state.position, state.speed, 0)
@@ -314,8 +347,10 @@ class Controller:
             start = self.trajectory.reference(self._trajectory_time(time))
         command = self._command(start._replace(time=time), speed, then, duration=duration)
         new = trajectories.for_time(command)
+        # As in start_position: no rounding errors that add up in a tight loop.
         if self.type is _TIMED and new.a0 == start.acceleration:
-            new = trajectories.for_time(_from_vertex(command, self.trajectory.last_vertex(time)))
+            vertex = self.trajectory.last_vertex(time)
+            new = trajectories.for_time(_from_vertex(command, vertex))
         self._follow(_TIMED, new, time, then)
 
     def start_forever(self, time: int, state: State, speed: int) -> None:
@@ -330,6 +365,7 @@ class Controller:
         stalled.
         """
         self.start_forever(time, state, speed)
+        # After the start, which sets all of these for an endless run.
         self.on_completion = then
         self._acts_when_done = False
         self._until_stalled = True
@@ -339,14 +375,15 @@ class Controller:
         self, start: TrajectoryReference, speed: int, then: OnCompletion, **goal: int
     ) -> TrajectoryCommand:
         s = self.settings
-        limits = s.max_speed, s.acceleration, s.deceleration
         return TrajectoryCommand(
-            start.time,
-            start.position,
-            start.speed,
-            speed,
-            *limits,
-            then is OnCompletion.CONTINUE,
+            time=start.time,
+            position=start.position,
+            speed=start.speed,
+            target_speed=speed,
+            max_speed=s.max_speed,
+            acceleration=s.acceleration,
+            deceleration=s.deceleration,
+            keep_running=then is OnCompletion.CONTINUE,
             **goal,
         )
 
@@ -360,17 +397,19 @@ class Controller:
         speed_estimate: int,
         paused_by_other: bool = False,
     ) -> Action:
-        """One control step. Inlined, because most of a virtual robot's computing time is spent
-        here.
+        """One control step (``pbio_control_update``).
 
         Args:
             position, speed: measured, mdeg and mdeg/s.
             speed_estimate: the observer's.
             paused_by_other: whether the drive base pauses both its controllers.
         """
+        # In one piece, because most of a virtual robot's computing time is spent here.
         s = self.settings
         limit = self.torque_limit
         end_time, end_position, end_speed, _ = self.trajectory.end
+        # The errors: of a timed move that of the speed, which integrates into a position, so its
+        # proportional part works on that, and there is no second integral.
         integrator: PositionIntegrator | SpeedIntegrator
         if self.type is _POSITION:
             integrator = self._position
@@ -387,44 +426,64 @@ class Controller:
             target_error = _UNBOUNDED
             integral = 0
             used_error = integrator.error(error)
+        # The torque: gains are in uNm per degree, errors in mdeg.
         kp = s.kp if self._is_fast or error == 0 else self._soft_kp(error, target_error)
         proportional = trunc(kp * used_error / 1000)
-        torque = proportional + trunc(s.kd * (reference_speed - speed_estimate) / 1000)
+        torque = proportional
+        torque += trunc(s.kd * (reference_speed - speed_estimate) / 1000)
         if integral:
             torque += trunc(integral * s.ki / 1000)
-        torque = limit if torque > limit else -limit if torque < -limit else torque
+        if torque > limit:
+            torque = limit
+        elif torque < -limit:
+            torque = -limit
+        # Anti-windup: at the limit the reference waits for the motor. The cheap comparison comes
+        # first, as it settles nearly all steps.
         at_limit = abs(proportional) >= limit and self._is_winding_up(
             proportional, speed, reference_speed, acceleration
         )
         if integrator.running is (at_limit or paused_by_other):
             integrator.toggle(time, error)
         self._stalled = integrator.is_stalled(time, speed, reference_speed)
+        # What ``load()`` tells is smoothed over 20 steps.
         self.pid_average = trunc((self.pid_average * 95 + torque * 5) / 100)
         if self.log.is_active:
+            # Computed once more only here, so that a step without a log does not pay for it.
+            integral_part = trunc(integral * s.ki / 1000)
             derivative = trunc(s.kd * (reference_speed - speed_estimate) / 1000)
-            terms = proportional, trunc(integral * s.ki / 1000), derivative
             self._terms = (
                 reference_time,
                 reference + used_error - error,
                 reference_speed,
-                *terms,
+                proportional,
+                integral_part,
+                derivative,
                 int(at_limit),
             )
         action = torque, reference_speed, acceleration, None, at_limit
         self.is_done = reference_time >= end_time and self._has_arrived(
             end_position - position, end_speed, speed
         )
+        # An endless run counts as done from its start; one until stalled, when it stalls.
         if self.type is _TIMED and not self.is_done:
-            self.is_done = self._stalled if self._until_stalled else self.trajectory.t3 >= _FOREVER
+            if self._until_stalled:
+                self.is_done = self._stalled
+            else:
+                self.is_done = self.trajectory.t3 >= _FOREVER
         if not self.is_done or self._acts_when_done:
             return action
         then = self.on_completion
-        if then.is_active:  # a timed move that ends in HOLD
-            self.start_hold(time, s.position_to_unit(position) * s.steps_per_unit)
-        elif not then.is_smart or reference_time - end_time >= s.smart_hold_time:
-            self.stop()
-            return 0, reference_speed, acceleration, then.passive, at_limit
-        return action
+        if then.is_active:
+            # A timed move that ends in HOLD becomes one of the position, in whole units.
+            position_in_units = s.position_to_unit(position)
+            self.start_hold(time, position_in_units * s.steps_per_unit)
+            return action
+        # A smart stop holds a moment longer, so that the motor stands still, and the next command
+        # can go on from there.
+        if then.is_smart and reference_time - end_time < s.smart_hold_time:
+            return action
+        self.stop()
+        return 0, reference_speed, acceleration, then.passive, at_limit
 
     def log_row(
         self, time_ms: int, state: State, torque: int, passive: OnCompletion | None
@@ -432,27 +491,45 @@ class Controller:
         """Log the last :meth:`update` and its outcome."""
         s = self.settings
         reference_time, reference, reference_speed, *terms, at_limit = self._terms
-        actuation = ACTUATIONS[passive] | self._stalled << 2 | self.is_done << 3 | at_limit << 4
-        measured = s.position_to_unit(state.position), s.to_unit(state.speed)
-        wanted = s.position_to_unit(reference), s.to_unit(reference_speed)
-        estimated = s.position_to_unit(state.position_estimate), s.to_unit(state.speed_estimate)
-        since = reference_time - self.trajectory.time
-        self.log.add(time_ms, since, *measured, actuation, torque, *wanted, *estimated, *terms)
+        # The firmware packs the kind of actuation and three flags into one column.
+        actuation = ACTUATIONS[passive]
+        actuation |= self._stalled << 2
+        actuation |= self.is_done << 3
+        actuation |= at_limit << 4
+        self.log.add(
+            time_ms,
+            reference_time - self.trajectory.time,
+            s.position_to_unit(state.position),
+            s.to_unit(state.speed),
+            actuation,
+            torque,
+            s.position_to_unit(reference),
+            s.to_unit(reference_speed),
+            s.position_to_unit(state.position_estimate),
+            s.to_unit(state.speed_estimate),
+            *terms,
+        )
 
     def _trajectory_time(self, time: int) -> int:
-        return self._position.trajectory_time(time) if self.type is _POSITION else time
+        # Only the position integrator stops the trajectory's clock in a pause.
+        if self.type is _POSITION:
+            return self._position.trajectory_time(time)
+        return time
 
     def _follow(
         self, new: ControlType, trajectory: Trajectory, time: int, then: OnCompletion
     ) -> None:
         self.trajectory = trajectory
+        # ``wu`` is in ddeg/s, the limit in mdeg/s.
         self._is_fast = abs(trajectory.wu) * 100 >= self.settings.kp_low_speed
         self.on_completion = then
-        self._acts_when_done = then.is_active and (
-            new is _POSITION or then is OnCompletion.CONTINUE
-        )
+        # Not a timed move that ends in HOLD: its end has a step of its own in update.
+        goes_on = new is _POSITION or then is OnCompletion.CONTINUE
+        self._acts_when_done = then.is_active and goes_on
         self.torque_limit = self.settings.max_torque
         self.is_done = False
+        # Commands of one kind in a row share an integrator, so that its integral and a pause
+        # outlast them; another kind, and what follows a run until stalled, begins anew.
         if self.type is new and not self._until_stalled:
             return
         self._stalled = False
@@ -470,17 +547,22 @@ class Controller:
         near = s.saturation_error
         if target_error < near:
             return s.kp
+        # By the error: the torque has the low slope up to kp_low_error, and the full one beyond.
         error = abs(error)
         low = s.kp * s.kp_low_pct // 100
-        piecewise = (
-            low if error <= s.kp_low_error else s.kp - s.kp_low_error * (s.kp - low) // error
-        )
+        by_error = low
+        if error > s.kp_low_error:
+            by_error = s.kp - s.kp_low_error * (s.kp - low) // error
+        # By the way that is left: from low, when far away, to the full gain where the target is
+        # near. The larger of both counts.
         far = near * 100 // s.kp_low_pct
         if target_error > far:
-            return max(piecewise, low)
+            return max(by_error, low)
+        product = s.kp * (100 - s.kp_low_pct) * (far - target_error)
         # This product overflows 32 bits in the firmware, which goes on with the wrapped value.
-        product = (s.kp * (100 - s.kp_low_pct) * (far - target_error) + 2**31) % 2**32 - 2**31
-        return max(piecewise, low + trunc(trunc(product / (far - near)) / 100))
+        product = (product + 2**31) % 2**32 - 2**31
+        added = trunc(trunc(product / (far - near)) / 100)
+        return max(by_error, low + added)
 
     def _is_winding_up(
         self, proportional: int, speed: int, reference_speed: int, acceleration: int
@@ -488,17 +570,24 @@ class Controller:
         """Whether the proportional part alone exceeds the torque limit, and the reference will not
         reduce it."""
         s = self.settings
+        # Way of two steps: with this margin the torque does not fall below the limit again in the
+        # very next one.
         margin = trunc(abs(speed) / LOOPS_PER_S) * 2
-        if abs(proportional) < self.torque_limit + trunc(s.kp * margin / 1000):
+        max_windup_torque = self.torque_limit + trunc(s.kp * margin / 1000)
+        if abs(proportional) < max_windup_torque:
             return False
+        # Where the reference already turns back, or brakes, going on is what frees the motor.
         moving = 0 if abs(speed) < s.stall_speed else speed
         sign = _sign(proportional)
-        return sign != -_sign(reference_speed - moving) and sign != -_sign(acceleration)
+        speed_helps = sign == -_sign(reference_speed - moving)
+        acceleration_helps = sign == -_sign(acceleration)
+        return not speed_helps and not acceleration_helps
 
     def _has_arrived(self, remaining: int, end_speed: int, speed: int) -> bool:
         """Whether the end is reached, given that its time is over."""
         if self.type is _TIMED:
             return not self._until_stalled
+        # A move that goes on has arrived when it is past its target, however far.
         if end_speed != 0:
             return _sign(remaining) != _sign(end_speed)
         s = self.settings
@@ -506,7 +595,10 @@ class Controller:
 
 
 def _from_vertex(command: TrajectoryCommand, vertex: TrajectoryReference) -> TrajectoryCommand:
-    duration = command.duration + command.time - vertex.time if command.duration else 0
+    # An earlier start makes a timed move longer by as much, so that its end stays.
+    duration = 0
+    if command.duration:
+        duration = command.duration + command.time - vertex.time
     return command._replace(
         time=vertex.time, position=vertex.position, speed=vertex.speed, duration=duration
     )

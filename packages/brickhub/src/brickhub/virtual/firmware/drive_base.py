@@ -31,7 +31,9 @@ from brickhub.virtual.firmware.trajectory import (
 )
 
 _Vector = tuple[float, float, float]
+# mdeg that a wheel turns over a way as long as its diameter; an integer, as in the firmware.
 _TURN_MDEG_OVER_PI = 114_592
+# An arc of a given length turns by the length over the radius, which must not be 0.
 _MIN_RADIUS_MM = 10
 _NONE = ControlType.NONE
 
@@ -74,6 +76,7 @@ class GyroHeading:
 
     def rate_deg_s(self) -> float:
         """Angular velocity about the robot's vertical axis, clockwise."""
+        # The gyroscope counts counterclockwise about the vertical, a heading clockwise.
         return -sum(
             rate * axis[2] for rate, axis in zip(self.rates_deg_s(), self.frame, strict=True)
         )
@@ -85,33 +88,47 @@ class GyroHeading:
 
     def rotation_deg(self, *, calibrated: bool) -> _Vector:
         """Angular velocity in the frame of the hub, integrated over time."""
-        x, y, z = map(add, self._scaled(self._body.rotation_deg()), self._rotation_deg)
-        scale_x, scale_y, scale_z = (360.0, 360.0, 360.0) if calibrated else self._gyro_deg
-        return x * scale_x / 360.0, y * scale_y / 360.0, z * scale_z / 360.0
+        scaled = self._scaled(self._body.rotation_deg())
+        x, y, z = map(add, scaled, self._rotation_deg)
+        turn_deg = (360.0, 360.0, 360.0) if calibrated else self._gyro_deg
+        scale_x, scale_y, scale_z = turn_deg
+        return (
+            x * scale_x / 360.0,
+            y * scale_y / 360.0,
+            z * scale_z / 360.0,
+        )
 
     def yaw_deg(self) -> float:
         """Rotation about the vertical since the hub was switched on, without the correction of the
         heading."""
+        # The vertical's components in the hub's frame weigh the corrections of its three axes.
         scale = sum(
-            axis[2] ** 2 * 360.0 / scale
-            for axis, scale in zip(self.frame, self._gyro_deg, strict=True)
+            axis[2] ** 2 * 360.0 / turn_deg
+            for axis, turn_deg in zip(self.frame, self._gyro_deg, strict=True)
         )
         return self._body.heading_deg() * scale + self._yaw_deg
 
     def calibrate(self, gyro_deg: _Vector) -> None:
         """Set the reading of the gyroscope for a whole turn about each axis of the hub; earlier
         rotation stays."""
+        # A hub scales each sample as it comes, this one the whole rotation: what was measured
+        # with the former scale is kept in offsets.
         yaw_deg = self.yaw_deg()
         rotation_deg = self.rotation_deg(calibrated=True)
         self._gyro_deg = gyro_deg
         self._yaw_deg += yaw_deg - self.yaw_deg()
-        x, y, z = map(sub, rotation_deg, self._scaled(self._body.rotation_deg()))
+        scaled = self._scaled(self._body.rotation_deg())
+        x, y, z = map(sub, rotation_deg, scaled)
         self._rotation_deg = x, y, z
 
     def _scaled(self, vector: _Vector) -> _Vector:
         (x, y, z) = vector
         (scale_x, scale_y, scale_z) = self._gyro_deg
-        return x * 360.0 / scale_x, y * 360.0 / scale_y, z * 360.0 / scale_z
+        return (
+            x * 360.0 / scale_x,
+            y * 360.0 / scale_y,
+            z * 360.0 / scale_z,
+        )
 
     def _total_deg(self) -> float:
         return self.yaw_deg() * (360.0 / self.turn_deg)
@@ -152,13 +169,15 @@ class DriveBaseControl:
         distance_settings, heading_settings = drive_base_settings(left.settings, right.settings)
         self.distance = Controller(distance_settings)
         self.heading = Controller(heading_settings)
-        self._paused = self._uses_gyro = False
+        self._paused = False
+        self._uses_gyro = False
         self._set_zero((0, 0), (0, 0))
         self.stop(OnCompletion.COAST)
-        too_large = steps > INT32_MAX // _TURN_MDEG_OVER_PI or steps > INT32_MAX // max(
-            axle_track_um, 1
-        )
-        if wheel_diameter_um < 1000 or axle_track_um < 1000 or too_large:
+        # The products below must fit into 32 bits on a hub.
+        largest_factor = max(_TURN_MDEG_OVER_PI, axle_track_um, 1)
+        too_large = steps > INT32_MAX // largest_factor
+        too_small = wheel_diameter_um < 1000 or axle_track_um < 1000
+        if too_small or too_large:
             raise RefusedError("the wheel diameter or the axle track is out of range")
         heading_settings.steps_per_unit = steps * axle_track_um // wheel_diameter_um
         distance_settings.steps_per_unit = steps * _TURN_MDEG_OVER_PI // wheel_diameter_um
@@ -171,7 +190,8 @@ class DriveBaseControl:
         """Whether its control loop runs: both motors are open and belong to it."""
         left = self.left
         right = self.right
-        return left.parent is self and right.parent is self and left.is_open and right.is_open
+        owns_both = left.parent is self and right.parent is self
+        return owns_both and left.is_open and right.is_open
 
     def release(self) -> None:
         """Release both motors."""
@@ -185,36 +205,48 @@ class DriveBaseControl:
     def curve(self, radius_mm: int, angle_deg: int, then: OnCompletion) -> None:
         """Turn by an angle along an arc; radius 0 turns in place, a negative radius drives
         backwards."""
+        # 573 is ten times the degrees of a radian, in the firmware's integers.
         length_mm = trunc(10 * abs(angle_deg) * radius_mm / 573)
-        self._drive_relative(length_mm, -angle_deg if radius_mm < 0 else angle_deg, then)
+        turn_deg = -angle_deg if radius_mm < 0 else angle_deg
+        self._drive_relative(length_mm, turn_deg, then)
 
     def turn(self, angle_deg: int, then: OnCompletion) -> None:
         """Turn in place by an angle."""
-        distance = angle_deg * self.heading.settings.steps_per_unit
-        start = self.heading.start_relative
-        self._turn(
-            lambda time, state: start(time, state, distance, 0, then, allow_shift=False), then
-        )
+        heading = self.heading
+        way = angle_deg * heading.settings.steps_per_unit
+
+        def start(time: int, state: State) -> None:
+            heading.start_relative(time, state, way, 0, then, allow_shift=False)
+
+        self._turn(start, then)
 
     def turn_to(self, angle_deg: int, then: OnCompletion) -> None:
         """Turn in place to a heading modulo 360 degrees, the shorter way."""
         heading = self.heading
-        remaining = angle_deg - to_unit(self._angles()[1], heading.settings.steps_per_unit)
-        turns = (
-            -(-(remaining - 180) // 360)
-            if remaining > 180
-            else -(-(-180 - remaining) // 360)
-            if remaining < -180
-            else 0
-        )
-        target = (
-            angle_deg - 360 * turns if remaining > 0 else angle_deg + 360 * turns
-        ) * heading.settings.steps_per_unit
-        self._turn(lambda time, state: heading.start_position(time, state, target, 0, then), then)
+        steps_per_deg = heading.settings.steps_per_unit
+        _, present_heading = self._angles()
+        remaining = angle_deg - to_unit(present_heading, steps_per_deg)
+        # Whole turns to leave out, rounded up, so that at most half a turn remains; half a turn
+        # itself keeps its direction.
+        if remaining > 180:
+            turns = -(-(remaining - 180) // 360)
+        elif remaining < -180:
+            turns = -(-(-180 - remaining) // 360)
+        else:
+            turns = 0
+        if remaining < 0:
+            turns = -turns
+        target = (angle_deg - 360 * turns) * steps_per_deg
+
+        def start(time: int, state: State) -> None:
+            heading.start_position(time, state, target, 0, then)
+
+        self._turn(start, then)
 
     def _turn(self, start: Callable[[int, State], None], then: OnCompletion) -> None:
         """Turn in place and hold the distance for the same time, even if stopping takes longer."""
-        distance, heading, time = *self._begin(), self._clock.time_ticks
+        distance, heading = self._begin()
+        time = self._clock.time_ticks
         self.distance.start_relative(time, distance, 0, 0, then, allow_shift=False)
         start(time, heading)
         self.distance.trajectory.stretch(self.heading.trajectory)
@@ -231,18 +263,24 @@ class DriveBaseControl:
             goes_right = radius_mm >= 0
         else:
             angle_deg = abs(distance_mm) * 573 // abs(radius_mm) // 10
+            # Backward around a center on the left turns right as well.
             goes_right = (radius_mm < 0) == (distance_mm < 0)
-        self._drive_relative(distance_mm, angle_deg if goes_right else -angle_deg, then)
+        turn_deg = angle_deg if goes_right else -angle_deg
+        self._drive_relative(distance_mm, turn_deg, then)
 
     def drive(self, speed_mm_s: int, turn_rate_deg_s: int) -> None:
         """Drive until the next command."""
-        distance, heading, time = *self._begin(), self._clock.time_ticks
-        self.distance.start_forever(time, distance, self.distance.settings.from_unit(speed_mm_s))
-        self.heading.start_forever(time, heading, self.heading.settings.from_unit(turn_rate_deg_s))
+        distance, heading = self._begin()
+        time = self._clock.time_ticks
+        speed = self.distance.settings.from_unit(speed_mm_s)
+        turn_rate = self.heading.settings.from_unit(turn_rate_deg_s)
+        self.distance.start_forever(time, distance, speed)
+        self.heading.start_forever(time, heading, turn_rate)
 
     def stop(self, then: OnCompletion) -> None:
         """Stop both motors. Raises OSError (ENODEV) if one is closed."""
         self._check_open()
+        # Holding needs both controllers, not those of the single motors.
         if then is OnCompletion.HOLD:
             self.straight(0, then)
             return
@@ -262,6 +300,7 @@ class DriveBaseControl:
     def reset(self, distance_mm: int, angle_deg: int) -> None:
         """Set distance and heading, also the gyroscope's if in use; a running move stops."""
         self.stop(OnCompletion.COAST)
+        # The angles of the motors stay: only the zeros of the drive base move.
         distance, heading = self._wheel_angles()
         new_distance = from_unit(distance_mm, self.distance.settings.steps_per_unit)
         new_heading = from_unit(angle_deg, self.heading.settings.steps_per_unit)
@@ -279,19 +318,17 @@ class DriveBaseControl:
     @property
     def needs_gyro(self) -> bool:
         """Whether a move or hold uses the gyroscope, whose heading must not be set then."""
-        return (
-            self._uses_gyro and self.is_open and (self.distance.is_active or self.heading.is_active)
-        )
+        if not self._uses_gyro or not self.is_open:
+            return False
+        return self.distance.is_active or self.heading.is_active
 
     @property
     def turns_by_gyro(self) -> bool:
         """Whether the current move ends only after the gyroscope has turned."""
-        remaining = self.heading.trajectory.end.position - self._measured()[1].position
-        return (
-            self._uses_gyro
-            and self.heading.is_active
-            and abs(remaining) > self.heading.settings.position_tolerance
-        )
+        _, heading = self._measured()
+        remaining = self.heading.trajectory.end.position - heading.position
+        is_turning = abs(remaining) > self.heading.settings.position_tolerance
+        return self._uses_gyro and self.heading.is_active and is_turning
 
     def set_settings(
         self,
@@ -306,16 +343,15 @@ class DriveBaseControl:
             (self.distance.settings, speed, acceleration),
             (self.heading.settings, turn_rate, turn_acceleration),
         )
+        # All are checked before any is set, so that a refusal changes nothing.
         for settings, rate, (up, down) in pairs:
             validate_speed(settings.steps_per_unit, rate)
             validate_acceleration(settings.steps_per_unit, up)
             validate_acceleration(settings.steps_per_unit, down)
         for settings, rate, (up, down) in pairs:
             settings.default_speed = min(settings.from_unit(rate), settings.max_speed)
-            settings.acceleration, settings.deceleration = (
-                settings.from_unit(up),
-                settings.from_unit(down),
-            )
+            settings.acceleration = settings.from_unit(up)
+            settings.deceleration = settings.from_unit(down)
 
     # ---- state
 
@@ -332,17 +368,18 @@ class DriveBaseControl:
         """Distance (mm), speed (mm/s), heading (deg), turn rate (deg/s)."""
         distance, heading = self._measured()
         distance_angle, heading_angle = self._angles()
-        sd = self.distance.settings
-        sh = self.heading.settings
+        distance_settings = self.distance.settings
+        heading_settings = self.heading.settings
         return (
-            to_unit(distance_angle, sd.steps_per_unit),
-            sd.to_unit(distance.speed),
-            to_unit(heading_angle, sh.steps_per_unit),
-            sh.to_unit(heading.speed),
+            to_unit(distance_angle, distance_settings.steps_per_unit),
+            distance_settings.to_unit(distance.speed),
+            to_unit(heading_angle, heading_settings.steps_per_unit),
+            heading_settings.to_unit(heading.speed),
         )
 
     def angle_deg(self) -> float:
-        return to_unit_float(self._angles()[1], self.heading.settings.steps_per_unit)
+        _, heading = self._angles()
+        return to_unit_float(heading, self.heading.settings.steps_per_unit)
 
     # ---- the loop
 
@@ -353,6 +390,7 @@ class DriveBaseControl:
         if distance.type is _NONE or heading.type is _NONE or not self.is_open:
             return
         time = self._clock.time_ms * 10
+        # Both controllers see the state of the same moment, before either acts.
         distance_state, heading_state = self._measured()
         action = distance.update(time, *distance_state[:3], self._paused)
         torque, speed, acceleration, end_of_distance, distance_at_limit = action
@@ -364,10 +402,12 @@ class DriveBaseControl:
             heading.log_row(self._clock.time_ms, heading_state, turn_torque, end_of_heading)
         # Both pause while one is saturated, so that they arrive together.
         self._paused = distance_at_limit or heading_at_limit
+        # The first of both that becomes passive ends the move of both.
         for end in (end_of_distance, end_of_heading):
             if end is not None:
                 self.stop(end)
                 return
+        # The heading is the left motor's lead over the mean, so it adds on the left.
         self.left.actuate(
             torque + turn_torque, speed + turn_speed, acceleration + turn_acceleration
         )
@@ -378,6 +418,7 @@ class DriveBaseControl:
     def _angles(self) -> tuple[Angle, Angle]:
         """Distance and heading as the firmware stores them."""
         distance, heading = self._wheel_angles()
+        # The gyroscope has a zero of its own.
         if self._uses_gyro:
             heading = self._gyro.angle(self.heading.settings.steps_per_unit)
         else:
@@ -402,6 +443,8 @@ class DriveBaseControl:
         right_position = self.right.position()
         left = self.left.observer
         right = self.right.observer
+        # The mean in mdeg; where it does not come out even, the firmware's rounding decides,
+        # which halves turns and mdeg separately. That takes longer, and is needed half the time.
         position, is_odd = divmod(self.left.position() + right_position, 2)
         if is_odd:
             position = to_mdeg(mean(self.left.angle(), self.right.angle()))
@@ -419,7 +462,8 @@ class DriveBaseControl:
             lead = to_mdeg(gyro.angle(steps))
             turn_rate = trunc(gyro.rate_deg_s() * steps)
         distance = State(position - distance_zero, speed, estimate, angle - distance_zero)
-        return distance, State(lead, turn_rate, estimate - right.speed, lead_estimate)
+        heading = State(lead, turn_rate, estimate - right.speed, lead_estimate)
+        return distance, heading
 
     def _check_open(self) -> None:
         if not self.is_open:
@@ -429,6 +473,7 @@ class DriveBaseControl:
         """Take over both motors and return their state. Raises OSError (ENODEV) if one is
         closed."""
         self._check_open()
+        # Else the motors' own controllers would go on beside those of the drive base.
         self.left.control.stop()
         self.right.control.stop()
         return self._measured()
@@ -436,9 +481,11 @@ class DriveBaseControl:
     def _drive_relative(self, distance_mm: int, angle_deg: int, then: OnCompletion) -> None:
         length = distance_mm * self.distance.settings.steps_per_unit
         turn = angle_deg * self.heading.settings.steps_per_unit
-        distance, heading, time = *self._begin(), self._clock.time_ticks
+        distance, heading = self._begin()
+        time = self._clock.time_ticks
         self.distance.start_relative(time, distance, length, 0, then, allow_shift=False)
         self.heading.start_relative(time, heading, turn, 0, then, allow_shift=False)
+        # The shorter of both is stretched, so that the robot drives an arc all the way.
         leader = self.heading.trajectory
         follower = self.distance.trajectory
         if follower.t3 > leader.t3:

@@ -11,31 +11,35 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from math import trunc
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from brickhub.robot import MotorKind
 from brickhub.virtual.firmware import RefusedError
+from brickhub.virtual.firmware.settings import MAX_TORQUE_UNM, ControlSettings
 
-if TYPE_CHECKING:
-    from brickhub.virtual.firmware.settings import ControlSettings
-
-
+# The firmware's model has only integers of 32 bits: each quantity is limited to a maximum, and its
+# scale is what still fits, (2**31 - 1) // maximum (``pbio/doc/control/model.py``).
+MAX_SPEED = 2_500_000
+MAX_ACCELERATION = 25_000_000
+MAX_CURRENT = 30_000
+MAX_VOLTAGE_MV = 12_000
 PRESCALE_SPEED = 858
 PRESCALE_ACCELERATION = 85
 PRESCALE_CURRENT = 71_582
 PRESCALE_VOLTAGE = 178_956
 PRESCALE_TORQUE = 2_147
-MAX_SPEED = 2_500_000
-MAX_ACCELERATION = 25_000_000
-MAX_CURRENT = 30_000
-MAX_VOLTAGE_MV = 12_000
-MAX_TORQUE_UNM = 1_000_000
-_WINDOW_START = -21  # 20 ticks of 5 ms ago: 100 ms
-_HISTORY = 60  # ticks of the longest window of Motor.speed: 300 ms
+_HISTORY = 60
+"""Steps of 5 ms of the longest window of ``Motor.speed``, 300 ms."""
+_WINDOW_START = -21
+"""Place in the history of the angle 20 steps ago, 100 ms: the last one is the present."""
+# The observer's feedback is weak for errors of up to 20 degrees, and seven times as strong for
+# what is beyond.
 _GAIN_THRESHOLD_MDEG = 20_000
 _HIGH_GAIN_FACTOR = 7
 _FRICTION_CUTOFF = 500
+"""Speed in mdeg/s below which dry friction goes through 0 in a straight line, without a jump."""
 _STALL_RATIO_PCT = 75
+"""Share of the voltage that the feedback has in a motor that stalls; all of it if stuck."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +57,14 @@ class ObserverModel:
     friction_unm: int
 
     def voltage_mv(self, torque_unm: int) -> int:
-        return trunc(PRESCALE_TORQUE * _clamp(torque_unm, MAX_TORQUE_UNM) / self.voltage_by_torque)
+        """Voltage for a torque at rest (``pbio_observer_torque_to_voltage``)."""
+        torque = _clamp(torque_unm, MAX_TORQUE_UNM)
+        return trunc(PRESCALE_TORQUE * torque / self.voltage_by_torque)
 
     def torque_unm(self, voltage_mv: int) -> int:
-        return trunc(PRESCALE_VOLTAGE * _clamp(voltage_mv, MAX_VOLTAGE_MV) / self.torque_by_voltage)
+        """Torque of a voltage at rest (``pbio_observer_voltage_to_torque``)."""
+        voltage = _clamp(voltage_mv, MAX_VOLTAGE_MV)
+        return trunc(PRESCALE_VOLTAGE * voltage / self.torque_by_voltage)
 
     def drive_mv(
         self, torque_unm: int, speed: int, acceleration: int, limit_unm: int = MAX_TORQUE_UNM
@@ -64,11 +72,16 @@ class ObserverModel:
         """Voltage for a torque plus the feedforward of a reference; their sum is limited, to at
         most MAX_TORQUE_UNM."""
         torque = torque_unm + self.feedforward_unm(speed, acceleration)
-        torque = limit_unm if torque > limit_unm else -limit_unm if torque < -limit_unm else torque
+        if torque > limit_unm:
+            torque = limit_unm
+        elif torque < -limit_unm:
+            torque = -limit_unm
         return trunc(PRESCALE_TORQUE * torque / self.voltage_by_torque)
 
     def feedforward_unm(self, speed: int, acceleration: int) -> int:
         """Torque to follow a reference: half the friction, back-EMF, inertia."""
+        # In each control step of each motor, most of which hold or cruise: terms that are 0 are
+        # left out, and a clamp is called only where something is to be clamped.
         forward = 0
         if speed:
             half_friction = self.friction_unm // 2
@@ -80,11 +93,9 @@ class ObserverModel:
             if not -MAX_ACCELERATION <= acceleration <= MAX_ACCELERATION:
                 acceleration = _clamp(acceleration, MAX_ACCELERATION)
             forward += trunc(PRESCALE_ACCELERATION * acceleration / self.torque_by_acceleration)
-        return (
-            forward
-            if -MAX_TORQUE_UNM <= forward <= MAX_TORQUE_UNM
-            else _clamp(forward, MAX_TORQUE_UNM)
-        )
+        if -MAX_TORQUE_UNM <= forward <= MAX_TORQUE_UNM:
+            return forward
+        return _clamp(forward, MAX_TORQUE_UNM)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +117,14 @@ class MotorType:
 
 
 def _clamp(value: int, limit: int) -> int:
-    return limit if value > limit else -limit if value < -limit else value
+    if value > limit:
+        return limit
+    if value < -limit:
+        return -limit
+    return value
 
 
+# A row of the model's matrix a line, which the formatter would take apart.
 _TYPES = {
     "spike-small": MotorType(ObserverModel(
         (179217, 1950303, 5654927, -425928), (956, 7666, 11702, -1085),
@@ -147,6 +163,7 @@ _TYPES = {
     ), 1500, 45, 20, 250),
 }  # fmt: skip
 MOTOR_TYPES = {kind: _TYPES[kind.model.like or kind.value] for kind in MotorKind}
+"""Properties by kind of motor; some kinds have those of another, as in the firmware."""
 
 
 class ObserverSettings(NamedTuple):
@@ -182,13 +199,22 @@ class Observer:
     def __init__(self, motor: MotorType, settings: ControlSettings) -> None:
         model = motor.model
         gain = motor.observer_gain
-        negligible_mv = trunc(model.voltage_mv(model.friction_unm) * 5 / 2)
-        stall = (settings.stall_speed, settings.stall_time, negligible_mv, _STALL_RATIO_PCT)
+        # A feedback that friction alone explains is no sign of a load.
+        friction_mv = model.voltage_mv(model.friction_unm)
         self.tune(
             ObserverSettings(
-                *stall, gain, gain * _HIGH_GAIN_FACTOR, _GAIN_THRESHOLD_MDEG, _FRICTION_CUTOFF
+                stall_speed=settings.stall_speed,
+                stall_time=settings.stall_time,
+                negligible_mv=trunc(friction_mv * 5 / 2),
+                stall_ratio_pct=_STALL_RATIO_PCT,
+                gain_low=gain,
+                gain_high=gain * _HIGH_GAIN_FACTOR,
+                gain_threshold=_GAIN_THRESHOLD_MDEG,
+                friction_cutoff=_FRICTION_CUTOFF,
             )
         )
+        # All nine entries in one tuple, which a step unpacks at once; the column of the torque
+        # is apart, as friction is nearly always the full one, whose effect is computed here.
         self._rows = *model.angle[:3], *model.speed[:3], *model.current[:3]
         self._friction_unm = model.friction_unm
         self._friction_columns = model.angle[3], model.speed[3], model.current[3]
@@ -210,16 +236,16 @@ class Observer:
     def tune(self, settings: ObserverSettings) -> None:
         """Use these settings from now on."""
         self.settings = settings
-        (
-            self._stall_speed,
-            self._stall_time,
-            self._negligible_mv,
-            self._stall_ratio_pct,
-            *gains,
-            cutoff,
-        ) = settings
-        self._gain, self._high_gain, self._threshold = gains
-        self._friction_cutoff = max(cutoff, 1)
+        # Attributes of its own, as a step reads them all and a lookup less each counts.
+        self._stall_speed = settings.stall_speed
+        self._stall_time = settings.stall_time
+        self._negligible_mv = settings.negligible_mv
+        self._stall_ratio_pct = settings.stall_ratio_pct
+        self._gain = settings.gain_low
+        self._high_gain = settings.gain_high
+        self._threshold = settings.gain_threshold
+        # It divides, and a program may set it to 0.
+        self._friction_cutoff = max(settings.friction_cutoff, 1)
 
     def feedback_mv(self, angle: int) -> int:
         """Voltage that pulls the model towards a measured angle: the effect of unmodelled load."""
@@ -227,8 +253,10 @@ class Observer:
         threshold = self._threshold
         if -threshold <= error <= threshold:
             return trunc(error * self._gain / 1000)
+        # Of the magnitude, as in the firmware: so both directions round alike.
         beyond = (abs(error) - threshold) * self._high_gain
-        voltage = min((threshold * self._gain + beyond) // 1000, MAX_VOLTAGE_MV)
+        voltage = (threshold * self._gain + beyond) // 1000
+        voltage = min(voltage, MAX_VOLTAGE_MV)
         return voltage if error > 0 else -voltage
 
     def update(self, time: int, angle: int, voltage_mv: int) -> None:
@@ -238,23 +266,26 @@ class Observer:
         self.measured_speed = (angle - history[_WINDOW_START]) * 10
         speed = self.speed
         feedback = self.feedback_mv(angle)
+        # The motor stalls if the model runs ahead, so that the feedback pulls it back; if it is
+        # slow in the direction of the voltage; and if the feedback is large, by itself and for
+        # the voltage. The first condition is false in nearly all steps.
         if (
             voltage_mv * feedback < 0
             and (speed if voltage_mv > 0 else -speed) < self._stall_speed
             and abs(feedback) * 100 > abs(voltage_mv) * self._stall_ratio_pct
             and abs(voltage_mv) > self._negligible_mv
         ):
-            self.stalled_since = time if self.stalled_since is None else self.stalled_since
+            if self.stalled_since is None:
+                self.stalled_since = time
         else:
             self.stalled_since = None
+        # The model gets the applied voltage and the feedback, which keeps it at the real motor.
         voltage = voltage_mv + feedback
-        voltage = (
-            MAX_VOLTAGE_MV
-            if voltage > MAX_VOLTAGE_MV
-            else -MAX_VOLTAGE_MV
-            if voltage < -MAX_VOLTAGE_MV
-            else voltage
-        )
+        if voltage > MAX_VOLTAGE_MV:
+            voltage = MAX_VOLTAGE_MV
+        elif voltage < -MAX_VOLTAGE_MV:
+            voltage = -MAX_VOLTAGE_MV
+        # Dry friction, against the motion.
         cutoff = self._friction_cutoff
         if -cutoff <= speed <= cutoff:
             slip, friction, drop = self._friction(trunc(abs(speed) * self._friction_unm / cutoff))
@@ -264,6 +295,7 @@ class Observer:
             slip = -slip
             friction = -friction
             drop = -drop
+        # x(k+1) = A x(k) + B u(k), each product truncated on its own.
         ps = PRESCALE_SPEED * speed
         pc = PRESCALE_CURRENT * self.current
         pv = PRESCALE_VOLTAGE * voltage
@@ -271,22 +303,19 @@ class Observer:
         self.angle += trunc(ps / a0) + trunc(pc / a1) + trunc(pv / a2) + slip
         next_speed = trunc(ps / s0) + trunc(pc / s1) + trunc(pv / s2) + friction
         current = trunc(ps / c0) + trunc(pc / c1) + trunc(pv / c2) + drop
+        # Friction brakes to rest, not beyond.
         if (speed < 0) is not (next_speed < 0):
-            next_speed -= friction  # friction brakes to rest, not beyond
-        self.speed = (
-            MAX_SPEED
-            if next_speed > MAX_SPEED
-            else -MAX_SPEED
-            if next_speed < -MAX_SPEED
-            else next_speed
-        )
-        self.current = (
-            MAX_CURRENT
-            if current > MAX_CURRENT
-            else -MAX_CURRENT
-            if current < -MAX_CURRENT
-            else current
-        )
+            next_speed -= friction
+        if next_speed > MAX_SPEED:
+            next_speed = MAX_SPEED
+        elif next_speed < -MAX_SPEED:
+            next_speed = -MAX_SPEED
+        self.speed = next_speed
+        if current > MAX_CURRENT:
+            current = MAX_CURRENT
+        elif current < -MAX_CURRENT:
+            current = -MAX_CURRENT
+        self.current = current
 
     def _friction(self, torque_unm: int) -> tuple[int, int, int]:
         """Changes of angle, speed and current by a torque against the motion."""
@@ -297,10 +326,14 @@ class Observer:
     def window_speed(self, window_ms: int) -> int:
         """Mean measured speed over a window, mdeg/s. Raises ValueError for one shorter than a tick
         or longer than 300 ms."""
-        ticks = (window_ms + 2) // 5 & 0xFF  # in eight bits
+        # Rounded to steps of 5 ms, of which the firmware keeps eight bits.
+        ticks = (window_ms + 2) // 5 & 0xFF
         if not 1 <= ticks <= _HISTORY:
             raise RefusedError("the window is out of range")
-        return trunc((self.history[-1] - self.history[-1 - ticks]) * 1000 / (ticks * 5))
+        turned_mdeg = self.history[-1] - self.history[-1 - ticks]
+        return trunc(turned_mdeg * 1000 / (ticks * 5))
 
     def is_stalled(self, time: int) -> bool:
-        return self.stalled_since is not None and time - self.stalled_since > self._stall_time
+        if self.stalled_since is None:
+            return False
+        return time - self.stalled_since > self._stall_time

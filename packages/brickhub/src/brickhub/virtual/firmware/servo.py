@@ -10,12 +10,13 @@ from brickhub.virtual.body import Body
 from brickhub.virtual.firmware import RefusedError, UnavailableError
 from brickhub.virtual.firmware.angle import Angle, difference, from_unit, split, to_mdeg, to_unit
 from brickhub.virtual.firmware.control import Controller, ControlType, Logger, OnCompletion, State
-from brickhub.virtual.firmware.motor_model import MOTOR_TYPES, Observer
-from brickhub.virtual.firmware.settings import ControlSettings, servo_settings
+from brickhub.virtual.firmware.motor_model import MOTOR_TYPES, MotorType, Observer
+from brickhub.virtual.firmware.settings import ControlSettings
 from brickhub.virtual.firmware.trajectory import TURN_MDEG
 
 _NONE = ControlType.NONE
 _VOLTAGE = 2
+"""Code of a voltage in a motor's log (``PBIO_DCMOTOR_ACTUATION_VOLTAGE``)."""
 
 
 class Clock(Protocol):
@@ -53,7 +54,9 @@ class Servo:
         self.clock = clock
         self.type = MOTOR_TYPES[kind]
         self._drive_mv = self.type.model.drive_mv
-        self.is_taken = self.is_plain = self._is_updated = False
+        self.is_taken = False
+        self.is_plain = False
+        self._is_updated = False
         self.parent: Parent | None = None
         self.direction = 1
         self._set_zero((0, 0))
@@ -87,11 +90,12 @@ class Servo:
         """Take the motor into use; ``gear_ratio_milli`` is 1000 times the motor's turns for one of
         the output. Raises OSError (EBUSY) if it is in use, ValueError if the gear ratio or the
         profile is out of range."""
+        # In the firmware's order: a setup that is refused below has already ended the control
+        # loop, and moved the zero.
         self._is_updated = False
         if reset_angle:
-            self._set_zero(
-                difference(split(self.body.angle_mdeg(self.port)), (0, self._absolute_mdeg()))
-            )
+            measured = split(self.body.angle_mdeg(self.port))
+            self._set_zero(difference(measured, (0, self._absolute_mdeg())))
         if self.is_taken:
             raise UnavailableError(errno.EBUSY, "the motor is in use already")
         self.set_voltage(None)
@@ -133,12 +137,14 @@ class Servo:
 
     def angle(self) -> Angle:
         """:meth:`position` as the firmware stores it."""
-        turns, mdeg = difference(split(self.body.angle_mdeg(self.port)), self._zero)
+        measured = split(self.body.angle_mdeg(self.port))
+        turns, mdeg = difference(measured, self._zero)
         return turns * self.direction, mdeg * self.direction
 
     def state(self) -> State:
         observer = self.observer
-        return State(self.position(), observer.measured_speed, observer.speed, observer.angle)
+        position = self.position()
+        return State(position, observer.measured_speed, observer.speed, observer.angle)
 
     def angle_deg(self) -> int:
         self.check_open()
@@ -160,6 +166,7 @@ class Servo:
         if not self._is_updated:
             return None, None, None, self.voltage_mv
         position = self.observer.history[-1]
+        # + 0.0 turns -0.0 into 0.0, which a log should show.
         angle_deg = round(position / self.settings.steps_per_unit, 3) + 0.0
         return angle_deg, self.speed_deg_s(), self._load_mnm(position), self.voltage_mv
 
@@ -170,12 +177,17 @@ class Servo:
         self.check_open()
         if self.control.is_active:
             return self.control.is_stalled
-        return self.voltage_mv is not None and self.observer.is_stalled(self.clock.time_ticks)
+        # Without a controller, as after dc(), only the observer can tell: its model runs ahead.
+        # It knows no motor that coasts.
+        if self.voltage_mv is None:
+            return False
+        return self.observer.is_stalled(self.clock.time_ticks)
 
     # ---- commands
 
     def reset_angle(self, angle_deg: int | None) -> None:
         """Set the angle, with ``None`` to the absolute angle of the shaft. A running move stops."""
+        # What the motor did is remembered first, as stopping it clears all of this.
         was_active = self.control.is_active
         then = self.control.on_completion
         voltage = self.voltage_mv
@@ -186,13 +198,12 @@ class Servo:
             mdeg = self._absolute_mdeg() * self.direction
         else:
             turns, mdeg = from_unit(angle_deg, self.settings.steps_per_unit)
-        self._set_zero(
-            difference(
-                split(self.body.angle_mdeg(self.port)),
-                (turns * self.direction, mdeg * self.direction),
-            )
-        )
+        measured = split(self.body.angle_mdeg(self.port))
+        clockwise = turns * self.direction, mdeg * self.direction
+        self._set_zero(difference(measured, clockwise))
         self.observer.reset(to_mdeg((turns, mdeg)))
+        # A motor that held goes on holding where it is now; one that was driven by a voltage
+        # gets it again.
         if was_active:
             self.stop(then)
         elif voltage is not None:
@@ -201,7 +212,9 @@ class Servo:
     def dc(self, duty_pct: int) -> None:
         """Apply a percentage of the battery voltage, -100..100."""
         self._end_control()
-        self.set_voltage(trunc(max(-100, min(100, duty_pct)) * self.body.battery_mv / 100))
+        duty_pct = max(-100, min(100, duty_pct))
+        voltage_mv = trunc(duty_pct * self.body.battery_mv / 100)
+        self.set_voltage(voltage_mv)
 
     def coast(self) -> None:
         self._end_control()
@@ -215,13 +228,12 @@ class Servo:
         """End the running move: hold at its reference, or become passive."""
         self._take_over()
         if then.is_active:
+            # A running move holds at its reference, from which the motor may lag behind: it does
+            # not jerk back.
             state = self.state()
-            is_active = self.control.is_active
-            target = (
-                self.control.reference(self.clock.time_ticks, state).position
-                if is_active
-                else state.position
-            )
+            target = state.position
+            if self.control.is_active:
+                target = self.control.reference(self.clock.time_ticks, state).position
             self.track_target(self.settings.position_to_unit(target))
             return
         self.control.stop()
@@ -229,14 +241,15 @@ class Servo:
 
     def run(self, speed: int) -> None:
         self._take_over()
-        self.control.start_forever(
-            self.clock.time_ticks, self.state(), self.settings.from_unit(speed)
-        )
+        control_speed = self.settings.from_unit(speed)
+        self.control.start_forever(self.clock.time_ticks, self.state(), control_speed)
 
     def run_time(self, speed: int, time_ms: int, then: OnCompletion) -> None:
         self._take_over()
+        duration_ticks = time_ms * 10
+        control_speed = self.settings.from_unit(speed)
         self.control.start_timed(
-            self.clock.time_ticks, self.state(), time_ms * 10, self.settings.from_unit(speed), then
+            self.clock.time_ticks, self.state(), duration_ticks, control_speed, then
         )
 
     def run_until_stalled(
@@ -252,36 +265,46 @@ class Servo:
             raise RefusedError("a stalled motor cannot continue")
         limit = self.settings.max_torque if limit_unm is None else limit_unm
         if duty_limit_pct is not None:
-            limit = self.type.model.torque_unm(trunc(duty_limit_pct * self.body.battery_mv / 100))
+            # The torque of a motor at rest at this share of the battery's voltage.
+            limit_mv = trunc(duty_limit_pct * self.body.battery_mv / 100)
+            limit = self.type.model.torque_unm(limit_mv)
         self._take_over()
-        speed = self.settings.from_unit(speed)
+        control_speed = self.settings.from_unit(speed)
+        # Motors on a bench turn freely, so such a run would never end.
         if isinstance(self.body, FittedBench):
-            self.body.block(self.port, self.direction if speed > 0 else -self.direction)
-        self.control.start_until_stalled(self.clock.time_ticks, self.state(), speed, limit, then)
+            clockwise = self.direction if control_speed > 0 else -self.direction
+            self.body.block(self.port, clockwise)
+        self.control.start_until_stalled(
+            self.clock.time_ticks, self.state(), control_speed, limit, then
+        )
 
     def run_angle(self, speed: int, angle: int, then: OnCompletion) -> None:
         """Run by an angle; a negative speed reverses it, at speed 0 the motor stays."""
         self._take_over()
         s = self.settings
-        distance = ((speed > 0) - (speed < 0)) * angle * s.steps_per_unit
+        sign = (speed > 0) - (speed < 0)
+        distance = sign * angle * s.steps_per_unit
         self.control.start_relative(
             self.clock.time_ticks, self.state(), distance, s.from_unit(speed), then
         )
 
     def run_target(self, speed: int, target: int, then: OnCompletion) -> None:
         """Run to an angle at the magnitude of the speed; at speed 0 the motor stays."""
+        # The controller takes speed 0 for its default speed.
         if speed == 0:
             self.run_angle(0, 0, then)
             return
         self._take_over()
         s = self.settings
+        target_position = target * s.steps_per_unit
         self.control.start_position(
-            self.clock.time_ticks, self.state(), target * s.steps_per_unit, s.from_unit(speed), then
+            self.clock.time_ticks, self.state(), target_position, s.from_unit(speed), then
         )
 
     def track_target(self, target: int) -> None:
         self._take_over()
-        self.control.start_hold(self.clock.time_ticks, target * self.settings.steps_per_unit)
+        position = target * self.settings.steps_per_unit
+        self.control.start_hold(self.clock.time_ticks, position)
 
     # ---- the loop
 
@@ -290,10 +313,13 @@ class Servo:
         if not self._is_updated:
             return
         time = self.clock.time_ms * 10
+        # As position(), without the call: the hot loop of every virtual robot.
         position = (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self.direction
         control = self.control
         observer = self.observer
         torque = speed = acceleration = 0
+        # As in ``pbio_servo_update``: the controller sees the observer's estimate of the last
+        # step, and the observer then predicts with the voltage of this one.
         if control.type is not _NONE:
             torque, speed, acceleration, passive, _ = control.update(
                 time, position, observer.measured_speed, observer.speed
@@ -305,7 +331,8 @@ class Servo:
             if control.log.is_active:
                 control.log_row(self.clock.time_ms, self.state(), torque, passive)
         if self.log.is_active:
-            self._log_row(position, torque, self.type.model.feedforward_unm(speed, acceleration))
+            feedforward = self.type.model.feedforward_unm(speed, acceleration)
+            self._log_row(position, torque, feedforward)
         observer.update(time, position, self.voltage_mv or 0)
 
     def actuate(self, torque_unm: int, speed: int, acceleration: int) -> None:
@@ -321,22 +348,31 @@ class Servo:
             self.body.set_voltage(self.port, None)
             return
         limit = self.max_voltage_mv
-        self.voltage_mv = voltage_mv = (
-            limit if voltage_mv > limit else -limit if voltage_mv < -limit else voltage_mv
-        )
+        if voltage_mv > limit:
+            voltage_mv = limit
+        elif voltage_mv < -limit:
+            voltage_mv = -limit
+        self.voltage_mv = voltage_mv
         self.body.set_voltage(self.port, voltage_mv * self.direction)
 
     def _log_row(self, position: int, feedback_unm: int, feedforward_unm: int) -> None:
         s = self.settings
         observer = self.observer
-        measured = s.position_to_unit(position), s.to_unit(observer.measured_speed)
-        actuation = (0 if self.voltage_mv is None else _VOLTAGE) | self.is_stalled() << 2
-        estimated = s.position_to_unit(observer.angle), s.to_unit(observer.speed)
-        torques = feedback_unm, feedforward_unm, observer.feedback_mv(position)
-        time_ms = self.clock.time_ms
-        time_ticks = self.clock.time_ticks
+        # The firmware packs the kind of actuation and the stall flag into one column.
+        actuation = 0 if self.voltage_mv is None else _VOLTAGE
+        actuation |= self.is_stalled() << 2
         self.log.add(
-            time_ms, time_ticks, *measured, actuation, self.voltage_mv or 0, *estimated, *torques
+            self.clock.time_ms,
+            self.clock.time_ticks,
+            s.position_to_unit(position),
+            s.to_unit(observer.measured_speed),
+            actuation,
+            self.voltage_mv or 0,
+            s.position_to_unit(observer.angle),
+            s.to_unit(observer.speed),
+            feedback_unm,
+            feedforward_unm,
+            observer.feedback_mv(position),
         )
 
     def _take_over(self) -> None:
@@ -354,14 +390,53 @@ class Servo:
     def _load_mnm(self, position: int) -> int:
         if self.voltage_mv is None:
             return 0
+        # What the controller exerts balances the load, on average; without one, what the
+        # observer's feedback would have to add to its model does.
         if self.control.is_active:
             return trunc(-self.control.pid_average / 1000)
-        return trunc(self.type.model.torque_unm(self.observer.feedback_mv(position)) / 1000)
+        feedback_mv = self.observer.feedback_mv(position)
+        return trunc(self.type.model.torque_unm(feedback_mv) / 1000)
 
     def _absolute_mdeg(self) -> int:
         """Absolute angle of the shaft, clockwise, -180..180 degrees."""
-        return (self.body.angle_mdeg(self.port) + TURN_MDEG // 2) % TURN_MDEG - TURN_MDEG // 2
+        half_turn = TURN_MDEG // 2
+        return (self.body.angle_mdeg(self.port) + half_turn) % TURN_MDEG - half_turn
 
     def _set_zero(self, zero: Angle) -> None:
+        # Both forms: the loop computes in mdeg, and what a program reads is rounded by parts.
         self._zero = zero
         self._zero_mdeg = to_mdeg(zero)
+
+
+def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) -> ControlSettings:
+    """The firmware's settings of a single motor. Raises ValueError for a gear ratio under 1/1000 or
+    a profile under 5 degrees."""
+    precision_deg = profile_deg or motor.precision_deg
+    if gear_ratio_milli < 1 or precision_deg < 5:
+        raise RefusedError("the gear ratio or the profile is out of range")
+    # The proportional part reaches the nominal torque at an error as large as the precision. The
+    # differential part goes by the motor's own precision, whatever the profile.
+    nominal_mv = min(motor.max_voltage_mv, 7500)
+    nominal_torque = motor.model.torque_unm(nominal_mv)
+    speed = motor.max_speed_deg_s * 1000
+    return ControlSettings(
+        steps_per_unit=gear_ratio_milli,
+        max_speed=speed,
+        default_speed=speed,
+        acceleration=2_000_000,
+        deceleration=2_000_000,
+        max_torque=motor.model.torque_unm(motor.max_voltage_mv),
+        kp=nominal_torque // precision_deg,
+        ki=nominal_torque // precision_deg // 2,
+        kd=nominal_torque // motor.precision_deg // 8,
+        kp_low_pct=50,
+        kp_low_error=5_000,
+        kp_low_speed=motor.low_kp_speed_deg_s * 1000,
+        integral_deadzone=8_000,
+        integral_rate=15_000,
+        speed_tolerance=50_000,
+        position_tolerance=precision_deg * 1000,
+        stall_speed=20_000,
+        stall_time=2_000,
+        smart_hold_time=1_000,
+    )

@@ -7,8 +7,10 @@ from math import trunc
 
 from brickhub.virtual.firmware import RefusedError
 from brickhub.virtual.firmware.angle import split, to_unit
-from brickhub.virtual.firmware.motor_model import MAX_TORQUE_UNM, MotorType
 from brickhub.virtual.firmware.trajectory import INT32_MAX, validate_acceleration, validate_speed
+
+MAX_TORQUE_UNM = 1_000_000
+"""Largest torque of the firmware's models, and of a limit (``pbio/doc/control/model.py``)."""
 
 
 @dataclass(slots=True)
@@ -57,13 +59,17 @@ class ControlSettings:
         return to_unit(split(position), self.steps_per_unit)
 
     def from_unit(self, value: int) -> int:
+        """A speed or a small angle in control units, saturated to 32 bits."""
         return max(-INT32_MAX, min(INT32_MAX, value * self.steps_per_unit))
 
     def limits(self) -> tuple[int, int, int, int]:
         """Speed, acceleration and deceleration in the program's units, torque in mNm."""
-        acceleration = self.to_unit(self.acceleration)
-        deceleration = self.to_unit(self.deceleration)
-        return self.to_unit(self.max_speed), acceleration, deceleration, self.max_torque // 1000
+        return (
+            self.to_unit(self.max_speed),
+            self.to_unit(self.acceleration),
+            self.to_unit(self.deceleration),
+            self.max_torque // 1000,
+        )
 
     def set_limits(self, speed: int, acceleration: int, deceleration: int, torque_mnm: int) -> None:
         """Set what :meth:`limits` returns. Raises ValueError for a value out of range; if only the
@@ -72,44 +78,53 @@ class ControlSettings:
         validate_acceleration(self.steps_per_unit, acceleration)
         validate_acceleration(self.steps_per_unit, deceleration)
         self.max_speed = self.from_unit(speed)
-        self.acceleration, self.deceleration = (
-            self.from_unit(acceleration),
-            self.from_unit(deceleration),
-        )
+        self.acceleration = self.from_unit(acceleration)
+        self.deceleration = self.from_unit(deceleration)
+        # The torque comes last, as in the firmware: a program that is refused it keeps the rest.
         if not 1 <= torque_mnm <= MAX_TORQUE_UNM // 1000:
             raise RefusedError("the torque limit is out of range")
         self.max_torque = torque_mnm * 1000
+        # The errors at which the controller saturates depend on it.
         self.__post_init__()
 
     def group(self, name: str) -> tuple[int, ...]:
         """Settings of one of ``_GROUPS``, as a program sees them: gains in control units, times in
         ms."""
-        return tuple(
-            trunc(getattr(self, setting) / self._steps(kind))
-            for setting, kind in _GROUPS[name].items()
-        )
+        values = []
+        for setting, kind in _GROUPS[name].items():
+            control_value = getattr(self, setting)
+            values.append(trunc(control_value / self._steps(kind)))
+        return tuple(values)
 
     def set_group(self, name: str, values: Iterable[int]) -> None:
         """Set what :meth:`group` returns. Raises ValueError for a value out of range."""
-        rows = [(*row, value) for row, value in zip(_GROUPS[name].items(), values, strict=True)]
-        for _, kind, value in rows:
+        kinds = _GROUPS[name]
+        new_values = dict(zip(kinds, values, strict=True))
+        # All are checked before any is set, so that a refusal changes nothing.
+        for setting, value in new_values.items():
+            kind = kinds[setting]
+            high = INT32_MAX // self._steps(kind)
             if kind == "speed":
                 validate_speed(self.steps_per_unit, value)
-            elif kind in ("gain", "position") and not 0 <= value <= INT32_MAX // self._steps(kind):
+            elif kind in ("gain", "position") and not 0 <= value <= high:
                 raise RefusedError(f"the {kind} is out of range")
-        for setting, kind, value in rows:
-            setattr(
-                self,
-                setting,
-                self.from_unit(value)
-                if kind in ("speed", "position")
-                else value * self._steps(kind),
-            )
+        for setting, value in new_values.items():
+            kind = kinds[setting]
+            if kind in ("speed", "position"):
+                setattr(self, setting, self.from_unit(value))
+            else:
+                setattr(self, setting, value * self._steps(kind))
+        # The errors at which the controller saturates depend on the gains.
         self.__post_init__()
 
     def _steps(self, kind: str) -> int:
         """Control units of one unit of a program."""
-        return {"gain": 1, "time": 10}.get(kind, self.steps_per_unit)
+        if kind == "gain":
+            return 1
+        # ms to ticks of 0.1 ms
+        if kind == "time":
+            return 10
+        return self.steps_per_unit
 
 
 _GROUPS = {
@@ -131,37 +146,6 @@ def divide_by_gain(torque: int, gain: int) -> int:
     return trunc(torque * 1000 / gain) if gain > 0 else 0
 
 
-def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) -> ControlSettings:
-    """The firmware's settings of a single motor. Raises ValueError for a gear ratio under 1/1000 or
-    a profile under 5 degrees."""
-    precision_deg = profile_deg or motor.precision_deg
-    if gear_ratio_milli < 1 or precision_deg < 5:
-        raise RefusedError("the gear ratio or the profile is out of range")
-    nominal_torque = motor.model.torque_unm(min(motor.max_voltage_mv, 7500))
-    speed = motor.max_speed_deg_s * 1000
-    return ControlSettings(
-        steps_per_unit=gear_ratio_milli,
-        max_speed=speed,
-        default_speed=speed,
-        acceleration=2_000_000,
-        deceleration=2_000_000,
-        max_torque=motor.model.torque_unm(motor.max_voltage_mv),
-        kp=nominal_torque // precision_deg,
-        ki=nominal_torque // precision_deg // 2,
-        kd=nominal_torque // motor.precision_deg // 8,
-        kp_low_pct=50,
-        kp_low_error=5_000,
-        kp_low_speed=motor.low_kp_speed_deg_s * 1000,
-        integral_deadzone=8_000,
-        integral_rate=15_000,
-        speed_tolerance=50_000,
-        position_tolerance=precision_deg * 1000,
-        stall_speed=20_000,
-        stall_time=2_000,
-        smart_hold_time=1_000,
-    )
-
-
 def drive_base_settings(
     left: ControlSettings, right: ControlSettings
 ) -> tuple[ControlSettings, ControlSettings]:
@@ -171,11 +155,15 @@ def drive_base_settings(
     def of_both(choose: Callable[[int, int], int], *names: str) -> dict[str, int]:
         return {name: choose(getattr(left, name), getattr(right, name)) for name in names}
 
+    # What both motors can do: the lower limits and gains, the wider dead zone, the longer hold.
     weaker = of_both(
         min, "max_speed", "kd", "integral_rate", "speed_tolerance", "stall_speed", "stall_time"
     )
     weaker |= of_both(max, "integral_deadzone", "smart_hold_time")
-    kp = min(left.kp, right.kp) * min(left.kp_low_pct, right.kp_low_pct) // 100
+    # The lower gain of both, so that neither motor is controlled too harshly, the reduced one for
+    # all errors.
+    kp = min(left.kp, right.kp)
+    kp = kp * min(left.kp_low_pct, right.kp_low_pct) // 100
     max_torque = min(left.max_torque, right.max_torque)
 
     def settings(default_speed: int, torque: int) -> ControlSettings:
@@ -197,4 +185,6 @@ def drive_base_settings(
     # Default speed: 40 % of the maximum ahead, 33 % in turns. Twice the torque, so that a saturated
     # heading wins.
     max_speed = weaker["max_speed"]
-    return settings(max_speed * 10 // 25, max_torque), settings(max_speed // 3, max_torque * 2)
+    distance = settings(max_speed * 10 // 25, max_torque)
+    heading = settings(max_speed // 3, max_torque * 2)
+    return distance, heading

@@ -1,7 +1,10 @@
 """Reference trajectories: speed up, cruise, slow down, each with constant acceleration.
 
 Speeds inside this module are in ddeg/s and accelerations in deg/s2, for the same rounding as in the
-firmware.
+firmware (``pbio/trajectory.c``, v4). The names of its variables are the firmware's: ``t`` is a time
+since the start in ticks of 0.1 ms, ``th`` an angle since the start in mdeg, ``w`` a speed, ``a`` an
+acceleration. A factor such as 100 or 1000 in a formula converts between these units: ddeg/s times
+ticks is a hundredth of a mdeg, deg/s2 times ticks a thousandth of a ddeg/s.
 """
 
 import math
@@ -12,14 +15,18 @@ from typing import NamedTuple
 from brickhub.virtual.firmware import InfeasibleMoveError, RefusedError
 
 FOREVER_MS = 60_000
+"""Length of a move without an end: a minute, after which the last speed goes on."""
+TURN_MDEG = 360_000
+INT32_MAX = 2**31 - 1
+# An angle takes half of 32 bits, so that a sum or a difference of two still fits.
 _ANGLE_MAX_MDEG = (2**31 - 1) // 2
+# Limits of any command, in deg/s and deg/s2 at the motor, times the scales of this module.
 _SPEED_MAX = 20_000
 _ACCELERATION_MIN = 50
 _ACCELERATION_MAX = 20_000
+# Ticks for which even the fastest move stays within the largest angle.
 _TIME_MAX = _ANGLE_MAX_MDEG // (_SPEED_MAX * 100) * 10_000
-TURN_MDEG = 360_000
 _TURNS_MAX = _ANGLE_MAX_MDEG // TURN_MDEG - 1
-INT32_MAX = 2**31 - 1
 
 
 class TrajectoryCommand(NamedTuple):
@@ -52,7 +59,8 @@ class TrajectoryReference(NamedTuple):
 class Trajectory:
     """Three phases: until t1 with a0, until t2 at speed w1, until t3 with a2, then at speed w3.
 
-    ``wu`` is the requested speed, whether reached or not.
+    ``wu`` is the requested speed, whether reached or not. Times and angles count from the start, at
+    ``time`` and ``position``, where the speed is ``w0``.
     """
 
     __slots__ = (
@@ -86,6 +94,8 @@ class Trajectory:
     def last_vertex(self, time: int) -> TrajectoryReference:
         """Start of the phase at a time."""
         t = time - self.time
+        # A trajectory without a first ramp still begins at its start: the firmware takes the
+        # moment 0 into the first phase even where that has no length.
         if t < self.t1 or t == self.t1 == 0:
             return self._point(0, 0, self.w0, 0)
         if t < self.t2:
@@ -101,26 +111,33 @@ class Trajectory:
     def at(self, time: int) -> tuple[int, int, int]:
         """Position, speed and acceleration at a time, without the cost of a
         :class:`TrajectoryReference`."""
+        # Written out, without the small functions below: this runs in each control step of each
+        # motor. Each product is truncated on its own, in the firmware's order.
         t = time - self.time
         if t < self.t1 or t == self.t1 == 0:
             a = self.a0
             gain = trunc(a * t / 1000)
-            th = trunc(self.w0 * t / 100) + trunc(trunc(gain * t / 100) / 2)
+            th = trunc(self.w0 * t / 100)
+            th += trunc(trunc(gain * t / 100) / 2)
             return self.position + th, (self.w0 + gain) * 100, a * 1000
         if t < self.t2:
             w = self.w1
-            return self.position + self.th1 + trunc(w * (t - self.t1) / 100), w * 100, 0
+            th = self.th1 + trunc(w * (t - self.t1) / 100)
+            return self.position + th, w * 100, 0
         if t < self.t3:
             t -= self.t2
             a = self.a2
             w = self.w1
             gain = trunc(a * t / 1000)
-            th = self.th2 + trunc(w * t / 100) + trunc(trunc(gain * t / 100) / 2)
+            th = self.th2 + trunc(w * t / 100)
+            th += trunc(trunc(gain * t / 100) / 2)
             return self.position + th, (w + gain) * 100, a * 1000
         w = self.w3
+        # The usual end, where a motor holds: no multiplication by zero.
         if not w:
             return self.position + self.th3, 0, 0
-        return self.position + self.th3 + trunc(w * (t - self.t3) / 100), w * 100, 0
+        th = self.th3 + trunc(w * (t - self.t3) / 100)
+        return self.position + th, w * 100, 0
 
     def stretch(self, leader: "Trajectory") -> None:
         """Cover the same angle with the phases of a longer trajectory, so that both end
@@ -131,21 +148,29 @@ class Trajectory:
         if self.t3 == 0:
             self.end = self._endpoint()
             return
+        # The speed is a trapezoid over time, whose area is the angle. Times, angle, w0 and w3 are
+        # given, so twice the area gives its height, w1.
         braking = self.t3 - self.t2
-        angle = 2 * self.th3 - _angle(self.w0, self.t1) - _angle(self.w3, braking)
+        angle_of_w0 = _angle(self.w0, self.t1)
+        angle_of_w3 = _angle(self.w3, braking)
+        angle = 2 * self.th3 - angle_of_w0 - angle_of_w3
         duration = self.t3 + self.t2 - self.t1
         # An angle that would overflow 32 bits loses digits first, as in the firmware.
-        self.w1 = (
-            trunc(angle * 100 / duration)
-            if abs(angle) < INT32_MAX // 100
-            else trunc(angle / duration) * 100
-        )
-        self.a0 = trunc((self.w1 - self.w0) * 1000 / self.t1) if self.t1 else 0
-        self.a2 = trunc((self.w3 - self.w1) * 1000 / braking) if braking else 0
+        if abs(angle) < INT32_MAX // 100:
+            self.w1 = trunc(angle * 100 / duration)
+        else:
+            self.w1 = trunc(angle / duration) * 100
+        # The accelerations follow from w1, before w3 is overwritten.
+        self.a0 = 0
+        if self.t1:
+            self.a0 = trunc((self.w1 - self.w0) * 1000 / self.t1)
+        self.a2 = 0
+        if braking:
+            self.a2 = trunc((self.w3 - self.w1) * 1000 / braking)
         self.w3 = 0 if braking else self.w1
-        self.th1 = _angle(self.w0, self.t1) + trunc(
-            _angle(_speed_gain(self.a0, self.t1), self.t1) / 2
-        )
+        speed_gain = _speed_gain(self.a0, self.t1)
+        angle_gain = trunc(_angle(speed_gain, self.t1) / 2)
+        self.th1 = angle_of_w0 + angle_gain
         self.th2 = self.th1 + _angle(self.w1, self.t2 - self.t1)
         self.end = self._endpoint()
 
@@ -172,13 +197,15 @@ def to_angle(command: TrajectoryCommand) -> Trajectory:
     ValueError if the angle or its duration is too long, InfeasibleMoveError if rounding leaves no
     trajectory."""
     distance = command.end - command.position
-    if (abs(distance) - 1) // TURN_MDEG >= _TURNS_MAX:
+    turns = (abs(distance) - 1) // TURN_MDEG
+    if turns >= _TURNS_MAX:
         raise RefusedError("the angle is too large for one move")
     if command.target_speed == 0 or distance == 0:
         return Trajectory(command.time, command.position)
-    return _built(
-        command._replace(end=command.position + abs(distance)), distance < 0, _forward_angle
-    )
+    # Every move is computed forward and mirrored if need be: then only one sign of each square
+    # root and of each comparison has to be right.
+    forward = command._replace(end=command.position + abs(distance))
+    return _built(forward, distance < 0, _forward_angle)
 
 
 def for_time(command: TrajectoryCommand) -> Trajectory:
@@ -186,7 +213,8 @@ def for_time(command: TrajectoryCommand) -> Trajectory:
     InfeasibleMoveError if rounding leaves no trajectory, as with almost equal accelerations."""
     if command.duration == 0:
         return Trajectory(command.time, command.position)
-    return _built(command, command.target_speed < 0, _forward_time)
+    is_backward = command.target_speed < 0
+    return _built(command, is_backward, _forward_time)
 
 
 def _built(
@@ -194,15 +222,16 @@ def _built(
 ) -> Trajectory:
     """The trajectory of a command, built forward."""
     speed = -command.speed if backward else command.speed
-    trajectory = build(
-        command._replace(
-            target_speed=min(abs(command.target_speed), command.max_speed), speed=speed
-        )
-    )
+    target_speed = min(abs(command.target_speed), command.max_speed)
+    forward = command._replace(target_speed=target_speed, speed=speed)
+    trajectory = build(forward)
+    # Integers may round a phase to a negative length. The firmware looks at the times of both
+    # kinds of commands, and at the angles only where they were the goal.
+    times_are_ordered = 0 <= trajectory.t1 <= trajectory.t2 <= trajectory.t3
     angles_are_ordered = (
         build is _forward_time or trajectory.th1 <= trajectory.th2 <= trajectory.th3
     )
-    if not (0 <= trajectory.t1 <= trajectory.t2 <= trajectory.t3 and angles_are_ordered):
+    if not (times_are_ordered and angles_are_ordered):
         raise InfeasibleMoveError("the phases of the move are not in order")
     if backward:
         trajectory._mirror()
@@ -212,7 +241,9 @@ def _built(
 
 def validate_speed(steps_per_unit: int, speed: int) -> None:
     """Raise ValueError for a speed limit that the firmware refuses."""
-    if not 100 * 100 // steps_per_unit <= speed <= _SPEED_MAX * 100 // steps_per_unit:
+    low = 100 * 100 // steps_per_unit
+    high = _SPEED_MAX * 100 // steps_per_unit
+    if not low <= speed <= high:
         raise RefusedError("the speed limit is out of range")
 
 
@@ -222,6 +253,10 @@ def validate_acceleration(steps_per_unit: int, acceleration: int) -> None:
     high = _ACCELERATION_MAX * 1000 // steps_per_unit
     if not low <= acceleration <= high:
         raise RefusedError("the acceleration limit is out of range")
+
+
+# The firmware's formulas (its ``mul_a_by_t``, ``mul_w_by_t``, ``div_w2_by_a``, ``div_w_by_a`` and
+# ``bind_w0``), each with one truncation at its end.
 
 
 def _speed_gain(a: int, t: int) -> int:
@@ -234,7 +269,10 @@ def _angle(w: int, t: int) -> int:
 
 def _ramp_angle(w_end: int, w_start: int, a: int) -> int:
     """Angle turned while the speed changes."""
-    return trunc((w_end * w_end - w_start * w_start) * 5 / a)
+    change_of_square = w_end * w_end - w_start * w_start
+    # 5 is the half of the formula, times 10 for the units: the square of a ddeg/s by a deg/s2 is
+    # a hundredth of a degree, which is 10 mdeg.
+    return trunc(change_of_square * 5 / a)
 
 
 def _ramp_time(w: int, a: int) -> int:
@@ -243,48 +281,82 @@ def _ramp_time(w: int, a: int) -> int:
 
 def _start_speed(w_end: int, a: int, th: int) -> int:
     """Speed from which ``a`` leads to ``w_end`` within an angle."""
-    return math.isqrt(max(0, w_end * w_end + trunc(a * th / 5)))
+    square = w_end * w_end + trunc(a * th / 5)
+    # Rounding may put the square a little below zero.
+    return math.isqrt(max(0, square))
 
 
 def _start(command: TrajectoryCommand) -> tuple[Trajectory, int, int, int]:
     """A trajectory with its given speeds, then target speed, acceleration and deceleration."""
     trajectory = Trajectory(command.time, command.position)
-    speeds = (trunc(speed / 100) for speed in (command.target_speed, command.speed))
-    target, trajectory.w0 = (max(-_SPEED_MAX, min(_SPEED_MAX, speed)) for speed in speeds)
+    target = _bounded_speed(command.target_speed)
+    trajectory.w0 = _bounded_speed(command.speed)
     trajectory.wu = target
     trajectory.w3 = target if command.keep_running else 0
-    rates = (trunc(rate / 1000) for rate in (command.acceleration, command.deceleration))
-    acceleration, deceleration = (
-        max(_ACCELERATION_MIN, min(_ACCELERATION_MAX, rate)) for rate in rates
-    )
+    acceleration = _bounded_acceleration(command.acceleration)
+    deceleration = _bounded_acceleration(command.deceleration)
     return trajectory, target, acceleration, deceleration
 
 
+def _bounded_speed(speed_mdeg_s: int) -> int:
+    """A speed in ddeg/s, within the limits of any command."""
+    speed = trunc(speed_mdeg_s / 100)
+    return max(-_SPEED_MAX, min(_SPEED_MAX, speed))
+
+
+def _bounded_acceleration(acceleration_mdeg_s2: int) -> int:
+    """An acceleration in deg/s2, within the limits of any command."""
+    acceleration = trunc(acceleration_mdeg_s2 / 1000)
+    return max(_ACCELERATION_MIN, min(_ACCELERATION_MAX, acceleration))
+
+
 def _forward_angle(command: TrajectoryCommand) -> Trajectory:
+    """A trajectory over an angle ahead (``pbio_trajectory_new_forward_angle_command``)."""
     tr, target, accel, decel = _start(command)
-    tr.th3 = command.end - command.position
+    w0 = tr.w0
+    w3 = tr.w3
+    th3 = command.end - command.position
+    # The motor may turn too fast to stop within the angle: then the reference starts slower than
+    # the motor, as fast as the strongest ramp allows.
     strongest = max(accel, decel)
-    if tr.w0 > 0 and _ramp_angle(tr.w0, tr.w3, strongest) > tr.th3:
-        tr.w0 = _start_speed(tr.w3, strongest, tr.th3)
+    if w0 > 0 and _ramp_angle(w0, w3, strongest) > th3:
+        w0 = _start_speed(w3, strongest, th3)
     # A start in the wrong direction adds to the angle.
-    angle = tr.th3 - (0 if tr.w0 > 0 else _ramp_angle(0, tr.w0, accel))
-    if _ramp_angle(target, tr.w3, decel) > angle:
-        target = _start_speed(tr.w3, decel, angle)
+    angle = th3
+    if w0 <= 0:
+        angle -= _ramp_angle(0, w0, accel)
+    # The target speed must leave room for the last ramp too.
+    if _ramp_angle(target, w3, decel) > angle:
+        target = _start_speed(w3, decel, angle)
     if target == 0:
         return Trajectory(command.time, command.position)
-    if trunc(angle * 100 / target) + (_ramp_time(-tr.w0, accel) if tr.w0 < 0 else 0) > _TIME_MAX:
+    # An upper bound is enough here: all of the angle at the target speed, after the way back.
+    duration = trunc(angle * 100 / target)
+    if w0 < 0:
+        duration += _ramp_time(-w0, accel)
+    if duration > _TIME_MAX:
         raise RefusedError("the move would take too long")
-    tr.a0 = accel if tr.w0 < target else -accel
-    tr.a2 = -decel
+    a0 = accel if w0 < target else -accel
+    a2 = -decel
     # Angle at which the first ramp, extrapolated, has speed zero.
-    origin = _ramp_angle(0, tr.w0, tr.a0)
-    tr.th1 = origin + _ramp_angle(target, 0, tr.a0)
-    tr.th2 = tr.th3 + _ramp_angle(target, tr.w3, tr.a2)
+    origin = _ramp_angle(0, w0, a0)
+    th1 = origin + _ramp_angle(target, 0, a0)
+    th2 = th3 + _ramp_angle(target, w3, a2)
+    tr.th1 = th1
+    tr.th2 = th2
+    tr.th3 = th3
+    tr.w0 = w0
     tr.w1 = target
-    if tr.th2 < tr.th1:
+    tr.a0 = a0
+    tr.a2 = a2
+    if th2 < th1:
         _join_ramps(tr, origin, accel, command.keep_running)
-    cruise = 0 if tr.th2 == tr.th1 else trunc((tr.th2 - tr.th1) * 100 / tr.w1)
+    # Angles were the goal; the times follow from them.
+    cruise = 0
+    if tr.th2 != tr.th1:
+        cruise = trunc((tr.th2 - tr.th1) * 100 / tr.w1)
     tr.t1 = _ramp_time(tr.w1 - tr.w0, tr.a0)
+    # A first ramp that is too short for a tick would leave a step in the speed at its start.
     if tr.t1 == 0:
         tr.w0 = tr.w1
     tr.t2 = tr.t1 + cruise
@@ -295,17 +367,22 @@ def _forward_angle(command: TrajectoryCommand) -> Trajectory:
 def _join_ramps(tr: Trajectory, origin: int, accel: int, keep_running: bool) -> None:
     """Let the ramps meet without a cruise, for an angle that is too small for the target speed."""
     if keep_running and tr.a0 > 0:
+        # It speeds up to the very end, and goes on with what it has reached there.
         tr.w1 = tr.w3 = _start_speed(0, tr.a0, tr.th3 - origin)
         tr.th1 = tr.th2 = tr.th3
     elif keep_running:
+        # It is too fast and slows down to the speed with which it goes on.
         tr.w0 = _start_speed(tr.w3, -tr.a0, tr.th3)
         tr.w1 = tr.w3
         tr.th1 = tr.th2 = tr.th3
     else:
-        if tr.th3 == origin:
+        # The squares of the speeds of both ramps are straight lines over the angle; here they
+        # cross. Without any angle between them both may fall alike: nothing to divide by then.
+        angle = tr.th3 - origin
+        if angle == 0:
             tr.th1 = origin
         else:
-            tr.th1 = origin + trunc((tr.th3 - origin) * tr.a2 / (tr.a2 - tr.a0))
+            tr.th1 = origin + trunc(angle * tr.a2 / (tr.a2 - tr.a0))
         tr.th2 = tr.th1
         tr.w1 = _start_speed(0, tr.a0, tr.th1 - origin)
         # Rounding may have put the peak on the other side of the start speed.
@@ -313,36 +390,56 @@ def _join_ramps(tr: Trajectory, origin: int, accel: int, keep_running: bool) -> 
 
 
 def _forward_time(command: TrajectoryCommand) -> Trajectory:
+    """A trajectory over a duration, ahead (``pbio_trajectory_new_forward_time_command``)."""
     if command.duration > _TIME_MAX:
         raise RefusedError("the duration is too long for one move")
     tr, target, accel, decel = _start(command)
-    tr.t3 = command.duration
-    if _angle(target, tr.t3) > _ANGLE_MAX_MDEG:
+    w0 = tr.w0
+    w3 = tr.w3
+    t3 = command.duration
+    if _angle(target, t3) > _ANGLE_MAX_MDEG:
         raise RefusedError("the move would turn too far")
+    # The first speed and the target are bounded so that each ramp alone fits into the duration:
+    # one that starts backward need not reach zero, one that is too fast must still get slow enough.
     strongest = max(accel, decel)
-    if _ramp_time(tr.w0, accel) < -tr.t3:
-        tr.w0 = -_speed_gain(accel, tr.t3)
-    if _ramp_time(tr.w0 - tr.w3, strongest) > tr.t3:
-        tr.w0 = tr.w3 + _speed_gain(strongest, tr.t3)
-    if _ramp_time(target - tr.w3, decel) > tr.t3:
-        target = tr.w3 + _speed_gain(decel, tr.t3)
-    tr.a0 = accel if tr.w0 < target else -accel
-    tr.a2 = -decel
-    tr.t1 = _ramp_time(target - tr.w0, tr.a0)
-    cruise = tr.t3 - tr.t1 - _ramp_time(tr.w3 - target, tr.a2)
-    tr.w1 = target
+    if _ramp_time(w0, accel) < -t3:
+        w0 = -_speed_gain(accel, t3)
+    if _ramp_time(w0 - w3, strongest) > t3:
+        w0 = w3 + _speed_gain(strongest, t3)
+    if _ramp_time(target - w3, decel) > t3:
+        target = w3 + _speed_gain(decel, t3)
+    a0 = accel if w0 < target else -accel
+    a2 = -decel
+    t1 = _ramp_time(target - w0, a0)
+    braking = _ramp_time(w3 - target, a2)
+    cruise = t3 - t1 - braking
+    w1 = target
     if cruise < 0:
+        # The ramps overlap: they meet below the target speed, without a cruise between them.
         cruise = 0
-        if command.keep_running and tr.a0 > 0:
-            tr.t1 = tr.t3
-            tr.w1 = tr.w3 = tr.w0 + _speed_gain(tr.a0, tr.t3)
+        if command.keep_running and a0 > 0:
+            # It speeds up to the very end, and goes on with what it has reached there.
+            t1 = t3
+            w1 = w3 = w0 + _speed_gain(a0, t3)
         else:
-            tr.t1 = _ramp_time(tr.w3 - tr.w0 - _speed_gain(tr.a2, tr.t3), tr.a0 - tr.a2)
-            tr.w1 = tr.w0 + _speed_gain(tr.a0, tr.t1)
-    if tr.t1 == 0:
-        tr.w0 = tr.w1
-    tr.t2 = tr.t1 + cruise
-    tr.th1 = _ramp_angle(tr.w1, tr.w0, tr.a0)
-    tr.th2 = tr.th1 + _angle(tr.w1, cruise)
-    tr.th3 = tr.th2 + _ramp_angle(tr.w3, tr.w1, tr.a2)
+            # Both ramps are straight lines over time: the last one, extrapolated to the start,
+            # has this lead in speed, which the first one makes up until they cross.
+            lead = w3 - w0 - _speed_gain(a2, t3)
+            t1 = _ramp_time(lead, a0 - a2)
+            w1 = w0 + _speed_gain(a0, t1)
+    # As above: no step in the speed where the first ramp is too short for a tick.
+    if t1 == 0:
+        w0 = w1
+    # Times were the goal; the angles follow from them.
+    tr.t1 = t1
+    tr.t2 = t1 + cruise
+    tr.t3 = t3
+    tr.th1 = _ramp_angle(w1, w0, a0)
+    tr.th2 = tr.th1 + _angle(w1, cruise)
+    tr.th3 = tr.th2 + _ramp_angle(w3, w1, a2)
+    tr.w0 = w0
+    tr.w1 = w1
+    tr.w3 = w3
+    tr.a0 = a0
+    tr.a2 = a2
     return tr

@@ -219,8 +219,8 @@ def may_be_hidden(name: str) -> bool:
 def visible_attribute(value: Any, name: str) -> Any:
     """``value.name`` for a name that a hub's type may lack. Raises AttributeError as on the hub."""
     owner = value if isinstance(value, type) else type(value)
-    is_first_argument = name in _FIRST_ARGUMENT and isinstance(value, BaseException)
-    if is_first_argument and not hasattr(value, name):
+    is_of_error = isinstance(value, BaseException)
+    if is_of_error and name in _FIRST_ARGUMENT and not hasattr(value, name):
         return value.args[0] if value.args else None
     if name in _CLASS_ATTRIBUTES and not is_native(owner):
         return owner.__module__ if name == "__module__" else owner.__name__
@@ -250,18 +250,28 @@ def _is_visible(value: Any, owner: type, name: str) -> bool:
 def store_attribute(value: Any, owner: Any, name: str) -> None:
     """``owner.name = value``; fails for functions, modules, types and firmware objects. Raises
     AttributeError as on the hub."""
-    kind = type(owner)
-    is_closed = (
-        kind is FunctionType
-        or (kind.__module__.startswith(FIRMWARE) and "__setattr__" not in kind.__dict__)
-        or (kind is ModuleType and "__builtins__" not in owner.__dict__)
-        or (isinstance(owner, type) and is_native(owner))
-        or (isinstance(owner, BaseException) and kind.__module__ == "builtins")
-    )
-    if is_closed:
+    if _is_closed(owner):
+        kind = type(owner)
         label = function_name(owner) if kind is FunctionType else kind.__name__
         raise AttributeError(f"'{label}' object has no attribute '{name}'")
     setattr(owner, name, value)
+
+
+def _is_closed(owner: Any) -> bool:
+    """Whether a program cannot set attributes of a value."""
+    kind = type(owner)
+    if kind is FunctionType:
+        return True
+    # Few classes of the firmware have attributes to set.
+    if kind.__module__.startswith(FIRMWARE) and "__setattr__" not in kind.__dict__:
+        return True
+    # A module of the firmware: those of the program have builtins.
+    if kind is ModuleType and "__builtins__" not in owner.__dict__:
+        return True
+    if isinstance(owner, type) and is_native(owner):
+        return True
+    # CPython's exceptions take attributes, a hub's none.
+    return isinstance(owner, BaseException) and kind.__module__ == "builtins"
 
 
 def directory(value: Any) -> list[str]:
@@ -274,8 +284,8 @@ def directory(value: Any) -> list[str]:
     lists_itself = any("__dir__" in base.__dict__ for base in kind.__mro__[:-1])
     if lists_itself and not is_class:
         return list(value.__dir__())
-    hidden = _HIDDEN.get(kind, ())
-    names = {name for name in dir(value) if not name.startswith("_") and name not in hidden}
+    names = {name for name in dir(value) if not name.startswith("_")}
+    names.difference_update(_HIDDEN.get(kind, ()))
     # Of a program's classes a hub lists all names, those that begin with an underscore too.
     for base in kind.__mro__:
         if is_native(base):
@@ -318,15 +328,25 @@ def with_keywords(function: Any) -> Any:
         return function
     names = code.co_varnames[bound : code.co_argcount]
     optional = len(called.__defaults__ or ())
+    return _with_named_arguments(function, names, len(names) - optional)
+
+
+def _with_named_arguments(
+    function: Callable[..., Any], names: tuple[str, ...], required: int
+) -> Callable[..., Any]:
+    """The function, as one of the firmware with these arguments, of which the first ones are
+    ``required``."""
 
     # The order of the refusals is the firmware's.
     def call(*args: Any, **kwargs: Any) -> Any:
-        for name in names[len(args) : len(names) - optional]:
+        count = len(args)
+        for name in names[count:required]:
             if name not in kwargs:
                 raise TypeError(f"'{name}' argument required")
-        if len(args) > len(names):
+        if count > len(names):
             raise TypeError("extra positional arguments given")
-        if kwargs.keys() - {*names[len(args) :]}:
+        remaining = names[count:]
+        if kwargs.keys() - {*remaining}:
             raise TypeError("extra keyword arguments given")
         return function(*args, **kwargs)
 

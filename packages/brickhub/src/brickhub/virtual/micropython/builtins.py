@@ -304,15 +304,22 @@ def _run(code: Any, globals: dict[str, Any] | None, locals: Any) -> Any:
     # hub's: so it runs with a plain copy, whose changes are written back.
     names = dict(globals) if isinstance(globals, HubDict) else globals
     added = {"__builtins__", "__name__"} - names.keys()
-    names.update((name, frame.f_globals[name]) for name in added)
-    same_names = locals is None or locals is globals
+    for name in added:
+        names[name] = frame.f_globals[name]
+    if locals is None or locals is globals:
+        locals = names
     try:
-        return eval(code, names, names if same_names else locals)
+        return eval(code, names, locals)
     finally:
         if names is not globals:
-            for name in set(globals) - set(names):
-                del globals[name]
-            globals.update((name, value) for name, value in names.items() if name not in added)
+            _write_back(names, globals, added)
+
+
+def _write_back(names: dict[str, Any], globals: dict[str, Any], added: Collection[str]) -> None:
+    """Changes of a copy of a program's dict, without what was added for CPython."""
+    for name in set(globals) - set(names):
+        del globals[name]
+    globals.update((name, value) for name, value in names.items() if name not in added)
 
 
 def _decoded(source: Any) -> str:

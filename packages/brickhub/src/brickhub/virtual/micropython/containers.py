@@ -414,7 +414,7 @@ class HubSet(_Slotted, set[Any]):
             else:
                 self.add(value)
 
-    # A hub's takes one argument, CPython's any number; so do the two below.
+    # A hub's takes one argument, CPython's any number; likewise `union` and `intersection`.
     def intersection_update(self, other: Iterable[Any], /) -> None:  # type: ignore[override]
         common = self.intersection(other)
         set.intersection_update(self, common)

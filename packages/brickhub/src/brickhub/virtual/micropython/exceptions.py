@@ -83,6 +83,8 @@ _CLASS_NAMES = (
     (r"(?<=convert )method(?= to)", "bound_method"),
 )
 """Names of classes that differ on a hub."""
+_FUNCTION = re.compile(r"(?<!argument ')(?<=['\"])function(?=['\"])|(?<=convert )function(?= to)")
+"""A function's class as an operand, for which a hub has several names."""
 _COMPARISONS = ("<", "<=", ">", ">=")
 _RAISE = dis.opmap["RAISE_VARARGS"]
 _LANGUAGE = f"{__package__}."
@@ -447,14 +449,8 @@ match."""
 def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> BaseException:
     """Replace CPython's message by the hub's; ``namespaces`` are the globals of the program's
     modules. Returns the error."""
-    # An exception that the program itself raised has the program's own message.
-    for trace in _traces(error)[-1:]:
-        code = trace.tb_frame.f_code.co_code
-        position = trace.tb_lasti
-        is_in_program = "@n" in trace.tb_frame.f_builtins
-        # `raise` alone, which raises again, has the argument 0.
-        if is_in_program and code[position] == _RAISE and code[position + 1] > 0:
-            return error
+    if _is_raised_by_program(error):
+        return error
     # A hub's has no message.
     if isinstance(error, UnicodeError):
         error.args = ()
@@ -462,23 +458,19 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
     if not has_message or not isinstance(error, Exception):
         return error
     message = error.args[0]
+    # The names of classes first, as the rules below are for the rest of a message.
     if isinstance(error, TypeError):
-        message = re.sub(
-            r"(?<!argument ')(?<=['\"])function(?=['\"])|(?<=convert )function(?= to)",
-            lambda m: _operand_name(error),
-            message,
-        )
+        message = _FUNCTION.sub(lambda match: _operand_name(error), message)
     if isinstance(error, TypeError | AttributeError):
         for pattern, name in _CLASS_NAMES:
             message = re.sub(pattern, name, message)
-    for kind, pattern, text in _RULES:
-        if isinstance(error, kind) and (match := re.fullmatch(pattern, message, re.DOTALL)):
-            reworded = match.expand(text) if isinstance(text, str) else text(match)
-            error.args = (reworded,) if reworded else ()
-            # Its text is this, not its argument.
-            if isinstance(error, ImportError):
-                error.msg = reworded
-            return error
+    reworded = _by_rule(error, message)
+    if reworded is not None:
+        error.args = (reworded,) if reworded else ()
+        # Its text is this, not its argument.
+        if isinstance(error, ImportError):
+            error.msg = reworded
+        return error
     if isinstance(error, TypeError) and "()" in message:
         message = _call_message(message, namespaces, error)
     if isinstance(error, AttributeError) and isinstance(error.obj, _FUNCTIONS):
@@ -487,6 +479,32 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
     if message != error.args[0]:
         error.args = (message,)
     return error
+
+
+def _is_raised_by_program(error: BaseException) -> bool:
+    """Whether a ``raise`` of the program made it, with the program's own message."""
+    traces = _traces(error)
+    if not traces:
+        return False
+    trace = traces[-1]
+    if "@n" not in trace.tb_frame.f_builtins:
+        return False
+    code = trace.tb_frame.f_code.co_code
+    operation = code[trace.tb_lasti]
+    arguments = code[trace.tb_lasti + 1]
+    # `raise` alone, which raises again, has none.
+    return operation == _RAISE and arguments > 0
+
+
+def _by_rule(error: BaseException, message: str) -> str | None:
+    """The hub's message by the first rule that fits; ``None`` if none does."""
+    for kind, pattern, text in _RULES:
+        if not isinstance(error, kind):
+            continue
+        match = re.fullmatch(pattern, message, re.DOTALL)
+        if match is not None:
+            return match.expand(text) if isinstance(text, str) else text(match)
+    return None
 
 
 def function_name(function: object) -> str:

@@ -101,8 +101,9 @@ def read_float(text: str) -> float:
     # No digits: infinity, or no number.
     if match is None:
         return value
-    fraction = match[2] or ""
-    all_digits = match[1] + fraction
+    whole, fraction, written_exponent = match.groups()
+    fraction = fraction or ""
+    all_digits = whole + fraction
     significant = all_digits.rstrip("0")
     digits = count = 0
     # Digits that do not fit are cut off, not rounded.
@@ -110,8 +111,9 @@ def read_float(text: str) -> float:
         digits = 10 * digits + int(significant[count])
         count += 1
     left_out = len(all_digits) - count
-    exponent = int(match[3] or 0) - len(fraction) + left_out
-    return math.copysign(scaled(to_single(digits), exponent), value)
+    exponent = int(written_exponent or 0) - len(fraction) + left_out
+    unsigned_value = scaled(to_single(digits), exponent)
+    return math.copysign(unsigned_value, value)
 
 
 def read_constant(value: float, texts: Collection[str]) -> float:

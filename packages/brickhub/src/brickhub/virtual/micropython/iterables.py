@@ -16,10 +16,12 @@ from brickhub.virtual.micropython.memory import check_allocation, extend, items_
 
 def _to_bytes(values: Any) -> Any:
     """``bytes(values)``: of a size, a buffer or an iterable."""
+    # CPython takes it for a size of 0 or 1.
     if isinstance(values, bool):
         raise TypeError("'bool' object isn't iterable")
     if isinstance(values, int):
-        check_allocation(values + 1)
+        zero_byte = 1
+        check_allocation(values + zero_byte)
     elif not isinstance(values, str | bytes | bytearray | memoryview | list | tuple):
         values = items_of(values, item_bytes=1)
     return bytes(values)
@@ -90,6 +92,7 @@ def close(owner: Any, *args: Any, **kwargs: Any) -> Any:
 
 def _throw(generator: Any, *args: Any, **kwargs: Any) -> Any:
     """``generator.throw(...)``; a generator that has ended remains so."""
+    # CPython would raise what is thrown.
     if isinstance(generator, GeneratorType) and generator.gi_frame is None:
         raise StopIteration
     _ending.calls += 1

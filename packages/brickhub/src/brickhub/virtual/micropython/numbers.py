@@ -26,6 +26,7 @@ _ROUNDED = (
 )
 """Functions of floats that CPython has too, in double precision."""
 _CODES = re.compile(r"(\d*)([xbBhHiIlLqQPOsefd])")
+_LAYOUT = re.compile(r"[@<>!]?(\d*[xbBhHiIlLqQPOsefd])*")
 _WIDE = frozenset("iIlLqQd")
 """Codes of values that may be too large for a hub's integers, or too precise for its floats."""
 _HALF_INFINITE = 65520.0
@@ -229,9 +230,11 @@ class _Layout:
         if not isinstance(text, str | bytes):
             raise TypeError(f"can't convert '{type(text).__name__}' object to str implicitly")
         text = text.decode() if isinstance(text, bytes) else text
-        if not re.fullmatch(r"[@<>!]?(\d*[xbBhHiIlLqQPOsefd])*", text):
+        if not _LAYOUT.fullmatch(text):
             raise ValueError("bad typecode")
-        order = text[:1] if text[:1] in "@<>!" and text[:1] else "@"
+        order = "@"
+        if text.startswith(("@", "<", ">", "!")):
+            order = text[0]
         # Pointers and objects have the four bytes of a hub's address.
         codes = text.lstrip("@<>!").replace("P", "I").replace("O", "I")
         # A native long of this computer may have eight bytes.

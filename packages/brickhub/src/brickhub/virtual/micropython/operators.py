@@ -121,9 +121,11 @@ def to_int(*args: Any) -> Any:
         if type(value) is float:
             return int_from_float(value)
         if not isinstance(value, str | bytes | bytearray):
-            return small(int(to_number(value, "int")))
+            number = to_number(value, "int")
+            return small(int(number))
     elif args and not isinstance(args[0], str | bytes):
-        raise TypeError(f"can't convert '{type_name(type(args[0]))}' object to str implicitly")
+        kind = type_name(type(args[0]))
+        raise TypeError(f"can't convert '{kind}' object to str implicitly")
     try:
         if args and isinstance(args[0], str | bytes | bytearray):
             args = (_digits(args[0]), *args[1:])
@@ -133,21 +135,26 @@ def to_int(*args: Any) -> Any:
         if "Exceeds the limit" in str(error):
             raise OverflowError("long int not supported in this build") from None
         base = args[1] if len(args) > 1 else 10
-        if base != 0 and not 2 <= base <= 36:
-            raise ValueError("int() arg 2 must be >= 2 and <= 36") from None
-        digits = re.sub(r"^\s*[-+]?", "", args[0])
-        # The message has the base that the prefix tells, and the digits behind it.
-        if base == 0:
-            base = _BASES.get(digits[:2].lower(), 10)
-            digits = digits if base == 10 else digits[2:]
-        shown = representation(digits)
-        raise ValueError(f"invalid syntax for integer with base {base}: {shown}") from None
+        raise _wrong_digits(args[0], base) from None
     except TypeError:
-        raise TypeError(f"can't convert {type(args[0]).__name__} to int") from None
+        kind = type(args[0]).__name__
+        raise TypeError(f"can't convert {kind} to int") from None
     # Digits are read before the sign.
     if abs(value) > SMALL_MAX:
         raise OverflowError("long int not supported in this build")
     return value
+
+
+def _wrong_digits(text: str, base: int) -> ValueError:
+    if base != 0 and not 2 <= base <= 36:
+        return ValueError("int() arg 2 must be >= 2 and <= 36")
+    digits = re.sub(r"^\s*[-+]?", "", text)
+    # The message has the base that the prefix tells, and the digits behind it.
+    if base == 0:
+        base = _BASES.get(digits[:2].lower(), 10)
+        digits = digits if base == 10 else digits[2:]
+    shown = representation(digits)
+    return ValueError(f"invalid syntax for integer with base {base}: {shown}")
 
 
 def _digits(value: str | bytes | bytearray) -> str:
@@ -206,12 +213,7 @@ def _ascii_method(name: str) -> Callable[..., Any]:
     def call(value: Any, *args: Any, **kwargs: Any) -> Any:
         if isinstance(value, str | bytes):
             _refuse_keywords(kwargs)
-            if name == "rsplit" and args[1:] and args[0] is None:
-                raise NotImplementedError("rsplit(None,n)")
-            if name.endswith("strip") and args and not isinstance(args[0], type(value)):
-                kind = type(args[0]).__name__
-                wanted = "bytes" if isinstance(args[0], str) else "str"
-                raise TypeError(f"can't convert '{kind}' object to {wanted} implicitly")
+            _check_text_arguments(name, value, args)
         if not isinstance(value, str) or value.isascii():
             return getattr(value, name)(*args, **kwargs)
         # Methods of bytes know ASCII only, and letters outside of it are several bytes, as on a
@@ -225,6 +227,21 @@ def _ascii_method(name: str) -> Callable[..., Any]:
         return result
 
     return call
+
+
+def _check_text_arguments(name: str, value: str | bytes, args: tuple[Any, ...]) -> None:
+    """Raise what a hub raises for arguments of a method of text that CPython takes, or refuses in
+    other words."""
+    if not args:
+        return
+    first = args[0]
+    has_count = len(args) > 1
+    if name == "rsplit" and first is None and has_count:
+        raise NotImplementedError("rsplit(None,n)")
+    if name.endswith("strip") and not isinstance(first, type(value)):
+        kind = type(first).__name__
+        wanted = "bytes" if isinstance(first, str) else "str"
+        raise TypeError(f"can't convert '{kind}' object to {wanted} implicitly")
 
 
 def _contains(item: Any, container: Any) -> bool:

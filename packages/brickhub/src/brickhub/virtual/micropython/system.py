@@ -314,27 +314,36 @@ def sys_module(terminal: Terminal, build: str, machine: str) -> ModuleType:
 
 
 def select_module(advance: Callable[[int], int], tick: Callable[[], None]) -> ModuleType:
-    flags = {"POLLIN": _POLLIN, "POLLOUT": _POLLOUT, "POLLERR": _POLLERR, "POLLHUP": _POLLHUP}
-
     def select(
         readers: Any, writers: Any, others: Any, timeout: float | None = None, /
     ) -> tuple[list[FileIO], ...]:
         """Streams that can be read, be written, or failed; ``timeout`` in seconds."""
         poll = Poll(advance, tick)
         masks = (_POLLIN, _POLLOUT, _POLLERR | _POLLHUP)
+        groups = (readers, writers, others)
+        # A stream may be in several groups.
         masks_by_stream: dict[FileIO, int] = {}
-        for streams, mask in zip((readers, writers, others), masks, strict=True):
+        for streams, mask in zip(groups, masks, strict=True):
             if not isinstance(streams, list | tuple):
-                raise TypeError(f"object '{type(streams).__name__}' isn't a tuple or list")
+                kind = type(streams).__name__
+                raise TypeError(f"object '{kind}' isn't a tuple or list")
             for stream in map(_pollable, streams):
-                masks_by_stream[stream] = masks_by_stream.get(stream, 0) | mask
+                mask_before = masks_by_stream.get(stream, 0)
+                masks_by_stream[stream] = mask_before | mask
         for stream, mask in masks_by_stream.items():
             poll.register(stream, mask)
         timeout_ms = -1 if timeout is None or timeout < 0 else int(to_single(timeout * 1000))
         ready = poll.poll(timeout_ms)
         return tuple([stream for stream, events in ready if events & mask] for mask in masks)
 
-    return module("select", {"poll": lambda: Poll(advance, tick), "select": select, **flags})
+    names: dict[str, Any] = {
+        "poll": lambda: Poll(advance, tick),
+        "POLLIN": _POLLIN,
+        "POLLOUT": _POLLOUT,
+        "POLLERR": _POLLERR,
+        "POLLHUP": _POLLHUP,
+    }
+    return module("select", names, select)
 
 
 def micropython_module(terminal: Terminal, memory: Callable[[], tuple[int, int]]) -> ModuleType:
@@ -418,7 +427,9 @@ def json_module() -> ModuleType:
                 pairs = []
                 for name, part in zip(value, value.values(), strict=True):
                     # A key that is no text is written as one in quotes.
-                    key = write(name) if isinstance(name, str) else f'"{write(name)}"'
+                    key = write(name)
+                    if not isinstance(name, str):
+                        key = f'"{key}"'
                     pairs.append(key + after_key + write(part))
                 return "{" + between_items.join(pairs) + "}"
             if isinstance(value, list | tuple):

@@ -156,35 +156,39 @@ def format_traceback(error: BaseException, filename: str) -> str:
         if "@n" in frame.f_builtins:
             code = frame.f_code
             lines.append(f'  File "{code.co_filename}", line {line}, in {code.co_name}')
+    kind = type(error)
     if isinstance(error, SyntaxError) and error.lineno is not None:
         # The hub's compiler names the function, which `_compile_for_hub` keeps in `text`. CPython's
         # errors have the source there, and an offset.
         is_from_hub = error.text and error.offset is None
         block = f", in {error.text}" if is_from_hub else ""
-        lines.append(f'  File "{error.filename or filename}", line {error.lineno}{block}')
+        file = error.filename or filename
+        lines.append(f'  File "{file}", line {error.lineno}{block}')
     if lines:
         lines.insert(0, "Traceback (most recent call last):")
-    if type(error).__repr__ is not BaseException.__repr__:
-        lines.append(repr(error))
+    if kind.__repr__ is BaseException.__repr__:
+        name = class_name(kind)
+        lines.append(f"{name}: {_exception_text(error)}")
     else:
-        lines.append(f"{class_name(type(error))}: {_exception_text(error)}")
+        lines.append(repr(error))
     return "\n".join(lines) + "\n"
 
 
 def _exception_text(error: BaseException) -> str:
     # CPython adds file and line to the text of a SyntaxError.
     args = (error.msg,) if isinstance(error, SyntaxError) else error.args
-    has_number = len(args) in (1, 2) and type(args[0]) is int and args[0] in ERROR_NAMES
+    if not args:
+        return ""
+    first = args[0]
+    has_number = len(args) in (1, 2) and type(first) is int and first in ERROR_NAMES
     if isinstance(error, OSError) and has_number:
         # The hub writes the name of the number, where CPython writes a sentence
         # (`py/objexcept.c`).
-        described = f"[Errno {args[0]}] {ERROR_NAMES[args[0]]}"
+        described = f"[Errno {first}] {ERROR_NAMES[first]}"
         if len(args) == 2:
             described += f": {text(args[1])}"
         return described
-    if not args:
-        return ""
-    return text(args[0]) if len(args) == 1 else representation(args)
+    return text(first) if len(args) == 1 else representation(args)
 
 
 def _quoted(codes: Iterable[int], quote: str) -> str:
@@ -259,7 +263,11 @@ def _joined(values: Iterable[object]) -> str:
 
 
 def _dict(value: Any) -> str:
-    pairs = [f"{representation(key)}: {representation(part)}" for key, part in value.items()]
+    pairs = []
+    for key, part in value.items():
+        shown_key = representation(key)
+        shown_part = representation(part)
+        pairs.append(f"{shown_key}: {shown_part}")
     return "{" + ", ".join(pairs) + "}"
 
 
@@ -349,6 +357,7 @@ def format_value(value: object, spec: str) -> str:
         align = "<"
     width = int(match["width"] or 0)
     fill = match["fill"] or match["zero"] or " "
+    precision = match["precision"]
     # Before the text is made: a width that fits on no hub would fill this computer's memory.
     check_allocation(width)
 
@@ -357,20 +366,21 @@ def format_value(value: object, spec: str) -> str:
         separator = match["separator"] or ""
         return _format_integer(int(value), code, flags, separator, fill, align, width)
     if isinstance(value, int | float) and code in _FLOAT_CODES:
-        formatted = _format_float(value, code or "g", sign, match["precision"])
+        formatted = _format_float(value, code or "g", sign, precision)
         return _padded(formatted, fill, align, width)
+    # Text, or a number with a code that is not for it.
     if not is_number and align == "=":
         raise ValueError("'=' alignment not allowed in string format specifier")
     if is_number or code not in ("", "s"):
-        raise ValueError(
-            f"unknown format code '{code}' for object of type '{type_name(type(value))}'"
-        )
+        kind = type_name(type(value))
+        raise ValueError(f"unknown format code '{code}' for object of type '{kind}'")
     if not isinstance(value, str | bytes):
-        raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
+        kind = type(value).__name__
+        raise TypeError(f"can't convert '{kind}' object to str implicitly")
     # Bytes are text of as many characters on a hub; CPython's have no format.
     characters = value if isinstance(value, str) else value.decode("latin-1")
-    if match["precision"] is not None:
-        characters = characters[: int(match["precision"])]
+    if precision is not None:
+        characters = characters[: int(precision)]
     return _padded(characters, fill, align, width)
 
 
@@ -394,20 +404,26 @@ def _format_float(value: float, code: str, sign: str, precision: str | None) -> 
     value = to_single(value)
     if code == "%":
         # The product is rounded to a float of the hub before its digits are computed.
-        return format_float(to_single(value * 100), "f", digits, sign) + "%"
-    return format_float(value, "g" if code == "n" else code, digits, sign)
+        share_pct = to_single(value * 100)
+        return format_float(share_pct, "f", digits, sign) + "%"
+    if code == "n":
+        code = "g"
+    return format_float(value, code, digits, sign)
 
 
 def _padded(formatted: str, fill: str, align: str, width: int) -> str:
     if align == "=":
         sign = re.match("[-+ ]?(?:0[xXob])?", formatted)[0]  # type: ignore[index]
-        return sign + formatted[len(sign) :].rjust(width - len(sign), fill)
-    return format(formatted, f"{fill}{align}{_in_characters(width, formatted)}")
+        digits = formatted.removeprefix(sign)
+        return sign + digits.rjust(width - len(sign), fill)
+    width = _in_characters(width, formatted)
+    return format(formatted, f"{fill}{align}{width}")
 
 
 def _in_characters(width: int, formatted: str) -> int:
     """A width in bytes, as a hub counts, in characters."""
-    return max(0, width - len(formatted.encode()) + len(formatted))
+    extra_bytes = len(formatted.encode()) - len(formatted)
+    return max(0, width - extra_bytes)
 
 
 class _Formatter(string.Formatter):
@@ -516,28 +532,32 @@ def _format_argument(
     flags = match["flags"]
     limit = "" if precision is None else f".{precision}"
     spec = f"%{flags}{width}{limit}"
+    if code == "s" and is_bytes and isinstance(value, bytes):
+        return (spec + "s") % value.decode("latin-1")
     if code in "sr":
-        if code == "s" and is_bytes and isinstance(value, bytes):
-            return (spec + "s") % value.decode("latin-1")
         characters = text(value) if code == "s" else representation(value)
         width_in_characters = _in_characters(int(width or 0), characters)
-        return f"%{flags}{width_in_characters}{limit}s" % characters
+        padded: str = f"%{flags}{width_in_characters}{limit}s" % characters
+        return padded
     if code == "c":
-        if isinstance(value, str) and len(value.encode()) != 1:
-            raise TypeError("%c needs int or char")
-        if not isinstance(value, int | str):
-            raise TypeError("integer needed")
-        # A hub writes the lowest byte of a number; CPython refuses what is no character.
-        character = value & 0xFF if isinstance(value, int) else value
-        return (spec + "c") % character
+        character: str = (spec + "c") % _character(value)
+        return character
     if code in "diuxXo":
         check_allocation(int(precision or 0))
         return _format_int(value, code, spec, flags)
     if code in "eEfFgG":
         return _format_float_argument(value, code, flags, width, precision)
-    raise ValueError(
-        f"unsupported format character '{code}' (0x{ord(code):x}) at index {match.end() - 1}"
-    )
+    index = match.end() - 1
+    raise ValueError(f"unsupported format character '{code}' (0x{ord(code):x}) at index {index}")
+
+
+def _character(value: Any) -> Any:
+    if isinstance(value, str) and len(value.encode()) != 1:
+        raise TypeError("%c needs int or char")
+    if not isinstance(value, int | str):
+        raise TypeError("integer needed")
+    # A hub writes the lowest byte of a number; CPython refuses what is no character.
+    return value & 0xFF if isinstance(value, int) else value
 
 
 def _format_float_argument(
@@ -569,6 +589,7 @@ def _format_int(value: Any, code: str, spec: str, flags: str) -> str:
         number = int_from_float(number)
     # With both flags a hub fills with zeros at the right, where CPython ignores the zero.
     if "-" in flags and "0" in flags and "." not in spec:
-        plain = str((spec.replace("0", "", 1) + code) % number)
+        plain_spec = spec.replace("0", "", 1) + code
+        plain = str(plain_spec % number)
         return plain.rstrip(" ").ljust(len(plain), "0")
     return str((spec + code) % number)

@@ -205,7 +205,7 @@ def transform(
 
 
 def _bounds(part: ast.Slice) -> list[ast.expr]:
-    # `slice` as a function needs all three.
+    # The helpers take all three bounds, of which brackets may leave out any.
     return [bound or ast.Constant(None) for bound in (part.lower, part.upper, part.step)]
 
 

@@ -1,6 +1,7 @@
 """Stand-ins for ``pybricks.*`` and the modules of MicroPython, on a simulated clock."""
 
 import functools
+from types import ModuleType
 from typing import Any
 
 from brickhub.hub.program.compile import U_PREFIXED
@@ -31,7 +32,31 @@ def modules(machine: Machine, console: Console) -> Modules:
     """
     hub = machine.robot.hub
     machine.runs_program = True
-    context = Context(machine, console, enumeration("Port", " ".join(hub.model.ports)))
+    ports = enumeration("Port", " ".join(hub.model.ports))
+    context = Context(machine, console, ports)
+    heap = Heap(hub.model)
+    machine.check_memory = heap.check
+    importable_modules = {
+        **_pybricks_modules(context),
+        **_language_modules(machine, console, heap),
+    }
+    # The rest of the hub catches up before the program's first line.
+    machine.branch(None)
+    # What the transformed program calls, under names that no program can write.
+    hooks: dict[str, Any] = {"@tick": machine.turn_loop, "@turn": machine.turn}
+    for name in ("@branch", *COMPREHENSIONS):
+        hooks[name] = machine.branch
+    hooks["@callee"] = check_of_calls(most_nested_calls(hub))
+    importable = Modules(importable_modules, hooks, heap.namespaces, hub.model.missing)
+    importable.product = machine.charge_product
+    importable.find_frozen = functools.partial(frozen_module, hub=hub.model)
+    return importable
+
+
+def _pybricks_modules(context: Context) -> dict[str, ModuleType]:
+    """``pybricks`` and the modules in it, by name."""
+    machine = context.machine
+    hub = machine.robot.hub
     messaging = messaging_module(context)
     parts = [
         hubs_module(context, hub.model),
@@ -39,39 +64,41 @@ def modules(machine: Machine, console: Console) -> Modules:
         pupdevices_module(context),
         robotics_module(context),
     ]
-    parts += [tools := tools_module(context, messaging.AppData), messaging]
-    parts += (
-        [iodevices_module(context), experimental_module(hub.model)] if hub.model.has_float else []
-    )
+    tools = tools_module(context, messaging.AppData)
+    parts += [tools, messaging]
+    # The Move hub, the only one without floats, has none of these either.
+    if hub.model.has_float:
+        parts += [iodevices_module(context), experimental_module(hub.model)]
     result = {f"pybricks.{part.__name__}": part for part in parts}
     firmware = machine.firmware
-    result["pybricks"] = module(
-        "pybricks", {"version": (f"{hub.value}hub", firmware.version, firmware.build)}
-    )
+    version = (f"{hub.value}hub", firmware.version, firmware.build)
+    result["pybricks"] = module("pybricks", {"version": version})
+    # An older name of the tools, which programs still import.
     if hub.model.has_float:
         result["pybricks.geometry"] = tools
-    heap = Heap(hub.model)
-    machine.check_memory = heap.check
+    return result
+
+
+def _language_modules(machine: Machine, console: Console, heap: Heap) -> dict[str, ModuleType]:
+    """MicroPython's own modules, by name, also with the prefix ``u`` where they have it."""
+    model = machine.robot.hub.model
     language = [system.errno_module()]
-    if hub.model.has_float:
+    if model.has_float:
         terminal = system.Terminal(console, machine.charge_call)
+        build = machine.firmware.build
         language += [
             math_module(),
             random_module(machine.time_ms * 1000),
             struct_module(),
             system.json_module(),
+            module("io", {}, BytesIO, IOBase, StringIO),
+            system.gc_module(heap.statistics),
+            system.micropython_module(terminal, heap.statistics),
+            system.select_module(machine.advance_to_alarm, machine.charge_call),
+            system.sys_module(terminal, build, model.machine),
         ]
-        language += [module("io", {}, BytesIO, IOBase, StringIO), system.gc_module(heap.statistics)]
-        language += [system.micropython_module(terminal, heap.statistics)]
-        language += [system.select_module(machine.advance_to_alarm, machine.charge_call)]
-        language += [system.sys_module(terminal, firmware.build, hub.model.machine)]
-    result |= {part.__name__: part for part in language}
-    result |= {f"u{part.__name__}": part for part in language if part.__name__ in U_PREFIXED}
-    machine.branch(None)
-    hooks: dict[str, Any] = {"@tick": machine.turn_loop, "@turn": machine.turn}
-    hooks |= dict.fromkeys(("@branch", *COMPREHENSIONS), machine.branch)
-    hooks["@callee"] = check_of_calls(most_nested_calls(hub))
-    importable = Modules(result, hooks, heap.namespaces, hub.model.missing)
-    importable.product = machine.charge_product
-    importable.find_frozen = functools.partial(frozen_module, hub=hub.model)
-    return importable
+    result = {part.__name__: part for part in language}
+    for part in language:
+        if part.__name__ in U_PREFIXED:
+            result[f"u{part.__name__}"] = part
+    return result

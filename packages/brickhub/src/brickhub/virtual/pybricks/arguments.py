@@ -16,7 +16,8 @@ _NOT_CONNECTED = "A sensor or motor is not connected to the specified port"
 
 
 def _explained(problem: str, *checks: str) -> str:
-    return "".join((f"\n\n{problem}:\n", *(f"--> Check {check}.\n" for check in checks), _HINTS))
+    lines = [f"--> Check {check}.\n" for check in checks]
+    return f"\n\n{problem}:\n" + "".join(lines) + _HINTS
 
 
 _MESSAGES = {
@@ -45,6 +46,7 @@ def os_error(code: int) -> HubOSError:
 def get_int(value: Any) -> int:
     """An integer; floats are :func:`truncated`, as mostly in the firmware. Raises TypeError if it
     is not a number."""
+    # Nearly all arguments are plain integers, so these come first.
     if type(value) is int:
         return value
     if isinstance(value, int | float):
@@ -55,7 +57,10 @@ def get_int(value: Any) -> int:
 def truncated(value: float) -> int:
     """A number towards zero, as a hub's processor converts it: clamped to 32 bits, also infinity; 0
     if it is not a number."""
-    return int(max(_INT_MIN, min(_INT_MAX, value))) if value == value else 0
+    # Only a NaN differs from itself.
+    if value != value:
+        return 0
+    return int(max(_INT_MIN, min(_INT_MAX, value)))
 
 
 def get_exact_int(value: Any) -> int:
@@ -81,6 +86,7 @@ def get_text(value: Any) -> str:
     """Text, or bytes as text. Raises TypeError if it is neither."""
     if not isinstance(value, str | bytes):
         raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
+    # A hub does not look at the encoding: each byte is a character here, and none is refused.
     return value if isinstance(value, str) else value.decode("latin-1")
 
 
@@ -93,7 +99,10 @@ def get_array(value: Any) -> Sequence[Any]:
 
 def get_scaled(value: Any, scale: int) -> int:
     """A number in units of 1/``scale``."""
-    return truncated(value * scale) if isinstance(value, float) else get_int(value) * scale
+    # A float is scaled before it is truncated, so that 55.5 mm keep their half.
+    if isinstance(value, float):
+        return truncated(value * scale)
+    return get_int(value) * scale
 
 
 def expect(condition: object) -> None:

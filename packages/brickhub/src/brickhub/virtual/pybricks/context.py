@@ -30,11 +30,10 @@ def _of_hub(error: Exception) -> Exception:
     """The firmware's error for one of the motor control."""
     if isinstance(error, UnavailableError):
         return os_error(error.errno or errno.EPERM)
-    return (
-        ValueError("Invalid argument")
-        if isinstance(error, RefusedError)
-        else RuntimeError("Unknown error")
-    )
+    if isinstance(error, RefusedError):
+        return ValueError("Invalid argument")
+    # PBIO_ERROR_FAILED, of a move that rounding made infeasible
+    return RuntimeError("Unknown error")
 
 
 class Async:
@@ -64,12 +63,15 @@ class Async:
     def __next__(self) -> None:
         if self._state > self._RUNNING:
             raise StopIteration
+        # At its first turn a command has just been given, and another task may wait for what it
+        # does: no time passes before the others have had their turn.
         self._context.is_waiting = self._state == self._RUNNING
         self._state = self._RUNNING
-        if self._is_done():
-            self._context.is_waiting = False
-            self._state = self._DONE
-            raise StopIteration(self._result() if self._result is not None else None)
+        if not self._is_done():
+            return
+        self._context.is_waiting = False
+        self._state = self._DONE
+        raise StopIteration(self._result() if self._result is not None else None)
 
     def close(self) -> None:
         """Abort: stop what was started."""
@@ -98,7 +100,8 @@ class Context:
         self.ports = ports
         self.start_ms = machine.time_ms
         self.peripherals: list[Any] = []
-        self.is_active = self.is_waiting = False
+        self.is_active = False
+        self.is_waiting = False
 
     def port_letter(self, port: Any) -> str:
         """Letter of a ``Port``. Raises TypeError for another value."""
@@ -107,6 +110,7 @@ class Context:
 
     def yield_once(self) -> Async:
         """An awaitable that only yields to other tasks."""
+        # Not done when it is first asked, done when it is asked again.
         checks = iter((False, True))
 
         def is_done() -> bool:
@@ -133,9 +137,9 @@ class Context:
         if self.is_active:
             return Async(self, is_done, result, on_close)
         while not is_done():
-            self.machine.advance(
-                poll_ms or CONTROL_LOOP_MS - self.machine.time_ms % CONTROL_LOOP_MS
-            )
+            # Motors change only in a control loop: nothing to look at before the next one.
+            to_next_loop_ms = CONTROL_LOOP_MS - self.machine.time_ms % CONTROL_LOOP_MS
+            self.machine.advance(poll_ms or to_next_loop_ms)
         return result() if result is not None else None
 
     def wait_until(self, end_ms: int) -> Any:
@@ -190,7 +194,10 @@ class Native:
     _machine: Machine
 
     def __init_subclass__(cls) -> None:
-        for name, method in list(vars(cls).items()) if is_native(cls) else ():
+        # A program's own subclass is not the firmware's: its methods are byte code.
+        if not is_native(cls):
+            return
+        for name, method in list(vars(cls).items()):
             if isinstance(method, FunctionType) and not name.startswith("_"):
                 setattr(cls, name, _counted(method))
 
@@ -210,22 +217,23 @@ def _counted(method: Callable[..., Any]) -> Callable[..., Any]:
 def bind(context: Context, kind: type, *hidden: str) -> Any:
     """A subclass for one program, whose objects know the machine, without the ``hidden``
     attributes."""
-    names = {
-        "_context": context,
-        "_machine": context.machine,
-        **{name: _Absent() for name in hidden},
-    }
-    return type(
-        kind.__name__,
-        (kind,),
-        {**names, "__qualname__": kind.__qualname__, "__module__": kind.__module__},
-    )
+    names: dict[str, Any] = {"_context": context, "_machine": context.machine}
+    for name in hidden:
+        names[name] = _Absent()
+    # The class passes for the firmware's own, also in what it prints.
+    names["__qualname__"] = kind.__qualname__
+    names["__module__"] = kind.__module__
+    return type(kind.__name__, (kind,), names)
 
 
 def classes(context: Context, kinds: Iterable[type]) -> dict[str, Any]:
     """:func:`bind` for several classes, by name; without those that the hub lacks."""
     missing = context.machine.robot.hub.model.missing
-    return {kind.__name__: bind(context, kind) for kind in kinds if kind.__name__ not in missing}
+    bound = {}
+    for kind in kinds:
+        if kind.__name__ not in missing:
+            bound[kind.__name__] = bind(context, kind)
+    return bound
 
 
 class _Absent:

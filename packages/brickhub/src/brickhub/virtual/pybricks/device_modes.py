@@ -32,12 +32,14 @@ _INFRARED_MAX_RAW = 500
 _DISTS_MAX_MM = 320
 _NOTHING_NEAR = -1
 _ECHO_US_PER_MM = 2 / 0.343
+"""There and back, at the speed of sound, 0.343 mm/us."""
 _MAX_ECHO_US = 14_577
-# each sensor has its own, as CALIB reports
+# Each force sensor has its own, as CALIB reports; these are of one.
 _FORCE_RELEASED_RAW = 384
 _FORCE_MAX_RAW = 701
 _BOOST_FULL_RAW = 440
 _SPIKE_FULL_RAW = 1024
+# What the sensors' own color modes tell: numbers of LEGO's colors, -1 for none.
 _LEGO_COLORS: Mapping[int, Hsv] = {
     -1: (0, 0, 0), 0: (0, 0, 10), 3: (240, 100, 100), 4: (180, 100, 100), 5: (120, 100, 100),
     7: (60, 100, 100), 9: (0, 100, 100),
@@ -73,54 +75,71 @@ class Plug:
 
     def proximity(self) -> int:
         """Distance in tenths of the largest."""
-        return min(max(round(number(self._sensed(Sense.DISTANCE)) / 10), 0), 10)
+        distance_pct = number(self._sensed(Sense.DISTANCE))
+        return min(max(round(distance_pct / 10), 0), 10)
 
     def raw_rgb(self, is_boost: bool) -> tuple[int, int, int]:
         """Reflected light as a color sensor sends it: the BOOST sensor up to 440, that of SPIKE up
         to 1024."""
         hue, saturation, value = self.color()
-        raw_saturation = saturation if is_boost else 100 - math.sqrt(10_000 - 100 * saturation)
-        raw_value = (
-            100 - math.sqrt(10_000 - 100 * value)
-            if is_boost
-            else 150 - math.sqrt(22_500 - 200 * value)
-        )
-        full = _BOOST_FULL_RAW if is_boost else _SPIKE_FULL_RAW
+        # The firmware bends saturation and value by parabolas, in reflected_hsv; these are their
+        # inverses, so that a program reads the color that is there.
+        raw_saturation: float
+        if is_boost:
+            raw_saturation = saturation
+            raw_value = 100 - math.sqrt(10_000 - 100 * value)
+            full = _BOOST_FULL_RAW
+        else:
+            raw_saturation = 100 - math.sqrt(10_000 - 100 * saturation)
+            raw_value = 150 - math.sqrt(22_500 - 200 * value)
+            full = _SPIKE_FULL_RAW
         red, green, blue = colorsys.hsv_to_rgb(hue / 360, raw_saturation / 100, raw_value / 100)
-        return round(red * full), round(green * full), round(blue * full)
+        return (
+            round(red * full),
+            round(green * full),
+            round(blue * full),
+        )
 
     def reflected_hsv(self, is_boost: bool) -> Hsv:
         """Color that the firmware computes from the raw one, in eight bits (``get_hsv_reflected``,
         ``get_hsv_data``)."""
         raw = self.raw_rgb(is_boost)
         if is_boost:
-            hue, saturation, value = _hsv_of_bytes(*(1187 * channel // 2048 for channel in raw))
+            # 440 becomes 255, without a division.
+            red, green, blue = (1187 * channel // 2048 for channel in raw)
+            hue, saturation, value = _hsv_of_bytes(red, green, blue)
             return hue, saturation, value * (200 - value) // 100
-        hue, saturation, value = _hsv_of_bytes(*(min(channel >> 2, 255) for channel in raw))
-        return hue, saturation * (200 - saturation) // 100, value * (150 - value // 2) // 100
+        # 1024 itself would not fit into a byte.
+        red, green, blue = (min(channel >> 2, 255) for channel in raw)
+        hue, saturation, value = _hsv_of_bytes(red, green, blue)
+        bent_saturation = saturation * (200 - saturation) // 100
+        return hue, bent_saturation, value * (150 - value // 2) // 100
 
     def distance_mm(self) -> int | None:
         """Distance for an ultrasonic sensor; ``None`` if nothing is near."""
+        # The body tells its farthest distance for nothing.
         distance_mm = self.machine.body.distance_mm(self.port)
         return distance_mm if distance_mm < UltrasonicSensor.FARTHEST_MM else None
 
     def infrared_raw(self) -> int:
         """Reflected infrared light: the more, the nearer
         (``pb_type_pupdevices_infraredsensor.c``)."""
-        distance_pct = min(max(number(self._sensed(Sense.DISTANCE)), 1.0), 100.0)
+        distance_pct = number(self._sensed(Sense.DISTANCE))
+        # At 0 the formula, an inverse, has no value.
+        distance_pct = min(max(distance_pct, 1.0), 100.0)
         return min(round(1100 / distance_pct) - 10, _INFRARED_MAX_RAW)
 
     def passed(self) -> int:
         return int(number(self._sensed(Sense.COUNT)))
 
     def force_mn(self) -> int:
-        return min(max(round(number(self._sensed(Sense.FORCE)) * 1000), 0), MAX_FORCE_MN)
+        force_mn = round(number(self._sensed(Sense.FORCE)) * 1000)
+        return min(max(force_mn, 0), MAX_FORCE_MN)
 
     def tilt_deg(self) -> tuple[int, int]:
         """Pitch and roll."""
-        angles = pitch_and_roll(self._sensed(Sense.TILT))
-        pitch, roll = (min(max(round(angle), -_MAX_TILT_DEG), _MAX_TILT_DEG) for angle in angles)
-        return pitch, roll
+        pitch, roll = pitch_and_roll(self._sensed(Sense.TILT))
+        return _limited_tilt(pitch), _limited_tilt(roll)
 
     def angle_mdeg(self) -> int:
         """Angle of a motor's shaft."""
@@ -128,19 +147,24 @@ class Plug:
 
     def speed_pct(self) -> int:
         """Mean speed of a motor since the last call, in % of its kind's maximum; at first 0."""
-        (time_ms, mdeg) = self._last_sample
-        self._last_sample = (self.machine.time_ms, self.angle_mdeg())
-        elapsed_ms = self._last_sample[0] - time_ms
+        last_ms, last_mdeg = self._last_sample
+        now_ms = self.machine.time_ms
+        now_mdeg = self.angle_mdeg()
+        self._last_sample = (now_ms, now_mdeg)
+        elapsed_ms = now_ms - last_ms
+        if not last_ms or not elapsed_ms:
+            return 0
+        # mdeg/ms is deg/s
         max_deg_s = self.machine.servos[self.port].type.max_speed_deg_s
-        speed_pct = (
-            100 * (self._last_sample[1] - mdeg) / (elapsed_ms * max_deg_s)
-            if time_ms and elapsed_ms
-            else 0
-        )
+        speed_pct = 100 * (now_mdeg - last_mdeg) / (elapsed_ms * max_deg_s)
         return max(-100, min(100, round(speed_pct)))
 
     def _sensed(self, sense: Sense) -> Sensed:
         return self.machine.body.sensed(self.port, sense)
+
+
+def _limited_tilt(angle_deg: float) -> int:
+    return min(max(round(angle_deg), -_MAX_TILT_DEG), _MAX_TILT_DEG)
 
 
 Read = Callable[[Plug], Iterable[int]]
@@ -159,8 +183,11 @@ class DeviceMode:
 
     def values(self, plug: Plug) -> tuple[int, ...]:
         """Present values, with zeros for unknown ones."""
-        readings = tuple(self.read(plug)) if self.read is not None else ()
-        return readings + (0,) * (self.count - len(readings))
+        readings: tuple[int, ...] = ()
+        if self.read is not None:
+            readings = tuple(self.read(plug))
+        unknown = self.count - len(readings)
+        return readings + (0,) * unknown
 
 
 class DeviceModes:
@@ -180,6 +207,7 @@ class DeviceModes:
     def stale_ms(self, mode: str) -> int:
         """Time after a change to a mode until values are fresh
         (``lego_device_stale_data_delay``)."""
+        # In these a device only listens: it sends nothing that could be stale.
         return 0 if mode in ("LIGHT", "IR Tx") else self._stale_ms
 
 
@@ -193,24 +221,32 @@ def _hsv_of_bytes(red: int, green: int, blue: int) -> Hsv:
     accurate (``pb_color_map_rgb_to_hsv``)."""
     largest = max(red, green, blue)
     chroma = largest - min(red, green, blue)
+    # A sixth of the circle to either side of the largest channel.
     if not chroma:
         hue = 0
     elif largest == red:
-        hue = math.trunc(60 * (green - blue) / chroma) % 360
+        lead = green - blue
+        hue = math.trunc(60 * lead / chroma) % 360
     elif largest == green:
-        hue = math.trunc(60 * (blue - red) / chroma) + 120
+        lead = blue - red
+        hue = math.trunc(60 * lead / chroma) + 120
     else:
-        hue = math.trunc(60 * (red - green) / chroma) + 240
-    hue = (
-        (350 + 2 * (hue - 350)) % 360
-        if hue >= 350
-        else hue + 10
-        if hue < 40
-        else 50 + (hue - 40) // 2
-        if hue < 60
-        else hue
-    )
-    return hue, 100 * chroma // largest if chroma else 0, 101 * largest // 256
+        lead = red - green
+        hue = math.trunc(60 * lead / chroma) + 240
+    saturation = 100 * chroma // largest if chroma else 0
+    return _shifted_hue(hue), saturation, 101 * largest // 256
+
+
+def _shifted_hue(hue: int) -> int:
+    """The hue with the firmware's correction of what is near red: by 10 degrees from 0 to 40,
+    less and less down to 350 and up to 60."""
+    if hue >= 350:
+        return (350 + 2 * (hue - 350)) % 360
+    if hue < 40:
+        return hue + 10
+    if hue < 60:
+        return 50 + (hue - 40) // 2
+    return hue
 
 
 def _hsv(plug: Plug, sense: Sense) -> Iterable[int]:
@@ -220,21 +256,26 @@ def _hsv(plug: Plug, sense: Sense) -> Iterable[int]:
 
 def _millimetres(plug: Plug, max_mm: float = math.inf) -> Iterable[int]:
     distance_mm = plug.distance_mm()
-    return (_NOTHING_NEAR if distance_mm is None or distance_mm > max_mm else distance_mm,)
+    if distance_mm is None or distance_mm > max_mm:
+        return (_NOTHING_NEAR,)
+    return (distance_mm,)
 
 
 def _echo_us(plug: Plug) -> Iterable[int]:
     distance_mm = plug.distance_mm()
-    return (_MAX_ECHO_US if distance_mm is None else round(distance_mm * _ECHO_US_PER_MM),)
+    if distance_mm is None:
+        return (_MAX_ECHO_US,)
+    return (round(distance_mm * _ECHO_US_PER_MM),)
 
 
 def _force_raw(plug: Plug) -> Iterable[int]:
-    return (
-        _FORCE_RELEASED_RAW
-        + (_FORCE_MAX_RAW - _FORCE_RELEASED_RAW) * plug.force_mn() // MAX_FORCE_MN,
-    )
+    raw_range = _FORCE_MAX_RAW - _FORCE_RELEASED_RAW
+    raw = _FORCE_RELEASED_RAW + raw_range * plug.force_mn() // MAX_FORCE_MN
+    return (raw,)
 
 
+# The modes of each device in the order of their numbers, in the short form of a table: name,
+# number and type of values, and how they are read.
 _8, _16, _32 = DataType
 _REFLECTION = DeviceMode("REFLT", 1, _8, lambda plug: (reflection_pct(plug.color()),))
 _AMBIENT = DeviceMode("AMBI", 1, _8, lambda plug: (round(plug.ambient_pct()),))
@@ -332,18 +373,28 @@ SENSOR_MODES: Mapping[SensorKind, DeviceModes] = {
         stale_ms=50,
     ),
 }
-_WITH_ENCODER = [kind for kind in MotorKind if kind.model.has_encoder]
-MODES: Mapping[int, DeviceModes] = {
-    **{
-        kind.model.device_id: _ABSOLUTE_MOTOR if kind.model.is_absolute else _RELATIVE_MOTOR
-        for kind in _WITH_ENCODER
-    },
-    **{kind.model.device_id: modes for kind, modes in SENSOR_MODES.items()},
-}
+
+
+def _modes_by_device() -> dict[int, DeviceModes]:
+    modes = {}
+    for motor_kind in MotorKind:
+        model = motor_kind.model
+        # A motor without an encoder is a passive device, which has no modes.
+        if model.has_encoder:
+            modes[model.device_id] = _ABSOLUTE_MOTOR if model.is_absolute else _RELATIVE_MOTOR
+    for sensor_kind, sensor_modes in SENSOR_MODES.items():
+        modes[sensor_kind.model.device_id] = sensor_modes
+    return modes
+
+
+MODES: Mapping[int, DeviceModes] = _modes_by_device()
 """Modes by the number of the device."""
 
 
 def reports_angle(kind: MotorKind, mode: str | None) -> bool:
     """Whether the firmware gets a motor's angle in its mode; ``None``: the mode after plugging
     in."""
-    return kind.model.has_encoder and mode in (None, MODES[kind.model.device_id].first_mode)
+    if not kind.model.has_encoder:
+        return False
+    first_mode = MODES[kind.model.device_id].first_mode
+    return mode in (None, first_mode)

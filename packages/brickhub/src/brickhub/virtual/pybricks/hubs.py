@@ -30,13 +30,17 @@ from brickhub.virtual.pybricks.wireless import Radio
 _IDLE_CURRENT_MA = 100
 _ROOM_TEMPERATURE_MDEG = 25_000
 _SIZE = 5
-_QUARTER_TURNS = {"TOP": 0, "FRONT": 0, "RIGHT": 1, "BOTTOM": 2, "BACK": 2, "LEFT": 3}  # clockwise
+"""Rows and columns of the light matrix."""
+# Clockwise quarter turns that bring this side of the hub to the top of the picture.
+_QUARTER_TURNS = {"TOP": 0, "FRONT": 0, "RIGHT": 1, "BOTTOM": 2, "BACK": 2, "LEFT": 3}
 _MAX_BRIGHTNESS = 100
 _MAX_FRAMES = 255
+# Name, sign, octave, slash, fraction, dot, tie. What must be there is optional in the pattern, as
+# the firmware tells which part is missing.
 _NOTE = re.compile(r"(?:R|([A-G])([#b]?)([0-9])?)(/)?(\d\d?)?(\.?)(_?)")
 _FORBIDDEN_NOTES = ("Cb", "B#", "E#", "Fb")
 _SEMITONES = {"C": 0, "D": 2, "E": 4, "F": 5, "G": 7, "A": 9, "B": 11}
-# C0 to B0
+# C0 to B0, in hundredths of a Hz; each octave above doubles them.
 _LOWEST_OCTAVE_CHZ = (1635, 1732, 1835, 1945, 2060, 2183, 2312, 2450, 2596, 2750, 2914, 3087)
 _MOVED_MESSAGE = b"""Hub messaging has been moved. You should use:\r
 \r
@@ -57,20 +61,20 @@ class ColorLight(Native):
         self._set_light(None, 0)
 
     def blink(self, color: Any, durations: Any) -> None:
-        durations_ms = [
-            get_int(duration) for _, duration in zip(range(len(durations)), durations, strict=False)
-        ]
+        # Never more than its length says, of a sequence that a program has written itself.
+        count = len(durations)
+        durations_ms = [get_int(duration) for duration in itertools.islice(durations, count)]
         expect(all(duration > 0 for duration in durations_ms))
         self._show(color)
-        self._play(
-            [
-                (None if index % 2 else color, duration)
-                for index, duration in enumerate(durations_ms)
-            ]
-        )
+        # On for the first duration, off for the second, and so on.
+        frames = []
+        for index, duration_ms in enumerate(durations_ms):
+            shown_color = None if index % 2 else color
+            frames.append((shown_color, duration_ms))
+        self._play(frames)
 
     def animate(self, colors: Any, interval: Any) -> None:
-        sequence = [color for _, color in zip(range(len(colors)), colors, strict=False)]
+        sequence = list(itertools.islice(colors, len(colors)))
         for color in sequence:
             expect_type(color, Color)
         interval_ms = get_int(interval)
@@ -78,14 +82,15 @@ class ColorLight(Native):
 
     def _play(self, frames: list[tuple[Any, int]]) -> None:
         if frames:
-            self._machine.panel.animate(
-                "light", itertools.starmap(self._set_light, itertools.cycle(frames))
-            )
+            steps = itertools.starmap(self._set_light, itertools.cycle(frames))
+            self._machine.panel.animate("light", steps)
 
     def _set_light(self, color: Any, duration_ms: int) -> int:
-        self._machine.panel.change(
-            light=(color.h, color.s, color.v) if color is not None and color.v > 0 else None
-        )
+        """Show a color, and return for how long, as the panel asks of a step of an animation."""
+        light = None
+        if color is not None and color.v > 0:
+            light = (color.h, color.s, color.v)
+        self._machine.panel.change(light=light)
         return duration_ms
 
     def _show(self, color: Any) -> None:
@@ -119,11 +124,13 @@ class LightMatrix(_Timed):
 
     def _turned(self, pixels: list[int]) -> list[int]:
         for _ in range(self._machine.panel.quarter_turns):
-            pixels = [
-                pixels[(_SIZE - 1 - column) * _SIZE + row]
-                for row in range(_SIZE)
-                for column in range(_SIZE)
-            ]
+            turned = []
+            for row in range(_SIZE):
+                for column in range(_SIZE):
+                    # Clockwise: a row of the new picture is a column of the old one, from below.
+                    old_row = _SIZE - 1 - column
+                    turned.append(pixels[old_row * _SIZE + row])
+            pixels = turned
         return pixels
 
     def icon(self, icon: Any) -> None:
@@ -143,16 +150,22 @@ class LightMatrix(_Timed):
         self._machine.panel.animate("display", animation())
 
     def pixel(self, row: Any, column: Any, brightness: Any = _MAX_BRIGHTNESS) -> None:
-        position = (get_int(row), get_int(column))
-        value = percentage(brightness)
-        if self._machine.panel.stop_animation("display"):
-            self._machine.panel.show([0] * _SIZE**2)
-        if all(0 <= x < _SIZE for x in position):
-            pixels = list(self._machine.panel.display)
-            pixels[self._turned([*range(_SIZE**2)]).index(position[0] * _SIZE + position[1])] = (
-                value
-            )
-            self._machine.panel.show(pixels, self._machine.panel.text)
+        row_index = get_int(row)
+        column_index = get_int(column)
+        brightness_pct = percentage(brightness)
+        panel = self._machine.panel
+        if panel.stop_animation("display"):
+            panel.show([0] * _SIZE**2)
+        # The firmware ignores a pixel outside.
+        if not (0 <= row_index < _SIZE and 0 <= column_index < _SIZE):
+            return
+        # The display keeps what was shown before as it was turned then; only this pixel is turned
+        # now, by where its number goes to.
+        turned_numbers = self._turned([*range(_SIZE**2)])
+        place = turned_numbers.index(row_index * _SIZE + column_index)
+        pixels = list(panel.display)
+        pixels[place] = brightness_pct
+        panel.show(pixels, panel.text)
 
     def on(self, brightness: Any = _MAX_BRIGHTNESS) -> None:
         self._show([percentage(brightness)] * _SIZE**2)
@@ -170,11 +183,17 @@ class LightMatrix(_Timed):
     def _show_symbol(self, symbol: Any) -> None:
         """Show a character or a number; numbers of more than two digits are shown as < or >."""
         if isinstance(symbol, str):
-            expect(len(symbol) == 1 and 32 <= ord(symbol) <= 126)
+            # The firmware has pictures of the printable characters of ASCII.
+            expect(len(symbol) == 1)
+            expect(32 <= ord(symbol) <= 126)
             text = symbol
         else:
             number = get_int(symbol)
-            text = ">" if number > 99 else "<" if number < -99 else str(number)
+            text = str(number)
+            if number > 99:
+                text = ">"
+            elif number < -99:
+                text = "<"
         self._show([0] * _SIZE**2, text)
 
     def _show(self, pixels: list[int], text: str = "") -> None:
@@ -191,6 +210,7 @@ class LightMatrix(_Timed):
         for index, char in enumerate(text):
             self._show_symbol(char)
             yield from self._until(self._machine.time_ms + on_ms)
+            # Without a pause characters follow each other directly; the last one goes out anyway.
             if off_ms > 0 or index == len(text) - 1:
                 self._show([0] * _SIZE**2)
                 yield from self._until(self._machine.time_ms + off_ms)
@@ -204,13 +224,18 @@ def _pixels(icon: Any) -> list[int]:
     """
     if isinstance(icon, Matrix):
         expect(icon.shape == (_SIZE, _SIZE))
-        return [int(max(0.0, min(float(_MAX_BRIGHTNESS), value))) for value in icon]
-    return [percentage(pixel) for row in _five(icon) for pixel in _five(row)]
+        limit = float(_MAX_BRIGHTNESS)
+        return [int(max(0.0, min(limit, value))) for value in icon]
+    pixels: list[int] = []
+    for row in _five(icon):
+        pixels += [percentage(pixel) for pixel in _five(row)]
+    return pixels
 
 
 def _five(values: Any) -> Sequence[Any]:
-    expect(len(get_array(values)) == _SIZE)
-    return get_array(values)
+    array = get_array(values)
+    expect(len(array) == _SIZE)
+    return array
 
 
 class Speaker(_Timed):
@@ -229,14 +254,23 @@ class Speaker(_Timed):
         frequency_hz = get_int(frequency)
         duration_ms = get_int(duration)
         self._machine.panel.change(sound_hz=frequency_hz)
+        # A negative duration is a tone without an end, for which nobody waits.
+        if duration_ms < 0:
+            return None
         end_ms = self._machine.time_ms + duration_ms
-        return None if duration_ms < 0 else self._play(self._rest_of_tone(end_ms), self._silence)
+        return self._play(self._rest_of_tone(end_ms), self._silence)
 
     def play_notes(self, notes: Any, tempo: Any = 120) -> Any:
-        notes = iter(notes)
+        remaining = iter(notes)
+        # Four beats a bar; the tempo is in beats a minute.
         bar_ms = 4 * 60 * 1000 // get_int(tempo)
-        steps = (step for note in notes for step in self._sound(*_parse_note(note, bar_ms)))
-        return self._play(steps, self._silence)
+        return self._play(self._sounds(remaining, bar_ms), self._silence)
+
+    def _sounds(self, notes: Iterator[Any], bar_ms: int) -> Iterator[bool]:
+        """Play notes one by one; each is read only when its turn comes, as on a hub."""
+        for note in notes:
+            frequency_hz, sound_ms, total_ms = _parse_note(note, bar_ms)
+            yield from self._sound(frequency_hz, sound_ms, total_ms)
 
     def _rest_of_tone(self, end_ms: int) -> Iterator[bool]:
         yield from self._until(end_ms)
@@ -262,17 +296,28 @@ def _parse_note(note: Any, bar_ms: int) -> tuple[int, int, int]:
     name, sign, octave, slash, fraction, dot, tie = match.groups()
     if name and name + sign in _FORBIDDEN_NOTES:
         raise ValueError(f"{name}{sign} is not allowed")
-    if name and (octave is None or not 2 <= int(octave) <= 8):
+    has_octave = octave is not None and 2 <= int(octave) <= 8
+    if name and not has_octave:
         raise ValueError("Missing octave number 2-8")
     if slash is None:
         raise ValueError("Missing /")
     if fraction is None:
         raise ValueError("Missing fractional value 1, 2, 4, 8, etc.")
     total_ms = bar_ms // int(fraction)
-    total_ms = 3 * total_ms // 2 if dot else total_ms
-    semitone = _SEMITONES[name] + {"#": 1, "b": -1}.get(sign, 0) if name else 0
-    frequency_hz = (_LOWEST_OCTAVE_CHZ[semitone] << int(octave)) // 100 if name else 0
-    return frequency_hz, total_ms if tie else 7 * total_ms // 8, total_ms
+    if dot:
+        total_ms = 3 * total_ms // 2
+    # A rest, R, has no name.
+    frequency_hz = 0
+    if name:
+        semitone = _SEMITONES[name]
+        if sign == "#":
+            semitone += 1
+        elif sign == "b":
+            semitone -= 1
+        frequency_hz = (_LOWEST_OCTAVE_CHZ[semitone] << int(octave)) // 100
+    # The last eighth of a note is silent, unless it is tied to the next one.
+    sound_ms = total_ms if tie else 7 * total_ms // 8
+    return frequency_hz, sound_ms, total_ms
 
 
 class Keypad(Native):
@@ -317,18 +362,25 @@ class System(Native):
     def set_stop_button(self, button: Any) -> None:
         """Set the buttons; ``Button`` itself is none. A hub with one button takes it for anything
         that is true."""
+        panel = self._machine.panel
         if len(self._machine.robot.hub.model.buttons) == 1:
-            names = [STOP_BUTTON] if button else []
-        else:
-            try:
-                found = list(button) if button else []
-            except TypeError:
-                found = [button]
-            for one in found:
-                if type(one).__name__ != Button.__name__:
-                    expect_type(button, Button)
-            names = [str(one).partition(".")[2].lower() for one in found]
-        self._machine.panel.stop_buttons = frozenset(filter(None, names))
+            panel.stop_buttons = frozenset({STOP_BUTTON}) if button else frozenset()
+            return
+        # One button, or a set of them.
+        try:
+            chosen = list(button) if button else []
+        except TypeError:
+            chosen = [button]
+        names = set()
+        for choice in chosen:
+            # By name, as ``parameters.Button`` of a program is an object whose class has it too.
+            if type(choice).__name__ != Button.__name__:
+                expect_type(button, Button)
+            # "Button.CENTER"; ``Button`` itself has nothing after a dot.
+            name = str(choice).partition(".")[2].lower()
+            if name:
+                names.add(name)
+        panel.stop_buttons = frozenset(names)
 
     def name(self) -> str:
         return "Pybricks Hub"
@@ -357,10 +409,12 @@ class System(Native):
             raise TypeError("Must set either read (int) or write (bytes).")
         data = b"" if write is None else as_bytes(write)
         size = read if write is None else len(data)
-        expect(start >= 0 and size >= 0 and start + size <= len(self._storage))
+        end = start + size
+        expect(start >= 0 and size >= 0)
+        expect(end <= len(self._storage))
         if write is None:
-            return bytes(self._storage[start : start + size])
-        self._storage[start : start + size] = data
+            return bytes(self._storage[start:end])
+        self._storage[start:end] = data
         return None
 
     def reset_storage(self) -> None:
@@ -424,9 +478,11 @@ def _as_module(name: str, part: Any) -> ModuleType:
 
         return call
 
-    return module(
-        name, {key: function(getattr(part, key)) for key in dir(part) if not key.startswith("_")}
-    )
+    functions = {}
+    for method_name in dir(part):
+        if not method_name.startswith("_"):
+            functions[method_name] = function(getattr(part, method_name))
+    return module(name, functions)
 
 
 def hubs_module(context: Context, model: HubModel) -> ModuleType:
@@ -436,20 +492,32 @@ def hubs_module(context: Context, model: HubModel) -> ModuleType:
         "light": ColorLight,
         "system": System,
     }
-    kinds |= {"charger": Charger} if model.is_rechargeable else {}
-    kinds |= {"display": LightMatrix} if model.has_display else {}
-    kinds |= {"speaker": Speaker} if model.has_speaker else {}
-    kinds |= (
-        {"imu": IMU} if model.has_imu else {"imu": Accelerometer} if model.has_accelerometer else {}
-    )
-    parts = {name: bind(context, kind)() for name, kind in kinds.items()}
-    parts["battery"], parts["system"] = (
-        _as_module("battery", parts["battery"]),
-        _as_module("", parts["system"]),
-    )
+    if model.is_rechargeable:
+        kinds["charger"] = Charger
+    if model.has_display:
+        kinds["display"] = LightMatrix
+    if model.has_speaker:
+        kinds["speaker"] = Speaker
+    if model.has_imu:
+        kinds["imu"] = IMU
+    elif model.has_accelerometer:
+        kinds["imu"] = Accelerometer
+    parts = {}
+    for name, kind in kinds.items():
+        parts[name] = bind(context, kind)()
+    # These two are modules in the firmware, not objects.
+    parts["battery"] = _as_module("battery", parts["battery"])
+    parts["system"] = _as_module("", parts["system"])
+    # The older name, of hubs with a single button.
     if len(model.buttons) == 1:
-        parts["button"] = parts["buttons"]  # older name
-    base = _MoveHub if model.has_accelerometer else _OrientedHub if "imu" in parts else _Hub
+        parts["button"] = parts["buttons"]
+    base: type[_Hub] = _Hub
+    if model.has_accelerometer:
+        base = _MoveHub
+    elif "imu" in parts:
+        base = _OrientedHub
     hub = type(model.class_name, (base,), {"_parts": parts, "_context": context})
     names = {model.class_name: hub, "ThisHub": hub}
-    return module("hubs", names | ({model.alias: hub} if model.alias else {}))
+    if model.alias:
+        names[model.alias] = hub
+    return module("hubs", names)

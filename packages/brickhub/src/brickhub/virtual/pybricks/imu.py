@@ -17,6 +17,7 @@ from brickhub.virtual.pybricks.matrix import Matrix, vector
 from brickhub.virtual.pybricks.parameters import Axis, Side
 
 _DEG_PER_RAD = 57.296
+"""As rounded in the firmware, whose angles differ from the exact ones in the last digits."""
 _GRAVITY_MM_S2 = 9806.65
 _REST_MS = 1000
 """Duration of 833 samples of the gyroscope, all below the threshold."""
@@ -30,8 +31,10 @@ _SETTINGS: dict[str, tuple[Any, float]] = {
 }
 """Default values, and the largest deviation from them that the firmware accepts."""
 _Vector = tuple[float, float, float]
-_MM_S2_PER_STEP = 0.244 * 9.81  # of the accelerometer (LSM6DS3TR-C) at 8 g
-# of the sensor (LIS3DH) at 2 g, 8 bits
+_MM_S2_PER_STEP = 0.244 * 9.81
+"""Resolution of the accelerometer (LSM6DS3TR-C) in its range of 8 g."""
+# The Move hub's sensor (LIS3DH) in its range of 2 g has 8 bits; the firmware shows a count as a
+# whole number of mm/s2, for want of floats.
 _COUNTS_PER_G = 64
 _G_MM_S2 = 9806.65
 _MM_S2_PER_COUNT = 158
@@ -54,8 +57,13 @@ def _side_up(upwards: Sequence[float]) -> Any:
     """The ``Side`` of the hub through which a vector in its frame passes."""
     magnitudes = [abs(part) for part in upwards]
     largest = magnitudes.index(max(magnitudes))
-    sides = ((Side.FRONT, Side.BACK), (Side.LEFT, Side.RIGHT), (Side.TOP, Side.BOTTOM))[largest]
-    return sides[0 if upwards[largest] >= 0 else 1]
+    sides_of_axes = (
+        (Side.FRONT, Side.BACK),
+        (Side.LEFT, Side.RIGHT),
+        (Side.TOP, Side.BOTTOM),
+    )
+    positive, negative = sides_of_axes[largest]
+    return positive if upwards[largest] >= 0 else negative
 
 
 def _axis(value: Any) -> _Vector:
@@ -75,7 +83,19 @@ def _project(value: _Vector, axis: Any) -> float:
 
 
 def _dot(a: _Vector, b: _Vector) -> float:
-    return 0.0 + a[0] * b[0] + a[1] * b[1] + a[2] * b[2]  # no -0.0
+    # Beginning with 0.0, so that the result is never -0.0.
+    total = 0.0
+    total += a[0] * b[0]
+    total += a[1] * b[1]
+    total += a[2] * b[2]
+    return total
+
+
+def _scaled_to_one(vector: _Vector) -> _Vector:
+    """The unit vector of the same direction."""
+    length = math.sqrt(_dot(vector, vector))
+    x, y, z = vector
+    return x / length, y / length, z / length
 
 
 class IMU(Native):
@@ -85,7 +105,9 @@ class IMU(Native):
     def __init__(self) -> None:
         body = self._machine.body
         self._bench = body if isinstance(body, FittedBench) else None
-        self._settings = {name: default for name, (default, _) in _SETTINGS.items()}
+        self._settings: dict[str, Any] = {}
+        for name, (default, _) in _SETTINGS.items():
+            self._settings[name] = default
         self._turned_ms: int | None = None
         self._orient(Axis.Z, Axis.X)
 
@@ -94,50 +116,65 @@ class IMU(Native):
         Raises ValueError if they are not at right angles."""
         front = _axis(front_side)
         top = _axis(top_side)
-        expect(not abs(_dot(front, top)) > 1e-3 and _dot(front, front) and _dot(top, top))
-        front, top = (tuple(x / math.sqrt(_dot(v, v)) for x in v) for v in (front, top))  # type: ignore[assignment]
-        (a, b, c) = top
-        (x, y, z) = front
-        left = b * z - c * y, c * x - a * z, a * y - b * x
-        self._frame = self._heading.frame = front, left, top
+        expect(not abs(_dot(front, top)) > 1e-3)
+        expect(_dot(front, front))
+        expect(_dot(top, top))
+        front = _scaled_to_one(front)
+        top = _scaled_to_one(top)
+        # The third axis is the vector product of the first two: top x front.
+        a, b, c = top
+        x, y, z = front
+        left = (
+            b * z - c * y,
+            c * x - a * z,
+            a * y - b * x,
+        )
+        self._frame = front, left, top
+        self._heading.frame = self._frame
         if self._bench is not None:
-            self._bench.mount((front[2], left[2], top[2]))
+            # The robot's vertical in the hub's frame.
+            up = (front[2], left[2], top[2])
+            self._bench.mount(up)
         self._heading.set_angle(0.0)
-        self._is_aligned = front == (1.0, 0.0, 0.0) and top == (0.0, 0.0, 1.0)
+        faces_ahead = front == (1.0, 0.0, 0.0)
+        is_upright = top == (0.0, 0.0, 1.0)
+        self._is_aligned = faces_ahead and is_upright
 
     @property
     def _heading(self) -> GyroHeading:
         """Heading, once the bench has found its wheels."""
         if self._bench is not None:
-            self._bench.find_wheels(
-                {port: servo.direction for port, servo in self._machine.servos.items()}
-            )
+            servos = self._machine.servos
+            directions = {port: servo.direction for port, servo in servos.items()}
+            self._bench.find_wheels(directions)
         return self._machine.heading
 
     def tilt(self, calibrated: Any = True) -> tuple[float, float]:
+        # The body's own angles are exact; only a hub that is mounted otherwise needs more.
         pitch, roll = self._machine.body.tilt_deg()
         if not (calibrated and self._is_aligned):
-            x, y, z = self._in_robot_frame(
-                self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2()
-            )
+            x, y, z = self._in_robot_frame(self._upwards(calibrated))
             pitch = math.atan2(-x, math.hypot(y, z)) * _DEG_PER_RAD
-            roll = math.atan2(y + 0.0, z) * _DEG_PER_RAD  # -0.0 would change it by 360
+            # Without + 0.0 a -0.0 would change it by 360 degrees.
+            roll = math.atan2(y + 0.0, z) * _DEG_PER_RAD
         tilt = to_single(pitch), to_single(roll)
         if self._machine.log is not None:
             self._machine.log.read(("pitch_deg", "roll_deg"), tilt)
         return tilt
 
     def up(self, calibrated: Any = True) -> Any:
-        return _side_up(
-            self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2()
-        )
+        return _side_up(self._upwards(calibrated))
 
     def acceleration(self, axis: Any = None, calibrated: Any = True) -> Any:
+        # In whole steps of the sensor, as a hub reads them.
         x, y, z = (
             round(part / _MM_S2_PER_STEP) * _MM_S2_PER_STEP
             for part in self._machine.body.acceleration_mm_s2()
         )
-        force = self._in_robot_frame(self._corrected((x, y, z)) if calibrated else (x, y, z))
+        force = x, y, z
+        if calibrated:
+            force = self._corrected(force)
+        force = self._in_robot_frame(force)
         return vector(*force) if axis is None else _project(force, axis)
 
     def angular_velocity(self, axis: Any = None, calibrated: Any = True) -> Any:
@@ -156,14 +193,23 @@ class IMU(Native):
         self._heading.set_angle(get_number(angle))
 
     def rotation(self, axis: Any = None, calibrated: Any = True) -> float:
-        return _project(
-            self._in_robot_frame(self._heading.rotation_deg(calibrated=bool(calibrated))), axis
-        )
+        rotation_deg = self._heading.rotation_deg(calibrated=bool(calibrated))
+        return _project(self._in_robot_frame(rotation_deg), axis)
 
     def orientation(self) -> Any:
-        pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
+        pitch_deg, roll_deg = self._machine.body.tilt_deg()
+        pitch = math.radians(pitch_deg)
+        roll = math.radians(roll_deg)
+        # A heading is clockwise, a rotation about the upward axis counterclockwise.
         yaw = -math.radians(self._heading.yaw_deg())
-        cp, sp, cr, sr, cy, sy = (f(a) for a in (pitch, roll, yaw) for f in (math.cos, math.sin))
+        cp = math.cos(pitch)
+        sp = math.sin(pitch)
+        cr = math.cos(roll)
+        sr = math.sin(roll)
+        cy = math.cos(yaw)
+        sy = math.sin(yaw)
+        # The rotation matrix R = Rz(yaw) Ry(pitch) Rx(roll): rows are the world's axes in the
+        # hub's frame.
         return Matrix(
             [
                 [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -180,13 +226,15 @@ class IMU(Native):
         motor drives it and it is not seen to turn."""
         servos = self._machine.servos.values()
         limit = self._settings["angular_velocity_threshold"]
-        if any(abs(rate) >= limit for rate in self._machine.body.angular_velocity_deg_s()):
+        rates = self._machine.body.angular_velocity_deg_s()
+        if any(abs(rate) >= limit for rate in rates):
             self._turned_ms = self._machine.time_ms
-        moved_ms = [
-            ms for ms in (self._turned_ms, *(servo.driven_ms for servo in servos)) if ms is not None
-        ]
-        rests = not moved_ms or self._machine.time_ms - max(moved_ms) >= _REST_MS
-        return rests and all(servo.voltage_mv is None for servo in servos)
+        # Times at which it was last turned, or driven by a motor; None for never.
+        candidates_ms = [self._turned_ms, *(servo.driven_ms for servo in servos)]
+        moved_ms = [time_ms for time_ms in candidates_ms if time_ms is not None]
+        if moved_ms and self._machine.time_ms - max(moved_ms) < _REST_MS:
+            return False
+        return all(servo.voltage_mv is None for servo in servos)
 
     def settings(
         self,
@@ -197,33 +245,20 @@ class IMU(Native):
         angular_velocity_scale: Any = None,
         acceleration_correction: Any = None,
     ) -> tuple[Any, ...] | None:
-        given = {
-            name: value
-            for name, value in locals().items()
-            if name in _SETTINGS and value is not None
+        # In the order of the arguments: a refused one leaves those before it set.
+        arguments = {
+            "angular_velocity_threshold": angular_velocity_threshold,
+            "acceleration_threshold": acceleration_threshold,
+            "heading_correction": heading_correction,
+            "angular_velocity_bias": angular_velocity_bias,
+            "angular_velocity_scale": angular_velocity_scale,
+            "acceleration_correction": acceleration_correction,
         }
-        if not given:
-            values = self._settings.values()
-            return tuple(
-                tuple(map(to_single, value)) if isinstance(value, tuple) else to_single(value)
-                for value in values
-            )
-        for name, value in given.items():
-            default, max_deviation = _SETTINGS[name]
-            is_tuple = isinstance(default, tuple)
-            if is_tuple and len(get_array(value)) != len(default):
-                raise ValueError(
-                    f"{name.replace('_', ' ').capitalize()} must be a {len(default)}-element tuple."
-                )
-            numbers = tuple(map(get_number, value if is_tuple else (value,)))
-            nominal = default if is_tuple else (default,)
-            expect(
-                not any(
-                    abs(number - other) > max_deviation
-                    for number, other in zip(numbers, nominal, strict=True)
-                )
-            )
-            self._settings[name] = numbers if is_tuple else numbers[0]
+        changes = {name: value for name, value in arguments.items() if value is not None}
+        if not changes:
+            return tuple(map(_as_single, self._settings.values()))
+        for name, value in changes.items():
+            self._settings[name] = _checked_setting(name, value)
         self._heading.turn_deg = self._settings["heading_correction"]
         if angular_velocity_scale is not None:
             self._heading.calibrate(self._settings["angular_velocity_scale"])
@@ -233,24 +268,70 @@ class IMU(Native):
         """An acceleration, corrected by the readings for gravity along each axis that a program has
         set."""
         limits = self._settings["acceleration_correction"]
-        pairs = zip(force, limits[::2], limits[1::2], strict=True)
+        # The mean of both readings is the offset of an axis, half their difference its gravity.
+        upward = limits[::2]
+        downward = limits[1::2]
+        readings = zip(force, upward, downward, strict=True)
         x, y, z = (
             (value - (up + down) / 2) * _GRAVITY_MM_S2 / ((up - down) / 2)
-            for value, up, down in pairs
+            for value, up, down in readings
         )
         return x, y, z
 
+    def _upwards(self, calibrated: Any) -> _Vector:
+        """A vector upwards in the hub's frame: by the hub's pose, or by its accelerometer."""
+        if calibrated:
+            return self._gravity_in_hub()
+        return self._machine.body.acceleration_mm_s2()
+
     def _gravity_in_hub(self) -> _Vector:
         """Unit vector upwards in the hub's frame."""
-        pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
-        return -math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)
-
-    def _in_robot_frame(self, v: _Vector) -> _Vector:
-        if self._is_aligned:
-            return v
-        front, left, top = self._frame
-        x, y, z = (v[0] * front[i] + v[1] * left[i] + v[2] * top[i] for i in range(3))
+        pitch_deg, roll_deg = self._machine.body.tilt_deg()
+        pitch = math.radians(pitch_deg)
+        roll = math.radians(roll_deg)
+        x = -math.sin(pitch)
+        y = math.cos(pitch) * math.sin(roll)
+        z = math.cos(pitch) * math.cos(roll)
         return x, y, z
+
+    def _in_robot_frame(self, vector: _Vector) -> _Vector:
+        # Unchanged, and so without rounding, for a hub that is mounted as it usually is.
+        if self._is_aligned:
+            return vector
+        front, left, top = self._frame
+        ahead, leftward, upward = vector
+        # The columns of the rotation are the hub's front, left and top in the robot's frame.
+        return (
+            ahead * front[0] + leftward * left[0] + upward * top[0],
+            ahead * front[1] + leftward * left[1] + upward * top[1],
+            ahead * front[2] + leftward * left[2] + upward * top[2],
+        )
+
+
+def _as_single(value: Any) -> Any:
+    """A setting as a program sees it, in 32 bits."""
+    if isinstance(value, tuple):
+        return tuple(map(to_single, value))
+    return to_single(value)
+
+
+def _checked_setting(name: str, value: Any) -> Any:
+    """A new value of a setting: a number, or a tuple of numbers. Raises TypeError or ValueError for
+    one that the firmware refuses."""
+    default, max_deviation = _SETTINGS[name]
+    is_tuple = isinstance(default, tuple)
+    if is_tuple and len(get_array(value)) != len(default):
+        title = name.replace("_", " ").capitalize()
+        raise ValueError(f"{title} must be a {len(default)}-element tuple.")
+    numbers = tuple(map(get_number, value if is_tuple else (value,)))
+    nominal = default if is_tuple else (default,)
+    expect(
+        not any(
+            abs(number - expected) > max_deviation
+            for number, expected in zip(numbers, nominal, strict=True)
+        )
+    )
+    return numbers if is_tuple else numbers[0]
 
 
 class Accelerometer(Native):
@@ -267,9 +348,15 @@ class Accelerometer(Native):
         axes = {abs(top), abs(front)}
         expect(len(axes) == 2 and axes <= {1, 2, 3})
         (left,) = {1, 2, 3} - axes
+        # The left side is the vector product top x front. It is positive if the axis of front
+        # follows that of top in the circle 1, 2, 3 and both have one sign.
         follows = (abs(front) - abs(top)) % 3 == 1
-        self._axes = front, left if follows is (top * front > 0) else -left, top
+        has_one_sign = top * front > 0
+        if follows is not has_one_sign:
+            left = -left
+        self._axes = front, left, top
         if isinstance(self._machine.body, FittedBench):
+            # Where the robot's third axis, its vertical, is in the hub's frame.
             x, y, z = (float((axis == 3) - (axis == -3)) for axis in self._axes)
             self._machine.body.mount((x, y, z))
 
@@ -281,17 +368,23 @@ class Accelerometer(Native):
 
     def tilt(self) -> tuple[int, int]:
         x, y, z = self._in_robot_frame()
-        return _atan2_deg(-x, math.isqrt(z * z + y * y)), _atan2_deg(y, z)
+        across = math.isqrt(z * z + y * y)
+        pitch_deg = _atan2_deg(-x, across)
+        roll_deg = _atan2_deg(y, z)
+        return pitch_deg, roll_deg
 
     def _counts(self) -> Sequence[int]:
-        force = self._machine.body.acceleration_mm_s2()
-        return [max(-128, min(127, math.floor(part * _COUNTS_PER_G / _G_MM_S2))) for part in force]
+        # Rounded down and saturated to the 8 bits of the sensor.
+        counts = []
+        for part in self._machine.body.acceleration_mm_s2():
+            count = math.floor(part * _COUNTS_PER_G / _G_MM_S2)
+            counts.append(max(-128, min(127, count)))
+        return counts
 
     def _in_robot_frame(self) -> list[int]:
-        values = {
-            abs(axis): count if axis > 0 else -count
-            for axis, count in zip(self._axes, self._counts(), strict=True)
-        }
+        values = {}
+        for axis, count in zip(self._axes, self._counts(), strict=True):
+            values[abs(axis)] = count if axis > 0 else -count
         return [values[axis] for axis in (1, 2, 3)]
 
 
@@ -302,12 +395,24 @@ def _atan2_deg(y: int, x: int) -> int:
     if x == 0:
         return 90 if y > 0 else -90
     ratio = abs(1024 * y) // abs(x)
-    pairs = zip(_ARC_TANGENTS, _ARC_TANGENTS[1:], strict=False)
-    eighths = next(
-        (a + (ratio - r) * (b - a) // (s - r) for (r, a), (s, b) in pairs if ratio < s),
-        _ARC_TANGENTS[-1][1],
-    )
-    angle = eighths // 8 if (x > 0) == (y > 0) else -(eighths // 8)
+    angle = _arc_tangent_eighths(ratio) // 8
+    # Of the magnitudes so far: both signs decide the quadrant.
+    if (x > 0) != (y > 0):
+        angle = -angle
     if x > 0:
         return angle
     return angle - 180 if angle > 0 else angle + 180
+
+
+def _arc_tangent_eighths(ratio: int) -> int:
+    """Arc tangent of a ratio, in straight lines between the points of the table; constant beyond
+    the last."""
+    for i in range(1, len(_ARC_TANGENTS)):
+        low_ratio, low_angle = _ARC_TANGENTS[i - 1]
+        high_ratio, high_angle = _ARC_TANGENTS[i]
+        if ratio < high_ratio:
+            rise = high_angle - low_angle
+            run = high_ratio - low_ratio
+            return low_angle + (ratio - low_ratio) * rise // run
+    _, last_angle = _ARC_TANGENTS[-1]
+    return last_angle

@@ -26,7 +26,8 @@ from brickhub.virtual.pybricks.device_modes import MODES, DeviceMode, DeviceMode
 from brickhub.virtual.pybricks.pupsensors import Device
 from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController
 
-_BITS_PER_BYTE = 10  # with start and stop bit
+_BITS_PER_BYTE = 10
+"""With start and stop bit."""
 _WARNING = (
     b"Custom electronics may damage your LEGO hub. Proceed at your own risk.\r\n"
     b"Press Y to proceed. Press N to cancel.\r\n"
@@ -44,8 +45,12 @@ class PUPDevice(Device):
         return device is not None
 
     def info(self) -> dict[str, Any]:
-        modes = tuple((mode.name, mode.count, int(mode.data_type)) for mode in self._modes)
-        return HubDict(id=self._id, modes=modes) if modes else HubDict(id=self._id)
+        if not self._modes:
+            return HubDict(id=self._id)
+        modes = []
+        for mode in self._modes:
+            modes.append((mode.name, mode.count, int(mode.data_type)))
+        return HubDict(id=self._id, modes=tuple(modes))
 
     def reset(self) -> None:
         """Reset to the state after plugging in."""
@@ -56,13 +61,12 @@ class PUPDevice(Device):
     def read(self, mode: Any) -> Any:
         device_mode = self._checked_mode(mode, "Invalid argument")
         self._release_motor(device_mode.name)
+        # Names of the columns in the log of a run: one for each value.
         name = device_mode.name.replace(" ", "_")
-        parts = (
-            [f"{name}_{part}" for part in range(device_mode.count)]
-            if device_mode.count > 1
-            else [name]
-        )
-        return self._measure(device_mode.name, lambda: device_mode.values(self._plug), *parts)
+        columns = [name]
+        if device_mode.count > 1:
+            columns = [f"{name}_{index}" for index in range(device_mode.count)]
+        return self._measure(device_mode.name, lambda: device_mode.values(self._plug), *columns)
 
     def write(self, mode: Any, data: Any) -> Any:
         """Command without a visible effect; values are checked."""
@@ -73,8 +77,9 @@ class PUPDevice(Device):
             raise ValueError(f"Expected {device_mode.count} values")
         bits = device_mode.data_type.bits
         limit = 1 << bits - 1
-        if not all(-limit <= get_exact_int(value) < limit for value in data):
-            raise ValueError(f"Value out of range for int{bits}")
+        for value in data:
+            if not -limit <= get_exact_int(value) < limit:
+                raise ValueError(f"Value out of range for int{bits}")
         self._release_motor(device_mode.name)
         return self._write(device_mode.name)
 
@@ -83,6 +88,7 @@ class PUPDevice(Device):
         device."""
         if not self._modes:
             raise os_error(errno.EPERM)
+        # The firmware keeps a mode in a byte, so that 256 is mode 0.
         number = get_exact_int(mode) & 0xFF
         if number >= len(self._modes):
             raise ValueError(refusal)
@@ -96,16 +102,18 @@ class PUPDevice(Device):
 
 
 def _device_id(machine: Machine, port: str) -> int | None:
-    devices = (*machine.robot.motors, *machine.robot.sensors)
-    described_id = next(
-        (device.kind.model.device_id for device in devices if device.port == port), None
-    )
-    if described_id is not None or not isinstance(machine.body, FittedBench):
-        return described_id
-    plugged_in = machine.body.device(port)
-    if port in machine.body.motors:
-        return machine.body.motors[port].model.device_id
-    return None if plugged_in is None else SensorKind(plugged_in).model.device_id
+    """Number of the kind of device on a port; ``None`` if there is none."""
+    for device in (*machine.robot.motors, *machine.robot.sensors):
+        if device.port == port:
+            return device.kind.model.device_id
+    # A bench has no description: its devices are what the program has asked for.
+    bench = machine.body
+    if not isinstance(bench, FittedBench):
+        return None
+    if port in bench.motors:
+        return bench.motors[port].model.device_id
+    sensor = bench.device(port)
+    return None if sensor is None else SensorKind(sensor).model.device_id
 
 
 class UARTDevice(Native):
@@ -145,8 +153,10 @@ class UARTDevice(Native):
         self._bits_per_s = rate
 
     def read(self, length: Any = 1) -> Any:
+        # Nobody sends anything: only a timeout ends a read of a byte or more.
         duration_ms = math.inf if get_int(length) > 0 else 0.0
-        return self._reads.finish(self._transfer("read", duration_ms), lambda: b"", poll_ms=1)
+        transfer = self._transfer("read", duration_ms)
+        return self._reads.finish(transfer, lambda: b"", poll_ms=1)
 
     def read_all(self) -> bytes:
         return b""
@@ -155,7 +165,8 @@ class UARTDevice(Native):
         content = data.encode() if isinstance(data, str) else data
         expect(type(content) in (bytes, HubBytearray))
         duration_ms = len(content) * _BITS_PER_BYTE * 1000 / self._bits_per_s
-        return self._writes.finish(self._transfer("write", duration_ms), poll_ms=1)
+        transfer = self._transfer("write", duration_ms)
+        return self._writes.finish(transfer, poll_ms=1)
 
     def waiting(self) -> int:
         return 0
@@ -177,6 +188,7 @@ class UARTDevice(Native):
 
         def is_done() -> bool:
             nonlocal start_ms
+            # An awaitable begins when its task first runs, not when it is made.
             if start_ms is None:
                 if direction in self._busy:
                     raise os_error(errno.EBUSY)

@@ -15,10 +15,15 @@ class Matrix:
     _rows: list[list[float]]
 
     def __new__(cls, rows: Any) -> Any:
+        # Immutable, so one that is a matrix already can be shared.
         if isinstance(rows, Matrix):
             return rows
-        values = [[to_single(get_number(x)) for x in get_array(row)] for row in get_array(rows)]
-        expect(values and values[0] and all(len(row) == len(values[0]) for row in values))
+        values = []
+        for row in get_array(rows):
+            values.append([to_single(get_number(number)) for number in get_array(row)])
+        expect(values and values[0])
+        columns = len(values[0])
+        expect(all(len(row) == columns for row in values))
         return _from_rows(values)
 
     @property
@@ -27,22 +32,23 @@ class Matrix:
 
     @property
     def T(self) -> Any:
-        return _from_rows([list(column) for column in zip(*self._rows, strict=True)])
+        columns = zip(*self._rows, strict=True)
+        return _from_rows([list(column) for column in columns])
 
     def __iter__(self) -> Iterator[float]:
-        return iter([x for row in self._rows for x in row])
+        # Row by row, as MicroPython's own iterator of the class.
+        return iter([number for row in self._rows for number in row])
 
     def __getitem__(self, index: Any) -> float:
         rows, columns = self.shape
         flat = list(self)
+        # Stays so, out of range, for an index that the matrix does not have.
         position = -1
         if isinstance(index, int):
             position = index + len(flat) if index < 0 else index
         elif len(get_array(index)) == 2:
-            row, column = (
-                i + n if get_exact_int(i) < 0 else i
-                for i, n in zip(index, (rows, columns), strict=True)
-            )
+            row = _from_end(index[0], rows)
+            column = _from_end(index[1], columns)
             if 0 <= row < rows and 0 <= column < columns:
                 position = row * columns + column
         if not 0 <= position < len(flat):
@@ -50,7 +56,10 @@ class Matrix:
         return flat[position]
 
     def __repr__(self) -> str:
-        lines = ("    [" + ", ".join(map(_fixed, row)) + "],\n" for row in self._rows)
+        lines = []
+        for row in self._rows:
+            numbers = ", ".join(map(_fixed, row))
+            lines.append(f"    [{numbers}],\n")
         return "Matrix([\n" + "".join(lines) + "])"
 
     def __add__(self, other: Any) -> Any:
@@ -66,14 +75,20 @@ class Matrix:
             return NotImplemented
         expect(self.shape[1] == other.shape[0])
         columns = list(zip(*other._rows, strict=True))
-        return _from_rows([[_dot(row, column) for column in columns] for row in self._rows])
+        products = []
+        for row in self._rows:
+            products.append([_dot(row, column) for column in columns])
+        return _from_rows(products)
 
     def __rmul__(self, other: Any) -> Any:
         return self._scaled(to_single(get_number(other)))
 
     def __truediv__(self, other: Any) -> Any:
+        # The firmware multiplies by the reciprocal, which rounds once more than a division, and
+        # divides by 0 to infinity.
         divisor = to_single(get_number(other))
-        return self._scaled(to_single(1 / divisor) if divisor else math.inf)
+        reciprocal = to_single(1 / divisor) if divisor else math.inf
+        return self._scaled(reciprocal)
 
     def __neg__(self) -> Any:
         return self._scaled(-1.0)
@@ -84,22 +99,34 @@ class Matrix:
     def __abs__(self) -> float:
         if 1 not in self.shape:
             raise TypeError("unsupported type for __abs__: 'Matrix'")
-        return to_single(math.sqrt(_dot(list(self), list(self))))
+        numbers = list(self)
+        return to_single(math.sqrt(_dot(numbers, numbers)))
 
     def _scaled(self, scale: float) -> Any:
-        return _from_rows([[to_single(x * scale) for x in row] for row in self._rows])
+        scaled = []
+        for row in self._rows:
+            scaled.append([to_single(number * scale) for number in row])
+        return _from_rows(scaled)
 
     def _elementwise(self, other: Any, sign: int) -> Any:
         if not isinstance(other, Matrix):
             return NotImplemented
         expect(self.shape == other.shape)
-        pairs = zip(self._rows, other._rows, strict=True)
-        return _from_rows(
-            [[to_single(a + sign * b) for a, b in zip(x, y, strict=True)] for x, y in pairs]
-        )
+        sums = []
+        for row, other_row in zip(self._rows, other._rows, strict=True):
+            pairs = zip(row, other_row, strict=True)
+            sums.append([to_single(a + sign * b) for a, b in pairs])
+        return _from_rows(sums)
+
+
+def _from_end(index: Any, size: int) -> int:
+    """An index as counted from the start; negative ones count from the end."""
+    number: int = get_exact_int(index)
+    return number + size if number < 0 else number
 
 
 def _from_rows(rows: list[list[float]]) -> Any:
+    # As on a hub, a product of a row and a column is a number, not a matrix.
     if len(rows) == 1 and len(rows[0]) == 1:
         return rows[0][0]
     result = object.__new__(Matrix)
@@ -108,6 +135,7 @@ def _from_rows(rows: list[list[float]]) -> Any:
 
 
 def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    # Rounded after each operation, as the hub's processor does, in 32 bits.
     total = 0.0
     for x, y in zip(a, b, strict=True):
         total = to_single(total + to_single(x * y))
@@ -116,9 +144,14 @@ def _dot(a: Sequence[float], b: Sequence[float]) -> float:
 
 def _fixed(x: float) -> str:
     """Three decimals, cut off, eight characters wide, at most 999.999."""
-    thousandths = int(max(-1e6, min(1e6, x * 1000))) if x == x else 0
+    # Limited before it becomes an integer, as infinity cannot; a NaN, which differs from itself,
+    # is shown as 0.
+    thousandths = 0
+    if x == x:
+        thousandths = int(max(-1e6, min(1e6, x * 1000)))
     sign = "-" if thousandths < 0 else ""
-    integer, rest = divmod(min(abs(thousandths), 999_999), 1000)
+    magnitude = min(abs(thousandths), 999_999)
+    integer, rest = divmod(magnitude, 1000)
     return f"{sign}{integer}".rjust(4) + f".{rest:03d}"
 
 
@@ -126,11 +159,10 @@ def vector(*values: Any) -> Matrix:
     """A column of two or three numbers."""
     if len(values) not in (2, 3):
         missing = 2 - len(values)
-        too_many = f"function expected at most 3 arguments, got {len(values)}"
-        raise TypeError(
-            f"function missing {missing} required positional arguments" if missing > 0 else too_many
-        )
-    return Matrix([[x] for x in values])  # type: ignore[no-any-return]
+        if missing > 0:
+            raise TypeError(f"function missing {missing} required positional arguments")
+        raise TypeError(f"function expected at most 3 arguments, got {len(values)}")
+    return Matrix([[number] for number in values])  # type: ignore[no-any-return]
 
 
 def cross(*vectors: Any) -> Matrix:
@@ -141,4 +173,8 @@ def cross(*vectors: Any) -> Matrix:
         raise TypeError("arguments must be Matrix objects")
     expect(all(sorted(value.shape) == [1, 3] for value in vectors))
     (x, y, z), (u, v, w) = vectors
-    return vector(y * w - z * v, z * u - x * w, x * v - y * u)
+    return vector(
+        y * w - z * v,
+        z * u - x * w,
+        x * v - y * u,
+    )

@@ -57,11 +57,14 @@ _ROWS = {
 }
 """Icons: for each row of pixels the number of which its lights are the bits."""
 _GRAY = (0, 0)
+"""Hue and saturation of a gray."""
 _FULL = (100, 100)
-"""Hue and saturation of a gray, saturation and value of a full color."""
-_MAX_GRAY_SATURATION_PCT = 40  # up to this saturation a color is a gray,
-_MAX_GRAY_VALUE_PCT = 1  # and up to this value
-_OTHER_KIND_DISTANCE = 1000  # above every distance between hues or values
+"""Saturation and value of a full color."""
+# A measured color is taken for a gray up to this saturation, or up to this value.
+_MAX_GRAY_SATURATION_PCT = 40
+_MAX_GRAY_VALUE_PCT = 1
+_OTHER_KIND_DISTANCE = 1000
+"""Above every distance between hues or values, so that a color of the same kind comes first."""
 _REMOTE_BUTTONS = "LEFT RIGHT CENTER LEFT_PLUS LEFT_MINUS RIGHT_PLUS RIGHT_MINUS"
 _BUTTONS = (
     f"{_REMOTE_BUTTONS} UP DOWN LEFT_UP LEFT_DOWN RIGHT_UP RIGHT_DOWN BEACON "
@@ -74,7 +77,9 @@ class Icon:
 
     def __call__(self, *bits: Any) -> Any:
         expect(len(bits) == 1)
-        return _picture([get_int(bits[0]) >> shift for shift in (20, 15, 10, 5, 0)])
+        # 25 bits, five for each row; those of the rows above are left in and ignored.
+        number = get_int(bits[0])
+        return _picture([number >> shift for shift in (20, 15, 10, 5, 0)])
 
     def __getattr__(self, name: str) -> Any:
         if name not in _ROWS:
@@ -83,7 +88,12 @@ class Icon:
 
 
 def _picture(rows: Sequence[int]) -> Any:
-    return Matrix([[100 if row >> bit & 1 else 0 for bit in (4, 3, 2, 1, 0)] for row in rows])
+    pixels = []
+    for row in rows:
+        # The leftmost light is the highest bit.
+        lights = [row >> bit & 1 for bit in (4, 3, 2, 1, 0)]
+        pixels.append([100 if is_lit else 0 for is_lit in lights])
+    return Matrix(pixels)
 
 
 def nearest(measured: Hsv, candidates: Sequence[Hsv]) -> int | None:
@@ -92,31 +102,32 @@ def nearest(measured: Hsv, candidates: Sequence[Hsv]) -> int | None:
     Grays are compared by value and full colors by hue, independent of the distance to the surface.
     If a candidate is neither, distances are in a double cone with black and white at the tips.
     """
-    is_ideal = all(candidate[:2] == _GRAY or candidate[1:] == _FULL for candidate in candidates)
+    is_ideal = all(map(_is_ideal, candidates))
     distance = _ideal_distance if is_ideal else _cone_distance
-    return min(
-        range(len(candidates)), key=lambda i: distance(measured, candidates[i]), default=None
-    )
+    indices = range(len(candidates))
+    return min(indices, key=lambda index: distance(measured, candidates[index]), default=None)
+
+
+def _is_ideal(color: Hsv) -> bool:
+    """Whether a color is a gray, or a full color."""
+    return color[:2] == _GRAY or color[1:] == _FULL
 
 
 def _ideal_distance(measured: Hsv, candidate: Hsv) -> int:
     """Degrees of hue or percent of value; larger if only one is a gray."""
     hue, saturation, value = measured
     looks_gray = saturation <= _MAX_GRAY_SATURATION_PCT or value <= _MAX_GRAY_VALUE_PCT
+    if looks_gray and candidate[:2] == _GRAY:
+        return abs(candidate[2] - value)
     if looks_gray:
-        return (
-            abs(candidate[2] - value)
-            if candidate[:2] == _GRAY
-            else _OTHER_KIND_DISTANCE + _hue_distance(candidate[0], hue)
-        )
-    return (
-        _hue_distance(candidate[0], hue)
-        if candidate[1:] == _FULL
-        else _OTHER_KIND_DISTANCE + abs(candidate[2] - value)
-    )
+        return _OTHER_KIND_DISTANCE + _hue_distance(candidate[0], hue)
+    if candidate[1:] == _FULL:
+        return _hue_distance(candidate[0], hue)
+    return _OTHER_KIND_DISTANCE + abs(candidate[2] - value)
 
 
 def _hue_distance(a: int, b: int) -> int:
+    # The shorter way around the circle.
     difference = abs(a - b)
     return min(difference, 360 - difference)
 
@@ -126,23 +137,32 @@ def _cone_distance(a: Hsv, b: Hsv) -> int:
     from all colors."""
     ax, ay, az = _in_cone(a)
     bx, by, bz = _in_cone(b)
+    # The sine is 10 000 times too large; divided only here, it loses fewer digits.
     dx = trunc((bx - ax) / 10_000)
     dy = trunc((by - ay) / 10_000)
-    return dx * dx + dy * dy + (bz - az) ** 2
+    dz = bz - az
+    return dx * dx + dy * dy + dz**2
 
 
 def _in_cone(color: Hsv) -> tuple[int, int, int]:
     """Two chroma coordinates, times 10 000, and lightness."""
     hue, saturation, value = color
     radius = max(value, 0) * saturation
-    return radius * _sine(hue + 90), radius * _sine(hue), (200 - saturation) * value
+    cosine = _sine(hue + 90)
+    lightness = (200 - saturation) * value
+    return radius * cosine, radius * _sine(hue), lightness
 
 
 def _sine(angle_deg: int) -> int:
     """10 000 times the sine, by parabolas."""
     x = angle_deg % 360
-    x, sign = (x - 180, -1) if x >= 180 else (x, 1)
-    x = 180 - x if x >= 90 else x
+    # The second half is the first one upside down, and each half is symmetric.
+    sign = 1
+    if x >= 180:
+        x -= 180
+        sign = -1
+    if x >= 90:
+        x = 180 - x
     return sign * (201 - x) * x
 
 
@@ -158,6 +178,7 @@ class _Member:
         return f"{type(self).__name__}.{self._name}"
 
     def __new__(cls, *args: Any) -> "_Member":
+        # Only enumeration() makes members, before it seals the class.
         if "_sealed" in cls.__dict__:
             raise TypeError(f"can't create '{cls.__name__}' instances")
         return super().__new__(cls)
@@ -197,20 +218,22 @@ class Color:
     hash_is_address = True
 
     def __init__(self, h: Any, s: Any = 100, v: Any = 100, name: str | None = None) -> None:
-        object.__setattr__(self, "h", get_int(h) % 360)
-        object.__setattr__(self, "s", max(0, min(100, get_int(s))))
-        object.__setattr__(self, "v", max(-100, min(100, get_int(v))))
+        hue = get_int(h) % 360
+        saturation = max(0, min(100, get_int(s)))
+        value = max(-100, min(100, get_int(v)))
+        # Past __setattr__, which refuses: a color cannot be changed.
+        object.__setattr__(self, "h", hue)
+        object.__setattr__(self, "s", saturation)
+        object.__setattr__(self, "v", value)
         object.__setattr__(self, "_name", name)
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"'Color' object has no attribute '{name}'")
 
     def __repr__(self) -> str:
-        return (
-            f"Color(h={self.h}, s={self.s}, v={self.v})"
-            if self._name is None
-            else f"Color.{self._name}"
-        )
+        if self._name is None:
+            return f"Color(h={self.h}, s={self.s}, v={self.v})"
+        return f"Color.{self._name}"
 
     def __iter__(self) -> Iterator[int]:
         return iter((self.h, self.s, self.v))
@@ -233,9 +256,10 @@ class Color:
 
     def __truediv__(self, scale: Any) -> "Color":
         divisor = get_number(scale)
-        return Color(
-            self.h, self.s, self.v / divisor if divisor else 100 * ((self.v > 0) - (self.v < 0))
-        )
+        # By 0, the hub's infinity saturates at the largest value of the same sign.
+        sign = (self.v > 0) - (self.v < 0)
+        value = self.v / divisor if divisor else 100 * sign
+        return Color(self.h, self.s, value)
 
     __floordiv__ = __truediv__
 
@@ -256,7 +280,9 @@ class _Palette:
     _colors: HubDict
 
     def __init__(self) -> None:
-        object.__setattr__(self, "_colors", HubDict.sized(len(NAMED_COLORS), NAMED_COLORS.items()))
+        # The number of slots decides the order in which a program sees the colors.
+        colors = HubDict.sized(len(NAMED_COLORS), NAMED_COLORS.items())
+        object.__setattr__(self, "_colors", colors)
 
     def __call__(self, h: Any, s: Any = 100, v: Any = 100) -> Color:
         return Color(h, s, v)
@@ -274,7 +300,8 @@ class _Palette:
         del self._colors[name]
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # Python's own queries, such as whether this is a class
+        # Python's own queries, such as whether this is a class.
+        if name.startswith("__"):
             raise AttributeError(name)
         return self._colors[name]
 
@@ -300,23 +327,25 @@ class Axis:
 
 
 _Palette.__name__ = _Palette.__qualname__ = "Color"
-# of a hub without floating-point numbers
+# Of a hub without floating-point numbers, which has no vectors either.
 _NumberedAxis = type("Axis", (), {"X": 1, "Y": 2, "Z": 3})
 
 
 def parameters_module(context: Context) -> ModuleType:
     hub = context.machine.robot.hub.model
-    axis, button_names = (Axis, _BUTTONS) if hub.has_float else (_NumberedAxis, _REMOTE_BUTTONS)
+    button_names = _BUTTONS if hub.has_float else _REMOTE_BUTTONS
     members = {name: getattr(Button, name) for name in button_names.split()}
-    # not a class but an object
+    # Not a class but an object, as in the firmware: a program may hand ``Button`` itself over.
     button = type("Button", (), {"__repr__": lambda self: "Button", **members})()
     names: dict[str, Any] = {
-        "Axis": axis,
+        "Axis": Axis if hub.has_float else _NumberedAxis,
         "Button": button,
         "Color": _Palette(),
         "Direction": Direction,
+        "Port": context.ports,
+        "Side": Side,
+        "Stop": Stop,
     }
-    names |= {"Port": context.ports, "Side": Side, "Stop": Stop} | (
-        {"Icon": Icon()} if hub.has_display else {}
-    )
+    if hub.has_display:
+        names["Icon"] = Icon()
     return module("parameters", names)

@@ -76,7 +76,9 @@ class Control(Native):
         if speed is None and acceleration is None and torque is None:
             return now_speed, acceleration_value(up, down), now_torque
         up, down = acceleration_pair(acceleration, up, down)
-        settings.set_limits(magnitude(speed, now_speed), up, down, magnitude(torque, now_torque))
+        new_speed = magnitude(speed, now_speed)
+        new_torque = magnitude(torque, now_torque)
+        settings.set_limits(new_speed, up, down, new_torque)
         return None
 
     def pid(
@@ -111,10 +113,23 @@ class Control(Native):
         controller = self._controller()
         if not controller.is_active:
             return None
+        # From ticks of 0.1 ms, mdeg and ddeg/s; accelerations are in deg/s2 already.
         t = controller.trajectory
-        times = (trunc(x / 10) for x in (t.t1, t.t2, t.t3))
-        angles = (trunc(x / 1000) for x in (t.th1, t.th2, t.th3))
-        return 0, *times, 0, *angles, *(trunc(w / 10) for w in (t.w0, t.w1, t.w3)), t.a0, t.a2
+        return (
+            0,
+            trunc(t.t1 / 10),
+            trunc(t.t2 / 10),
+            trunc(t.t3 / 10),
+            0,
+            trunc(t.th1 / 1000),
+            trunc(t.th2 / 1000),
+            trunc(t.th3 / 1000),
+            trunc(t.w0 / 10),
+            trunc(t.w1 / 10),
+            trunc(t.w3 / 10),
+            t.a0,
+            t.a2,
+        )
 
     def done(self) -> bool:
         return self._controller().is_done
@@ -140,9 +155,8 @@ class Log(Native):
         duration_ms = get_int(duration)
         if duration_ms < 0:
             raise MemoryError("memory allocation failed")
-        self._logger().start(
-            self._machine.time_ticks // 10, duration_ms // CONTROL_LOOP_MS // step, step
-        )
+        capacity = duration_ms // CONTROL_LOOP_MS // step
+        self._logger().start(self._machine.time_ticks // 10, capacity, step)
 
     def stop(self) -> None:
         self._logger().is_active = False
@@ -152,11 +166,12 @@ class Log(Native):
         logger.is_active = False
         if path is not None and not isinstance(path, str):
             raise TypeError(f"can't convert '{type(path).__name__}' object to str implicitly")
-        for line in (
-            f"PB_OF:{path or 'log.txt'}",
-            *(", ".join(map(str, row)) for row in logger.rows),
-            "PB_EOF",
-        ):
+        # pybricksdev writes what is between these two lines into a file.
+        lines = [f"PB_OF:{path or 'log.txt'}"]
+        for row in logger.rows:
+            lines.append(", ".join(map(str, row)))
+        lines.append("PB_EOF")
+        for line in lines:
             self._console.write(f"{line}\r\n".encode())
 
 
@@ -175,8 +190,12 @@ class MotorModel(Native):
         """Angle (deg), speed (deg/s), current (mA), and whether it stalls at this moment, however
         shortly."""
         observer = self._observer()
-        numbers = (observer.angle / 1000, observer.speed / 1000, observer.current / 10)
-        return (*map(to_single, numbers), observer.stalled_since is not None)  # type: ignore[return-value]
+        return (
+            to_single(observer.angle / 1000),
+            to_single(observer.speed / 1000),
+            to_single(observer.current / 10),
+            observer.stalled_since is not None,
+        )
 
     def settings(self, values: Any = None) -> tuple[int, ...] | None:
         """The eight ``ObserverSettings``, or set them all."""
@@ -198,8 +217,10 @@ def _gear_ratio_milli(gears: Any) -> int:
     """1000 times the motor's turns for one of the output, from ``(12, 36)`` or ``((12, 20), (20,
     40))``."""
     trains = () if gears is None else get_array(gears)
+    # A single train may be given without a list around it.
     if trains and isinstance(trains[0], int) and isinstance(trains[-1], int):
         trains = (trains,)
+    # Gears between the first and the last of a train do not change its ratio.
     first = last = 1
     for train in map(get_array, trains):
         first *= get_int(train[0])
@@ -251,6 +272,7 @@ class DCMotor(_BaseMotor):
 
     def __init__(self, port: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
         super().__init__(port, positive_direction)
+        # On a bench a motor with an encoder may stand for what the program asks for.
         is_fitted = self._machine.plug_in(self._letter, "DCMotor")
         servo = self._machine.servos.get(self._letter)
         if servo is None or (servo.kind.model.has_encoder and not is_fitted):
@@ -275,22 +297,18 @@ class Motor(_BaseMotor):
         self._machine.plug_in(self._letter, "Motor")
         servo = self._machine.servos.get(self._letter)
         mode = self._machine.modes.get(self._letter)
-        if (
-            servo is None
-            or servo.is_plain
-            or not reports_angle(servo.kind, mode.name if mode else None)
-        ):
+        mode_name = mode.name if mode else None
+        # One that a program has set up as a DCMotor, or put into another mode, sends no angles.
+        if servo is None or servo.is_plain or not reports_angle(servo.kind, mode_name):
             raise os_error(errno.ENODEV)
         ratio = _gear_ratio_milli(gears)
         with firmware_errors():
-            servo.setup(
-                self._direction,
-                ratio,
-                bool(reset_angle),
-                0 if profile is None else abs(get_int(profile)),
-            )
+            # 0 is the profile of the motor itself.
+            profile_deg = 0 if profile is None else abs(get_int(profile))
+            servo.setup(self._direction, ratio, bool(reset_angle), profile_deg)
         self._servo = servo
         self._awaited = Awaited(self._context)
+        # Asked for at each use, as a new setup of the motor makes new ones.
         self.control = Control(lambda: servo.control, self._context)
         self.log = Log(lambda: servo.log, self._context)
         self.model = MotorModel(lambda: servo.observer, self._machine)
@@ -314,6 +332,8 @@ class Motor(_BaseMotor):
 
     # ---- commands that do not wait
 
+    # The command comes before the cancel: a refused one leaves the awaited move alone.
+
     def hold(self) -> None:
         self._servo.stop(OnCompletion.HOLD)
         self._awaited.cancel()
@@ -333,27 +353,32 @@ class Motor(_BaseMotor):
     # ---- moves
 
     def run_time(self, speed: Any, time: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        self._servo.run_time(get_int(speed), max(0, get_int(time)), completion(then))
+        speed_deg_s = get_int(speed)
+        time_ms = max(0, get_int(time))
+        self._servo.run_time(speed_deg_s, time_ms, completion(then))
         return self._finish(ends_by_time=True) if wait else None
 
     def run_angle(
         self, speed: Any, rotation_angle: Any, then: Any = Stop.HOLD, wait: Any = True
     ) -> Any:
-        self._servo.run_angle(get_int(speed), get_int(rotation_angle), completion(then))
+        speed_deg_s = get_int(speed)
+        angle_deg = get_int(rotation_angle)
+        self._servo.run_angle(speed_deg_s, angle_deg, completion(then))
         return self._finish() if wait else None
 
     def run_target(
         self, speed: Any, target_angle: Any, then: Any = Stop.HOLD, wait: Any = True
     ) -> Any:
-        self._servo.run_target(get_int(speed), get_int(target_angle), completion(then))
+        speed_deg_s = get_int(speed)
+        target_deg = get_int(target_angle)
+        self._servo.run_target(speed_deg_s, target_deg, completion(then))
         return self._finish() if wait else None
 
     def run_until_stalled(self, speed: Any, then: Any = Stop.COAST, duty_limit: Any = None) -> Any:
         speed_deg_s = get_int(speed)
         stop = completion(then)
-        self._servo.run_until_stalled(
-            speed_deg_s, stop, None if duty_limit is None else percentage(duty_limit)
-        )
+        duty_limit_pct = None if duty_limit is None else percentage(duty_limit)
+        self._servo.run_until_stalled(speed_deg_s, stop, duty_limit_pct)
         return self._finish(returns_angle=True)
 
     def _finish(self, returns_angle: bool = False, ends_by_time: bool = False) -> Any:
@@ -372,9 +397,10 @@ class Motor(_BaseMotor):
             if self._servo.angle_deg() != angle_deg:
                 angle_deg = self._servo.angle_deg()
                 since_ms = machine.time_ms
-            elif machine.time_ms - since_ms > _STUCK_MS and not (
-                ends_by_time or self._context.is_active or machine.pace
-            ):
+                return False
+            # Something else may end the wait: its time, another task, or a person who watches.
+            may_end = ends_by_time or self._context.is_active or machine.pace
+            if machine.time_ms - since_ms > _STUCK_MS and not may_end:
                 raise TwinError(
                     f"the program waits for the motor on port {self._letter}, which has been "
                     f"blocked at {angle_deg} degrees for "
@@ -383,9 +409,8 @@ class Motor(_BaseMotor):
                 )
             return False
 
-        return self._awaited.finish(
-            is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast
-        )
+        result = self._servo.angle_deg if returns_angle else None
+        return self._awaited.finish(is_done, result, self._servo.coast)
 
 
 _STUCK_MS = 60_000
@@ -395,8 +420,9 @@ for one that never arrives."""
 
 def pupdevices_module(context: Context) -> ModuleType:
     kinds = (Remote, TechnicMoveHub, DuploTrain, MarioHub, DCMotor, *DEVICES)
-    hidden = () if context.machine.robot.hub.model.has_float else ("control", "log", "model")
-    return module(
-        "pupdevices",
-        {"PFMotor": PFMotor, "Motor": bind(context, Motor, *hidden), **classes(context, kinds)},
-    )
+    # A Move hub's firmware is built without these.
+    model = context.machine.robot.hub.model
+    hidden = () if model.has_float else ("control", "log", "model")
+    names: dict[str, Any] = {"PFMotor": PFMotor, "Motor": bind(context, Motor, *hidden)}
+    names |= classes(context, kinds)
+    return module("pupdevices", names)

@@ -22,11 +22,14 @@ from brickhub.virtual.pybricks.parameters import NAMED_COLORS, Color, Direction,
 from brickhub.virtual.stimuli import Hsv
 
 _TRAVEL_UM = 6670
+"""Way of the force sensor's button from released to fully pressed."""
 _TOUCHED_UM = 100
-_START_MS = 50  # between two looks whether a device is ready, when a program takes it into use
+_START_MS = 50
+"""Time between two looks whether a device is ready, when a program takes it into use."""
 _HSV = ("hue_deg", "saturation_pct", "value_pct")
+# Time until what was written is done (``lego_device_data_set_delay``), in one mode and in others.
 _DELAYS_MS = {"IR Tx": 250}
-_DELAY_MS = 10  # until what was written is done (lego_device_data_set_delay), in other modes
+_DELAY_MS = 10
 
 
 class Device(Native):
@@ -46,9 +49,9 @@ class Device(Native):
         self._letter = self._context.port_letter(port)
         if not self._is_plugged_in():
             raise os_error(errno.ENODEV)
-        self._mode = self._machine.modes.setdefault(
-            self._letter, PortMode(self._device_modes.first_mode)
-        )
+        # The mode belongs to the port: it outlasts this object.
+        first_mode = PortMode(self._device_modes.first_mode)
+        self._mode = self._machine.modes.setdefault(self._letter, first_mode)
         while not self._is_ready():
             self._machine.advance(_START_MS)
         self._plug = Plug(self._machine, self._letter)
@@ -60,23 +63,27 @@ class Device(Native):
         self._device_modes = SENSOR_MODES[self._kind]
         if self._machine.plug_in(self._letter, self._kind.value):
             return True
-        return self._kind in (
-            sensor.kind for sensor in self._machine.robot.sensors if sensor.port == self._letter
-        )
+        for sensor in self._machine.robot.sensors:
+            if sensor.port == self._letter and sensor.kind == self._kind:
+                return True
+        return False
 
     def _measure(self, mode: str, get: Callable[[], Any], *quantities: str) -> Any:
         """Value of ``get`` in a mode of the device; ``quantities`` are its parts' names in the log
         of the run."""
 
         def measured() -> Any:
-            # changed before the driver knew that another task asks for this one
+            # Another task has changed the mode, before the driver knew that this one was asked for.
             if self._mode.name != mode:
                 raise os_error(errno.EPERM)
             value = get()
             log = self._machine.log
             if log is not None:
-                parts = (value.h, value.s, value.v) if quantities == _HSV else value
-                log.read([f"{self._letter}_{quantity}" for quantity in quantities], parts)
+                columns = [f"{self._letter}_{quantity}" for quantity in quantities]
+                parts = value
+                if quantities == _HSV:
+                    parts = (value.h, value.s, value.v)
+                log.read(columns, parts)
             return value
 
         self._set_mode(mode)
@@ -85,14 +92,17 @@ class Device(Native):
     def _show(self, brightness_pct: int) -> None:
         """Show the brightness of its light on the panel."""
         panel = self._machine.panel
-        panel.change(lamps={**panel.lamps, self._letter: max(0, min(100, brightness_pct))})
+        limited_pct = max(0, min(100, brightness_pct))
+        # A new dict, as the panel tells a change by comparing the old with the new one.
+        panel.change(lamps={**panel.lamps, self._letter: limited_pct})
 
     def _write(self, mode: str) -> Any:
         """Command without a visible effect; waits until it is done."""
         self._set_mode(mode)
-        self._mode.ready_ms = max(
-            self._mode.ready_ms, self._told_ms() + _DELAYS_MS.get(mode, _DELAY_MS) + 1
-        )
+        delay_ms = _DELAYS_MS.get(mode, _DELAY_MS)
+        # A change of mode may take longer than the command itself.
+        done_ms = self._told_ms() + delay_ms + 1
+        self._mode.ready_ms = max(self._mode.ready_ms, done_ms)
         return self._finish(None)
 
     def _set_mode(self, mode: str) -> None:
@@ -100,27 +110,34 @@ class Device(Native):
         change or command."""
         state = self._mode
         machine = self._machine
-        if mode == state.name or (mode == state.previous and machine.body_ms <= state.changed_ms):
+        # Until the device has got a change, its driver takes it to be in the former mode.
+        is_in_previous = mode == state.previous and machine.body_ms <= state.changed_ms
+        if mode == state.name or is_in_previous:
             return
         if not self._is_ready():
             raise os_error(errno.EAGAIN)
-        state.name, state.previous, state.changed_ms = mode, state.name, self._told_ms()
-        state.ready_ms = state.changed_ms + self._device_modes.stale_ms(mode) + 1
+        state.previous = state.name
+        state.name = mode
+        state.changed_ms = self._told_ms()
+        stale_ms = self._device_modes.stale_ms(mode)
+        state.ready_ms = state.changed_ms + stale_ms + 1
 
     def _told_ms(self) -> int:
         """Time at which the device answers to what it is told now: in the next millisecond if the
         hub has done what is due in this one, as before a program begins."""
         machine = self._machine
-        return machine.time_ms + 1 if machine.time_ms == self._context.start_ms else machine.body_ms
+        if machine.time_ms == self._context.start_ms:
+            return machine.time_ms + 1
+        return machine.body_ms
 
     def _is_ready(self) -> bool:
         return self._machine.time_ms >= self._mode.ready_ms
 
     def _finish(self, result: Callable[[], Any] | None) -> Any:
         """Wait until the device is ready, or return an awaitable."""
-        return self._context.finish(
-            self._is_ready, result, poll_ms=max(1, self._mode.ready_ms - self._machine.time_ms)
-        )
+        # The time is known, so one look at its end is enough.
+        remaining_ms = self._mode.ready_ms - self._machine.time_ms
+        return self._context.finish(self._is_ready, result, poll_ms=max(1, remaining_ms))
 
 
 def _reading(mode: str, get: Callable[[Any], Any], *quantities: str) -> Callable[..., Any]:
@@ -141,7 +158,8 @@ class LightArray(Native):
         self._count = count
 
     def on(self, brightness: Any = 100) -> Any:
-        values = brightness if isinstance(brightness, list | tuple) else (brightness,) * self._count
+        is_sequence = isinstance(brightness, list | tuple)
+        values = brightness if is_sequence else (brightness,) * self._count
         if len(values) != self._count:
             raise ValueError(f"expected 1 number or tuple of {self._count} values")
         self._device._show(max(map(get_int, values)))
@@ -191,43 +209,47 @@ class _ColorDevice(Device):
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)
-        self._detectable: Any = tuple(
-            NAMED_COLORS[name] for name in ("RED", "YELLOW", "GREEN", "BLUE", "WHITE", "NONE")
-        )
+        names = ("RED", "YELLOW", "GREEN", "BLUE", "WHITE", "NONE")
+        self._detectable: Any = tuple(NAMED_COLORS[name] for name in names)
 
     def detectable_colors(self, colors: Any = None) -> Any:
         if colors is None:
             return self._detectable
         for candidate in get_array(colors):
             expect_type(candidate, Color)
+        # The program's own list, not a copy: as on a hub, what it changes in there later counts.
         self._detectable = colors
         return None
 
     def reflection(self) -> Any:
+        # All three channels together: 400 each are full for the BOOST sensor, 1024 for SPIKE's.
         full = 12 * 100 if self._is_boost else 3 * 1024
-        return self._measure(
-            "RGB I", lambda: sum(self._plug.raw_rgb(self._is_boost)) * 100 // full, "reflection_pct"
-        )
+
+        def reflection_pct() -> int:
+            channels = self._plug.raw_rgb(self._is_boost)
+            return sum(channels) * 100 // full
+
+        return self._measure("RGB I", reflection_pct, "reflection_pct")
 
     def hsv(self, surface: Any = True) -> Any:
-        return self._measure(
-            "RGB I" if surface else "SHSV", lambda: Color(*self._seen(surface)), *_HSV
-        )
+        mode = "RGB I" if surface else "SHSV"
+        return self._measure(mode, lambda: Color(*self._seen(surface)), *_HSV)
 
     def color(self, surface: Any = True) -> Any:
         def detected() -> Any:
-            index = nearest(
-                self._seen(surface), [(color.h, color.s, color.v) for color in self._detectable]
-            )
+            seen_color = self._seen(surface)
+            candidates = [(color.h, color.s, color.v) for color in self._detectable]
+            index = nearest(seen_color, candidates)
             return None if index is None else self._detectable[index]
 
-        return self._measure("RGB I" if surface else "SHSV", detected, "color")
+        mode = "RGB I" if surface else "SHSV"
+        return self._measure(mode, detected, "color")
 
     def _seen(self, surface: Any) -> Hsv:
         """Color of a surface in the sensor's light, or of the incoming light."""
-        return (
-            self._plug.reflected_hsv(self._is_boost) if surface else self._plug.color(Sense.AMBIENT)
-        )
+        if surface:
+            return self._plug.reflected_hsv(self._is_boost)
+        return self._plug.color(Sense.AMBIENT)
 
 
 class ColorSensor(_ColorDevice):
@@ -256,7 +278,9 @@ class ColorDistanceSensor(_ColorDevice):
         super().__init__(port)
         self.light = ColorLight(self, lambda: self._write("COL O"))
 
-    def hsv(self) -> Any:  # type: ignore[override]  # of surfaces only
+    # This sensor cannot measure without its own light, so both take no argument.
+
+    def hsv(self) -> Any:  # type: ignore[override]
         return super().hsv()
 
     def color(self) -> Any:  # type: ignore[override]
@@ -292,6 +316,7 @@ class InfraredSensor(Device):
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)
+        # The device counts since it was plugged in, a program since it began.
         self._first_count = self._plug.passed()
 
     count = _reading("LPF2-COUNT", lambda self: self._plug.passed() - self._first_count, "count")
@@ -329,7 +354,9 @@ class ColorLightMatrix(Device):
     _kind = SensorKind.COLOR_LIGHT_MATRIX
 
     def on(self, colors: Any) -> Any:
-        pixels = iter((colors,) * 9 if isinstance(colors, Color) else colors)
+        # One color is for all lights. Of nine, one that is missing is of no color either.
+        nine = (colors,) * 9 if isinstance(colors, Color) else colors
+        pixels = iter(nine)
         for _ in range(9):
             expect_type(next(pixels, None), Color)
         return self._write("PIX O")
@@ -363,4 +390,5 @@ class PFMotor(Native):
     brake = stop
 
 
+# A kind of sensor has the name of its class here.
 DEVICES: tuple[type[Device], ...] = tuple(globals()[kind.value] for kind in SensorKind)

@@ -32,7 +32,9 @@ from brickhub.virtual.pybricks.pupdevices import (
 )
 
 _MAX_DISTANCE_MM = 2**15 - 1
+"""Largest way along x or y: the sum of both squares fits into 32 bits."""
 _DEG_PER_RAD = 57.29578
+# Of a Car: the search for the end stops of the steering, and how far before them it stays.
 _STEERING_SPEED_DEG_S = 300
 _POLL_MS = 10
 _SEARCH_TIMEOUT_MS = 10_000
@@ -77,15 +79,20 @@ class DriveBase(Native):
         Direction and distance are truncated to whole degrees and mm."""
         x = get_int(dx)
         y = get_int(dy)
-        direction = truncated(to_single(math.atan2(y, x) * _DEG_PER_RAD))
+        direction_deg = math.atan2(y, x) * _DEG_PER_RAD
+        direction = truncated(to_single(direction_deg))
         expect(max(abs(x), abs(y)) <= _MAX_DISTANCE_MM)
+        # y is to the left, a heading clockwise.
         self._base.turn_to(-direction, OnCompletion.HOLD)
-        distance = truncated(to_single(math.sqrt(x * x + y * y)))
+        length_mm = math.sqrt(x * x + y * y)
+        distance = truncated(to_single(length_mm))
         end = completion(then)
         return self._finish(lambda: self._base.straight(distance, end))
 
     def curve(self, radius: Any, angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        self._base.curve(get_int(radius), get_int(angle), completion(then))
+        radius_mm = get_int(radius)
+        angle_deg = get_int(angle)
+        self._base.curve(radius_mm, angle_deg, completion(then))
         return self._finish() if wait else None
 
     def arc(
@@ -99,16 +106,18 @@ class DriveBase(Native):
         radius_mm = get_int(radius)
         if (angle is None) == (distance is None):
             raise ValueError("Please specify distance or angle but not both.")
-        distance_mm, angle_deg = (
-            (None, get_int(angle)) if distance is None else (get_int(distance), 0)
-        )
-        self._base.arc(radius_mm, distance_mm, angle_deg, completion(then))
+        if distance is None:
+            self._base.arc(radius_mm, None, get_int(angle), completion(then))
+        else:
+            self._base.arc(radius_mm, get_int(distance), 0, completion(then))
         return self._finish() if wait else None
 
     def drive(self, speed: Any, turn_rate: Any) -> None:
-        rates = get_int(speed), get_int(turn_rate)
+        speed_mm_s = get_int(speed)
+        turn_rate_deg_s = get_int(turn_rate)
+        # Who awaits the former move goes on, whether this one is accepted or not.
         self._awaited.cancel()
-        self._base.drive(*rates)
+        self._base.drive(speed_mm_s, turn_rate_deg_s)
 
     def stop(self) -> None:
         self._end(OnCompletion.COAST)
@@ -125,11 +134,10 @@ class DriveBase(Native):
         return self._base.state()[0]
 
     def angle(self) -> float:
-        return (
-            to_single(self._base.angle_deg())
-            if self._machine.robot.hub.model.has_float
-            else self._base.state()[2]
-        )
+        if self._machine.robot.hub.model.has_float:
+            return to_single(self._base.angle_deg())
+        _, _, heading_deg, _ = self._base.state()
+        return heading_deg
 
     def state(self) -> tuple[int, int, int, int]:
         return self._base.state()
@@ -143,8 +151,9 @@ class DriveBase(Native):
     # ---- settings
 
     def reset(self, distance: Any = 0, angle: Any = 0) -> None:
-        values = get_int(distance), get_int(angle)
-        self._base.reset(*values)
+        distance_mm = get_int(distance)
+        angle_deg = get_int(angle)
+        self._base.reset(distance_mm, angle_deg)
 
     def use_gyro(self, use_gyro: Any) -> None:
         self._base.use_gyro(bool(use_gyro))
@@ -158,23 +167,24 @@ class DriveBase(Native):
     ) -> tuple[Any, ...] | None:
         distance = self._base.distance.settings
         heading = self._base.heading.settings
-        straight = distance.to_unit(distance.default_speed), *distance.limits()[1:3]
-        turn = heading.to_unit(heading.default_speed), *heading.limits()[1:3]
-        if all(
-            value is None
-            for value in (straight_speed, straight_acceleration, turn_rate, turn_acceleration)
-        ):
+        now_speed = distance.to_unit(distance.default_speed)
+        _, up, down, _ = distance.limits()
+        now_turn_rate = heading.to_unit(heading.default_speed)
+        _, turn_up, turn_down, _ = heading.limits()
+        arguments = (straight_speed, straight_acceleration, turn_rate, turn_acceleration)
+        if all(value is None for value in arguments):
             return (
-                straight[0],
-                acceleration_value(*straight[1:]),
-                turn[0],
-                acceleration_value(*turn[1:]),
+                now_speed,
+                acceleration_value(up, down),
+                now_turn_rate,
+                acceleration_value(turn_up, turn_down),
             )
+        # What is not named stays as it is, in whole units of the program.
         self._base.set_settings(
-            magnitude(straight_speed, straight[0]),
-            acceleration_pair(straight_acceleration, *straight[1:]),
-            magnitude(turn_rate, turn[0]),
-            acceleration_pair(turn_acceleration, *turn[1:]),
+            magnitude(straight_speed, now_speed),
+            acceleration_pair(straight_acceleration, up, down),
+            magnitude(turn_rate, now_turn_rate),
+            acceleration_pair(turn_acceleration, turn_up, turn_down),
         )
         return None
 
@@ -186,9 +196,9 @@ class DriveBase(Native):
     def _finish(self, *others: Callable[[], None]) -> Any:
         """Wait for the started move, then start and wait for the ``others`` one by one. Raises
         TwinError for a turn by the gyroscope of a hub that never turns."""
-        if self._base.turns_by_gyro and not getattr(
-            self._machine.body, "turns_with_its_wheels", True
-        ):
+        # Only a bench says that its hub does not turn.
+        hub_turns = getattr(self._machine.body, "turns_with_its_wheels", True)
+        if self._base.turns_by_gyro and not hub_turns:
             raise TwinError(
                 "a turn by the gyroscope never ends on the bench, where the hub lies still; "
                 "take a robot that drives, such as --robot two-wheeler, or leave use_gyro(True) out"
@@ -201,9 +211,10 @@ class DriveBase(Native):
             if not self._base.is_done():
                 return False
             start = next(following, None)
-            if start is not None:
-                start()
-            return start is None
+            if start is None:
+                return True
+            start()
+            return False
 
         return self._awaited.finish(is_done, None, lambda: self._end(OnCompletion.COAST))
 
@@ -220,28 +231,33 @@ class Car(Native):
         self._drive = [_servo(motor) for motor in motors]
         if self._steer in self._drive:
             raise ValueError("drive_motors and steer_motor must be different")
-        if len(set(map(id, self._drive))) < len(self._drive):
+        distinct = set(map(id, self._drive))
+        if len(distinct) < len(self._drive):
             raise ValueError("drive_motors must be unique")
-        limit = self._steer.settings.max_torque * percentage(torque_limit) // 100
-        left = self._end_stop(-_STEERING_SPEED_DEG_S, limit)
-        right = self._end_stop(_STEERING_SPEED_DEG_S, limit)
-        self._max_angle = int((right - left) / 2)
+        limit_unm = self._steer.settings.max_torque * percentage(torque_limit) // 100
+        left_deg = self._end_stop(-_STEERING_SPEED_DEG_S, limit_unm)
+        right_deg = self._end_stop(_STEERING_SPEED_DEG_S, limit_unm)
+        self._max_angle = int((right_deg - left_deg) / 2)
+        # The motor is at its right end stop, so zero is then in the middle.
         self._steer.reset_angle(self._max_angle)
         self._steer.track_target(0)
 
     def steer(self, percentage: Any) -> None:
-        self._steer.track_target(
-            int((self._max_angle - _BACKLASH_DEG) * _percentage(percentage) / 100)
-        )
+        # Short of the end stops, against which the motor would push.
+        usable_deg = self._max_angle - _BACKLASH_DEG
+        target_deg = int(usable_deg * _percentage(percentage) / 100)
+        self._steer.track_target(target_deg)
 
     def drive_power(self, power: Any) -> None:
         power_pct = _percentage(power)
         sign = (power_pct > 0) - (power_pct < 0)
+        # A power of 10 to 100 % becomes a duty of 28 to 100 %.
+        duty_pct = int(power_pct * 8 / 10) + 20 * sign
         for servo in self._drive:
             if abs(power_pct) < _COAST_BELOW_PCT:
                 servo.coast()
             else:
-                servo.dc(int(power_pct * 8 / 10) + 20 * sign)
+                servo.dc(duty_pct)
 
     def drive_speed(self, speed: Any) -> None:
         value = get_int(speed)
@@ -273,8 +289,10 @@ def _percentage(value: Any) -> int:
 
 def robotics_module(context: Context) -> ModuleType:
     model = context.machine.robot.hub.model
-    hidden = [] if model.has_imu else ["use_gyro"]
-    hidden += [] if model.has_float else ["distance_control", "heading_control", "move_by"]
-    return module(
-        "robotics", {"DriveBase": bind(context, DriveBase, *hidden), "Car": bind(context, Car)}
-    )
+    hidden = []
+    if not model.has_imu:
+        hidden.append("use_gyro")
+    if not model.has_float:
+        hidden += ["distance_control", "heading_control", "move_by"]
+    names = {"DriveBase": bind(context, DriveBase, *hidden), "Car": bind(context, Car)}
+    return module("robotics", names)

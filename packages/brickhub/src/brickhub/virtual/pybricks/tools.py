@@ -1,7 +1,7 @@
 """``pybricks.tools``."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from inspect import isgeneratorfunction
 from types import FunctionType, ModuleType
 from typing import Any
@@ -26,7 +26,8 @@ class StopWatch(Native):
         self._pause: int | None = None
 
     def time(self) -> int:
-        return (self._machine.time_ms if self._pause is None else self._pause) - self._start
+        now_ms = self._machine.time_ms if self._pause is None else self._pause
+        return now_ms - self._start
 
     def running(self) -> bool:
         return self._pause is None
@@ -36,6 +37,7 @@ class StopWatch(Native):
             self._pause = self._machine.time_ms
 
     def resume(self) -> None:
+        # The start moves by the length of the pause, which then does not count.
         if self._pause is not None:
             self._start += self._machine.time_ms - self._pause
             self._pause = None
@@ -56,7 +58,8 @@ class Task:
         self._iterators: list[Iterator[Any]] = [_iterator(task) for task in tasks]
         self._results: list[Any] = [None] * len(tasks)
         self._open = list(range(len(tasks)))
-        is_race = len(race) == 1 and all(race.values())  # whatever its name is
+        # The firmware does not look at the name of the argument.
+        is_race = len(race) == 1 and all(race.values())
         self._required = 1 if is_race else len(tasks)
 
     def __iter__(self) -> "Task":
@@ -64,6 +67,7 @@ class Task:
 
     def __next__(self) -> None:
         context = self._context
+        # It waits itself only while each of its tasks waits: then time may pass.
         all_wait = True
         try:
             for index in tuple(self._open):
@@ -78,6 +82,7 @@ class Task:
                         break
                 else:
                     all_wait = all_wait and context.is_waiting
+        # A task that fails ends the others too.
         except BaseException:
             self.close()
             raise
@@ -94,6 +99,17 @@ class Task:
         self._open = []
 
 
+def _duration_ms(time: Any) -> int:
+    """Milliseconds of a number. Infinity ends at once, as in the firmware's build for a computer; a
+    hub waits for 24 days."""
+    return 0 if time in (math.inf, -math.inf) else get_int(time)
+
+
+def _character(byte: int) -> str | None:
+    """A printable character; ``None`` for others."""
+    return bytes((byte,)).decode() if 32 <= byte <= 126 else None
+
+
 def _iterator(task: Any) -> Iterator[Any]:
     """Iterator of a task; raises TypeError for an uncalled one."""
     if isinstance(task, FunctionType) and isgeneratorfunction(task):
@@ -107,15 +123,14 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
     hub = machine.robot.hub.model
 
     def wait(time: Any) -> Any:
-        # Infinity ends at once, as in the firmware's build for a computer; a hub waits for 24 days.
-        duration = (
-            time if type(time) is int else get_int(0 if time in (math.inf, -math.inf) else time)
-        )
-        if context.is_active and duration == 0:
+        # A frequent call, mostly of a plain integer, which needs no other one.
+        duration_ms = time if type(time) is int else _duration_ms(time)
+        # In a task wait(0) lets the others have their turn.
+        if context.is_active and duration_ms == 0:
             return context.yield_once()
-        if not context.is_active and duration <= 0:
+        if not context.is_active and duration_ms <= 0:
             return machine.charge_call()
-        return context.wait_until(machine.time_ms + duration)
+        return context.wait_until(machine.time_ms + duration_ms)
 
     def run_task(task: Any = None) -> bool | None:
         if task is None:
@@ -127,9 +142,11 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
         try:
             iterator = _iterator(task)
             while next(iterator, _DONE) is not _DONE:
+                # Time passes only if nobody has anything to do; a task that has just yielded
+                # goes on in the same millisecond.
                 if context.is_waiting:
                     machine.advance(1)
-                else:  # a task only yielded
+                else:
                     machine.charge_call()
                 context.is_waiting = False
                 machine.branch(None)
@@ -142,8 +159,9 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
         count = context.console.available()
         if not count:
             return None
+        # With ``last`` all that has come in is read, and what came before is dropped.
         byte = context.console.read(count if last else 1)[-1]
-        return byte if not chr else bytes((byte,)).decode() if 32 <= byte <= 126 else None
+        return _character(byte) if chr else byte
 
     def hub_menu(*entries: Any) -> Any:
         if len(entries) < 2:
@@ -155,12 +173,12 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
         "StopWatch": bind(context, StopWatch),
         "multitask": bind(context, Task),
     }
-    names |= (
-        {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis} if hub.has_float else {}
-    )
-    return module(
-        "tools", names, wait, run_task, read_input_byte, *([hub_menu] if hub.has_display else [])
-    )
+    if hub.has_float:
+        names |= {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis}
+    functions: list[Callable[..., Any]] = [wait, run_task, read_input_byte]
+    if hub.has_display:
+        functions.append(hub_menu)
+    return module("tools", names, *functions)
 
 
 def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
@@ -169,34 +187,43 @@ def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
     machine = context.machine
     display = bind(context, LightMatrix)()
     panel = context.machine.panel
+    # Each is shown once, so that a wrong one is refused at the start; the first one stays.
     for entry in reversed(entries):
         display._show_symbol(entry)
     context.assert_blocking()
 
     def wait_for_buttons(pressed: bool) -> frozenset[str]:
-        while bool(down := panel.pressed(machine.time_ms)) is not pressed:
+        while True:
+            down = panel.pressed(machine.time_ms)
+            if bool(down) is pressed:
+                return down
             if pressed and panel.is_unattended:
                 raise TwinError(
                     "hub_menu waits for a button, and nobody presses one; choose with --press "
                     '"right@1s" --press "center@2s"'
                 )
             machine.advance(1)
-        return down
 
+    # The center button selects here instead of stopping the program.
     stop_buttons = panel.stop_buttons
     if stop_buttons != {"bluetooth"}:
         panel.stop_buttons = frozenset()
     try:
         selected = 0
         while True:
+            # One press moves by one entry, however long it is.
             wait_for_buttons(pressed=False)
             down = wait_for_buttons(pressed=True)
             if "center" in down:
                 break
-            selected = (
-                selected + ("right" in down) - ("right" not in down and "left" in down)
-            ) % len(entries)
+            step = 0
+            if "right" in down:
+                step = 1
+            elif "left" in down:
+                step = -1
+            selected = (selected + step) % len(entries)
             display._show_symbol(entries[selected])
+        # Else the button that selected would stop the program at once.
         wait_for_buttons(pressed=False)
     finally:
         panel.stop_buttons = stop_buttons

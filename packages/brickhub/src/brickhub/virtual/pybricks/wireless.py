@@ -28,7 +28,8 @@ from brickhub.virtual.pybricks.parameters import Color, buttons
 from brickhub.virtual.pybricks.pupsensors import ColorLight
 
 _MAX_NAME_BYTES = 14
-_SEARCH_MS = 500  # until a switched-on device is found
+_SEARCH_MS = 500
+"""Time until a device that is switched on and near is found."""
 _XBOX_BUTTONS = (
     "a",
     "b",
@@ -46,16 +47,20 @@ _XBOX_BUTTONS = (
     "lj",
     "rj",
 )
-"""By their bit."""
+"""By their bit in the controller's report; empty for bits without a button."""
 _XBOX_EXTRAS = ("upload", "p1", "p2", "p3", "p4")
 _RUMBLE_MOTORS = 4
 _STICK_MAX = 2**15 - 1
 _TRIGGER_MAX = 1023
 _MESSAGE_BYTES = range(3, 21)
+"""Length of a message of LEGO's wireless protocol 3: a header, and what fits a notification."""
 _LAST_CHANNEL = 255
 _MAX_PAYLOAD_BYTES = 26
+"""Room in an advertisement of 31 bytes."""
 _NOTHING_HEARD_DBM = -128
 _MAX_EVENT_BYTES = 19
+"""Room in a notification of 20 bytes behind the kind of event."""
+# First byte of what AppData itself tells the host.
 _SET_UP = 0
 _CONFIGURE = 1
 
@@ -73,8 +78,10 @@ def _unavailable(name: str) -> Callable[..., Any]:
 class Wireless(Native):
     """Bluetooth device."""
 
-    _kind = ""  # name of the device among those that can be near
-    _wanted: str | None = None  # the name that is looked for
+    _kind = ""
+    """Name of the device among those that can be near; empty for one that never is."""
+    _wanted: str | None = None
+    """The name that is looked for."""
     _is_connected = False
     _pause_ms: int | None = None
     """Pause before the second search; ``None`` if there is none."""
@@ -88,20 +95,23 @@ class Wireless(Native):
             self.connect()
 
     def connect(self) -> Any:
-        held = self._context.peripherals
-        if len(held) >= self._machine.robot.hub.model.peripherals:
+        peripherals = self._context.peripherals
+        if len(peripherals) >= self._machine.robot.hub.model.peripherals:
             raise os_error(errno.EBUSY)
         # A device that is connected does not advertise itself, so another search does not find it.
-        is_near = self._is_near() and not any(device._is_found(self) for device in held)
-        held.append(self)
+        is_taken = any(device._is_found(self) for device in peripherals)
+        is_near = self._is_near() and not is_taken
+        peripherals.append(self)
         start_ms = self._machine.time_ms
         longest_ms = self._timeout_ms
+        # The second search takes as long as the first.
         if longest_ms is not None and self._pause_ms is not None:
             longest_ms = 2 * longest_ms + self._pause_ms
 
         def is_done() -> bool:
             waited_ms = self._machine.time_ms - start_ms
-            if not is_near and longest_ms is not None and waited_ms >= longest_ms:
+            is_late = longest_ms is not None and waited_ms >= longest_ms
+            if not is_near and is_late:
                 self._release()
                 raise os_error(errno.ETIMEDOUT)
             is_found = is_near and waited_ms >= _SEARCH_MS
@@ -154,9 +164,8 @@ class _Buttons(Native):
 
     def pressed(self) -> Any:
         down = self._device._down()
-        return buttons(
-            [name for name in self._names if name in down], self._machine.robot.hub.model
-        )
+        names = [name for name in self._names if name in down]
+        return buttons(names, self._machine.robot.hub.model)
 
 
 class LWP3Device(Wireless):
@@ -169,6 +178,7 @@ class LWP3Device(Wireless):
         num_notifications: Any = 8,
         connect: Any = True,
     ) -> None:
+        # Only checked: such a device is never near.
         for number in (num_notifications, hub_kind):
             get_exact_int(number)
         super().__init__(name, timeout, connect)
@@ -190,21 +200,24 @@ class Remote(Wireless):
     _kind = "remote"
 
     def __init__(self, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
-        self.buttons, self.light = _Buttons(self, REMOTE_BUTTONS), ColorLight(self, self._done)
+        self.buttons = _Buttons(self, REMOTE_BUTTONS)
+        self.light = ColorLight(self, self._done)
         self._wanted = None if name is None else get_text(name)
         super().__init__(name, timeout, connect)
 
     def _is_near(self) -> bool:
         """Whether one of that name is near; before a program has named it, it has the name that is
         looked for."""
-        return super()._is_near() and self._wanted in (
-            None,
-            self._machine.panel.remote_name or self._wanted,
-        )
+        if not super()._is_near():
+            return False
+        present_name = self._machine.panel.remote_name or self._wanted
+        return self._wanted is None or self._wanted == present_name
 
     def name(self, *name: Any) -> Any:
         panel = self._machine.panel
-        text = get_text(name[0]) if name else panel.remote_name or self._wanted or "Handset"
+        # "Handset" is LEGO's own name of it.
+        present_name = panel.remote_name or self._wanted or "Handset"
+        text = get_text(name[0]) if name else present_name
         if not 1 <= len(text.encode()) <= _MAX_NAME_BYTES:
             raise ValueError("bad name length")
         self._down()
@@ -248,10 +261,11 @@ class XboxController(Wireless):
         timeout: Any = 10000,
         connect: Any = True,
     ) -> None:
+        # Only checked: a stick on the panel is either at rest or all the way out.
         get_int(joystick_deadzone)
-        self.buttons = _Buttons(
-            self, (*filter(None, _XBOX_BUTTONS), *_XBOX_EXTRAS, "up", "right", "down", "left")
-        )
+        with_button = [button for button in _XBOX_BUTTONS if button]
+        names = (*with_button, *_XBOX_EXTRAS, "up", "right", "down", "left")
+        self.buttons = _Buttons(self, names)
         super().__init__(name, timeout, connect)
 
     def name(self, name: Any = None) -> str:
@@ -261,14 +275,24 @@ class XboxController(Wireless):
     def state(self) -> tuple[int, ...]:
         """Raw values, as the controller sends them."""
         down = self._down()
-        sticks = (_stick(down, side, _STICK_MAX) for side in ("left", "right"))
-        axes = [value for x, y in sticks for value in (x, -y)]
-        raw = (value + (value == _STICK_MAX) for value in axes)  # it sends 0 to 65535 for both ends
-        triggers = (_TRIGGER_MAX * (f"{side}_trigger" in down) for side in ("left", "right"))
-        bits = sum(1 << bit for bit, name in enumerate(_XBOX_BUTTONS) if name in down)
-        upload, *paddles = (name in down for name in _XBOX_EXTRAS)
-        extras = int(upload), 0, 0, sum(is_down << bit for bit, is_down in enumerate(paddles))
-        return *raw, *triggers, _dpad(down), bits, *extras
+        axes: list[int] = []
+        for side in ("left", "right"):
+            # The controller counts downwards.
+            x, y = _stick(down, side, _STICK_MAX)
+            axes += [_raw_axis(x), _raw_axis(-y)]
+        triggers = [_TRIGGER_MAX * (f"{side}_trigger" in down) for side in ("left", "right")]
+        bits = 0
+        for bit, name in enumerate(_XBOX_BUTTONS):
+            if name in down:
+                bits |= 1 << bit
+        upload, *paddles = _XBOX_EXTRAS
+        paddle_bits = 0
+        for bit, name in enumerate(paddles):
+            if name in down:
+                paddle_bits |= 1 << bit
+        # The two zeros are the profile and the positions of the trigger switches.
+        extras = int(upload in down), 0, 0, paddle_bits
+        return *axes, *triggers, _dpad(down), bits, *extras
 
     def dpad(self) -> int:
         return _dpad(self._down())
@@ -293,16 +317,25 @@ class XboxController(Wireless):
         powers = power if isinstance(power, list | tuple) else (power,) * _RUMBLE_MOTORS
         if len(powers) != _RUMBLE_MOTORS:
             raise ValueError(f"expected 1 number or tuple of {_RUMBLE_MOTORS} values")
+        # Only checked: nobody feels it.
         for number in (duration, delay, count, *powers):
             get_int(number)
         return self._done()
 
 
+def _raw_axis(value: int) -> int:
+    """Position of a stick on one axis. The controller sends 0 to 65535, with 32767 for the middle:
+    one more to one side than to the other."""
+    return value + 1 if value == _STICK_MAX else value
+
+
 def _stick(down: frozenset[str], side: str, limit: int) -> tuple[int, int]:
     """Position of a stick of the Xbox controller: to the right, and up."""
-    left, right, back, ahead = (
-        f"joystick_{side}_{direction}" in down for direction in ("left", "right", "down", "up")
-    )
+    # Opposite directions at the same time cancel out.
+    left = f"joystick_{side}_left" in down
+    right = f"joystick_{side}_right" in down
+    back = f"joystick_{side}_down" in down
+    ahead = f"joystick_{side}_up" in down
     return limit * (right - left), limit * (ahead - back)
 
 
@@ -310,7 +343,7 @@ def _dpad(down: frozenset[str]) -> int:
     """Direction of the pad: 0 for none, 1 for up, then clockwise."""
     x = ("right" in down) - ("left" in down)
     y = ("up" in down) - ("down" in down)
-    return {
+    numbers = {
         (0, 1): 1,
         (1, 1): 2,
         (1, 0): 3,
@@ -319,21 +352,22 @@ def _dpad(down: frozenset[str]) -> int:
         (-1, -1): 6,
         (-1, 0): 7,
         (-1, 1): 8,
-    }.get((x, y), 0)
+    }
+    return numbers.get((x, y), 0)
 
 
 class Radio(Native):
     """``hub.ble`` and ``pybricks.messaging.BLERadio``; channels 0 to 255."""
 
     def __init__(self, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
-        if (
-            broadcast_channel is not None
-            and not 0 <= get_exact_int(broadcast_channel) <= _LAST_CHANNEL
-        ):
-            raise ValueError("Broadcast channel must be 0 to 255 or None")
-        channels = [
-            get_exact_int(observe_channels[index]) for index in range(len(observe_channels))
-        ]
+        if broadcast_channel is not None:
+            channel = get_exact_int(broadcast_channel)
+            if not 0 <= channel <= _LAST_CHANNEL:
+                raise ValueError("Broadcast channel must be 0 to 255 or None")
+        # By index: anything that has a length and items will do.
+        channels = []
+        for index in range(len(observe_channels)):
+            channels.append(get_exact_int(observe_channels[index]))
         if not all(0 <= channel <= _LAST_CHANNEL for channel in channels):
             raise ValueError("observe channel must be 0 to 255")
         self._broadcast_channel = broadcast_channel
@@ -343,8 +377,13 @@ class Radio(Native):
         if self._broadcast_channel is None:
             raise RuntimeError("no broadcast channel selected")
         if data is not None:
-            values = data if isinstance(data, list | tuple) else [data]
-            if sum(map(_encoded_bytes, values)) + (values is not data) > _MAX_PAYLOAD_BYTES:
+            is_sequence = isinstance(data, list | tuple)
+            values = data if is_sequence else [data]
+            size = sum(map(_encoded_bytes, values))
+            # A single value is marked by a byte, so that the receiver makes no tuple of it.
+            if not is_sequence:
+                size += 1
+            if size > _MAX_PAYLOAD_BYTES:
                 raise ValueError(f"payload limited to {_MAX_PAYLOAD_BYTES} bytes")
         return self._context.done()
 
@@ -366,10 +405,16 @@ class Radio(Native):
 def _encoded_bytes(value: Any) -> int:
     """Size of a value in an advertisement: type byte and value."""
     match value:
+        # Two types of their own, without a value; before int, of which Python's bool is a kind.
         case bool():
             return 1
+        # In one, two or four bytes.
         case int():
-            return 2 if -(2**7) <= value < 2**7 else 3 if -(2**15) <= value < 2**15 else 5
+            if -(2**7) <= value < 2**7:
+                return 2
+            if -(2**15) <= value < 2**15:
+                return 3
+            return 5
         case float():
             return 5
         case str() | bytes() | bytearray() | memoryview():
@@ -410,6 +455,7 @@ def messaging_module(context: Context) -> ModuleType:
             if console.inbox:
                 raise RuntimeError("host rx_buffer already allocated")
             expect_type(get_array(modes), list)
+            # All modes are parts of one buffer, in the order of their numbers.
             self._slices: dict[int, tuple[int, int]] = {}
             start = 0
             for pair in sorted(modes):
@@ -442,8 +488,10 @@ def messaging_module(context: Context) -> ModuleType:
             return context.done()
 
         def configure(self, mode: Any, parameter: Any, value: Any) -> Any:
-            numbers = (_CONFIGURE, get_exact_int(mode) & 0xFF, get_exact_int(parameter) & 0xFF)
-            return self.write_bytes(bytes(numbers) + _payload(value))
+            mode_number = get_exact_int(mode) & 0xFF
+            parameter_number = get_exact_int(parameter) & 0xFF
+            header = bytes((_CONFIGURE, mode_number, parameter_number))
+            return self.write_bytes(header + _payload(value))
 
         def close(self) -> None:
             console.inbox = bytearray()

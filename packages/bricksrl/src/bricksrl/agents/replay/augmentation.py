@@ -30,14 +30,19 @@ class MirrorRows(Transform):  # type: ignore[misc]
 
     def forward(self, batch: TensorDictBase) -> TensorDictBase:
         """The batch, with new tensors for what is mirrored."""
-        drawn = torch.rand(len(batch), 1, device=batch["action"].device) < 0.5
+        action = batch["action"]
+        # one draw for a row: state, action and next state are mirrored together
+        drawn = torch.rand(len(batch), 1, device=action.device) < 0.5
         for part in (batch, batch["next"]):
-            seen = part[self.key].flatten(1)
-            scale = self.scale.to(seen)
-            offset = self.offset.to(seen)
-            image = self.observation((seen - offset) / scale) * scale + offset
-            part[self.key] = torch.where(drawn, image, seen).view_as(part[self.key])
-        batch["action"] = torch.where(drawn, self.action(batch["action"]), batch["action"])
+            observed = part[self.key]
+            numbers = observed.flatten(1)  # [batch, n]
+            scale = self.scale.to(numbers)
+            offset = self.offset.to(numbers)
+            # the mirror knows physical units only, such as where an angle wraps
+            physical = (numbers - offset) / scale
+            mirrored = self.observation(physical) * scale + offset
+            part[self.key] = torch.where(drawn, mirrored, numbers).view_as(observed)
+        batch["action"] = torch.where(drawn, self.action(action), action)
         return batch
 
 
@@ -52,9 +57,8 @@ class ShiftImages(Transform):  # type: ignore[misc]
     def forward(self, batch: TensorDictBase) -> TensorDictBase:
         for image in self.images:
             for part in (batch, batch["next"]):
-                part[image.key] = shift_images(
-                    part[image.key], self.most_px, image.is_channels_last
-                )
+                pictures = part[image.key]
+                part[image.key] = shift_images(pictures, self.most_px, image.is_channels_last)
         return batch
 
 
@@ -66,9 +70,11 @@ def augmentations(env: EnvBase, settings: OffPolicySettings) -> Iterator[Transfo
         yield ShiftImages(layout.images, settings.shift_px)
     if settings.mirror and task is not None and task.symmetric and keeps_actions(env):
         observation, action = mirrors(task)
-        seen = behind_transforms(observation, [entry.name for entry in task.entries], layout)
-        if seen is not None:
-            yield MirrorRows(layout, seen, action)
+        names = [entry.name for entry in task.entries]
+        transformed = behind_transforms(observation, names, layout)
+        # no mirroring at all is right where a number's image is not known
+        if transformed is not None:
+            yield MirrorRows(layout, transformed, action)
 
 
 def behind_transforms(
@@ -77,8 +83,9 @@ def behind_transforms(
     """The mirror of entries with ``names`` for what transforms make of them: the n-th number of an
     entry changes places with the n-th of its image, as in frames that follow one another. ``None``
     where a number has no image, or an unknown scale."""
-    numbers = defaultdict[str, list[int]](list)
     is_own = layout.names == tuple(names)
+    # places of each entry's numbers in the layout: several where frames are stacked
+    numbers = defaultdict[str, list[int]](list)
     for index, name in enumerate(layout.names):
         numbers[name].append(index)
     places = []
@@ -90,8 +97,14 @@ def behind_transforms(
         nth = numbers[name].index(index)
         images = numbers[names[mirror.places[entry]]]
         sign = mirror.signs[entry]
-        has_unit = is_own or layout.wraps[index] or layout.high[index] - layout.low[index] < inf
-        if nth >= len(images) or not (has_unit or (images[nth] == index and sign > 0)):
+        if nth >= len(images):
+            return None
+        # A number whose range is not known may be shifted, and the image of a shifted number is
+        # not its negative; one that is its own image needs no unit.
+        is_bounded = layout.high[index] - layout.low[index] < inf
+        has_unit = is_own or layout.wraps[index] or is_bounded
+        is_unmoved = images[nth] == index and sign > 0
+        if not (has_unit or is_unmoved):
             return None
         places.append(images[nth])
         signs.append(sign)

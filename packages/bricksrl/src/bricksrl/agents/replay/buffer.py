@@ -45,21 +45,26 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         n_step: int = 1,
         goals: GoalRelabelling | None = None,
     ) -> None:
-        super().__init__(
-            storage=LazyMemmapStorage(capacity)
-            if memory_mapped
-            else LazyTensorStorage(capacity, device="cpu")
-        )
+        storage: LazyTensorStorage
+        if memory_mapped:
+            storage = LazyMemmapStorage(capacity)
+        else:
+            storage = LazyTensorStorage(capacity, device="cpu")
+        super().__init__(storage=storage)
         self._rows = batch_size
         self._observed = keys
         self._sampled_to = torch.device(device)
         self._gamma = gamma
         self._n_step = n_step
         self._goals = goals
-        self._keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
-        self._has_links = n_step > 1 or (goals is not None and goals.hindsight > 0)
+        outcome = [("next", key) for key in (*keys, "reward", "terminated")]
+        self._keys = [*keys, "action", *outcome]
+        in_hindsight = goals is not None and goals.hindsight > 0
+        self._has_links = n_step > 1 or in_hindsight
         self._none = capacity  # index of the missing successor
-        self._successor = torch.full((capacity + 1,) if self._has_links else (0,), self._none)
+        # The last entry is the missing successor's own one: a chain that has ended stays there.
+        links = capacity + 1 if self._has_links else 0
+        self._successor = torch.full((links,), self._none)
         self._last: dict[int, Tensor] = {}  # by robot, of each of its copies
         self._augment = list[Transform]()
 
@@ -96,11 +101,13 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
             raise DescriptionError(f"{message}; give buffer_size {len(rows)} or more")
         index: Tensor = super().extend(rows.to("cpu"))
         if self._has_links and robot is not None:
-            places = index
             time = frames.shape[-1]
+            places = index
             if lost is not None:
+                # steps without an outcome are not stored: what came before them gets no successor
                 places = torch.full(lost.shape, self._none).masked_scatter(~lost.cpu(), index)
-            self._link(places.view(-1, time), frames["next", "done"].cpu().view(-1, time), robot)
+            done = frames["next", "done"].cpu()
+            self._link(places.view(-1, time), done.view(-1, time), robot)
         return index
 
     def _link(self, indices: Tensor, done: Tensor, robot: int) -> None:
@@ -113,9 +120,12 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         self._successor[indices] = self._none
         if indices.shape[1] > 1:
             self._successor[indices[:, :-1]] = torch.where(done[:, :-1], self._none, indices[:, 1:])
-        for other, ends in self._last.items():  # overwritten transitions have no successor
-            self._last[other] = torch.where(torch.isin(ends, indices), self._none, ends)
+        # other robots' last transitions, if these were overwritten, have no successor
+        for other, ends in self._last.items():
+            is_overwritten = torch.isin(ends, indices)
+            self._last[other] = torch.where(is_overwritten, self._none, ends)
         self._last[robot] = torch.where(done[:, -1], self._none, indices[:, -1])
+        # Those above may have written to it, where a last transition is missing or a link was lost.
         self._successor[self._none] = self._none
 
     def empty(self, empty_write_count: bool = True) -> None:
@@ -137,9 +147,9 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         batch = super().sample(batch_size or self._rows)
         index = batch.pop("index")
         if self._goals is not None or self._n_step > 1:
-            batch = self._augmented(
-                batch, index, len(index) // batches if batches else min(self._rows, len(index))
-            )
+            # shares of goals hold for each batch, not for the rows drawn at once
+            size = len(index) // batches if batches else min(self._rows, len(index))
+            batch = self._augmented(batch, index, size)
         for transform in self._augment:
             batch = transform(batch)
         return batch.to(self._sampled_to)
@@ -152,14 +162,19 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         for _ in range(1, self._n_step):
             chain.append(self._successor[chain[-1]])
             known.append(chain[-1] != self._none)
-        rows = (
-            batch[None]
-            if self._n_step == 1
-            else self._storage.get(torch.stack(chain).clamp_max(len(self) - 1))
-        )
+        rows: Any
+        if self._n_step == 1:
+            rows = batch[None]
+        else:
+            # a missing successor reads some row, which the mask leaves out of the sum
+            existing = torch.stack(chain).clamp_max(len(self) - 1)
+            rows = self._storage.get(existing)
+        # before rewards are summed: all n of them are those of the new goal
         if self._goals is not None:
             self._relabel(self._goals, rows, index, size)
-        return batch if self._n_step == 1 else self._summed(rows, torch.stack(known))
+        if self._n_step == 1:
+            return batch
+        return self._summed(rows, torch.stack(known))
 
     def _relabel(
         self, goals: GoalRelabelling, rows: TensorDictBase, index: Tensor, size: int
@@ -170,24 +185,23 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         end = min(size, in_hindsight + round(size * goals.new_goals))
         if not end:
             return
+        # Rows are drawn uniformly, so that the first of a batch are as good as any: the first get
+        # goals in hindsight, the next ones new goals.
         new = [goals.draw(count, end - in_hindsight, device=index.device)]
         if in_hindsight:
-            reached = [reached for _, reached in goals.layout.goals]
-            new.insert(
-                0,
-                self._observed_later(index[: count * size].view(count, size)[:, :in_hindsight])[
-                    ..., reached
-                ],
-            )
-        goals.relabel(
-            rows[:, : count * size].view(len(rows), count, size)[:, :, :end], torch.cat(new, 1)
-        )
+            reached_entries = [reached for _, reached in goals.layout.goals]
+            by_batch = index[: count * size].view(count, size)
+            observed = self._observed_later(by_batch[:, :in_hindsight])  # [count, share, n]
+            new.insert(0, observed[..., reached_entries])
+        rows_by_batch = rows[:, : count * size].view(len(rows), count, size)
+        goals.relabel(rows_by_batch[:, :, :end], torch.cat(new, 1))
 
     def _observed_later(self, index: Tensor) -> Tensor:
         """For each index an observation up to `HORIZON` steps later, or its own outcome if the
         episode ends before."""
         steps = torch.randint(1, HORIZON + 1, index.shape, device=index.device)
         later = index
+        # all rows follow their links step by step; those that have gone far enough stay
         for step in range(1, HORIZON + 1):
             later = torch.where(steps >= step, self._successor[later], later)
         later = torch.where(later == self._none, index, later)
@@ -196,13 +210,19 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
 
     def _summed(self, rows: TensorDictBase, known: Tensor) -> TensorDictBase:
         """Transitions over up to n steps, from rows ``[n, batch]`` with the mask ``known``."""
-        terminated = rows["next", "terminated"].squeeze(-1)
+        terminated = rows["next", "terminated"].squeeze(-1)  # [n, batch]
+        # A step counts if it and all before it are known and none before it has terminated; new
+        # goals may have moved where an episode terminates.
         continues = torch.cat((torch.ones_like(known[:1]), ~terminated[:-1]))
         counted = (known & continues).cumprod(0).bool()
-        discount = self._gamma ** torch.arange(len(rows), device=known.device)[:, None]
-        reward = (rows["next", "reward"].squeeze(-1) * discount * counted).sum(0)
+        exponents = torch.arange(len(rows), device=known.device)[:, None]
+        discount = self._gamma**exponents  # [n, 1]
+        rewards = rows["next", "reward"].squeeze(-1)
+        reward = (rewards * discount * counted).sum(0)
+        # the value is bootstrapped from what followed the last step that counts
         steps = counted.sum(0)
-        last = rows[steps - 1, torch.arange(rows.shape[1], device=known.device)]["next"]
+        each_row = torch.arange(rows.shape[1], device=known.device)
+        last = rows[steps - 1, each_row]["next"]
         # TorchRL's losses read the count beside "next"; some keep only "next" and read it there
         after = last.clone().update(
             {"reward": reward[:, None], "steps_to_next_obs": steps[:, None]}
@@ -211,11 +231,10 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
 
     def links(self) -> dict[str, Any]:
         """Successor links, for a checkpoint."""
-        return (
-            {"successor": self._successor[: len(self)].clone(), "last": self._last.get(0)}
-            if self._has_links
-            else {}
-        )
+        if not self._has_links:
+            return {}
+        # Of the first robot only: an episode that ran in a fleet does not go on after a resume.
+        return {"successor": self._successor[: len(self)].clone(), "last": self._last.get(0)}
 
     def load_links(self, state: dict[str, Any]) -> None:
         """Inverse of `links`, after the transitions are loaded. Raises ValueError or KeyError for
@@ -223,8 +242,10 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         if not self._has_links:
             return
         last = state["last"]
+        # a file may hold anything, and an index outside would fail only in some later batch
         for indices in (state["successor"], torch.empty(0) if last is None else last):
-            if bool(((indices < 0) | (indices > self._none)).any()):
+            is_outside = (indices < 0) | (indices > self._none)
+            if bool(is_outside.any()):
                 raise ValueError("a successor is missing")
         self._successor[: len(self)] = state["successor"].cpu()
         self._last = {} if last is None else {0: last.cpu()}
@@ -236,5 +257,13 @@ def make_replay_buffer(
     """The replay buffer of the settings for an environment."""
     layout = layout_of(env)
     goals = relabelling(env, settings.hindsight, settings.new_goals)
-    args = (settings.buffer_size, settings.batch_size, layout.keys, settings.memory_mapped, device)
-    return TransitionReplayBuffer(*args, gamma=settings.gamma, n_step=settings.n_step, goals=goals)
+    return TransitionReplayBuffer(
+        settings.buffer_size,
+        settings.batch_size,
+        layout.keys,
+        settings.memory_mapped,
+        device,
+        gamma=settings.gamma,
+        n_step=settings.n_step,
+        goals=goals,
+    )

@@ -23,7 +23,7 @@ from brickhub.fields import check_fields
 from brickhub.user_files import NotCode
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.search.structures import STRUCTURES, StructuredActor, make_structure
-from bricksrl.agents.settings import NotNegative, Positive, Range
+from bricksrl.agents.settings import NotNegative, Positive, Presets, Range
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import lost_links
 from bricksrl.envs.task import never
@@ -73,6 +73,9 @@ class GaitSettings:
             )
 
 
+PRESETS = {"gait": Presets(GaitSettings(), images=GaitSettings(), paper=GaitSettings())}
+
+
 class Posterior:
     """A Gaussian process given scores ``[k]`` of points ``[k, p, 2]``, see `embedded`; its scales
     are the most probable ones.
@@ -97,6 +100,7 @@ class Posterior:
         self.unit = scores.std().clamp_min(1e-6) if len(scores) > 1 else torch.ones_like(self.mean)
         self._values = (scores - self.mean) / self.unit
         length, *others = self.MEDIAN
+        # one length for each number, then what all share: [p + 3]
         median = torch.tensor([length] * points.shape[1] + others).double().log()
         self.scales = median.clone().requires_grad_()
         optimizer = torch.optim.LBFGS([self.scales], max_iter=30, line_search_fn="strong_wolfe")
@@ -104,8 +108,13 @@ class Posterior:
         def loss() -> Tensor:
             optimizer.zero_grad()
             self._factorise()
-            surprise = (self._values @ self._weights) / 2 + self._root.diagonal().log().sum()
-            total: Tensor = surprise + (((self.scales - median) / self.SPREAD) ** 2).sum() / 2
+            # The negative log of the marginal likelihood (Rasmussen and Williams, 2006, eq. 5.8)
+            # without its constant, and that of the scales' own distribution: few trials alone would
+            # let the likelihood explain them by noise or by the shortest lengths.
+            fit = (self._values @ self._weights) / 2
+            surprise = fit + self._root.diagonal().log().sum()
+            deviations = (self.scales - median) / self.SPREAD
+            total: Tensor = surprise + (deviations**2).sum() / 2
             total.backward()
             return total
 
@@ -117,12 +126,16 @@ class Posterior:
         """Covariance of points in their worlds."""
         *_, peculiar, amplitude, _ = self.scales.exp()
         lengths = self.scales[:-3].exp()[:, None]
-        a, b = ((points / lengths).flatten(1) for points in (a, b))
-        near = (-torch.cdist(a, b, compute_mode="donot_use_mm_for_euclid_dist").square() / 2).exp()
-        own = (a_world[:, None] == b_world) & (b_world > 0)
-        covariance: Tensor = amplitude**2 * (
-            near + own * (LEVEL**2 + peculiar**2 * near ** (1.0 / REACH**2))
-        )
+        a = (a / lengths).flatten(1)
+        b = (b / lengths).flatten(1)
+        # A product of matrices would be faster, but rounds distances of equal points away from 0.
+        distance = torch.cdist(a, b, compute_mode="donot_use_mm_for_euclid_dist")
+        near = (-distance.square() / 2).exp()
+        in_same_later_world = (a_world[:, None] == b_world) & (b_world > 0)
+        # a length that is REACH times as long is a power of the same exponential
+        nearer = near ** (1.0 / REACH**2)
+        peculiarities = in_same_later_world * (LEVEL**2 + peculiar**2 * nearer)
+        covariance: Tensor = amplitude**2 * (near + peculiarities)
         return covariance
 
     def _factorise(self) -> None:
@@ -143,10 +156,11 @@ class Posterior:
         2]``, without noise."""
         here = self.worlds[-1:]
         kernel = self._kernel(points, self.points, here, self.worlds)
-        known = torch.linalg.solve_triangular(self._root, kernel.T, upper=False).square().sum(0)
-        deviation = (
-            (self._kernel(points[:1], points[:1], here, here) - known).clamp_min(1e-12).sqrt()[0]
-        )
+        half = torch.linalg.solve_triangular(self._root, kernel.T, upper=False)
+        known = half.square().sum(0)
+        # all points have the same variance beforehand, so that the first stands for them
+        beforehand = self._kernel(points[:1], points[:1], here, here)
+        deviation = (beforehand - known).clamp_min(1e-12).sqrt()[0]
         return self.mean + self.unit * (kernel @ self._weights), self.unit * deviation
 
     @torch.no_grad()
@@ -189,11 +203,10 @@ class PolicySearch(Learner):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.numbers, self.scores, self.worlds = (
-            self.start[:0],
-            self.start[:0, 0],
-            self.start[:0, 0].long(),
-        )
+        # empty, of the shapes and types that trials will have
+        self.numbers = self.start[:0]
+        self.scores = self.start[:0, 0]
+        self.worlds = self.start[:0, 0].long()
         self.actor.trial.copy_(self.start[0])
 
     def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
@@ -207,20 +220,26 @@ class PolicySearch(Learner):
             observation = frame["next", "observation"]
             ended = bool(frame["next", "terminated"].any())
             tilts = observation[..., self.tilts].abs() > self.settings.tilt_deg
-            if bool(tilts.any()) or (
-                ended and not bool(self.succeeds(observation[..., None, :]).all())
-            ):
-                self._score(math.inf if not len(self.scores) else float(self.scores.min()))
+            has_failed = bool(tilts.any())
+            if ended and not has_failed:
+                has_failed = not bool(self.succeeds(observation[..., None, :]).all())
+            if has_failed:
+                # A fall may have been a fast one: its rewards alone would invite more of them.
+                highest = float(self.scores.min()) if len(self.scores) else math.inf
+                self._score(highest)
             elif ended or len(self.rewards) == self.settings.trial_steps:
                 self._score(math.inf)
 
     def _score(self, highest: float) -> None:
         """End the trial, with a score of at most the ``highest``: a mean with less weight towards
         both ends (Bartlett's window), as the reward goes up and down with each stride."""
-        counted = torch.tensor(self.rewards[self.settings.settle_steps :] or self.rewards)
+        # a trial that ended while it settled has these rewards only
+        settled = self.rewards[self.settings.settle_steps :]
+        counted = torch.tensor(settled or self.rewards)
         places = torch.arange(1.0, len(counted) + 1)
         weights = torch.minimum(places, places.flip(0))
-        score = ((counted * weights).sum() / weights.sum()).clamp_max(highest)[None].to(self.scores)
+        mean = (counted * weights).sum() / weights.sum()
+        score = mean.clamp_max(highest)[None].to(self.scores)
         self.numbers = torch.cat((self.numbers, self.actor.trial[None]))
         self.scores = torch.cat((self.scores, score))
         self.worlds = torch.cat((self.worlds, torch.tensor([self.world])))
@@ -234,7 +253,8 @@ class PolicySearch(Learner):
         """Go on in another world: the trials so far tell what may be good there, and the best known
         is tried first."""
         super().begin_elsewhere()
-        self.world, self.start = self.world + 1, self.actor.best[None].clone()
+        self.world += 1
+        self.start = self.actor.best[None].clone()
         self.actor.trial.copy_(self.actor.best)
 
     def learn(self, steps: int = 1) -> dict[str, Tensor]:
@@ -246,22 +266,23 @@ class PolicySearch(Learner):
         points = embedded(self.numbers, entries)
         here = self.worlds == self.world
         posterior = Posterior(points, self.scores, self.worlds)
+        # The best known is chosen among what was tried in this world, by the mean rather than by
+        # the score of one trial, which noise may have raised.
         means, _ = posterior.at(points[here])
         likeliest = self.numbers[here][means.argmax()]
-        gain, deviation = posterior.gain(
-            *embedded(torch.stack((likeliest, self.actor.best)), entries)
-        )
+        compared = torch.stack((likeliest, self.actor.best))
+        gain, deviation = posterior.gain(*embedded(compared, entries))
         if self.updates == 1 or gain > self.settings.caution * deviation:
             self.actor.best.copy_(likeliest)
         tried = int(here.sum())
         if tried < len(self.start):
             self.actor.trial.copy_(self.start[tried])
         else:
+            # the upper confidence bound (Srinivas et al., 2010)
             candidates = self._candidates(entries, likeliest)
             means, deviations = posterior.at(embedded(candidates, entries))
-            self.actor.trial.copy_(
-                candidates[(means + self.settings.optimism * deviations).argmax()]
-            )
+            bound = means + self.settings.optimism * deviations
+            self.actor.trial.copy_(candidates[bound.argmax()])
         best, _ = posterior.at(embedded(self.actor.best[None], entries))
         return {"trial_reward": self.scores[-1], "best_reward": best[0], "noise": posterior.noise}
 
@@ -270,10 +291,10 @@ class PolicySearch(Learner):
         low, high = bounds(entries)
         anywhere = low + torch.rand(CANDIDATES, len(entries)) * (high - low)
         nearby = near + torch.randn(CANDIDATES, len(entries)) * NEAR * (high - low)
+        # beyond its end an angle begins anew, and any other number stops
         wraps = torch.tensor([entry.wraps for entry in entries])
-        nearby = torch.where(
-            wraps, low + torch.remainder(nearby - low, high - low), nearby.clamp(low, high)
-        )
+        wrapped = low + torch.remainder(nearby - low, high - low)
+        nearby = torch.where(wraps, wrapped, nearby.clamp(low, high))
         return torch.cat((anywhere, nearby))
 
     def state_dict(self) -> dict[str, Any]:
@@ -293,9 +314,10 @@ class PolicySearch(Learner):
         try:
             search = state["search"]
             self.world = int(state["world"])
-            self.start, self.numbers, self.scores, self.worlds = (
-                search[n] for n in ("start", "numbers", "scores", "worlds")
-            )
+            self.start = search["start"]
+            self.numbers = search["numbers"]
+            self.scores = search["scores"]
+            self.worlds = search["worlds"]
         except (LookupError, TypeError):
             raise CheckpointError(
                 "the checkpoint has no trials; resume with the agent that it had"
@@ -304,9 +326,9 @@ class PolicySearch(Learner):
 
 def bounds(entries: tuple[Entry, ...]) -> tuple[Tensor, Tensor]:
     """Lowest and highest numbers ``[p]``."""
-    return torch.tensor([entry.low for entry in entries]), torch.tensor(
-        [entry.high for entry in entries]
-    )
+    low = torch.tensor([entry.low for entry in entries])
+    high = torch.tensor([entry.high for entry in entries])
+    return low, high
 
 
 def embedded(numbers: Tensor, entries: tuple[Entry, ...]) -> Tensor:
@@ -315,8 +337,11 @@ def embedded(numbers: Tensor, entries: tuple[Entry, ...]) -> Tensor:
     low, high = bounds(entries)
     share = (2 * (numbers - low) / (high - low) - 1).double()
     wraps = torch.tensor([entry.wraps for entry in entries])
-    circle = torch.stack(((math.pi * share).cos(), (math.pi * share).sin()), -1)
-    return torch.where(wraps[:, None], circle, torch.stack((share, torch.zeros_like(share)), -1))
+    angle = math.pi * share
+    circle = torch.stack((angle.cos(), angle.sin()), -1)
+    # a second coordinate of 0 adds nothing to a distance: one kernel serves for both kinds
+    line = torch.stack((share, torch.zeros_like(share)), -1)
+    return torch.where(wraps[:, None], circle, line)
 
 
 def build(env: EnvBase, settings: GaitSettings, device: torch.device | str = "cpu") -> PolicySearch:
@@ -325,9 +350,9 @@ def build(env: EnvBase, settings: GaitSettings, device: torch.device | str = "cp
     structure = make_structure(env, settings.structure)
     low, high = bounds(structure.numbers)
     seed = int(torch.randint(2**31, ()))
-    spread = torch.quasirandom.SobolEngine(len(low), scramble=True, seed=seed).draw(
-        settings.random_trials
-    )
+    # Sobol's points fill the range more evenly than independent draws, which counts for so few
+    sequence = torch.quasirandom.SobolEngine(len(low), scramble=True, seed=seed)
+    spread = sequence.draw(settings.random_trials)
     actor = StructuredActor(structure, (low + high) / 2).to(device)
     policy = TensorDictModule(actor, in_keys=["observation"], out_keys=["action"])
     places = layout_of(env).places
@@ -340,12 +365,13 @@ def build(env: EnvBase, settings: GaitSettings, device: torch.device | str = "cp
         )
     tilts = [places[name] for name in ("pitch", "roll") if name in places]
     succeeds = never if task is None or not keeps_vectors(env) else task.success
-    start = low + spread * (high - low)
-    parts: dict[str, Any] = {
-        "actor": actor,
-        "settings": settings,
-        "start": start,
-        "tilts": tilts,
-        "succeeds": succeeds,
-    }
-    return PolicySearch(policy=policy, on_policy=True, updates_per_step=0.0, **parts)
+    return PolicySearch(
+        policy=policy,
+        on_policy=True,
+        updates_per_step=0.0,
+        actor=actor,
+        settings=settings,
+        start=low + spread * (high - low),
+        tilts=tilts,
+        succeeds=succeeds,
+    )

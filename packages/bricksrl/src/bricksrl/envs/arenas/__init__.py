@@ -37,16 +37,21 @@ def check_arena(env_id: str) -> None:
 def get_arena_task(env_id: str) -> ArenaTask:
     """Task of a name. Raises UnknownNameError if there is none."""
     check_arena(env_id)
-    module, _, name = ARENAS[env_id].partition(":")
-    task: ArenaTask = getattr(importlib.import_module(f"bricksrl.envs.arenas.{module}"), name)
+    module_name, _, name = ARENAS[env_id].partition(":")
+    # Only now, as a task's module loads torch.
+    module = importlib.import_module(f"bricksrl.envs.arenas.{module_name}")
+    task: ArenaTask = getattr(module, name)
     return task
 
 
 def arena_summary(env_id: str) -> str:
     """First paragraph of an arena's description, without its import, which loads torch."""
-    source = importlib.resources.files(__name__) / f"{ARENAS[env_id].partition(':')[0]}.py"
-    description = ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or ""
-    return " ".join(description.partition("\n\n")[0].split())
+    module_name, _, _ = ARENAS[env_id].partition(":")
+    source = importlib.resources.files(__name__) / f"{module_name}.py"
+    tree = ast.parse(source.read_text(encoding="utf-8"))
+    description = ast.get_docstring(tree) or ""
+    summary, _, _ = description.partition("\n\n")
+    return " ".join(summary.split())
 
 
 def make_arena(
@@ -92,7 +97,10 @@ def make_arena(
                 "and physics"
             )
         arena: ArenaSimulation | ArenaEnv = ArenaSimulation(
-            task, shape[0], seed=seed, device=device
+            task,
+            shape[0],
+            seed=seed,
+            device=device,
         )
     elif device != "cpu":
         raise DescriptionError(
@@ -101,6 +109,11 @@ def make_arena(
     else:
         arena = ArenaEnv(task, seed=seed, physics=physics, realtime=realtime)
     arena.remake = functools.partial(
-        make_arena, env, physics=physics, realtime=realtime, batch_size=batch_size, device=device
+        make_arena,
+        env,
+        physics=physics,
+        realtime=realtime,
+        batch_size=batch_size,
+        device=device,
     )
     return arena

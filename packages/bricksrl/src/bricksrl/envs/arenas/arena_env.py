@@ -59,7 +59,10 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     task: ArenaTask  # type: ignore[assignment]
 
     def __init__(
-        self, task: ArenaTask, copies: tuple[int, ...] = (), device: torch.device | None = None
+        self,
+        task: ArenaTask,
+        copies: tuple[int, ...] = (),
+        device: torch.device | None = None,
     ) -> None:
         super().__init__(batch_size=copies, device=device)
         self.task = task
@@ -67,22 +70,24 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         observations = {}
         actions = {}
         rewards = {}
-        is_bounded = all(
-            math.isfinite(end) for entry in task.entries for end in (entry.low, entry.high)
-        )
+        ends = [end for entry in task.entries for end in (entry.low, entry.high)]
+        is_bounded = all(math.isfinite(end) for end in ends)
         for group, names in task.groups.items():
             shape = (*copies, len(names))
-            bounded = (
-                NominalBounded.of(task.entries, shape, device)
-                if is_bounded
-                else Unbounded((*shape, len(task.entries)))
-            )
-            observations[group] = Composite(observation=bounded, shape=shape)
+            if is_bounded:
+                vector = NominalBounded.of(task.entries, shape, device)
+            else:
+                vector = Unbounded((*shape, len(task.entries)))
+            observations[group] = Composite(observation=vector, shape=shape)
             actions[group] = Composite(action=Bounded(-1.0, 1.0, (*shape, 2)), shape=shape)
             rewards[group] = Composite(reward=Unbounded((*shape, 1)), shape=shape)
         flag = Binary(1, shape=(*copies, 1), dtype=torch.bool)
         self.observation_spec = Composite(
-            **observations, link_lost=flag, success=flag.clone(), shape=copies, device=device
+            **observations,
+            link_lost=flag,
+            success=flag.clone(),
+            shape=copies,
+            device=device,
         )
         self.action_spec = Composite(**actions, shape=copies, device=device)
         self.reward_spec = Composite(**rewards, shape=copies, device=device)
@@ -94,11 +99,9 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         task = self.task
         parts = [torch.empty(0)] * len(self.task.robots)
         for group, names in task.groups.items():
-            actions = clamped(
-                tensordict[group, "action"],
-                (*tensordict.batch_size, len(names), 2),
-                f"{group} of {task.id}",
-            )
+            shape = (*tensordict.batch_size, len(names), 2)
+            actions = clamped(tensordict[group, "action"], shape, f"{group} of {task.id}")
+            # A group's robots need not stand side by side in the arena.
             for index, action in zip(task.places(group), actions.unbind(-2), strict=True):
                 parts[index] = action
         return torch.stack(parts, -2)
@@ -121,15 +124,14 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         shape and type."""
         task = self.task
         batch = self.batch_size
-        per_robot = {
-            "observation": self._checked(
-                "observe", task.observe(state), len(task.robots), len(task.entries)
-            )
-        }
+        robots = len(task.robots)
+        observation = self._checked("observe", task.observe(state), robots, len(task.entries))
+        success = self._checked("success", task.success(state), 1)
         lost = torch.full((*batch, 1), is_lost, device=self.device)
-        flags = {"link_lost": lost, "success": self._checked("success", task.success(state), 1)}
+        per_robot = {"observation": observation}
+        flags = {"link_lost": lost, "success": success}
         if reward is not None:
-            per_robot["reward"] = self._checked("reward", reward, len(task.robots), 1)
+            per_robot["reward"] = self._checked("reward", reward, robots, 1)
             terminated = self._checked("terminated", terminated, 1)
             truncated = lost | (self._step_count >= task.max_steps)
             flags |= {
@@ -137,30 +139,27 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
                 "truncated": truncated,
                 "done": terminated | truncated,
             }
-        groups = {
-            group: TensorDict(
-                {name: value[..., task.places(group), :] for name, value in per_robot.items()},
-                (*batch, len(names)),
-            )
-            for group, names in task.groups.items()
-        }
+        groups = {}
+        for group, names in task.groups.items():
+            places = task.places(group)
+            values = {name: value[..., places, :] for name, value in per_robot.items()}
+            groups[group] = TensorDict(values, (*batch, len(names)))
         return TensorDict({**flags, **groups}, batch, device=self.device)
 
     def _checked(self, name: str, value: Any, *shape: int) -> Tensor:
         """What a function of the task returns: flags ``[*batch, 1]``, or numbers of each robot
         ``[*batch, robots, n]``."""
-        shape, dtype = (*self.batch_size, *shape), torch.bool if len(shape) == 1 else torch.float32
-        if not isinstance(value, Tensor) or value.shape != shape or value.dtype != dtype:
-            given = (
-                f"of shape {list(value.shape)} and {value.dtype}"
-                if isinstance(value, Tensor)
-                else f"{value!r:.40}"
-            )
-            raise DescriptionError(
-                f"{name} of {self.task.id} is {given}; compute a tensor of shape {list(shape)} "
-                f"and {dtype}"
-            )
-        return value
+        dtype = torch.bool if len(shape) == 1 else torch.float32
+        shape = (*self.batch_size, *shape)
+        given = f"{value!r:.40}"
+        if isinstance(value, Tensor):
+            if value.shape == shape and value.dtype == dtype:
+                return value
+            given = f"of shape {list(value.shape)} and {value.dtype}"
+        raise DescriptionError(
+            f"{name} of {self.task.id} is {given}; compute a tensor of shape {list(shape)} "
+            f"and {dtype}"
+        )
 
 
 class ArenaEnv(GroupedEnv):
@@ -194,9 +193,13 @@ class ArenaEnv(GroupedEnv):
         self._links: list[HubLink] = []
         self._state: ArenaState | None = None
         self.reconnect = Reconnect()
-        spans = [[(c.low, c.high) for c in interface.commands] for interface in task.interfaces]
-        self._low = torch.tensor(spans)[..., 0]
-        self._high = torch.tensor(spans)[..., 1]
+        spans = [
+            [(command.low, command.high) for command in interface.commands]
+            for interface in task.interfaces
+        ]
+        ranges = torch.tensor(spans)  # [robots, 2, ends]
+        self._low = ranges[..., 0]
+        self._high = ranges[..., 1]
         self._set_seed(seed)
         self.is_closed = False
 
@@ -212,25 +215,23 @@ class ArenaEnv(GroupedEnv):
     def world(self) -> ArenaWorld:
         """World of the robots; `set_seed` replaces it."""
         if self._world is None:
-            task = self.task
-            self._world = ArenaWorld(task.arena, self._physics, self._world_seed)
-            seeds = [
-                derive_seed(self._world_seed, "link", number) for number in range(len(task.robots))
-            ]
-            hubs = zip(self._world.bodies, seeds, strict=True)
-            self._hubs = [
-                VirtualHub(body, realtime=self._realtime, seed=seed) for body, seed in hubs
-            ]
-            for hub in self._hubs:
-                hub.waits_for_acknowledgement = False
-            self._world.runners = [hub.run_on_until for hub in self._hubs]
-            self._links = [
-                HubLink(hub, body.robot, interface)
-                for hub, body, interface in zip(
-                    self._hubs, self._world.bodies, task.interfaces, strict=True
-                )
-            ]
+            self._world = self._made_world()
         return self._world
+
+    def _made_world(self) -> ArenaWorld:
+        """A world, with a hub and a link of each of its robots."""
+        world = ArenaWorld(self.task.arena, self._physics, self._world_seed)
+        self._hubs = []
+        self._links = []
+        for number, body in enumerate(world.bodies):
+            seed = derive_seed(self._world_seed, "link", number)
+            hub = VirtualHub(body, realtime=self._realtime, seed=seed)
+            # The host writes to all hubs at once, and not to one after another has answered.
+            hub.waits_for_acknowledgement = False
+            self._hubs.append(hub)
+            self._links.append(HubLink(hub, body.robot, self.task.interfaces[number]))
+        world.runners = [hub.run_on_until for hub in self._hubs]
+        return world
 
     @property
     def has_stopped(self) -> bool:
@@ -265,8 +266,10 @@ class ArenaEnv(GroupedEnv):
         before = self._state
         if before is None:
             raise BricksError(f"{self.task.id} has no episode to step; reset the environment first")
-        commands = self._low + (self._actions(tensordict) + 1.0) / 2.0 * (self._high - self._low)
+        actions = self._actions(tensordict)
+        commands = self._low + (actions + 1.0) / 2.0 * (self._high - self._low)
         try:
+            # All robots are commanded before one is read, so that they move at the same time.
             for link, values in zip(self._links, commands.tolist(), strict=True):
                 link.send(values)
             readings = [link.receive() for link in self._links]
@@ -274,33 +277,36 @@ class ArenaEnv(GroupedEnv):
             self.link_error = error
             self.reconnect.failed(error)
             self._close_links()
-            return self._frame(
-                before,
-                torch.zeros(len(self._links), 1),
-                torch.zeros(1, dtype=torch.bool),
-                is_lost=True,
-            )
+            no_reward = torch.zeros(len(self._links), 1)
+            not_terminated = torch.zeros(1, dtype=torch.bool)
+            return self._frame(before, no_reward, not_terminated, is_lost=True)
         except StoppedError:
             self._close_links()
             raise
         self.reconnect.recovered()
         angles = self._wheels(readings)
-        turned = (angles - self._angles + 180.0) % 360.0 - 180.0
-        self._angles, self._state = angles, ArenaState(self._poses(), turned / self._high)
+        # A wheel turns by less than half a turn in a step.
+        turned_deg = (angles - self._angles + 180.0) % 360.0 - 180.0
+        self._angles = angles
+        self._state = ArenaState(self._poses(), turned_deg / self._high)
         return self._outcome(before, self._state)
 
     def _wheels(self, readings: list[Reading]) -> Tensor:
         """Angles of the left and the right wheel, ``[robots, 2]``."""
-        indices = [interface.angle_indices for interface in self.task.interfaces]
-        rows = zip(readings, indices, strict=True)
-        return torch.tensor(
-            [[reading.values[index[name]] for name in ("left", "right")] for reading, index in rows]
-        )
+        angles_deg = []
+        for reading, interface in zip(readings, self.task.interfaces, strict=True):
+            index = interface.angle_indices
+            left_deg = reading.values[index["left"]]
+            right_deg = reading.values[index["right"]]
+            angles_deg.append([left_deg, right_deg])
+        return torch.tensor(angles_deg)
 
     def _poses(self) -> Tensor:
-        poses = [
-            (pose.x_m, pose.y_m, -math.radians(pose.heading_deg)) for pose in self.world.poses()
-        ]
+        poses = []
+        for pose in self.world.poses():
+            # clockwise in the world, counter-clockwise in a state
+            heading = -math.radians(pose.heading_deg)
+            poses.append((pose.x_m, pose.y_m, heading))
         return torch.tensor(poses, dtype=torch.float32)
 
     def _close_links(self) -> None:
@@ -329,8 +335,8 @@ class ArenaSimulation(GroupedEnv):
         device = resolve_device(device)
         super().__init__(task, batch_shape(copies), device)
         travel_deg = []
-        track = []
-        radius = []
+        track_m = []
+        radius_m = []
         for contestant, interface in zip(task.arena.robots, task.interfaces, strict=True):
             base = contestant.robot.drive_base
             if base is None or task.arena.loads:
@@ -338,28 +344,26 @@ class ArenaSimulation(GroupedEnv):
                     f"{task.id}: only robots with a drive base, and no loads, are simulated so"
                 )
             travel_deg.append([command.high for command in interface.commands])
-            track.append(base.axle_track_mm / 1000)
-            radius.append(base.wheel_diameter_mm / 2000)
-        self._way_m = (
-            torch.deg2rad(torch.tensor(travel_deg, device=device))
-            * torch.tensor(radius, device=device)[:, None]
-        )
-        self._track_m = torch.tensor(track, device=device)
+            track_m.append(base.axle_track_mm / 1000)
+            radius_m.append(base.wheel_diameter_mm / 2000)
+        travel = torch.deg2rad(torch.tensor(travel_deg, device=device))  # [robots, 2]
+        self._way_m = travel * torch.tensor(radius_m, device=device)[:, None]
+        self._track_m = torch.tensor(track_m, device=device)
         places = [contestant.place for contestant in task.arena.robots]
-        bounds = torch.tensor(
-            [[place.x_m, place.y_m, place.heading_deg] for place in places], device=device
-        )
+        ranges = [[place.x_m, place.y_m, place.heading_deg] for place in places]
+        bounds = torch.tensor(ranges, device=device)  # [robots, 3, ends]
         # clockwise in a place, counter-clockwise in a state
-        bounds[:, 2] = -torch.deg2rad(bounds[:, 2].flip(-1))
+        headings_deg = bounds[:, 2]
+        bounds[:, 2] = -torch.deg2rad(headings_deg.flip(-1))
         self._low, self._high = bounds.unbind(-1)
         self._rng = torch.Generator(device=self.device)
         self._set_seed(seed)
-        n = len(task.robots)
-        self._state = ArenaState(
-            torch.zeros(copies, n, 3, device=device), torch.zeros(copies, n, 2, device=device)
-        )
+        robots = len(task.robots)
+        poses = torch.zeros(copies, robots, 3, device=device)
+        moved = torch.zeros(copies, robots, 2, device=device)
+        self._state = ArenaState(poses, moved)
         self._lag = torch.zeros(copies, 1, 1, device=device)
-        self._last_command = torch.zeros(copies, n, 2, device=device)
+        self._last_command = torch.zeros(copies, robots, 2, device=device)
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
@@ -372,14 +376,16 @@ class ArenaSimulation(GroupedEnv):
         """Poses ``[count, robots, 3]`` that keep the arena's gap. Raises TwinError if none are
         found."""
         poses = torch.empty(count, *self._low.shape, device=self.device)
+        span = self._high - self._low
+        # A robot's distance from itself is no gap.
+        itself = 1e6 * torch.eye(poses.shape[1], device=self.device)
         near = torch.ones(count, dtype=torch.bool, device=self.device)
         for _ in range(MAX_DRAWS):
-            poses[near] = self._low + self._uniform(int(near.sum()), *self._low.shape) * (
-                self._high - self._low
-            )
-            distances = torch.cdist(poses[..., :2], poses[..., :2]) + 1e6 * torch.eye(
-                poses.shape[1], device=self.device
-            )
+            # Only copies whose robots are too near to one another are drawn again.
+            share = self._uniform(int(near.sum()), *self._low.shape)
+            poses[near] = self._low + share * span
+            places = poses[..., :2]
+            distances = torch.cdist(places, places) + itself  # [count, robots, robots]
             near = distances.amin((-1, -2)) < self.task.arena.gap_m
             if not bool(near.any()):
                 return poses
@@ -387,29 +393,35 @@ class ArenaSimulation(GroupedEnv):
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
-        is_reset = (
-            torch.ones(self.batch_size, dtype=torch.bool, device=self.device)
-            if mask is None
-            else mask.squeeze(-1)
-        )
-        count = int(is_reset.sum())
-        if count:
-            poses = self._state.poses.clone()
-            moved = self._state.moved.clone()
-            poses[is_reset] = self._starts(count)
-            moved[is_reset] = 0.0
-            self._state = ArenaState(poses, moved)
-            self._last_command[is_reset] = 0.0
-            self._lag[is_reset] = LAG[0] + (LAG[1] - LAG[0]) * self._uniform(count, 1, 1)
-            self._step_count[is_reset] = 0
+        if mask is None:
+            is_reset = torch.ones(self.batch_size, dtype=torch.bool, device=self.device)
+        else:
+            is_reset = mask.squeeze(-1)
+        if bool(is_reset.any()):
+            self._start(is_reset)
         return self._frame(self._state)
+
+    def _start(self, is_reset: Tensor) -> None:
+        """Draw new starts, and a new lag, for copies; the state before is not changed."""
+        count = int(is_reset.sum())
+        poses = self._state.poses.clone()
+        moved = self._state.moved.clone()
+        poses[is_reset] = self._starts(count)
+        moved[is_reset] = 0.0
+        self._state = ArenaState(poses, moved)
+        self._last_command[is_reset] = 0.0
+        low, high = LAG
+        self._lag[is_reset] = low + (high - low) * self._uniform(count, 1, 1)
+        self._step_count[is_reset] = 0
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         before = self._state
         actions = self._actions(tensordict)
         noise = NOISE * torch.randn(actions.shape, generator=self._rng, device=self.device)
+        # A part of the last command is still carried out, as motors speed up.
         moved = (1.0 - self._lag) * actions + self._lag * self._last_command + noise
         self._last_command = actions
+        # An arc, by its chord, which points to the middle of the two headings.
         left_m, right_m = (moved * self._way_m).unbind(-1)
         x, y, heading = before.poses.unbind(-1)
         turn = (right_m - left_m) / self._track_m
@@ -421,5 +433,6 @@ class ArenaSimulation(GroupedEnv):
             half_x, half_y = self.task.arena.half_size_m
             x = x.clamp(-half_x + MARGIN_M, half_x - MARGIN_M)
             y = y.clamp(-half_y + MARGIN_M, half_y - MARGIN_M)
-        self._state = ArenaState(torch.stack((x, y, heading + turn), -1), moved)
+        poses = torch.stack((x, y, heading + turn), -1)
+        self._state = ArenaState(poses, moved)
         return self._outcome(before, self._state)

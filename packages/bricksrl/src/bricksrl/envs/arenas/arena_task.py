@@ -86,7 +86,8 @@ class ArenaTask:
                 f"task {self.id} has {len(names)} robots and {len(self.interfaces)} interfaces; "
                 "give one each"
             )
-        if sorted(name for group in self.groups.values() for name in group) != sorted(names):
+        grouped = [name for group in self.groups.values() for name in group]
+        if sorted(grouped) != sorted(names):
             raise DescriptionError(
                 f"task {self.id}: each of {', '.join(names)} belongs to one group; name it "
                 "there once"
@@ -100,17 +101,7 @@ class ArenaTask:
             for name in opponents.split(","):
                 self.script(name)
         for interface in self.interfaces:
-            turns = [
-                command
-                for command in interface.commands
-                if isinstance(command, RunAngle) and command.low == -command.high
-            ]
-            wheels = [turn.motor for turn in turns]
-            if (
-                wheels != ["left", "right"]
-                or len(interface.commands) > 2
-                or set(interface.angle_indices) != set(wheels)
-            ):
+            if not _drives_two_wheels(interface):
                 wanted = (
                     "RunAngle of the left and of the right wheel, as far back as forth, and "
                     "the MotorAngle of both"
@@ -137,8 +128,18 @@ class ArenaTask:
         return [self.robots.index(name) for name in self.groups[group]]
 
 
+def _drives_two_wheels(interface: Interface) -> bool:
+    """Whether an interface turns and observes a left and a right wheel, and does nothing else."""
+    turns = [command for command in interface.commands if isinstance(command, RunAngle)]
+    wheels = [turn.motor for turn in turns if turn.low == -turn.high]
+    is_all = len(interface.commands) == len(wheels)
+    is_observed = set(interface.angle_indices) == set(wheels)
+    return wheels == ["left", "right"] and is_all and is_observed
+
+
 def _random(observation: Tensor) -> Tensor:
-    return 2.0 * torch.rand(*observation.shape[:-1], 2, device=observation.device) - 1.0
+    batch = observation.shape[:-1]
+    return 2.0 * torch.rand(*batch, 2, device=observation.device) - 1.0
 
 
 _ARGUMENTS = {
@@ -153,18 +154,21 @@ _ARGUMENTS = {
 def seen_from(poses: Tensor, viewer: int, seen: int) -> Tensor:
     """Pose of a thing in a robot's frame, ``[*batch, 4]``: metres ahead and to the left, cosine and
     sine of the difference of their headings."""
-    x, y, heading = (poses[..., viewer, i] for i in range(3))
-    dx = poses[..., seen, 0] - x
-    dy = poses[..., seen, 1] - y
-    turn = poses[..., seen, 2] - heading
-    ahead = dx * heading.cos() + dy * heading.sin()
-    left = dy * heading.cos() - dx * heading.sin()
+    x, y, heading = poses[..., viewer, :].unbind(-1)
+    other_x, other_y, other_heading = poses[..., seen, :].unbind(-1)
+    dx = other_x - x
+    dy = other_y - y
+    turn = other_heading - heading
+    cos = heading.cos()
+    sin = heading.sin()
+    ahead = dx * cos + dy * sin
+    left = dy * cos - dx * sin
     return torch.stack((ahead, left, turn.cos(), turn.sin()), -1)
 
 
 def own_pose(poses: Tensor, robot: int) -> Tensor:
     """Pose of a robot in the arena, ``[*batch, 4]``: x, y, and cosine and sine of its heading."""
-    x, y, heading = (poses[..., robot, i] for i in range(3))
+    x, y, heading = poses[..., robot, :].unbind(-1)
     return torch.stack((x, y, heading.cos(), heading.sin()), -1)
 
 
@@ -175,4 +179,6 @@ def steer_towards(ahead: Tensor, left: Tensor, speed: float = 1.0) -> Tensor:
     forward = speed * angle.cos().clamp_min(0.0)
     turn = (1.5 * angle).clamp(-1.0, 1.0) * 0.6
     action = torch.stack((forward - turn, forward + turn), -1)
-    return action / action.abs().amax(-1, keepdim=True).clamp_min(1.0)
+    # Both wheels are slowed down alike where one would exceed its range: the curve stays.
+    largest = action.abs().amax(-1, keepdim=True)
+    return action / largest.clamp_min(1.0)

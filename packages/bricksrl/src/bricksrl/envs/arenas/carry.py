@@ -67,32 +67,41 @@ _FARTHEST_M = 5.0
 """More than a robot drives in an episode: 60 times 120 degrees, with wheels of 56 mm, are 3.5 m."""
 _APART_M = (-2.0 * _FARTHEST_M, 2.0 * _FARTHEST_M)
 
+_PLACE_M = (-_FARTHEST_M, _FARTHEST_M)
+
 ENTRIES = (
-    *(Entry(name, -2.0, 2.0, "m", limits=(-_FARTHEST_M, _FARTHEST_M)) for name in ("x", "y")),
-    *(Entry(f"heading_{name}", -1.0, 1.0) for name in ("cos", "sin")),
-    *(Entry(f"beam_{name}", -2.0, 2.0, "m", limits=_APART_M) for name in ("ahead", "left")),
-    *(Entry(f"beam_{name}", -1.0, 1.0) for name in ("cos", "sin")),
-    *(Entry(f"mate_{name}", -2.0, 2.0, "m", limits=_APART_M) for name in ("ahead", "left")),
-    *(Entry(f"{name}_moved", -2.0, 2.0) for name in ("left", "right")),
+    # There are no walls: positions have only nominal ranges.
+    Entry("x", -2.0, 2.0, "m", limits=_PLACE_M),
+    Entry("y", -2.0, 2.0, "m", limits=_PLACE_M),
+    Entry("heading_cos", -1.0, 1.0),
+    Entry("heading_sin", -1.0, 1.0),
+    Entry("beam_ahead", -2.0, 2.0, "m", limits=_APART_M),
+    Entry("beam_left", -2.0, 2.0, "m", limits=_APART_M),
+    Entry("beam_cos", -1.0, 1.0),
+    Entry("beam_sin", -1.0, 1.0),
+    Entry("mate_ahead", -2.0, 2.0, "m", limits=_APART_M),
+    Entry("mate_left", -2.0, 2.0, "m", limits=_APART_M),
+    Entry("left_moved", -2.0, 2.0),
+    Entry("right_moved", -2.0, 2.0),
 )
 
 
 def observe(state: ArenaState) -> Tensor:
     """Observations of both robots, ``[*batch, 2, 12]``."""
+    return torch.stack([_view(state, robot) for robot in (0, 1)], -2)
+
+
+def _view(state: ArenaState, robot: int) -> Tensor:
+    """What a robot observes, ``[*batch, 12]``."""
     poses = state.poses
-    views = [
-        torch.cat(
-            (
-                own_pose(poses, robot),
-                seen_from(poses, robot, _BEAM),
-                seen_from(poses, robot, 1 - robot)[..., :2],
-                state.moved[..., robot, :],
-            ),
-            -1,
-        )
-        for robot in (0, 1)
-    ]
-    return torch.stack(views, -2)
+    mate = seen_from(poses, robot, 1 - robot)
+    parts = (
+        own_pose(poses, robot),
+        seen_from(poses, robot, _BEAM),
+        mate[..., :2],
+        state.moved[..., robot, :],
+    )
+    return torch.cat(parts, -1)
 
 
 def arrived(state: ArenaState) -> Tensor:
@@ -102,13 +111,16 @@ def arrived(state: ArenaState) -> Tensor:
 
 def terminated(state: ArenaState) -> Tensor:
     """True if the beam has arrived or turned too far; bool ``[*batch, 1]``."""
-    return arrived(state) | (state.poses[..., _BEAM, 2:].abs() > MAX_TURN)
+    turn = state.poses[..., _BEAM, 2:].abs()
+    return arrived(state) | (turn > MAX_TURN)
 
 
 def reward(before: ArenaState, after: ArenaState) -> Tensor:
     """Rewards, equal for both, ``[*batch, 2, 1]``."""
-    forward_m = after.poses[..., _BEAM, :1] - before.poses[..., _BEAM, :1]
-    turn = after.poses[..., _BEAM, 2:].abs() - before.poses[..., _BEAM, 2:].abs()
+    beam_before = before.poses[..., _BEAM, :]
+    beam_after = after.poses[..., _BEAM, :]
+    forward_m = beam_after[..., :1] - beam_before[..., :1]
+    turn = beam_after[..., 2:].abs() - beam_before[..., 2:].abs()
     gain = 10.0 * forward_m - 2.0 * turn + _ARRIVAL_REWARD * arrived(after)
     return torch.stack((gain, gain), -2)
 
@@ -126,19 +138,26 @@ def push(observation: Tensor) -> Tensor:
     speed = (1.0 - 6.0 * lead.clamp_min(0.0)).clamp(0.1, 1.0)
     ahead = torch.ones_like(y)
     left = 2.0 * home.clamp(-0.3, 0.3)
-    steered = steer_towards(ahead * cos + left * sin, left * cos - ahead * sin)
+    # From the world's frame to the robot's.
+    own_ahead = ahead * cos + left * sin
+    own_left = left * cos - ahead * sin
+    steered = steer_towards(own_ahead, own_left)
     return steered * speed.unsqueeze(-1)
 
 
 def _robot(name: str, y_m: float, color: tuple[float, float, float]) -> Contestant:
-    return Contestant(
-        name, TWO_WHEELER, Place((-0.08, -0.02), (y_m - 0.03, y_m + 0.03), (-8.0, 8.0)), color
-    )
+    place = Place((-0.08, -0.02), (y_m - 0.03, y_m + 0.03), (-8.0, 8.0))
+    return Contestant(name, TWO_WHEELER, place, color)
 
 
-_COMMANDS = tuple(RunAngle(name, -_TRAVEL_DEG, _TRAVEL_DEG, 700) for name in ("left", "right"))
+_SPEED_DEG_S = 700
 _INTERFACE = Interface(
-    commands=_COMMANDS, channels=(MotorAngle("left"), MotorAngle("right")), settle=Wait(STEP_MS)
+    commands=(
+        RunAngle("left", -_TRAVEL_DEG, _TRAVEL_DEG, _SPEED_DEG_S),
+        RunAngle("right", -_TRAVEL_DEG, _TRAVEL_DEG, _SPEED_DEG_S),
+    ),
+    channels=(MotorAngle("left"), MotorAngle("right")),
+    settle=Wait(STEP_MS),
 )
 
 CARRY = ArenaTask(

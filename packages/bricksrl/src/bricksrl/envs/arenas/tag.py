@@ -72,36 +72,46 @@ _LOOK_STEPS = 16
 _CATCH_REWARD = 5.0
 _REWARD_PER_M = 10.0
 
+_FARTHEST_M = 2.3
+"""More than the diagonal between the walls."""
+
 ENTRIES = (
-    *(Entry(name, -HALF_M, HALF_M, "m") for name in ("x", "y")),
-    *(Entry(f"heading_{name}", -1.0, 1.0) for name in ("cos", "sin")),
-    *(Entry(f"other_{name}", -2.3, 2.3, "m") for name in ("ahead", "left")),
-    *(Entry(f"other_{name}", -1.0, 1.0) for name in ("cos", "sin")),
-    *(Entry(f"{name}_moved", -2.0, 2.0) for name in ("left", "right")),
+    Entry("x", -HALF_M, HALF_M, "m"),
+    Entry("y", -HALF_M, HALF_M, "m"),
+    Entry("heading_cos", -1.0, 1.0),
+    Entry("heading_sin", -1.0, 1.0),
+    Entry("other_ahead", -_FARTHEST_M, _FARTHEST_M, "m"),
+    Entry("other_left", -_FARTHEST_M, _FARTHEST_M, "m"),
+    Entry("other_cos", -1.0, 1.0),
+    Entry("other_sin", -1.0, 1.0),
+    Entry("left_moved", -2.0, 2.0),
+    Entry("right_moved", -2.0, 2.0),
 )
 
 
 def distance_m(state: ArenaState) -> Tensor:
     """Distance of the two robots, ``[*batch, 1]``."""
-    apart = state.poses[..., CATCHER, :2] - state.poses[..., RUNNER, :2]
+    catcher = state.poses[..., CATCHER, :2]
+    runner = state.poses[..., RUNNER, :2]
+    apart = catcher - runner
     length_m: Tensor = apart.norm(dim=-1, keepdim=True)
     return length_m
 
 
 def observe(state: ArenaState) -> Tensor:
     """Observations of catcher and runner, ``[*batch, 2, 10]``."""
-    views = [
-        torch.cat(
-            (
-                own_pose(state.poses, robot),
-                seen_from(state.poses, robot, other),
-                state.moved[..., robot, :],
-            ),
-            -1,
-        )
-        for robot, other in ((CATCHER, RUNNER), (RUNNER, CATCHER))
-    ]
+    views = [_view(state, CATCHER, RUNNER), _view(state, RUNNER, CATCHER)]
     return torch.stack(views, -2)
+
+
+def _view(state: ArenaState, robot: int, other: int) -> Tensor:
+    """What a robot observes, ``[*batch, 10]``."""
+    parts = (
+        own_pose(state.poses, robot),
+        seen_from(state.poses, robot, other),
+        state.moved[..., robot, :],
+    )
+    return torch.cat(parts, -1)
 
 
 def caught(state: ArenaState) -> Tensor:
@@ -112,7 +122,8 @@ def caught(state: ArenaState) -> Tensor:
 
 def reward(before: ArenaState, after: ArenaState) -> Tensor:
     """Rewards of catcher and runner, ``[*batch, 2, 1]``; their sum is 0."""
-    gain = _REWARD_PER_M * (distance_m(before) - distance_m(after)) + _CATCH_REWARD * caught(after)
+    nearer_m = distance_m(before) - distance_m(after)
+    gain = _REWARD_PER_M * nearer_m + _CATCH_REWARD * caught(after)
     return torch.stack((gain, -gain), -2)
 
 
@@ -125,13 +136,15 @@ def flee(observation: Tensor) -> Tensor:
     sin = observation[..., 3]
     ahead = observation[..., 4]
     left = observation[..., 5]
-    angles = torch.arange(_DIRECTIONS, device=observation.device) * (2.0 * math.pi / _DIRECTIONS)
-    directions = torch.stack((angles.cos(), angles.sin()), -1)
-    catcher = start + torch.stack((ahead * cos - left * sin, ahead * sin + left * cos), -1)
-    runner, catcher = (
-        position.unsqueeze(-2).expand(*position.shape[:-1], _DIRECTIONS, 2)
-        for position in (start, catcher)
-    )
+    numbers = torch.arange(_DIRECTIONS, device=observation.device)
+    angles = numbers * (2.0 * math.pi / _DIRECTIONS)
+    directions = torch.stack((angles.cos(), angles.sin()), -1)  # [16, 2]
+    # The other robot is seen in the runner's frame; the walls are in the world's.
+    x = ahead * cos - left * sin
+    y = ahead * sin + left * cos
+    offset = torch.stack((x, y), -1)
+    runner = _for_each_direction(start)
+    catcher = _for_each_direction(start + offset)
     alignment = torch.stack((cos, sin), -1) @ directions.T
     turn_steps = alignment.clamp(-1.0, 1.0).arccos() / _TURN_RAD  # steps until it faces that way
     free = torch.ones_like(turn_steps)
@@ -141,29 +154,38 @@ def flee(observation: Tensor) -> Tensor:
         runner = (runner + driven.unsqueeze(-1) * directions).clamp(-_REACH_M, _REACH_M)
         gap = runner - catcher
         gap_m = gap.norm(dim=-1)
-        catcher = catcher + gap * (_STEP_M[CATCHER] / gap_m.clamp_min(_STEP_M[CATCHER])).unsqueeze(
-            -1
-        )
+        # The catcher drives its step straight at the runner, and not past it.
+        share = _STEP_M[CATCHER] / gap_m.clamp_min(_STEP_M[CATCHER])
+        catcher = catcher + gap * share.unsqueeze(-1)
         free = free * (gap_m > CAUGHT_M + _STEP_M[CATCHER])
+        # Later first, and among equal ones the one that stays farther away.
         score = score + free * (1.0 + gap_m)
     direction = directions[score.argmax(-1)]
-    return steer_towards(
-        direction[..., 0] * cos + direction[..., 1] * sin,
-        direction[..., 1] * cos - direction[..., 0] * sin,
-    )
+    x = direction[..., 0]
+    y = direction[..., 1]
+    return steer_towards(x * cos + y * sin, y * cos - x * sin)
+
+
+def _for_each_direction(position: Tensor) -> Tensor:
+    """A position ``[*batch, 2]`` as ``[*batch, 16, 2]``."""
+    return position.unsqueeze(-2).expand(*position.shape[:-1], _DIRECTIONS, 2)
 
 
 def chase(observation: Tensor) -> Tensor:
     """The catcher's script: drive straight at the runner; ``[*batch, 10]`` to ``[*batch, 2]``."""
-    return steer_towards(observation[..., 4], observation[..., 5])
+    ahead = observation[..., 4]
+    left = observation[..., 5]
+    return steer_towards(ahead, left)
 
 
 def _interface(travel_deg: float) -> Interface:
-    commands = tuple(
-        RunAngle(name, -travel_deg, travel_deg, _SPEED_DEG_S) for name in ("left", "right")
-    )
     return Interface(
-        commands=commands, channels=(MotorAngle("left"), MotorAngle("right")), settle=Wait(STEP_MS)
+        commands=(
+            RunAngle("left", -travel_deg, travel_deg, _SPEED_DEG_S),
+            RunAngle("right", -travel_deg, travel_deg, _SPEED_DEG_S),
+        ),
+        channels=(MotorAngle("left"), MotorAngle("right")),
+        settle=Wait(STEP_MS),
     )
 
 

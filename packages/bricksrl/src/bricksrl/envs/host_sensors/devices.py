@@ -12,8 +12,11 @@ from bricksrl.envs.vision.frames import shrink
 from bricksrl.errors import SensorError
 
 _SILENCE_S = 1.5
+"""Time without a line after which a device counts as silent."""
 _FRAMES_HZ = 30.0
+"""Rate of an ordinary webcam."""
 _MOST_LINES = 1000
+"""Lines to skip before what a device writes counts as no numbers."""
 
 
 def serial_numbers(port: str, baud: int = 115_200) -> Callable[[], Device]:
@@ -62,9 +65,9 @@ def second_camera(view: CameraView) -> HostSensor:
         return _Images(VideoCamera(view), view.image_px)
 
     def in_twin(world: World) -> Any:
-        device = world.kept.setdefault(
-            view.name, _Images(TwinCamera(world.body, view), view.image_px)
-        )
+        # One camera for all readings of a robot.
+        camera = _Images(TwinCamera(world.body, view), view.image_px)
+        device = world.kept.setdefault(view.name, camera)
         return device.read()
 
     return HostSensor(view.name, (), opened, in_twin, rate_hz=_FRAMES_HZ, image_px=view.image_px)

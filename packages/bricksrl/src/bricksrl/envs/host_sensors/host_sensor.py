@@ -8,6 +8,7 @@ the sensor's rate.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import reprlib
 import threading
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 
 _LARGEST = 3.4e38
-"""Of single precision."""
+"""Largest number of single precision, which observations have."""
 
 
 class Device(Protocol):
@@ -106,14 +107,13 @@ class HostSensor:
     @property
     def observed_entries(self) -> tuple[Entry, ...]:
         """Entries of the observation: its numbers, of which any are possible, and its age."""
-        age = (Entry(f"{self.name}_age", 0.0, self.patience_s, "s"),) if self.observes_age else ()
-        return (
-            *(
-                replace(entry, limits=entry.limits or (-math.inf, math.inf))
-                for entry in self.entries
-            ),
-            *age,
-        )
+        entries = []
+        for entry in self.entries:
+            limits = entry.limits or (-math.inf, math.inf)
+            entries.append(replace(entry, limits=limits))
+        if self.observes_age:
+            entries.append(Entry(f"{self.name}_age", 0.0, self.patience_s, "s"))
+        return tuple(entries)
 
     def checked(self, reading: Any) -> Any:
         """A reading: numbers as floats, or the image. Raises SensorError for another count or
@@ -125,11 +125,13 @@ class HostSensor:
                     "in three colors"
                 )
             return reading
-        try:
-            values = () if isinstance(reading, str | bytes) else tuple(map(float, reading))
-        except (TypeError, ValueError):
-            values = ()
-        if len(values) != len(self.entries) or not all(abs(value) <= _LARGEST for value in values):
+        values: tuple[float, ...] = ()
+        # The letters of a text such as "123" would pass as numbers.
+        if not isinstance(reading, str | bytes):
+            with contextlib.suppress(TypeError, ValueError):
+                values = tuple(map(float, reading))
+        are_numbers = all(abs(value) <= _LARGEST for value in values)  # NaN is in no order
+        if len(values) != len(self.entries) or not are_numbers:
             expected = ", ".join(entry.name for entry in self.entries)
             given = list(values) or reprlib.repr(reading)
             raise SensorError(
@@ -188,7 +190,10 @@ class ThreadReader:
         self._read_s = -math.inf
         arguments = (self._is_over, has_come, self._thread)
         self._thread = threading.Thread(
-            target=self._run, args=arguments, name=f"sensor {self.sensor.name}", daemon=True
+            target=self._run,
+            args=arguments,
+            name=f"sensor {self.sensor.name}",
+            daemon=True,
         )
         self._thread.start()
         has_come.wait(self.sensor.patience_s)
@@ -213,7 +218,10 @@ class ThreadReader:
         self._is_over.set()
 
     def _run(
-        self, is_over: threading.Event, has_come: threading.Event, before: threading.Thread | None
+        self,
+        is_over: threading.Event,
+        has_come: threading.Event,
+        before: threading.Thread | None,
     ) -> None:
         if before is not None:
             before.join()  # it holds the device
@@ -225,9 +233,8 @@ class ThreadReader:
                     self._newest = self.sensor.checked(device.read())
                     self._read_s = time.perf_counter()
                     has_come.set()
-                    is_over.wait(
-                        max(0.0, started_s + 1.0 / self.sensor.rate_hz - time.perf_counter())
-                    )
+                    next_s = started_s + 1.0 / self.sensor.rate_hz
+                    is_over.wait(max(0.0, next_s - time.perf_counter()))
             finally:
                 device.close()
         except SensorError as error:
@@ -246,8 +253,6 @@ Reader = TwinReader | ThreadReader
 
 def reader_of(sensor: HostSensor, world: World | None) -> Reader:
     """What reads a sensor, beside a virtual robot if there is a world."""
-    return (
-        ThreadReader(sensor)
-        if sensor.twin is None or world is None
-        else TwinReader(sensor, sensor.twin, world)
-    )
+    if sensor.twin is None or world is None:
+        return ThreadReader(sensor)
+    return TwinReader(sensor, sensor.twin, world)

@@ -88,9 +88,9 @@ def course() -> tuple[tuple[float, float], ...]:
     for step in range(120):
         angle = math.tau * step / 120
         radius_mm = _RADIUS_MM + _LOBES_MM * math.cos(_LOBES * angle)
-        points.append(
-            (radius_mm * math.sin(angle), radius_mm * math.cos(angle) - outer_mm - LINE_MM / 2)
-        )
+        x_mm = radius_mm * math.sin(angle)
+        y_mm = radius_mm * math.cos(angle) - outer_mm - LINE_MM / 2
+        points.append((x_mm, y_mm))
     return tuple(points)
 
 
@@ -101,14 +101,19 @@ def _off_pct(observation: Tensor) -> Tensor:
 def reward(_previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
     """Nearness to the edge times a share of the speed, or the turn towards it where it is lost;
     ``[*batch, 1]``."""
+    speed = action[..., :1]
+    turn = action[..., 1:2]
     off_pct = _off_pct(observation)
     near = (1.0 - off_pct / BARE_PCT).clamp(min=0.0)
-    towards = (observation[..., :1] - EDGE_PCT).sign() * action[..., 1:2]
-    return near * (0.75 + 0.25 * action[..., :1]) + (0.25 * towards - 0.5) * (off_pct >= BARE_PCT)
+    # Brighter than the edge is left of it, where a turn to the right finds it again.
+    towards = (observation[..., :1] - EDGE_PCT).sign() * turn
+    is_lost = off_pct >= BARE_PCT
+    return near * (0.75 + 0.25 * speed) + (0.25 * towards - 0.5) * is_lost
 
 
 def _on_line_share(observations: Tensor) -> Tensor:
-    return (_off_pct(observations)[..., 0] < BARE_PCT).float().mean(-1)
+    is_on_line = _off_pct(observations)[..., 0] < BARE_PCT
+    return is_on_line.float().mean(-1)
 
 
 def success(observations: Tensor) -> Tensor:

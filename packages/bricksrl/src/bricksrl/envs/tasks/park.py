@@ -59,26 +59,36 @@ from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.objects import Field, Line
 from bricktwin.twin.scene import Scene
 
+# Tolerances by dead reckoning, at which an episode ends.
 PARKED_MM = 15.0
 PARKED_DEG = 4.0
-"""Tolerances by dead reckoning, at which an episode ends."""
+# Tolerances by the true pose if it is known: wheels slip by about 5 mm on the way.
 WITHIN_MM = 20.0
 WITHIN_DEG = 5.0
-"""Tolerances by the true pose if it is known: wheels slip by about 5 mm on the way."""
+# Largest motion in the last step of a robot at rest.
 REST_MM = 3.0
 REST_DEG = 2.0
-"""Largest motion in the last step of a robot at rest."""
+# What costs 1: a distance, and a turn.
 _UNIT_MM = 100.0
 _UNIT_DEG = 60.0
 _NEAR_MM = 25.0
+"""Distance at which a detour counts half; nearer, it hardly counts."""
 _GAIN = 5.0
 _TIME_COST = 0.6
+"""Of each step."""
 _BAY = (220.0, 200.0)
-_AHEAD, _LEFT, _TURN, _MOVED, _TURNED = (slice(place - 5, place - 4 or None) for place in range(5))
+"""Length and width in mm."""
+# Places in the observation, from its end: the target's entries are the last.
+_AHEAD = slice(-5, -4)
+_LEFT = slice(-4, -3)
+_TURN = slice(-3, -2)
+_MOVED = slice(-2, -1)
+_TURNED = slice(-1, None)
 
 
 def _distance_mm(observation: Tensor) -> Tensor:
-    distance_mm: Tensor = observation[..., -5:-3].norm(dim=-1, keepdim=True)
+    position_mm = observation[..., -5:-3]  # ahead and to the left
+    distance_mm: Tensor = position_mm.norm(dim=-1, keepdim=True)
     return distance_mm
 
 
@@ -92,12 +102,17 @@ def _detour_deg(observation: Tensor) -> Tensor:
     ahead_mm = observation[..., _AHEAD]
     left_mm = observation[..., _LEFT]
     turn_deg = observation[..., _TURN]
+    # Headings are clockwise.
     bearing_deg = -left_mm.atan2(ahead_mm).rad2deg()
-    turns_deg = [
-        (_wrapped(first).abs() + _wrapped(turn_deg - first).abs())
-        for first in (bearing_deg, bearing_deg + 180.0)
-    ]
-    return turns_deg[0].minimum(turns_deg[1]) - turn_deg.abs()
+    forwards_deg = _turns_deg(bearing_deg, turn_deg)
+    backwards_deg = _turns_deg(bearing_deg + 180.0, turn_deg)
+    return forwards_deg.minimum(backwards_deg) - turn_deg.abs()
+
+
+def _turns_deg(first_deg: Tensor, whole_deg: Tensor) -> Tensor:
+    """Sum of a first turn and of what is then left of the whole one."""
+    rest_deg = whole_deg - first_deg
+    return _wrapped(first_deg).abs() + _wrapped(rest_deg).abs()
 
 
 def _wrapped(angle_deg: Tensor) -> Tensor:
@@ -108,10 +123,8 @@ def cost(observation: Tensor) -> Tensor:
     """Cost of the remaining distance and turns; ``[*batch, 1]``."""
     distance_mm = _distance_mm(observation)
     share = 1.0 / (1.0 + (_NEAR_MM / distance_mm) ** 4)
-    return (
-        distance_mm / _UNIT_MM
-        + (_heading_error_deg(observation) + share * _detour_deg(observation)) / _UNIT_DEG
-    )
+    turns_deg = _heading_error_deg(observation) + share * _detour_deg(observation)
+    return distance_mm / _UNIT_MM + turns_deg / _UNIT_DEG
 
 
 def reward(previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
@@ -120,16 +133,17 @@ def reward(previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
 
 
 def parked(
-    observation: Tensor, within_mm: float = PARKED_MM, within_deg: float = PARKED_DEG
+    observation: Tensor,
+    within_mm: float = PARKED_MM,
+    within_deg: float = PARKED_DEG,
 ) -> Tensor:
     """Whether the robot stands in the bay, at rest; bool ``[*batch, 1]``."""
-    in_bay = (_distance_mm(observation) <= within_mm) & (
-        _heading_error_deg(observation) <= within_deg
-    )
-    at_rest = (observation[..., _MOVED].abs() <= REST_MM) & (
-        observation[..., _TURNED].abs() <= REST_DEG
-    )
-    return in_bay & at_rest
+    is_near = _distance_mm(observation) <= within_mm
+    is_straight = _heading_error_deg(observation) <= within_deg
+    # A robot that only passes through the bay has not parked.
+    stands = observation[..., _MOVED].abs() <= REST_MM
+    keeps_heading = observation[..., _TURNED].abs() <= REST_DEG
+    return is_near & is_straight & stands & keeps_heading
 
 
 def success(observations: Tensor) -> Tensor:
@@ -146,6 +160,16 @@ def metrics(observations: Tensor) -> dict[str, Tensor]:
         "final_error_deg": _heading_error_deg(last)[..., 0],
     }
 
+
+_HALF_LENGTH_MM = _BAY[0] / 2
+_HALF_WIDTH_MM = _BAY[1] / 2
+# Open at its back, through which the robot drives in.
+_BAY_LINE = (
+    (-_HALF_LENGTH_MM, _HALF_WIDTH_MM),
+    (_HALF_LENGTH_MM, _HALF_WIDTH_MM),
+    (_HALF_LENGTH_MM, -_HALF_WIDTH_MM),
+    (-_HALF_LENGTH_MM, -_HALF_WIDTH_MM),
+)
 
 PARK = Task(
     id="Park-v0",
@@ -166,14 +190,7 @@ PARK = Task(
     scene=Scene(
         objects=(
             Field((0.0, 0.0), _BAY, "light_grey"),
-            Line(
-                tuple(
-                    (x * _BAY[0] / 2, y * _BAY[1] / 2)
-                    for x, y in ((-1, 1), (1, 1), (1, -1), (-1, -1))
-                ),
-                12.0,
-                "yellow",
-            ),
+            Line(_BAY_LINE, 12.0, "yellow"),
         ),
         start_mm=((-550.0, -300.0), (-150.0, 150.0)),
         heading_deg=(-40.0, 40.0),

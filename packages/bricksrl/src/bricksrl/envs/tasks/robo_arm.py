@@ -54,20 +54,31 @@ THRESHOLD_DEG = 50.0
 """Sum of the four errors under which a goal counts as reached."""
 
 _TURNS_DEG = {"rotation": 100, "low": 30, "high": 60, "grab": 25}
-_CHANNELS = tuple(MotorAngle(m.name, *map(float, m.range_deg or (0, 360))) for m in ROBO_ARM.motors)
+"""Largest turn of each joint in a step."""
 
-INTERFACE = Interface(
-    commands=tuple(
-        RunAngle(name, -turn, turn, speed_deg_s=250) for name, turn in _TURNS_DEG.items()
-    ),
-    channels=_CHANNELS,
-    settle=Wait(250),
+
+def _channel(name: str) -> MotorAngle:
+    """The angle of a joint in its range; the endless one is 0..360 degrees."""
+    low_deg, high_deg = ROBO_ARM.motor(name).range_deg or (0, 360)
+    return MotorAngle(name, float(low_deg), float(high_deg))
+
+
+_CHANNELS = tuple(_channel(motor.name) for motor in ROBO_ARM.motors)
+_COMMANDS = tuple(RunAngle(name, -turn, turn, speed_deg_s=250) for name, turn in _TURNS_DEG.items())
+
+INTERFACE = Interface(commands=_COMMANDS, channels=_CHANNELS, settle=Wait(250))
+
+_GOALS = tuple(
+    SampledEntry(f"{channel.motor}_goal", channel.low, channel.high, "deg", wraps=channel.wraps)
+    for channel in _CHANNELS
 )
 
 
 def error_deg(observation: Tensor) -> Tensor:
     """Sum of the angles between joints and goals; ``[*batch, 1]``."""
-    return shortest_angle_deg(observation[..., :4], observation[..., 4:]).sum(-1, keepdim=True)
+    joints = observation[..., :4]
+    goals = observation[..., 4:]
+    return shortest_angle_deg(joints, goals).sum(-1, keepdim=True)
 
 
 def robo_arm(env_id: str, *, sparse: bool = False, threshold_deg: float = THRESHOLD_DEG) -> Task:
@@ -90,17 +101,17 @@ def robo_arm(env_id: str, *, sparse: bool = False, threshold_deg: float = THRESH
         return error_deg(observation) < threshold_deg
 
     def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
-        return (
-            terminated(observation).to(observation.dtype)
-            if sparse
-            else -error_deg(observation) / 100.0
-        )
+        if sparse:
+            return terminated(observation).to(observation.dtype)
+        return -error_deg(observation) / 100.0
 
     def success(observations: Tensor) -> Tensor:
-        return terminated(observations[..., -1, :])[..., 0]
+        last = observations[..., -1, :]
+        return terminated(last)[..., 0]
 
     def metrics(observations: Tensor) -> dict[str, Tensor]:
-        return {"error_sum_deg": error_deg(observations[..., -1, :])[..., 0]}
+        last = observations[..., -1, :]
+        return {"error_sum_deg": error_deg(last)[..., 0]}
 
     return Task(
         id=env_id,
@@ -112,7 +123,5 @@ def robo_arm(env_id: str, *, sparse: bool = False, threshold_deg: float = THRESH
         success=success,
         metrics=metrics,
         terminated=terminated,
-        sampled_entries=tuple(
-            SampledEntry(f"{c.motor}_goal", c.low, c.high, "deg", wraps=c.wraps) for c in _CHANNELS
-        ),
+        sampled_entries=_GOALS,
     )

@@ -67,18 +67,21 @@ REACHED_PX = 40.0
 """Distance from the goal within which the ball has arrived."""
 
 _TURNS_DEG = {"rotation": 90, "low": 30, "high": 60}
+"""Largest turn of each joint in a step."""
 _WIDTH_PX = 640
 _HEIGHT_PX = 480
 _CIRCLE_PX = 200
+"""Radius of the circle around the frame's centre on which goals lie."""
 _PLACES = 26
-_STEP_RAD = 1 / 8  # the discs on the circle, of 25 px each, overlap by half
+_STEP_RAD = 1 / 8
+"""Angle between two places: the discs on the circle, of 25 px each, overlap by half."""
 
 
 def _on_lower_half_circle(place: int) -> tuple[int, int]:
     angle = place * _STEP_RAD
-    return int(_WIDTH_PX / 2 + _CIRCLE_PX * math.cos(angle)), int(
-        _HEIGHT_PX / 2 + _CIRCLE_PX * math.sin(angle)
-    )
+    x_px = _WIDTH_PX / 2 + _CIRCLE_PX * math.cos(angle)
+    y_px = _HEIGHT_PX / 2 + _CIRCLE_PX * math.sin(angle)
+    return int(x_px), int(y_px)
 
 
 GOAL = VisualGoal(
@@ -87,14 +90,18 @@ GOAL = VisualGoal(
     radius_px=25,
 )
 
+
+def _channel(name: str) -> MotorAngle:
+    """The angle of a joint in its range; the endless one is 0..360 degrees."""
+    low_deg, high_deg = ROBO_ARM.motor(name).range_deg or (0, 360)
+    return MotorAngle(name, float(low_deg), float(high_deg))
+
+
+_COMMANDS = tuple(RunAngle(name, -turn, turn, speed_deg_s=250) for name, turn in _TURNS_DEG.items())
+
 INTERFACE = Interface(
-    commands=tuple(
-        RunAngle(name, -turn, turn, speed_deg_s=250) for name, turn in _TURNS_DEG.items()
-    ),
-    channels=tuple(
-        MotorAngle(name, *map(float, ROBO_ARM.motor(name).range_deg or (0, 360)))
-        for name in _TURNS_DEG
-    ),
+    commands=_COMMANDS,
+    channels=tuple(_channel(name) for name in _TURNS_DEG),
     settle=Wait(250),
 )
 
@@ -123,17 +130,24 @@ def robo_arm_mixed(
 
         goal = replace(GOAL, red=read_red(Path(calibration)))
 
-    def terminated(seen: Tensor) -> Tensor:
-        return seen[..., -1:] <= REACHED_PX
+    # The last two entries, which only the task's functions get, are the mean distance of the red
+    # objects and that of the nearest.
+    def terminated(observation: Tensor) -> Tensor:
+        nearest_px = observation[..., -1:]
+        return nearest_px <= REACHED_PX
 
-    def reward(_previous: Tensor, _action: Tensor, seen: Tensor) -> Tensor:
-        return terminated(seen).to(seen.dtype) if sparse else -seen[..., -2:-1] / 100.0
+    def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
+        if sparse:
+            return terminated(observation).to(observation.dtype)
+        mean_px = observation[..., -2:-1]
+        return -mean_px / 100.0
 
-    def success(seen: Tensor) -> Tensor:
-        return terminated(seen[..., -1, :])[..., 0]
+    def success(observations: Tensor) -> Tensor:
+        last = observations[..., -1, :]
+        return terminated(last)[..., 0]
 
-    def metrics(seen: Tensor) -> dict[str, Tensor]:
-        return {"final_distance_px": seen[..., -1, -1]}
+    def metrics(observations: Tensor) -> dict[str, Tensor]:
+        return {"final_distance_px": observations[..., -1, -1]}
 
     return Task(
         id=env_id,

@@ -19,14 +19,20 @@ ArrayPolicy = Callable[[Mapping[str, Any]], Any]
 TROT_DEG = np.array([0.0, 180.0, 180.0, 0.0], np.float32)
 """Phases of the legs in a trot: left front, right front, left back, right back."""
 _IMAGE_CENTRE_PX = np.array([31.5, 31.5])
+"""Middle of the image of 64 x 64 px, as ``(x, y)``."""
 _IMAGE_SCALE = np.array([640 / 64, 480 / 64])
-# of the ball around the image's centre: with the high joint at -70, and as it turns
+"""Pixels of the camera's frame in one of the image, which is squeezed from 4:3 to a square."""
 _RADIUS_PX = 163.0
+"""Distance of the ball from the centre of the frame with the high joint at -70 degrees."""
 _RADIUS_PX_PER_DEG = 0.8
+"""Its change as the high joint turns."""
+_LONGEST_TURN_DEG = 100.0
+"""Turn of a leg in a step of Walker-v0 with the action -1."""
 
 
-def _signed_deg(angle: Any) -> Any:
-    return (angle + 180.0) % 360.0 - 180.0
+def _signed_deg(angle_deg: Any) -> Any:
+    """The same direction in -180..180 degrees."""
+    return (angle_deg + 180.0) % 360.0 - 180.0
 
 
 def run_away(_state: Mapping[str, Any]) -> Any:
@@ -42,28 +48,39 @@ def spin(state: Mapping[str, Any]) -> Any:
 
 def trot(state: Mapping[str, Any]) -> Any:
     """All legs forward, those behind their phase faster: walks, and synchronises the legs."""
-    phase = np.radians(state["observation"][:4] - TROT_DEG)
+    legs_deg = state["observation"][:4]
+    phase = np.radians(legs_deg - TROT_DEG)
+    # The mean of angles is that of their directions: a plain mean jumps where one runs around.
     mean = math.atan2(np.sin(phase).mean(), np.cos(phase).mean())
-    return (-0.8 - 1.2 * np.radians(_signed_deg(np.degrees(phase - mean)))).clip(-1.0, 1.0)
+    lead = np.radians(_signed_deg(np.degrees(phase - mean)))
+    # At full speed a leg that is behind could not catch up.
+    action = -0.8 - 1.2 * lead
+    return action.clip(-1.0, 1.0)
 
 
 def into_step(state: Mapping[str, Any]) -> Any:
     """Action towards the trot phase with the best reward of this step, less a cost of the remaining
     turns."""
-    angle = state["observation"][:4]
-    target = np.arange(0.0, 360.0, 4.0)[:, None] + TROT_DEG
-    remaining_deg = (angle - target) % 360.0  # legs turn backwards only
-    turn = remaining_deg.clip(None, 100.0)
-    lf, rf, lb, rb = ((angle - turn) % 360.0).T
-    apart, together = (
-        sum(abs(_signed_deg(a - b)) for a, b in pairs)
-        for pairs in (((lf, rf), (lb, rb)), ((lf, rb), (rf, lb)))
-    )
-    action = 1.0 - turn / 50.0
-    score = (
-        (apart - together) / 180.0 - action.sum(-1) / 40.0 - (remaining_deg - turn).sum(-1) / 180.0
-    )
+    legs_deg = state["observation"][:4]
+    # One row for each trot phase that could be the next one.
+    targets_deg = np.arange(0.0, 360.0, 4.0)[:, None] + TROT_DEG  # [90, 4]
+    remaining_deg = (legs_deg - targets_deg) % 360.0  # legs turn backwards only
+    turns_deg = remaining_deg.clip(None, _LONGEST_TURN_DEG)
+    after_deg = (legs_deg - turns_deg) % 360.0
+    left_front, right_front, left_back, right_back = after_deg.T
+    # In a trot the legs of an axle are half a turn apart, diagonal ones together.
+    apart_deg = _apart_deg(left_front, right_front) + _apart_deg(left_back, right_back)
+    together_deg = _apart_deg(left_front, right_back) + _apart_deg(right_front, left_back)
+    action = 1.0 - turns_deg / 50.0
+    reward = (apart_deg - together_deg) / 180.0 - action.sum(-1) / 40.0
+    still_to_turn = (remaining_deg - turns_deg).sum(-1) / 180.0
+    score = reward - still_to_turn
     return action[score.argmax()]
+
+
+def _apart_deg(first_deg: Any, second_deg: Any) -> Any:
+    """How far two legs are from one another, 0..180 degrees."""
+    return abs(_signed_deg(first_deg - second_deg))
 
 
 def reach(state: Mapping[str, Any]) -> Any:
@@ -71,29 +88,37 @@ def reach(state: Mapping[str, Any]) -> Any:
     observation = state["observation"]
     error_deg = observation[4:] - observation[:4]
     error_deg[0] = _signed_deg(error_deg[0])
-    return (error_deg / np.array([100.0, 30.0, 60.0, 25.0])).clip(-1.0, 1.0)
+    largest_turn_deg = np.array([100.0, 30.0, 60.0, 25.0])  # of a step, as of the action 1
+    return (error_deg / largest_turn_deg).clip(-1.0, 1.0)
 
 
 def bring(state: Mapping[str, Any]) -> Any:
     """Turn and stretch the arm to the green disc in the image; 0 degrees are downwards."""
-    rotation, _, high = state["observation"].tolist()
+    rotation_deg, _, high_deg = state["observation"].tolist()
     image = state["image"].astype(np.float32)
-    rows, columns = (
-        (image[..., 1] > 140) & (image[..., 0] < 120) & (image[..., 2] < 120)
-    ).nonzero()
+    red = image[..., 0]
+    green = image[..., 1]
+    blue = image[..., 2]
+    is_disc = (green > 140) & (red < 120) & (blue < 120)
+    rows, columns = is_disc.nonzero()
     if not len(rows):
-        return np.zeros(3)
-    x, y = ((np.array([columns.mean(), rows.mean()]) - _IMAGE_CENTRE_PX) * _IMAGE_SCALE).tolist()
-    turn = math.degrees(math.atan2(x, y)) - rotation
-    stretch = (math.hypot(x, y) - _RADIUS_PX) / _RADIUS_PX_PER_DEG - 70.0 - high
-    return np.array([_signed_deg(turn) / 90.0, 0.0, stretch / 60.0]).clip(-1.0, 1.0)
+        return np.zeros(3)  # there is nothing to turn to
+    # Positions in px of the camera's frame, in which the ball moves on a circle around the middle.
+    disc_px = np.array([columns.mean(), rows.mean()])
+    x, y = ((disc_px - _IMAGE_CENTRE_PX) * _IMAGE_SCALE).tolist()
+    turn_deg = math.degrees(math.atan2(x, y)) - rotation_deg
+    wanted_deg = (math.hypot(x, y) - _RADIUS_PX) / _RADIUS_PX_PER_DEG - 70.0
+    stretch_deg = wanted_deg - high_deg
+    action = np.array([_signed_deg(turn_deg) / 90.0, 0.0, stretch_deg / 60.0])
+    return action.clip(-1.0, 1.0)
 
 
 def follow(state: Mapping[str, Any]) -> Any:
     """Half speed, with a turn proportional to the difference of the brightness from that of the
     edge."""
     off_pct = state["observation"][0] - EDGE_PCT
-    return np.array([0.0, 0.8 * off_pct / EDGE_PCT]).clip(-1.0, 1.0)
+    turn = 0.8 * off_pct / EDGE_PCT
+    return np.array([0.0, turn]).clip(-1.0, 1.0)
 
 
 def park(state: Mapping[str, Any]) -> Any:
@@ -101,16 +126,20 @@ def park(state: Mapping[str, Any]) -> Any:
     the bay."""
     ahead_mm, left_mm, turn_deg = state["observation"][-5:-2].tolist()
     distance_mm = math.hypot(ahead_mm, left_mm)
-    heading_error_deg = _signed_deg(-2.0 * math.degrees(math.atan2(left_mm, ahead_mm)) - turn_deg)
-    speed = min(distance_mm, 100.0) * max(math.cos(math.radians(heading_error_deg)), 0.0)
-    if distance_mm < 8.0:
+    # An arc to a point turns the robot by twice the direction in which the point lies.
+    arc_deg = -2.0 * math.degrees(math.atan2(left_mm, ahead_mm))
+    heading_error_deg = _signed_deg(arc_deg - turn_deg)
+    # Slower where it is near, and not at all while it points across the arc.
+    along = max(math.cos(math.radians(heading_error_deg)), 0.0)
+    speed = min(distance_mm, 100.0) * along
+    if distance_mm < 8.0:  # in the bay only the heading is left to correct
         speed = 0.0
         rate = 2.0 * turn_deg
     else:
-        rate = 2.5 * heading_error_deg + math.degrees(
-            2.0 * speed * math.sin(math.radians(turn_deg) / 2) / distance_mm
-        )
-    return np.array([math.copysign(speed, ahead_mm) / 100.0, rate / 60.0]).clip(-1.0, 1.0)
+        arc_rate = 2.0 * speed * math.sin(math.radians(turn_deg) / 2) / distance_mm
+        rate = 2.5 * heading_error_deg + math.degrees(arc_rate)
+    action = np.array([math.copysign(speed, ahead_mm) / 100.0, rate / 60.0])
+    return action.clip(-1.0, 1.0)
 
 
 CONTROLLERS: dict[str, ArrayPolicy] = {

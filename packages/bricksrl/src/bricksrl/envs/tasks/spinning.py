@@ -49,6 +49,7 @@ from bricktwin.robots import TWO_WHEELER
 SUCCESS_DEG_S = 100.0
 """Least mean yaw rate of a successful episode."""
 
+# Places in the observation.
 _YAW_RATE = slice(4, 5)
 _DIRECTION = slice(5, 6)
 
@@ -75,7 +76,9 @@ def _mean_yaw_rate_deg_s(observations: Tensor) -> Tensor:
 
 
 def _rate_in_direction(observation: Tensor) -> Tensor:
-    return observation[..., _YAW_RATE] * (1 - 2 * observation[..., _DIRECTION])
+    yaw_rate = observation[..., _YAW_RATE]
+    sign = 1 - 2 * observation[..., _DIRECTION]  # of the drawn 0 or 1
+    return yaw_rate * sign
 
 
 SPINNING = Task(

@@ -71,6 +71,7 @@ BLOCKED_AT_MM = 40.0
 """The ultrasonic sensor reports nothing nearer."""
 
 _LEGS = ("left_front", "right_front", "left_back", "right_back")
+# Places in the observation, behind the four legs.
 _TILT = slice(4, 6)
 _DISTANCE = slice(6, 7)
 
@@ -78,14 +79,19 @@ _DISTANCE = slice(6, 7)
 def shortest_angle_deg(first: Tensor, second: Tensor) -> Tensor:
     """Angle between two directions, in 0..180 degrees."""
     turn = second - first
-    return turn.sub((turn / 360.0).round_(), alpha=360.0).abs_()
+    # Without its whole turns, so that 359 and 1 are 2 degrees apart.
+    whole_turns = (turn / 360.0).round_()
+    return turn.sub(whole_turns, alpha=360.0).abs_()
 
 
 def gait_reward(observation: Tensor) -> Tensor:
     """Negative deviation of the legs from a trot, 0 at best; ``[*batch, 1]``."""
-    lf, rf, lb, rb = (observation[..., i : i + 1] for i in range(4))
-    apart = shortest_angle_deg(lf, rf) + shortest_angle_deg(lb, rb)
-    together = shortest_angle_deg(lf, rb) + shortest_angle_deg(rf, lb)
+    left_front, right_front, left_back, right_back = observation[..., :4].split(1, -1)
+    # In a trot the legs of an axle are half a turn apart, diagonal ones together.
+    apart = shortest_angle_deg(left_front, right_front) + shortest_angle_deg(left_back, right_back)
+    together = shortest_angle_deg(left_front, right_back) + shortest_angle_deg(
+        right_front, left_back
+    )
     return (apart - together) / 180.0 - 2.0
 
 
@@ -96,19 +102,25 @@ def reward(_previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
 
 def terminated(observation: Tensor, safe_tilt_deg: float = SAFE_TILT_DEG) -> Tensor:
     """True if the robot has fallen over; bool ``[*batch, 1]``."""
-    return (observation[..., _TILT].abs() > safe_tilt_deg).any(-1, keepdim=True)
+    tilt_deg = observation[..., _TILT].abs()
+    return (tilt_deg > safe_tilt_deg).any(-1, keepdim=True)
 
 
 def mean_turn_deg(observations: Tensor) -> Tensor:
     """Mean angle of a step by which the legs turn forwards in the episode ``[*batch, steps, n]``;
     ``[*batch]``."""
-    turn = observations[..., :-1, :4] - observations[..., 1:, :4]
-    return turn.sub((turn / 360.0).round_(), alpha=360.0).mean((-2, -1)).nan_to_num(0.0)
+    before = observations[..., :-1, :4]
+    after = observations[..., 1:, :4]
+    turn = before - after  # angles fall as the Walker walks forwards
+    whole_turns = (turn / 360.0).round_()
+    mean = turn.sub(whole_turns, alpha=360.0).mean((-2, -1))
+    return mean.nan_to_num(0.0)  # an episode of one step
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
     """Mean gait reward of the episode ``[*batch, steps, n]``; ``[*batch]``."""
-    return {"mean_gait_reward": gait_reward(observations)[..., 0].mean(-1)}
+    rewards = gait_reward(observations)[..., 0]
+    return {"mean_gait_reward": rewards.mean(-1)}
 
 
 INTERFACE = Interface(
@@ -161,9 +173,12 @@ def walker(
     has_fallen = partial(terminated, safe_tilt_deg=safe_tilt_deg)
 
     def success(observations: Tensor) -> Tensor:
-        trots = gait_reward(observations)[..., 0].mean(-1) >= -4.0 * TROT_WITHIN_DEG / 180.0
+        mean_reward = gait_reward(observations)[..., 0].mean(-1)
+        # The reward sums the deviations of four pairs of legs, in half turns.
+        trots = mean_reward >= -4.0 * TROT_WITHIN_DEG / 180.0
         turns = mean_turn_deg(observations) >= TURNS_DEG_S * step_ms / 1000.0
-        return trots & turns & ~has_fallen(observations)[..., 0].any(-1)
+        falls = has_fallen(observations)[..., 0].any(-1)
+        return trots & turns & ~falls
 
     def blocked(observation: Tensor) -> Tensor:
         return observation[..., _DISTANCE] <= blocked_at_mm

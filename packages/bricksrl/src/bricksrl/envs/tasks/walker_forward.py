@@ -74,7 +74,8 @@ def forward_task(
 
     def success(observations: Tensor) -> Tensor:
         fell = terminated(observations)[..., 0].any(-1)
-        return (observations[..., forward].mean(-1) >= least_mm) & ~fell
+        mean_mm = observations[..., forward].mean(-1)
+        return (mean_mm >= least_mm) & ~fell
 
     return Task(
         id=env_id,
@@ -105,5 +106,9 @@ def walker_forward(*, step_ms: int = STEP_MS) -> Task:
         DescriptionError: see `timed`.
     """
     return forward_task(
-        "Walker-v1", __doc__, *timed("Walker-v1", step_ms), UNIT_MM, settings=SETTINGS
+        "Walker-v1",
+        __doc__,
+        *timed("Walker-v1", step_ms),
+        UNIT_MM,
+        settings=SETTINGS,
     )

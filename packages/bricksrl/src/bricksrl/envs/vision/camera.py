@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from bricksrl.envs.vision.frames import Frame, Place, RedWindow, distances_px, find_red, shrink
+from bricksrl.envs.vision.frames import (
+    Disc,
+    Frame,
+    Place,
+    RedWindow,
+    distances_px,
+    find_red,
+    shrink,
+)
 from bricksrl.errors import CameraError, DescriptionError, RenderingUnavailableError, installed
 
 if TYPE_CHECKING:
@@ -41,10 +49,11 @@ class VisualGoal:
 
     def draw(self, rng: np.random.Generator) -> Place:
         """A random goal."""
-        x, y = self.places[int(rng.integers(len(self.places)))]
-        shift_x, shift_y = (
-            int(rng.integers(-jitter, jitter, endpoint=True)) for jitter in self.jitter_px
-        )
+        number = int(rng.integers(len(self.places)))
+        x, y = self.places[number]
+        jitter_x, jitter_y = self.jitter_px
+        shift_x = int(rng.integers(-jitter_x, jitter_x, endpoint=True))
+        shift_y = int(rng.integers(-jitter_y, jitter_y, endpoint=True))
         return x + shift_x, y + shift_y
 
 
@@ -82,14 +91,17 @@ class CameraView:
             raise DescriptionError(
                 f"spots of {self.spot_px} px do not fill a frame; give 1 px or more"
             )
-        places = self.goal.places if self.goal is not None else ((0, 0),)
-        if not places or not all(
-            0 <= x < self.width_px and 0 <= y < self.height_px for x, y in places
-        ):
+        if self.goal is not None and not self._shows(self.goal.places):
             raise DescriptionError(
                 f"a goal needs places within the frame of {self.width_px} x {self.height_px} px; "
                 "give some"
             )
+
+    def _shows(self, places: tuple[Place, ...]) -> bool:
+        """Whether there are places, all of them in the frame."""
+        width = self.width_px
+        height = self.height_px
+        return bool(places) and all(0 <= x < width and 0 <= y < height for x, y in places)
 
     @property
     def farthest_px(self) -> float:
@@ -135,12 +147,20 @@ class TwinCamera:
                 # Anti-aliasing would take most of the time, and its effect vanishes in the small
                 # image.
                 self._renderer = Renderer(
-                    self._body, view.width_px, view.height_px, view.name, smooth=False
+                    self._body,
+                    view.width_px,
+                    view.height_px,
+                    view.name,
+                    smooth=False,
                 )
             except RenderingUnavailableError as error:
                 _log.info("drawing by rays: %s", error)
                 self._renderer = RayCaster(
-                    self._body, view.width_px, view.height_px, view.name, view.spot_px
+                    self._body,
+                    view.width_px,
+                    view.height_px,
+                    view.name,
+                    view.spot_px,
                 )
         return self._renderer.render()
 
@@ -171,6 +191,7 @@ class VideoCamera:
             cv2.utils.logging.setLogLevel(level)
             self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, view.width_px)
             self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, view.height_px)
+            # A frame that waits in a buffer shows the past.
             self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         self._capture.grab()  # discard the driver's buffered frame, taken before the robot moved
         is_read, frame = self._capture.read()
@@ -219,9 +240,9 @@ class Watch:
         self.goal = None if view.goal is None else view.goal.draw(rng)
         self.mean_px = 0.0
         self.nearest_px = view.farthest_px
-        self._disc = (
-            None if view.goal is None or self.goal is None else (self.goal, view.goal.radius_px)
-        )
+        self._disc: Disc | None = None
+        if view.goal is not None and self.goal is not None:
+            self._disc = (self.goal, view.goal.radius_px)
         self.image = shrink(frame, view.image_px, self._disc)
 
     def see(self, frame: Frame) -> None:
@@ -229,7 +250,9 @@ class Watch:
         self.image = shrink(frame, self._view.image_px, self._disc)
         if self._view.goal is None or self.goal is None:
             return
-        found_px = distances_px(find_red(frame, self._view.goal.red), self.goal)
+        # In the frame, not in the image, in which a small ball is a few pixels.
+        centres = find_red(frame, self._view.goal.red)
+        found_px = distances_px(centres, self.goal)
         self.nearest_px = self._view.farthest_px
         if len(found_px):
             self.mean_px = float(found_px.mean())

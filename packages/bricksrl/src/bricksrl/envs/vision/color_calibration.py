@@ -17,15 +17,20 @@ from bricksrl.envs.vision.frames import Frame, Place, RedWindow
 from bricksrl.errors import CameraError
 
 _AROUND_RED_DEG = 60.0
-_LEAST_CHROMA = 0.12  # saturation times value; below it the hue is unreliable
-_LEAST_PX = 5  # fewer are sensor noise
-_SEED_PX = 50  # rank of the pixel whose chroma sets the threshold for seeds
-_POINT_PX = 3  # half side of the square around a given point whose colour is taken
+"""Hues within this distance of 0 have red as the strongest channel."""
+_LEAST_CHROMA = 0.12
+"""Saturation times value; below it the hue is unreliable."""
+_LEAST_PX = 5
+"""Fewer red pixels are sensor noise."""
+_SEED_PX = 50
+"""Rank of the pixel whose chroma sets the threshold for seeds."""
+_POINT_PX = 3
+"""Half side of the square around a given point whose colour is taken."""
+# Spread of one object's colour around its median: darker in shade, less saturated in highlights.
 _UNLIKE_HUE_DEG = 30.0
 _LEAST_SATURATION_RATIO = 0.5
 _LEAST_VALUE_RATIO = 0.35
-"""Spread of one object's colour around its median: darker in shade, less saturated in
-highlights."""
+# What the window leaves around the colours that were seen.
 _MARGIN_DEG = 8.0
 _MARGIN = 0.8
 
@@ -54,42 +59,66 @@ def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
     """
     hue_deg, saturation, value = _colours(frame)
     chroma = np.where(np.abs(hue_deg) <= _AROUND_RED_DEG, saturation * value, 0.0)
-    if at is not None:
-        rows, columns = np.ogrid[: frame.shape[0], : frame.shape[1]]
-        seed = (np.abs(rows - at[1]) <= _POINT_PX) & (np.abs(columns - at[0]) <= _POINT_PX)
-    else:  # the largest region of nearly the strongest chroma
-        count = min(_SEED_PX, chroma.size)
-        vivid = chroma >= max(
-            0.75 * float(np.partition(chroma, -count, axis=None)[-count]), _LEAST_CHROMA
-        )
-        seed = _region(vivid, vivid)
+    seed = _most_vivid(chroma) if at is None else _around(frame, at)
     if seed.sum() < _LEAST_PX or np.median(chroma[seed]) < _LEAST_CHROMA:
         place = "the frame" if at is None else f"the frame at {at[0]}, {at[1]}"
         raise CameraError(
             f"nothing is red in {place}; bring the ball into the picture, give it light, or name "
             "a point of it"
         )
-    hue, strong, bright = (float(np.median(part[seed])) for part in (hue_deg, saturation, value))
-    similar = (chroma > 0) & (np.abs(hue_deg - hue) <= _UNLIKE_HUE_DEG)
-    similar &= (saturation >= _LEAST_SATURATION_RATIO * strong) & (
-        value >= _LEAST_VALUE_RATIO * bright
-    )
+    # From the surest pixels to the whole object: all that are connected to them and look alike.
+    seed_hue_deg = float(np.median(hue_deg[seed]))
+    seed_saturation = float(np.median(saturation[seed]))
+    seed_value = float(np.median(value[seed]))
+    similar = (chroma > 0) & (np.abs(hue_deg - seed_hue_deg) <= _UNLIKE_HUE_DEG)
+    similar &= saturation >= _LEAST_SATURATION_RATIO * seed_saturation
+    similar &= value >= _LEAST_VALUE_RATIO * seed_value
     mask = _region(similar, seed)  # around a point near its edge, the object's colours only
     if mask.sum() <= RedWindow.area_px:
         raise CameraError(
             f"the red thing has only {mask.sum()} px; bring it nearer to the camera, or name a "
             "point of the ball"
         )
-    low, high = np.percentile(hue_deg[mask], (1, 99)).tolist()
-    window = RedWindow(
-        hue_deg=(
-            round(max(low - _MARGIN_DEG, -_AROUND_RED_DEG), 1),
-            round(min(high + _MARGIN_DEG, _AROUND_RED_DEG), 1),
-        ),
-        saturation=round(_MARGIN * float(np.percentile(saturation[mask], 2)), 3),
-        value=round(_MARGIN * float(np.percentile(value[mask], 2)), 3),
-    )
+    window = _window_of(hue_deg[mask], saturation[mask], value[mask])
     return FoundRed(window, mask)
+
+
+def _around(frame: Frame, at: Place) -> NDArray[np.bool_]:
+    """The square around a point; ``[height, width]``."""
+    rows, columns = np.ogrid[: frame.shape[0], : frame.shape[1]]
+    is_row = np.abs(rows - at[1]) <= _POINT_PX
+    is_column = np.abs(columns - at[0]) <= _POINT_PX
+    square: NDArray[np.bool_] = is_row & is_column
+    return square
+
+
+def _most_vivid(chroma: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """The largest region of nearly the strongest chroma; ``[height, width]``."""
+    # Not the strongest pixel sets the threshold, which may be noise, but one of a later rank.
+    count = min(_SEED_PX, chroma.size)
+    strong = float(np.partition(chroma, -count, axis=None)[-count])
+    vivid = chroma >= max(0.75 * strong, _LEAST_CHROMA)
+    return _region(vivid, vivid)
+
+
+def _window_of(
+    hue_deg: NDArray[np.float64],
+    saturation: NDArray[np.float64],
+    value: NDArray[np.float64],
+) -> RedWindow:
+    """The window that holds the colours ``[pixels]`` of an object with a margin."""
+    # Percentiles, as a few pixels at the edge mix with the background.
+    low_deg, high_deg = np.percentile(hue_deg, (1, 99)).tolist()
+    least_saturation = float(np.percentile(saturation, 2))
+    least_value = float(np.percentile(value, 2))
+    return RedWindow(
+        hue_deg=(
+            round(max(low_deg - _MARGIN_DEG, -_AROUND_RED_DEG), 1),
+            round(min(high_deg + _MARGIN_DEG, _AROUND_RED_DEG), 1),
+        ),
+        saturation=round(_MARGIN * least_saturation, 3),
+        value=round(_MARGIN * least_value, 3),
+    )
 
 
 def _colours(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -99,32 +128,33 @@ def _colours(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64], ND
     value = frame.max(-1) / 255
     least = frame.min(-1) / 255
     chroma = value - least
-    safe = np.where(chroma > 0, chroma, 1.0)
-    hue_deg = np.where((red == value) & (chroma > 0), 60.0 * (green - blue) / safe, 180.0)
-    return hue_deg, chroma / np.where(value > 0, value, 1.0), value
+    # Grey has no hue and black no saturation; their divisors of 0 are replaced.
+    safe_chroma = np.where(chroma > 0, chroma, 1.0)
+    safe_value = np.where(value > 0, value, 1.0)
+    is_reddish = (red == value) & (chroma > 0)
+    hue_deg = np.where(is_reddish, 60.0 * (green - blue) / safe_chroma, 180.0)
+    return hue_deg, chroma / safe_value, value
 
 
 def _region(mask: NDArray[np.bool_], seed: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The connected component of the mask that holds most of the seed."""
     from scipy import ndimage
 
-    labels, _ = ndimage.label(mask, np.ones((3, 3)))
+    neighbours = np.ones((3, 3))  # pixels that touch at a corner belong together
+    labels, _ = ndimage.label(mask, neighbours)
     counts = np.bincount(labels[seed & mask], minlength=2)
-    counts[0] = 0
+    counts[0] = 0  # the label of what is not in the mask
     region: NDArray[np.bool_] = labels == int(counts.argmax())
     return region if counts.any() else np.zeros_like(mask)
 
 
 def spanning(windows: list[RedWindow]) -> RedWindow:
     """The smallest window that contains all of these."""
-    return RedWindow(
-        (
-            min(window.hue_deg[0] for window in windows),
-            max(window.hue_deg[1] for window in windows),
-        ),
-        min(window.saturation for window in windows),
-        min(window.value for window in windows),
-    )
+    low_deg = min(window.hue_deg[0] for window in windows)
+    high_deg = max(window.hue_deg[1] for window in windows)
+    saturation = min(window.saturation for window in windows)
+    value = min(window.value for window in windows)
+    return RedWindow((low_deg, high_deg), saturation, value)
 
 
 def picture(frame: Frame, found: FoundRed) -> Frame:
@@ -137,8 +167,9 @@ def picture(frame: Frame, found: FoundRed) -> Frame:
     inside = (hue_deg >= window.hue_deg[0]) & (hue_deg <= window.hue_deg[1])
     inside &= (saturation >= window.saturation) & (value >= window.value)
     outlined = frame.copy()
+    wider = ndimage.binary_dilation(found.mask, iterations=2)
+    outlined[wider & ~found.mask] = (0, 255, 0)
     dimmed = frame // 5
-    outlined[ndimage.binary_dilation(found.mask, iterations=2) & ~found.mask] = (0, 255, 0)
     dimmed[inside] = frame[inside]
     return np.hstack((outlined, dimmed))
 
@@ -148,12 +179,15 @@ def picture(frame: Frame, found: FoundRed) -> Frame:
 
 def saved_path(device: int | str) -> Path:
     """Path of a camera's calibration, in the folder of the robots' calibrations."""
-    return calibration_folder() / f"camera-{re.sub(r'[^A-Za-z0-9_-]+', '-', str(device))}.json"
+    # A device may be a URL or a path, whose signs no file name has.
+    name = re.sub(r"[^A-Za-z0-9_-]+", "-", str(device))
+    return calibration_folder() / f"camera-{name}.json"
 
 
 def write_red(path: Path, window: RedWindow) -> None:
     """Write a window atomically. Raises WriteError if the file cannot be written."""
-    write_durably(path, (json.dumps({"red": dataclasses.asdict(window)}, indent=2) + "\n").encode())
+    text = json.dumps({"red": dataclasses.asdict(window)}, indent=2)
+    write_durably(path, f"{text}\n".encode())
 
 
 def read_red(path: Path) -> RedWindow:
@@ -163,7 +197,10 @@ def read_red(path: Path) -> RedWindow:
         data: dict[str, Any] = json.loads(path.read_bytes())["red"]
         low, high = map(float, data["hue_deg"])
         return RedWindow(
-            (low, high), float(data["saturation"]), float(data["value"]), int(data["area_px"])
+            (low, high),
+            float(data["saturation"]),
+            float(data["value"]),
+            int(data["area_px"]),
         )
 
 

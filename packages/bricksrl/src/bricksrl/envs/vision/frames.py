@@ -20,7 +20,8 @@ Disc = tuple[Place, int]
 """Centre and radius in px."""
 
 _GREEN = (0, 255, 0)
-_HUE_AROUND_RED_DEG = 60.0  # hues within this distance of 0 have red as the strongest channel
+_HUE_AROUND_RED_DEG = 60.0
+"""Hues within this distance of 0 have red as the strongest channel."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,9 @@ class RedWindow:
                 f"hues of {self.hue_deg} degrees are not those around red; give (low, high) "
                 "within -60 to 60"
             )
-        if not (0.0 < self.saturation <= 1.0 and 0.0 < self.value <= 1.0 and self.area_px >= 0):
+        is_saturation = 0.0 < self.saturation <= 1.0
+        is_value = 0.0 < self.value <= 1.0
+        if not (is_saturation and is_value and self.area_px >= 0):
             raise DescriptionError(
                 "a window of red needs saturation and value in 0..1, above 0, and an area_px of "
                 "0 or more"
@@ -57,46 +60,69 @@ class RedWindow:
 def find_red(frame: Frame, window: RedWindow) -> NDArray[np.float64]:
     """Centres of the bounding boxes of the red objects in a frame ``[height, width, 3]``:
     ``[objects, 2]``."""
-    from scipy import ndimage
+    pixels = _red_pixels(frame, window)
+    rows, columns = np.divmod(pixels, frame.shape[1])
+    if not len(rows):
+        return np.empty((0, 2))
+    return _middles_of_objects(rows, columns, window.area_px)
 
+
+def _red_pixels(frame: Frame, window: RedWindow) -> NDArray[Any]:
+    """Numbers of the pixels, counted row by row, whose colour is in the window."""
     # Hue is computed only for the few pixels that are mostly red. For this, each value of the flat
     # array is compared with the two that follow it: memory is passed through in order, and every
     # third result belongs to a red channel.
     flat = np.ascontiguousarray(frame).reshape(-1)
-    strong = flat[:-2] > flat[1:-1]
-    strong &= flat[:-2] > flat[2:]
-    strong &= flat[:-2] >= math.ceil(255 * window.value)
+    value = flat[:-2]
+    strong = value > flat[1:-1]
+    strong &= value > flat[2:]
+    strong &= value >= math.ceil(255 * window.value)
     pixels = np.flatnonzero(strong[::3])
-    strongest, second, third = flat.reshape(-1, 3)[pixels].astype(np.float32).T
-    chroma = strongest - np.minimum(second, third)
-    hue_deg = 60.0 * (second - third) / chroma
+    colours = flat.reshape(-1, 3)[pixels]  # [pixels, 3]
+    red, green, blue = colours.astype(np.float32).T
+    # Hue and saturation of HSV where red is the strongest channel, so that the value is red.
+    chroma = red - np.minimum(green, blue)
+    hue_deg = 60.0 * (green - blue) / chroma
     low_deg, high_deg = window.hue_deg
-    is_red = (
-        (chroma >= window.saturation * strongest) & (hue_deg >= low_deg) & (hue_deg <= high_deg)
-    )
-    rows, columns = np.divmod(pixels[is_red], frame.shape[1])
-    if not len(rows):
-        return np.empty((0, 2))
+    is_red = chroma >= window.saturation * red
+    is_red &= hue_deg >= low_deg
+    is_red &= hue_deg <= high_deg
+    found: NDArray[np.intp] = pixels[is_red]
+    return found
+
+
+def _middles_of_objects(
+    rows: NDArray[Any],
+    columns: NDArray[Any],
+    area_px: int,
+) -> NDArray[np.float64]:
+    """Centres ``[objects, 2]`` of the connected regions of more than ``area_px`` of these
+    pixels."""
+    from scipy import ndimage
+
+    # Only the rectangle around all red pixels is labelled, which is a small part of most frames.
     top = int(rows.min())
     left = int(columns.min())
-    mask = np.zeros((int(rows.max()) - top + 1, int(columns.max()) - left + 1), bool)
+    height = int(rows.max()) - top + 1
+    width = int(columns.max()) - left + 1
+    mask = np.zeros((height, width), bool)
     mask[rows - top, columns - left] = True
-    labels, _ = ndimage.label(mask, np.ones((3, 3)))
+    neighbours = np.ones((3, 3))  # pixels that touch at a corner belong together
+    labels, _ = ndimage.label(mask, neighbours)
     areas = np.bincount(labels[mask])
-    boxes = [
-        box
-        for label, box in enumerate(ndimage.find_objects(labels), 1)
-        if areas[label] > window.area_px
-    ]
-    middles = [
-        [left + (x.start + x.stop - 1) / 2, top + (y.start + y.stop - 1) / 2] for y, x in boxes
-    ]
+    middles = []
+    for label, (down, right) in enumerate(ndimage.find_objects(labels), 1):
+        if areas[label] > area_px:
+            x = left + (right.start + right.stop - 1) / 2
+            y = top + (down.start + down.stop - 1) / 2
+            middles.append([x, y])
     return np.array(middles).reshape(-1, 2)
 
 
 def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float64]:
     """Distances from each of the centres ``[objects, 2]`` to the goal; ``[objects]``."""
-    return np.hypot(centres[:, 0] - goal[0], centres[:, 1] - goal[1])
+    goal_x, goal_y = goal
+    return np.hypot(centres[:, 0] - goal_x, centres[:, 1] - goal_y)
 
 
 def shrink(frame: Frame, side_px: int, disc: Disc | None = None) -> Frame:
@@ -106,11 +132,16 @@ def shrink(frame: Frame, side_px: int, disc: Disc | None = None) -> Frame:
     canvas = frame.astype(np.float32)
     if disc is not None:
         draw_disc(canvas, *disc)
-    flat = _downsample(canvas, side_px)  # sums of integers, which are exact
-    sums = _downsample(flat.swapaxes(0, 1).astype(float, order="C"), side_px).swapaxes(0, 1)
-    image: Frame = np.rint(
-        sums / math.prod(size // math.gcd(side_px, size) for size in frame.shape[:2])
-    ).astype(np.uint8)
+    # Rows first, then columns, each as a matrix product. The sums of integers are exact in single
+    # precision; those of sums need double.
+    flat = _downsample(canvas, side_px)  # [side, width, 3]
+    columns = flat.swapaxes(0, 1).astype(float, order="C")  # [width, side, 3]
+    sums = _downsample(columns, side_px).swapaxes(0, 1)  # [side, side, 3]
+    height, width = frame.shape[:2]
+    row_weights = height // math.gcd(side_px, height)
+    column_weights = width // math.gcd(side_px, width)
+    weights = row_weights * column_weights
+    image: Frame = np.rint(sums / weights).astype(np.uint8)
     return image
 
 
@@ -119,9 +150,10 @@ def _downsample(canvas: NDArray[Any], new_size: int) -> NDArray[Any]:
     a row."""
     old_size, *rest = canvas.shape
     blocks = math.gcd(new_size, old_size)  # no new row spans two blocks
-    sums: NDArray[Any] = _overlap(new_size // blocks, old_size // blocks) @ canvas.reshape(
-        blocks, old_size // blocks, -1
-    )
+    new_rows = new_size // blocks
+    old_rows = old_size // blocks
+    weights = _overlap(new_rows, old_rows)
+    sums: NDArray[Any] = weights @ canvas.reshape(blocks, old_rows, -1)
     return sums.reshape(new_size, *rest)
 
 
@@ -130,8 +162,9 @@ def _overlap(new_size: int, old_size: int) -> NDArray[np.float32]:
     """Overlap of each of ``new_size`` equal parts with ``old_size`` rows, in ``1 / new_size`` rows;
     ``[new_size, old_size]``."""
     edges = np.arange(new_size + 1)[:, None] * old_size
+    starts = np.arange(old_size) * new_size
     # part of each row before each edge
-    covered = np.clip(edges - np.arange(old_size) * new_size, 0, new_size)
+    covered = np.clip(edges - starts, 0, new_size)
     share: NDArray[np.float32] = np.diff(covered, axis=0).astype(np.float32)
     return share
 
@@ -141,8 +174,13 @@ def draw_disc(canvas: NDArray[Any], centre: Place, radius_px: int) -> None:
     x, y = centre
     left = max(x - radius_px, 0)
     top = max(y - radius_px, 0)
-    part = canvas[top : max(y + radius_px + 1, 0), left : max(x + radius_px + 1, 0)]
-    if part.size:
-        down = np.arange(part.shape[0]) + (top - y)
-        right = np.arange(part.shape[1]) + (left - x)
-        part[down[:, None] ** 2 + right**2 <= radius_px**2] = _GREEN
+    # Not below 0, which would count from the other edge.
+    right = max(x + radius_px + 1, 0)
+    bottom = max(y + radius_px + 1, 0)
+    part = canvas[top:bottom, left:right]
+    if not part.size:
+        return
+    down_px = np.arange(part.shape[0]) + (top - y)
+    right_px = np.arange(part.shape[1]) + (left - x)
+    is_inside = down_px[:, None] ** 2 + right_px**2 <= radius_px**2
+    part[is_inside] = _GREEN

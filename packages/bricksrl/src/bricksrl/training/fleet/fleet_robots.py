@@ -26,7 +26,7 @@ from bricksrl.envs.transforms import base_of, layout_of, over, runs_on
 from bricksrl.errors import LearnerError, RunError
 from bricksrl.training.callbacks import RobotState
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.restore import stand_in
+from bricksrl.training.learners import stand_in
 
 _END_TIMEOUT_S = 10.0
 _RESTART_S = 2.0

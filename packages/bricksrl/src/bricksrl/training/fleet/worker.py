@@ -23,12 +23,12 @@ from bricksrl.agents.learner import Learner
 from bricksrl.child_process import END, Message, leave, parent_channel
 from bricksrl.data.collect import about, step_of
 from bricksrl.envs.env_interface import BricksEnv
-from bricksrl.envs.registry import make
+from bricksrl.envs.make import make
 from bricksrl.envs.rollout import Rollout, play
 from bricksrl.envs.transforms import load_transform_state, over
 from bricksrl.errors import StoppedError, message_of
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.restore import make_learner_for, stand_in
+from bricksrl.training.learners import make_learner_for, stand_in
 
 
 class _FleetEnded(BaseException):

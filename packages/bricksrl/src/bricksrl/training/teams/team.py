@@ -17,7 +17,7 @@ from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import play
 from bricksrl.errors import CheckpointError, RunError, message_of
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
-from bricksrl.training.restore import reproducible
+from bricksrl.training.reproducible import reproducible
 from bricksrl.training.sources import collect_round
 from bricksrl.training.teams.groups import GroupLearner, TeamSettings, make_group, team_policy
 

@@ -21,23 +21,29 @@ from bricktwin.plans.part import Site
 from bricktwin.plans.plan import Placed, Plan, Step
 
 MAX_KINDS = 4
+"""Most kinds of pieces in a step."""
 MAX_PIECES = 8
+"""Most pieces in a step."""
 MIN_VISIBLE = 0.25
-"""Most kinds and pieces of a step, and the smallest share of a part that its picture shows."""
+"""Smallest share of a part that its picture shows."""
+# While a view is tried out with few rays, which see less exactly than those of the picture:
 _ENOUGH = 0.45
+"""Smallest visible share of all parts for which the view is not turned."""
 _HIDDEN = 0.33
-"""Smallest visible share of all parts for which the view is not turned, and below which a part
-counts as hidden, while a view is tried out with few rays."""
+"""Visible share below which a part counts as hidden."""
+_MIN_GAIN = 0.05
+"""How much more of the parts another view must show to be worth turning to."""
 _MAX_QUERIES = 40_000
 """Collisions that are tested for a booklet, which bounds its time; what comes after has no
 arrows."""
 _TRIAL_ZOOM = 1.3
 """Rays per LDU where a view is tried out."""
 _GAP = 28.0
+"""LDU between a part on its way and its hole."""
 _MAX_TRIES = 12
+"""How often a larger distance is tried."""
 _MAX_ARROWS = 4
-"""Distance of a part on its way from its hole, how often a larger one is tried, and arrows of one
-move."""
+"""Most arrows of one move."""
 
 Arrow = tuple[Floats, Floats]
 """Start and end [3]."""
@@ -96,8 +102,9 @@ def instructions(plan: Plan, studio: Studio) -> Iterator[Instruction]:
 def kind_of(plan: Plan, item: tuple[int, ...], depth: int) -> tuple[object, ...]:
     """Key of equal items of an assembly at a depth of nesting: parts, or sub-assemblies."""
     parts = [plan.parts[part] for part in item]
-    own = parts[0].assembly[depth:]
-    name = own[0].rpartition(":")[0] if own else parts[0].part.number
+    nested = parts[0].assembly[depth:]
+    # A sub-assembly's name ends with a colon and which of its copies it is.
+    name = nested[0].rpartition(":")[0] if nested else parts[0].part.number
     return (name, *(placed.colour for placed in parts))
 
 
@@ -128,6 +135,7 @@ class _Author:
         before = after - {part for move in moves for part in move.parts}
         note = step.note
         for few in self._split(moves, len(step.assembly), before):
+            # The note of a step stands on the first of its pages.
             for instruction in self._shown(few, frozenset(before), step, times):
                 turned = instruction.scene.view != self.view
                 self.view = instruction.scene.view
@@ -140,13 +148,15 @@ class _Author:
         What is moved together stays together if it is as few."""
         pieces: list[Move] = []
         for move in moves:
-            pieces += (
-                [move]
-                if self._is_few([move], depth)
-                else [Move((item,), move.outward) for item in move.items]
-            )
+            if self._is_few([move], depth):
+                pieces.append(move)
+            else:
+                pieces += [Move((item,), move.outward) for item in move.items]
+        # As few steps as with the most pieces in each, but with the last one as full as the others:
+        # the smallest limit that needs no more steps.
         splits = [self._filled(pieces, depth, most, before) for most in range(1, MAX_PIECES + 1)]
-        return next(split for split in splits if len(split) == len(splits[-1]))
+        fewest = len(splits[-1])
+        return next(split for split in splits if len(split) == fewest)
 
     def _filled(
         self, moves: Sequence[Move], depth: int, most: int, before: set[int]
@@ -155,37 +165,37 @@ class _Author:
         hold comes with them."""
         split: list[list[Move]] = []
         for move in moves:
-            if (
-                split
-                and self._is_few([*split[-1], move], depth)
-                and sum(len(m.items) for m in (*split[-1], move)) <= most
-            ):
-                split[-1].append(move)
-                continue
+            if split:
+                joined = [*split[-1], move]
+                count = sum(len(each.items) for each in joined)
+                if self._is_few(joined, depth) and count <= most:
+                    split[-1].append(move)
+                    continue
             few = [move]
+            # What hangs on nothing yet is shown with what will hold it.
             while split and len(split[-1]) > 1 and self._is_few([split[-1][-1], *few], depth):
-                there = before.union(
-                    *(
-                        m.parts
-                        for m in itertools.chain.from_iterable(split)
-                        if m is not split[-1][-1]
-                    )
-                )
-                joined = {
-                    other for part in split[-1][-1].parts for other, _ in self.links.get(part, ())
-                }
-                if joined & there or not joined:
+                last = split[-1][-1]
+                if not self._waits(last, split, before):
                     break
                 few.insert(0, split[-1].pop())
             split.append(few)
         return split
 
+    def _waits(self, last: Move, split: Sequence[Sequence[Move]], before: set[int]) -> bool:
+        """Whether the last of these moves is connected to something, but not to what is there."""
+        there = set(before)
+        for move in itertools.chain.from_iterable(split):
+            if move is not last:
+                there.update(move.parts)
+        connected: set[int] = set()
+        for part in last.parts:
+            connected.update(other for other, _ in self.links.get(part, ()))
+        return bool(connected) and not connected & there
+
     def _is_few(self, moves: Sequence[Move], depth: int) -> bool:
         items = [item for move in moves for item in move.items]
-        return (
-            len(items) <= MAX_PIECES
-            and len({kind_of(self.plan, item, depth) for item in items}) <= MAX_KINDS
-        )
+        kinds = {kind_of(self.plan, item, depth) for item in items}
+        return len(items) <= MAX_PIECES and len(kinds) <= MAX_KINDS
 
     def _shown(
         self, moves: Sequence[Move], before: frozenset[int], step: Step, times: int
@@ -210,13 +220,13 @@ class _Author:
         bright = frozenset(part for move in moves for part in move.parts)
         items = [item for move in moves for item in move.items]
         best: tuple[float, Scene, list[tuple[int, ...]]] | None = None
+        # The default first, then the view of the step before: each once, in this order.
         for view in dict.fromkeys((VIEWS[0], self.view, *VIEWS)):
             picture = self.studio.picture(shown, view, _TRIAL_ZOOM)
             shares = [picture.visible(item) for item in items]
-            if best is None or min(shares) > best[0] + 0.05:
-                hidden = [
-                    item for item, share in zip(items, shares, strict=True) if share < _HIDDEN
-                ]
+            if best is None or min(shares) > best[0] + _MIN_GAIN:
+                shares_of_items = zip(items, shares, strict=True)
+                hidden = [item for item, share in shares_of_items if share < _HIDDEN]
                 best = (min(shares), Scene(tuple(shown), view, arrows, bright), hidden)
             if best[0] >= _ENOUGH:
                 break
@@ -228,16 +238,18 @@ class _Author:
     ) -> Scene:
         """The hidden items with what they touch, or alone."""
         parts = {part for item in hidden for part in item}
-        touched = frozenset(
-            other for part in parts for other, _ in self.links.get(part, ()) if other in before
-        )
-        few = [
-            Move(tuple(item for item in move.items if item in hidden), move.outward)
-            for move in moves
-        ]
-        few = [move for move in few if move.items]
-        scene, still_hidden = self._best_scene(few, touched)
-        return self._best_scene(few, frozenset())[0] if still_hidden else scene
+        touched: set[int] = set()
+        for part in parts:
+            touched.update(other for other, _ in self.links.get(part, ()) if other in before)
+        few = []
+        for move in moves:
+            items = tuple(item for item in move.items if item in hidden)
+            if items:
+                few.append(Move(items, move.outward))
+        scene, still_hidden = self._best_scene(few, frozenset(touched))
+        if still_hidden:
+            scene, _ = self._best_scene(few, frozenset())
+        return scene
 
     def _apart(
         self, moves: Sequence[Move], before: frozenset[int]
@@ -249,7 +261,9 @@ class _Author:
             shift = np.zeros(3)
             ways = self._ways(move, shifts) if move.outward.any() else []
             if ways:
-                distance = max(float((end - start) @ move.outward) for start, end in ways) + _GAP
+                longest = max(float((end - start) @ move.outward) for start, end in ways)
+                distance = longest + _GAP
+                # Further out, until it overlaps none of the others that are on their way.
                 on_way = {part: other for part, other in shifts.items() if part not in before}
                 for _ in range(_MAX_TRIES):
                     if self._is_clear(move, move.outward * distance, on_way):
@@ -258,9 +272,8 @@ class _Author:
                 shift = move.outward * distance
                 arrows += [(start + shift, end) for start, end in ways]
             shifts.update(dict.fromkeys(move.parts, shift))
-        return [Shown(self.plan.parts[part], shift) for part, shift in shifts.items()], tuple(
-            arrows
-        )
+        shown = [Shown(self.plan.parts[part], shift) for part, shift in shifts.items()]
+        return shown, tuple(arrows)
 
     def _ways(self, move: Move, shifts: Mapping[int, Floats]) -> list[Arrow]:
         """Where pins and holes of a move begin [3], and where those that they belong to end: a pair
@@ -268,28 +281,29 @@ class _Author:
         ways: dict[tuple[float, ...], Arrow] = {}
         for part in move.parts:
             for link, site, other, other_site in self.joints.get(part, ()):
-                if other in shifts:
-                    along = float(link.point @ move.outward)
-                    line = link.point - along * move.outward
-                    start = line + move.outward * float(
-                        self._end(part, site, -move.outward) @ move.outward
-                    )
-                    end = line + move.outward * float(
-                        (self._end(other, other_site, move.outward) + shifts[other]) @ move.outward
-                    )
-                    key = tuple((line / 4).round() + 0.0)
-                    if key not in ways or (end - ways[key][1]) @ move.outward > 0:
-                        ways[key] = (start, end)
+                if other not in shifts:
+                    continue
+                along = float(link.point @ move.outward)
+                line = link.point - along * move.outward
+                site_end = self._end(part, site, -move.outward)
+                other_end = self._end(other, other_site, move.outward) + shifts[other]
+                start = line + move.outward * float(site_end @ move.outward)
+                end = line + move.outward * float(other_end @ move.outward)
+                # Lines within 4 LDU are one; adding 0 makes a zero of a negative zero, which would
+                # be another key. Of several connections on it, the outermost end counts.
+                key = tuple((line / 4).round() + 0.0)
+                if key not in ways or (end - ways[key][1]) @ move.outward > 0:
+                    ways[key] = (start, end)
         found = [ways[key] for key in sorted(ways)]
+        # Of many, the first and the last show the direction as well.
         return found if len(found) <= _MAX_ARROWS else [found[0], found[-1]]
 
     def _end(self, part: int, site: Site, direction: Floats) -> Floats:
         """The end [3] of a site in a direction."""
         placed = self.plan.parts[part]
         along = placed.rotation @ np.array(site.axis)
-        return np.asarray(
-            placed.point(site.centre) + along * (np.sign(along @ direction) * site.length / 2)
-        )
+        half = np.sign(along @ direction) * site.length / 2
+        return np.asarray(placed.point(site.centre) + along * half)
 
     def _is_clear(self, move: Move, shift: Floats, others: Mapping[int, Floats]) -> bool:
         """Whether the moved parts' boxes overlap none of others, moved too."""
@@ -298,12 +312,13 @@ class _Author:
         where = np.array(list(others.values()))
         low = self.occupancy.low[list(others)] + where
         high = self.occupancy.high[list(others)] + where
-        return not any(
-            ((self.occupancy.low[part] + shift < high) & (low < self.occupancy.high[part] + shift))
-            .all(axis=1)
-            .any()
-            for part in move.parts
-        )
+        for part in move.parts:
+            starts_before = self.occupancy.low[part] + shift < high  # [others, 3]
+            ends_after = low < self.occupancy.high[part] + shift
+            overlaps = (starts_before & ends_after).all(axis=1)
+            if overlaps.any():
+                return False
+        return True
 
 
 def placed_items(
@@ -312,7 +327,6 @@ def placed_items(
     """The items of a step by kind."""
     found: dict[tuple[object, ...], list[list[Placed]]] = defaultdict(list)
     for item in instruction.items:
-        found[kind_of(plan, item, len(instruction.assembly))].append(
-            [plan.parts[part] for part in item]
-        )
+        kind = kind_of(plan, item, len(instruction.assembly))
+        found[kind].append([plan.parts[part] for part in item])
     return found

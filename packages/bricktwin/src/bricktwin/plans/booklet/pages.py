@@ -41,9 +41,9 @@ if TYPE_CHECKING:
 
 FORMATS = (".pdf", ".html")
 DPI = 300
+# The size of a page, inches: half of an A4 sheet, lying.
 _WIDTH = 8.27
 _HEIGHT = 5.83
-"""Inches."""
 _LIFE_SIZE = MM_PER_LDU / 25.4 * DPI * OVERSAMPLING
 """Rays per LDU of a picture as large as the parts."""
 _SCALES = tuple(_LIFE_SIZE * 1.15 * 0.84**step for step in range(30))
@@ -109,7 +109,8 @@ def write_booklet(plan: Plan, path: Path) -> int:
             f"{plan.path} has no part that the catalogue knows; run `bricktwin plan check` on it"
         )
     check_writable(path)
-    data, count = (_pdf if path.suffix.lower() == ".pdf" else _html)(plan, pages_of(plan))
+    write = _pdf if path.suffix.lower() == ".pdf" else _html
+    data, count = write(plan, pages_of(plan))
     write_durably(path, data)
     return count
 
@@ -125,26 +126,28 @@ def pages_of(plan: Plan) -> Iterator[Page]:
         f"{plan.mass_g:.0f} g"
     )
     yield Page(plan.title, text, _fitted(studio, everything, VIEWS[0], (7.4, 4.3)))
+    # A part of each kind and colour, which is drawn as it lies in the model.
     samples = {(placed.part, placed.colour): placed for placed in plan.parts}
-    items = [
-        Item(
-            _part_picture(studio, [samples[entry.part, entry.colour.code]], (1.05, 0.8)),
-            entry.count,
-            f"{textwrap.fill(entry.part.name, 22)}\n{entry.part.number}\n{entry.colour.name}",
-        )
-        for entry in entries
-    ]
-    for start in range(0, len(items), _LIST_COLUMNS * _LIST_ROWS):
-        yield Page("Parts", "", items=tuple(items[start : start + _LIST_COLUMNS * _LIST_ROWS]))
+    items = []
+    for entry in entries:
+        sample = samples[entry.part, entry.colour.code]
+        picture = _part_picture(studio, [sample], (1.05, 0.8))
+        name = textwrap.fill(entry.part.name, 22)
+        label = f"{name}\n{entry.part.number}\n{entry.colour.name}"
+        items.append(Item(picture, entry.count, label))
+    page_size = _LIST_COLUMNS * _LIST_ROWS
+    for start in range(0, len(items), page_size):
+        yield Page("Parts", "", items=tuple(items[start : start + page_size]))
     for number, step in enumerate(steps, 1):
         yield _step_page(plan, studio, step, number)
     cables = _cables(plan)
     if cables:
         note = "Plug in the cables last, and keep them away from moving parts."
-        picture = _fitted(studio, everything, VIEWS[3], (7.6, 4.55 - 0.22 * len(cables)))
-        yield Page(
-            "Cables", note, picture, lines=tuple(cable.text for cable in cables), cables=cables
-        )
+        # The more lines of text, the less room there is above them.
+        height = 4.55 - 0.22 * len(cables)
+        picture = _fitted(studio, everything, VIEWS[3], (7.6, height))
+        lines = tuple(cable.text for cable in cables)
+        yield Page("Cables", note, picture, lines=lines, cables=cables)
 
 
 def _at_rest(parts: Iterable[Placed]) -> list[Shown]:
@@ -161,10 +164,10 @@ def _fitted(
     """A picture that fits into a width and height, at most so many times as large as the parts."""
     width, height = extent(shown, view)
     room = min(inches[0] / width, inches[1] / height) * DPI * OVERSAMPLING
-    zoom = next(
-        (scale for scale in _SCALES if scale <= min(room, largest * _LIFE_SIZE * 1.001)),
-        _SCALES[-1],
-    )
+    # A little more than the largest, so that rounding does not lose the scale that equals it.
+    limit = min(room, largest * _LIFE_SIZE * 1.001)
+    fitting = [scale for scale in _SCALES if scale <= limit]
+    zoom = fitting[0] if fitting else _SCALES[-1]
     return studio.picture(shown, view, zoom)
 
 
@@ -182,14 +185,13 @@ def _step_page(plan: Plan, studio: Studio, step: Instruction, number: int) -> Pa
         text = parts[0].part.name if is_part else _title(str(kind[0]))
         bar = parts[0] if is_part and _modules(parts[0]) else None
         items.append(Item(_part_picture(studio, parts, (1.5, 0.62)), len(group), text, bar))
+    # What stands below the picture takes room from it: bars in life size, and a note.
     bars = sum(item.bar is not None for item in items)
-    inches = (5.7, 4.7 - 0.36 * bars - (0.25 if step.note else 0.0))
-    picture = _fitted(studio, step.scene.shown, step.scene.view, inches)
-    inset = (
-        None
-        if step.inset is None
-        else _fitted(studio, step.inset.shown, step.inset.view, (1.7, 1.5))
-    )
+    height = 4.7 - 0.36 * bars - (0.25 if step.note else 0.0)
+    picture = _fitted(studio, step.scene.shown, step.scene.view, (5.7, height))
+    inset = None
+    if step.inset is not None:
+        inset = _fitted(studio, step.inset.shown, step.inset.view, (1.7, 1.5))
     return Page(str(number), step.note, picture, tuple(items), step, inset)
 
 
@@ -202,8 +204,11 @@ def _modules(placed: Placed) -> int:
     """Length of an axle or a straight beam in modules, else 0."""
     low, high = placed.part.bounds
     sizes = sorted(high - low)
+    if placed.part.length:
+        return placed.part.length
+    # A module is 20 LDU: what is wider than one is bent.
     is_straight = placed.part.family == "beams" and sizes[1] < 21.0
-    return placed.part.length or (round(float(sizes[2]) / 20) if is_straight else 0)
+    return round(float(sizes[2]) / 20) if is_straight else 0
 
 
 def _cables(plan: Plan) -> tuple[Cable, ...]:
@@ -211,9 +216,8 @@ def _cables(plan: Plan) -> tuple[Cable, ...]:
     hubs = plan.devices(DeviceKind.HUB)
     positions = dict(hubs[0].electric.ports) if hubs else {}
     cables = []
-    for placed in sorted(
-        plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR), key=lambda placed: placed.port or ""
-    ):
+    devices = plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
+    for placed in sorted(devices, key=lambda placed: placed.port or ""):
         if placed.port is None or placed.port not in positions:
             continue
         device = placed.electric
@@ -237,6 +241,7 @@ def _pdf(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
     from matplotlib.backends.backend_pdf import PdfPages
 
     buffer = io.BytesIO()
+    # Without a date, so that the same plan makes the same bytes.
     metadata = {"Title": plan.title, "Creator": "BricksRL", "CreationDate": None}
     with rc_context({"text.parse_math": False}), PdfPages(buffer, metadata=metadata) as pdf:
         for number, page in enumerate(pages, 1):
@@ -255,20 +260,15 @@ def _html(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
         png = io.BytesIO()
         with rc_context({"text.parse_math": False}):
             _figure(page, number).savefig(buffer, format="png", dpi=_HTML_DPI)
-        Image.open(buffer).convert("RGB").quantize(2 * _COLOURS, dither=Image.Dither.NONE).save(
-            png, format="png", optimize=True
-        )
-        texts = [
-            page.head,
-            *(f"{item.count} x {item.text}" for item in page.items),
-            *page.lines,
-            page.note,
-        ]
+        # Few colours are a third of the bytes.
+        image = Image.open(buffer).convert("RGB")
+        image = image.quantize(2 * _COLOURS, dither=Image.Dither.NONE)
+        image.save(png, format="png", optimize=True)
+        item_texts = [f"{item.count} x {item.text}" for item in page.items]
+        texts = [page.head, *item_texts, *page.lines, page.note]
+        description = html.escape(". ".join(text for text in texts if text))
         source = f"data:image/png;base64,{base64.b64encode(png.getvalue()).decode()}"
-        body.append(
-            f'<section><img alt="{html.escape(". ".join(filter(None, texts)))}" '
-            f'src="{source}"></section>'
-        )
+        body.append(f'<section><img alt="{description}" src="{source}"></section>')
     style = (
         "body{margin:auto;max-width:80em}section{break-after:page;border-bottom:1px solid "
         "#ccc}img{width:100%}"
@@ -289,9 +289,9 @@ def _figure(page: Page, number: int) -> Figure:
     paper = _SUB_ASSEMBLY if step is not None and step.assembly else _PAPER
     if step is not None and step.assembly:
         _box(figure, (0.12, 0.12, _WIDTH - 0.24, _HEIGHT - 0.24), paper, "#b08900")
-        title = _title(step.assembly[-1].rpartition(":")[0]) + (
-            f"  ·  build it {step.times} times" if step.times > 1 else ""
-        )
+        title = _title(step.assembly[-1].rpartition(":")[0])
+        if step.times > 1:
+            title += f"  ·  build it {step.times} times"
         _text(figure, 2.35, _HEIGHT - 0.38, title, 12, weight="bold")
     _text(figure, 0.32, _HEIGHT - 0.48, page.head, 30 if step else 22, weight="bold")
     _text(figure, _WIDTH - 0.28, 0.3, f"{number}", 8, ha="right", color="0.45")
@@ -308,9 +308,8 @@ def _figure(page: Page, number: int) -> Figure:
         _scene(figure, page, step, floor, paper)
     if page.picture is not None and step is None:
         floor = 0.55 + 0.22 * len(page.lines)
-        corner = _put(
-            figure, page.picture, None, _PAPER, (_WIDTH / 2, floor + (_HEIGHT - 0.75 - floor) / 2)
-        )
+        middle = (_WIDTH / 2, floor + (_HEIGHT - 0.75 - floor) / 2)
+        corner = _put(figure, page.picture, None, _PAPER, middle)
         _compass(figure, page.picture.view, (_WIDTH - 0.85, floor + 0.3))
         for row, line in enumerate(reversed(page.lines)):
             _text(figure, 0.4, 0.6 + 0.22 * row, line, 9)
@@ -330,16 +329,12 @@ def _scene(
     _arrows(figure, page.picture, corner, step.scene)
     if page.inset is not None and step.inset is not None:
         width, height = (side / DPI for side in page.inset.size)
-        place = (_WIDTH - 0.45 - width, floor + 0.15)
-        _box(figure, (place[0] - 0.1, place[1] - 0.1, width + 0.2, height + 0.2), _PAPER, "0.35")
-        inner = _put(
-            figure,
-            page.inset,
-            set(step.inset.bright),
-            _PAPER,
-            (place[0] + width / 2, place[1] + height / 2),
-        )
-        _arrows(figure, page.inset, inner, step.inset)
+        left = _WIDTH - 0.45 - width
+        bottom = floor + 0.15
+        _box(figure, (left - 0.1, bottom - 0.1, width + 0.2, height + 0.2), _PAPER, "0.35")
+        middle = (left + width / 2, bottom + height / 2)
+        inset_corner = _put(figure, page.inset, set(step.inset.bright), _PAPER, middle)
+        _arrows(figure, page.inset, inset_corner, step.inset)
     _compass(figure, step.scene.view, (_WIDTH - 0.85, _HEIGHT - 0.5))
     if step.is_turned:
         _turn_mark(figure, step.scene.view, (_WIDTH - 2.7, _HEIGHT - 0.36))
@@ -403,6 +398,7 @@ def _arrow(
     """An arrow between points in inches."""
     from matplotlib.patches import FancyArrowPatch
 
+    # A wider white one below it keeps it apart from the parts behind it.
     for edge, line in (("white", width + 1.6), (colour, width)):
         patch = FancyArrowPatch(
             start,
@@ -430,9 +426,9 @@ def _put(
     width, height = (side / DPI for side in picture.size)
     left = middle[0] - width / 2
     top = middle[1] + height / 2
-    axes = figure.add_axes(
-        (left / _WIDTH, (top - height) / _HEIGHT, width / _WIDTH, height / _HEIGHT)
-    )
+    # Matplotlib counts in shares of the page, from its lower left corner.
+    bottom = top - height
+    axes = figure.add_axes((left / _WIDTH, bottom / _HEIGHT, width / _WIDTH, height / _HEIGHT))
     axes.set_zorder(len(figure.get_children()))
     axes.imshow(_indexed(picture.pixels(bright, paper), paper), interpolation="none", aspect="auto")
     axes.set_axis_off()
@@ -441,9 +437,9 @@ def _put(
 
 def _indexed(pixels: Pixels, paper: tuple[float, float, float]) -> Pixels:
     """A picture with few colours, a third of the bytes; the paper keeps its own."""
-    few = np.asarray(
-        Image.fromarray(pixels).quantize(_COLOURS, dither=Image.Dither.NONE).convert("RGB")
-    ).copy()
+    image = Image.fromarray(pixels).quantize(_COLOURS, dither=Image.Dither.NONE)
+    few = np.asarray(image.convert("RGB")).copy()
+    # Else the edge of the picture would be seen on the page.
     blank = np.round(np.array(paper) * 255).astype(np.uint8)
     few[(pixels == blank).all(axis=-1)] = blank
     return few

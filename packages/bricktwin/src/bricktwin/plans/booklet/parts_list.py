@@ -47,20 +47,16 @@ def parts_list(plan: Plan) -> list[Entry]:
     """The parts of a plan by family, highest count first."""
     counts = Counter((placed.part, placed.colour) for placed in plan.parts)
     entries = [Entry(part, colour_of(code), count) for (part, code), count in counts.items()]
-    families = list(
-        dict.fromkeys(
-            entry.part.family for entry in sorted(entries, key=lambda entry: -entry.mass_g)
-        )
-    )
-    entries.sort(
-        key=lambda entry: (
-            families.index(entry.part.family),
-            -entry.count,
-            entry.part.name,
-            entry.colour.code,
-        )
-    )
-    return entries
+    # The family of the heaviest entry comes first.
+    heaviest_first = sorted(entries, key=lambda entry: -entry.mass_g)
+    families = list(dict.fromkeys(entry.part.family for entry in heaviest_first))
+
+    def order(entry: Entry) -> tuple[int, int, str, int]:
+        # Name and colour tell apart what is there equally often.
+        family = families.index(entry.part.family)
+        return family, -entry.count, entry.part.name, entry.colour.code
+
+    return sorted(entries, key=order)
 
 
 def as_text(entries: list[Entry], kind: str) -> str:
@@ -158,14 +154,16 @@ class Purchase:
         names = " and ".join(f"{lego_set.number} {lego_set.name}" for lego_set in self.sets)
         needed = self.present + self.missing.total() + self.uncompared.total()
         text = f"{names}: {self.present} of {needed} parts"
-        text += f"; {self.uncompared.total()} not compared" if self.uncompared else ""
-        unknown = sorted(
-            kind
-            for kind in self.uncompared
-            if kind not in _devices() and catalogue.find(kind) is None
-        )
-        text += f" (not in the catalogue: {', '.join(unknown)})" if unknown else ""
-        return text + (f"; add {_listing(self.missing)}" if self.missing else "")
+        if self.uncompared:
+            text += f"; {self.uncompared.total()} not compared"
+        # Devices go by their names, which the catalogue does not find.
+        others = [kind for kind in self.uncompared if kind not in _devices()]
+        unknown = sorted(kind for kind in others if catalogue.find(kind) is None)
+        if unknown:
+            text += f" (not in the catalogue: {', '.join(unknown)})"
+        if self.missing:
+            text += f"; add {_listing(self.missing)}"
+        return text
 
 
 @functools.cache
@@ -185,11 +183,10 @@ def sets() -> tuple[LegoSet, ...]:
 def needs(plan: Plan) -> Counter[str]:
     """Count of the plan's parts: devices by their name in ``bricktwin.robots``, others by number,
     with equal parts as one."""
-    numbers = [
-        number
-        for placed in plan.parts
-        for number in components().get(placed.part.number, (placed.part.number,))
-    ]
+    # A part that may be drawn as its pieces counts as these.
+    numbers: list[str] = []
+    for placed in plan.parts:
+        numbers += components().get(placed.part.number, (placed.part.number,))
     return Counter(_key(catalogue.get(number)) for number in numbers)
 
 
@@ -201,10 +198,15 @@ def purchases(plan: Plan) -> list[Purchase]:
     hubs = {name for name, part in _devices().items() if part.family == "hubs"}
     extras = [lego_set for lego_set in sets() if not hubs & set(lego_set.parts)]
     result = []
-    for base in (lego_set for lego_set in sets() if hubs & set(lego_set.parts) & set(needed)):
+    for base in sets():
+        has_hub = bool(hubs & set(base.parts) & set(needed))
+        if not has_hub:
+            continue
         alone = _purchase((base,), needed, unknown)
+        result.append(alone)
+        # What a set without a full inventory lacks, nobody knows.
         pairs = [_purchase((base, extra), needed, unknown) for extra in extras if base.is_listed]
-        result += [alone, *(pair for pair in pairs if pair.present > alone.present)]
+        result += [pair for pair in pairs if pair.present > alone.present]
     return sorted(result, key=lambda purchase: (-purchase.present, len(purchase.sets)))
 
 
@@ -227,13 +229,12 @@ def still_needed(entries: Iterable[Entry], missing: Counter[str]) -> list[Entry]
     left = Counter(missing)
     result = []
     for entry in entries:
-        keys = [
-            _key(catalogue.get(number))
-            for number in components().get(entry.part.number, (entry.part.number,))
-        ]
+        numbers = components().get(entry.part.number, (entry.part.number,))
+        keys = [_key(catalogue.get(number)) for number in numbers]
         count = min(entry.count, max(left[key] for key in keys))
         left -= Counter(dict.fromkeys(keys, count))
-        result += [replace(entry, count=count)] if count else []
+        if count:
+            result.append(replace(entry, count=count))
     return result
 
 
@@ -250,9 +251,9 @@ def _purchase(
 
 
 def _key(part: Part) -> str:
-    return (
-        part.device.name if part.device is not None else _REPLACEMENTS.get(part.number, part.number)
-    )
+    if part.device is not None:
+        return part.device.name
+    return _REPLACEMENTS.get(part.number, part.number)
 
 
 @functools.cache
@@ -265,13 +266,15 @@ def _listing(parts: Counter[str]) -> str:
     kinds = sorted(parts, key=lambda part: (part not in _devices(), -parts[part], part))
     text = ", ".join(f"{parts[kind]} x {_named(kind)}" for kind in kinds[:_MAX_LISTED])
     others = kinds[_MAX_LISTED:]
-    return (
-        f"{text} and {sum(parts[kind] for kind in others)} more of other kinds" if others else text
-    )
+    if not others:
+        return text
+    count = sum(parts[kind] for kind in others)
+    return f"{text} and {count} more of other kinds"
 
 
 def _named(kind: str) -> str:
     if kind in _devices():
         part = _devices()[kind]
-        return f"{part.name} ({(part.device and part.device.sold_as) or 'not sold singly'})"
+        number = part.device.sold_as if part.device is not None else ""
+        return f"{part.name} ({number or 'not sold singly'})"
     return f"{catalogue.get(kind).name} ({kind})"

@@ -29,22 +29,35 @@ OVERSAMPLING = 2
 _LIGHT = np.array([-0.42, -0.72, -0.55]) / np.linalg.norm([-0.42, -0.72, -0.55])
 """Direction of the light: right, down, away from the viewer."""
 _AMBIENT = 0.66
+"""Brightness in the shade."""
 _DIFFUSE = 0.40
+"""What the light adds to it where it falls straight on a surface."""
+_DARKEST_SIDE = -0.4
+"""Cosine below which a surface that is turned away from the light gets no darker."""
 _HOLLOW = 0.80
-"""Brightness in the shade, what the light adds, and the share that is left in holes."""
+"""Share of the brightness that is left in holes."""
 _EPSILON = 0.02
+"""LDU: what is thinner along a ray is nothing, or rounding would leave films of material."""
 _FOLD = 0.80
+"""Cosine of the smallest angle of a fold that is drawn as a line."""
 _JUMP = 5.0
-"""Cosine of the smallest angle of a fold, and smallest jump in depth, that are drawn as a line."""
+"""Smallest jump in depth that is drawn as a line, LDU."""
 _FADED = 0.52
+"""Share of a faded part's colour that is replaced."""
 _FADE_TO = 0.95
+"""The grey that replaces it."""
 _FADED_EDGE = 0.50
+"""Brightness of a faded part's lines."""
 _DARKEST = 0.12
+"""Smallest component of a colour: shade must be seen on black too."""
 _BLACK = 0.25
+"""A part whose components are all below this has light lines."""
 _EDGE = 0.10
+"""Brightness of the lines of a part in full colour."""
 _LIGHT_EDGE = 0.50
-"""Smallest component of a colour; below ``_BLACK``, lines are light."""
+"""The same of a black one."""
 _MAX_PASSES = 12
+"""How often a ray may leave one cut and find itself in another."""
 _MAX_POINTS = 25_000_000
 """Points of the sprites that are kept, ten bytes each."""
 _Window = tuple[slice, slice]
@@ -68,9 +81,11 @@ class View:
         """Rows right, down, away from the viewer [3, 3], in the plan's frame."""
         turn = math.radians(self.turn_deg)
         tilt = math.radians(self.tilt_deg)
-        away = -np.array(
-            [-math.sin(turn) * math.cos(tilt), -math.sin(tilt), math.cos(turn) * math.cos(tilt)]
-        )
+        # The plan's y points down: what is seen from above looks along +y.
+        x = -math.sin(turn) * math.cos(tilt)
+        y = -math.sin(tilt)
+        z = math.cos(turn) * math.cos(tilt)
+        away = -np.array([x, y, z])
         right = np.cross([0.0, 1.0, 0.0], away)
         right /= np.linalg.norm(right)
         return np.stack([right, np.cross(away, right), away])
@@ -122,26 +137,32 @@ class _Rays(NamedTuple):
 
     def spans(self, solid: Solid) -> list[_Spans]:
         """Where they are in a solid: for a ring, before and behind its bore."""
+        # Single precision, as there are millions of rays and a picture has 8 bits.
         frame = np.array(solid.axes, dtype=np.float32)
-        turned = frame @ self.axes.T.astype(np.float32)
         centre = frame @ np.array(solid.centre, dtype=np.float32)
+        # In the solid's frame a ray is `across` [h, w], one for each axis, plus its depth times
+        # `along` [3].
+        turned = frame @ self.axes.T.astype(np.float32)
         across = [
             row[0] * self.x + row[1] * self.y[:, None] - middle
             for row, middle in zip(turned, centre, strict=True)
         ]
         along = turned[:, 2]
         if solid.form is Form.BOX:
-            return [_common(*(_slab(across[k], along[k], solid.half[k]) for k in range(3)))]
+            slabs = [_slab(across[axis], along[axis], solid.half[axis]) for axis in range(3)]
+            return [_common(*slabs)]
         if solid.form is Form.BALL:
             return [_round(across, along, solid.half[0])]
         ends = _slab(across[2], along[2], solid.half[2])
         outer = _common(_round(across[:2], along[:2], solid.half[0]), ends)
         if solid.form is Form.CYLINDER:
             return [outer]
-        inner = _common(_round(across[:2], along[:2], solid.half[1]), ends)
-        is_bored = inner.enter < inner.leave
-        near = _Spans(outer.enter, np.where(is_bored, inner.enter, outer.leave))
-        return [near, _Spans(np.where(is_bored, inner.leave, np.inf), outer.leave)]
+        # A ring is not convex: a ray through its bore is in its wall twice.
+        bore = _common(_round(across[:2], along[:2], solid.half[1]), ends)
+        is_bored = bore.enter < bore.leave
+        before_bore = _Spans(outer.enter, np.where(is_bored, bore.enter, outer.leave))
+        behind_bore = _Spans(np.where(is_bored, bore.leave, np.inf), outer.leave)
+        return [before_bore, behind_bore]
 
 
 def _common(first: _Spans, *others: _Spans) -> _Spans:
@@ -153,10 +174,17 @@ def _common(first: _Spans, *others: _Spans) -> _Spans:
     return _Spans(enter, leave)
 
 
+def _everywhere(is_inside: Bools) -> _Spans:
+    """Rays that never leave where they are: inside a solid, or outside of it."""
+    enter = np.where(is_inside, -np.inf, np.inf)
+    leave = np.where(is_inside, np.inf, -np.inf)
+    return _Spans(enter, leave)
+
+
 def _slab(across: Reals, along: float, half: float) -> _Spans:
+    """Where rays are between two parallel planes."""
     if abs(along) < 1e-7:
-        inside = np.abs(across) < half
-        return _Spans(np.where(inside, -np.inf, np.inf), np.where(inside, np.inf, -np.inf))
+        return _everywhere(np.abs(across) < half)
     middle = across / -along
     reach = half / abs(along)
     return _Spans(middle - reach, middle + reach)
@@ -164,18 +192,50 @@ def _slab(across: Reals, along: float, half: float) -> _Spans:
 
 def _round(across: Sequence[Reals], along: Reals, radius: float) -> _Spans:
     """Where rays are in a ball (three coordinates) or an endless cylinder (two)."""
+    # |across + depth * along|^2 = radius^2, a quadratic equation for the depth.
     square = float(along @ along)
-    distance = sum(value * value for value in across) - radius**2
+    constant = sum(value * value for value in across) - radius**2
     if square < 1e-12:
-        return _Spans(
-            np.where(distance < 0, -np.inf, np.inf), np.where(distance < 0, np.inf, -np.inf)
-        )
+        return _everywhere(np.asarray(constant < 0))
     middle = -sum(value * part for value, part in zip(across, along, strict=True)) / square
-    reach = middle**2 - distance / square
-    root = np.sqrt(np.maximum(reach, 0.0))
-    return _Spans(
-        np.where(reach > 0, middle - root, np.inf), np.where(reach > 0, middle + root, -np.inf)
-    )
+    discriminant = middle**2 - constant / square
+    root = np.sqrt(np.maximum(discriminant, 0.0))
+    is_hit = discriminant > 0
+    enter = np.where(is_hit, middle - root, np.inf)
+    leave = np.where(is_hit, middle + root, -np.inf)
+    return _Spans(enter, leave)
+
+
+class _Box(NamedTuple):
+    """Columns and rows: the first ones, and the ones after the last."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    def window(self, left: int, top: int) -> _Window:
+        """Its rows and columns in an array that begins at another column and row."""
+        rows = slice(self.top - top, self.bottom - top)
+        columns = slice(self.left - left, self.right - left)
+        return rows, columns
+
+
+class _Source(NamedTuple):
+    """What a ray meets: a solid, its material, and whether the ray comes out of it: it is cut out
+    of what is seen."""
+
+    solid: Solid
+    tint: Tint
+    is_cut: bool
+
+
+class _Cut(NamedTuple):
+    """Where rays are in a cut, in a window of the rays of the piece."""
+
+    solid: Solid
+    window: _Window
+    spans: _Spans
 
 
 def sprite_of(part: Part, axes: Reals, zoom: float) -> Sprite:
@@ -183,64 +243,76 @@ def sprite_of(part: Part, axes: Reals, zoom: float) -> Sprite:
     LDU."""
     look = look_of(part)
     boxes = [_pixel_box(piece.solid, axes, zoom) for piece in look]
-    left = min(box[0] for box in boxes)
-    top = min(box[1] for box in boxes)
-    shape = (max(box[3] for box in boxes) - top, max(box[2] for box in boxes) - left)
-    depth = np.full(shape, np.inf, dtype=np.float32)
-    source = np.full(shape, -1, dtype=np.int32)
-    sources: list[tuple[Solid, Tint, bool]] = []
-    for piece, (x0, y0, x1, y1) in zip(look, boxes, strict=True):
-        window = (slice(y0 - top, y1 - top), slice(x0 - left, x1 - left))
-        cuts: list[tuple[Solid, _Window, _Spans]] = []
-        for cut in piece.cuts:
-            a0, b0, a1, b1 = _pixel_box(cut, axes, zoom)
-            a0 = max(a0, x0)
-            b0 = max(b0, y0)
-            a1 = min(a1, x1)
-            b1 = min(b1, y1)
-            if a0 < a1 and b0 < b1:
-                inner = (slice(b0 - y0, b1 - y0), slice(a0 - x0, a1 - x0))
-                cuts += [
-                    (cut, inner, spans) for spans in _rays(a0, b0, a1, b1, axes, zoom).spans(cut)
-                ]
-        for span in _rays(x0, y0, x1, y1, axes, zoom).spans(piece.solid):
-            at, cut_by = _first_material(span, [(inner, spans) for _, inner, spans in cuts])
+    left = min(box.left for box in boxes)
+    top = min(box.top for box in boxes)
+    height = max(box.bottom for box in boxes) - top
+    width = max(box.right for box in boxes) - left
+    # Of each ray: the depth of what it meets first, and which of the sources that is.
+    depth = np.full((height, width), np.inf, dtype=np.float32)
+    source = np.full((height, width), -1, dtype=np.int32)
+    sources: list[_Source] = []
+    for piece, box in zip(look, boxes, strict=True):
+        window = box.window(left, top)
+        cuts = _cuts_in(piece.cuts, box, axes, zoom)
+        for span in _rays(box, axes, zoom).spans(piece.solid):
+            at, cut_by = _first_material(span, cuts)
+            # Of two surfaces in one place, the piece that was drawn first is seen.
             is_nearer = at < depth[window] - 1e-3
             depth[window] = np.where(is_nearer, at, depth[window])
+            # The sources of a piece are its solid, and then its cuts: -1 is the solid.
             source[window] = np.where(is_nearer, len(sources) + cut_by + 1, source[window])
-        sources += [
-            (piece.solid, piece.tint, False),
-            *((cut, piece.tint, True) for cut, _, _ in cuts),
-        ]
+        sources.append(_Source(piece.solid, piece.tint, is_cut=False))
+        sources += [_Source(cut.solid, piece.tint, is_cut=True) for cut in cuts]
     return _shaded(left, top, depth, source, sources, axes, zoom)
 
 
-def _pixel_box(solid: Solid, axes: Reals, zoom: float) -> tuple[int, int, int, int]:
-    """First and last + 1 column and row of a solid: left, top, right, bottom."""
-    points = solid.corners() @ axes[:2].T * zoom
+def _cuts_in(cuts: Iterable[Solid], box: _Box, axes: Reals, zoom: float) -> list[_Cut]:
+    """The cuts that rays of a box may meet; one with a bore is two."""
+    found: list[_Cut] = []
+    for cut in cuts:
+        # Only the rays that the piece and the cut share are followed.
+        whole = _pixel_box(cut, axes, zoom)
+        shared = _Box(
+            max(whole.left, box.left),
+            max(whole.top, box.top),
+            min(whole.right, box.right),
+            min(whole.bottom, box.bottom),
+        )
+        if shared.left >= shared.right or shared.top >= shared.bottom:
+            continue
+        window = shared.window(box.left, box.top)
+        found += [_Cut(cut, window, spans) for spans in _rays(shared, axes, zoom).spans(cut)]
+    return found
+
+
+def _pixel_box(solid: Solid, axes: Reals, zoom: float) -> _Box:
+    """The columns and rows of a solid, at least one of each."""
+    points = solid.corners() @ axes[:2].T * zoom  # [8, 2]
     left, top = np.floor(points.min(axis=0)).astype(int).tolist()
     right, bottom = np.ceil(points.max(axis=0)).astype(int).tolist()
-    return left, top, max(right, left + 1), max(bottom, top + 1)
+    return _Box(left, top, max(right, left + 1), max(bottom, top + 1))
 
 
-def _rays(left: int, top: int, right: int, bottom: int, axes: Reals, zoom: float) -> _Rays:
-    """The rays through these columns and rows."""
-    return _Rays(
-        (np.arange(left, right, dtype=np.float32) + 0.5) / zoom,
-        (np.arange(top, bottom) + np.float32(0.5)) / zoom,
-        axes,
-    )
+def _rays(box: _Box, axes: Reals, zoom: float) -> _Rays:
+    """The rays through the middles of these columns and rows."""
+    x = (np.arange(box.left, box.right, dtype=np.float32) + 0.5) / zoom
+    y = (np.arange(box.top, box.bottom) + np.float32(0.5)) / zoom
+    return _Rays(x, y, axes)
 
 
-def _first_material(span: _Spans, cuts: Sequence[tuple[_Window, _Spans]]) -> tuple[Reals, Ints]:
+def _first_material(span: _Spans, cuts: Sequence[_Cut]) -> tuple[Reals, Ints]:
     """Where rays meet the material of a solid (infinite if nowhere), and the index of the cut that
-    they come out of, -1 for none. Each cut has the window of the rays that may meet it."""
+    they come out of, -1 for none."""
     at = span.enter.copy()
     cut_by = np.full(span.enter.shape, -1)
+    # Cuts overlap, as a bore and its recesses do: behind one, a ray may be in another that came
+    # before it in the list.
     for _ in range(_MAX_PASSES if cuts else 0):
         has_moved = False
-        for number, (window, cut) in enumerate(cuts):
-            is_empty = (cut.enter <= at[window] + _EPSILON) & (at[window] < cut.leave - _EPSILON)
+        for number, (_, window, cut) in enumerate(cuts):
+            is_after_start = cut.enter <= at[window] + _EPSILON
+            is_before_end = at[window] < cut.leave - _EPSILON
+            is_empty = is_after_start & is_before_end
             if is_empty.any():
                 at[window][is_empty] = cut.leave[is_empty]
                 cut_by[window][is_empty] = number
@@ -255,41 +327,47 @@ def _shaded(
     top: int,
     depth: Reals,
     source: Ints,
-    sources: Sequence[tuple[Solid, Tint, bool]],
+    sources: Sequence[_Source],
     axes: Reals,
     zoom: float,
 ) -> Sprite:
-    """The sprite of rays that meet these sources: solids, their material, and whether the rays come
-    out of them."""
+    """The sprite of rays that meet these sources."""
     normals = np.zeros((*depth.shape, 3), dtype=np.float32)
     tint = np.zeros(depth.shape, dtype=np.uint8)
     shade = np.ones(depth.shape, dtype=np.float32)
+    # All points are sorted by their source once, instead of searched for each of the sources.
     order = np.argsort(source, axis=None, kind="stable")
     bounds = np.searchsorted(source.ravel()[order], np.arange(len(sources) + 1))
     for number, (solid, material, is_cut) in enumerate(sources):
-        rows, columns = np.unravel_index(order[bounds[number] : bounds[number + 1]], depth.shape)
-        if len(rows):
-            seen = np.column_stack(
-                [(columns + left + 0.5) / zoom, (rows + top + 0.5) / zoom, depth[rows, columns]]
-            )
-            outward = (
-                solid.normals(np.asarray(seen @ axes, dtype=float))
-                @ axes.T
-                * (-1.0 if is_cut else 1.0)
-            )
-            normals[rows, columns] = outward
-            tint[rows, columns] = material
-            shade[rows, columns] = (_AMBIENT + _DIFFUSE * np.maximum(outward @ _LIGHT, -0.4)) * (
-                _HOLLOW if is_cut else 1.0
-            )
+        points = order[bounds[number] : bounds[number + 1]]
+        rows, columns = np.unravel_index(points, depth.shape)
+        if not len(rows):
+            continue
+        x = (columns + left + 0.5) / zoom
+        y = (rows + top + 0.5) / zoom
+        in_view = np.column_stack([x, y, depth[rows, columns]])
+        in_part = np.asarray(in_view @ axes, dtype=float)
+        # The surface of a hole looks into it.
+        outward = solid.normals(in_part) @ axes.T * (-1.0 if is_cut else 1.0)
+        normals[rows, columns] = outward
+        tint[rows, columns] = material
+        brightness = _AMBIENT + _DIFFUSE * np.maximum(outward @ _LIGHT, _DARKEST_SIDE)
+        shade[rows, columns] = brightness * (_HOLLOW if is_cut else 1.0)
+    is_edge = _edges(depth, normals)
+    return Sprite(left, top, depth, shade, tint, is_edge)
+
+
+def _edges(depth: Reals, normals: Reals) -> Bools:
+    """Whether a line is drawn at each point [h, w]: where the surface folds or jumps."""
     is_edge = np.zeros(depth.shape, dtype=bool)
     for first, second in _neighbours():
         is_both = np.isfinite(depth[first]) & np.isfinite(depth[second])
+        # Where the part is at neither of them, one infinity is subtracted from another.
         with np.errstate(invalid="ignore"):
             jumps = np.abs(depth[first] - depth[second]) > _JUMP
         folds = np.einsum("ijk,ijk->ij", normals[first], normals[second]) < _FOLD
         is_edge[first] |= is_both & (jumps | folds)
-    return Sprite(left, top, depth, shade, tint, is_edge)
+    return is_edge
 
 
 def _neighbours() -> Iterator[tuple[_Window, _Window]]:
@@ -340,59 +418,82 @@ class Picture:
         """Share of some parts, as one thing, that the others do not hide: the largest number is
         that of the parts alone."""
         parts = list(group)
-        return float(
-            np.isin(self.owner, parts).sum() / max(sum(self.alone[part] for part in parts), 1)
-        )
+        shown = np.isin(self.owner, parts).sum()
+        alone = sum(self.alone[part] for part in parts)
+        return float(shown / max(alone, 1))
 
     def pixel_of(self, point: Floats) -> tuple[float, float]:
         """Column and row, in pixels, of a point [3] of the plan."""
-        x, y = (self.view.axes[:2] @ point) * self.zoom - np.array([self.left, self.top])
+        in_view = self.view.axes[:2] @ point
+        x, y = in_view * self.zoom - np.array([self.left, self.top])
         return float(x / OVERSAMPLING), float(y / OVERSAMPLING)
 
     def hides(self, point: Floats) -> bool:
         """Whether a part is in front of a point [3] of the plan."""
         x, y = (round(value * OVERSAMPLING) for value in self.pixel_of(point))
-        inside = 0 <= x < self.depth.shape[1] and 0 <= y < self.depth.shape[0]
-        return inside and bool(self.depth[y, x] < self.view.axes[2] @ point - _JUMP)
+        height, width = self.depth.shape
+        if not (0 <= x < width and 0 <= y < height):
+            return False
+        # A point on a part's surface is not hidden by that part: it must be clearly in front.
+        return bool(self.depth[y, x] < self.view.axes[2] @ point - _JUMP)
 
     def pixels(self, bright: set[int] | None, paper: tuple[float, float, float]) -> Pixels:
         """The picture [h, w, 3] on paper of a colour; ``bright``: parts in full colour, the others
         fade; ``None`` fades none."""
-        count = max(self.colours, default=0) + 2  # the last is no part
-        tones, white = np.zeros((2, count, len(Tint), 3), dtype=np.float32)
-        line, light = np.full((2, count), _FADED_EDGE, dtype=np.float32)
-        for part, code in self.colours.items():
-            tones[part] = [
-                TINTS.get(tint, np.maximum(colour_of(code).rgb, _DARKEST)) for tint in Tint
-            ]
-            if bright is None or part in bright:
-                line[part], light[part] = (
-                    _EDGE,
-                    _LIGHT_EDGE if tones[part, 0].max() < _BLACK else _EDGE,
-                )
-            else:
-                tones[part] = (1 - _FADED) * tones[part]
-                white[part] = _FADED * _FADE_TO
-        white[-1] = paper
-        line[-1] = 1.0
-        image = np.minimum(
-            white[self.owner, self.tint] + tones[self.owner, self.tint] * self.shade[..., None], 1.0
-        )
-        image[self.edge] = light[self.owner[self.edge], None]
-        for first, second in _neighbours():  # a line around a bright part is dark
-            rows, columns = np.nonzero(self.owner[first] != self.owner[second])
-            dark = np.minimum(
-                line[self.owner[first][rows, columns]], line[self.owner[second][rows, columns]]
-            )[:, None]
-            image[first][rows, columns] = np.minimum(image[first][rows, columns], dark)
-            image[second][rows, columns] = np.minimum(image[second][rows, columns], dark)
+        image = self._painted(bright, paper)
+        # The mean of the rays of a pixel, rounded.
         parts = [
             image[row::OVERSAMPLING, column::OVERSAMPLING]
             for row, column in np.ndindex(OVERSAMPLING, OVERSAMPLING)
         ]
-        return np.asarray(
-            sum(parts) * np.float32(255 / len(parts)) + np.float32(0.5), dtype=np.uint8
-        )
+        mean = sum(parts) * np.float32(255 / len(parts))
+        return np.asarray(mean + np.float32(0.5), dtype=np.uint8)
+
+    def _painted(self, bright: set[int] | None, paper: tuple[float, float, float]) -> Reals:
+        """The colour of each ray [h, w, 3] in 0..1."""
+        # Tables by the index of a part; -1, the last row, is the paper. A colour is `white`, plus
+        # `tones` times the brightness.
+        count = max(self.colours, default=0) + 2
+        tones, white = np.zeros((2, count, len(Tint), 3), dtype=np.float32)
+        outline, inner_line = np.full((2, count), _FADED_EDGE, dtype=np.float32)
+        for part, code in self.colours.items():
+            main = np.maximum(colour_of(code).rgb, _DARKEST)
+            tones[part] = [TINTS.get(tint, main) for tint in Tint]
+            if bright is None or part in bright:
+                is_black = tones[part, 0].max() < _BLACK
+                outline[part] = _EDGE
+                inner_line[part] = _LIGHT_EDGE if is_black else _EDGE
+            else:
+                tones[part] = (1 - _FADED) * tones[part]
+                white[part] = _FADED * _FADE_TO
+        white[-1] = paper
+        outline[-1] = 1.0
+        lit = tones[self.owner, self.tint] * self.shade[..., None]
+        image = np.minimum(white[self.owner, self.tint] + lit, 1.0)
+        image[self.edge] = inner_line[self.owner[self.edge], None]
+        # Between two parts, on both sides, the line is that of the one with the darker lines: a
+        # bright part stands out from faded ones.
+        for first, second in _neighbours():
+            first_owner = self.owner[first]
+            second_owner = self.owner[second]
+            rows, columns = np.nonzero(first_owner != second_owner)
+            first_line = outline[first_owner[rows, columns]]
+            second_line = outline[second_owner[rows, columns]]
+            dark = np.minimum(first_line, second_line)[:, None]
+            # Both are views of one image.
+            for side in (image[first], image[second]):
+                side[rows, columns] = np.minimum(side[rows, columns], dark)
+        return np.asarray(image)
+
+
+class _Place(NamedTuple):
+    """A sprite in a picture: its first column and row, and how far away its origin is, LDU."""
+
+    placed: Placed
+    sprite: Sprite
+    left: int
+    top: int
+    away: float
 
 
 class Studio:
@@ -405,27 +506,24 @@ class Studio:
         self, shown: Sequence[Shown], view: View, zoom: float, *, margin: int = 4
     ) -> Picture:
         """A picture of parts, as large as they are with a margin (points)."""
-        axes = view.axes
-        places = []
-        for placed, shift in shown:
-            x, y, away = axes @ (placed.position + shift)
-            sprite = self._sprite(placed, axes @ placed.rotation, zoom)
-            places.append(
-                (placed, sprite, round(x * zoom) + sprite.left, round(y * zoom) + sprite.top, away)
-            )
-        left = min(place[2] for place in places) - margin
-        top = min(place[3] for place in places) - margin
-        width = max(x + sprite.depth.shape[1] for _, sprite, x, _, _ in places) + margin - left
-        height = max(y + sprite.depth.shape[0] for _, sprite, _, y, _ in places) + margin - top
-        width, height = (side + -side % OVERSAMPLING for side in (width, height))
+        places = [self._place(part, view.axes, zoom) for part in shown]
+        left = min(place.left for place in places) - margin
+        top = min(place.top for place in places) - margin
+        right = max(place.left + place.sprite.depth.shape[1] for place in places) + margin
+        bottom = max(place.top + place.sprite.depth.shape[0] for place in places) + margin
+        # Whole pixels.
+        width = _rounded_up(right - left, OVERSAMPLING)
+        height = _rounded_up(bottom - top, OVERSAMPLING)
         depth = np.full((height, width), np.inf, dtype=np.float32)
         owner = np.full((height, width), -1, dtype=np.int32)
         tint = np.zeros((height, width), dtype=np.uint8)
         shade = np.ones((height, width), dtype=np.float32)
         edge = np.zeros((height, width), dtype=bool)
-        for placed, sprite, x, y, away in places:
-            rows, columns = sprite.depth.shape
-            window = (slice(y - top, y - top + rows), slice(x - left, x - left + columns))
+        for placed, sprite, first_column, first_row, away in places:
+            row_count, column_count = sprite.depth.shape
+            y = first_row - top
+            x = first_column - left
+            window = (slice(y, y + row_count), slice(x, x + column_count))
             distance = sprite.depth + np.float32(away)
             is_nearer = distance < depth[window]
             depth[window][is_nearer] = distance[is_nearer]
@@ -433,28 +531,41 @@ class Studio:
             tint[window][is_nearer] = sprite.tint[is_nearer]
             shade[window][is_nearer] = sprite.shade[is_nearer]
             edge[window][is_nearer] = sprite.edge[is_nearer]
-        alone = {placed.index: sprite.count for placed, sprite, *_ in places}
-        colours = {placed.index: placed.colour for placed, *_ in places}
+        alone = {place.placed.index: place.sprite.count for place in places}
+        colours = {place.placed.index: place.placed.colour for place in places}
         return Picture(view, zoom, left, top, depth, owner, tint, shade, edge, alone, colours)
 
+    def _place(self, shown: Shown, axes: Floats, zoom: float) -> _Place:
+        placed, shift = shown
+        x, y, away = axes @ (placed.position + shift)
+        sprite = self._sprite(placed, axes @ placed.rotation, zoom)
+        left = round(x * zoom) + sprite.left
+        top = round(y * zoom) + sprite.top
+        return _Place(placed, sprite, left, top, away)
+
     def _sprite(self, placed: Placed, axes: Floats, zoom: float) -> Sprite:
+        # Rounded, as turned assemblies have axes that differ in their last digits.
         key = (placed.part.number, axes.round(4).tobytes(), zoom)
         if key not in self._sprites:
             sprite = sprite_of(placed.part, axes, zoom)
-            if (
-                sum(kept.depth.size for kept in self._sprites.values()) + sprite.depth.size
-                > _MAX_POINTS
-            ):
+            kept_points = sum(kept.depth.size for kept in self._sprites.values())
+            if kept_points + sprite.depth.size > _MAX_POINTS:
                 self._sprites.clear()
             self._sprites[key] = sprite
         return self._sprites[key]
 
 
+def _rounded_up(size: int, step: int) -> int:
+    return size + -size % step
+
+
 def extent(shown: Sequence[Shown], view: View) -> tuple[float, float]:
     """Width and height of parts in a view, LDU."""
-    boxes = [np.array(list(itertools.product(*np.stack(part.part.bounds).T))) for part, _ in shown]
-    points = np.concatenate(
-        [part.to_plan(box) + shift for (part, shift), box in zip(shown, boxes, strict=True)]
-    )
-    width, height = np.ptp(points @ view.axes[:2].T, axis=0)
+    corners = []
+    for placed, shift in shown:
+        low, high = placed.part.bounds
+        box = np.array(list(itertools.product(*np.stack([low, high]).T)))  # [8, 3]
+        corners.append(placed.to_plan(box) + shift)
+    points = np.concatenate(corners) @ view.axes[:2].T  # [n, 2]
+    width, height = np.ptp(points, axis=0)
     return float(width), float(height)

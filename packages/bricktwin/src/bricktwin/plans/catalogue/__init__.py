@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from brickhub.errors import UnknownNameError
 from brickhub.tables import read_table
 from bricktwin.plans.catalogue import part_notation
-from bricktwin.plans.geometry import Triple
+from bricktwin.plans.geometry import Solid, Triple
 from bricktwin.plans.part import Device, DeviceKind, MassSource, Part
 
 _PRINTED = re.compile(r"(\d+[a-z]??)(?:p|d|-)\w{1,8}")
@@ -35,7 +35,11 @@ def find(number: str) -> Part | None:
     not change the shape."""
     number = number.lower().removesuffix(".dat")
     plain = _PRINTED.fullmatch(number)
-    return _by_number().get(number) or (_by_number().get(plain[1]) if plain else None)
+    part = _by_number().get(number)
+    # The whole number first: a part of its own may have a number that looks like a print.
+    if part is None and plain is not None:
+        part = _by_number().get(plain[1])
+    return part
 
 
 def get(number: str) -> Part:
@@ -57,21 +61,25 @@ def _part(row: Mapping[str, str], electric: Mapping[str, str] | None) -> Part:
     else:
         sites = part_notation.sites(row["sites"])
         solids, notches = part_notation.solids(row["solids"] or "tubes", sites)
+    device = None
+    turning: tuple[Solid, ...] = ()
+    if electric is not None:
+        device = _device(electric)
+        turning, _ = part_notation.solids(electric["rotor_solids"])
+        sites = (*sites, *part_notation.sites(electric["rotor"], turns=True))
     return Part(
         row["number"],
         row["name"],
         row["family"],
-        sites
-        if electric is None
-        else (*sites, *part_notation.sites(electric["rotor"], turns=True)),
+        sites,
         solids,
         float(row["mass_g"]),
         MassSource[row["mass_source"].upper()],
         tuple(row["aliases"].split()),
-        () if electric is None else part_notation.solids(electric["rotor_solids"])[0],
+        turning,
         notches,
         part_notation.gears(row["gears"]),
-        None if electric is None else _device(electric),
+        device,
         int(row["length"] or 0),
         float(row["wheel_mm"] or 0.0),
         bool(row["is_loose"]),

@@ -52,11 +52,12 @@ _PIN_RADIUS = 6.0
 
 def points(text: str) -> list[Triple]:
     """Points of a text such as ``"0,0,-20 ±40,0,0..60"``."""
-    return [
-        (x, y, z)
-        for word in text.split()
-        for x, y, z in itertools.product(*map(_coordinates, word.split(",")))
-    ]
+    found: list[Triple] = []
+    for word in text.split():
+        # Each coordinate may be several: all of their combinations.
+        values = [_coordinates(coordinate) for coordinate in word.split(",")]
+        found += [(x, y, z) for x, y, z in itertools.product(*values)]
+    return found
 
 
 def point(text: str) -> Triple:
@@ -74,10 +75,12 @@ def _coordinates(text: str) -> list[float]:
             span = float(last) - float(first)
             stride = math.copysign(float(step or _MODULE), span)
             values += [start + stride * index for index in range(round(span / stride) + 1)]
+            continue
+        if first.startswith("±"):
+            size = float(first[1:])
+            values += [-size, size]
         else:
-            values += (
-                [-float(first[1:]), float(first[1:])] if first.startswith("±") else [float(first)]
-            )
+            values.append(float(first))
     return values
 
 
@@ -98,10 +101,12 @@ def sites(text: str, *, turns: bool = False) -> tuple[Site, ...]:
 
 def _tilted(vector: Triple, angle_deg: float) -> Triple:
     """A vector turned about x."""
+    if not angle_deg:
+        return vector
     x, y, z = vector
     sine = math.sin(math.radians(angle_deg))
     cosine = math.cos(math.radians(angle_deg))
-    return (x, y * cosine - z * sine, y * sine + z * cosine) if angle_deg else vector
+    return x, y * cosine - z * sine, y * sine + z * cosine
 
 
 def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
@@ -118,14 +123,14 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
             for start, end in itertools.pairwise(centres)
         ]
         for index, (kind, centre) in enumerate(zip(kinds, centres, strict=True)):
-            if kind != "-":
-                arm = np.array(centre) - np.array(
-                    centres[index - 1 if index else min(1, len(centres) - 1)]
-                )
-                arm /= max(float(np.linalg.norm(arm)), 1e-9)
-                found.setdefault(
-                    centre, Site(_FITS[kind], centre, axis, thickness, arm=triple(arm))
-                )
+            if kind == "-":
+                continue
+            # A cross lies along its beam: towards the hole before it, of the first one the next.
+            neighbour = index - 1 if index else min(1, len(centres) - 1)
+            arm = np.array(centre) - np.array(centres[neighbour])
+            arm /= max(float(np.linalg.norm(arm)), 1e-9)
+            hole = Site(_FITS[kind], centre, axis, thickness, arm=triple(arm))
+            found.setdefault(centre, hole)
     holes = tuple(found.values())
     return holes, (*bars, *_tubes(holes))
 
@@ -167,13 +172,12 @@ def _solids(words: list[str], part_sites: Iterable[Site]) -> Iterable[Solid]:
 
 def _tubes(part_sites: Iterable[Site]) -> list[Solid]:
     """A tube around each hole, a round bar for each pin and axle."""
-    return [
-        cylinder(
-            site.centre, site.axis, site.length, _PIN_RADIUS if site.fit.is_male else _WALL_RADIUS
-        )
-        for site in part_sites
-        if site.fit not in _WITHOUT_SOLIDS
-    ]
+    found = []
+    for site in part_sites:
+        if site.fit not in _WITHOUT_SOLIDS:
+            radius = _PIN_RADIUS if site.fit.is_male else _WALL_RADIUS
+            found.append(cylinder(site.centre, site.axis, site.length, radius))
+    return found
 
 
 def gears(text: str) -> tuple[Gear, ...]:
@@ -183,12 +187,12 @@ def gears(text: str) -> tuple[Gear, ...]:
         form, teeth, along, centre, *further = group.split()
         axis, width = _axis(along)
         gear = Gear(GearForm[form.upper()], int(teeth), point(centre), axis, width)
-        for name, _, value in (word.partition("=") for word in further):
-            gear = (
-                replace(gear, up=point(value))
-                if name == "up"
-                else replace(gear, set_back=float(value))
-            )
+        for word in further:
+            name, _, value = word.partition("=")
+            if name == "up":
+                gear = replace(gear, up=point(value))
+            else:
+                gear = replace(gear, set_back=float(value))
         found.append(gear)
     return tuple(found)
 

@@ -32,16 +32,22 @@ _PIN_RADIUS = 6.0
 _BORE_RADIUS = 4.0
 _COLLAR_RADIUS = 7.8
 _RECESS_RADIUS = 8.0
+"""The wider ends of a pin hole, into which a pin's collar goes."""
 _RECESS_DEPTH = 2.0
-"""The wider ends of a pin hole."""
 _BLADE = (6.0, 2.2)
+"""Half length and half width of an axle's blade."""
 _CROSS = (6.2, 2.4)
-"""Half length and half width of an axle's blade, and of the cross that it goes into."""
+"""The same of the cross that it goes into."""
 _TOOTH_HEIGHT = 2.2
+"""Height of teeth above the pitch circle."""
 _TOOTH_DEPTH = 2.8
-"""Height of teeth above the pitch circle, and below it."""
+"""The same below it."""
 _RUBBER = 0.4
 """Rings of a wheel that are wider than this share of its diameter are its tyre."""
+_MIN_TYRE_MM = 50.0
+"""Wheels up to this diameter are of one material."""
+_PLAIN_GEARS = (GearForm.RACK, GearForm.WORM)
+"""Gears whose teeth do not stand in a circle; they are drawn by their solids alone."""
 _CABLE_RADIUS = 5.0
 _CABLE_LENGTH = 14.0
 
@@ -83,37 +89,41 @@ class Piece:
 @functools.lru_cache(maxsize=1024)
 def look_of(part: Part) -> tuple[Piece, ...]:
     """The pieces of a part."""
-    own = _own_looks().get(part.number, ())
-    pieces = [*own] if any(piece.tint is Tint.MAIN for piece in own) else [*_solids(part), *own]
+    drawn = _drawn_looks().get(part.number, ())
+    # A drawing in the part's own colour stands for all of its solids; one in other colours only
+    # adds details to them.
+    is_whole = any(piece.tint is Tint.MAIN for piece in drawn)
+    pieces = [*drawn]
+    if not is_whole:
+        pieces = [*_solids(part), *drawn]
     pieces += [Piece(solid, Tint.TURNING) for solid in part.turning]
-    pieces += [
-        Piece(cylinder(site.centre, site.axis, site.length, _STUD_RADIUS))
-        for site in part.sites
-        if site.fit is Fit.STUD
-    ]
-    pieces += [
-        piece
-        for site in part.sites
-        if site.fit is Fit.AXLE
-        for piece in map(Piece, _cross(site, *_BLADE, site.length))
-    ]
-    pieces += [piece for site in part.sites if _is_pin(site) for piece in _pin(site)]
-    if part.gears and part.gears[0].form not in (GearForm.RACK, GearForm.WORM):
+    # The order is part of the drawing: of two surfaces in one place, the earlier one is seen.
+    for site in part.sites:
+        if site.fit is Fit.STUD:
+            pieces.append(Piece(cylinder(site.centre, site.axis, site.length, _STUD_RADIUS)))
+    for site in part.sites:
+        if site.fit is Fit.AXLE:
+            pieces += [Piece(blade) for blade in _cross(site, *_BLADE, site.length)]
+    for site in part.sites:
+        if _is_pin(site):
+            pieces += _pin(site)
+    if part.gears and part.gears[0].form not in _PLAIN_GEARS:
         pieces += [Piece(tooth) for tooth in _teeth(part)]
-    holes = [cut for site in part.holes for cut in _hole(site)]
-    cut = [
-        Piece(
-            piece.solid,
-            piece.tint,
-            (*piece.cuts, *(h for h in holes if solids_meet(piece.solid, h))),
-        )
-        for piece in pieces
-    ]
-    return (*cut, *_cable(part))
+    holes: list[Solid] = []
+    for site in part.holes:
+        holes += _hole(site)
+    bored = [_bored(piece, holes) for piece in pieces]
+    return (*bored, *_cable(part))
+
+
+def _bored(piece: Piece, holes: list[Solid]) -> Piece:
+    """A piece with the holes cut out of it that it has to do with: each cut costs rays."""
+    near = [hole for hole in holes if solids_meet(piece.solid, hole)]
+    return Piece(piece.solid, piece.tint, (*piece.cuts, *near))
 
 
 @functools.cache
-def _own_looks() -> dict[str, tuple[Piece, ...]]:
+def _drawn_looks() -> dict[str, tuple[Piece, ...]]:
     """Pieces of the parts that are in ``looks.csv``."""
     looks: dict[str, tuple[Piece, ...]] = {}
     for row in read_table("bricktwin.plans.catalogue", "looks"):
@@ -131,33 +141,35 @@ def _solids(part: Part) -> Iterator[Piece]:
     """The solids of the catalogue, without those of pins, axles and a gear's teeth, which have
     looks of their own."""
     bars = [
-        cylinder(s.centre, s.axis, s.length, _PIN_RADIUS)
-        for s in part.sites
-        if s.fit is Fit.AXLE or _is_pin(s)
+        cylinder(site.centre, site.axis, site.length, _PIN_RADIUS)
+        for site in part.sites
+        if site.fit is Fit.AXLE or _is_pin(site)
     ]
-    rubber = (
-        0.0
-        if part.family == "tyres"
-        else _RUBBER * part.wheel_mm / MM_PER_LDU
-        if part.wheel_mm > 50
-        else math.inf
-    )
+    rubber_radius = _rubber_radius(part)
     for number, solid in enumerate(part.solids):
         cuts = _cuts(number, part.notches)
-        if (
-            part.family == "gears"
-            and number == 0
-            and part.gears[0].form not in (GearForm.RACK, GearForm.WORM)
-        ):
+        # The first solid of a gear reaches to the tips of its teeth.
+        is_toothed = part.family == "gears" and number == 0
+        if is_toothed and part.gears[0].form not in _PLAIN_GEARS:
             root = min(solid.half[0], _root(part.gears[0]))
-            half = root, min(root, solid.half[1]), solid.half[2]
+            half = (root, min(root, solid.half[1]), solid.half[2])
             yield Piece(Solid(solid.form, solid.centre, half, solid.axes), Tint.MAIN, cuts)
         elif solid not in bars:
-            is_rubber = solid.form is Form.RING and solid.half[0] > rubber
+            is_rubber = solid.form is Form.RING and solid.half[0] > rubber_radius
             yield Piece(solid, Tint.DARK if is_rubber else Tint.MAIN, cuts)
 
 
+def _rubber_radius(part: Part) -> float:
+    """Outer radius from which the rings of a part are rubber, LDU."""
+    if part.family == "tyres":
+        return 0.0
+    if part.wheel_mm > _MIN_TYRE_MM:
+        return _RUBBER * part.wheel_mm / MM_PER_LDU
+    return math.inf
+
+
 def _cuts(number: int, notches: tuple[tuple[int, Solid], ...]) -> tuple[Solid, ...]:
+    # A notch is cut out of the solids that stand before it in its row.
     return tuple(notch for count, notch in notches if number < count)
 
 
@@ -185,14 +197,18 @@ def _hole(site: Site) -> list[Solid]:
     """The empty space of a hole."""
     if site.fit is Fit.AXLE_HOLE:
         return _cross(site, *_CROSS, site.length + 1.0)
-    through = cylinder(site.centre, site.axis, site.length + 1.0, HOLE_RADIUS)
+    # Longer than the hole, so that no film of material is left at its ends.
+    length = site.length + 1.0
+    bore = cylinder(site.centre, site.axis, length, HOLE_RADIUS)
     depth = _RECESS_DEPTH + 0.5
-    ends = (
-        [_along(site, side * (site.length + 1.0 - depth) / 2) for side in (-1, 1)]
-        if site.length > 3 * depth
-        else []
-    )
-    return [through, *(cylinder(end, site.axis, depth, _RECESS_RADIUS) for end in ends)]
+    # In a thin part the two recesses would leave nothing between them.
+    if site.length <= 3 * depth:
+        return [bore]
+    recesses = []
+    for side in (-1, 1):
+        end = _along(site, side * (length - depth) / 2)
+        recesses.append(cylinder(end, site.axis, depth, _RECESS_RADIUS))
+    return [bore, *recesses]
 
 
 def hole_ends(site: Site, offset: float) -> list[Solid]:
@@ -214,12 +230,20 @@ def _pin(site: Site) -> Iterator[Piece]:
     slits = tuple(
         Solid(Form.BOX, _along(site, side * half), (1.3, 9.0, 8.0), frame) for side in (-1, 1)
     )
-    yield Piece(
-        ring(site.centre, site.axis, site.length, _PIN_RADIUS, _BORE_RADIUS), Tint.MAIN, slits
-    )
-    collars = (0.0,) if site.length == 40 else (-10.0, 10.0) if site.length > 40 else ()
-    for offset in collars:
+    shaft = ring(site.centre, site.axis, site.length, _PIN_RADIUS, _BORE_RADIUS)
+    yield Piece(shaft, Tint.MAIN, slits)
+    for offset in _collars(site.length):
         yield Piece(ring(_along(site, offset), site.axis, 2.4, _COLLAR_RADIUS, _BORE_RADIUS))
+
+
+def _collars(length: float) -> tuple[float, ...]:
+    """Places of a pin's collars, LDU from its middle. A module is 20: a pin of two has one, a
+    longer one has two, and what is shorter has none."""
+    if length == 40:
+        return (0.0,)
+    if length > 40:
+        return (-10.0, 10.0)
+    return ()
 
 
 def _root(gear: Gear) -> float:
@@ -230,42 +254,47 @@ def _root(gear: Gear) -> float:
 def _teeth(part: Part) -> Iterator[Solid]:
     """The teeth of a gear, and the ring that they stand on."""
     gear = part.gears[0]
-    width = min(gear.width, 2 * part.solids[0].half[2]) if part.family == "gears" else gear.width
+    width = gear.width
+    if part.family == "gears":
+        width = min(gear.width, 2 * part.solids[0].half[2])
     root = _root(gear)
     tip = gear.pitch_radius + _TOOTH_HEIGHT
-    if gear.form is GearForm.CROWN:  # its teeth stand on the rim, along the axis
+    # The teeth of a crown gear stand on its rim, along the axis.
+    if gear.form is GearForm.CROWN:
         root = part.solids[0].half[0] - _TOOTH_HEIGHT - _TOOTH_DEPTH
         tip = part.solids[0].half[0]
+    # A gear's own solid ends below its teeth (`_solids`); parts of other families keep theirs.
     if part.family == "gears":
         yield ring(gear.centre, gear.axis, width, root, max(root - 4.0, 5.0))
     first, second, axis = (np.array(direction) for direction in frame_of(gear.axis))
+    # A tooth begins a little below its root, so that there is no gap to the ring.
+    half = ((tip - root + 1.0) / 2, 0.23 * 2 * math.pi * 1.25, width / 2)
     for tooth in range(gear.teeth):
         angle = 2 * math.pi * tooth / gear.teeth
         out = math.cos(angle) * first + math.sin(angle) * second
         centre = triple(np.array(gear.centre) + out * (root - 1.0 + tip) / 2)
-        size = ((tip - root + 1.0) / 2, 0.23 * 2 * math.pi * 1.25, width / 2)
-        yield Solid(
-            Form.BOX, centre, size, (triple(out), triple(np.cross(axis, out)), triple(axis))
-        )
+        axes = (triple(out), triple(np.cross(axis, out)), triple(axis))
+        yield Solid(Form.BOX, centre, half, axes)
 
 
 def _cable(part: Part) -> Iterator[Piece]:
     """The beginning of a device's cable, out of the side that its exit is nearest to."""
-    if part.device is not None and part.device.cable_mm > 0:
-        low, high = part.bounds
-        exits = (np.array(part.device.plug) - (low + high) / 2) / (high - low)
-        axis = int(np.argmax(np.abs(exits)))
-        direction = triple(np.sign(exits[axis]) * np.eye(3)[axis])
-        start = np.array(part.device.plug) + np.array(direction) * _CABLE_LENGTH / 2
-        yield Piece(cylinder(triple(start), direction, _CABLE_LENGTH, _CABLE_RADIUS), Tint.DARK)
+    if part.device is None or part.device.cable_mm <= 0:
+        return
+    plug = np.array(part.device.plug)
+    low, high = part.bounds
+    # Where the exit is in the bounding box, -0.5..0.5 along each axis.
+    exit_place = (plug - (low + high) / 2) / (high - low)
+    axis = int(np.argmax(np.abs(exit_place)))
+    direction = triple(np.sign(exit_place[axis]) * np.eye(3)[axis])
+    middle = plug + np.array(direction) * _CABLE_LENGTH / 2
+    yield Piece(cylinder(triple(middle), direction, _CABLE_LENGTH, _CABLE_RADIUS), Tint.DARK)
 
 
 def solids_meet(solid: Solid, other: Solid) -> bool:
     """Whether the bounding boxes of two solids touch."""
     first = solid.corners()
     second = other.corners()
-    return bool(
-        (
-            (first.min(axis=0) <= second.max(axis=0)) & (second.min(axis=0) <= first.max(axis=0))
-        ).all()
-    )
+    is_low_enough = first.min(axis=0) <= second.max(axis=0)
+    is_high_enough = second.min(axis=0) <= first.max(axis=0)
+    return bool((is_low_enough & is_high_enough).all())

@@ -18,9 +18,11 @@ _CHORD_ERROR = 0.3
 _ON_AXIS = 1e-9
 """Radii of a profile below this lie on its axis, where triangles have no area."""
 _SPREAD = 0.9
+"""How near to its corners a triangle is sampled: share of the way there from its middle."""
 _OFFSET = 0.05
-"""Sample points around a triangle: share of the way from its middle to its corners, and distance
-from it, LDU."""
+"""LDU: distance of the sample points from their triangle."""
+_BALL_ANGLES = [math.pi * step / 10 - math.pi / 2 for step in range(11)]
+"""Latitudes of a ball's rings, from pole to pole."""
 _DISC_OFFSET = 0.15
 """Offset of a hole's dark disc from the surface, for visibility."""
 
@@ -36,10 +38,9 @@ class Surface:
 @functools.lru_cache(maxsize=1024)
 def surface_of(part: Part) -> Surface:
     """The surface of a part in its own frame; holes are dark discs and crosses at their ends."""
-    pieces = [
-        *look_of(part),
-        *(Piece(plug, Tint.DARK) for site in part.holes for plug in hole_ends(site, _DISC_OFFSET)),
-    ]
+    pieces = [*look_of(part)]
+    for site in part.holes:
+        pieces += [Piece(plug, Tint.DARK) for plug in hole_ends(site, _DISC_OFFSET)]
     solids = [piece.solid for piece in pieces]
     visible = _without_hidden(solids, [_solid(solid) for solid in solids])
     tints = [
@@ -57,6 +58,7 @@ def _solid(solid: Solid) -> Floats:
     scale = np.array([solid.half[0], solid.half[0], solid.half[2]])
     profile = [(0.0, -1.0), (1.0, -1.0), (1.0, 1.0), (0.0, 1.0)]
     if solid.form is Form.BOX:
+        # A cylinder with four sides: its corners, not its sides, are at radius 1.
         sides = 4
         phase = math.pi / 4
         scale = np.array(solid.half) * [math.sqrt(2), math.sqrt(2), 1.0]
@@ -64,23 +66,34 @@ def _solid(solid: Solid) -> Floats:
         inner = solid.half[1] / solid.half[0]
         profile = [(inner, -1.0), (1.0, -1.0), (1.0, 1.0), (inner, 1.0), (inner, -1.0)]
     elif solid.form is Form.BALL:
-        angles = [math.pi * step / 10 - math.pi / 2 for step in range(11)]
-        profile = [(math.cos(angle), math.sin(angle)) for angle in angles]
+        profile = [(math.cos(angle), math.sin(angle)) for angle in _BALL_ANGLES]
+    local = _revolved(profile, sides, phase, scale)
+    triangles = local @ np.array(solid.axes) + np.array(solid.centre)
+    # Left-handed axes turn each triangle inside out.
+    if np.linalg.det(solid.axes) <= 0:
+        triangles = triangles[:, ::-1]
+    return np.asarray(triangles)
+
+
+def _revolved(
+    profile: Sequence[tuple[float, float]], sides: int, phase: float, scale: Floats
+) -> Floats:
+    """Triangles [n, 3, 3] of a profile of (radius, height) that goes round the third axis."""
     turns = phase + np.arange(sides + 1) * 2 * math.pi / sides
-    rings = [
-        np.column_stack([r * np.cos(turns), r * np.sin(turns), np.full(sides + 1, z)]) * scale
-        for r, z in profile
-    ]
+    rings = []  # of [sides + 1, 3] each; the last point of a ring is its first one
+    for radius, height in profile:
+        x = radius * np.cos(turns)
+        y = radius * np.sin(turns)
+        points = np.column_stack([x, y, np.full(sides + 1, height)])
+        rings.append(points * scale)
     faces = []
-    for (low, (low_radius, _)), (high, (high_radius, _)) in itertools.pairwise(
-        zip(rings, profile, strict=True)
-    ):
+    levels = zip(rings, profile, strict=True)
+    for (low, (low_radius, _)), (high, (high_radius, _)) in itertools.pairwise(levels):
         if low_radius > _ON_AXIS:
             faces.append(np.stack([low[:-1], low[1:], high[1:]], axis=1))
         if high_radius > _ON_AXIS:
             faces.append(np.stack([low[:-1], high[1:], high[:-1]], axis=1))
-    triangles = np.concatenate(faces) @ np.array(solid.axes) + np.array(solid.centre)
-    return np.asarray(triangles if np.linalg.det(solid.axes) > 0 else triangles[:, ::-1])
+    return np.concatenate(faces)
 
 
 def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Floats]:
@@ -91,30 +104,33 @@ def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Flo
     """
     visible = []
     for number, triangles in enumerate(surfaces):
-        outer, inner = (
-            offset_points(triangles, distance).reshape(-1, 3) for distance in (_OFFSET, -_OFFSET)
-        )
+        outer = offset_points(triangles, _OFFSET).reshape(-1, 3)
+        inner = offset_points(triangles, -_OFFSET).reshape(-1, 3)
         covered = np.zeros(len(outer), dtype=bool)
         duplicate = np.zeros(len(outer), dtype=bool)
         for other, solid in enumerate(solids):
+            # Most pairs are told apart by their boxes, which costs much less than their points.
             if not solids_meet(solids[number], solid):
                 continue
             if other != number:
                 covered |= solid.contains(outer, 0.0)
+            # Of two surfaces in the same place, the earlier solid's stays.
             if other < number:
                 duplicate |= solid.contains(inner, 0.0)
-        hidden = covered.reshape(-1, 4).all(axis=1) | duplicate.reshape(-1, 4).all(axis=1)
-        visible.append(triangles[~hidden])
+        # All four points of a triangle must be hidden: nothing is cut through the middle.
+        is_covered = covered.reshape(-1, 4).all(axis=1)
+        is_duplicate = duplicate.reshape(-1, 4).all(axis=1)
+        visible.append(triangles[~(is_covered | is_duplicate)])
     return visible
 
 
 def offset_points(triangles: Floats, distance: float) -> Floats:
     """Points [n, 4, 3] at a distance from triangles [n, 3, 3], on their outer side: over the
     middle, and near the corners."""
-    centres = triangles.mean(axis=1, keepdims=True)
+    centres = triangles.mean(axis=1, keepdims=True)  # [n, 1, 3]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    # A triangle without an area keeps a normal of 0 and is sampled on itself.
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    return (
-        np.concatenate([centres, centres + _SPREAD * (triangles - centres)], axis=1)
-        + distance * normals[:, None]
-    )
+    near_corners = centres + _SPREAD * (triangles - centres)
+    samples = np.concatenate([centres, near_corners], axis=1)
+    return np.asarray(samples + distance * normals[:, None])

@@ -52,10 +52,14 @@ def piece(**shapes: Shape) -> Piece:
 def colour_name(rgba: Iterable[float]) -> str:
     """Name ``"#rrggbbaa"`` of a colour, from red, green, blue and opacity in 0..1; opaque by
     default."""
-    return f"#{''.join(f'{round(255 * value):02x}' for value in rgba):f<8}"
+    digits = "".join(f"{round(255 * value):02x}" for value in rgba)
+    # Opaque is "ff": what is missing of eight digits is filled with it.
+    return "#" + digits.ljust(8, "f")
 
 
 MODULE = 8.0
+"""Distance between the holes of a beam, mm."""
+_HOLE_RADIUS = 2.5
 COLOURS: dict[str, tuple[float, float, float]] = {
     "white": (0.93, 0.93, 0.92),
     "light_grey": (0.66, 0.68, 0.70),
@@ -70,6 +74,8 @@ COLOURS: dict[str, tuple[float, float, float]] = {
     "red": (0.85, 0.03, 0.03),
 }
 GLOWING = {"glow", "azure"}
+"""Colours of what emits light."""
+# The picture that a hub shows when it is switched on, a mark a lamp.
 _HEART = (".#.#.", "#####", "#####", ".###.", "..#..")
 
 
@@ -78,34 +84,30 @@ def beam(holes: int, colour: str) -> Piece:
     length = holes * MODULE
     bar = extruded(rounded_rectangle(length - 0.2, 7.6, 3.2), 7.4, bevel=0.5)
     centres = [(index - (holes - 1) / 2) * MODULE for index in range(holes)]
-    return Piece(((colour, bar), ("dim", merge([discs(2.5, 7.5).at(x, 0, 0) for x in centres]))))
+    # A hole is drawn as its two ends, dark, a little outside of the beam so that they are seen.
+    holes_shown = [discs(_HOLE_RADIUS, 7.5).at(x, 0, 0) for x in centres]
+    return Piece(((colour, bar), ("dim", merge(holes_shown))))
 
 
 def hub() -> Piece:
     """Prime hub lying flat, 88 x 56 x 32, USB port towards +x, centred."""
     upper = box(88, 56, 22, radius=2.5).at(0, 0, 5)
     lower = box(86, 54.5, 11, radius=1.5).at(0, 0, -10.5)
+    lit, unlit = _lamps()
+    # What stands on the upper face.
     window = extruded(rounded_rectangle(33, 33, 3), 0.8).at(17, 0, 16)
-    lit: list[Shape] = []
-    unlit: list[Shape] = []
-    for row, line in enumerate(_HEART):
-        for column, mark in enumerate(line):
-            pixel = block(4.8, 4.8, 1.0).at(17 + (2 - row) * 6, (2 - column) * 6, 16.2)
-            (lit if mark == "#" else unlit).append(pixel)
     button = cylinder(6.6, 2.0, bevel=0.6).at(-20, 0, 16.4)
     light = ring(9.4, 6.6, 1.2).at(-20, 0, 16.1)
     steering = [box(9, 7, 1.4, radius=0.5).at(-20, side * 17, 16.1) for side in (1, -1)]
     bluetooth = cylinder(3.4, 1.2, bevel=0.4).at(36, -20, 16.2)
-    ports = [
-        box(15, 1.2, 8.5, radius=0.5, arc=1).at(x, side * 27.8, 5)
-        for x in (26, 0, -26)
-        for side in (1, -1)
-    ]
+    # What is in the sides: three ports on each of the long ones.
+    port = box(15, 1.2, 8.5, radius=0.5, arc=1)
+    ports = [port.at(x, y, 5) for x in (26, 0, -26) for y in (27.8, -27.8)]
     usb = box(1.2, 9, 3.6, radius=0.5, arc=1).at(43.8, 0, 5)
-    holes = [discs(2.5, 55.2).along(Y_AXIS).at(x, 0, -10.5) for x in (-32, -24, -16, 16, 24, 32)]
-    speaker = [
-        discs(1.0, 88.4, 6).along(X_AXIS).at(-0.1, y, z) for y in (-8, -4, 0, 4, 8) for z in (3, 7)
-    ]
+    hole = discs(_HOLE_RADIUS, 55.2).along(Y_AXIS)
+    holes = [hole.at(x, 0, -10.5) for x in (-32, -24, -16, 16, 24, 32)]
+    slot = discs(1.0, 88.4, 6).along(X_AXIS)
+    speaker = [slot.at(-0.1, y, z) for y in (-8, -4, 0, 4, 8) for z in (3, 7)]
     return piece(
         white=merge([upper, button, *steering]),
         turquoise=lower,
@@ -116,15 +118,28 @@ def hub() -> Piece:
     )
 
 
+def _lamps() -> tuple[list[Shape], list[Shape]]:
+    """Lamps of a hub's matrix that are lit, and those that are not."""
+    lit: list[Shape] = []
+    unlit: list[Shape] = []
+    lamp = block(4.8, 4.8, 1.0)
+    for row, line in enumerate(_HEART):
+        for column, mark in enumerate(line):
+            # The matrix is read with the USB port up: rows go down along -x, columns along -y.
+            placed = lamp.at(17 + (2 - row) * 6, (2 - column) * 6, 16.2)
+            if mark == "#":
+                lit.append(placed)
+            else:
+                unlit.append(placed)
+    return lit, unlit
+
+
 def medium_motor() -> Piece:
     """Medium motor along x, 72 long, its outputs towards +y and -y, 24 from the front; origin on
     the outputs' axis."""
-    return Piece(
-        (
-            *medium_motor_case(31.0).shapes,
-            ("dark_grey", cylinder(10.8, 33.0, bevel=0.6).along(Y_AXIS)),
-        )
-    )
+    case = medium_motor_case(31.0)
+    outputs = cylinder(10.8, 33.0, bevel=0.6).along(Y_AXIS)
+    return Piece((*case.shapes, ("dark_grey", outputs)))
 
 
 def medium_motor_case(width: float = 23.8) -> Piece:
@@ -133,7 +148,8 @@ def medium_motor_case(width: float = 23.8) -> Piece:
     housing = box(52, width, 23.6, radius=2.2).at(-26, 0, 0)
     cap = box(16, width + 1, 24.4, radius=2.2).at(-53, 0, 0)
     stripe = box(26, width + 1, 6, radius=0.8).at(-28, 0, 3)
-    holes = [discs(2.5, width + 1.2).along(Y_AXIS).at(x, 0, -7) for x in (-16, -40)]
+    hole = discs(_HOLE_RADIUS, width + 1.2).along(Y_AXIS)
+    holes = [hole.at(x, 0, -7) for x in (-16, -40)]
     return piece(white=merge([front, housing]), dark_grey=cap, light_grey=stripe, dim=merge(holes))
 
 
@@ -147,34 +163,37 @@ def wheel(diameter: float) -> Piece:
     """A wheel with a black tyre on a light six-spoked rim, axis along y, centred."""
     outer = diameter / 2
     inner = diameter / 2 - 7.5
-    half = [(inner, 6.2), (outer - 3.4, 7.0), (outer - 1.0, 5.6), (outer - 0.3, 3.0)]
-    tyre = turned([*half, *((radius, -y) for radius, y in reversed(half)), half[0]])
-    treads = [
-        block(1.9, 2.2, 11.6).at(outer - 0.95, 0, 0).turned(Z_AXIS, 15 * step) for step in range(24)
-    ]
-    rim = [ring(inner, inner - 3.2, 12.6), cylinder(6.4, 13, bevel=0.8)]
-    spokes = [
-        box(inner - 5, 4.2, 9.4, radius=0.8).at((inner + 3) / 2, 0, 0).turned(Z_AXIS, 60 * step)
-        for step in range(6)
-    ]
-    by_colour = {
-        "black": merge([tyre, *treads]),
-        "light_grey": merge([*rim, *spokes]),
-        "dim": cylinder(inner - 1, 3),
-    }
-    return piece(**{colour: shape.along(Y_AXIS) for colour, shape in by_colour.items()})
+    # The tyre's profile, (radius, z) from its upper inner edge outwards; the lower half mirrors it,
+    # and the first point closes it.
+    upper = [(inner, 6.2), (outer - 3.4, 7.0), (outer - 1.0, 5.6), (outer - 0.3, 3.0)]
+    lower = [(radius, -z) for radius, z in reversed(upper)]
+    tyre = turned([*upper, *lower, upper[0]])
+    tread = block(1.9, 2.2, 11.6).at(outer - 0.95, 0, 0)
+    treads = [tread.turned(Z_AXIS, 15 * step) for step in range(24)]
+    rim = ring(inner, inner - 3.2, 12.6)
+    hub_cap = cylinder(6.4, 13, bevel=0.8)
+    spoke = box(inner - 5, 4.2, 9.4, radius=0.8).at((inner + 3) / 2, 0, 0)
+    spokes = [spoke.turned(Z_AXIS, 60 * step) for step in range(6)]
+    # Drawn about z, as `turned` and `ring` are, and laid down at the end.
+    return piece(
+        black=merge([tyre, *treads]).along(Y_AXIS),
+        light_grey=merge([rim, hub_cap, *spokes]).along(Y_AXIS),
+        dim=cylinder(inner - 1, 3).along(Y_AXIS),
+    )
 
 
 def ultrasonic_sensor() -> Piece:
     """Ultrasonic sensor facing +x, 24 x 56 x 24, centred."""
     case = box(20, 56, 23.6, radius=2.0).at(-2, 0, 0)
     face = extruded(rounded_rectangle(22.5, 55, 10.5), 4, bevel=0.8).along(X_AXIS).at(9.6, 0, 0)
-    rims = [ring(10.2, 7.8, 3.4).along(X_AXIS).at(11.2, side * 15.5, 0) for side in (1, -1)]
+    # Its two eyes: one sends, the other one listens.
+    rim = ring(10.2, 7.8, 3.4).along(X_AXIS)
     membrane = turned([(0, 1.6), (3.5, 1.2), (7.8, 0), (7.8, -1), (0, -1)]).along(X_AXIS)
-    membranes = [membrane.at(11.2, side * 15.5, 0) for side in (1, -1)]
-    pupils = [
-        cylinder(2.6, 1.0, bevel=0.3).along(X_AXIS).at(12.6, side * 15.5, 0) for side in (1, -1)
-    ]
+    pupil = cylinder(2.6, 1.0, bevel=0.3).along(X_AXIS)
+    eyes_y = (15.5, -15.5)
+    rims = [rim.at(11.2, y, 0) for y in eyes_y]
+    membranes = [membrane.at(11.2, y, 0) for y in eyes_y]
+    pupils = [pupil.at(12.6, y, 0) for y in eyes_y]
     return piece(white=merge([case, *rims]), black=merge([face, *pupils]), dim=merge(membranes))
 
 
@@ -182,17 +201,11 @@ def ball_caster(radius: float) -> Piece:
     """Steel ball in its socket; origin at the centre of the ball."""
     angles = [math.radians(step) for step in range(0, 181, 20)]
     ball = turned([(radius * math.sin(angle), radius * math.cos(angle)) for angle in angles])
-    socket = turned(
-        [
-            (0, 16),
-            (10, 16),
-            (radius + 3.4, 11),
-            (radius + 3.4, 1),
-            (radius + 2, -1.5),
-            (radius, -1.5),
-            (0, 4),
-        ]
-    )
+    wall = radius + 3.4
+    # From the top outwards and down to the rim, which holds the ball below its equator; then up
+    # inside of it.
+    profile = [(0, 16), (10, 16), (wall, 11), (wall, 1), (radius + 2, -1.5), (radius, -1.5), (0, 4)]
+    socket = turned(profile)
     return piece(light_grey=ball, dark_grey=socket)
 
 

@@ -2,17 +2,17 @@
 turn visually only."""
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from bricktwin.plans import ldraw_library
 from bricktwin.plans.catalogue import colour_of
-from bricktwin.plans.drawing import pieces as drawings
+from bricktwin.plans.drawing import pieces
 from bricktwin.plans.drawing.looks import TINTS, Tint
 from bricktwin.plans.drawing.meshes import offset_points, surface_of
-from bricktwin.plans.drawing.pieces import colour_name
+from bricktwin.plans.drawing.pieces import Piece, colour_name
 from bricktwin.plans.drawing.shapes import Shape, shape_of
 from bricktwin.plans.geometry import MM_PER_LDU, Floats
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
@@ -25,10 +25,10 @@ _BEND = 80.0
 """LDU: how far a cable's curve is pulled away from its ends."""
 _SPOKED_MM = 40.0
 """Diameter from which a wheel is drawn with spokes."""
-_DETAILED: dict[str, tuple[Callable[[], drawings.Piece], tuple[int, int, int]]] = {
-    "prime": (drawings.hub, (3, -1, -2)),
-    "spike-medium": (drawings.medium_motor_case, (-3, -2, -1)),
-    "UltrasonicSensor": (drawings.ultrasonic_sensor, (-3, 1, -2)),
+_DETAILED: dict[str, tuple[Callable[[], Piece], tuple[int, int, int]]] = {
+    "prime": (pieces.hub, (3, -1, -2)),
+    "spike-medium": (pieces.medium_motor_case, (-3, -2, -1)),
+    "UltrasonicSensor": (pieces.ultrasonic_sensor, (-3, 1, -2)),
 }
 """Our drawings of electric parts, and the signed axes of the catalogue's parts that are x, y and z
 there (1 is a part's x)."""
@@ -42,7 +42,7 @@ def looks_of(
     *,
     axes: Floats | None = None,
     shafts: Iterable[int] = (),
-) -> drawings.Piece:
+) -> Piece:
     """Looks of parts of a plan in the frame of their body, mm.
 
     Args:
@@ -52,30 +52,46 @@ def looks_of(
         shafts: indices of motors of which only the turning output is drawn; it is left out
             otherwise.
     """
-    frame = (np.eye(3) if axes is None else axes) @ TO_TWIN
-    shift = (np.eye(3) if axes is None else axes) @ origin_m * 1000
-    shapes: list[tuple[str, Shape]] = []
+    body_axes = np.eye(3) if axes is None else axes
+    frame = body_axes @ TO_TWIN
+    shift_mm = body_axes @ origin_m * 1000
     placed_parts = [plan.parts[part] for part in parts]
     motors = [plan.parts[motor] for motor in shafts]
-    for placed, is_shaft in [
-        *((part, False) for part in placed_parts),
-        *((motor, True) for motor in motors),
-    ]:
-        turn = frame @ placed.rotation
-        # the shapes of a library are not those of our solids
-        can_hide = not is_shaft and ldraw_library.folder() is None
-        low, high = placed.bounds
-        near = [
-            part
-            for part in placed_parts
-            if can_hide and (part.bounds[0] <= high).all() and (low <= part.bounds[1]).all()
-        ]
-        for colour, shape in _shapes(placed, only_turning=is_shaft):
-            visible = _uncovered(placed, shape, [part for part in near if part is not placed])
-            points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift
-            if len(visible.faces):
-                shapes.append((colour, Shape(points, visible.normals @ turn.T, visible.faces)))
-    return drawings.Piece(tuple(shapes))
+    shapes: list[tuple[str, Shape]] = []
+    # The shapes of a library are not those of our solids, which say what hides what.
+    can_hide = ldraw_library.folder() is None
+    for placed in placed_parts:
+        near = _touching(placed, placed_parts) if can_hide else []
+        shapes += _moved(placed, near, frame, shift_mm, only_turning=False)
+    # A shaft turns: what hides it now will not hide it later.
+    for motor in motors:
+        shapes += _moved(motor, [], frame, shift_mm, only_turning=True)
+    return Piece(tuple(shapes))
+
+
+def _moved(
+    placed: Placed, others: list[Placed], frame: Floats, shift_mm: Floats, *, only_turning: bool
+) -> Iterator[tuple[str, Shape]]:
+    """Coloured shapes of a part, mm, without what other parts hide. ``frame``: from the plan to the
+    body [3, 3]."""
+    turn = frame @ placed.rotation
+    for colour, shape in _shapes(placed, only_turning=only_turning):
+        visible = _uncovered(placed, shape, others)
+        # LDU in the plan's directions, then mm from the body's origin [n, 3].
+        points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift_mm
+        if len(visible.faces):
+            yield colour, Shape(points, visible.normals @ turn.T, visible.faces)
+
+
+def _touching(placed: Placed, parts: Iterable[Placed]) -> list[Placed]:
+    """The other parts whose bounds touch those of a part."""
+    low, high = placed.bounds
+    found = []
+    for part in parts:
+        other_low, other_high = part.bounds
+        if part is not placed and (other_low <= high).all() and (low <= other_high).all():
+            found.append(part)
+    return found
 
 
 def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
@@ -87,33 +103,37 @@ def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
         points = other.to_part(samples.reshape(-1, 3))
         for solid in other.part.solids:
             covered |= solid.contains(points, 0.0).reshape(covered.shape)
+    # Only a triangle that is hidden at all of its samples goes.
     visible = shape.faces[~covered.all(axis=1)]
-    used, faces = np.unique(visible, return_inverse=True)
-    return Shape(
-        shape.points[used], shape.normals[used], faces.reshape(visible.shape).astype(np.int32)
-    )
+    # Points that no triangle uses any more go too, and the indices are those of what is left.
+    used, numbers = np.unique(visible, return_inverse=True)
+    faces = numbers.reshape(visible.shape).astype(np.int32)
+    return Shape(shape.points[used], shape.normals[used], faces)
 
 
 def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
     """Coloured shapes of a part in its frame, in LDraw units."""
     main = colour_of(placed.colour).rgb
-    if (
-        not only_turning
-        and (root := ldraw_library.folder()) is not None
-        and (shapes := _of_library(placed.part, root))
-    ):
-        return [(colour or colour_name(main), shape) for colour, shape in shapes]
+    # The best drawing first: a library that is installed, then ours in detail, then the catalogue.
+    # Only the catalogue knows which of a motor's solids turn.
+    root = ldraw_library.folder()
+    if root is not None and not only_turning:
+        from_library = _of_library(placed.part, root)
+        if from_library:
+            return [(colour or colour_name(main), shape) for colour, shape in from_library]
+    if not only_turning:
+        detailed = _detailed(placed.part)
+        if detailed:
+            return detailed
     device = placed.part.device
     is_motor = device is not None and device.kind is DeviceKind.MOTOR
-    if not only_turning and (detailed := _detailed(placed.part)):
-        return detailed
-    by_tint = _of_catalogue(placed.part).items()
-    shown = [
-        (tint, shape)
-        for tint, shape in by_tint
-        if not is_motor or only_turning is (tint is Tint.TURNING)
-    ]
-    return [(colour_name(TINTS.get(tint, main)), shape) for tint, shape in shown]
+    shown = []
+    for tint, shape in _of_catalogue(placed.part).items():
+        # A motor is drawn in two: its case on one body, its output on another.
+        is_drawn = not is_motor or only_turning is (tint is Tint.TURNING)
+        if is_drawn:
+            shown.append((colour_name(TINTS.get(tint, main)), shape))
+    return shown
 
 
 @functools.lru_cache(maxsize=512)
@@ -122,9 +142,14 @@ def _of_catalogue(part: Part) -> dict[Tint, Shape]:
     surface = surface_of(part)
     low, high = part.bounds
     # Smaller by the clearance between parts, so that no two surfaces coincide.
-    triangles = surface.triangles * (1.0 - _CLEARANCE / np.maximum(high - low, 10.0))
-    shapes = {tint: shape_of(triangles[surface.tints == int(tint)]) for tint in Tint}
-    return {tint: shape for tint, shape in shapes.items() if shape is not None}
+    scale = 1.0 - _CLEARANCE / np.maximum(high - low, 10.0)
+    triangles = surface.triangles * scale
+    shapes = {}
+    for tint in Tint:
+        shape = shape_of(triangles[surface.tints == int(tint)])
+        if shape is not None:
+            shapes[tint] = shape
+    return shapes
 
 
 @functools.lru_cache(maxsize=64)
@@ -136,75 +161,74 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
         make, axes = _DETAILED[device]
         drawing = make()
     elif part.wheel_mm > _SPOKED_MM:
-        drawing = drawings.wheel(part.wheel_mm)
+        drawing = pieces.wheel(part.wheel_mm)
         axes = _WHEEL_AXES
     else:
         return []
-    turn = np.zeros((3, 3))  # from the part's axes to ours
+    # A rotation from the part's axes to ours.
+    turn = np.zeros((3, 3))
     for row, axis in enumerate(axes):
         turn[row, abs(axis) - 1] = np.sign(axis)
-    points = np.concatenate([shape.points for _, shape in drawing.shapes]) @ turn / MM_PER_LDU
+    all_points_mm = np.concatenate([shape.points for _, shape in drawing.shapes])
+    points = all_points_mm @ turn / MM_PER_LDU
     low, high = part.bounds
-    case = part.solids[0].corners()
-    low, high = (case.min(axis=0), case.max(axis=0)) if device else (low, high)
+    if device:
+        # It is drawn without what turns: its case, which is its first solid, is what must fit.
+        case = part.solids[0].corners()
+        low = case.min(axis=0)
+        high = case.max(axis=0)
+    # Middle on middle.
     shift = (low + high - points.min(axis=0) - points.max(axis=0)) / 2
-    return [
-        (colour, Shape(shape.points @ turn / MM_PER_LDU + shift, shape.normals @ turn, shape.faces))
-        for colour, shape in drawing.shapes
-    ]
+    placed = []
+    for colour, shape in drawing.shapes:
+        local = shape.points @ turn / MM_PER_LDU + shift
+        placed.append((colour, Shape(local, shape.normals @ turn, shape.faces)))
+    return placed
 
 
 @functools.lru_cache(maxsize=256)
 def _of_library(part: Part, root: Path) -> tuple[tuple[str, Shape], ...]:
     """Shapes of a part in an LDraw library by colour, "" for its main colour; empty if it has
     none."""
-    found = (
-        ldraw_library.triangles_of(root, f"{number}.dat") for number in (part.number, *part.aliases)
-    )
-    by_colour = next(filter(None, found), {})
-    shapes = {code: shape_of(triangles) for code, triangles in by_colour.items()}
-    names = {
-        code: ""
-        if code == ldraw_library.MAIN_COLOUR
-        else colour_name(ldraw_library.rgba(root, code))
-        for code in shapes
-    }
-    return tuple((names[code], shape) for code, shape in shapes.items() if shape is not None)
+    # A part may have another number in the library than here.
+    by_colour: ldraw_library.Triangles = {}
+    for number in (part.number, *part.aliases):
+        by_colour = ldraw_library.triangles_of(root, f"{number}.dat")
+        if by_colour:
+            break
+    shapes = []
+    for code, triangles in by_colour.items():
+        shape = shape_of(triangles)
+        if shape is None:
+            continue
+        is_main = code == ldraw_library.MAIN_COLOUR
+        name = "" if is_main else colour_name(ldraw_library.rgba(root, code))
+        shapes.append((name, shape))
+    return tuple(shapes)
 
 
-def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[drawings.Piece]:
+def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[Piece]:
     """Cables between the hub and the motors and sensors on the same body, in that body's frame,
     mm."""
-    devices = [(plan.parts[part], plan.parts[part].part.device) for part in parts]
-    hub = next(
-        (
-            placed
-            for placed, device in devices
-            if device is not None and device.kind is DeviceKind.HUB
-        ),
-        None,
-    )
-    sockets = dict(hub.part.device.ports) if hub is not None and hub.part.device is not None else {}
+    devices = [plan.parts[part] for part in parts if plan.parts[part].part.device is not None]
+    hubs = [placed for placed in devices if placed.electric.kind is DeviceKind.HUB]
+    if not hubs:
+        return []
+    hub = hubs[0]
+    sockets = dict(hub.electric.ports)
     cables = []
-    for placed, device in devices:
-        if hub is None or placed is hub or device is None or placed.port not in sockets:
+    for placed in devices:
+        if placed is hub or placed.port not in sockets:
             continue
         socket = np.array(sockets[placed.port])
-        plug = np.array(device.plug)
+        plug = np.array(placed.electric.plug)
+        # A Bezier curve leaves both of its ends straight: out of the hub's side, and out of the
+        # device's back.
         outward = np.sign(socket) * [_BEND, 0.0, 0.0]
         back = np.sign(plug) * [0.0, 0.0, _BEND]
-        line = np.concatenate(
-            [
-                hub.to_plan(np.stack([socket, socket + outward])),
-                placed.to_plan(np.stack([plug + back, plug])),
-            ]
-        )
-        cables.append(
-            drawings.cable(
-                [
-                    (x, y, z)
-                    for x, y, z in (line @ TO_TWIN.T * MM_PER_LDU - origin_m * 1000).tolist()
-                ]
-            )
-        )
+        at_hub = hub.to_plan(np.stack([socket, socket + outward]))
+        at_device = placed.to_plan(np.stack([plug + back, plug]))
+        line = np.concatenate([at_hub, at_device])  # [4, 3], LDU
+        line_mm = line @ TO_TWIN.T * MM_PER_LDU - origin_m * 1000
+        cables.append(pieces.cable([(x, y, z) for x, y, z in line_mm.tolist()]))
     return cables

@@ -15,6 +15,8 @@ _CHORD_ERROR_MM = 0.12
 """Less than a pixel of the cameras, which are half a metre away."""
 _SHARP = np.cos(np.radians(38.0))
 """Cosine of the smallest angle between two faces whose edge is drawn sharp."""
+_MIN_AREA = 1e-6
+"""Triangles of less (in twice the square of their unit) have no normal that means something."""
 
 X_AXIS = (1.0, 0.0, 0.0)
 Y_AXIS = (0.0, 1.0, 0.0)
@@ -53,87 +55,112 @@ class Shape:
         return self
 
 
+# Most shapes are grids of points: a row is a ring around z, seen from outside rows go down and
+# columns to the left, as `_grid` needs it.
+
+
 def box(length: float, width: float, height: float, radius: float = 0.6, arc: int = 2) -> Shape:
     """Box along x, y, z with rounded edges, centred: a sphere whose octants are moved to the
     corners."""
     half = np.array([length, width, height]) / 2 - radius
-    quarter = np.linspace(0.0, math.pi / 2, arc + 1)
+    quarter = np.linspace(0.0, math.pi / 2, arc + 1)  # [arc + 1]
+    # Both the equator and the meridians between two octants stand twice, once for each octant.
     polar = np.concatenate([quarter, quarter + math.pi / 2])
     azimuth = np.concatenate([quarter + quadrant * math.pi / 2 for quadrant in range(4)])
     signs_z = np.repeat([1.0, -1.0], arc + 1)
     signs_x = np.repeat([1.0, -1.0, -1.0, 1.0], arc + 1)
     signs_y = np.repeat([1.0, 1.0, -1.0, -1.0], arc + 1)
-    rows = len(polar)
-    columns = len(azimuth)
-    normals = np.empty((rows, columns, 3))
+    row_count = len(polar)
+    column_count = len(azimuth)
+    # The normals of the box are those of the sphere.
+    normals = np.empty((row_count, column_count, 3))
     normals[..., 0] = np.sin(polar)[:, None] * np.cos(azimuth)
     normals[..., 1] = np.sin(polar)[:, None] * np.sin(azimuth)
     normals[..., 2] = np.cos(polar)[:, None]
-    corners = np.stack(np.broadcast_arrays(signs_x, signs_y, signs_z[:, None]), axis=-1)
+    signs = np.broadcast_arrays(signs_x, signs_y, signs_z[:, None])
+    corners = np.stack(signs, axis=-1)  # [rows, columns, 3]
     points = corners * half + radius * normals
+    # At the poles, the first row and the last one are four points each: the corners of the top and
+    # of the bottom, which the grid leaves open.
     corner_columns = np.arange(4) * (arc + 1)
-    caps = [_fan(corner_columns), _fan((rows - 1) * columns + corner_columns[::-1])]
-    return Shape(
-        points.reshape(-1, 3), normals.reshape(-1, 3), np.concatenate([_grid(rows, columns), *caps])
-    )
+    top = _fan(corner_columns)
+    bottom = _fan((row_count - 1) * column_count + corner_columns[::-1])
+    faces = np.concatenate([_grid(row_count, column_count), top, bottom])
+    return Shape(points.reshape(-1, 3), normals.reshape(-1, 3), faces)
 
 
 def block(length: float, width: float, height: float) -> Shape:
     """Box along x, y, z with sharp edges, centred: for small parts, at a tenth of the faces of a
     rounded one."""
-    corners = np.array(
-        [
-            [x, y, z]
-            for z in (-1.0, 1.0)
-            for x, y in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
-        ]
-    )
+    square = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+    corners = np.array([[x, y, z] for z in (-1.0, 1.0) for x, y in square])
     sides = np.array(
         [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
     )
-    normals = corners[sides].mean(axis=1)
+    side_corners = corners[sides]  # [6, 4, 3]
+    # The middle of a side of a cube of 2 is its normal.
+    normals = side_corners.mean(axis=1)
     faces = np.concatenate([_fan(np.arange(4) + 4 * side) for side in range(6)])
-    return Shape(
-        corners[sides].reshape(-1, 3) * np.array([length, width, height]) / 2,
-        np.repeat(normals, 4, axis=0),
-        faces,
-    )
+    points = side_corners.reshape(-1, 3) * np.array([length, width, height]) / 2
+    return Shape(points, np.repeat(normals, 4, axis=0), faces)
 
 
 def turned(profile: Sequence[tuple[float, float]]) -> Shape:
     """Solid of revolution about z. ``profile``: (radius, z) from the top of the axis outwards and
     down to its bottom; all edges are sharp."""
-    segments = circle_sides(max(radius for radius, _ in profile), _CHORD_ERROR_MM)
-    parts = []
+    widest = max(radius for radius, _ in profile)
+    segments = circle_sides(widest, _CHORD_ERROR_MM)
     angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
-    for (radius_0, z_0), (radius_1, z_1) in itertools.pairwise(profile):
-        slope = np.array([z_0 - z_1, radius_1 - radius_0])
-        across, up = slope / max(float(np.hypot(*slope)), 1e-9)
-        rim = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        points = np.empty((2, segments, 3))
-        normals = np.empty((2, segments, 3))
-        for row, (radius, z) in enumerate(((radius_0, z_0), (radius_1, z_1))):
-            points[row, :, :2] = radius * rim
-            points[row, :, 2] = z
-        normals[..., :2] = across * rim
-        normals[..., 2] = up
-        left, right = np.split(_grid(2, segments), 2)
-        # on the axis, triangles have no area
-        faces = [left] * (radius_1 > 0) + [right] * (radius_0 > 0)
-        parts.append(Shape(points.reshape(-1, 3), normals.reshape(-1, 3), np.concatenate(faces)))
-    return merge(parts)
+    rim = np.stack([np.cos(angles), np.sin(angles)], axis=-1)  # [segments, 2]
+    # Each piece of the profile has points of its own, which is what keeps the edges sharp.
+    bands = [_band(start, end, rim) for start, end in itertools.pairwise(profile)]
+    return merge(bands)
+
+
+def _band(start: tuple[float, float], end: tuple[float, float], rim: Floats) -> Shape:
+    """One piece of a profile, from one (radius, z) to the next, around z along a rim [n, 2] of
+    radius 1."""
+    segments = len(rim)
+    radius_0, z_0 = start
+    radius_1, z_1 = end
+    # Across the piece, to its outer side. A piece of no length has none.
+    slope = np.array([z_0 - z_1, radius_1 - radius_0])
+    across, up = slope / max(float(np.hypot(*slope)), 1e-9)
+    points = np.empty((2, segments, 3))
+    for row, (radius, z) in enumerate((start, end)):
+        points[row, :, :2] = radius * rim
+        points[row, :, 2] = z
+    normals = np.empty((2, segments, 3))
+    normals[..., :2] = across * rim
+    normals[..., 2] = up
+    left, right = np.split(_grid(2, segments), 2)
+    # On the axis, triangles have no area.
+    faces = []
+    if radius_1 > 0:
+        faces.append(left)
+    if radius_0 > 0:
+        faces.append(right)
+    return Shape(points.reshape(-1, 3), normals.reshape(-1, 3), np.concatenate(faces))
 
 
 def cylinder(radius: float, length: float, bevel: float = 0.0) -> Shape:
     """Disc or rod along z, centred."""
     half = length / 2
-    edge = [
+    edge = _bevelled(radius, half, bevel)
+    if not bevel:
+        # Without a bevel two pairs of its points are the same.
+        edge = [edge[0], edge[2]]
+    return turned([(0.0, half), *edge, (0.0, -half)])
+
+
+def _bevelled(radius: float, half: float, bevel: float) -> list[tuple[float, float]]:
+    """The outside of a profile, (radius, z) from the top down, with bevels at both edges."""
+    return [
         (radius - bevel, half),
         (radius, half - bevel),
         (radius, bevel - half),
         (radius - bevel, -half),
     ]
-    return turned([(0.0, half), *(edge if bevel else [edge[0], edge[2]]), (0.0, -half)])
 
 
 def discs(radius: float, distance: float, segments: int = 10) -> Shape:
@@ -141,36 +168,29 @@ def discs(radius: float, distance: float, segments: int = 10) -> Shape:
     angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
     ends = []
     for up in (1.0, -1.0):
-        points = np.stack(
-            [
-                radius * np.cos(angles),
-                up * radius * np.sin(angles),
-                np.full(segments, up * distance / 2),
-            ],
-            axis=-1,
-        )
-        ends.append(
-            Shape(points, np.tile((0.0, 0.0, up), (segments, 1)), _fan(np.arange(segments)))
-        )
+        x = radius * np.cos(angles)
+        # Counter-clockwise seen from outside: the lower end goes round the other way.
+        y = up * radius * np.sin(angles)
+        z = np.full(segments, up * distance / 2)
+        points = np.stack([x, y, z], axis=-1)
+        normals = np.tile((0.0, 0.0, up), (segments, 1))
+        ends.append(Shape(points, normals, _fan(np.arange(segments))))
     return merge(ends)
 
 
 def ring(outer: float, inner: float, length: float) -> Shape:
     """Flat ring along z, centred."""
     half = length / 2
+    # The two bevels of a thin ring may not meet.
     bevel = min(0.6, length / 4)
-    edge = [
-        (outer - bevel, half),
-        (outer, half - bevel),
-        (outer, bevel - half),
-        (outer - bevel, -half),
-    ]
+    edge = _bevelled(outer, half, bevel)
     return turned([(inner, -half), (inner, half), *edge, (inner, -half)])
 
 
 def extruded(outline: Floats, height: float, bevel: float = 0.4) -> Shape:
     """Convex outline [n, 2] in x, y, counter-clockwise, extruded along z, centred, with bevelled
     edges."""
+    # The normal of a corner is across the line between its two neighbours.
     edges = np.roll(outline, -1, axis=0) - np.roll(outline, 1, axis=0)
     outwards = np.stack([edges[:, 1], -edges[:, 0]], axis=-1)
     outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
@@ -181,27 +201,27 @@ def extruded(outline: Floats, height: float, bevel: float = 0.4) -> Shape:
     levels = np.stack([np.column_stack([points, np.full(count, z)]) for points, z in rings])
     side = np.column_stack([outwards, np.zeros(count)])
     shapes = []
+    # From the top down: a bevel at 45 degrees, the side, a bevel. Each has points of its own, so
+    # that its edges are sharp.
     for row, tilt in ((0, 1.0), (1, 0.0), (2, -1.0)):
-        normal = (side + np.array([0.0, 0.0, tilt])) / math.hypot(1.0, tilt)
-        shapes.append(
-            Shape(
-                levels[row : row + 2].reshape(-1, 3),
-                np.concatenate([normal, normal]),
-                _grid(2, count),
-            )
-        )
-    for row, up in ((0, 1.0), (3, -1.0)):
-        order = np.arange(count) if up > 0 else np.arange(count)[::-1]
-        shapes.append(Shape(levels[row], np.tile((0.0, 0.0, up), (count, 1)), _fan(order)))
+        normals = (side + np.array([0.0, 0.0, tilt])) / math.hypot(1.0, tilt)
+        points = levels[row : row + 2].reshape(-1, 3)
+        shapes.append(Shape(points, np.concatenate([normals, normals]), _grid(2, count)))
+    upwards = np.tile((0.0, 0.0, 1.0), (count, 1))
+    downwards = np.tile((0.0, 0.0, -1.0), (count, 1))
+    order = np.arange(count)
+    shapes.append(Shape(levels[0], upwards, _fan(order)))
+    # Seen from below, the outline goes round the other way.
+    shapes.append(Shape(levels[3], downwards, _fan(order[::-1])))
     return merge(shapes)
 
 
 def rounded_rectangle(length: float, width: float, radius: float) -> Floats:
     """Outline [n, 2] of a rectangle along x, y with round corners, counter-clockwise."""
+    # Pieces of a quarter of the circle, rounded up: the quarters must be equal.
     arc = -(-circle_sides(radius, _CHORD_ERROR_MM) // 4)
-    angles = np.concatenate(
-        [np.linspace(0.0, math.pi / 2, arc + 1) + quadrant * math.pi / 2 for quadrant in range(4)]
-    )
+    quarter = np.linspace(0.0, math.pi / 2, arc + 1)
+    angles = np.concatenate([quarter + quadrant * math.pi / 2 for quadrant in range(4)])
     signs = np.repeat([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)], arc + 1, axis=0)
     corners = signs * np.array([length / 2 - radius, width / 2 - radius])
     outline: Floats = corners + radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
@@ -210,72 +230,93 @@ def rounded_rectangle(length: float, width: float, radius: float) -> Floats:
 
 def tube(points: Sequence[Triple], radius: float, steps: int = 14, segments: int = 8) -> Shape:
     """Tube along a Bezier curve with these control points."""
+    path = _bezier(points, steps)
+    direction = np.gradient(path, axis=0)  # [steps, 3]
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    # Two directions across the path at each step. The section must not turn about the path, which
+    # would twist the tube: each first direction is the one before it, made square to the path.
+    first = np.empty_like(direction)
+    across = np.cross(direction[0], Z_AXIS if abs(direction[0, 2]) < 0.9 else X_AXIS)
+    for step, ahead in enumerate(direction):
+        across = across - (across @ ahead) * ahead
+        across = across / np.linalg.norm(across)
+        first[step] = across
+    second = np.cross(direction, first)
+    angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
+    cosines = np.cos(angles)[None, :, None]
+    sines = np.sin(angles)[None, :, None]
+    normals = cosines * first[:, None] + sines * second[:, None]  # [steps, segments, 3]
+    surface = path[:, None] + radius * normals
+    # Along the path columns go to the right, seen from outside: each face is turned over.
+    faces = _grid(steps, segments)[:, ::-1]
+    return Shape(surface.reshape(-1, 3), normals.reshape(-1, 3), faces)
+
+
+def _bezier(points: Sequence[Triple], steps: int) -> Floats:
+    """Points [steps, 3] of a Bezier curve: control points, weighted by Bernstein polynomials."""
     order = len(points) - 1
     t = np.linspace(0.0, 1.0, steps)[:, None]
     path = sum(
         math.comb(order, i) * t**i * (1 - t) ** (order - i) * np.array(point)
         for i, point in enumerate(points)
     )
-    direction = np.gradient(np.asarray(path), axis=0)
-    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    first = np.empty_like(direction)
-    across = np.cross(direction[0], Z_AXIS if abs(direction[0, 2]) < 0.9 else X_AXIS)
-    for step, ahead in enumerate(direction):  # the section must not turn about the path
-        across = across - (across @ ahead) * ahead
-        first[step] = across = across / np.linalg.norm(across)
-    second = np.cross(direction, first)
-    angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
-    normals = (
-        np.cos(angles)[None, :, None] * first[:, None]
-        + np.sin(angles)[None, :, None] * second[:, None]
-    )
-    surface = np.asarray(path)[:, None] + radius * normals
-    return Shape(surface.reshape(-1, 3), normals.reshape(-1, 3), _grid(steps, segments)[:, ::-1])
+    return np.asarray(path)
 
 
 def merge(shapes: Sequence[Shape]) -> Shape:
     """Merge several shapes into one."""
+    # The number of points before each shape: what its faces' indices are moved by.
     offsets = np.cumsum([0, *(len(shape.points) for shape in shapes[:-1])])
-    return Shape(
-        np.concatenate([shape.points for shape in shapes]),
-        np.concatenate([shape.normals for shape in shapes]),
-        np.concatenate(
-            [shape.faces + offset for shape, offset in zip(shapes, offsets, strict=True)]
-        ).astype(np.int32),
-    )
+    moved = [shape.faces + offset for shape, offset in zip(shapes, offsets, strict=True)]
+    points = np.concatenate([shape.points for shape in shapes])
+    normals = np.concatenate([shape.normals for shape in shapes])
+    return Shape(points, normals, np.concatenate(moved).astype(np.int32))
 
 
 def shape_of(triangles: Floats) -> Shape | None:
     """Mesh of triangles [n, 3, 3], smooth where they meet at small angles; ``None`` if none has an
     area."""
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    along = triangles[:, 1] - triangles[:, 0]
+    across = triangles[:, 2] - triangles[:, 0]
+    cross = np.cross(along, across)  # [n, 3], of twice the triangle's area
     area = np.linalg.norm(cross, axis=1)
-    triangles = triangles[area > 1e-6]
-    cross = cross[area > 1e-6]
-    area = area[area > 1e-6]
+    has_area = area > _MIN_AREA
+    triangles = triangles[has_area]
+    cross = cross[has_area]
+    area = area[has_area]
     if not len(triangles):
         return None
     points = triangles.reshape(-1, 3)
     flat = np.repeat(cross / area[:, None], 3, axis=0)
+    # Corners that are the same to a thousandth are one: the sum of their triangles' cross products
+    # is a mean normal in which a large triangle counts more.
     _, corner = np.unique(np.round(points, 3), axis=0, return_inverse=True)
     mean = np.zeros((corner.max() + 1, 3))
     np.add.at(mean, corner.ravel(), np.repeat(cross, 3, axis=0))
     length = np.linalg.norm(mean, axis=1, keepdims=True)
-    smooth = (mean / np.maximum(length, 1e-12))[corner.ravel()]
-    is_smooth = np.einsum("ij,ij->i", smooth, flat) > _SHARP
+    unit_mean = mean / np.maximum(length, 1e-12)
+    smooth = unit_mean[corner.ravel()]
+    # Where the mean is far from a triangle's own normal, there is an edge.
+    cosine = np.einsum("ij,ij->i", smooth, flat)
+    is_smooth = cosine > _SHARP
+    normals = np.where(is_smooth[:, None], smooth, flat)
     faces: NDArray[np.int32] = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
-    return Shape(points, np.where(is_smooth[:, None], smooth, flat), faces)
+    return Shape(points, normals, faces)
 
 
 def _grid(rows: int, columns: int) -> NDArray[np.int32]:
     """Faces of a grid of points whose columns form a closed ring; seen from outside, rows go down
     and columns to the left."""
     row, column = np.meshgrid(np.arange(rows - 1), np.arange(columns), indexing="ij")
+    # The corners of each cell: in its row, a and to its left b; below them, c and d.
     a = (row * columns + column).ravel()
     b = (row * columns + (column + 1) % columns).ravel()
     c = a + columns
     d = b + columns
-    return np.concatenate([np.stack([a, c, d], -1), np.stack([a, d, b], -1)]).astype(np.int32)
+    # All first halves of the cells come before all second halves: `_band` splits them there.
+    first_halves = np.stack([a, c, d], -1)
+    second_halves = np.stack([a, d, b], -1)
+    return np.concatenate([first_halves, second_halves]).astype(np.int32)
 
 
 def _fan(indices: NDArray[np.intp]) -> NDArray[np.int32]:

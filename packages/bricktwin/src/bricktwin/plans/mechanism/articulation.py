@@ -157,17 +157,21 @@ class _Simplifier:
             self.armature[train.port] = 0.0
             for number, ratio in train.others:
                 hinge = self.mechanism.hinges[number]
-                link = hinge.child if len(self._hinges_of(hinge.child)) == 1 else hinge.parent
+                # The one of its two links that hangs on nothing else.
+                is_child = len(self._hinges_of(hinge.child)) == 1
+                link = hinge.child
+                carrier = hinge.parent
+                if not is_child:
+                    link, carrier = carrier, link
                 is_alone = len(self._hinges_of(link)) == 1 and link not in self.preserved
-                if (
-                    not is_alone
-                    or not is_balanced(self.mechanism, hinge, link, _BALANCED_KG_M)
-                    or hinge is output
-                ):
+                if not is_alone or hinge is output:
                     continue
-                carrier = hinge.parent if link == hinge.child else hinge.child
+                if not is_balanced(self.mechanism, hinge, link, _BALANCED_KG_M):
+                    continue
                 inertia = float(hinge.axis @ self.mechanism.links[link].inertia @ hinge.axis)
-                relative = ratio / train.ratio * (1.0 if link == hinge.child else -1.0)
+                sign = 1.0 if link == hinge.child else -1.0
+                relative = ratio / train.ratio * sign
+                # An inertia behind gears counts with the square of their ratio.
                 self.armature[train.port] += inertia * relative**2
                 self.followers.append((link, hinge, train.port, relative))
                 self._merge(link, carrier)
@@ -179,16 +183,16 @@ class _Simplifier:
             hinges = [self.hinges[number] for number in numbers]
             is_shaft = bool(hinges) and all(share_axis(hinges[0], hinge) for hinge in hinges)
             if is_shaft and is_balanced(self.mechanism, hinges[0], link, _BALANCED_KG_M):
-                self._merge(link, next(other for other in self._ends(hinges[0]) if other != link))
+                self._merge(link, self._other_end(hinges[0], link))
                 del self.hinges[numbers[0]]
-        # Two links have one hinge about an axis.
+        # Two links have one hinge about an axis: of several, one that a motor turns, or the first.
         for number, hinge in list(self.hinges.items()):
             ends = set(self._ends(hinge))
             for other, earlier in self.hinges.items():
+                is_within = len(ends) == 1  # both of its links are one by now
                 is_same = set(self._ends(earlier)) == ends and share_axis(earlier, hinge)
-                if len(ends) == 1 or (
-                    is_same and other != number and (other in self.coupled or other < number)
-                ):
+                is_first = other in self.coupled or other < number
+                if is_within or (is_same and other != number and is_first):
                     if number not in self.coupled:
                         del self.hinges[number]
                     break
@@ -198,11 +202,9 @@ class _Simplifier:
         masses_kg = [link.mass_kg for link in self.mechanism.links]
         for link in sorted(range(len(masses_kg)), key=lambda link: masses_kg[link]):
             numbers = self._hinges_of(link)
-            is_needed = (
-                link in self.preserved
-                or self.merged_into[link] != link
-                or self.coupled & set(numbers)
-            )
+            is_merged = self.merged_into[link] != link
+            is_geared = bool(self.coupled & set(numbers))
+            is_needed = link in self.preserved or is_merged or is_geared
             if masses_kg[link] < _ROD_KG and not is_needed:
                 yield link, numbers
 
@@ -212,27 +214,28 @@ class _Simplifier:
             if len(numbers) != 2:
                 continue
             first, second = (self.hinges[number] for number in numbers)
-            is_parallel = np.linalg.norm(
-                np.cross(first.axis, second.axis)
-            ) < 0.02 and not share_axis(first, second)
-            is_rod = (first.is_ball and second.is_ball) or (
-                is_parallel and not first.is_ball and not second.is_ball
-            )
-            if is_rod and self._is_in_loop(link, numbers):
+            sine = np.linalg.norm(np.cross(first.axis, second.axis))
+            is_parallel = sine < 0.02 and not share_axis(first, second)
+            is_between_balls = first.is_ball and second.is_ball
+            is_between_pins = is_parallel and not first.is_ball and not second.is_ball
+            # Only in a loop does it do nothing but keep a distance.
+            if (is_between_balls or is_between_pins) and self._is_in_loop(link, numbers):
                 self.rods.append((link, first, second))
                 for number in numbers:
                     del self.hinges[number]
 
     def _is_in_loop(self, link: int, numbers: list[int]) -> bool:
         """Whether the link's neighbours are connected without it."""
-        neighbours = graph_of(
-            self._ends(self.hinges[number]) for number in self.hinges.keys() - set(numbers)
-        )
-        start, end = (
-            next(other for other in self._ends(self.hinges[number]) if other != link)
-            for number in numbers
-        )
+        others = self.hinges.keys() - set(numbers)
+        neighbours = graph_of(self._ends(self.hinges[number]) for number in others)
+        first, second = (self.hinges[number] for number in numbers)
+        start = self._other_end(first, link)
+        end = self._other_end(second, link)
         return end in reached([start], neighbours)
+
+    def _other_end(self, hinge: Hinge, link: int) -> int:
+        """The first link of a hinge that is not this one."""
+        return next(other for other in self._ends(hinge) if other != link)
 
     def _ends(self, hinge: Hinge) -> tuple[int, int]:
         """The two links of a hinge."""
@@ -242,6 +245,7 @@ class _Simplifier:
         """The tree of the remaining links from the first body on, and the loops."""
         mechanism = self.mechanism
         base = int(self.merged_into[mechanism.fixed or 0])
+        # Geared joints first: they must be in the tree, as a loop is closed by a soft constraint.
         order = [base]
         tree = []
         loops = []
@@ -266,57 +270,54 @@ class _Simplifier:
             if root in order
         }
         joints = {number: _joint(self.hinges[number], body_of) for number in (*tree, *loops)}
+        # Seen from outside, a clockwise turn is against the shaft's direction.
         flipped = {number: replace(joint, axis=-joint.axis) for number, joint in joints.items()}
+        drives = []
+        geared = []
+        for train in self.trains:
+            armature = self.armature[train.port]
+            joint = flipped[train.output]
+            drives.append(Drive(train.port, joint, 1.0 / train.ratio, armature, train.teeth))
+            # The others have become followers.
+            geared += [
+                Geared(train.port, flipped[number], ratio / train.ratio)
+                for number, ratio in train.others
+                if number in joints
+            ]
+        followers = []
+        for link, hinge, port, ratio in self.followers:
+            parts = mechanism.links[link].parts
+            point_m = hinge.point_m
+            followers.append(Follower(body_of[link], parts, point_m, hinge.axis, port, ratio))
         rods = tuple(
             _rod(mechanism.links[link], first, second, link, body_of)
             for link, first, second in self.rods
         )
-        pieces = {
-            number: [mechanism.links[link] for link in body_of if body_of[link] == number]
-            for number in range(len(order))
-        }
-        for rod, (link, _, _) in zip(rods, self.rods, strict=True):
-            for number, point_m in ((rod.near, rod.near_m), (rod.far, rod.far_m)):
-                pieces[number].append(
-                    Link((), mechanism.links[link].mass_kg / 2, point_m, np.zeros((3, 3)))
-                )
-        bodies = tuple(merged(pieces[number]) for number in range(len(order)))
         return Articulation(
-            bodies,
-            mechanism.fixed is not None,
-            tuple(
-                # Seen from outside, a clockwise turn is against the shaft's direction.
-                Drive(
-                    train.port,
-                    flipped[train.output],
-                    1.0 / train.ratio,
-                    self.armature[train.port],
-                    train.teeth,
-                )
-                for train in self.trains
-            ),
-            tuple(
-                Geared(train.port, flipped[number], ratio / train.ratio)
-                for train in self.trains
-                for number, ratio in train.others
-                if number in joints
-            ),
-            tuple(joints[number] for number in tree if number not in self.coupled),
-            tuple(joints[number] for number in loops),
-            tuple(
-                Follower(
-                    body_of[link],
-                    mechanism.links[link].parts,
-                    hinge.point_m,
-                    hinge.axis,
-                    port,
-                    ratio,
-                )
-                for link, hinge, port, ratio in self.followers
-            ),
-            rods,
-            tuple(replace(wheel, link=body_of[wheel.link]) for wheel in mechanism.wheels),
+            bodies=self._bodies(len(order), body_of, rods),
+            is_fixed=mechanism.fixed is not None,
+            drives=tuple(drives),
+            geared=tuple(geared),
+            swings=tuple(joints[number] for number in tree if number not in self.coupled),
+            loops=tuple(joints[number] for number in loops),
+            followers=tuple(followers),
+            rods=rods,
+            wheels=tuple(replace(wheel, link=body_of[wheel.link]) for wheel in mechanism.wheels),
         )
+
+    def _bodies(
+        self, count: int, body_of: dict[int, int], rods: tuple[Rod, ...]
+    ) -> tuple[Link, ...]:
+        """The bodies: their links, and half of the mass of each rod at either of its ends."""
+        links = self.mechanism.links
+        pieces: list[list[Link]] = [[] for _ in range(count)]
+        for link, number in body_of.items():
+            pieces[number].append(links[link])
+        for rod, (link, _, _) in zip(rods, self.rods, strict=True):
+            half_kg = links[link].mass_kg / 2
+            for number, point_m in ((rod.near, rod.near_m), (rod.far, rod.far_m)):
+                pieces[number].append(Link((), half_kg, point_m, np.zeros((3, 3))))
+        return tuple(merged(body_pieces) for body_pieces in pieces)
 
 
 def _joint(hinge: Hinge, body_of: dict[int, int]) -> Hinge:
@@ -332,10 +333,10 @@ def _joint(hinge: Hinge, body_of: dict[int, int]) -> Hinge:
 
 def _rod(link: Link, first: Hinge, second: Hinge, number: int, body_of: dict[int, int]) -> Rod:
     """A link as a rod; two pins are moved to the plane of the first one."""
-    near, far = (
-        hinge.parent if hinge.child == number else hinge.child for hinge in (first, second)
-    )
-    shift = 0.0 if first.is_ball else float((second.point_m - first.point_m) @ first.axis)
-    return Rod(
-        body_of[near], first.point_m, body_of[far], second.point_m - shift * first.axis, link.parts
-    )
+    near = first.parent if first.child == number else first.child
+    far = second.parent if second.child == number else second.child
+    shift = 0.0
+    if not first.is_ball:
+        shift = float((second.point_m - first.point_m) @ first.axis)
+    far_m = second.point_m - shift * first.axis
+    return Rod(body_of[near], first.point_m, body_of[far], far_m, link.parts)

@@ -24,9 +24,13 @@ TO_TWIN = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _SPACING = 2.5
 """LDU: minimum spacing of the points that carry a part's mass."""
 _MAX_POINTS = 30_000
+"""The same points' number, about, for a large part."""
+_MIN_RATIO = 1e-4
+"""A hinge that turns less per turn of a motor is not driven by it."""
+_COAXIAL_M = 0.001
+# Estimates for a motor's shaft with nothing on it.
 _SHAFT_KG = 0.002
 _SHAFT_RADIUS_M = 0.01
-"""Estimates for a motor's shaft with nothing on it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,39 +119,37 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     motions = bodies.motions()
     members = bodies.members
     link_of = {part: number for number, parts in enumerate(members) for part in parts}
-    links = tuple(
-        merged([_part_link(plan.parts[part]) for part in parts])
-        if parts
-        else _bare_shaft(plan, rotors[0])
-        for parts, rotors in zip(members, bodies.rotors, strict=True)
-    )
+    links = []
+    for parts, rotors in zip(members, bodies.rotors, strict=True):
+        # A body without parts is a rotor that nothing is put on.
+        if parts:
+            links.append(merged([_part_link(plan.parts[part]) for part in parts]))
+        else:
+            links.append(_bare_shaft(plan, rotors[0]))
     ordered = _hinges(plan, bodies)
+    hinges = tuple(hinge for _, hinge in ordered)
     motors = [joint for joint in bodies.joints if joint.motor is not None]
     ports = tuple(plan.parts[joint.motor].port or "" for joint in motors if joint.motor is not None)
     ratios = np.zeros((len(ordered), len(motors)))
     if ratios.size:
+        # Rates of the hinges [hinges, motions] = ratios @ rates of the shafts [motors, motions].
         rates = np.stack([joint.rates(motions, hinge.parent) for joint, hinge in ordered])
         shaft_rates = np.stack([joint.rates(motions) for joint in motors])
         ratios += np.round(rates @ np.linalg.pinv(shaft_rates), 6)
-    wheels = tuple(
-        Wheel(
-            link_of[placed.index], point_m_of(placed.position), placed.part.wheel_mm, placed.index
-        )
-        for placed in plan.parts
-        if placed.part.wheel_mm and placed.index in link_of
-    )
-    hinges = tuple(hinge for _, hinge in ordered)
+    # Parts of bodies that are not connected to the heaviest one have no link.
+    connected = [placed for placed in plan.parts if placed.index in link_of]
+    wheels = []
+    for placed in connected:
+        if placed.part.wheel_mm:
+            centre_m = point_m_of(placed.position)
+            link = link_of[placed.index]
+            wheels.append(Wheel(link, centre_m, placed.part.wheel_mm, placed.index))
     carried = plan.devices(DeviceKind.HUB, DeviceKind.SENSOR)
     devices = tuple(link_of[placed.index] for placed in carried if placed.index in link_of)
-    fixed = next(
-        (
-            link_of[placed.index]
-            for placed in plan.parts
-            if placed.is_fixed and placed.index in link_of
-        ),
-        None,
-    )
-    return Mechanism(links, hinges, ports, ratios, wheels, devices, bodies.meshes, fixed)
+    fixed_links = [link_of[placed.index] for placed in connected if placed.is_fixed]
+    fixed = fixed_links[0] if fixed_links else None
+    meshes = bodies.meshes
+    return Mechanism(tuple(links), hinges, ports, ratios, tuple(wheels), devices, meshes, fixed)
 
 
 def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
@@ -155,21 +157,16 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
     remaining: list[tuple[BodyJoint, int, int]] = []
     for joint in sorted(bodies.joints, key=lambda joint: joint.motor is None):
         first, second = joint.bodies
-        known = [
-            other
-            for other, a, b in remaining
-            if {a, b} == {first, second} and not (other.is_ball or joint.is_ball)
-        ]
-        lines = ((other.point, other.axis, joint.point, joint.axis) for other in known)
-        if first != second and not any(
-            lines_coincide(*line, offset=2.0, sine=0.05) for line in lines
-        ):
+        known = [other for other, *pair in remaining if {*pair} == {first, second}]
+        if first != second and not any(_is_same_axis(joint, other) for other in known):
             remaining.append((joint, first, second))
     is_fixed = [any(plan.parts[part].is_fixed for part in parts) for parts in bodies.members]
     root = is_fixed.index(True) if any(is_fixed) else 0
     reached = {root}
     hinges = []
     while remaining:
+        # Hinges to a new link make the tree. Where there are none any more, the next one closes a
+        # loop.
         open_ends = [edge for edge in remaining if (edge[1] in reached) != (edge[2] in reached)]
         edge = (open_ends or remaining)[0]
         remaining.remove(edge)
@@ -177,15 +174,29 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
         parent, child = (first, second) if first in reached else (second, first)
         port = plan.parts[joint.motor].port if joint.motor is not None else None
         # If a motor is held by its shaft, its case turns; reversing the axis keeps the direction.
-        sign = -1.0 if port is not None and parent != first else 1.0
-        point_m = point_m_of(joint.point)
+        is_held_by_shaft = port is not None and parent != first
+        sign = -1.0 if is_held_by_shaft else 1.0
         axis = sign * TO_TWIN @ joint.axis
         hinge = Hinge(
-            parent, child, point_m, axis, port, not open_ends, parent == first, joint.is_ball
+            parent,
+            child,
+            point_m_of(joint.point),
+            axis,
+            port,
+            closes_loop=not open_ends,
+            turns_child=parent == first,
+            is_ball=joint.is_ball,
         )
         hinges.append((joint, hinge))
         reached |= {first, second}
     return hinges
+
+
+def _is_same_axis(joint: BodyJoint, other: BodyJoint) -> bool:
+    """Whether two joints between the same two bodies are one hinge; a ball joint is none."""
+    if joint.is_ball or other.is_ball:
+        return False
+    return lines_coincide(other.point, other.axis, joint.point, joint.axis, offset=2.0, sine=0.05)
 
 
 def point_m_of(point: Floats) -> Floats:
@@ -197,12 +208,8 @@ def _bare_shaft(plan: Plan, motor: int) -> Link:
     """A motor's rotor with nothing on it."""
     placed = plan.parts[motor]
     site = next(site for site in placed.part.sites if site.turns)
-    return Link(
-        (),
-        _SHAFT_KG,
-        point_m_of(placed.point(site.centre)),
-        np.eye(3) * _SHAFT_KG * _SHAFT_RADIUS_M**2,
-    )
+    inertia = np.eye(3) * _SHAFT_KG * _SHAFT_RADIUS_M**2
+    return Link((), _SHAFT_KG, point_m_of(placed.point(site.centre)), inertia)
 
 
 def merged(links: list[Link]) -> Link:
@@ -211,11 +218,12 @@ def merged(links: list[Link]) -> Link:
     centre = np.asarray(sum(link.mass_kg * link.centre_m for link in links) / mass)
     inertia = np.zeros((3, 3))
     for link in links:
+        # The parallel axis theorem (Steiner).
         offset = link.centre_m - centre
-        inertia += link.inertia + link.mass_kg * (
-            float(offset @ offset) * np.eye(3) - np.outer(offset, offset)
-        )
-    return Link(tuple(part for link in links for part in link.parts), mass, centre, inertia)
+        of_offset = float(offset @ offset) * np.eye(3) - np.outer(offset, offset)
+        inertia += link.inertia + link.mass_kg * of_offset
+    parts = tuple(part for link in links for part in link.parts)
+    return Link(parts, mass, centre, inertia)
 
 
 def _part_link(placed: Placed) -> Link:
@@ -223,9 +231,8 @@ def _part_link(placed: Placed) -> Link:
     mass = placed.part.mass_g / 1000
     centre, inertia = _unit_inertia(placed.part)
     turn = TO_TWIN @ placed.rotation
-    return Link(
-        (placed.index,), mass, point_m_of(placed.point(centre)), mass * turn @ inertia @ turn.T
-    )
+    centre_m = point_m_of(placed.point(centre))
+    return Link((placed.index,), mass, centre_m, mass * turn @ inertia @ turn.T)
 
 
 @functools.lru_cache(maxsize=512)
@@ -233,24 +240,26 @@ def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
     """Centre [3] in LDU and inertia [3, 3] in m² per kg of a part, in its own frame, from a grid of
     points."""
     low, high = part.bounds
-    spacing = max(_SPACING, (float(np.prod(high - low)) / _MAX_POINTS) ** (1 / 3))
+    # So that a large part does not have millions of points.
+    volume = float(np.prod(high - low))
+    spacing = max(_SPACING, (volume / _MAX_POINTS) ** (1 / 3))
     counts = np.clip(np.ceil((high - low) / spacing), 4, 48).astype(int)
     cell = (high - low) / counts
+    # The middles of the cells along each axis.
     lines = [
         start + size * (np.arange(count) + 0.5)
         for start, size, count in zip(low, cell, counts, strict=True)
     ]
-    points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+    grid = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)  # [i, j, k, 3]
+    points = grid.reshape(-1, 3)
     points = points[part.contains(points, 0.0)]
     centre = points.mean(axis=0)
     offset = (points - centre) * M_PER_LDU
     # Each point is a small box with an inertia of its own.
-    squares = offset.T @ offset / len(points) + np.diag((cell * M_PER_LDU) ** 2 / 12)
+    of_cell = np.diag((cell * M_PER_LDU) ** 2 / 12)
+    squares = offset.T @ offset / len(points) + of_cell
+    # From second moments to inertia.
     return centre, np.asarray(np.trace(squares) * np.eye(3) - squares)
-
-
-_MIN_RATIO = 1e-4
-_COAXIAL_M = 0.001
 
 
 @dataclass(frozen=True)
@@ -284,7 +293,8 @@ class Train:
         driven = Counter(self.teeth[1::2])
         first = list((driving - driven).elements())
         last = list((driven - driving).elements())
-        if len(first) == len(last) == 1:  # an idler does not change the ratio
+        # An idler is driven and drives: it does not change the ratio, and is in neither.
+        if len(first) == len(last) == 1:
             return first[0], last[0]
         before = math.prod(first)
         after = math.prod(last)
@@ -307,15 +317,13 @@ def trains(mechanism: Mechanism, path: str) -> tuple[Train, ...]:
         neighbours[other].append((link, other_gear.teeth, gear.teeth))
     result: list[Train] = []
     for column, port in enumerate(mechanism.ports):
-        index = next(
-            (number for number, hinge in enumerate(mechanism.hinges) if hinge.port == port), None
-        )
-        if index is None:
+        shafts = [number for number, hinge in enumerate(mechanism.hinges) if hinge.port == port]
+        if not shafts:
             raise PlanError(
                 f"{path}: the motor of port {port} drives the same part as another one, or "
                 "nothing; remove it"
             )
-        result.append(_train(mechanism, neighbours, index, column))
+        result.append(_train(mechanism, neighbours, shafts[0], column))
     driven = Counter(hinge for train in result for hinge in train.hinges)
     shared = {hinge for hinge, count in driven.items() if count > 1}
     if shared:
@@ -332,30 +340,35 @@ def _train(
     """The train of the motor with shaft hinge ``index``."""
     shaft = mechanism.hinges[index]
     ratios = mechanism.ratios[:, column]
-    rotor, case = (shaft.child, shaft.parent) if shaft.turns_child else (shaft.parent, shaft.child)
+    rotor = shaft.child
+    case = shaft.parent
+    if not shaft.turns_child:
+        rotor, case = case, rotor
+    # The teeth on the way to each link that gears connect with the rotor, by the fewest meshes.
     reached: dict[int, tuple[int, ...]] = {rotor: ()}
     queue = [rotor]
     while queue:
         link = queue.pop(0)
         for other, link_teeth, other_teeth in neighbours[link]:
+            # The case is where the motor pushes against: not a part of its train.
             if other not in reached and other != case:
                 reached[other] = (*reached[link], link_teeth, other_teeth)
                 queue.append(other)
     hinges: dict[int, tuple[int, ...]] = {index: ()}
     for link, teeth in reached.items():
         for number, hinge in enumerate(mechanism.hinges):
-            is_free = (
-                hinge.port is None
-                and not (hinge.closes_loop or hinge.is_ball)
-                and abs(ratios[number]) > _MIN_RATIO
-            )
+            ratio = abs(ratios[number])
+            is_in_tree = not (hinge.closes_loop or hinge.is_ball)
+            is_free = hinge.port is None and is_in_tree and ratio > _MIN_RATIO
             # A meshing link turns about the axis of its gear; its other hinges belong to a linkage.
             is_of_link = bool(teeth) and is_free and link in (hinge.parent, hinge.child)
-            if is_of_link and abs(abs(ratios[number]) - _ratio(teeth)) < 0.02 * abs(ratios[number]):
+            if is_of_link and abs(ratio - _ratio(teeth)) < 0.02 * ratio:
                 hinges.setdefault(number, teeth)
+    # The output is what carries most, and with equal loads the one with the fewest gears.
     output = max(
         hinges, key=lambda number: (_weight(mechanism, number), -len(hinges[number]), -number)
     )
+    # The teeth say the ratio exactly, the motions its sign.
     exact = {
         number: math.copysign(_ratio(teeth), ratios[number]) for number, teeth in hinges.items()
     }

@@ -11,7 +11,7 @@ import mujoco
 
 from brickhub.errors import TwinError
 from brickhub.robot import AnyHub, DriveBase, Motor, MotorKind, Robot
-from bricktwin.plans.drawing import pieces as drawings
+from bricktwin.plans.drawing import pieces
 from bricktwin.plans.drawing.pieces import Piece, piece
 from bricktwin.plans.drawing.shapes import X_AXIS, Y_AXIS, Z_AXIS, box, cylinder, merge
 from bricktwin.plans.geometry import Triple
@@ -35,7 +35,7 @@ _UNKNOWN_HUB: tuple[Triple, float] = ((64.0, 40.0, 32.0), 100.0)
 """Size (mm) and mass (g) of a hub that is not in the catalogue."""
 _FRAME_MM: Triple = (88.0, 48.0, 8.0)
 """Size of the box that stands for the beams of the frame."""
-_DRAWINGS = {"prime": drawings.hub, "spike-medium": drawings.medium_motor}
+_DRAWINGS = {"prime": pieces.hub, "spike-medium": pieces.medium_motor}
 """Our drawings of hubs and motors; all others are drawn as their cases."""
 
 
@@ -199,9 +199,9 @@ class _Frame:
 
         # The axle turns with the rotor, the tyre with the wheel: backlash can be seen.
         length = self.half_track - self.motor_y
-        axle = drawings.axle(max(length, 16.0))
+        axle = pieces.axle(max(length, 16.0))
         axle = axle.at(0, -side * length / 2, 0)
-        tyre = drawings.wheel(2 * self.axle)
+        tyre = pieces.wheel(2 * self.axle)
         mjcf.draw(spec, rotor, [axle])
         mjcf.draw(spec, wheel, [tyre])
 
@@ -214,16 +214,16 @@ class _Frame:
             parts.append(drawn.at(0, side * self.motor_y, self.motor_z))
         # The frame: two beams along, two across.
         for side in (1, -1):
-            along = drawings.beam(13, "turquoise").turned(X_AXIS, 90)
+            along = pieces.beam(13, "turquoise").turned(X_AXIS, 90)
             parts.append(along.at(-12, side * 20, self.top))
         for ahead in (20, -52):
-            across = drawings.beam(9, "dark_grey").turned(Z_AXIS, 90)
+            across = pieces.beam(9, "dark_grey").turned(Z_AXIS, 90)
             parts.append(across.at(ahead, 0, self.top))
         # The caster on its post, which is drawn even where the frame is lower than the caster.
         x, y = self.robot.chassis.caster_mm
         height = _CASTER_RADIUS_MM - self.axle
         length = max(self.top - height - 16.0, 8.0)
-        ball = drawings.ball_caster(_CASTER_RADIUS_MM)
+        ball = pieces.ball_caster(_CASTER_RADIUS_MM)
         post = box(14, 14, length, radius=1.0)
         post = post.at(x, y, self.top - length / 2)
         parts.append(ball.at(x, y, height))
@@ -242,8 +242,9 @@ class _Frame:
         length = max(abs(ahead) - 20.0, 8.0)
         height = max(abs(self.top - up) - 8.0, 8.0)
         sign = 1.0 if ahead >= 0 else -1.0
+        middle = sign * (20.0 + length / 2)
         bar = box(length, 7.6, 7.6, radius=1.0)
-        bar = bar.at(sign * (20.0 + length / 2), left, self.top)
+        bar = bar.at(middle, left, self.top)
         post = box(7.6, 7.6, height, radius=1.0)
         post = post.at(ahead, left, (self.top + up) / 2)
         return piece(dark_grey=merge([bar, post]))

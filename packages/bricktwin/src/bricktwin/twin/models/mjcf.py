@@ -319,7 +319,8 @@ def overview_of(scene: Scene) -> tuple[Triple, float]:
     low = points.min(0)
     high = points.max(0)
     x, y = ((low + high) / 2).tolist()
-    return (x, y, 0.0), max(1.1, 1.25 * float(np.linalg.norm(high - low)))
+    diagonal = float(np.linalg.norm(high - low))
+    return (x, y, 0.0), max(1.1, 1.25 * diagonal)
 
 
 def pair_contacts(spec: mujoco.MjSpec) -> None:

@@ -53,7 +53,8 @@ class MotorSheet:
         # On a line with ``share`` times both ends, the speed at the load is ``share * free_rpm -
         # at_load_rpm``; this is where it is ``2 - share`` times the sheet's.
         at_load_rpm = self.free_rpm * self.load_nm / self.stall_nm
-        share = (2.0 * self.loaded_rpm + at_load_rpm) / (self.free_rpm + self.loaded_rpm)
+        both_rpm = self.free_rpm + self.loaded_rpm
+        share = (2.0 * self.loaded_rpm + at_load_rpm) / both_rpm
         free_rad_s = share * self.free_rpm * RAD_S_PER_RPM
         stall_nm = share * self.stall_nm
         return free_rad_s, stall_nm
@@ -140,5 +141,7 @@ def _blocked_ohm(kind: MotorKind) -> float:
     e = PRESCALE_VOLTAGE / model.current[2]
     f = PRESCALE_TORQUE / model.current[3]
     # The next speed is 0 and the next current the present one: the torque is eliminated.
-    current_per_mv = (e - b * f / c) / (1.0 - d + a * f / c)
+    by_voltage = e - b * f / c
+    by_current = 1.0 - d + a * f / c
+    current_per_mv = by_voltage / by_current
     return 10.0 / current_per_mv  # mV / 0.1 mA is 10 ohm

@@ -10,7 +10,7 @@ import numpy as np
 from brickhub.robot import Mount, Sense, Sensor, SensorKind
 from brickhub.robot.spec import LOOKS
 from bricktwin.plans import catalogue
-from bricktwin.plans.drawing import pieces as drawings
+from bricktwin.plans.drawing import pieces
 from bricktwin.plans.drawing.pieces import Piece, piece
 from bricktwin.plans.drawing.shapes import X_AXIS, Z_AXIS, box, cylinder, ring
 from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple, triple
@@ -130,7 +130,7 @@ def mount_sensor(
         turn=turn,
         collides=is_sonar,
     )
-    drawing = drawings.ultrasonic_sensor().at(-13.0, 0, 0) if is_sonar else _small_sensor(size)
+    drawing = pieces.ultrasonic_sensor().at(-13.0, 0, 0) if is_sonar else _small_sensor(size)
     return drawing.turned(axis, angle_deg).at(*eye.tolist())
 
 

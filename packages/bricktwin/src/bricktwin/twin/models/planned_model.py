@@ -603,9 +603,10 @@ class _Builder:
 
     def _add_cameras(self) -> None:
         """Add light and cameras, at distances that show the whole robot."""
-        corners = [
-            placed.to_plan(np.stack(placed.part.bounds)) for placed in self.planned.plan.parts
-        ]
+        corners = []
+        for placed in self.planned.plan.parts:
+            bounds = np.stack(placed.part.bounds)
+            corners.append(placed.to_plan(bounds))
         extent = np.ptp(np.concatenate(corners), axis=0)  # [3], LDU
         size_m = float(np.linalg.norm(extent)) * MM_PER_LDU / 1000
         first = self.articulation.bodies[0]

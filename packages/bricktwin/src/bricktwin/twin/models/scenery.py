@@ -76,7 +76,8 @@ def _add_ramp(world: mujoco.MjsBody, name: str, ramp: Ramp) -> None:
     height = half_length * sine - half_thickness * cosine
     x += ahead * math.cos(yaw)
     y += ahead * math.sin(yaw)
-    tilt = np.array([math.cos(rise / 2), 0.0, -math.sin(rise / 2), 0.0])
+    half_rise = rise / 2
+    tilt = np.array([math.cos(half_rise), 0.0, -math.sin(half_rise), 0.0])
     turned = np.array(yaw_quaternion(yaw))
     turn = np.empty(4)
     mujoco.mju_mulQuat(turn, turned, tilt)
@@ -186,7 +187,12 @@ def _draw_marks(spec: mujoco.MjSpec, marks: Sequence[Mark]) -> None:
 
 
 def _field(field: Field) -> Shape:
-    corners: list[Point] = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]
+    corners: list[Point] = [
+        (1.0, 1.0),
+        (-1.0, 1.0),
+        (-1.0, -1.0),
+        (1.0, -1.0),
+    ]
     if field.round:
         angles = [math.tau * step / _CORNERS for step in range(_CORNERS)]
         corners = [(math.cos(angle), math.sin(angle)) for angle in angles]
@@ -226,7 +232,9 @@ def _flat(outline: Floats) -> Shape:
     upper = np.column_stack([outline, heights])
     lower = np.column_stack([outline, -heights])
     points = np.concatenate([upper, lower])  # [2 n, 3]
-    normals = np.repeat([(0.0, 0.0, 1.0), (0.0, 0.0, -1.0)], count, axis=0)
+    up = (0.0, 0.0, 1.0)
+    down = (0.0, 0.0, -1.0)
+    normals = np.repeat([up, down], count, axis=0)
     # A fan of triangles around the first corner; seen from below, it goes the other way round.
     first = np.zeros(count - 2, int)
     second = np.arange(1, count - 1)

@@ -147,7 +147,8 @@ class TurningParts:
         """Turn shafts and gears with their motors' joints, rods to their far pins; positions must
         be up to date, and are so afterwards."""
         for body, address, ratio, axis in self._spinners:
-            angle = ratio * float(data.qpos[address] - model.qpos0[address])
+            turned = float(data.qpos[address] - model.qpos0[address])
+            angle = ratio * turned
             mujoco.mju_axisAngle2Quat(model.body_quat[body], axis, angle)
         for body, far in self._rods:
             parent = model.body_parentid[body]

@@ -51,7 +51,9 @@ class Box:
 def is_fixed_camera(model: mujoco.MjModel, camera: int) -> bool:
     """True if a camera is fixed in the world."""
     fixed = model.cam_mode[camera] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED
-    return bool(fixed and model.body_weldid[model.cam_bodyid[camera]] == 0)
+    body = model.cam_bodyid[camera]
+    # Welded to the world, which is body 0.
+    return bool(fixed and model.body_weldid[body] == 0)
 
 
 def is_opaque(model: mujoco.MjModel, groups: NDArray[np.uint8]) -> bool:
@@ -130,7 +132,8 @@ class MovingParts:
         camera_axes = data.cam_xmat[self._camera].reshape(3, 3)
         local = corners @ camera_axes
         depths = np.maximum(-local[..., 2:], _NEAR_M)  # [geoms, 8, 1]
-        pixels = self._middle_px + self._focal_px * local[..., :2] / depths  # [geoms, 8, 2]
+        from_middle_px = self._focal_px * local[..., :2] / depths
+        pixels = self._middle_px + from_middle_px  # [geoms, 8, 2]
         upper_left = np.floor(pixels.min(1)) - 1
         lower_right = np.ceil(pixels.max(1)) + 1
         bounds = np.concatenate((upper_left, lower_right), 1)
@@ -440,7 +443,8 @@ def named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:
     camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
     camera.fixedcamid = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)
     if camera.fixedcamid < 0:
-        cameras = ", ".join(model.camera(index).name for index in range(model.ncam))
+        names = [model.camera(index).name for index in range(model.ncam)]
+        cameras = ", ".join(names)
         raise TwinError(f"there is no camera '{name}'; choose one of {cameras}")
     return camera
 

@@ -81,7 +81,8 @@ def _write(
     text_height = round(sum(font.size for _, font in lines))
     gap = margin // 2
     width = 2 * margin + round(longest)
-    height = 2 * margin + text_height + gap * (len(lines) - 1)
+    gaps = gap * (len(lines) - 1)
+    height = 2 * margin + text_height + gaps
     # Only the area behind the text is blended: the whole image would take longer than drawing
     # the robot.
     mask = Image.new("L", (width, height), 0)
@@ -263,7 +264,14 @@ class Room:
                 math.sin(elevation),
             ]
         )
-        right = np.array([math.sin(azimuth), -math.cos(azimuth), 0.0])
+        # Level, as the camera does not lean.
+        right = np.array(
+            [
+                math.sin(azimuth),
+                -math.cos(azimuth),
+                0.0,
+            ]
+        )
         up = np.cross(right, forward)
         back = self.camera.distance * forward
         eye = np.array(self.camera.lookat) - back

@@ -21,9 +21,17 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
 from bricksrl.agents import sac
+from bricksrl.agents.actor_critic import Batch, Critics
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.sac import Batch, Critics, SACLoss, SACSettings, location_and_scale
-from bricksrl.agents.settings import NotNegative, Positive, Range
+from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale
+from bricksrl.agents.settings import (
+    IMAGES_TARGETS,
+    PAPER_TARGETS,
+    NotNegative,
+    Positive,
+    Presets,
+    Range,
+)
 from bricksrl.agents.teachers import CountedUpdates
 
 MAX_FACTOR = 1e6
@@ -38,7 +46,8 @@ NEAR_ONE = 0.999
 class CQLSettings(SACSettings):
     """Settings of CQL."""
 
-    learning_rate: Annotated[float, Positive] = 1e-3
+    batch_size: Annotated[int, Range(1)] = 256
+    actor_delay: Annotated[int, Range(1)] = 1
     alpha_init: Annotated[float, Positive] = 0.2
     min_q_weight: Annotated[float, NotNegative] = 1.0
     """Weight of the penalty on values of sampled actions; a threshold adds a learned factor."""
@@ -51,6 +60,17 @@ class CQLSettings(SACSettings):
     """Sampled actions with a gradient, drawn by their weight; 0 for all."""
     imitation_updates: Annotated[int, NotNegative] = 0
     """Initial updates in which the actor imitates the data."""
+
+
+PRESETS = {
+    "cql": Presets(
+        default=CQLSettings(),
+        images=CQLSettings(**IMAGES_TARGETS, alpha_init=0.1),
+        paper=CQLSettings(
+            **PAPER_TARGETS, alpha_init=1.0, lagrange_threshold=5.0, imitation_updates=1000
+        ),
+    )
+}
 
 
 class CQLLoss(CountedUpdates, SACLoss):
@@ -71,17 +91,18 @@ class CQLLoss(CountedUpdates, SACLoss):
         count = self.settings.sampled_actions
         (rows, size) = batch.action.shape
         uniform = torch.rand(count, rows, size, device=batch.action.device) * 2.0 - 1.0
+        # each entry is uniform over a range of length 2: its density is 1/2
         density = uniform.new_full((count, rows), -math.log(2.0) * size)
         out = self.actor(torch.cat((batch.features, batch.next_features)))
-        base = (
-            None
-            if batch.base is None or batch.next_base is None
-            else torch.cat((batch.base, batch.next_base))
-        )
+        base = None
+        if batch.base is not None and batch.next_base is not None:
+            base = torch.cat((batch.base, batch.next_base))
         action, log_density = self.draw(out.expand(count, *out.shape), base)
-        actions = action.view(count, 2, rows, size)
-        densities = log_density.view(count, 2, rows)
-        return torch.cat((uniform, *actions.unbind(1))), torch.cat((density, *densities.unbind(1)))
+        # of this state and of the next: [count, 2, batch, m] and [count, 2, batch]
+        of_states = action.view(count, 2, rows, size).unbind(1)
+        densities_of_states = log_density.view(count, 2, rows).unbind(1)
+        actions = torch.cat((uniform, *of_states))
+        return actions, torch.cat((density, *densities_of_states))
 
     @torch.no_grad()
     def scores(self, features: Tensor, actions: Tensor) -> Tensor:
@@ -91,38 +112,41 @@ class CQLLoss(CountedUpdates, SACLoss):
         values = []
         for group in actions.split(at_once):
             states = features.expand(len(group), *features.shape).flatten(0, 1)
-            values.append(self.critics(states, group.flatten(0, 1)).view(-1, *group.shape[:2]))
+            flat_values = self.critics(states, group.flatten(0, 1))  # [k, samples * batch]
+            values.append(flat_values.view(-1, *group.shape[:2]))
         return torch.cat(values, 1)
 
     def qvalue_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Squared errors of the critics, the conservative penalty, and the loss of its factor."""
         target = self.target_qvalue(batch)
         actions, densities = self.sample_actions(batch)
+        # Less the density of how an action was drawn: the importance weight of CQL(H), appendix F.
         scores = self.scores(batch.features, actions) - densities
-        shares = scores.softmax(1)
+        shares = scores.softmax(1)  # [k, samples, batch]
+        drawn = None
+        if self.settings.drawn_actions:
+            drawn = draw_indices(shares, self.settings.drawn_actions)
+        each_row = torch.arange(len(target), device=target.device)
         values = []
         sampled_values = []
-        drawn = (
-            draw_indices(shares, self.settings.drawn_actions)
-            if self.settings.drawn_actions
-            else None
-        )
         for i, critic in enumerate(self.critics):
-            chosen = (
-                actions
-                if drawn is None
-                else actions[drawn[i], torch.arange(len(target), device=target.device)]
-            )
-            weights = shares[i] if drawn is None else 1.0 / len(chosen)
+            chosen = actions
+            weights: Tensor | float = shares[i]
+            if drawn is not None:
+                # they were drawn by their weights, so that their plain mean is unbiased
+                chosen = actions[drawn[i], each_row]
+                weights = 1.0 / len(chosen)
+            # the data's action goes first, through the same pass as the sampled ones
+            compared = torch.cat((batch.action[None], chosen))
             states = batch.features.expand(1 + len(chosen), *batch.features.shape)
-            predicted = critic(
-                torch.cat((states, torch.cat((batch.action[None], chosen))), -1)
-            ).squeeze(-1)
+            predicted = critic(torch.cat((states, compared), -1)).squeeze(-1)
             values.append(predicted[0])
             sampled_values.append((predicted[1:] * weights).sum(0).mean())
-        value = torch.stack(values)
-        gap = self.settings.min_q_weight * (scores.logsumexp(1).mean() - value.detach().mean())
-        penalty = self.settings.min_q_weight * (torch.stack(sampled_values) - value.mean(-1)).sum()
+        value = torch.stack(values)  # [k, batch]
+        weight = self.settings.min_q_weight
+        # The gap is a number to compare with the threshold; the penalty has the gradient.
+        gap = weight * (scores.logsumexp(1).mean() - value.detach().mean())
+        penalty = weight * (torch.stack(sampled_values) - value.mean(-1)).sum()
         factor = self.log_factor.exp().clamp_max(MAX_FACTOR)
         losses = {
             "loss_qvalue": self.errors(value, target),
@@ -153,14 +177,13 @@ def draw_indices(weights: Tensor, count: int) -> Tensor:
     samples. Systematic resampling: unbiased, with less variance than independent draws."""
     k, samples, batch = weights.shape
     cumulative = weights.cumsum(1).transpose(1, 2).contiguous()
-    points = (
-        torch.arange(count, device=weights.device) + torch.rand(k, batch, 1, device=weights.device)
-    ) / count
-    return (
-        torch.searchsorted(cumulative, points * cumulative[..., -1:])
-        .clamp_max(samples - 1)
-        .transpose(1, 2)
-    )
+    # one random shift for all of a row's points, which are 1 / count apart: [k, batch, count]
+    shift = torch.rand(k, batch, 1, device=weights.device)
+    points = (torch.arange(count, device=weights.device) + shift) / count
+    # rounded sums end a little beside 1, and a point may lie beyond the last of them
+    total = cumulative[..., -1:]
+    indices = torch.searchsorted(cumulative, points * total).clamp_max(samples - 1)
+    return indices.transpose(1, 2)
 
 
 def log_prob(out: Tensor, min_scale: float, action: Tensor) -> Tensor:

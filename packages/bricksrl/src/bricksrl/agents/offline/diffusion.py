@@ -12,11 +12,11 @@ from torchrl.envs import EnvBase
 from torchrl.modules import DiffusionActor
 from torchrl.objectives import DiffusionBCLoss
 
-from bricksrl.agents.act import ChunkPolicy, ChunkSettings, chunk_learner
 from bricksrl.agents.encoder import encode, make_encoder
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size, make_body
-from bricksrl.agents.settings import NotNegative, Range
+from bricksrl.agents.offline.act import ChunkPolicy, ChunkSettings, chunk_learner
+from bricksrl.agents.settings import IMAGES, PAPER, NotNegative, Presets, Range
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,15 @@ class DiffusionSettings(ChunkSettings):
     only."""
     denoising_steps: Annotated[int, Range(1, 1000)] = 20
     """Denoising steps per chunk."""
+
+
+PRESETS = {
+    "diffusion": Presets(
+        default=DiffusionSettings(),
+        images=DiffusionSettings(**IMAGES, updates_per_step=1.0),
+        paper=DiffusionSettings(**PAPER, updates_per_step=1.0),
+    )
+}
 
 
 class EncodedChunks(DiffusionBCLoss):  # type: ignore[misc]

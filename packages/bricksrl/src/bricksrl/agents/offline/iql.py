@@ -16,14 +16,23 @@ from bricksrl.agents.encoder import encoder_keys, make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import Actor, action_size, action_spec, make_body
 from bricksrl.agents.operators import critic_operator, value_operator
-from bricksrl.agents.settings import NotNegative, Range, Share, TargetSettings
+from bricksrl.agents.settings import (
+    IMAGES_TARGETS,
+    PAPER_TARGETS,
+    NotNegative,
+    OffPolicySettings,
+    Presets,
+    Range,
+    Share,
+    TargetSettings,
+)
 
 LOG_SCALE = (-5.0, 2.0)
 """Limits of the log standard deviation; source: the authors' code."""
 
 
 @dataclass(frozen=True)
-class IQLSettings(TargetSettings):
+class IQLSettings(TargetSettings, OffPolicySettings):
     """Settings of IQL."""
 
     new_goals: Annotated[float, Share] = 0.0
@@ -33,6 +42,15 @@ class IQLSettings(TargetSettings):
     """Expectile of the action values that is a state's value; 0.5 is the mean."""
     temperature: Annotated[float, NotNegative] = 3.0
     """Weight of the advantage in imitation; 0 imitates all actions equally."""
+
+
+PRESETS = {
+    "iql": Presets(
+        default=IQLSettings(),
+        images=IQLSettings(**IMAGES_TARGETS),
+        paper=IQLSettings(**PAPER_TARGETS, expectile=0.5, temperature=1.0),
+    )
+}
 
 
 class StateIndependentScale(nn.Module):

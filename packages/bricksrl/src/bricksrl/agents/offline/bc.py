@@ -14,7 +14,7 @@ from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, adam
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer
-from bricksrl.agents.settings import Norm, Positive, Settings, ShareBelowOne
+from bricksrl.agents.settings import IMAGES, PAPER, Norm, Positive, Presets, Settings, ShareBelowOne
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,15 @@ class BCSettings(Settings):
     """Normalisation in the actor, before each ReLU."""
     dropout: Annotated[float, ShareBelowOne] = 0.01
     """Dropout rate in the actor during training."""
+
+
+PRESETS = {
+    "bc": Presets(
+        default=BCSettings(),
+        images=BCSettings(**IMAGES, updates_per_step=1.0),
+        paper=BCSettings(**PAPER, updates_per_step=1.0),
+    )
+}
 
 
 class ImitationLoss(BCLoss):  # type: ignore[misc]

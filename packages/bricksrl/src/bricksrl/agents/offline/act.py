@@ -17,7 +17,16 @@ from torchrl.objectives import ACTLoss, LossModule
 from bricksrl.agents.encoder import encode, encoder_keys, make_encoder
 from bricksrl.agents.learner import Learner, adam
 from bricksrl.agents.networks import action_size
-from bricksrl.agents.settings import NotNegative, Positive, Range, Settings, ShareBelowOne
+from bricksrl.agents.settings import (
+    IMAGES,
+    PAPER,
+    NotNegative,
+    Positive,
+    Presets,
+    Range,
+    Settings,
+    ShareBelowOne,
+)
 from bricksrl.errors import DescriptionError
 
 
@@ -128,6 +137,32 @@ class ACTSettings(ChunkSettings):
                 f"heads is {self.heads}, which does not divide the width {self.width}; "
                 "choose another"
             )
+
+
+PRESETS = {
+    "act": Presets(
+        default=ACTSettings(),
+        images=ACTSettings(**IMAGES, updates_per_step=1.0),
+        # Zhao et al. 2023, appendix; ensemble, latent size and weight decay from their released
+        # code
+        paper=ACTSettings(
+            **{**PAPER, "learning_rate": 1e-5, "batch_size": 8},
+            updates_per_step=1.0,
+            chunk=100,
+            executed=1,
+            ensemble=0.01,
+            width=512,
+            feedforward=3200,
+            heads=8,
+            encoder_layers=4,
+            decoder_layers=7,
+            dropout=0.1,
+            latent=32,
+            kl_weight=10.0,
+            weight_decay=1e-4,
+        ),
+    )
+}
 
 
 class EncodedACTLoss(ACTLoss):  # type: ignore[misc]

@@ -11,17 +11,37 @@ from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
 from bricksrl.agents.operators import critic_operator
-from bricksrl.agents.settings import Positive
-from bricksrl.agents.td3 import DeterministicSettings
+from bricksrl.agents.settings import (
+    IMAGES_TARGETS,
+    PAPER_TARGETS,
+    OffPolicySettings,
+    Positive,
+    Presets,
+    Range,
+    TargetSettings,
+)
+from bricksrl.agents.td3 import PAPER_NOISE, DeterministicSettings
 
 
 @dataclass(frozen=True)
-class TD3BCSettings(DeterministicSettings):
-    """Settings of TD3+BC."""
+class TD3BCSettings(DeterministicSettings, TargetSettings, OffPolicySettings):
+    """Settings of TD3+BC; targets move with the actor."""
 
+    learning_rate: Annotated[float, Positive] = 5e-4
+    updates_per_step: Annotated[float, Positive] = 4.0
+    actor_delay: Annotated[int, Range(1)] = 2
     value_weight: Annotated[float, Positive] = 2.5
     """Weight of the value, scaled to mean magnitude 1, relative to the squared distance from the
     data's action."""
+
+
+PRESETS = {
+    "td3bc": Presets(
+        default=TD3BCSettings(),
+        images=TD3BCSettings(**IMAGES_TARGETS),
+        paper=TD3BCSettings(**PAPER_TARGETS, **PAPER_NOISE),
+    )
+}
 
 
 def build(env: EnvBase, settings: TD3BCSettings, device: torch.device | str = "cpu") -> Learner:

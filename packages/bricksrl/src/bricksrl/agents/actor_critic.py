@@ -1,0 +1,154 @@
+"""What SAC, TD3, CrossQ and CQL share: critics, the loss of an actor and critics on one encoder,
+and the update of target networks."""
+
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor, nn
+from torch.nn import functional
+from torch.optim.swa_utils import get_ema_multi_avg_fn
+from torchrl.objectives.common import LossModule
+from torchrl.objectives.utils import hold_out_net
+
+from bricksrl.agents.encoder import encode, encoder_keys
+from bricksrl.agents.settings import CriticSettings, OffPolicySettings
+
+
+class Critics(nn.ModuleList):
+    """``k`` independent critics: features ``[batch, f]`` and actions ``[batch, m]`` to values ``[k,
+    batch]``."""
+
+    def forward(self, features: Tensor, action: Tensor) -> Tensor:
+        x = torch.cat((features, action), -1)
+        return torch.stack([body(x).squeeze(-1) for body in self])
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Encoded transitions: ``features``, ``next_features`` ``[batch, f]``, ``action`` ``[batch,
+    m]``, others ``[batch]``."""
+
+    features: Tensor
+    action: Tensor
+    reward: Tensor
+    next_features: Tensor
+    discount: Tensor
+    """Weight of the next state's value: 0 after termination, else gamma to the number of steps."""
+    base: Tensor | None = None
+    next_base: Tensor | None = None
+    """Actions ``[batch, m]`` of a base, if there is one, which the actor's are added to."""
+
+
+class ActorCriticLoss(LossModule):  # type: ignore[misc]
+    """Loss of an actor (features to the policy's outputs) and critics on the features ``[batch,
+    f]`` of a shared encoder.
+
+    It has TorchRL's keys (TorchRL's losses are the oracles in tests), a `qvalue_loss`, and an
+    `actor_loss`, which not every update computes. Features are encoded once; only the critics' loss
+    trains the encoder.
+    """
+
+    def __init__(
+        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: OffPolicySettings
+    ) -> None:
+        super().__init__()
+        self.encoder = encoder
+        self.actor = actor
+        self.critics = critics
+        self.gamma = settings.gamma
+        self.anchor: nn.Module | None = None  # of a policy that was taught
+        self.base: nn.Module | None = None
+        # CrossQ's settings have no choice of the critics' loss
+        is_smooth = isinstance(settings, CriticSettings) and settings.critic_loss == "smooth-l1"
+        self.errors = smooth_errors if is_smooth else squared_errors
+        keys = encoder_keys(encoder)
+        outcome = [("next", key) for key in (*keys, "reward", "terminated")]
+        self.in_keys = [*keys, "action", *outcome]
+
+    @abstractmethod
+    def target_qvalue(self, batch: Batch) -> Tensor:
+        """Target of the critics ``[batch]``, without gradient."""
+
+    @abstractmethod
+    def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
+        """Losses ("loss_actor" and others) and metrics; without gradient for the critics."""
+
+    def qvalue_loss(self, batch: Batch) -> dict[str, Tensor]:
+        """Errors summed over the critics, other losses and metrics."""
+        target = self.target_qvalue(batch)
+        return {"loss_qvalue": self.errors(self.critics(batch.features, batch.action), target)}
+
+    def encode(self, tensordict: TensorDictBase) -> Batch:
+        """Encode a batch from a replay buffer."""
+        features = encode(self.encoder, tensordict)
+        after = tensordict["next"]
+        with torch.no_grad():
+            next_features = encode(self.encoder, after)
+        # n-step returns: the value is bootstrapped from n steps later, fewer at an episode's end
+        steps = tensordict.get("steps_to_next_obs", None)
+        gamma = self.gamma if steps is None else self.gamma ** steps.squeeze(-1)
+        # by "terminated" and not by "done": after a time limit the next state has its value
+        goes_on = ~after["terminated"].squeeze(-1)
+        discount = gamma * goes_on.to(features.dtype)
+        reward = after["reward"].squeeze(-1)
+        batch = Batch(features, tensordict["action"], reward, next_features, discount)
+        if self.base is None:
+            return batch
+        return replace(batch, base=self.base(tensordict), next_base=self.base(after))
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDict:
+        """All losses of a batch, and detached metrics; scalars."""
+        batch = self.encode(tensordict)
+        losses = self.qvalue_loss(batch)
+        # the actor's loss passes through the critics, which must not learn from it
+        with hold_out_net(self.critics):
+            losses |= self.actor_loss(batch)
+        return TensorDict(losses)
+
+    def critic_losses(self, tensordict: TensorDictBase) -> TensorDict:
+        """The losses of an update without the actor."""
+        return TensorDict(self.qvalue_loss(self.encode(tensordict)))
+
+    def actor_outputs(self, features: Tensor) -> Tensor:
+        """The actor's outputs on detached features, with the pull of the policy anchor, if any."""
+        features = features.detach()
+        out: Tensor = self.actor(features)
+        return out if self.anchor is None else self.anchor(features, out)
+
+
+def on_base(action: Tensor, base: Tensor | None) -> Tensor:
+    """An actor's action ``[*batch, m]`` added to that of a base, if there is one, within -1..1."""
+    return action if base is None else (base + action).clamp(-1.0, 1.0)
+
+
+def squared_errors(values: Tensor, target: Tensor) -> Tensor:
+    """Mean squared error of values ``[k, batch]``, summed over the ``k`` critics."""
+    return (values - target).square().mean(-1).sum()
+
+
+def smooth_errors(values: Tensor, target: Tensor) -> Tensor:
+    """Mean of half the squared error up to 1, linear beyond, summed over the critics."""
+    errors = functional.smooth_l1_loss(values, target.expand_as(values), reduction="none")
+    return errors.mean(-1).sum()
+
+
+class PolyakUpdate:
+    """TorchRL's ``SoftUpdate`` for plain modules: each step moves each pair's target by ``tau``."""
+
+    def __init__(self, *pairs: tuple[nn.Module, nn.Module], tau: float) -> None:
+        self._sources = [parameter for source, _ in pairs for parameter in source.parameters()]
+        self._targets = [parameter for _, target in pairs for parameter in target.parameters()]
+        self._average = get_ema_multi_avg_fn(1.0 - tau)
+
+    @torch.no_grad()
+    def step(self) -> None:
+        """Move the targets."""
+        self._average(self._targets, self._sources, 0)
+
+    @torch.no_grad()
+    def init_(self) -> None:
+        """Let the targets equal their networks."""
+        for target, source in zip(self._targets, self._sources, strict=True):
+            target.copy_(source)
