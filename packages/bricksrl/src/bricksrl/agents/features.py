@@ -163,17 +163,14 @@ class ObservationEncoder(nn.Module):
         # a goal may be anywhere in its range, whatever goals were learned on
         goal_index = [goal for goal, _ in layout.goals]
         self.seen = SeenInputs(layout.names, layout.wraps, goal_index)
-        is_angle = [wraps and angles != "raw" for wraps in layout.wraps]
-        angle_index = [i for i, is_one in enumerate(is_angle) if is_one]
-        linear_index = [i for i, is_one in enumerate(is_angle) if not is_one]
-        # Linear entries: low..high becomes -1..1, and an unbounded one stays.
-        low = torch.tensor(layout.low)
-        high = torch.tensor(layout.high)
-        is_finite = torch.isfinite(low) & torch.isfinite(high)
-        bounded = is_finite & (high > low)
-        span = high - low
-        scale = torch.where(bounded, 2.0 / span, 1.0)
-        offset = torch.where(bounded, -(high + low) / span, 0.0)
+        angle_index: list[int] = []
+        linear_index: list[int] = []
+        for index, wraps in enumerate(layout.wraps):
+            if wraps and angles != "raw":
+                angle_index.append(index)
+            else:
+                linear_index.append(index)
+        scale, offset = _unit_scaling(layout)
         past = layout.past
         # Differences to goals and between angles are of the newest frame alone.
         pairs: list[tuple[int, int]] = []
@@ -185,7 +182,7 @@ class ObservationEncoder(nn.Module):
         phase_index = torch.tensor(phases, dtype=torch.int64)
         first, second = torch.combinations(phase_index).T
         # Row i is what entry i is made of: itself, and in an older frame less the newest one.
-        less_newest = torch.eye(len(is_angle))
+        less_newest = torch.eye(len(layout.wraps))
         less_newest[list(past), list(past.values())] = -1.0
         one_rad = less_newest * (math.pi / 180.0)
         # one column per angle: one product gives all angles and their differences in radians
@@ -200,13 +197,14 @@ class ObservationEncoder(nn.Module):
         self.past_matrix = _constant(linear_less_newest.T.contiguous())
         # Which features are of older frames, in the order of `forward`.
         linear_is_old = [i in past for i in linear_index]
-        angle_is_old = [i in past for i in angle_index] + [False] * len(first)
-        is_old = [*linear_is_old, *angle_is_old, *angle_is_old, *([False] * len(pairs))]
+        angle_is_old = [i in past for i in angle_index]
+        phase_is_old = [False] * len(first)
+        goal_is_old = [False] * len(pairs)
+        of_sines = angle_is_old + phase_is_old
+        of_cosines = of_sines
+        is_old = linear_is_old + of_sines + of_cosines + goal_is_old
         old = torch.tensor(is_old, dtype=torch.bool)
         self.share = _constant(torch.where(old, PAST_SHARE, 1.0))
-        self.goal = _constant([goal for goal, _ in pairs], torch.int64)
-        self.reached = _constant([reached for _, reached in pairs], torch.int64)
-        # An infinite period turns no difference the other way round: one formula for all goals.
         periods_deg: list[float] = []
         goal_scale: list[float] = []
         for goal, _ in pairs:
@@ -215,11 +213,16 @@ class ObservationEncoder(nn.Module):
                 # half a turn is the largest difference
                 goal_scale.append(1 / 180.0)
             else:
+                # nothing is the other way round: one formula serves for all goals
                 periods_deg.append(math.inf)
                 goal_scale.append(float(scale[goal]))
+        self.goal = _constant([goal for goal, _ in pairs], torch.int64)
+        self.reached = _constant([reached for _, reached in pairs], torch.int64)
         self.period = _constant(periods_deg)
         self.goal_scale = _constant(goal_scale)
-        self.size = len(linear_index) + 2 * angle_matrix.shape[1] + len(pairs)
+        # sine and cosine of each angle and of each difference between angles
+        circle_size = 2 * angle_matrix.shape[1]
+        self.size = len(linear_index) + circle_size + len(pairs)
 
     def forward(self, observation: Tensor) -> Tensor:
         """Features: scaled entries, then all sines, all cosines, all goal differences."""
@@ -254,6 +257,20 @@ class ObservationEncoder(nn.Module):
         if not self.is_scaled:
             return observation
         return (observation - self.unit_offset) / self.unit_scale
+
+
+def _unit_scaling(layout: ObservationLayout) -> tuple[Tensor, Tensor]:
+    """Factor and offset ``[n]`` of each entry, by which low..high becomes -1..1; an unbounded one
+    stays as it is."""
+    low = torch.tensor(layout.low)
+    high = torch.tensor(layout.high)
+    is_finite = torch.isfinite(low) & torch.isfinite(high)
+    # an entry of one value has no range to divide by
+    is_bounded = is_finite & (high > low)
+    span = high - low
+    scale = torch.where(is_bounded, 2.0 / span, 1.0)
+    offset = torch.where(is_bounded, -(high + low) / span, 0.0)
+    return scale, offset
 
 
 def _constant(values: Any, dtype: torch.dtype | None = None) -> nn.Buffer:

@@ -146,10 +146,13 @@ def oscillators(env: EnvBase) -> Oscillators:
     if len(legs) < 2:
         raise DescriptionError(_NO_LEGS)
     # mirror images go together; a leg without one is a group of its own
-    pairs = [pair for pair in task.robot.mirrored if set(pair) <= set(legs) and pair[0] != pair[1]]
-    paired = set(itertools.chain(*pairs))
-    unpaired = [(name,) for name in legs if name not in paired]
-    groups = [*pairs, *unpaired]
+    groups: list[tuple[str, ...]] = []
+    for left, right in task.robot.mirrored:
+        # a motor in the middle is its own image
+        if left in legs and right in legs and left != right:
+            groups.append((left, right))
+    paired = set(itertools.chain(*groups))
+    groups += [(name,) for name in legs if name not in paired]
     lags = torch.zeros(len(legs), len(groups))
     rows: list[tuple[int, int, int]] = []
     gains: list[float] = []
