@@ -384,7 +384,8 @@ def run_training(
                     _report(result, emergency_stop, page, film=film)
                 return
     except (KeyboardInterrupt, StoppedError):
-        # Before or after the training, or a second time during it: it saves what it has by itself.
+        # A Ctrl-C before or after the training, or a second one in it. There is nothing to do: the
+        # training has saved what it has.
         pass
     finally:
         progress.close()
