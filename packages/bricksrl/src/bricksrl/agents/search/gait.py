@@ -104,9 +104,13 @@ class Posterior:
         else:
             self.unit = torch.ones_like(self.mean)
         self._values = (scores - self.mean) / self.unit
+        self._fit_scales()
+
+    def _fit_scales(self) -> None:
+        """Find the scales that are most probable given the scores."""
         length, *others = self.MEDIAN
         # one length for each number, then what all share: [p + 3]
-        medians = torch.tensor([length] * points.shape[1] + others)
+        medians = torch.tensor([length] * self.points.shape[1] + others)
         # logarithms: the optimiser then needs no limits to keep the scales positive
         median = medians.double().log()
         self.scales = median.clone().requires_grad_()
