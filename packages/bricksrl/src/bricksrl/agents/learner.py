@@ -365,7 +365,7 @@ class Learner:
             self.reward_unit = float(state["reward_unit"])
             if self.loss is not None and self.optimizer is not None:
                 load_loss(self.loss, state["loss"])
-                self.optimizer.load_state_dict(state["optimizer"])
+                load_optimizer(self.optimizer, state["optimizer"])
             if self.memory is not None:
                 self.memory.empty()
                 if "memory" in state:
@@ -390,6 +390,30 @@ def load_loss(loss: LossModule, state: dict[str, Any]) -> None:
             delattr(loss, name)
             loss.register_buffer(name, state[name])
     loss.load_state_dict(state)
+
+
+def load_optimizer(optimizer: torch.optim.Optimizer, state: dict[str, Any]) -> None:
+    """Restore an optimiser's ``state_dict``. Raises KeyError, TypeError or ValueError if it is of
+    another one."""
+    kinds = [_kinds(group) for group in optimizer.param_groups]
+    # It takes whatever it is given, and the first update would fail on it.
+    optimizer.load_state_dict(state)
+    if [_kinds(group) for group in optimizer.param_groups] != kinds:
+        raise TypeError("its options are of other types")
+    # What another optimiser of a user keeps is not known.
+    if not isinstance(optimizer, torch.optim.Adam):
+        return
+    for parameter, kept in optimizer.state.items():
+        shapes = [kept[name].shape for name in ("exp_avg", "exp_avg_sq")]
+        if shapes != [parameter.shape] * 2 or kept["step"].ndim:
+            raise ValueError("its moments are of other shapes")
+
+
+def _kinds(group: dict[str, Any]) -> dict[str, type]:
+    """Types of an optimiser's options; all numbers are of one, as a schedule makes floats of
+    whole ones."""
+    is_number = {name: type(value) in (int, float) for name, value in group.items()}
+    return {name: float if is_number[name] else type(value) for name, value in group.items()}
 
 
 def memory_state(memory: ReplayBuffer) -> dict[str, Any]:
