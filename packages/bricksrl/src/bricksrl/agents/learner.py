@@ -370,8 +370,9 @@ class Learner:
                 self.memory.empty()
                 if "memory" in state:
                     load_memory_state(self.memory, state["memory"], self.device)
+        # A state of another network may have any value where torch expects one of its own, and
+        # torch promises no list of errors.
         except Exception as error:  # noqa: BLE001
-            # - a state from elsewhere may hold anything, and parts of torch refuse in any way
             reason = message_of(error, typed=True)
             raise CheckpointError(
                 f"the checkpoint does not fit this agent ({reason}); resume with the settings it "

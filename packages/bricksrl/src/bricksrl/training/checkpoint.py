@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from brickhub.files import reading, write_durably
+from brickhub.files import parsing, reading, write_durably
 from bricksrl.errors import CheckpointError
 
 MAGIC = b"BricksRL checkpoint 1\n"
@@ -42,14 +42,11 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     payload = data[len(MAGIC) + _DIGEST_SIZE :]
     if hashlib.sha256(payload).digest() != digest:
         raise CheckpointError(f"the checkpoint {path} is damaged; restore a copy or train again")
-    try:
-        # It warns of foreign pickles, which are refused anyway.
-        with warnings.catch_warnings(action="ignore"):
-            # Only weights: a pickle may otherwise name any function to be called.
-            state = torch.load(io.BytesIO(payload), map_location="cpu", weights_only=True)
-    except Exception:  # noqa: BLE001
-        # - a digest says nothing about who wrote a file: it may hold anything
-        state = None
+    refusal = CheckpointError(f"the checkpoint {path} has no training state; train again")
+    # The digest is right in a stranger's file too, and says nothing about what is in it. Warnings
+    # are about foreign pickles, which are refused anyway.
+    with parsing(refusal), warnings.catch_warnings(action="ignore"):
+        state = torch.load(io.BytesIO(payload), map_location="cpu", weights_only=True)
     if not isinstance(state, dict):
-        raise CheckpointError(f"the checkpoint {path} has no training state; train again")
+        raise refusal
     return state

@@ -9,6 +9,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from brickhub.fields import check_fields, check_value
+from brickhub.files import parsing
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size
 from bricksrl.agents.teachers import anchor
@@ -68,18 +69,16 @@ def load_state(
         # - transforms of any kind refuse in any way
         misfit = error
     identity = identity_of(config, env)
-    # The digest says that the file is whole, not who wrote it: a stranger's may hold anything.
-    try:
+    # The digest says that the file is whole, not who wrote it: a stranger's may hold anything, and
+    # whatever is wrong inside, there is one thing to do about it.
+    with parsing(
+        CheckpointError(f"{path} lacks a part of a run's state; restore a copy or train again")
+    ):
         differing = _differing(state["identity"], identity)
         if not differing:
             _check_parts(state)
         if not differing and misfit is not None:
             raise misfit
-    except Exception:  # noqa: BLE001
-        # - whatever is wrong inside, there is one thing to do about it
-        raise CheckpointError(
-            f"{path} lacks a part of a run's state; restore a copy or train again"
-        ) from None
     if differing and differing <= {"layout", "action_size"}:
         raise CheckpointError(
             f"{folder.path} learned in {config.env}; choose an environment with its observations "
