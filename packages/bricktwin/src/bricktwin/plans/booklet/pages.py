@@ -192,10 +192,14 @@ def _step_page(plan: Plan, studio: Studio, step: Instruction, number: int) -> Pa
     items = []
     for kind, group in placed_items(plan, step).items():
         parts = group[0]
+        picture = _part_picture(studio, parts, (1.5, 0.62))
+        # What is nested deeper than the step itself is a sub-assembly that is put in place.
         is_part = len(parts[0].assembly) == len(step.assembly)
-        text = parts[0].part.name if is_part else _title(str(kind[0]))
-        bar = parts[0] if is_part and _modules(parts[0]) else None
-        items.append(Item(_part_picture(studio, parts, (1.5, 0.62)), len(group), text, bar))
+        if is_part:
+            bar = parts[0] if _modules(parts[0]) else None
+            items.append(Item(picture, len(group), parts[0].part.name, bar))
+        else:
+            items.append(Item(picture, len(group), _title(str(kind[0]))))
     # What stands below the picture takes room from it: bars in life size, and a note.
     bars = sum(item.bar is not None for item in items)
     height = 4.7 - 0.36 * bars - (0.25 if step.note else 0.0)
@@ -227,6 +231,7 @@ def _cables(plan: Plan) -> tuple[Cable, ...]:
     hubs = plan.devices(DeviceKind.HUB)
     positions = dict(hubs[0].electric.ports) if hubs else {}
     cables = []
+    # A device without a port of this hub has no cable: the check of plans names it.
     devices = plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
     for placed in sorted(devices, key=lambda placed: placed.port or ""):
         if placed.port is None or placed.port not in positions:
@@ -341,17 +346,23 @@ def _scene(
     middle = (2.3 + (_WIDTH - 2.3 - 0.3) / 2, floor + (_HEIGHT - 0.8 - floor) / 2)
     corner = _put(figure, page.picture, set(step.scene.bright), paper, middle)
     _arrows(figure, page.picture, corner, step.scene)
+    # Over the picture, as all that comes later is.
     if page.inset is not None and step.inset is not None:
-        width, height = (side / DPI for side in page.inset.size)
-        left = _WIDTH - 0.45 - width
-        bottom = floor + 0.15
-        _box(figure, (left - 0.1, bottom - 0.1, width + 0.2, height + 0.2), _PAPER, "0.35")
-        middle = (left + width / 2, bottom + height / 2)
-        inset_corner = _put(figure, page.inset, set(step.inset.bright), _PAPER, middle)
-        _arrows(figure, page.inset, inset_corner, step.inset)
+        _inset(figure, page.inset, step.inset, floor)
     _compass(figure, step.scene.view, (_WIDTH - 0.85, _HEIGHT - 0.5))
     if step.is_turned:
         _turn_mark(figure, step.scene.view, (_WIDTH - 2.7, _HEIGHT - 0.36))
+
+
+def _inset(figure: Figure, picture: Picture, scene: Scene, floor: float) -> None:
+    """A small picture of what the large one hides, in a box at the lower right, above ``floor``."""
+    width, height = (side / DPI for side in picture.size)
+    left = _WIDTH - 0.45 - width
+    bottom = floor + 0.15
+    _box(figure, (left - 0.1, bottom - 0.1, width + 0.2, height + 0.2), _PAPER, "0.35")
+    middle = (left + width / 2, bottom + height / 2)
+    corner = _put(figure, picture, set(scene.bright), _PAPER, middle)
+    _arrows(figure, picture, corner, scene)
 
 
 def _text(figure: Figure, x: float, y: float, text: str, size: float, **style: Any) -> None:
