@@ -39,6 +39,7 @@ INTERNAL = {
     "Encoder",
     "HubModel",
     "Keyed",
+    "Presets",
     "Sense",
     "Sensor",
     "WireNumber",

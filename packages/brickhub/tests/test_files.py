@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import errno
 import os
+import pickle
+import struct
 import sys
 from pathlib import Path
 
 import pytest
 
-from brickhub.errors import WriteError
+from brickhub.errors import DescriptionError, PlanError, TwinError, UnknownNameError, WriteError
 from brickhub.files import (
     as_file_name,
     atomic_folder,
     check_writable,
     folder_with,
+    parsing,
     quoted,
+    reading,
     write_durably,
 )
 
@@ -200,3 +204,46 @@ def test_path_is_one_word_in_shells_of_windows(
 def test_text_as_a_file_name_of_every_system(text: str, name: str) -> None:
     """Windows has devices in every folder, of these names with any ending."""
     assert as_file_name(text) == name
+
+
+ERRORS = (
+    ValueError("x"),
+    KeyError("x"),
+    RecursionError(),
+    OverflowError(),
+    ZeroDivisionError(),
+    AssertionError(),
+    struct.error("x"),
+    pickle.UnpicklingError("x"),
+)
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=repr)
+def test_any_error_of_a_file_is_one_refusal(error: Exception) -> None:
+    with (
+        pytest.raises(TwinError, match=r"^cannot read the log a\.json \(it is not JSON"),
+        reading("the log", "a.json", TwinError, "give another"),
+    ):
+        raise error
+    with pytest.raises(TwinError, match="^no log$"), parsing(TwinError("no log")):
+        raise error
+
+
+@pytest.mark.parametrize("error", [DescriptionError("no mass"), UnknownNameError("no mass")])
+def test_refusal_says_what_we_know_of_the_file(error: Exception) -> None:
+    with (
+        pytest.raises(TwinError, match=r"\(no mass\); give another"),
+        reading("the log", "a.json", TwinError, "give another"),
+    ):
+        raise error
+
+
+@pytest.mark.parametrize("error", [TwinError("of another version"), MemoryError("too large")])
+def test_what_is_not_wrong_with_the_file_stays(error: Exception) -> None:
+    with pytest.raises(type(error), match=str(error)), reading("it", "a", PlanError, "give"):
+        raise error
+
+
+def test_more_precise_refusal_stays() -> None:
+    with pytest.raises(TwinError, match="too many rows"), parsing(TwinError("no log")):
+        raise TwinError("too many rows")

@@ -22,6 +22,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -82,8 +83,11 @@ class ForkServer:
             self._server = subprocess.Popen(
                 command, pass_fds=(theirs.fileno(),), env=environment, stdin=subprocess.DEVNULL
             )
-        self._socket, self._lock = ours, threading.Lock()
+        self._socket = ours
         self._socket.settimeout(60)
+        # One thread has all exchanges with the server, and no Ctrl-C of a test falls into one: else
+        # its answer would be taken for that of the next one.
+        self._exchanges = ThreadPoolExecutor(1, "fork-server")
 
     def start(
         self,
@@ -110,15 +114,21 @@ class ForkServer:
         request = json.dumps(
             {"arguments": list(arguments), "folder": str(Path.cwd()), **asked}
         ).encode()
-        with self._lock:
-            self._socket.sendall(len(request).to_bytes(4, "little") + request)
-            socket.send_fds(self._socket, [b"."], [*(end for end, _ in ends), told])
-            pid = int.from_bytes(_exactly(self._socket, 4), "little")
-        for fd in (*(end for end, _ in ends), told):
-            os.close(fd)
+        theirs_and_told = [*(end for end, _ in ends), told]
+        pid = self._exchanges.submit(self._exchange, request, theirs_and_told).result()
         return Forked(
             ["bricksrl", *arguments], pid, status, [own for _, own in ends], is_text=is_text
         )
+
+    def _exchange(self, request: bytes, fds: Sequence[int]) -> int:
+        """Let the server start a process with these file descriptors; its number."""
+        try:
+            self._socket.sendall(len(request).to_bytes(4, "little") + request)
+            socket.send_fds(self._socket, [b"."], fds)
+            return int.from_bytes(_exactly(self._socket, 4), "little")
+        finally:
+            for fd in fds:
+                os.close(fd)
 
     def run(
         self,
@@ -168,6 +178,7 @@ class ForkServer:
 
     def close(self) -> None:
         """End the server."""
+        self._exchanges.shutdown()
         self._socket.close()
         self._server.wait(30)
 

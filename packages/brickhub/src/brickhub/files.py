@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from brickhub.errors import BricksError, DescriptionError, WriteError
+from brickhub.errors import BricksError, DescriptionError, UnknownNameError, WriteError
 
 TEMPORARY_PREFIX = ".part-"
 """Prefix of the names of incomplete files and folders."""
@@ -130,16 +130,20 @@ def writing(path: Path) -> Iterator[None]:
 @contextlib.contextmanager
 def reading(what: str, path: Path | str, error: type[BricksError], remedy: str) -> Iterator[None]:
     """Raise ``error``, with the remedy, where ``what``, the file at ``path``, cannot be read in
-    this context, or its content causes what that of another file may cause: an error of values, or
-    a DescriptionError that says what is wrong with it."""
+    this context, or its content causes any error there: one with words of ours says what is wrong
+    with it."""
     try:
         yield
     except OSError as failure:
         reason = failure.strerror or str(failure)
-    except DescriptionError as failure:
+    except (DescriptionError, UnknownNameError) as failure:
         reason = str(failure)
-    except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
-        # Their own words are about Python's values, and tell a user nothing.
+    # Not the file's: a refusal that is complete, and a file that is too large for this computer.
+    except (BricksError, MemoryError):
+        raise
+    # A file of anybody's may have any value where we expect another one. What Python then says is
+    # about its own values, and tells a user nothing.
+    except Exception:  # noqa: BLE001
         if str(path).endswith(".json"):
             reason = "it is not JSON as we write it, or damaged"
         else:
@@ -147,6 +151,20 @@ def reading(what: str, path: Path | str, error: type[BricksError], remedy: str) 
     else:
         return
     raise error(f"cannot read {what} {path} ({reason}); {remedy}") from None
+
+
+@contextlib.contextmanager
+def parsing(refusal: BricksError) -> Iterator[None]:
+    """Raise ``refusal`` where the content of a file causes any error in this context, except one of
+    the refusal's own type, which is more precise."""
+    try:
+        yield
+    except type(refusal):
+        raise
+    # A stranger's file is parsed by libraries (torch's unpickler, Arrow, safetensors) that promise
+    # no list of errors: theirs, Python's, or MemoryError for a size that the file only claims.
+    except Exception:  # noqa: BLE001
+        raise refusal from None
 
 
 def check_writable(path: Path) -> None:

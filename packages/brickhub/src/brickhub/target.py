@@ -1,8 +1,8 @@
 """Target of a command: a robot with an interface and a body, found by the name that a user gives.
 
-A house to the right that knows more names than the user's files (robots, plans, environments)
-declares its own `find` as an entry point of the group ``brickhub.target``, and asks the one of the
-house before for what it does not know.
+A house that stands on this one and knows more names than the user's files (robots, plans,
+environments) declares its own `find` as an entry point of the group ``brickhub.target``, and asks
+the house below for what it does not know.
 """
 
 import functools

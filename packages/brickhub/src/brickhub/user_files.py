@@ -151,8 +151,9 @@ def load_object(reference: str, default: str | type, *, missing: str = "write on
         )
     location, name = _parts(reference)
     module = _load(location, reference)
-    if not name:
-        name = default if isinstance(default, str) else _only(default, module, reference, missing)
+    if not name and isinstance(default, type):
+        return _only(default, module, reference, missing)
+    name = name or str(default)
     try:
         return getattr(module, name)
     except AttributeError:
@@ -163,16 +164,41 @@ def load_object(reference: str, default: str | type, *, missing: str = "write on
 
 
 def objects_in(reference: str, kind: type) -> dict[str, Any]:
-    """All objects of a type in the file or module of a reference, by name; aliases of one object
-    count once. Raises as `load_object`."""
+    """All objects of a type in the file or module of a reference, by name, or by where they are in
+    a list, tuple, set or dictionary, such as ``MATS[0]``; aliases of one object count once. Raises
+    as `load_object`."""
     location, _ = _parts(reference)
-    module = _load(location, reference)
+    return _objects_of(_load(location, reference), kind)
+
+
+def _objects_of(module: ModuleType, kind: type) -> dict[str, Any]:
+    """As `objects_in`, of a module that is loaded."""
     # By identity, as equal robots may be two, and not every object has a hash.
     found: dict[int, tuple[str, Any]] = {}
-    for name, value in vars(module).items():
+    contents = {name: value for name, value in vars(module).items() if not name.startswith("__")}
+    for name, value in contents.items():
         if isinstance(value, kind):
             found[id(value)] = (name, value)
+    walked: set[int] = set()
+    for name, value in contents.items():
+        for place, item in _items_within(name, value, walked):
+            # What has a name of its own is called by that.
+            if isinstance(item, kind) and id(item) not in found:
+                found[id(item)] = (place, item)
     return dict(found.values())
+
+
+def _items_within(place: str, value: object, walked: set[int]) -> Iterator[tuple[str, object]]:
+    """All that is in a list, tuple, set or dictionary, at any depth, by its place; a container that
+    was walked before has nothing new."""
+    if not isinstance(value, list | tuple | set | frozenset | dict) or id(value) in walked:
+        return
+    walked.add(id(value))
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    for key, item in items:
+        inner = f"{place}[{key!r}]"
+        yield inner, item
+        yield from _items_within(inner, item, walked)
 
 
 def _parts(reference: str) -> tuple[str, str]:
@@ -302,21 +328,21 @@ def _run_file(path: Path) -> ModuleType:
     return module
 
 
-def _only(type_: type, module: ModuleType, reference: str, missing: str) -> str:
-    """Name of the only object of a type in a module. Raises UnknownNameError for none or
-    several."""
-    # An object does not record the module that defines it, so imported ones count too; aliases of
-    # one object count once.
-    name_of = {}
-    for name, value in vars(module).items():
-        if isinstance(value, type_):
-            name_of[id(value)] = name
-    names = list(name_of.values())
+def _only(type_: type, module: ModuleType, reference: str, missing: str) -> Any:
+    """The only object of a type in a module. Raises UnknownNameError for none or several."""
+    # An object does not record the module that defines it, so imported ones count too.
+    objects = _objects_of(module, type_)
+    named = [name for name in objects if name.isidentifier()]
+    # What has a name goes before what is only in a list, such as the robots of a whole class.
+    names = named or list(objects)
     if len(names) == 1:
-        return names[0]
+        return objects[names[0]]
     noun = type_.__name__.lower()
     if not names:
         raise UnknownNameError(f"{reference} has no {noun}; {missing}")
     known = ", ".join(names)
     remedy = f"name one: {reference}:{noun.upper()}"
+    if not named:
+        example = f"{noun.upper()} = {names[0]}"
+        remedy = f"give one a name of its own, {example}, and name it: {reference}:{noun.upper()}"
     raise UnknownNameError(f"{reference} has {len(names)} {noun}s ({known}); {remedy}")

@@ -96,6 +96,39 @@ def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str | bytes, 
     assert says in str(caught.value) and "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("text", "says", "followed"),
+    [
+        ("2,5;35,5 cm\n", "35.5 cm' is in cm; write it in mm, N, % or deg", "2,5;355 mm\n"),
+        ("2,5\t35,5 cm\n", "35.5 cm' is in cm; write it in mm, N, % or deg", "2,5\t355 mm\n"),
+        ('"2,5","35,5cm"\n', "35.5cm' is in cm; write it in mm, N, % or deg", "2.5, 355mm\n"),
+        ("2,5;0,355 m\n", "0.355 m' is in m; write it in mm, N, % or deg", "2,5;355\n"),
+        ("2,5 s;355 mm\n", "write a line such as: 2.5; red", "2.5; 355 mm\n"),
+        ("2,5 s\t355 mm\n", "write a line such as: 2.5, a tab, and red", "2.5\t355 mm\n"),
+        ("2,5;B=355mm\n", "give one such as red, ", "2,5;355mm\n"),
+    ],
+)
+def test_advice_works_when_it_is_followed(
+    tmp_path: Path, text: str, says: str, followed: str
+) -> None:
+    with pytest.raises(TwinError) as caught:
+        table(tmp_path, text)
+    assert says in str(caught.value) and "a comma separates" not in str(caught.value)
+    assert table(tmp_path, followed).values == (355.0,)
+
+
+def test_commas_are_not_blamed_where_they_separate_nothing(tmp_path: Path) -> None:
+    reading = table(tmp_path, "0;35,5\n2,5;35,5;6\n")
+    with pytest.raises(TwinError, match=r"line 2: \(35.5, 6.0\) is not a distance"):
+        reading.sense_of("UltrasonicSensor")
+
+
+@pytest.mark.parametrize("text", ["B=35.5cm", "B=35cm"])
+def test_unit_of_the_command_line_that_nothing_has_is_said(text: str) -> None:
+    with pytest.raises(TwinError, match="is in cm; write it in mm"):
+        parse_reading(text)
+
+
 def test_a_value_that_does_not_suit_the_sensor_has_its_line(tmp_path: Path) -> None:
     reading = table(tmp_path, "0, 5\n3,5, 10\n")
     with pytest.raises(

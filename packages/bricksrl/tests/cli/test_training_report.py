@@ -5,16 +5,21 @@ from __future__ import annotations
 import re
 import shutil
 from functools import partial
+from pathlib import Path
 
 import imageio_ffmpeg
 import pytest
 from videos import read_video
 
+from bricksrl.cli import main
 from bricksrl.envs.reference_returns import REFERENCES
+from bricksrl.errors import RenderingUnavailableError, TwinError
 from bricksrl.evaluation import evaluate
 from bricksrl.evaluation.film import film_run, side_by_side
 from bricksrl.evaluation.report import write_report
 from bricksrl.training import RunFolder
+
+EXAMPLES = Path(__file__).parents[4] / "examples"
 
 
 def test_no_video_without_opengl(trained):
@@ -67,6 +72,50 @@ def test_report_with_videos(trained, tmp_path, monkeypatch):
     assert images["after"][0].std() > 5
     assert abs(images["after"][-1] - images["after"][0]).mean() > 1
     assert "data:video/mp4;base64," in path.read_text()
+
+
+FILMING = "filming before and after, and writing the report"
+
+
+def lines_of_training(capfd, run_dir, *words):
+    options = ("--agent", "random", "--episodes", "1", "--run", str(run_dir))
+    assert main(["train", *words, *options]) == 0
+    return capfd.readouterr().out.splitlines()
+
+
+def test_film_is_announced_where_it_is_made(tmp_path, capfd, monkeypatch):
+    def film(*_):
+        raise TwinError("not in this test")
+
+    monkeypatch.setattr("bricksrl.evaluation.report.film_before_and_after", film)
+    lines = lines_of_training(capfd, tmp_path / "run", "RunAway-v0")
+    if "OpenGL" in lines[-3]:
+        pytest.skip(lines[-3])
+    assert FILMING in lines and "video           none: not in this test" in lines
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("RunAway-v0", "--no-film"), "left out"),
+        ((str(EXAMPLES / "04_own_robot.py"),), "its robot lies on a bench"),
+        (("WalkerSim-v0",), "no virtual robot to film"),
+    ],
+)
+def test_film_that_cannot_be_made_is_not_announced(tmp_path, capfd, words, reason):
+    lines = lines_of_training(capfd, tmp_path / "run", *words)
+    assert [line for line in lines if "writing the report" in line] == ["writing the report"]
+    assert any(line.startswith("video           none: ") and reason in line for line in lines)
+
+
+def test_film_without_opengl_is_not_announced(tmp_path, capfd, monkeypatch):
+    def fail(*_, **__):
+        raise RenderingUnavailableError("no OpenGL library works here; install one")
+
+    monkeypatch.setattr("bricksrl.evaluation.film.Renderer", fail)
+    lines = lines_of_training(capfd, tmp_path / "run", "RunAway-v0")
+    assert "writing the report" in lines
+    assert "video           none: no OpenGL library works here; install one" in lines
 
 
 @pytest.mark.slow  # the same of an environment is quick

@@ -40,6 +40,19 @@ def write_run(
     return path
 
 
+@pytest.mark.parametrize(
+    "damaged",
+    [b"", b"\xff", b"[]", b"[" * 100_000, b"{}", b'{"return_mean": 1' + b"0" * 400 + b"}"],
+    ids=["empty", "no text", "list", "deep", "without scores", "beyond floats"],
+)
+def test_damaged_evaluation_is_none(tmp_path: Path, damaged: bytes) -> None:
+    path = write_run(tmp_path / "run", TrainConfig("Walker-v0"), [-1.0], -9.0)
+    folder = RunFolder(path)
+    assert folder.read_evaluation() is not None
+    folder.evaluation_path.write_bytes(damaged)
+    assert folder.read_evaluation() is None
+
+
 @pytest.fixture
 def runs(tmp_path: Path) -> list[Path]:
     """Five seeds of one agent, two of another, and one in another environment."""

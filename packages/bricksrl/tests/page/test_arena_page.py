@@ -96,3 +96,60 @@ def test_two_visitors_drive_a_robot_each(browser: object) -> None:
         page._press("reset", None)
         thread.join(60)
         assert not thread.is_alive() and not errors
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (844, 390), (1366, 768)])
+def test_all_of_an_arena_is_seen_with_buttons_of_one_height(
+    browser: object, width: int, height: int
+) -> None:
+    task = get_arena_task("Tag-v0")
+    half_x_m, half_y_m = task.arena.half_size_m
+    with closing(make_arena(task, seed=3)) as env, ArenaPage(task) as page:
+        page.attach(env)
+        with tab(browser, page.url, width, height) as visitor:
+            visitor.wait_for_selector("#scene[data-frames]")
+            box = visitor.locator("#scene").bounding_box()
+            view = page.view._current.scene.view
+            ratio = box["width"] / box["height"]
+            pitch = np.radians(view.pitch_deg)
+            focal = 1 / np.tan(0.65 / 2) * min(1.0, ratio / view.ratio)
+            # The near corners, which are farthest outside in the picture.
+            depth_m = view.distance_m - half_y_m * np.cos(pitch)
+            assert half_x_m / depth_m * focal < ratio
+            heights = [
+                visitor.get_by_role("button", name=f"Drive the {robot}").bounding_box()["height"]
+                for robot in ("catcher", "runner")
+            ]
+            assert heights[0] == pytest.approx(heights[1])
+
+
+def test_return_that_is_shown_is_that_of_the_catcher_in_the_frames(
+    browser: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task = dataclasses.replace(get_arena_task("Tag-v0"), max_steps=12)
+    rewards: list[float] = []
+    with closing(make_arena(task, seed=3)) as env, ArenaPage(task) as page:
+        step = env.step
+
+        def recorded(state: object) -> object:
+            frame = step(state)
+            rewards.append(frame["next", "catcher", "reward"].sum().item())
+            return frame
+
+        monkeypatch.setattr(env, "step", recorded)
+        policy = team_policy(env, {}, {"catcher": "chase", "runner": "flee"})
+        stop = threading.Event()
+        with tab(browser, page.url, 1280, 800) as visitor:
+            visitor.wait_for_selector("#state")
+            (returned,) = play_arena(env, page, policy, episodes=1, stop=stop)
+            total = sum(rewards)
+            assert len(rewards) > 5 and total != 0.0
+            assert returned == pytest.approx(total)
+            assert [list(row) for row in page.board.series["return"].rows] == [
+                [pytest.approx(total)]
+            ]
+            visitor.locator("[data-fact='return of']:has-text('catcher')").wait_for()
+            chart = "figure[data-series='return/0']"
+            visitor.locator(f"{chart}[data-count='1']").wait_for()
+            shown = float(visitor.locator(f"{chart} output").inner_text())
+            assert shown == pytest.approx(total, rel=0.01)

@@ -384,6 +384,63 @@ def test_robot_is_on_the_screen_of_a_phone_held_across(browser: object, played: 
         assert page.evaluate("document.documentElement.scrollWidth") <= 740
 
 
+HIDE_WHAT_LIES_OVER_THE_SCENE = (
+    "for (const over of document.querySelectorAll('#view > :not(#scene)')) "
+    "over.style.visibility = 'hidden'"
+)
+
+
+@pytest.mark.parametrize(("width", "height"), [(844, 390), (667, 375)])
+def test_phone_held_across_shows_card_stop_button_and_floor(
+    browser: object, width: int, height: int
+) -> None:
+    """All at once, without a finger that scrolls."""
+    with (
+        playing("LineFollow-v0") as played,
+        tab(browser, played.page.url, width, height) as page,
+    ):
+        page.wait_for_selector("#scene[data-frames]")
+        until(lambda: played.steps > 1, "it plays")
+        button(page, "Pause").click()
+        state_is(page, "paused")
+        at_rest(played)
+        assert page.locator("#goal p").inner_text() == played.env.task.summary
+        for name in ("#goal", "#stop", "#scene", "#state"):
+            box = page.locator(name).bounding_box()
+            assert box["x"] >= 0 and box["x"] + box["width"] <= width, name
+            assert box["y"] >= 0 and box["y"] + box["height"] <= height, name
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        body = played.env.twin.body
+        x_m, y_m, _ = body.data.xpos[body.chassis].tolist()
+        view = View((x_m, y_m, 0.05))
+        page.evaluate(HIDE_WHAT_LIES_OVER_THE_SCENE)
+        page.wait_for_timeout(3_000)
+        picture = Image.open(io.BytesIO(page.locator("#scene").screenshot())).convert("RGB")
+        right, count = hits(np.asarray(picture, float), played.env.task.scene.marks, view)
+        assert count > 5 and right > 0.9 * count, (right, count)
+        button(page, "EMERGENCY STOP").click()
+        state_is(page, "STOPPED")
+
+
+def test_no_floor_is_drawn_before_the_robot(browser: object, played: Played) -> None:
+    """Poses may come first: a scene has megabytes."""
+    context = browser.new_context()
+    page = context.new_page()
+    held = []
+
+    def hold(route: object) -> None:
+        held.append(route)
+
+    page.route("**/scene.bin*", hold)
+    page.goto(played.page.url)
+    page.wait_for_selector("#facts span")
+    page.wait_for_timeout(1_500)  # poses come with the facts
+    assert page.locator("#scene").get_attribute("data-frames") is None
+    held[0].continue_()
+    page.wait_for_selector("#scene[data-frames]")
+    context.close()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844), (844, 390)])
 def test_robot_is_pulled_as_long_as_it_is_held(browser: object, width: int, height: int) -> None:
@@ -563,15 +620,11 @@ def test_what_lies_on_the_floor_is_seen_wherever_the_robot_is(browser: object, n
     mirror, board = Mirror(make_body(task.robot, scene=Surroundings(objects=marks))), Board()
     qpos = mirror.body.data.qpos.copy()
     qpos[:2] = 0.217, -0.331
-    hide = (
-        "for (const over of document.querySelectorAll('#view > :not(#scene)')) "
-        "over.style.visibility = 'hidden'"
-    )
     with (
         PageServer(board, lambda *_: None, on_stop=lambda: None) as server,
         tab(browser, server.url) as page,
     ):
-        page.evaluate(hide)
+        page.evaluate(HIDE_WHAT_LIES_OVER_THE_SCENE)
         for number, (width, height) in enumerate([(1366, 768), (390, 844), (844, 390)]):
             page.set_viewport_size({"width": width, "height": height})
             view = View((0.217, -0.331, 0.05), 0.75, -55.0 + 40 * number, 25.0)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
+from unittest.mock import Mock
+
 import pytest
 
-from bricksrl.page.server import Guard
+from bricksrl.page.server import Guard, PageServer
 
 OURS = Guard("secret", 8090)
 OPEN = Guard("secret", 8090, is_open=True)
@@ -106,3 +109,12 @@ def test_of_two_cookies_of_our_name_one_may_be_old() -> None:
     """A cookie of a deeper path, or of an earlier page on this port, comes first."""
     cookies = "bricksrl_8090=old; bricksrl_8090=secret"
     assert OURS.refusal("/ws", {**GOOD, "Cookie": cookies}, is_socket=True) is None
+
+
+@pytest.mark.parametrize(
+    "message", ["", "{", "[" * 100_000, "null", "[]", "1", '"press"', "{}", b"\xff"]
+)
+def test_message_that_is_no_press_is_ignored(message: str | bytes) -> None:
+    server, connection = Mock(), Mock()
+    asyncio.run(PageServer._receive(server, connection, message, Mock()))
+    assert not server.mock_calls and not connection.mock_calls

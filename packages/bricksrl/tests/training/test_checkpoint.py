@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import pickle
 from pathlib import Path
@@ -43,6 +44,21 @@ def test_damaged_checkpoint_raises(tmp_path: Path, data: st.DataObject) -> None:
     with pytest.raises(CheckpointError) as caught:
         load_checkpoint(path)
     assert "\n" not in str(caught.value)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@given(st.data())
+def test_strangers_checkpoint_with_a_right_digest_raises_or_loads(
+    tmp_path: Path, data: st.DataObject
+) -> None:
+    path = tmp_path / "checkpoint.bin"
+    save_checkpoint(path, STATE)
+    payload = bytearray(path.read_bytes().removeprefix(MAGIC)[32:])
+    for _ in range(data.draw(st.integers(1, 8))):
+        payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
+    path.write_bytes(MAGIC + hashlib.sha256(payload).digest() + payload)
+    with contextlib.suppress(CheckpointError):
+        assert isinstance(load_checkpoint(path), dict)
 
 
 def test_missing_file_or_folder_raises(tmp_path: Path) -> None:

@@ -64,9 +64,12 @@ def kept(
         with contextlib.suppress(ValueError):
             return decode(data)
     made = make()
-    # A source may have changed meanwhile: what was made would stand under the wrong digest.
-    if path is not None and path == _path(sources) and next(_written) < _MAX_WRITTEN:
-        _write(path, encode(made))
+    if path is not None and next(_written) < _MAX_WRITTEN:
+        # A source, or a module that was imported to make it, may have changed meanwhile: what was
+        # made would stand under the wrong digest.
+        _code.cache_clear()
+        if path == _path(sources):
+            _write(path, encode(made))
     return made
 
 
@@ -117,7 +120,8 @@ def _code() -> bytes | None:
         for house in _HOUSES:
             paths += sorted(Path(house.__path__[0]).rglob("*"))
         for path in paths:
-            if path.suffix not in (".py", ".csv"):
+            # All but what Python itself writes: which files matter is nothing to keep a list of.
+            if path.parent.name == "__pycache__" or not path.is_file():
                 continue
             # The time of the last change of any kind: tools that copy or unpack files set that
             # of their content. (On Windows the first one is that of the file's making.)

@@ -33,19 +33,25 @@ def find(name: str) -> Target:
 def _in_scene(target: Target, reference: str) -> Target:
     """The robot of a user's file in the only scene of that file, or on an open floor."""
     scenes = objects_in(reference, Scene)
-    if len(scenes) == 1:
-        (scene,) = scenes.values()
+    file = without_name(reference)
+    named = [name for name in scenes if name.isidentifier()]
+    # What has a name goes before what is only in a list or a dictionary.
+    candidates = named or list(scenes)
+    if len(candidates) == 1:
+        taken = candidates[0]
+        scene = scenes[taken]
         make_in_scene = partial(make_body, target.robot, scene=scene)
-        return replace(target, make_body=make_in_scene, scene=scene)
+        others = ", ".join(name for name in scenes if name != taken)
+        note = f"{file} has the scene {taken}, which is taken, and {others}, not taken"
+        return replace(target, make_body=make_in_scene, scene=scene, note=note if others else "")
     # Of several, none is the right one by itself: the user is told how to name one.
     note = ""
     if scenes:
-        file = without_name(reference)
-        first = next(iter(scenes))
-        note = (
-            f"{file} has scenes {', '.join(scenes)}, and none is taken; name one: --scene "
-            f"{file}:{first}"
-        )
+        first = candidates[0]
+        remedy = f"name one: --scene {file}:{first}"
+        if not named:
+            remedy = f"give one a name, MAT = {first}, and name it: --scene {file}:MAT"
+        note = f"{file} has scenes {', '.join(scenes)}, and none is taken; {remedy}"
     return replace(target, make_body=partial(make_body, target.robot), note=note)
 
 

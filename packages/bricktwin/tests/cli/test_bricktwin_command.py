@@ -159,6 +159,43 @@ def test_scene_of_a_file_is_taken(bricktwin, tmp_path, monkeypatch, options, out
     assert bricktwin("run", "main.py", *options) == (0, out, err)
 
 
+NAMELESS = (
+    "lists.py has scenes MATS['red'], MATS['bare'], and none is taken; give one a name, "
+    "MAT = MATS['red'], and name it: --scene lists.py:MAT\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("scenes", "out", "err"),
+    [
+        ("MATS = [MAT]; del MAT", "Color.RED\n", ""),
+        ("MATS = (MAT,); del MAT", "Color.RED\n", ""),
+        ("MATS = {'red': MAT}; del MAT", "Color.RED\n", ""),
+        ("MATS = {'red': [(MAT,)]}; del MAT", "Color.RED\n", ""),
+        ("MATS = [MAT]; MATS.append(MATS)", "Color.RED\n", ""),
+        (
+            "MATS = [MAT, Scene()]",
+            "Color.RED\n",
+            "lists.py has the scene MAT, which is taken, and MATS[1], not taken\n",
+        ),
+        (
+            "MATS = {'red': MAT, 'bare': Scene()}; del MAT",
+            "Color.WHITE\n",
+            NAMELESS,
+        ),
+    ],
+)
+def test_scene_in_a_list_is_taken_or_named(bricktwin, tmp_path, monkeypatch, scenes, out, err):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lists.py").write_text(ROVER + scenes + "\n")
+    (tmp_path / "bare.py").write_text(ROVER + "del MAT\n")
+    (tmp_path / "main.py").write_text(SEES)
+    assert bricktwin("run", "main.py", "--robot", "lists.py") == (0, out, err)
+    if "RED" in out:
+        named = bricktwin("run", "main.py", "--robot", "bare.py", "--scene", "lists.py")
+        assert named == (0, out, "")
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [

@@ -52,6 +52,54 @@ def test_hub_has_its_battery(hub: str, battery: str) -> None:
     assert (len(plan.parts), plan.unknown) == (1, ())
 
 
+# Either half of a universal joint stands for the whole, in whatever model it is.
+DIVIDED = [assembly for assembly in WHOLES if assembly.number != "61903"]
+
+
+@pytest.mark.parametrize("assembly", DIVIDED, ids=lambda assembly: assembly.number)
+@pytest.mark.parametrize("name", ["rest.ldr", "rest.dat"])
+@pytest.mark.parametrize("is_case_inside", [False, True])
+def test_pieces_in_a_model_of_their_own_are_the_part(
+    assembly: Assembly, name: str, *, is_case_inside: bool
+) -> None:
+    """Such as a hub whose battery is a sub-model."""
+    whole = plan_of(AT.format(16, 0, 0, 0, assembly.number))
+    first, *others = lines_of(assembly)
+    inside, beside = ([first], others) if is_case_inside else (others, [first])
+    place = f"1 16 0 0 0 1 0 0 0 1 0 0 0 1 {name}"
+    for lines in ([place, *beside], [*beside, place]):
+        plan = plan_of("0 FILE main.ldr", *lines, f"0 FILE {name}", *inside)
+        assert (plan.unknown, plan.faults) == ((), ())
+        assert [one.part for one in plan.parts] == [whole.parts[0].part]
+        assert np.allclose(plan.parts[0].position, whole.parts[0].position)
+
+
+def test_battery_in_a_model_elsewhere_is_that_of_its_hub() -> None:
+    hub, battery = AT.format(15, 0, 0, 0, "45601"), AT.format(71, 0, 0, 0, "45610")
+    turned = "1 16 {} 0 0 0 0 1 0 1 0 -1 0 0 {}.ldr"
+    robot = ("0 FILE main.ldr", BEAM, turned.format(400, "hub"), "0 STEP")
+    models = ("0 FILE hub.ldr", hub, "0 FILE battery.ldr", battery)
+    plan = plan_of(*robot, turned.format(400, "battery"), *models)
+    assert (plan.unknown, [one.part.number for one in plan.parts]) == ((), ["45601", "32316"])
+    away = plan_of(*robot, turned.format(300, "battery"), *models)
+    assert [one.number for one in away.unknown] == ["45610"]
+    second = plan_of(*robot, *2 * [turned.format(400, "battery")], *models)
+    assert [len(one.lines) for one in second.unknown] == [1]  # one hub has one
+
+
+def test_shaft_in_a_model_of_its_own_may_have_the_comment() -> None:
+    plan = plan_of(
+        "0 FILE main.ldr",
+        AT.format(16, 0, 0, 0, "u9367c01"),
+        "1 16 0 0 0 1 0 0 0 1 0 0 0 1 shaft.ldr",
+        "0 FILE shaft.ldr",
+        "0 !BRICKSRL PORT A left 30",
+        AT.format(4, 0, -50, 0, "u9363"),
+    )
+    assert [(one.port, one.device, one.angle_deg) for one in plan.parts] == [("A", "left", 30.0)]
+    assert plan.unknown == ()
+
+
 @pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize("port", [0, 1])
 def test_comment_before_either_line_is_that_of_the_part(order: int, port: int) -> None:

@@ -143,6 +143,11 @@ def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
             option = argument.lstrip("".join(_DASHES) + "-")
             print_error(f"{argument} begins with the dash of a word processor; type --{option}")
             raise SystemExit(2)
+    message = _wrong_command(line, words, arguments[len(words) :])
+    if message:
+        command = " ".join([line.prog, *words])
+        print_error(f"{message}; see `{command} --help`")
+        raise SystemExit(2)
     # The parser's own messages are boxes of several lines.
     messages = io.StringIO()
     try:
@@ -154,6 +159,24 @@ def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
             print_error(one_line(messages.getvalue(), command))
         raise
     return cast(ParsedCommand, parsed)
+
+
+def _wrong_command(line: CommandLine, words: Sequence[str], rest: Sequence[str]) -> str | None:
+    """What is wrong with the word after these ones, which is to be a command; ``None`` if nothing
+    is, or the parser tells it. A parser of names alone would only say which names there are."""
+    if not words:
+        names = [*line.commands, *line.groups]
+    elif len(words) == 1 and words[0] in line.groups:
+        _, commands = line.groups[words[0]]
+        names = list(commands)
+    else:
+        return None
+    if not rest:
+        return f"a command is missing; choose {', '.join(names)}"
+    unknown = rest[0]
+    return (
+        None if unknown.startswith("-") else f"there is no command {unknown}{hint(unknown, names)}"
+    )
 
 
 _DASHES = ("\N{EN DASH}", "\N{EM DASH}", "\N{MINUS SIGN}")
@@ -246,17 +269,32 @@ def command_words(line: CommandLine, arguments: Sequence[str]) -> list[str]:
     return [first]
 
 
-_EXPECTED = {"INT": "a whole number", "FLOAT": "a number", "INT INT": "two whole numbers"}
-"""What an option wants, by tyro's word for it."""
+_SUGGESTS = "Perhaps you meant: "
+"""Words of the parser before the option that is most like an unknown one."""
+_NEEDED = {
+    "invalid literal for int()": "a whole number",
+    "could not convert string to float": "a number",
+    # Before INT, which is in it.
+    "INT INT": "two whole numbers",
+    "INT": "a whole number",
+    "FLOAT": "a number",
+}
+"""What an option wants, by the words with which Python or tyro refuse its value."""
+_WRONG_VALUE = re.compile(r"Error parsing (\S+): (.*?)\W*'(.*)'\W*")
+"""Option, reason and value: ``Error parsing --seed: invalid literal for int() with base 10:
+'x'``."""
+_GIVEN_AS_OPTION = re.compile(r"Missing value for argument '(\w+)'.*")
+"""An argument that was written as an option: only an argument's name has no dashes."""
 
 
 def one_line(box: str, command: str = "bricksrl") -> str:
-    """One line from the parser's boxed message: its first paragraph, and the command with the help.
-    The box is drawn with hyphens if the console has no line-drawing characters."""
+    """One line from the parser's boxed message: its first paragraph, what it suggests, and the
+    command with the help. The box is drawn with hyphens if the console has no line-drawing
+    characters."""
     # The first line is the upper edge with the title; rules within become empty lines.
     rows = box.splitlines()[1:]
     inner = [row.strip("│╭╮╰╯─ ") for row in rows]
-    lines = [re.sub(r"^-+$", "", row) for row in inner]
+    lines = ["" if set(row) == {"-"} else row for row in inner]
     paragraphs = []
     for part in "\n".join(lines).split("\n\n"):
         # The box breaks lines at the width of the terminal.
@@ -264,78 +302,25 @@ def one_line(box: str, command: str = "bricksrl") -> str:
         if paragraph:
             paragraphs.append(paragraph)
     message, *more = paragraphs or [""]
-    words = plain(message.removesuffix("."))
-    return f"{words}{_suggestion(message, more)}; see `{command} --help`"
-
-
-def _suggestion(message: str, more: list[str]) -> str:
-    """``" (did you mean --agent?)"``: an option that the parser found, or one of the commands that
-    it names."""
+    suggestion = ""
     for part in more:
-        if match := re.match(r"Perhaps you meant: (--\S+)", part):
-            return f" (did you mean {match[1]}?)"
-        if match := re.match(r"Available subcommands: (.*)", part):
-            # The message ends with the words that are no option; the first was to be a command.
-            unknown = message.rsplit(": ", maxsplit=1)[-1]
-            typed = unknown.split(", ", maxsplit=1)[0]
-            return hint(typed, match[1].split(", "))
-    return ""
+        if part.startswith(_SUGGESTS):
+            option = part.removeprefix(_SUGGESTS).split()[0]
+            suggestion = f" (did you mean {option}?)"
+            # The others are less like it.
+            break
+    return f"{_plain(message.removesuffix('.'))}{suggestion}; see `{command} --help`"
 
 
-def plain(message: str) -> str:
-    """A message of the parser in plain words; an unknown one is returned unchanged.
-
-    ``Error parsing --seed: invalid literal for int() with base 10: 'x'`` becomes ``--seed is 'x';
-    give a whole number``.
-    """
-    for pattern, words in _PLAIN_WORDS:
-        if match := re.fullmatch(pattern, message):
-            return match.expand(words)
-    if match := re.fullmatch(_OF_NO_TYPE, message):
-        option, kind, texts = match.groups()
-        value = " ".join(re.findall(_QUOTED, texts))
-        return f"{option} is '{value}'; give {_EXPECTED.get(kind, kind)}"
-    if match := re.fullmatch(_NO_CHOICE, message):
-        value, option, texts = match.groups()
-        # To leave an option out is never what a message should advise.
-        choices = [choice for choice in re.findall(_QUOTED, texts) if choice != "None"]
-        return f"{option} is {value}; choose {', '.join(sorted(choices))}"
-    if match := re.fullmatch(_MISSING, message):
-        # Each an option with the placeholder of its value, or an argument's placeholder alone.
-        parts = match[1].split("(required)")
-        names = (re.match(r" *(--\S+ \S+|\S+)", part) for part in parts)
-        missing = [name[1] for name in names if name]
-        verb = "is" if len(missing) == 1 else "are"
-        return f"{' and '.join(missing)} {verb} missing"
+def _plain(message: str) -> str:
+    """A message of the parser, with a remedy in place of Python's words: ``--seed is 'x'; give a
+    whole number``. Most say by themselves what to do, and are returned unchanged."""
+    if match := _GIVEN_AS_OPTION.fullmatch(message):
+        return f"{match[1]} is no option; give it without --{match[1]}"
+    if match := _WRONG_VALUE.fullmatch(message):
+        option, reason, value = match.groups()
+        for words, needed in _NEEDED.items():
+            if words in reason:
+                given = value.replace("', '", " ")
+                return f"{option} is '{given}'; give {needed}"
     return message
-
-
-_PLAIN_WORDS = (
-    (
-        r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)",
-        r"\1 is \2; give a whole number",
-    ),
-    (
-        r"Error parsing (\S+): could not convert string to float: (.*)",
-        r"\1 is \2; give a number",
-    ),
-    # What a parser of ours says has its remedy after a semicolon, and needs no other words.
-    (r"Error parsing \S+: (.*; .*)", r"\1"),
-    # Before the next one: a name without dashes is that of an argument that was written with them.
-    (
-        r"Missing value for argument '(\w+)'\. Expected 1 values?",
-        r"\1 is no option; give it without --\1",
-    ),
-    (r"Missing value for argument '(\S+)'\. Expected 1 values?", r"\1 needs a value"),
-    (r"Missing value for argument '(\S+)'\. Expected (\d+) values", r"\1 needs \2 values"),
-    (r"Expected one of \{(.*)\}", r"a command is missing; choose \1"),
-    (r"Unrecognized options: (.*)", r"there is no option or argument \1"),
-)
-"""Messages of tyro, as patterns, and what we say in their place; the first that fits counts."""
-_OF_NO_TYPE = (
-    r"Error parsing (\S+): no type matching \{None\}\|\{?([A-Z ]+)\}? could be "
-    r"instantiated from \[(.*)\]"
-)
-_NO_CHOICE = r"invalid choice (.*) for argument '(\S+)'\. Expected one of \((.*)\)"
-_MISSING = r"Missing from [\w -]+: (.*\(required\))"
-_QUOTED = r"'([^']*)'"

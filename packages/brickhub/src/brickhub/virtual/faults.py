@@ -217,7 +217,7 @@ def parse_fault(text: str) -> Fault:
     kind = FAULT_KINDS[name]
     device = match[2] or ""
     value = match[3] or ""
-    # It has the parts that the example of its kind has, and no others.
+    # A fault has a device and a value exactly where the example of its kind has them.
     has_its_device = bool(device) is kind.has_device
     has_its_value = bool(value) is kind.has_value
     if not (has_its_device and has_its_value):

@@ -20,12 +20,15 @@ _EXAMPLES = (
     "B=red, B=120,80,50 (hue, saturation, value), B=40%, B=200mm, B=3N, B=pressed, "
     "B=10,-5deg (pitch, roll), B=@file"
 )
+_CELLS = _EXAMPLES.replace("B=", "").removesuffix(", @file")
+"""What a table may have; none of it depends on what separates its columns."""
 _COMMAS = " (a comma separates columns here; write 2.5, or separate columns by ;)"
 _COUNTS_BY_UNIT: Mapping[str | None, tuple[int, ...]] = {None: (1, 2, 3), "deg": (1, 2)}
 """Numbers that may have a unit together; one of other units."""
 _VALUE_COUNTS = {Sense.SURFACE: (1, 3), Sense.AMBIENT: (1, 3), Sense.TILT: (2,)}
 """Numbers of values that a stimulus can have; one for other senses."""
 _READING = re.compile(r"([A-Fa-f])(?:\.([a-z]+))?=(.+)")
+_OTHER_UNIT = re.compile(r"[-+.\d,\s]*\d\s*([^\W\d]+)")
 _NUMBERS = re.compile(r"([-+.\d,\s]+?)\s*(mm|%|n|deg)?")
 _END_STOP = re.compile(r"([A-Fa-f])=(-?[\d.]+)\.\.(-?[\d.]+)")
 
@@ -40,6 +43,7 @@ class GivenReading:
         times_s: simulated seconds, ascending, from which each value holds; the first also before.
         values: one per time.
         places: where each value is written, for messages; empty for one on the command line.
+        hint: what may be meant by several numbers where one is sensed, for messages.
     """
 
     port: str
@@ -47,6 +51,7 @@ class GivenReading:
     times_s: tuple[float, ...]
     values: tuple[Sensed, ...]
     places: tuple[str, ...] = ()
+    hint: str = ""
 
     def at(self, time_s: float) -> Sensed:
         """The value at a simulated time."""
@@ -73,13 +78,14 @@ class GivenReading:
             if count in counts:
                 continue
             place = f"--reading {self.port}"
+            examples = _EXAMPLES
             if self.places:
+                examples = _CELLS
                 place = self.places[index]
-                # Several numbers in a file are most likely one with a decimal comma.
                 if count > 1:
-                    place += _COMMAS
+                    place += self.hint
             what = f"{value} is not a {sense} for the {device} on port {self.port}"
-            raise TwinError(f"{place}: {what}; give one such as {_EXAMPLES}")
+            raise TwinError(f"{place}: {what}; give one such as {examples}")
         return sense
 
 
@@ -105,22 +111,29 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
     times_s = tuple(row.time_s for row in rows)
     values = tuple(_value_of_row(row) for row in rows)
     places = tuple(row.place for row in rows)
-    return GivenReading(port, sense, times_s, values, places)
+    return GivenReading(port, sense, times_s, values, places, _hint_of(rows[0]))
 
 
-def _no_reading(text: str) -> TwinError:
-    return TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
+def _hint_of(row: Row) -> str:
+    """What may be meant by several numbers in a table with such rows: most likely one with a
+    decimal comma, if commas separate the columns."""
+    return _COMMAS if row.separator == "," else ""
+
+
+def _no_reading(text: str, examples: str = _EXAMPLES) -> TwinError:
+    return TwinError(f"'{text}' is not a reading; give one such as {examples}")
 
 
 def _value_of_row(row: Row) -> Sensed:
     has_comma = re.match(r"\d+\s*,", row.text)
-    hint = _COMMAS if has_comma else ""
-    stimulus, _ = _value(row.text, f"{row.place}{hint}: {row.text}")
+    hint = _hint_of(row) if has_comma else ""
+    stimulus, _ = _value(row.text, f"{row.place}{hint}: {row.text}", _CELLS)
     return stimulus
 
 
-def _value(value: str, text: str) -> tuple[Sensed, Sense | None]:
-    """Stimulus of a text, and the sense that its unit or name tells. ``text``: for messages."""
+def _value(value: str, text: str, examples: str = _EXAMPLES) -> tuple[Sensed, Sense | None]:
+    """Stimulus of a text, and the sense that its unit or name tells. ``text``, ``examples``: for
+    messages."""
     word = value.lower()
     if word.upper() in COLORS:
         return COLORS[word.upper()], Sense.SURFACE
@@ -134,10 +147,15 @@ def _value(value: str, text: str) -> tuple[Sensed, Sense | None]:
         # What is no number after all, such as "1..2", leaves none.
         with contextlib.suppress(ValueError):
             numbers = tuple(map(float, written.split(",")))
+    other_unit = _OTHER_UNIT.fullmatch(word) if match is None else None
+    if other_unit is not None:
+        raise TwinError(
+            f"'{text}' is in {other_unit[1]}; write it in mm, N, % or deg: 355 mm for 35.5 cm"
+        )
     suits_unit = len(numbers) in _COUNTS_BY_UNIT.get(unit, (1,))
     are_finite = all(map(math.isfinite, numbers))
     if not suits_unit or not are_finite:
-        raise _no_reading(text)
+        raise _no_reading(text, examples)
     stimulus: Sensed = numbers if len(numbers) > 1 else numbers[0]
     return stimulus, _UNIT_SENSES.get(unit or "")
 

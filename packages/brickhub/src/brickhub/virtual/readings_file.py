@@ -12,10 +12,13 @@ _SEPARATORS = "\t;,"
 """Of columns; a line has the first that it contains anywhere in the table."""
 _EXAMPLE = "a line such as: 2.5, red"
 _REMEDY = "give a file with lines such as: 2.5, red"
+_EXAMPLES = {",": "2.5, red", ";": "2.5; red", "\t": "2.5, a tab, and red"}
+"""Cells of a line, by what separates them."""
 _DECLARATION = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 """First line with which Excel declares the separator."""
-_DECIMAL_COMMA = re.compile(r"([-+]?\d*),(\d+)(\s*(?:mm|%|n)?)", re.IGNORECASE)
-
+_DECIMAL_COMMA = re.compile(r"([-+]?\d*),(\d+)(\s*(?!deg)(?:[^\W\d]+|%)?)", re.IGNORECASE)
+"""A number with any unit, so that a unit that nothing has is refused as such; but 10,5 deg are a
+pitch and a roll."""
 
 _TYPOGRAPHIC = str.maketrans(
     {"\N{NO-BREAK SPACE}": " ", "\N{NARROW NO-BREAK SPACE}": " ", "\N{MINUS SIGN}": "-"}
@@ -25,11 +28,13 @@ _TYPOGRAPHIC = str.maketrans(
 
 @dataclass(frozen=True)
 class Row:
-    """Row of a table: the text of its reading from a simulated time on, and where it is written."""
+    """Row of a table: the text of its reading from a simulated time on, where it is written, and
+    what separates its cells."""
 
     time_s: float
     text: str
     place: str
+    separator: str
 
 
 def read_rows(path: Path) -> list[Row]:
@@ -55,7 +60,7 @@ def read_rows(path: Path) -> list[Row]:
         names_columns = is_first and not has_digit
         is_first = False
         if not names_columns:
-            rows.append(_row(cells, place, rows))
+            rows.append(_row(cells, place, separator, rows))
     if not rows:
         raise TwinError(f"{path} has no readings; write {_EXAMPLE}")
     return rows
@@ -116,19 +121,21 @@ def _with_point(cell: str) -> str:
     return f"{whole}.{fraction}{unit}"
 
 
-def _row(cells: list[str], place: str, before: list[Row]) -> Row:
+def _row(cells: list[str], place: str, separator: str, before: list[Row]) -> Row:
     try:
         time_s = float(cells[0])
     except ValueError:
         # Refused below, with "nan" and "inf", which Python reads as numbers.
         time_s = math.nan
+    # In a table with other separators, a comma would be part of the time.
+    example = f"a line such as: {_EXAMPLES.get(separator, f'2.5 {separator} red')}"
     if not math.isfinite(time_s):
-        raise TwinError(f"{place}: '{cells[0]}' is not a time in seconds; write {_EXAMPLE}")
+        raise TwinError(f"{place}: '{cells[0]}' is not a time in seconds; write {example}")
     if len(cells) < 2:
-        raise TwinError(f"{place} has a time and no reading; write {_EXAMPLE}")
+        raise TwinError(f"{place} has a time and no reading; write {example}")
     previous_s = before[-1].time_s if before else -math.inf
     if time_s < previous_s:
         raise TwinError(
             f"{place}: {time_s:g} s comes after {previous_s:g} s; write the lines in order of time"
         )
-    return Row(time_s, ",".join(cells[1:]), place)
+    return Row(time_s, ",".join(cells[1:]), place, separator)

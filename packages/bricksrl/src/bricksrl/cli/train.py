@@ -35,7 +35,7 @@ from bricksrl.cli.terminal import (
 )
 from bricksrl.data.dataset import existing_dataset
 from bricksrl.envs.options import EnvOptions, TransformOptions
-from bricksrl.envs.registry import get_task, is_simulation, training_episodes
+from bricksrl.envs.registry import get_task, training_episodes
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.evaluation.settings_text import SETTINGS_REMEDY, read_settings, with_changes
 from bricksrl.page.server import PageOptions
@@ -384,7 +384,8 @@ def run_training(
                     _report(result, emergency_stop, page, film=film)
                 return
     except (KeyboardInterrupt, StoppedError):
-        # Before or after the training, or a second time during it: it saves what it has by itself.
+        # A Ctrl-C before or after the training, or a second one in it. There is nothing to do: the
+        # training has saved what it has.
         pass
     finally:
         progress.close()
@@ -396,7 +397,7 @@ def _report(
 ) -> None:
     """Evaluate, film, and print the paths of the results."""
     from bricksrl.evaluation.evaluator import evaluate
-    from bricksrl.evaluation.report import write_report
+    from bricksrl.evaluation.report import can_film, write_report
 
     last = result.episodes[-1]
     print_line(
@@ -429,10 +430,9 @@ def _report(
     if page is not None:
         play = f"bricksrl play {quoted(result.run_dir)} --page"
         page.finish(f"Done. `{play}` shows what it has learned.")
-    # By the config: the evaluation has the id of the task, which may be one of a file.
-    trained_env = RunFolder(result.run_dir).read_config().env
     work = "writing the report"
-    if film and not is_simulation(trained_env):
+    # Without OpenGL, or of a robot without a body, there is nothing to wait for.
+    if film and can_film(result.run_dir):
         work = "filming before and after, and writing the report"
     with telling(work):
         summary, video = write_report(result.run_dir, result.episodes, evaluation, film=film)

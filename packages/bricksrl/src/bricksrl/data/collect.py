@@ -128,7 +128,7 @@ def step_of(transition: TensorDictBase, env: EnvBase) -> Step:
     if ours.timing is not None:
         extras["age_s"] = ours.timing.age_s
         extras["hub_time_s"] = ours.timing.hub_time_s
-    # The schema has the camera of a task; images of a stranger's environment have no place in it.
+    # The schema has the camera of a task; images of an environment without a task have no place.
     if ours.task is not None and "image" in after:
         extras["image"] = _numbers(transition["image"])
         extras["next_image"] = _numbers(after["image"])

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from brickhub.files import reading
+from brickhub.files import parsing, reading
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
 
@@ -84,7 +84,7 @@ def read_parquet(path: Path, *, digest: str | None = None) -> pa.Table:
     """Read a table that `to_parquet` wrote, of this SHA-256 ``digest`` if given. Nothing in the
     file is executed. Raises DataError if the file is missing or damaged."""
     data = read_verified(path, digest)
-    try:
+    with parsing(DataError(f"{path} is not a valid Parquet file; {RESTORE}")):
         file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
         if file.metadata.num_rows > len(data):
             raise DataError(
@@ -93,16 +93,6 @@ def read_parquet(path: Path, *, digest: str | None = None) -> pa.Table:
         # No threads of Arrow: one that lets go of `data` while Python exits aborts the program.
         table = file.read(use_threads=False)
         table.validate(full=True)
-    except (
-        pa.ArrowException,
-        OSError,
-        ValueError,
-        TypeError,
-        OverflowError,
-        MemoryError,
-        RecursionError,
-    ):
-        raise DataError(f"{path} is not a valid Parquet file; {RESTORE}") from None
     return table
 
 

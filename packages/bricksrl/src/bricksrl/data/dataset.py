@@ -18,7 +18,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from brickhub.fields import check_fields
-from brickhub.files import folder_with, quoted, reading, refuse_existing, write_durably
+from brickhub.files import folder_with, parsing, quoted, reading, refuse_existing, write_durably
 from bricksrl.data.columns import (
     RESTORE,
     STATISTICS,
@@ -496,10 +496,8 @@ def read_rows(path: Path, description: Description) -> list[EpisodeRow]:
     """Read the rows in a file. Raises DataError if the file is missing, damaged or not of such a
     dataset."""
     records = read_parquet(path).to_pylist()
-    try:
+    with parsing(DataError(f"{path} holds rows that are not ours; {RESTORE}")):
         return [_row(record, description) for record in records]
-    except (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError):
-        raise DataError(f"{path} holds rows that are not ours; {RESTORE}") from None
 
 
 def _row(record: dict[str, Any], description: Description) -> EpisodeRow:

@@ -264,8 +264,10 @@ def describe_task(task: Task, options: dict[str, Any] | None = None) -> Descript
             ", ".join(unrecorded),
         )
     robot = _plain(task.robot)
-    # It is of its simulation: data of a real robot and of its twin may be joined.
+    # Model and plan belong to the simulation alone: without them, data of a robot and of its twin
+    # can be joined.
     robot.pop("model", None)
+    robot.pop("plan", None)
     return Description(
         env=task.id,
         rate_hz=task.rate_hz,

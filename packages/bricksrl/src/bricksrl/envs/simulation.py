@@ -237,7 +237,8 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._speed = self._speed.index_fill(1, copies, 0.0)
 
     def _out(self, batch: Tensor) -> Tensor:
-        # a caller's in-place change must not alter the state
+        # One robot's values are copied, so that a caller cannot change the state; those of a batch
+        # are a view, for speed.
         return batch if self.batch_size else batch[0].clone()
 
 

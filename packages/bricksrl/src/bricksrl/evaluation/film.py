@@ -24,8 +24,8 @@ from bricksrl.envs.rollout import play, play_episodes
 from bricksrl.errors import TwinError
 from bricksrl.evaluation.evaluator import EVALUATION_SEED, evaluation_options
 from bricksrl.policies.policy import named_policies
-from bricksrl.training.run_folder import RunFolder
-from bricktwin.twin.make_body import lies_on_bench
+from bricksrl.training.run_folder import Origin, RunFolder
+from bricktwin.twin.make_body import lies_on_bench, make_body
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
 from bricktwin.twin.render.video import Filmed, Room, captioned, check_film
@@ -45,6 +45,8 @@ _NORMAL_SPEED_S = 12.0
 _SPEED = 2.0
 """Speed of a longer one."""
 _ARENA_FRAME_MS = 50
+_TRIAL_PX = (64, 36)
+"""Width and height of an image that nobody sees."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,18 @@ def check_filmable(env: EnvBase) -> None:
             f"{env.task.id} has nothing to film, as its robot lies on a bench; describe a drive "
             "base, a plan or a model of it"
         )
+
+
+def check_run_filmable(run_dir: Path) -> None:
+    """Raise as `film_run` if a run cannot be filmed, without filming it."""
+    with closing(_env_of_run(RunFolder(run_dir).origin())) as env:
+        check_filmable(env)
+        task = env.task
+        body = make_body(task.robot, scene=task.scene)
+    if isinstance(body, MujocoBody):
+        # A small image tells as well as a film whether OpenGL works here.
+        with Renderer(body, *_TRIAL_PX, Room(body).camera) as renderer:
+            renderer.render()
 
 
 @contextmanager
@@ -211,9 +225,7 @@ def film_run(
     ``random`` actions. Raises RunError or CheckpointError if there is no such run or policy,
     RenderingUnavailableError or TwinError as `filmed_env`."""
     origin = RunFolder(run_dir).origin()
-    # Its twin is filmed also of a run on a real robot.
-    options = evaluation_options(origin, origin.env, hub="virtual")
-    with closing(make(origin.env, options, seed=origin.seed)) as env:
+    with closing(_env_of_run(origin)) as env:
         check_filmable(env)
         # The first episode of its evaluation, whose return stands in the report.
         seed = evaluation_seed(origin.seed, EVALUATION_SEED)
@@ -221,6 +233,12 @@ def film_run(
         with filmed_env(env, path, title, size=size, budget_s=budget_s):
             (score,) = play_episodes(env, policy.act, 1, seed, reset_policy=policy.reset)
     return Film(path, score.return_, score.metrics.get("forward_m", 0.0))
+
+
+def _env_of_run(origin: Origin) -> EnvBase:
+    """The environment in which a run is filmed: its twin, also of a run on a real robot."""
+    options = evaluation_options(origin, origin.env, hub="virtual")
+    return make(origin.env, options, seed=origin.seed)
 
 
 def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:

@@ -14,7 +14,7 @@ from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.envs.registry import is_simulation
 from bricksrl.errors import RenderingUnavailableError, TwinError, counted, percent
 from bricksrl.evaluation.evaluator import EvaluationResult
-from bricksrl.evaluation.film import Film, film_run, side_by_side
+from bricksrl.evaluation.film import Film, check_run_filmable, film_run, side_by_side
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.run_folder import Origin, RunFolder
 from bricktwin.report_page import plain_number, report_page
@@ -56,6 +56,15 @@ def film_before_and_after(run_dir: Path, env: str) -> Films:
     after = film("last", "after")
     both = side_by_side(before.path, after.path, run_dir / "before_after.mp4")
     return Films(before, after, both)
+
+
+def can_film(run_dir: Path) -> bool:
+    """Whether a film of a run can be made here; the report says why not."""
+    try:
+        check_run_filmable(run_dir)
+    except (RenderingUnavailableError, TwinError):
+        return False
+    return True
 
 
 def write_report(

@@ -1,1 +1,1 @@
-"""Names of `brickhub.hub` under their earlier place."""
+"""Names of `brickhub.hub`, for programs that import only bricksrl."""

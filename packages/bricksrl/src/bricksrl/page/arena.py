@@ -23,6 +23,8 @@ _FOR_ALL = ("pause", "resume", "step", "reset", "speed")
 """Presses that change the play of all robots; while somebody drives, only who drives may."""
 _OPEN_HALF_M = 0.7
 """Half size of the part of an open floor that is seen at first."""
+_ARENA_RATIO = 1.45
+"""Width over height of an arena as it is seen, with its walls."""
 
 
 class ArenaPage(LivePage):
@@ -51,7 +53,7 @@ class ArenaPage(LivePage):
         self._is_paced_here = False
         half_m = max(self._arena.arena.half_size_m or (_OPEN_HALF_M,))
         # From above, so that no robot hides another one.
-        view = View((0.0, 0.0, 0.0), 2.0 * half_m + 0.8, -90.0, 48.0)
+        view = View((0.0, 0.0, 0.0), 2.0 * half_m + 0.8, -90.0, 48.0, ratio=_ARENA_RATIO)
         mirror = Mirror(ArenaWorld(self._arena.arena).bodies[0], view)
         machine = env.hub(self._arena.robots[0]).machine
         self.view.show_machine(machine, body=env.world.bodies[0], mirror=mirror)

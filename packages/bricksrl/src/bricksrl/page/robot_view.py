@@ -63,6 +63,8 @@ _MIN_LEAD_S = 0.01
 """Least lead for which it waits, as a system's sleep is no shorter."""
 _NO_MODEL = "This robot has no model to draw; its numbers are below."
 _GEOM = mujoco.mjtGeom
+_GOAL_RATIO = 1.3
+"""Width over height of the starts and a goal on the floor, as they are seen at once."""
 _GHOST = (0.10, 0.62, 0.25, 0.45)
 _ARC = 6  # segments of a quarter of a circle
 _SPHERE = shapes.box(2.0, 2.0, 2.0, 1.0, _ARC)
@@ -382,7 +384,7 @@ class RobotView:
             # A goal on the floor and the starts are to be seen at once.
             if self.goal is not None and self.goal.at_mm is not None:
                 target, distance_m = overview_of(surroundings)
-                view = View(target, 0.85 * distance_m)
+                view = View(target, 0.85 * distance_m, ratio=_GOAL_RATIO)
             self._mirrors[key] = Mirror(MujocoBody(robot, surroundings, Physics(), 0), view)
         return self._mirrors[key]
 

@@ -93,6 +93,7 @@ class View:
         yaw_deg, pitch_deg: direction of the camera from the target, counter-clockwise from x seen
             from above, and elevation.
         follow: number of the body that it follows; ``None`` for a fixed camera.
+        ratio: width over height of what is to be seen; a narrower window shows it smaller.
     """
 
     target: Triple = (0.0, 0.0, 0.05)
@@ -100,6 +101,7 @@ class View:
     yaw_deg: float = -55.0
     pitch_deg: float = 25.0
     follow: int | None = None
+    ratio: float = 10 / 9
 
 
 @dataclass(frozen=True)

@@ -382,10 +382,13 @@ class PageServer:
         """Handle a press; other messages, as of another version of the page, are ignored."""
         try:
             content = json.loads(message)
-            name = content["press"]
-            value = content.get("value")
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        # RecursionError: brackets in brackets.
+        except (ValueError, RecursionError):
             return
+        if not isinstance(content, dict) or "press" not in content:
+            return
+        name = content["press"]
+        value = content.get("value")
         number = value if is_finite(value) else 0
         if name == "stop":
             # A thread of its own: neither a press that is being handled nor the loop delays it.

@@ -10,7 +10,14 @@ from typing import Any
 
 from torchrl.envs import EnvBase
 
-from brickhub.files import atomic_folder, folder_with, reading, refuse_existing, write_durably
+from brickhub.files import (
+    atomic_folder,
+    folder_with,
+    parsing,
+    reading,
+    refuse_existing,
+    write_durably,
+)
 from bricksrl.agents.learner import Learner
 from bricksrl.data.share import CARD, downloaded, hub_client
 from bricksrl.envs.make import make
@@ -62,7 +69,8 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     state = trained.learner.policy_state()
     # safetensors takes no views of other tensors.
     tensors = {name: tensor.contiguous() for name, tensor in state.items()}
-    # What the training was fed with is not there where the policy goes.
+    # Files that the training has read do not exist on other computers, and settings of training
+    # alone say nothing on the policy.
     acting = replace(
         one_robot(config),
         data=None,
@@ -96,7 +104,6 @@ def read_policy(path: Path) -> tuple[TrainConfig, dict[str, Any]]:
 def _read_files(path: Path) -> tuple[bytes, dict[str, Any], dict[str, Any]]:
     """Content of `ABOUT`, the config in it, and the tensors. Raises CheckpointError if there is no
     policy, or it is damaged."""
-    from safetensors import SafetensorError
     from safetensors.torch import load
 
     if not is_policy(path):
@@ -111,12 +118,9 @@ def _read_files(path: Path) -> tuple[bytes, dict[str, Any], dict[str, Any]]:
         raise CheckpointError(
             f"{path / ABOUT} describes no policy of this version of BricksRL; choose another"
         )
-    try:
+    reason = "is not a valid safetensors file; fetch the policy again"
+    with parsing(CheckpointError(f"{path / TENSORS} {reason}")):
         return text, config, load(data)
-    except (SafetensorError, ValueError, KeyError, TypeError):
-        raise CheckpointError(
-            f"{path / TENSORS} is not a valid safetensors file; fetch the policy again"
-        ) from None
 
 
 def _config_from(path: Path, config: dict[str, Any]) -> TrainConfig:

@@ -123,13 +123,16 @@ class RunFolder:
     def read_evaluation(self) -> dict[str, Any] | None:
         """The latest evaluation, as `EvaluationResult` wrote it; ``None`` if there is none, or it
         is damaged."""
+        path = self.evaluation_path
         try:
-            data = json.loads(self.evaluation_path.read_bytes())
-            for name in ("return_mean", "return_std", "episodes", "trained_episodes"):
-                float(data[name])
-        except (OSError, ValueError, LookupError, TypeError, RecursionError):
+            with reading("the evaluation", path, RunError, "evaluate the run again"):
+                data = dict(json.loads(path.read_bytes()))
+                for name in ("return_mean", "return_std", "episodes", "trained_episodes"):
+                    float(data[name])
+                return data
+        # An evaluation is only told; a run is whole without one.
+        except RunError:
             return None
-        return dict(data)
 
     def own_evaluation(self, episodes: int) -> dict[str, Any] | None:
         """The evaluation if it is of the agent after this number of episodes, under the conditions

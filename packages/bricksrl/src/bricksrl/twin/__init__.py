@@ -1,1 +1,1 @@
-"""Names of `bricktwin.twin` under their earlier place."""
+"""Names of `bricktwin.twin`, for programs that import only bricksrl."""

@@ -87,6 +87,18 @@ def is_known(name: str) -> bool:
 
 
 @functools.cache
+def _pieces() -> frozenset[str]:
+    """Numbers of the lines that parts are composed of; none is a part of the catalogue."""
+    wholes = [assembly for assembly in assemblies() if assembly.here == "whole"]
+    return frozenset(piece.number for assembly in wholes for piece in assembly.pieces)
+
+
+def is_piece(name: str) -> bool:
+    """Whether a name is that of a line that a part of the catalogue is composed of."""
+    return name.lower().removesuffix(".dat") in _pieces()
+
+
+@functools.cache
 def _shortcuts() -> dict[str, Assembly]:
     """Assemblies that are their pieces, by number."""
     return {assembly.number: assembly for assembly in assemblies() if assembly.here == "pieces"}
@@ -132,6 +144,54 @@ def composed(references: list[Reference]) -> list[Reference]:
         expanded[index] = _with_marks(whole, [expanded[other] for other in included])
         merged.update(included)
     return [reference for index, reference in enumerate(expanded) if index not in merged]
+
+
+def is_composed(reference: Reference) -> bool:
+    """Whether a line is a part that may be drawn as several lines."""
+    return _number(reference) in _wholes()
+
+
+def completed(
+    wholes: Sequence[Reference], others: Sequence[Reference]
+) -> list[tuple[Reference, list[int]]]:
+    """Each part that may be drawn as several lines, with the pieces of it that other models place.
+
+    Args:
+        wholes: the parts, as `composed` gives them, at their places in the plan.
+        others: lines of any models at their places in the plan.
+
+    Returns:
+        The part, of the kind that most of these pieces are of, and the indices of its pieces.
+    """
+    numbers = [_number(reference) for reference in others]
+    taken: set[int] = set()
+    found: list[tuple[Reference, list[int]]] = []
+    for reference in wholes:
+        best = reference
+        best_pieces: list[int] = []
+        for whole, assembly in _kinds_of(reference):
+            pieces = list(_included(whole, assembly, others, numbers, set(taken)))
+            # The kind that it is already comes first, and stays unless another one has more.
+            if len(pieces) > len(best_pieces):
+                best = whole
+                best_pieces = pieces
+        taken.update(best_pieces)
+        found.append((_with_marks(best, [others[index] for index in best_pieces]), best_pieces))
+    return found
+
+
+def _kinds_of(reference: Reference) -> Iterator[tuple[Reference, Assembly]]:
+    """A part as each kind that begins with the same piece, its own first: two kinds of hubs have
+    the same case."""
+    for own, first in _wholes()[_number(reference)]:
+        yield _whole(reference, own, first), own
+        begin = own.pieces[0]
+        # The line of the case, which all of these kinds have in common.
+        case_offset = reference.matrix @ begin.place + reference.offset
+        case = replace(reference, name=f"{begin.number}.dat", offset=case_offset)
+        for other, other_first in _wholes()[begin.number]:
+            if other is not own:
+                yield _whole(case, other, other_first), other
 
 
 def _number(reference: Reference) -> str:

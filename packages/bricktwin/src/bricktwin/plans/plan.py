@@ -11,7 +11,7 @@ import numpy as np
 
 from brickhub.errors import PlanError
 from bricktwin.plans import catalogue, ldraw_file, ldraw_text
-from bricktwin.plans.assemblies import composed, is_known
+from bricktwin.plans.assemblies import completed, composed, is_composed, is_known, is_piece
 from bricktwin.plans.geometry import Floats, Triple, triple
 from bricktwin.plans.ldraw_file import Document, LineFault, Marks, Model, Reference
 from bricktwin.plans.part import Device, DeviceKind, Part
@@ -209,6 +209,7 @@ def make_plan(document: Document, path: Path | None = None) -> Plan:
     # The robot itself stands where the plan's origin is.
     at_origin = Reference(_MAIN_COLOUR, np.eye(3), np.zeros(3), "", 0, 0, False)
     builder.build(document.main, at_origin, ())
+    builder.join_pieces()
     unknown = []
     for number, references in sorted(builder.unknown.items()):
         lines = tuple(reference.line for reference in references)
@@ -319,6 +320,8 @@ class _Builder:
         self.faults: list[LineFault] = []
         self._files: set[str] = set()
         """Names of the other files that are used."""
+        self._composed: dict[int, Reference] = {}
+        """Parts that may be drawn as several lines, by their indices."""
         self._visits = 0
         self._open: list[Model] = []
         """The models that are being built, each placed by the one before it."""
@@ -398,6 +401,31 @@ class _Builder:
             note = " ".join(model.notes.get(number, ()))
             self.steps.append(Step(step, tuple(new), tuple(groups), assembly, number, note))
 
+    def join_pieces(self) -> None:
+        """Join the pieces of parts that are in other models than their parts, such as a battery in
+        a sub-model of its own."""
+        others = [one for references in self.unknown.values() for one in references]
+        if not others or not self._composed:
+            return
+        joined: set[int] = set()
+        found = completed(list(self._composed.values()), others)
+        for index, (whole, pieces) in zip(self._composed, found, strict=True):
+            if not pieces:
+                continue
+            placed = self.parts[index]
+            part = catalogue.get(whole.name)
+            self.parts[index] = replace(placed, part=part, position=whole.offset)
+            # What is said of the part itself counts before what is said of a piece.
+            if placed.port is None and placed.stops_deg is None:
+                self.parts[index] = self.parts[index].with_marks_of(whole)
+            joined.update(id(others[piece]) for piece in pieces)
+        for number, references in list(self.unknown.items()):
+            left = [one for one in references if id(one) not in joined]
+            if left:
+                self.unknown[number] = left
+            else:
+                del self.unknown[number]
+
     def _refuse_cycle(self, inner: Model, user: Model, line: int, name: str) -> None:
         """Raise PlanError where a line of the model ``user`` places a model that it is part of."""
         if any(model is inner for model in self._open):
@@ -460,7 +488,11 @@ class _Builder:
             is_drawn_piece = inner.is_drawn and not inner.references
             if not is_drawn_piece:
                 return True
-        return any(is_known(part.name) for part in model.references)
+        for part in model.references:
+            # A piece, as a battery is one of a hub, makes an assembly too (`join_pieces`).
+            if is_known(part.name) or is_piece(part.name):
+                return True
+        return False
 
     def _join(
         self, reference: Reference, model: Model, assembly: tuple[str, ...]
@@ -549,6 +581,8 @@ class _Builder:
             **marks,
         )
         self.parts.append(placed)
+        if is_composed(reference):
+            self._composed[placed.index] = reference
         return placed
 
     def _count(self, reference: Reference) -> None:

@@ -81,8 +81,7 @@ class SummedNoise:
         for noise in self._rng.standard_normal(new_samples).tolist():
             self._sum += noise
         self._samples = max(samples, self._samples)
-        # A random walk: n samples of this noise, each for its sample time, deviate by the root of
-        # n of them.
+        # A random walk: the sum of n samples has the square root of n times the deviation of one.
         return self._sum * noise_deg_s * math.sqrt(_SUMMED_S * _GYRO_SAMPLE_S)
 
 

@@ -255,7 +255,7 @@ class Transcript:
         *lines, self._line = text.split(b"\n")
         for line in lines:
             self._feed_line(line)
-        # The "\n" of a line end may follow.
+        # A CR at the end may be the first half of a line end.
         partial = self._line.removesuffix(b"\r")
         may_be_closing = any(line.startswith(partial) for line in _CLOSING_LINES)
         # The beginning of a line is printed at once, since it may be a prompt for input.

@@ -237,7 +237,8 @@ async def find(
         what = "no hub" if name is None and address is None else f"no hub '{name or address}'"
         others = f"; others are: {_listed(found.values())}" if found else ""
         remedy = _NOT_FOUND_REMEDY
-        # Not every system tells which devices are connected.
+        # Not every system tells which devices are connected, so a hub that the service holds may
+        # look absent.
         if service_is_running():
             remedy = f"Pybricks' own background service runs, and may have it: {_RELEASE}"
         raise errors.HubNotFoundError(

@@ -202,8 +202,8 @@ class Servo:
         clockwise = turns * self.direction, mdeg * self.direction
         self._set_zero(difference(measured, clockwise))
         self.observer.reset(to_mdeg((turns, mdeg)))
-        # A motor that held goes on holding where it is now; one that was driven by a voltage
-        # gets it again.
+        # A motor under control goes on as its last command would have ended, mostly holding here;
+        # one that was driven by a voltage gets that voltage again.
         if was_active:
             self.stop(then)
         elif voltage is not None:

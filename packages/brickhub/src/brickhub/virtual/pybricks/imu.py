@@ -150,7 +150,7 @@ class IMU(Native):
         return self._machine.heading
 
     def tilt(self, calibrated: Any = True) -> tuple[float, float]:
-        # The body's own angles are exact; only a hub that is mounted otherwise needs more.
+        # The body's angles are exact for a calibrated hub that is mounted upright and forward.
         pitch, roll = self._machine.body.tilt_deg()
         if not (calibrated and self._is_aligned):
             x, y, z = self._in_robot_frame(self._upwards(calibrated))

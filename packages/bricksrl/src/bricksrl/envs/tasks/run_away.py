@@ -1,7 +1,8 @@
 """The 2Wheeler drives away from a wall as far as its ultrasonic sensor sees.
 
 Each action is one straight drive; the next observation is taken when the drive has ended. The robot
-starts 200 to 300 mm in front of a wall, facing it, so that only driving backwards is rewarded.
+starts 200 to 300 mm in front of a wall, facing it within 5 degrees, so that only driving backwards
+is rewarded.
 
 ## Action
 
@@ -34,15 +35,15 @@ less.
 | terminated | distance is 40 mm or less                  |
 | truncated  | after 20 steps                             |
 
-With the option `ends_at_wall=false` only 2000 mm end an episode, and -1 is the reward at the wall
-too: the paper's wording.
+With the option `ends_at_wall=false` only 2000 mm end an episode, and coming nearer costs -1 at the
+wall too, as the paper words it.
 
 ## Success and metrics
 
 The paper defines no success for this task. Here an episode succeeds when it ends 1000 mm or more
-from the wall. (Not at 2000 mm: the best policy uses all 20 steps, because reaching the sensor's
-limit ends the episode and its rewards.) The metrics are the last distance, `final_distance_mm`, and
-the largest pitch, `largest_pitch_deg`.
+from the wall. Reaching 2000 mm is no criterion: it ends the episode, and with it the rewards, so
+that the best policy avoids it. The metrics are the last distance, `final_distance_mm`, and the
+largest pitch to either side, `largest_pitch_deg`, as a robot that brakes hard tips over.
 """
 
 from brickhub.fields import check_value
@@ -66,6 +67,7 @@ FAR_MM = 2000.0
 AWAY_MM = 1000.0
 """Least final distance of a successful episode."""
 
+# Places of the channels below in an observation; a slice keeps the last dimension.
 _PITCH = 2
 _DISTANCE = slice(4, 5)
 
@@ -89,8 +91,8 @@ def run_away(*, ends_at_wall: bool = True) -> Task:
     """The task.
 
     Args:
-        ends_at_wall: whether an episode ends at the wall, without a penalty, as in the released
-            code.
+        ends_at_wall: whether an episode ends at the wall, without a penalty, as in the paper's
+            released code.
     """
     check_value("ends_at_wall", ends_at_wall, bool)
 

@@ -93,7 +93,7 @@ export class Scene3D {
     this.bodies = [];
     this.poses = null;
     this.follows = true;
-    this.view = { target: [0, 0, 0.05], distance_m: 0.6, yaw_deg: -55, pitch_deg: 25, follow: null };
+    this.view = { target: [0, 0, 0.05], distance_m: 0.6, yaw_deg: -55, pitch_deg: 25, follow: null, ratio: 10 / 9 };
     this.moved = [0, 0];
     this.floor = 0;
     this.frames = 0;
@@ -213,7 +213,8 @@ export class Scene3D {
   draw(resolution = this.resolution) {
     const gl = this.gl, canvas = this.canvas, scale = resolution * Math.min(window.devicePixelRatio || 1, 2);
     const width = Math.round(canvas.clientWidth * scale), height = Math.round(canvas.clientHeight * scale);
-    if (!width || !height || !this.poses || gl.isContextLost()) return;
+    // Poses may come before the scene: an empty floor would say that the robot is gone.
+    if (!width || !height || !this.poses || !this.bodies.length || gl.isContextLost()) return;
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
     this.frames += 1;
     canvas.dataset.frames = this.frames;
@@ -395,7 +396,7 @@ export class Scene3D {
   sight(x, y) {
     const target = this.target(), eye = this.eye(target), { clientWidth, clientHeight } = this.canvas, ratio = clientWidth / clientHeight;
     const back = normalised(eye.map((value, i) => value - target[i])), right = normalised(cross([0, 0, 1], back)), up = cross(back, right);
-    const f = focal(ANGLE, ratio), across = ((2 * x) / clientWidth - 1) * (ratio / f), down = (1 - (2 * y) / clientHeight) / f;
+    const f = focal(ANGLE, ratio, this.view.ratio), across = ((2 * x) / clientWidth - 1) * (ratio / f), down = (1 - (2 * y) / clientHeight) / f;
     return [eye, back.map((value, i) => across * right[i] + down * up[i] - value)];
   }
 
@@ -407,7 +408,7 @@ export class Scene3D {
 
   camera(target) {
     const { clientWidth, clientHeight } = this.canvas;
-    return multiply(perspective(ANGLE, clientWidth / clientHeight, this.view.distance_m / 60, 40), lookAt(this.eye(target), target));
+    return multiply(perspective(ANGLE, clientWidth / clientHeight, this.view.ratio, this.view.distance_m / 60, 40), lookAt(this.eye(target), target));
   }
 
   // What moves is pulled where `onPull` is set, with a body's number and a point, or null when it is let go.
@@ -574,12 +575,12 @@ function multiply(first, second) {
 }
 
 // On a narrow screen the angle is that of its width, so that a phone shows as much as a wide screen.
-function focal(angle, ratio) {
-  return (1 / Math.tan(angle / 2)) * Math.min(1, ratio * 0.9);
+function focal(angle, ratio, seenRatio) {
+  return (1 / Math.tan(angle / 2)) * Math.min(1, ratio / seenRatio);
 }
 
-function perspective(angle, ratio, near, far) {
-  const f = focal(angle, ratio);
+function perspective(angle, ratio, seenRatio, near, far) {
+  const f = focal(angle, ratio, seenRatio);
   return new Float32Array([f / ratio, 0, 0, 0, 0, f, 0, 0, 0, 0, (far + near) / (near - far), -1, 0, 0, (2 * far * near) / (near - far), 0]);
 }
 

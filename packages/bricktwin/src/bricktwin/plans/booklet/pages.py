@@ -137,7 +137,6 @@ def pages_of(plan: Plan) -> Iterator[Page]:
         f"{plan.mass_g:.0f} g"
     )
     yield Page(plan.title, text, _fitted(studio, everything, VIEWS[0], (7.4, 4.3)))
-    # A part of each kind and colour, which is drawn as it lies in the model.
     samples = {(placed.part, placed.colour): placed for placed in plan.parts}
     items = []
     for entry in entries:

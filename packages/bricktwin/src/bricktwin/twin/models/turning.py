@@ -155,6 +155,6 @@ class TurningParts:
             frame = data.xmat[parent].reshape(3, 3)
             along_m = data.site_xpos[far] - data.xpos[body]
             mujoco.mju_quatZ2Vec(model.body_quat[body], along_m @ frame)
-        # Their orientations are the model's, not the data's: the world's have to follow.
+        # The turns were written into the model; the positions in the data follow from it.
         if self._spinners or self._rods:
             mujoco.mj_kinematics(model, data)

@@ -1,12 +1,21 @@
 """MicroPython: the loop on the hub, the same for every robot. ``generate.py`` appends it to the
 robot-specific part.
 
-The names in capitals, ``start_moves`` and ``read_channels`` are defined in the robot-specific part;
-``stop_motors`` in ``moves.py``; ``listen``, ``receive`` and ``put`` in ``stdio.py`` or
-``app_data.py``. A command is carried out once: when its sequence number is repeated, the answer is
-resent and nothing moves. A new command replaces one in progress. After STREAM the channels are sent
-continuously, with the sequence number of the latest command. Only frames from the host feed the
-watchdog, even during a step. Changing the hub's part of this file changes every program's hash.
+Names in capitals that are not defined here, ``start_moves`` and ``read_channels`` are in the
+robot-specific part; ``stop_motors`` and ``LOOK_MS`` in ``moves.py``; ``listen``, ``receive`` and
+``put`` in ``stdio.py`` or ``app_data.py``.
+
+A frame is ``A5 seq payload crc``; one with ``seq`` 0 is a control frame, ``A5 00 kind payload
+crc``. A command is carried out once: when its sequence number is repeated, the answer is resent and
+nothing moves. A new command replaces one in progress, and so does READ, which cancels its answer.
+After STREAM the channels are sent continuously, with the sequence number of the latest command;
+STREAM 0 ends it.
+
+Only frames from the host feed the watchdog, even during a step: after ``WATCHDOG_MS`` of silence
+the motors stop, or in a step the program ends; after ``END_MS`` more it ends in any case.
+
+What is above the line "the hub's part" stays on the computer. Changing what is below it changes
+every program's hash, so that each hub downloads its program again.
 """
 # mypy: ignore-errors
 # ruff: noqa: F821
