@@ -120,8 +120,11 @@ def _wholes() -> dict[str, list[tuple[Assembly, Piece]]]:
 def composed(references: list[Reference]) -> list[Reference]:
     """The lines of a model, with one line for the pieces of each part that they compose, and with
     the pieces of shortcuts."""
-    expanded = [piece for reference in references for piece in _expanded(reference)]
+    expanded: list[Reference] = []
+    for reference in references:
+        expanded += _expanded(reference)
     numbers = [_number(reference) for reference in expanded]
+    # Most models have none, and need no search.
     if not any(number in _wholes() for number in numbers):
         return expanded
     merged: set[int] = set()
@@ -192,6 +195,7 @@ def _kinds_of(reference: Reference) -> Iterator[tuple[Reference, Assembly]]:
 
 
 def _number(reference: Reference) -> str:
+    """Number of what a line places, in the catalogue if it is there under another one."""
     number = reference.name.lower().removesuffix(".dat")
     part = catalogue.find(number)
     return number if part is None else part.number
@@ -206,6 +210,7 @@ def _expanded(reference: Reference) -> Iterator[Reference]:
     for number, piece in enumerate(shortcut.pieces):
         offset = reference.matrix @ piece.place + reference.offset
         colour = reference.colour if piece.colour == _OWN_COLOUR else piece.colour
+        # What our comments say, they say of one part: the first piece.
         marks = reference.marks if number == 0 else Marks().marks
         yield replace(reference, name=f"{piece.number}.dat", offset=offset, colour=colour, **marks)
 

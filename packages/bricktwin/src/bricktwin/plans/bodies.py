@@ -240,17 +240,21 @@ def _bodies(
             point, axis = _line_of(bundle)
             slides = connection.is_axle and can_slide
             joints.append(BodyJoint(pair, point, axis, slides, None, connection.is_ball))
+    # Teeth that nearly mesh turn nothing; the check of plans names them.
     geared_bodies = []
     for mesh in meshes:
         first = groups[mesh.first]
         second = groups[mesh.second]
         if mesh.is_good and first in number_of and second in number_of:
             geared_bodies.append((number_of[first], number_of[second], mesh))
-    members = tuple(tuple(part for part in range(count) if groups[part] == root) for root in roots)
-    rotors = tuple(
-        tuple(motor for motor in motors if groups[motor + count] == root) for root in roots
-    )
-    return Bodies(members, rotors, tuple(joints), tuple(geared_bodies)), roots
+    members: list[tuple[int, ...]] = []
+    rotors: list[tuple[int, ...]] = []
+    for root in roots:
+        members.append(tuple(part for part in range(count) if groups[part] == root))
+        # A rotor is a node behind all parts (`_Link`).
+        rotors.append(tuple(motor for motor in motors if groups[motor + count] == root))
+    bodies = Bodies(tuple(members), tuple(rotors), tuple(joints), tuple(geared_bodies))
+    return bodies, roots
 
 
 def _bundles(links: Sequence[_Link], groups: _Groups) -> dict[tuple[int, int], list[list[_Link]]]:
@@ -313,12 +317,11 @@ def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Gr
 
 def _join_loose(parts: Sequence[Placed], groups: _Groups) -> None:
     """Join parts with unmodelled connections to the nearest part, such as a tyre to its rim."""
+    held_parts = [placed for placed in parts if not placed.part.is_loose]
     for placed in parts:
         if not placed.part.is_loose:
             continue
-        others = [
-            other for other in parts if other.index != placed.index and not other.part.is_loose
-        ]
+        others = held_parts
         if placed.part.family == "tyres":
             others = [other for other in others if other.part.family == "wheels"]
         # A chain's links keep their place, while its gears turn.
@@ -355,7 +358,7 @@ def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
 
 def _merge_equal_motions(bodies: Bodies, roots: Sequence[int], groups: _Groups) -> bool:
     """Join bodies with equal rates in all motions. Returns whether there were any."""
-    motions = bodies.motions()
+    motions = bodies.motions()  # [6 x bodies, n]
     merged = False
     for number, root in enumerate(roots):
         rates = motions[6 * number : 6 * number + 6]

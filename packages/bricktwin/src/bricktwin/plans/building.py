@@ -24,7 +24,9 @@ _MIN_POINTS = 2
 """Minimum number of points inside."""
 # Limits of the collision search: a file may be a heap of parts in one place.
 _MAX_PAIRS = 200
+"""Colliding pairs that are found."""
 _MAX_COMPARED = 50_000
+"""Pairs that are compared."""
 # Limits of the search for paths.
 _MAX_QUERIES = 6000
 """Collision queries per plan."""
@@ -52,8 +54,13 @@ class Occupancy:
 
     def collisions(self) -> list[tuple[int, int]]:
         """Pairs of colliding parts, the lower index first; at most 200."""
-        colliding = (pair for pair in islice(self._near_pairs(), _MAX_COMPARED) if self._hit(*pair))
-        return list(islice(colliding, _MAX_PAIRS))
+        colliding: list[tuple[int, int]] = []
+        for index, other in islice(self._near_pairs(), _MAX_COMPARED):
+            if self._hit(index, other):
+                colliding.append((index, other))
+                if len(colliding) == _MAX_PAIRS:
+                    break
+        return colliding
 
     def _near_pairs(self) -> Iterator[tuple[int, int]]:
         """Pairs of parts whose bounds overlap, the lower index first."""
@@ -80,7 +87,9 @@ class Occupancy:
         """Parts with bounds that overlap those of a moved part [n]."""
         low = self.low[index] + shift + _SKIN
         high = self.high[index] + shift - _SKIN
-        return np.asarray(((low < self.high) & (self.low < high)).all(axis=1))
+        # Boxes overlap where they overlap along each of the three axes.
+        overlaps = (low < self.high) & (self.low < high)  # [n, 3]
+        return np.asarray(overlaps.all(axis=1))
 
     def _collide(self, index: int, other: int, shift: Floats) -> bool:
         families = {self._parts[index].part.family, self._parts[other].part.family}
@@ -94,15 +103,18 @@ class Occupancy:
 
     def _inside(self, index: int, other: int, shift: Floats) -> bool:
         """Whether points of a part, moved, lie in another."""
-        points = self._parts[index].samples + shift
-        near = ((points > self.low[other]) & (points < self.high[other])).all(axis=1)
+        points = self._parts[index].samples + shift  # [n, 3]
+        # Most points are not even in the other part's box, which is a cheap test.
+        is_in_box = (points > self.low[other]) & (points < self.high[other])
+        near = is_in_box.all(axis=1)
         if np.count_nonzero(near) < _MIN_POINTS:
             return False
         target = self._parts[other]
         inner = target.to_part(points[near])
         holes = open_holes(self._parts[index], shift, target)
         # In large overlaps a few points are enough.
-        for sample in (inner[::23], inner):
+        few = inner[::23]
+        for sample in (few, inner):
             blocked = target.part.blocks(sample, _MARGIN, holes)
             if np.count_nonzero(blocked) >= _MIN_POINTS:
                 return True
@@ -224,7 +236,7 @@ def moves_of(
     items = [(part,) for part in step.new] + list(step.joined)
     present = np.zeros(len(occupancy.low), dtype=bool)
     present[list(after)] = True
-    is_first = sum(map(len, items)) == len(after)
+    is_first = sum(len(item) for item in items) == len(after)
     # In the first step, the first item lies on the table: the others are put on it.
     on_table = items[:1] if is_first else []
     remaining = list(items[1:] if is_first else items)
@@ -254,7 +266,9 @@ def _free_direction(
 ) -> Floats | None:
     """The first direction [3] in which parts can be removed from others."""
     for direction in _directions(parts, links):
-        if all(occupancy.is_free(parts, others, direction * distance) for distance in _PATH_LDU):
+        # From near to far, up to the first distance at which something is in the way.
+        shifts = (direction * distance for distance in _PATH_LDU)
+        if all(occupancy.is_free(parts, others, shift) for shift in shifts):
             return direction
     return None
 

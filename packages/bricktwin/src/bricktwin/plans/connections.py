@@ -23,7 +23,9 @@ _MAX_TILT = 0.03
 """Sine of the largest angle between the two."""
 # The same where a pin only has room: real parts give way.
 _MAX_LOOSE_OFFSET = 2.5
+"""LDU."""
 _MAX_LOOSE_TILT = 0.1
+"""Sine."""
 _MIN_DEPTH = 3.5
 """Minimum depth of a connection, LDU; a stud is 4 high."""
 _MIN_SEATED_SHARE = 0.7
@@ -39,6 +41,7 @@ _MAX_COMPARED = 20_000
 _CROSS_DEG = 6.0
 """Largest angle between an axle's cross and that of its hole."""
 _WORM_PITCH_RADIUS = 10.0
+"""LDU."""
 _TOOTH = 7.854
 """Length of a tooth, pi mm: lead of a worm, pitch of a rack."""
 _LINK = 16.0
@@ -51,6 +54,7 @@ _JOINTS = (Fit.TURNTABLE, Fit.BALL, Fit.SOCKET, Fit.RIM, Fit.TYRE)
 """Sites that belong together where their middles are in one place, not where one is in another."""
 _SEAT_PLAY = 4.0
 """Tolerance of a tyre, LDU: of its place and of its diameter."""
+# What has no freedom at all: the fit of what goes in, and of what it goes into.
 _RIGID = ((Fit.AXLE, Fit.AXLE_HOLE), (Fit.STUD, Fit.STUD_HOLE), (Fit.RIM, Fit.TYRE))
 _Placed = tuple[int, Site, Floats, Floats]
 """A site: index of its part, centre, direction."""
@@ -157,7 +161,8 @@ def reached(starts: Iterable[int], graph: Mapping[int, Iterable[int]]) -> set[in
     found = set(starts)
     waiting = list(found)
     while waiting:
-        unseen = set(graph[waiting.pop()]) - found
+        node = waiting.pop()
+        unseen = set(graph[node]) - found
         found |= unseen
         waiting += unseen
     return found
@@ -165,6 +170,12 @@ def reached(starts: Iterable[int], graph: Mapping[int, Iterable[int]]) -> set[in
 
 def connections(parts: Sequence[Placed]) -> list[Connection]:
     """All pins and axles in holes, studs, tyres on rims, turntables and ball joints."""
+    males, females, joints = _sites_of(parts)
+    return _coinciding(joints) + _inserted(parts, males, females)
+
+
+def _sites_of(parts: Sequence[Placed]) -> tuple[list[_Placed], list[_Placed], list[_Placed]]:
+    """The sites that go into others, those that others go into, and the halves of joints."""
     males: list[_Placed] = []
     females: list[_Placed] = []
     joints: list[_Placed] = []
@@ -178,17 +189,25 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
                 males.append(entry)
             else:
                 females.append(entry)
-    result = _coinciding(joints)
+    return males, females, joints
+
+
+def _inserted(
+    parts: Sequence[Placed], males: list[_Placed], females: list[_Placed]
+) -> list[Connection]:
+    """Pins and axles in holes, and studs."""
+    result: list[Connection] = []
     if not females:
         return result
     # Sorted along x, so that a pin is compared with the holes near to it alone: a plan may
     # have thousands of both.
     females.sort(key=lambda entry: float(entry[2][0]))
-    owners = np.array([entry[0] for entry in females])
-    centres = np.array([entry[2] for entry in females])
-    axes = np.array([entry[3] for entry in females])
-    lengths = np.array([entry[1].length for entry in females])
-    is_for_stud = np.array([entry[1].fit is Fit.STUD_HOLE for entry in females])
+    # Arrays of all n holes: a pin is compared with those nearby at once.
+    owners = np.array([owner for owner, _, _, _ in females])
+    centres = np.array([centre for _, _, centre, _ in females])  # [n, 3]
+    axes = np.array([axis for _, _, _, axis in females])  # [n, 3]
+    lengths = np.array([hole.length for _, hole, _, _ in females])
+    is_for_stud = np.array([hole.fit is Fit.STUD_HOLE for _, hole, _, _ in females])
     longest = float(lengths.max())
     for owner, site, centre, axis in males:
         reach = (site.length + longest) / 2 + _MAX_OFFSET
@@ -208,7 +227,8 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
         is_other_part = owners[nearby] != owner
         # A stud does not hold in a pin hole, nor a pin between studs.
         is_of_kind = is_for_stud[nearby] == (site.fit is Fit.STUD)
-        for index in np.flatnonzero(is_coaxial & is_inside & is_other_part & is_of_kind):
+        is_connected = is_coaxial & is_inside & is_other_part & is_of_kind
+        for index in np.flatnonzero(is_connected):
             other, hole, *_ = females[start + index]
             depth = float(high[index] - low[index])
             is_seated = depth >= _MIN_SEATED_SHARE * min(_MODULE, site.length, hole.length)

@@ -2,6 +2,7 @@
 holes, is 20 LDU."""
 
 import enum
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -18,6 +19,8 @@ _MIN_SIDES = 10
 """Sides of the coarsest polygon that looks round when it is shaded."""
 _MIN_SAMPLED_HALF = 0.25
 """LDU: a solid that is thinner than twice this is filled by one layer of points."""
+_BOX_SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+"""Signs [8, 3] of the corners of a box; the last axis runs fastest."""
 AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -36,7 +39,13 @@ def rotation(axis: Triple | Floats, angle: float) -> Floats:
     """Rotation matrix [3, 3] about a unit axis by an angle in radians (Rodrigues)."""
     x, y, z = axis
     # The matrix of the cross product with the axis.
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = np.array(
+        [
+            [0.0, -z, y],
+            [z, 0.0, -x],
+            [-y, x, 0.0],
+        ]
+    )
     sine = math.sin(angle)
     versine = 1.0 - math.cos(angle)
     return np.asarray(np.eye(3) + sine * cross + versine * cross @ cross)
@@ -114,7 +123,9 @@ class Solid:
     def samples(self, spacing: float, depth: float) -> Floats:
         """Points [n, 3] that fill the solid up to ``depth`` below its surface."""
         half = np.maximum(np.array(self.half) - depth, 0.0)
-        counts = np.maximum(2, np.ceil(2 * half / spacing).astype(int) + 1)
+        # Points along each axis: both ends, and no two further apart than the spacing.
+        gaps = np.ceil(2 * half / spacing).astype(int)
+        counts = np.maximum(2, gaps + 1)
         lines: list[Floats] = []
         for size, count in zip(half, counts, strict=True):
             is_thick = size > _MIN_SAMPLED_HALF
@@ -129,13 +140,12 @@ class Solid:
 
     def corners(self) -> Floats:
         """Corners [8, 3] of the bounding box along ``axes``."""
-        ends = (-1, 1)
-        signs = np.array([[i, j, k] for i in ends for j in ends for k in ends], dtype=float)
         half = np.array(self.half)
         if self.form is Form.RING:
             # The second of a ring's sizes is its bore.
             half = np.array((self.half[0], self.half[0], self.half[2]))
-        return np.asarray((signs * half) @ np.array(self.axes) + np.array(self.centre))
+        local = _BOX_SIGNS * half  # [8, 3]
+        return np.asarray(local @ np.array(self.axes) + np.array(self.centre))
 
 
 def _box_normals(local: Floats, half: Floats) -> Floats:
@@ -186,7 +196,8 @@ def _round_samples(
             angles = np.arange(count) * spacing / max(ring_radius, 1e-9)
             x = ring_radius * np.cos(angles)
             y = ring_radius * np.sin(angles)
-            rings.append(np.column_stack([x, y, np.full(len(angles), height)]))
+            z = np.full(len(angles), height)
+            rings.append(np.column_stack([x, y, z]))
     return np.concatenate(rings) if rings else np.zeros((0, 3))
 
 

@@ -30,20 +30,16 @@ class PlannedRobot:
 
     def device(self, port: str) -> Placed:
         """The motor or sensor on a port of the plan."""
-        return next(
-            placed
-            for placed in self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
-            if placed.port == port
-        )
+        devices = self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
+        return next(placed for placed in devices if placed.port == port)
 
     @property
     def rolling(self) -> list[tuple[Drive, Wheel]]:
         """The motors that drive wheels, with the leftmost of each motor's wheels."""
         rolling = []
         for drive in self.articulation.drives:
-            wheels = [
-                wheel for wheel in self.articulation.wheels if wheel.link == drive.joint.child
-            ]
+            driven_body = drive.joint.child
+            wheels = [wheel for wheel in self.articulation.wheels if wheel.link == driven_body]
             if wheels:
                 leftmost = max(wheels, key=lambda wheel: float(wheel.centre_m[1]))
                 rolling.append((drive, leftmost))
@@ -63,6 +59,7 @@ def planned_robot(path: Path) -> PlannedRobot:
 
 @functools.lru_cache(maxsize=16)
 def _planned(path: Path, _sources: tuple[bytes, ...]) -> PlannedRobot:
+    # By its sources too, as a file may be changed while a program runs.
     return planned(read_plan(path))
 
 
@@ -193,10 +190,12 @@ class _Sweep:
         return travel_deg
 
     def _is_clear(self, angle_deg: float) -> bool:
+        """Whether what is moved, turned by an angle of the driven part, meets nothing."""
         turn = rotation(self._axis, math.radians(angle_deg))
         parts = list(self._parts)
         for index in self._moved:
             placed = parts[index]
             position = turn @ (placed.position - self._point) + self._point
             parts[index] = replace(placed, rotation=turn @ placed.rotation, position=position)
+        # Parts know their bounds and samples: only the moved ones are computed anew.
         return Occupancy(parts).is_free(self._moved, self._others, np.zeros(3))

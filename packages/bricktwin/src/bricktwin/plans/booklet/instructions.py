@@ -119,6 +119,7 @@ class _Author:
     joints: Mapping[int, list[tuple[Connection, Site, int, Site]]] = field(init=False)
 
     def __post_init__(self) -> None:
+        # One for all steps, as it counts the queries of the whole booklet.
         self.occupancy = Occupancy(self.plan.parts, _MAX_QUERIES)
         links = connections(self.plan.parts)
         self.links = links_of(self.plan.parts, links)
@@ -154,9 +155,12 @@ class _Author:
                 pieces += [Move((item,), move.outward) for item in move.items]
         # As few steps as with the most pieces in each, but with the last one as full as the others:
         # the smallest limit that needs no more steps.
-        splits = [self._filled(pieces, depth, most, before) for most in range(1, MAX_PIECES + 1)]
-        fewest = len(splits[-1])
-        return next(split for split in splits if len(split) == fewest)
+        fullest = self._filled(pieces, depth, MAX_PIECES, before)
+        for most in range(1, MAX_PIECES):
+            split = self._filled(pieces, depth, most, before)
+            if len(split) == len(fullest):
+                return split
+        return fullest
 
     def _filled(
         self, moves: Sequence[Move], depth: int, most: int, before: set[int]
@@ -202,6 +206,7 @@ class _Author:
     ) -> Iterator[Instruction]:
         """An instruction for some moves, or two if some of their parts cannot be seen."""
         scene, hidden = self._best_scene(moves, before)
+        # In fewer moves, one part hides less of another.
         if hidden and len(moves) > 1:
             half = len(moves) // 2
             yield from self._shown(moves[:half], before, step, times)
@@ -247,6 +252,7 @@ class _Author:
             if items:
                 few.append(Move(items, move.outward))
         scene, still_hidden = self._best_scene(few, frozenset(touched))
+        # What they touch hides them too: better alone than unseen.
         if still_hidden:
             scene, _ = self._best_scene(few, frozenset())
         return scene
@@ -259,21 +265,29 @@ class _Author:
         arrows: list[Arrow] = []
         for move in moves:
             shift = np.zeros(3)
+            # What lies on the table, or has no known way, stays where it is, without an arrow.
             ways = self._ways(move, shifts) if move.outward.any() else []
             if ways:
-                longest = max(float((end - start) @ move.outward) for start, end in ways)
-                distance = longest + _GAP
-                # Further out, until it overlaps none of the others that are on their way.
                 on_way = {part: other for part, other in shifts.items() if part not in before}
-                for _ in range(_MAX_TRIES):
-                    if self._is_clear(move, move.outward * distance, on_way):
-                        break
-                    distance += _GAP
-                shift = move.outward * distance
+                shift = move.outward * self._distance_out(move, ways, on_way)
                 arrows += [(start + shift, end) for start, end in ways]
             shifts.update(dict.fromkeys(move.parts, shift))
         shown = [Shown(self.plan.parts[part], shift) for part, shift in shifts.items()]
         return shown, tuple(arrows)
+
+    def _distance_out(
+        self, move: Move, ways: Sequence[Arrow], on_way: Mapping[int, Floats]
+    ) -> float:
+        """How far from its place a move is drawn, LDU: out of all holes, and apart from the parts
+        that are on their way, each shifted [3]."""
+        # How deep the deepest of its pins and holes goes.
+        longest = max(float((end - start) @ move.outward) for start, end in ways)
+        distance = longest + _GAP
+        for _ in range(_MAX_TRIES):
+            if self._is_clear(move, move.outward * distance, on_way):
+                break
+            distance += _GAP
+        return distance
 
     def _ways(self, move: Move, shifts: Mapping[int, Floats]) -> list[Arrow]:
         """Where pins and holes of a move begin [3], and where those that they belong to end: a pair

@@ -37,7 +37,8 @@ _DARKEST_SIDE = -0.4
 _HOLLOW = 0.80
 """Share of the brightness that is left in holes."""
 _EPSILON = 0.02
-"""LDU: what is thinner along a ray is nothing, or rounding would leave films of material."""
+"""LDU: what is thinner along a ray is nothing. Without it rounding leaves films of material, at
+almost a third of the points of a gear with 24 teeth (3648)."""
 _FOLD = 0.80
 """Cosine of the smallest angle of a fold that is drawn as a line."""
 _JUMP = 5.0
@@ -137,7 +138,7 @@ class _Rays(NamedTuple):
 
     def spans(self, solid: Solid) -> list[_Spans]:
         """Where they are in a solid: for a ring, before and behind its bore."""
-        # Single precision, as there are millions of rays and a picture has 8 bits.
+        # Single precision, as in the sprites, which keep ten bytes a point.
         frame = np.array(solid.axes, dtype=np.float32)
         centre = frame @ np.array(solid.centre, dtype=np.float32)
         # In the solid's frame a ray is `across` [h, w], one for each axis, plus its depth times

@@ -27,10 +27,15 @@ from bricktwin.plans.geometry import (
 )
 from bricktwin.plans.part import HOLE_RADIUS, Fit, Gear, GearForm, Part, Site
 
+# Sizes of parts, LDU.
 _STUD_RADIUS = 6.0
 _PIN_RADIUS = 6.0
 _BORE_RADIUS = 4.0
+"""The inside of a hollow pin."""
 _COLLAR_RADIUS = 7.8
+_COLLAR_WIDTH = 2.4
+_SLIT = (1.3, 9.0, 8.0)
+"""Half sizes of the slit in an end of a pin: its width, across the pin, and into it."""
 _RECESS_RADIUS = 8.0
 """The wider ends of a pin hole, into which a pin's collar goes."""
 _RECESS_DEPTH = 2.0
@@ -48,6 +53,7 @@ _MIN_TYRE_MM = 50.0
 """Wheels up to this diameter are of one material."""
 _PLAIN_GEARS = (GearForm.RACK, GearForm.WORM)
 """Gears whose teeth do not stand in a circle; they are drawn by their solids alone."""
+# The beginning of a cable, LDU.
 _CABLE_RADIUS = 5.0
 _CABLE_LENGTH = 14.0
 
@@ -128,10 +134,11 @@ def _drawn_looks() -> dict[str, tuple[Piece, ...]]:
     looks: dict[str, tuple[Piece, ...]] = {}
     for row in read_table("bricktwin.plans.catalogue", "looks"):
         solids, notches = part_notation.solids(row["solids"])
+        tint = Tint[row["tint"].upper()]
         pieces = tuple(
-            Piece(solid, Tint[row["tint"].upper()], _cuts(number, notches))
-            for number, solid in enumerate(solids)
+            Piece(solid, tint, _cuts(number, notches)) for number, solid in enumerate(solids)
         )
+        # A row is for several parts, and a part has a row for each of its materials.
         for part in row["numbers"].split():
             looks[part] = (*looks.get(part, ()), *pieces)
     return looks
@@ -187,10 +194,10 @@ def _frame(site: Site) -> tuple[Triple, Triple, Triple]:
 def _cross(site: Site, length: float, width: float, along: float) -> list[Solid]:
     """The two blades of a cross; half length and half width of one, and their length along the
     axis."""
-    return [
-        Solid(Form.BOX, site.centre, (x, y, along / 2), _frame(site))
-        for x, y in ((length, width), (width, length))
-    ]
+    frame = _frame(site)
+    first = Solid(Form.BOX, site.centre, (length, width, along / 2), frame)
+    second = Solid(Form.BOX, site.centre, (width, length, along / 2), frame)
+    return [first, second]
 
 
 def _hole(site: Site) -> list[Solid]:
@@ -227,13 +234,13 @@ def _pin(site: Site) -> Iterator[Piece]:
     """A pin: hollow, its ends slit, with a collar a module from them."""
     frame = frame_of(site.axis)
     half = site.length / 2
-    slits = tuple(
-        Solid(Form.BOX, _along(site, side * half), (1.3, 9.0, 8.0), frame) for side in (-1, 1)
-    )
+    ends = (_along(site, -half), _along(site, half))
+    slits = tuple(Solid(Form.BOX, end, _SLIT, frame) for end in ends)
     shaft = ring(site.centre, site.axis, site.length, _PIN_RADIUS, _BORE_RADIUS)
     yield Piece(shaft, Tint.MAIN, slits)
     for offset in _collars(site.length):
-        yield Piece(ring(_along(site, offset), site.axis, 2.4, _COLLAR_RADIUS, _BORE_RADIUS))
+        middle = _along(site, offset)
+        yield Piece(ring(middle, site.axis, _COLLAR_WIDTH, _COLLAR_RADIUS, _BORE_RADIUS))
 
 
 def _collars(length: float) -> tuple[float, ...]:
@@ -268,12 +275,16 @@ def _teeth(part: Part) -> Iterator[Solid]:
         yield ring(gear.centre, gear.axis, width, root, max(root - 4.0, 5.0))
     first, second, axis = (np.array(direction) for direction in frame_of(gear.axis))
     # A tooth begins a little below its root, so that there is no gap to the ring.
-    half = ((tip - root + 1.0) / 2, 0.23 * 2 * math.pi * 1.25, width / 2)
+    half_height = (tip - root + 1.0) / 2
+    # The pitch is 2 pi times 1.25 LDU for gears of any size; a tooth is a little less than half of
+    # it, and the gap between two a little more.
+    half_thickness = 0.23 * 2 * math.pi * 1.25
+    half = (half_height, half_thickness, width / 2)
     for tooth in range(gear.teeth):
         angle = 2 * math.pi * tooth / gear.teeth
-        out = math.cos(angle) * first + math.sin(angle) * second
-        centre = triple(np.array(gear.centre) + out * (root - 1.0 + tip) / 2)
-        axes = (triple(out), triple(np.cross(axis, out)), triple(axis))
+        outward = math.cos(angle) * first + math.sin(angle) * second
+        centre = triple(np.array(gear.centre) + outward * (root - 1.0 + tip) / 2)
+        axes = (triple(outward), triple(np.cross(axis, outward)), triple(axis))
         yield Solid(Form.BOX, centre, half, axes)
 
 

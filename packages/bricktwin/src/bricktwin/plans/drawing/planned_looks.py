@@ -33,6 +33,7 @@ _DETAILED: dict[str, tuple[Callable[[], Piece], tuple[int, int, int]]] = {
 """Our drawings of electric parts, and the signed axes of the catalogue's parts that are x, y and z
 there (1 is a part's x)."""
 _WHEEL_AXES = (-1, -3, -2)
+"""The same of a wheel."""
 
 
 def looks_of(
@@ -99,10 +100,12 @@ def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
     outside."""
     samples = offset_points(placed.to_plan(shape.points)[shape.faces], _CLEARANCE)
     covered = np.zeros(samples.shape[:2], dtype=bool)
+    flat_samples = samples.reshape(-1, 3)
     for other in others:
-        points = other.to_part(samples.reshape(-1, 3))
+        points = other.to_part(flat_samples)
         for solid in other.part.solids:
-            covered |= solid.contains(points, 0.0).reshape(covered.shape)
+            is_inside = solid.contains(points, 0.0)
+            covered |= is_inside.reshape(covered.shape)
     # Only a triangle that is hidden at all of its samples goes.
     visible = shape.faces[~covered.all(axis=1)]
     # Points that no triangle uses any more go too, and the indices are those of what is left.
@@ -165,11 +168,8 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
         axes = _WHEEL_AXES
     else:
         return []
-    # A rotation from the part's axes to ours.
-    turn = np.zeros((3, 3))
-    for row, axis in enumerate(axes):
-        turn[row, abs(axis) - 1] = np.sign(axis)
-    all_points_mm = np.concatenate([shape.points for _, shape in drawing.shapes])
+    turn = _rotation_to_drawing(axes)
+    all_points_mm = np.concatenate([shape.points for _, shape in drawing.shapes])  # [n, 3]
     points = all_points_mm @ turn / MM_PER_LDU
     low, high = part.bounds
     if device:
@@ -177,13 +177,23 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
         case = part.solids[0].corners()
         low = case.min(axis=0)
         high = case.max(axis=0)
-    # Middle on middle.
+    # Middle on middle: the drawing and the catalogue have origins of their own.
     shift = (low + high - points.min(axis=0) - points.max(axis=0)) / 2
     placed = []
     for colour, shape in drawing.shapes:
         local = shape.points @ turn / MM_PER_LDU + shift
         placed.append((colour, Shape(local, shape.normals @ turn, shape.faces)))
     return placed
+
+
+def _rotation_to_drawing(axes: tuple[int, int, int]) -> Floats:
+    """Rotation [3, 3] from a part's axes to those of a drawing, which are signed axes of the
+    part."""
+    turn = np.zeros((3, 3))
+    for row, axis in enumerate(axes):
+        # Numbered from 1, as there is no -0.
+        turn[row, abs(axis) - 1] = np.sign(axis)
+    return turn
 
 
 @functools.lru_cache(maxsize=256)

@@ -147,9 +147,16 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     carried = plan.devices(DeviceKind.HUB, DeviceKind.SENSOR)
     devices = tuple(link_of[placed.index] for placed in carried if placed.index in link_of)
     fixed_links = [link_of[placed.index] for placed in connected if placed.is_fixed]
-    fixed = fixed_links[0] if fixed_links else None
-    meshes = bodies.meshes
-    return Mechanism(tuple(links), hinges, ports, ratios, tuple(wheels), devices, meshes, fixed)
+    return Mechanism(
+        tuple(links),
+        hinges,
+        ports,
+        ratios,
+        tuple(wheels),
+        devices,
+        bodies.meshes,
+        fixed=fixed_links[0] if fixed_links else None,
+    )
 
 
 def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
@@ -215,7 +222,8 @@ def _bare_shaft(plan: Plan, motor: int) -> Link:
 def merged(links: list[Link]) -> Link:
     """Links merged into one rigid body."""
     mass = sum(link.mass_kg for link in links)
-    centre = np.asarray(sum(link.mass_kg * link.centre_m for link in links) / mass)
+    first_moment = sum(link.mass_kg * link.centre_m for link in links)  # [3]
+    centre = np.asarray(first_moment / mass)
     inertia = np.zeros((3, 3))
     for link in links:
         # The parallel axis theorem (Steiner).
@@ -364,14 +372,16 @@ def _train(
             is_of_link = bool(teeth) and is_free and link in (hinge.parent, hinge.child)
             if is_of_link and abs(ratio - _ratio(teeth)) < 0.02 * ratio:
                 hinges.setdefault(number, teeth)
-    # The output is what carries most, and with equal loads the one with the fewest gears.
-    output = max(
-        hinges, key=lambda number: (_weight(mechanism, number), -len(hinges[number]), -number)
-    )
+
+    def rank(number: int) -> tuple[tuple[bool, float], int, int]:
+        # What carries most, and with equal loads what has the fewest gears, or comes first.
+        return _weight(mechanism, number), -len(hinges[number]), -number
+
+    output = max(hinges, key=rank)
     # The teeth say the ratio exactly, the motions its sign.
-    exact = {
-        number: math.copysign(_ratio(teeth), ratios[number]) for number, teeth in hinges.items()
-    }
+    exact: dict[int, float] = {}
+    for number, teeth in hinges.items():
+        exact[number] = math.copysign(_ratio(teeth), ratios[number])
     others = tuple((number, ratio) for number, ratio in exact.items() if number != output)
     return Train(mechanism.ports[column], output, exact[output], hinges[output], others)
 
