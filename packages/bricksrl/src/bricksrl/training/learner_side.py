@@ -308,8 +308,9 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         code = process.wait(_END_TIMEOUT_S)
         # As POSIX's `subprocess` tells of a process that a signal ended, such as that of the
         # kernel when memory is short.
-        was_killed = code is not None and code < 0
-        return f"died (signal {-code})" if was_killed else f"died (exit code {code})"
+        if code is not None and code < 0:
+            return f"died (signal {-code})"
+        return f"died (exit code {code})"
 
 
 LearnerSide = InLoopLearner | AsyncLearner
