@@ -100,7 +100,12 @@ def algorithm(agent: str) -> Algorithm:
     return Algorithm(agent, settings, build, presets)
 
 
-def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -> Any:
+def preset(
+    name: str = "default",
+    agent: str = "sac",
+    *,
+    images: bool = False,
+) -> Any:
     """Settings of a preset for an algorithm; ``images``: for a camera. Raises UnknownNameError if
     there is no such name."""
     if name not in PRESETS:
@@ -124,7 +129,12 @@ def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -
     return chosen.presets.images if images else chosen.presets.default
 
 
-def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "cpu") -> Learner:
+def make_learner(
+    agent: str,
+    env: EnvBase,
+    settings: Any = None,
+    device: str = "cpu",
+) -> Learner:
     """A new learner for an environment, on a device, with the ``settings`` or those of the preset
     "default". Initialized from torch's global generator. From here on running statistics among the
     transforms of ``env`` leave angles, goals and entries with a range in their units, see

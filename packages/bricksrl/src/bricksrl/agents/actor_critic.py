@@ -20,7 +20,11 @@ class Critics(nn.ModuleList):
     """``k`` independent critics: features ``[batch, f]`` and actions ``[batch, m]`` to values ``[k,
     batch]``."""
 
-    def forward(self, features: Tensor, action: Tensor) -> Tensor:
+    def forward(
+        self,
+        features: Tensor,
+        action: Tensor,
+    ) -> Tensor:
         x = torch.cat((features, action), -1)
         values = [body(x).squeeze(-1) for body in self]
         return torch.stack(values)
@@ -52,7 +56,11 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
     """
 
     def __init__(
-        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: OffPolicySettings
+        self,
+        encoder: nn.Module,
+        actor: nn.Module,
+        critics: Critics,
+        settings: OffPolicySettings,
     ) -> None:
         super().__init__()
         self.encoder = encoder
@@ -95,7 +103,13 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         goes_on = ~after["terminated"].squeeze(-1)
         discount = gamma * goes_on.to(features.dtype)
         reward = after["reward"].squeeze(-1)
-        batch = Batch(features, tensordict["action"], reward, next_features, discount)
+        batch = Batch(
+            features,
+            tensordict["action"],
+            reward,
+            next_features,
+            discount,
+        )
         if self.base is None:
             return batch
         return replace(batch, base=self.base(tensordict), next_base=self.base(after))
@@ -147,7 +161,11 @@ def smooth_errors(values: Tensor, target: Tensor) -> Tensor:
 class PolyakUpdate:
     """TorchRL's ``SoftUpdate`` for plain modules: each step moves each pair's target by ``tau``."""
 
-    def __init__(self, *pairs: tuple[nn.Module, nn.Module], tau: float) -> None:
+    def __init__(
+        self,
+        *pairs: tuple[nn.Module, nn.Module],
+        tau: float,
+    ) -> None:
         # flat lists, so that one fused operation moves all of them
         self._sources: list[Tensor] = []
         self._targets: list[Tensor] = []

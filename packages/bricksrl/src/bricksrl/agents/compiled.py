@@ -28,7 +28,11 @@ class _Parts(nn.Module):
         super().__init__()
         self.loss = loss
 
-    def forward(self, transitions: Any, batch: Batch | None = None) -> Any:
+    def forward(
+        self,
+        transitions: Any,
+        batch: Batch | None = None,
+    ) -> Any:
         # `functional_call` knows one forward pass for a module: it tells the parts by the arguments
         if batch is not None:
             return self.loss.actor_loss(batch)
@@ -41,7 +45,10 @@ class CompiledGradients:
     of ``torch.compile``."""
 
     def __init__(
-        self, loss: ActorCriticLoss, device: torch.device, backend: str = "inductor"
+        self,
+        loss: ActorCriticLoss,
+        device: torch.device,
+        backend: str = "inductor",
     ) -> None:
         self._parts = _Parts(loss)
         self._device = device
@@ -67,11 +74,18 @@ class CompiledGradients:
         # nothing changes the modules, so that no update has to check whether something did
         options["guard_filter_fn"] = torch.compiler.skip_guard_on_all_nn_modules_unsafe
         self._graph = torch.compile(
-            self._gradients, fullgraph=True, dynamic=False, options=options, backend=backend
+            self._gradients,
+            fullgraph=True,
+            dynamic=False,
+            options=options,
+            backend=backend,
         )
 
     def _gradients(
-        self, params: dict[str, Tensor], transitions: Any, with_actor: bool
+        self,
+        params: dict[str, Tensor],
+        transitions: Any,
+        with_actor: bool,
     ) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
         def total(params: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
             batch, losses = functional_call(self._parts, params, (transitions,))
@@ -92,7 +106,11 @@ class CompiledGradients:
         result: tuple[dict[str, Tensor], dict[str, Tensor]] = grad(total, has_aux=True)(params)
         return result
 
-    def __call__(self, batch: TensorDictBase, with_actor: bool) -> TensorDict:
+    def __call__(
+        self,
+        batch: TensorDictBase,
+        with_actor: bool,
+    ) -> TensorDict:
         """Losses of a batch; their gradients are written to the parameters. Raises RunError without
         a compiler."""
         # the count of steps is there with n-step returns only

@@ -44,7 +44,9 @@ PRESETS = {
         images=CrossQSettings(**IMAGES_OFF_POLICY),
         # rate and momentum of its authors
         paper=CrossQSettings(
-            **{**PAPER_OFF_POLICY, "learning_rate": 1e-3}, alpha_init=1.0, momentum=0.01
+            **{**PAPER_OFF_POLICY, "learning_rate": 1e-3},
+            alpha_init=1.0,
+            momentum=0.01,
         ),
     )
 }
@@ -56,9 +58,18 @@ class CrossQLoss(SACLoss):
     ``CrossQLoss``."""
 
     def __init__(
-        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: CrossQSettings
+        self,
+        encoder: nn.Module,
+        actor: nn.Module,
+        critics: Critics,
+        settings: CrossQSettings,
     ) -> None:
-        super().__init__(encoder, actor, critics, settings)
+        super().__init__(
+            encoder,
+            actor,
+            critics,
+            settings,
+        )
         # SAC's: a copy that nothing moves would only fill memory and checkpoints
         del self.target_critics
 
@@ -102,7 +113,11 @@ def batch_normalised(network: nn.Module, momentum: float) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-def build(env: EnvBase, settings: CrossQSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: CrossQSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """CrossQ for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)
@@ -117,6 +132,21 @@ def build(env: EnvBase, settings: CrossQSettings, device: torch.device | str = "
     actor = body(encoder.size, 2 * m).eval()
     bodies = [body(encoder.size + m, 1) for _ in range(2)]
     critics = Critics(bodies).eval()
-    policy = gaussian_policy(encoder, actor, action_spec(env), min_scale=settings.min_scale)
-    loss = CrossQLoss(encoder, actor, critics, settings).to(device)
-    return off_policy_learner(env, settings, policy.to(device), loss)
+    policy = gaussian_policy(
+        encoder,
+        actor,
+        action_spec(env),
+        min_scale=settings.min_scale,
+    )
+    loss = CrossQLoss(
+        encoder,
+        actor,
+        critics,
+        settings,
+    ).to(device)
+    return off_policy_learner(
+        env,
+        settings,
+        policy.to(device),
+        loss,
+    )

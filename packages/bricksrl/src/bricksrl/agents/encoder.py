@@ -19,13 +19,20 @@ class Encoder(nn.Module):
     each image through its own network, of which convolutions come with the paper's dense layers for
     the numbers."""
 
-    def __init__(self, layout: ObservationLayout, settings: Settings) -> None:
+    def __init__(
+        self,
+        layout: ObservationLayout,
+        settings: Settings,
+    ) -> None:
         super().__init__()
         self.in_keys = layout.keys
         self.images = layout.images
         self._dims = [len(shape) for _, shape in layout.vectors]
         self.numbers = ObservationEncoder(
-            layout, settings.angles, settings.goals, normalize=settings.normalize
+            layout,
+            settings.angles,
+            settings.goals,
+            normalize=settings.normalize,
         )
         kinds = {"keypoints": Keypoints, "convolutions": Convolutions}
         make_network = kinds[settings.encoder]
@@ -51,7 +58,12 @@ class Encoder(nn.Module):
         # vectors come first among the keys
         images = inputs[len(self._dims) :]
         parts = []
-        for image, shape, network in zip(images, self.images, self.networks, strict=True):
+        for image, shape, network in zip(
+            images,
+            self.images,
+            self.networks,
+            strict=True,
+        ):
             # convolutions know one dimension of a batch: all of them are one there
             features = network(pixels(image, shape))
             parts.append(features.view(*image.shape[:-3], -1))

@@ -43,7 +43,12 @@ class SeenInputs(nn.Module):
     greatest: Tensor
     moments: Tensor
 
-    def __init__(self, names: Sequence[str], wraps: Sequence[bool], free: Sequence[int]) -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        wraps: Sequence[bool],
+        free: Sequence[int],
+    ) -> None:
         super().__init__()
         n = len(wraps)
         self.names = names
@@ -102,7 +107,12 @@ class SeenInputs(nn.Module):
         greatest = torch.where(is_held, self.greatest, LARGEST)
         return least, greatest
 
-    def _say(self, inputs: Tensor, least: Tensor, greatest: Tensor) -> None:
+    def _say(
+        self,
+        inputs: Tensor,
+        least: Tensor,
+        greatest: Tensor,
+    ) -> None:
         """Say once of each input that it is farther outside of what was seen than that is wide."""
         span = greatest - least
         rows = inputs.reshape(-1, len(least))

@@ -14,7 +14,10 @@ _NETWORKS = {"vip": ("VIPTransform", "resnet50"), "r3m": ("R3MTransform", "resne
 
 
 def encode_images(
-    env: EnvBase, encoder: Literal["vip", "r3m"], *, weights_dir: Path | None = None
+    env: EnvBase,
+    encoder: Literal["vip", "r3m"],
+    *,
+    weights_dir: Path | None = None,
 ) -> Any:
     """Replace an environment's ``image`` by a vector ``embedding`` of 1024 (VIP) or 512 (R3M)
     numbers. Raises EncoderError if torchvision is not installed, the weights cannot be downloaded,
@@ -39,7 +42,11 @@ def encode_images(
     make_transform = getattr(envs, transform)
     try:
         encode = make_transform(
-            network, in_keys=["image"], out_keys=["embedding"], download=True, download_path=folder
+            network,
+            in_keys=["image"],
+            out_keys=["embedding"],
+            download=True,
+            download_path=folder,
         )
     except (ImportError, OSError, RuntimeError) as error:
         # torchvision is missing or of another torch, there is no connection or no disk space, or

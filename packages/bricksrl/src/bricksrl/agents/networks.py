@@ -76,7 +76,12 @@ def mlp(
     return nn.Sequential(*layers, nn.Linear(sizes[-1], out_size))
 
 
-def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) -> nn.Module:
+def make_body(
+    settings: Settings,
+    in_size: int,
+    out_size: int,
+    **kwargs: Any,
+) -> nn.Module:
     """The network of the settings: an `mlp`, or the result of the user's factory, tried once before
     it learns. Raises DescriptionError if that cannot be loaded, raises, or returns no network of
     these sizes."""
@@ -89,7 +94,12 @@ def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) ->
             "a batch of 1 has no statistics; give a batch_size of 2 or more, or another norm"
         )
     if not reference:
-        return mlp(in_size, out_size, settings.hidden, **kwargs)
+        return mlp(
+            in_size,
+            out_size,
+            settings.hidden,
+            **kwargs,
+        )
     if not is_reference(reference):
         raise UnknownNameError(f"there is no network '{reference}'; give FILE.py:NAME")
     factory = load_object(reference, default="make_network")
@@ -99,11 +109,21 @@ def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) ->
         raise DescriptionError(
             f"{reference} makes a {type(network).__name__}; let it return a torch.nn.Module"
         )
-    _try_network(network, reference, in_size, out_size)
+    _try_network(
+        network,
+        reference,
+        in_size,
+        out_size,
+    )
     return network
 
 
-def _try_network(network: nn.Module, reference: str, in_size: int, out_size: int) -> None:
+def _try_network(
+    network: nn.Module,
+    reference: str,
+    in_size: int,
+    out_size: int,
+) -> None:
     """Raise DescriptionError if a user's network fails or has other sizes."""
     # an update passes a batch, a robot one observation without a batch
     for batch in ((2,), ()):
@@ -132,7 +152,12 @@ def _try_network(network: nn.Module, reference: str, in_size: int, out_size: int
 class Actor(nn.Module):
     """Encoder, body and head in sequence."""
 
-    def __init__(self, encoder: nn.Module, body: nn.Module, head: nn.Module) -> None:
+    def __init__(
+        self,
+        encoder: nn.Module,
+        body: nn.Module,
+        head: nn.Module,
+    ) -> None:
         super().__init__()
         self.encoder = encoder
         self.body = body
@@ -147,7 +172,12 @@ class Keyed(TensorDictModuleBase):  # type: ignore[misc]
     """A module of tensors between keys: a ``TensorDictModule`` that does not import pandas to see
     whether a tensor is a table, which takes as long as the first 30 updates."""
 
-    def __init__(self, module: nn.Module, in_keys: list[str], out_keys: list[str]) -> None:
+    def __init__(
+        self,
+        module: nn.Module,
+        in_keys: list[str],
+        out_keys: list[str],
+    ) -> None:
         super().__init__()
         self.module = module
         self.in_keys = in_keys
@@ -195,12 +225,19 @@ def gaussian_policy(
 
 
 def deterministic_policy(
-    encoder: nn.Module, body: nn.Module, spec: TensorSpec, *, noise: float
+    encoder: nn.Module,
+    body: nn.Module,
+    spec: TensorSpec,
+    *,
+    noise: float,
 ) -> tuple[Keyed, TensorDictSequential]:
     """A deterministic actor ``tanh(body)``, and the policy that adds normal exploration noise."""
     actor = Keyed(Actor(encoder, body, nn.Tanh()), encoder_keys(encoder), ["action"])
     # the same at both ends, so that TorchRL anneals nothing
     exploration = AdditiveGaussianModule(
-        spec, sigma_init=noise, sigma_end=noise, annealing_num_steps=1
+        spec,
+        sigma_init=noise,
+        sigma_end=noise,
+        annealing_num_steps=1,
     )
     return actor, TensorDictSequential(actor, exploration)

@@ -11,7 +11,11 @@ from bricksrl.agents.networks import Actor
 class Critic(nn.Module):
     """Action value ``[*batch, out]`` of observations and an action (last argument)."""
 
-    def __init__(self, encoder: nn.Module, body: nn.Module) -> None:
+    def __init__(
+        self,
+        encoder: nn.Module,
+        body: nn.Module,
+    ) -> None:
         super().__init__()
         self.encoder = encoder
         self.body = body

@@ -68,14 +68,22 @@ PRESETS = {
 }
 
 
-def build(env: EnvBase, settings: PPOSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: PPOSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """PPO for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     copies = max(1, env.batch_size.numel())
     encoder = make_encoder(env, settings)
     body = make_body(settings, encoder.size, 2 * m)
     policy = gaussian_policy(
-        encoder, body, action_spec(env), min_scale=settings.min_scale, log_prob=True
+        encoder,
+        body,
+        action_spec(env),
+        min_scale=settings.min_scale,
+        log_prob=True,
     ).to(device)
     # on the policy's encoder, which both losses train
     value_body = make_body(settings, encoder.size, 1)
@@ -89,7 +97,10 @@ def build(env: EnvBase, settings: PPOSettings, device: torch.device | str = "cpu
         loss_critic_type="l2",
     ).to(device)
     advantage = GAE(
-        gamma=settings.gamma, lmbda=settings.gae_lambda, value_network=critic, device=device
+        gamma=settings.gamma,
+        lmbda=settings.gae_lambda,
+        value_network=critic,
+        device=device,
     )
 
     keys = loss.tensor_keys

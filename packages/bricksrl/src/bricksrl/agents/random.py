@@ -22,7 +22,12 @@ class RandomSettings:
 PRESETS = {"random": Presets(RandomSettings(), images=RandomSettings(), paper=RandomSettings())}
 
 
-def uniform_actions(observation: Tensor, *, size: int, dims: int = 1) -> Tensor:
+def uniform_actions(
+    observation: Tensor,
+    *,
+    size: int,
+    dims: int = 1,
+) -> Tensor:
     """Uniform actions ``[*batch, size]`` in -1..1, with or without exploration, for observations of
     ``dims`` dimensions."""
     batch = observation.shape[: observation.ndim - dims]
@@ -30,7 +35,11 @@ def uniform_actions(observation: Tensor, *, size: int, dims: int = 1) -> Tensor:
     return 2.0 * shares - 1.0
 
 
-def build(env: EnvBase, settings: RandomSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: RandomSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """Random actions for an environment."""
     # nothing is learned, and the observation's device is that of the actions
     del settings, device

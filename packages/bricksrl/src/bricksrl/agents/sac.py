@@ -69,7 +69,11 @@ class SACSettings(EntropySettings, CriticSettings, TargetSettings, OffPolicySett
 
 
 _IMAGES = SACSettings(**IMAGES_TARGETS, actor_delay=1)
-_PAPER = SACSettings(**PAPER_TARGETS, actor_delay=1, alpha_init=1.0)
+_PAPER = SACSettings(
+    **PAPER_TARGETS,
+    actor_delay=1,
+    alpha_init=1.0,
+)
 _DROQ: dict[str, Any] = {
     "dropout": 0.01,
     "updates_per_step": 20.0,
@@ -88,14 +92,26 @@ _RELEASED_DROQ: dict[str, Any] = {
 }
 """As released with the BricksRL paper: its actor is like its critics, and learns with them."""
 PRESETS = {
-    "sac": Presets(default=SACSettings(), images=_IMAGES, paper=_PAPER),
+    "sac": Presets(
+        default=SACSettings(),
+        images=_IMAGES,
+        paper=_PAPER,
+    ),
     "droq": Presets(
-        default=SACSettings(**_DROQ, batch_size=256, alpha_init=0.2),
+        default=SACSettings(
+            **_DROQ,
+            batch_size=256,
+            alpha_init=0.2,
+        ),
         images=replace(_IMAGES, **_DROQ, alpha_init=0.2),
         paper=replace(_PAPER, **_RELEASED_DROQ),
     ),
     "redq": Presets(
-        default=SACSettings(**_REDQ, batch_size=256, alpha_init=0.2),
+        default=SACSettings(
+            **_REDQ,
+            batch_size=256,
+            alpha_init=0.2,
+        ),
         images=replace(_IMAGES, **_REDQ, alpha_init=0.2),
         paper=replace(_PAPER, **_REDQ),
     ),
@@ -109,9 +125,18 @@ class SACLoss(ActorCriticLoss):
     out_keys = ["loss_qvalue", "loss_actor", "loss_alpha", "alpha", "entropy"]  # noqa: RUF012
 
     def __init__(
-        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: Any
+        self,
+        encoder: nn.Module,
+        actor: nn.Module,
+        critics: Critics,
+        settings: Any,
     ) -> None:
-        super().__init__(encoder, actor, critics, settings)
+        super().__init__(
+            encoder,
+            actor,
+            critics,
+            settings,
+        )
         self.settings = settings
         self.target_critics = copy.deepcopy(critics).requires_grad_(False)
         self.log_alpha = nn.Parameter(torch.tensor(math.log(settings.alpha_init)))
@@ -131,7 +156,11 @@ class SACLoss(ActorCriticLoss):
         next_value = next_qvalue - self.alpha * next_log_prob
         return batch.reward + batch.discount * next_value
 
-    def next_qvalue(self, batch: Batch, next_action: Tensor) -> Tensor:
+    def next_qvalue(
+        self,
+        batch: Batch,
+        next_action: Tensor,
+    ) -> Tensor:
         """Minimum ``[batch]`` of the target critics drawn for this update."""
         count = self.settings.num_min_qs
         critics = self.target_critics
@@ -159,7 +188,11 @@ class SACLoss(ActorCriticLoss):
             **self.alpha_loss(log_prob, action.shape[-1]),
         }
 
-    def alpha_loss(self, log_prob: Tensor, action_size: int) -> dict[str, Tensor]:
+    def alpha_loss(
+        self,
+        log_prob: Tensor,
+        action_size: int,
+    ) -> dict[str, Tensor]:
         """Loss of the temperature from log-probabilities ``[batch]``, temperature and entropy."""
         entropy = -log_prob.detach().mean()
         target = self.settings.target_entropy * action_size
@@ -169,7 +202,11 @@ class SACLoss(ActorCriticLoss):
             "entropy": entropy,
         }
 
-    def draw(self, out: Tensor, base: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    def draw(
+        self,
+        out: Tensor,
+        base: Tensor | None = None,
+    ) -> tuple[Tensor, Tensor]:
         """Action ``[*batch, m]`` and log-probability ``[*batch]`` from the actor's outputs: a
         faster ``TanhNormal``. The probability is of what is added to a base."""
         loc, scale = location_and_scale(out, self.settings.min_scale)
@@ -205,16 +242,35 @@ def build(
     m = action_size(env)
     encoder = make_encoder(env, settings)
     actor = make_body(
-        settings, encoder.size, 2 * m, norm=settings.actor_norm, dropout=settings.actor_dropout
+        settings,
+        encoder.size,
+        2 * m,
+        norm=settings.actor_norm,
+        dropout=settings.actor_dropout,
     )
     bodies = [
         make_body(
-            settings, encoder.size + m, 1, norm=settings.critic_norm, dropout=settings.dropout
+            settings,
+            encoder.size + m,
+            1,
+            norm=settings.critic_norm,
+            dropout=settings.dropout,
         )
         for _ in range(settings.num_qs)
     ]
     critics = Critics(bodies)
-    policy = gaussian_policy(encoder, actor, action_spec(env), min_scale=settings.min_scale)
+    policy = gaussian_policy(
+        encoder,
+        actor,
+        action_spec(env),
+        min_scale=settings.min_scale,
+    )
     loss = make_loss(encoder, actor, critics, settings).to(device)
     target = PolyakUpdate((loss.critics, loss.target_critics), tau=settings.tau)
-    return off_policy_learner(env, settings, policy.to(device), loss, target)
+    return off_policy_learner(
+        env,
+        settings,
+        policy.to(device),
+        loss,
+        target,
+    )

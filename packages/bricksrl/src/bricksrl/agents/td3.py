@@ -61,7 +61,11 @@ PRESETS = {
     "td3": Presets(
         default=TD3Settings(),
         images=TD3Settings(**IMAGES_TARGETS),
-        paper=TD3Settings(**PAPER_TARGETS, **PAPER_NOISE, start_value=False),
+        paper=TD3Settings(
+            **PAPER_TARGETS,
+            **PAPER_NOISE,
+            start_value=False,
+        ),
     )
 }
 
@@ -76,9 +80,18 @@ class TD3Loss(ActorCriticLoss):
     out_keys = ["loss_qvalue", "loss_actor"]  # noqa: RUF012  as in TorchRL
 
     def __init__(
-        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: TD3Settings
+        self,
+        encoder: nn.Module,
+        actor: nn.Module,
+        critics: Critics,
+        settings: TD3Settings,
     ) -> None:
-        super().__init__(encoder, actor, critics, settings)
+        super().__init__(
+            encoder,
+            actor,
+            critics,
+            settings,
+        )
         self.target_actor = copy.deepcopy(actor).requires_grad_(False)
         self.target_critics = copy.deepcopy(critics).requires_grad_(False)
         self.target_noise = settings.target_noise
@@ -139,16 +152,36 @@ def last_biased_layer(network: nn.Module) -> nn.Linear | None:
     return last
 
 
-def build(env: EnvBase, settings: TD3Settings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: TD3Settings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """TD3 for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)
-    body = make_body(settings, encoder.size, m, norm=settings.actor_norm)
+    body = make_body(
+        settings,
+        encoder.size,
+        m,
+        norm=settings.actor_norm,
+    )
     # the twins, which differ by their random initial weights only
-    twins = [make_body(settings, encoder.size + m, 1, norm=settings.critic_norm) for _ in range(2)]
+    twins = [
+        make_body(
+            settings,
+            encoder.size + m,
+            1,
+            norm=settings.critic_norm,
+        )
+        for _ in range(2)
+    ]
     critics = Critics(twins)
     _, policy = deterministic_policy(
-        encoder, body, action_spec(env), noise=settings.exploration_noise
+        encoder,
+        body,
+        action_spec(env),
+        noise=settings.exploration_noise,
     )
     loss = TD3Loss(encoder, body, critics, settings).to(device)
     moving_critics = (loss.critics, loss.target_critics)

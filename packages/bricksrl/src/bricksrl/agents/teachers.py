@@ -62,7 +62,11 @@ class Base(nn.Module):
 class Scripted(TensorDictModuleBase):  # type: ignore[misc]
     """A hand-written controller of arrays, for TensorDicts of any batch."""
 
-    def __init__(self, policy: ArrayPolicy, keys: Sequence[str]) -> None:
+    def __init__(
+        self,
+        policy: ArrayPolicy,
+        keys: Sequence[str],
+    ) -> None:
         super().__init__()
         self.controller = policy
         self.in_keys = list(keys)
@@ -85,7 +89,11 @@ class Residual(TensorDictModuleBase):  # type: ignore[misc]
     """A policy that adds the actions of a ``learned`` one to those of its base (Johannink et al.,
     2019), within -1..1."""
 
-    def __init__(self, base: Base, learned: TensorDictModuleBase) -> None:
+    def __init__(
+        self,
+        base: Base,
+        learned: TensorDictModuleBase,
+    ) -> None:
         super().__init__()
         self.base = base
         self.learned = learned
@@ -111,7 +119,11 @@ def add_base(learner: Learner, base: Base) -> None:
     hold(learner)
 
 
-def imitate(learner: Learner, frames: TensorDictBase, actions: Tensor) -> None:
+def imitate(
+    learner: Learner,
+    frames: TensorDictBase,
+    actions: Tensor,
+) -> None:
     """Teach a new learner's actor the ``actions`` ``[time, m]`` for what ``frames`` ``[time]``
     observe, by least squares, and hold it there. Raises RunError as `hold` does."""
     loss = _teachable(learner)
@@ -174,7 +186,12 @@ def anchor(learner: Learner) -> None:
 
     updates = max(1, round(STEPS * learner.updates_per_step / learner.actor_delay))
     reach = REACH if loss.base is None else REACH_ON_BASE
-    loss.anchor = PolicyAnchor(loss.actor, size, updates, reach)
+    loss.anchor = PolicyAnchor(
+        loss.actor,
+        size,
+        updates,
+        reach,
+    )
 
 
 class CountedUpdates:
@@ -197,7 +214,11 @@ class PolicyAnchor(CountedUpdates, nn.Module):
     ``action_size`` are the mean before the tanh."""
 
     def __init__(
-        self, actor: nn.Module, action_size: int, updates: int, reach: float = REACH
+        self,
+        actor: nn.Module,
+        action_size: int,
+        updates: int,
+        reach: float = REACH,
     ) -> None:
         super().__init__()
         self.policy = copy.deepcopy(actor).requires_grad_(False)
@@ -205,7 +226,11 @@ class PolicyAnchor(CountedUpdates, nn.Module):
         self._updates = updates
         self._reach = reach
 
-    def forward(self, features: Tensor, out: Tensor) -> Tensor:
+    def forward(
+        self,
+        features: Tensor,
+        out: Tensor,
+    ) -> Tensor:
         """The actor's outputs, whose gradient gets the pull. In equilibrium the distance is the one
         allowed by now."""
         # nothing is learned from what has no gradient, and nothing is counted

@@ -52,14 +52,28 @@ PRESETS = {
 }
 
 
-def build(env: EnvBase, settings: TQCSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: TQCSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """TQC for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)
     actor = make_body(settings, encoder.size, 2 * m)
-    policy = gaussian_policy(encoder, actor, action_spec(env), min_scale=settings.min_scale)
+    policy = gaussian_policy(
+        encoder,
+        actor,
+        action_spec(env),
+        min_scale=settings.min_scale,
+    )
     # TorchRL makes the other critics from this one, with weights of their own
-    body = make_body(settings, encoder.size + m, settings.quantiles, norm=settings.critic_norm)
+    body = make_body(
+        settings,
+        encoder.size + m,
+        settings.quantiles,
+        norm=settings.critic_norm,
+    )
     critic = critic_operator(encoder, body)
     loss = TQCLoss(
         policy.to(device),
@@ -74,4 +88,10 @@ def build(env: EnvBase, settings: TQCSettings, device: torch.device | str = "cpu
     ).to(device)
     loss.make_value_estimator(gamma=settings.gamma)
     target = SoftUpdate(loss, tau=settings.tau)
-    return off_policy_learner(env, settings, policy, loss, target)
+    return off_policy_learner(
+        env,
+        settings,
+        policy,
+        loss,
+        target,
+    )

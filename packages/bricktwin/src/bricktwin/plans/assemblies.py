@@ -134,7 +134,15 @@ def composed(references: list[Reference]) -> list[Reference]:
         found: list[tuple[Reference, list[int]]] = []
         for assembly, first in _wholes().get(number, ()):
             whole = _whole(expanded[index], assembly, first)
-            included = list(_included(whole, assembly, expanded, numbers, merged | {index}))
+            included = list(
+                _included(
+                    whole,
+                    assembly,
+                    expanded,
+                    numbers,
+                    merged | {index},
+                )
+            )
             if included or first is assembly.pieces[0]:
                 found.append((whole, included))
         if not found:
@@ -170,7 +178,15 @@ def completed(
         best = reference
         best_pieces: list[int] = []
         for whole, assembly in _kinds_of(reference):
-            pieces = list(_included(whole, assembly, others, numbers, set(taken)))
+            pieces = list(
+                _included(
+                    whole,
+                    assembly,
+                    others,
+                    numbers,
+                    set(taken),
+                )
+            )
             # The kind that it is already comes first, and stays unless another one has more.
             if len(pieces) > len(best_pieces):
                 best = whole
@@ -212,10 +228,20 @@ def _expanded(reference: Reference) -> Iterator[Reference]:
         colour = reference.colour if piece.colour == _OWN_COLOUR else piece.colour
         # What our comments say, they say of one part: the first piece.
         marks = reference.marks if number == 0 else Marks().marks
-        yield replace(reference, name=f"{piece.number}.dat", offset=offset, colour=colour, **marks)
+        yield replace(
+            reference,
+            name=f"{piece.number}.dat",
+            offset=offset,
+            colour=colour,
+            **marks,
+        )
 
 
-def _whole(reference: Reference, assembly: Assembly, first: Piece) -> Reference:
+def _whole(
+    reference: Reference,
+    assembly: Assembly,
+    first: Piece,
+) -> Reference:
     """The whole that a first piece belongs to."""
     offset = reference.offset - reference.matrix @ first.place
     # The number of the first piece may be that of the whole as well.
@@ -247,7 +273,12 @@ def _with_marks(whole: Reference, pieces: Sequence[Reference]) -> Reference:
     """A part with what our comments say of it, or of one of its pieces."""
     for piece in pieces:
         if whole.port is None and piece.port is not None:
-            whole = replace(whole, port=piece.port, device=piece.device, angle_deg=piece.angle_deg)
+            whole = replace(
+                whole,
+                port=piece.port,
+                device=piece.device,
+                angle_deg=piece.angle_deg,
+            )
         if whole.stops_deg is None:
             whole = replace(whole, stops_deg=piece.stops_deg)
     return whole

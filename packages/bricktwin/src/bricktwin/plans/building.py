@@ -45,7 +45,11 @@ class Occupancy:
             searched.
     """
 
-    def __init__(self, parts: Sequence[Placed], most_queries: int = _MAX_QUERIES) -> None:
+    def __init__(
+        self,
+        parts: Sequence[Placed],
+        most_queries: int = _MAX_QUERIES,
+    ) -> None:
         self._parts = parts
         self.queries = 0
         self.most_queries = most_queries
@@ -69,11 +73,20 @@ class Occupancy:
             for other in np.flatnonzero(self._near(index, np.zeros(3))[after:]):
                 yield index, after + int(other)
 
-    def _hit(self, index: int, other: int) -> bool:
+    def _hit(
+        self,
+        index: int,
+        other: int,
+    ) -> bool:
         """Whether two parts collide where they are."""
         return self._collide(index, other, np.zeros(3))
 
-    def is_free(self, group: Iterable[int], others: Bools, shift: Floats) -> bool:
+    def is_free(
+        self,
+        group: Iterable[int],
+        others: Bools,
+        shift: Floats,
+    ) -> bool:
         """Whether a group of parts, moved by ``shift``, collides with none of the parts in
         ``others`` [n]."""
         self.queries += 1
@@ -83,7 +96,11 @@ class Occupancy:
                 return False
         return True
 
-    def _near(self, index: int, shift: Floats) -> Bools:
+    def _near(
+        self,
+        index: int,
+        shift: Floats,
+    ) -> Bools:
         """Parts with bounds that overlap those of a moved part [n]."""
         low = self.low[index] + shift + _SKIN
         high = self.high[index] + shift - _SKIN
@@ -91,7 +108,12 @@ class Occupancy:
         overlaps = (low < self.high) & (self.low < high)  # [n, 3]
         return np.asarray(overlaps.all(axis=1))
 
-    def _collide(self, index: int, other: int, shift: Floats) -> bool:
+    def _collide(
+        self,
+        index: int,
+        other: int,
+        shift: Floats,
+    ) -> bool:
         families = {self._parts[index].part.family, self._parts[other].part.family}
         # Links are flexible, and lie between teeth.
         if "chains" in families:
@@ -101,7 +123,12 @@ class Occupancy:
             return False
         return self._inside(index, other, shift) or self._inside(other, index, -shift)
 
-    def _inside(self, index: int, other: int, shift: Floats) -> bool:
+    def _inside(
+        self,
+        index: int,
+        other: int,
+        shift: Floats,
+    ) -> bool:
         """Whether points of a part, moved, lie in another."""
         points = self._parts[index].samples + shift  # [n, 3]
         # Most points are not even in the other part's box, which is a cheap test.
@@ -225,7 +252,10 @@ def _main_part(plan: Plan, parts: Sequence[int]) -> int:
 
 
 def moves_of(
-    step: Step, after: set[int], occupancy: Occupancy, links: _Links
+    step: Step,
+    after: set[int],
+    occupancy: Occupancy,
+    links: _Links,
 ) -> tuple[list[Move], tuple[int, ...]]:
     """The moves of a step in building order, and its parts without a free straight path, which come
     first.
@@ -246,7 +276,12 @@ def moves_of(
             parts = [part for item in group for part in item]
             others = present.copy()
             others[parts] = False
-            outward = _free_direction(parts, others, occupancy, links)
+            outward = _free_direction(
+                parts,
+                others,
+                occupancy,
+                links,
+            )
             if outward is not None:
                 removed.append(Move(tuple(group), outward))
                 present = others
@@ -262,7 +297,10 @@ def moves_of(
 
 
 def _free_direction(
-    parts: Sequence[int], others: Bools, occupancy: Occupancy, links: _Links
+    parts: Sequence[int],
+    others: Bools,
+    occupancy: Occupancy,
+    links: _Links,
 ) -> Floats | None:
     """The first direction [3] in which parts can be removed from others."""
     for direction in _directions(parts, links):

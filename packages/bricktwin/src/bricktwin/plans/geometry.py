@@ -52,7 +52,13 @@ def rotation(axis: Triple | Floats, angle: float) -> Floats:
 
 
 def lines_coincide(
-    point: Floats, axis: Floats, other: Floats, other_axis: Floats, *, offset: float, sine: float
+    point: Floats,
+    axis: Floats,
+    other: Floats,
+    other_axis: Floats,
+    *,
+    offset: float,
+    sine: float,
 ) -> bool:
     """Whether two lines, each a point [3] and a unit direction [3], are closer and more parallel
     than these limits."""
@@ -86,7 +92,11 @@ class Solid:
     half: Triple
     axes: tuple[Triple, Triple, Triple] = (AXES["x"], AXES["y"], AXES["z"])
 
-    def contains(self, points: Floats, margin: float) -> Bools:
+    def contains(
+        self,
+        points: Floats,
+        margin: float,
+    ) -> Bools:
         """Whether points [n, 3] are deeper than ``margin`` below the surface [n]."""
         local = (points - np.array(self.centre)) @ np.array(self.axes).T
         half = np.array(self.half) - margin
@@ -117,10 +127,19 @@ class Solid:
         if self.form is Form.BOX:
             return np.asarray(_box_normals(local, np.array(self.half)) @ axes)
         bore = self.half[1] if self.form is Form.RING else None
-        normals = _round_normals(local, self.half[0], bore, self.half[2])
+        normals = _round_normals(
+            local,
+            self.half[0],
+            bore,
+            self.half[2],
+        )
         return np.asarray(normals @ axes)
 
-    def samples(self, spacing: float, depth: float) -> Floats:
+    def samples(
+        self,
+        spacing: float,
+        depth: float,
+    ) -> Floats:
         """Points [n, 3] that fill the solid up to ``depth`` below its surface."""
         half = np.maximum(np.array(self.half) - depth, 0.0)
         # Points along each axis: both ends, and no two further apart than the spacing.
@@ -135,7 +154,13 @@ class Solid:
             local = grid.reshape(-1, 3)
         else:
             inner = self.half[1] + depth if self.form is Form.RING else 0.0
-            local = _round_samples(half, inner, lines[2], spacing, is_ball=self.form is Form.BALL)
+            local = _round_samples(
+                half,
+                inner,
+                lines[2],
+                spacing,
+                is_ball=self.form is Form.BALL,
+            )
         return np.asarray(local @ np.array(self.axes) + np.array(self.centre))
 
     def corners(self) -> Floats:
@@ -158,7 +183,12 @@ def _box_normals(local: Floats, half: Floats) -> Floats:
     return normals
 
 
-def _round_normals(local: Floats, outer: float, bore: float | None, half_length: float) -> Floats:
+def _round_normals(
+    local: Floats,
+    outer: float,
+    bore: float | None,
+    half_length: float,
+) -> Floats:
     """Outward normals [n, 3] at points [n, 3] of a cylinder, or of a ring with a bore of this
     radius, along their third axis."""
     radius = np.maximum(np.hypot(local[:, 0], local[:, 1]), 1e-9)
@@ -178,7 +208,12 @@ def _round_normals(local: Floats, outer: float, bore: float | None, half_length:
 
 
 def _round_samples(
-    half: Floats, inner: float, heights: Floats, spacing: float, *, is_ball: bool
+    half: Floats,
+    inner: float,
+    heights: Floats,
+    spacing: float,
+    *,
+    is_ball: bool,
 ) -> Floats:
     """Rings of points around the third axis, none closer to it than ``inner`` [n, 3]."""
     rings = []
@@ -222,14 +257,35 @@ def box(centre: Triple, size: Triple) -> Solid:
     return Solid(Form.BOX, centre, (size[0] / 2, size[1] / 2, size[2] / 2))
 
 
-def cylinder(centre: Triple, axis: Triple, length: float, radius: float) -> Solid:
+def cylinder(
+    centre: Triple,
+    axis: Triple,
+    length: float,
+    radius: float,
+) -> Solid:
     """A cylinder around ``axis``."""
-    return Solid(Form.CYLINDER, centre, (radius, radius, length / 2), frame_of(axis))
+    return Solid(
+        Form.CYLINDER,
+        centre,
+        (radius, radius, length / 2),
+        frame_of(axis),
+    )
 
 
-def ring(centre: Triple, axis: Triple, length: float, outer: float, inner: float) -> Solid:
+def ring(
+    centre: Triple,
+    axis: Triple,
+    length: float,
+    outer: float,
+    inner: float,
+) -> Solid:
     """A tube around ``axis``."""
-    return Solid(Form.RING, centre, (outer, inner, length / 2), frame_of(axis))
+    return Solid(
+        Form.RING,
+        centre,
+        (outer, inner, length / 2),
+        frame_of(axis),
+    )
 
 
 def ball(centre: Triple, radius: float) -> Solid:
@@ -237,7 +293,13 @@ def ball(centre: Triple, radius: float) -> Solid:
     return Solid(Form.BALL, centre, (radius, radius, radius))
 
 
-def bar(start: Triple, end: Triple, normal: Triple, width: float, thickness: float) -> Solid:
+def bar(
+    start: Triple,
+    end: Triple,
+    normal: Triple,
+    width: float,
+    thickness: float,
+) -> Solid:
     """A box from ``start`` to ``end``; ``normal`` is the direction of its thickness."""
     start_point = np.array(start)
     end_point = np.array(end)
@@ -246,4 +308,9 @@ def bar(start: Triple, end: Triple, normal: Triple, width: float, thickness: flo
     along = (end_point - start_point) / length
     half = (float(length) / 2, width / 2, thickness / 2)
     axes = (triple(along), triple(np.cross(up, along)), triple(up))
-    return Solid(Form.BOX, triple((start_point + end_point) / 2), half, axes)
+    return Solid(
+        Form.BOX,
+        triple((start_point + end_point) / 2),
+        half,
+        axes,
+    )

@@ -201,7 +201,11 @@ class Document:
         """The first model."""
         return next(iter(self.models.values()))
 
-    def parse_line(self, number: int, words: list[str]) -> None:
+    def parse_line(
+        self,
+        number: int,
+        words: list[str],
+    ) -> None:
         """Parse one line, split into words."""
         match words:
             case ["0", *rest]:
@@ -213,7 +217,11 @@ class Document:
             case ["3" | "4", *_] if not (self._ignored or self._synth or self._range):
                 self._current(number).is_shape = True
 
-    def _meta(self, number: int, words: list[str]) -> None:
+    def _meta(
+        self,
+        number: int,
+        words: list[str],
+    ) -> None:
         """Do what a line means that begins with 0; these are its further words."""
         match meaning_of(words):
             case Meaning.MODEL:
@@ -256,7 +264,11 @@ class Document:
             case Meaning.DRAWN_MODEL | Meaning.SHAPE | None if words:
                 self._describe(self._current(number), words)
 
-    def _describe(self, model: Model, words: list[str]) -> None:
+    def _describe(
+        self,
+        model: Model,
+        words: list[str],
+    ) -> None:
         """Note what a line says about its model: that it is drawn, or a shape, or its title."""
         meaning = meaning_of(words)
         if meaning is Meaning.DRAWN_MODEL:
@@ -267,7 +279,11 @@ class Document:
         elif not words[0].startswith("!"):
             model.title = model.title or " ".join(words)
 
-    def _range_of_lines(self, number: int, words: list[str]) -> None:
+    def _range_of_lines(
+        self,
+        number: int,
+        words: list[str],
+    ) -> None:
         """Do what a line means that begins or ends lines that are no parts, or one piece."""
         match meaning_of(words):
             # Lines that MLCad skips are no parts, unless it has just said that it draws them.
@@ -289,7 +305,11 @@ class Document:
                 # The whole model, unless a range of drawn segments follows (`_begin_generated`).
                 self._current(number).is_drawn = True
 
-    def _lsynth(self, number: int, words: list[str]) -> None:
+    def _lsynth(
+        self,
+        number: int,
+        words: list[str],
+    ) -> None:
         """Do what a line of LSynth means."""
         meaning = meaning_of(words)
         synth = self._synth
@@ -297,7 +317,12 @@ class Document:
             # Without an end, the next one ends it.
             self._end_synth()
             kind = synth_kind(words[2])
-            self._synth = _Synth(number, words[2].lower(), kind, is_shown=kind.is_band)
+            self._synth = _Synth(
+                number,
+                words[2].lower(),
+                kind,
+                is_shown=kind.is_band,
+            )
             self._current(number)
         elif meaning is Meaning.END_SYNTH:
             self._end_synth()
@@ -314,16 +339,37 @@ class Document:
             # A model of its own without parts, which counts as one piece.
             drawn = Model(f"{synth.name} of line {synth.line}", synth.line, is_drawn=True)
             self.models[key_of(drawn.name)] = drawn
-            self._place(synth.line, _MAIN_COLOUR, np.eye(3), np.zeros(3), drawn.name)
+            self._place(
+                synth.line,
+                _MAIN_COLOUR,
+                np.eye(3),
+                np.zeros(3),
+                drawn.name,
+            )
 
-    def _begin_range(self, number: int, name: str) -> None:
+    def _begin_range(
+        self,
+        number: int,
+        name: str,
+    ) -> None:
         """Begin lines that are one drawn piece."""
         if not self._ignored:
             self._range = None
-            drawn = Model(f"{name} of line {number}", number, is_drawn=True, is_range=True)
+            drawn = Model(
+                f"{name} of line {number}",
+                number,
+                is_drawn=True,
+                is_range=True,
+            )
             self.models[key_of(drawn.name)] = drawn
             # Before it becomes the range, which would else contain itself.
-            self._place(number, _MAIN_COLOUR, np.eye(3), np.zeros(3), drawn.name)
+            self._place(
+                number,
+                _MAIN_COLOUR,
+                np.eye(3),
+                np.zeros(3),
+                drawn.name,
+            )
             self._range = drawn
 
     def _begin_generated(self, number: int) -> None:
@@ -361,7 +407,11 @@ class Document:
         self._buffers = {}
         self._generator_line = 0
 
-    def _file(self, number: int, name: str) -> None:
+    def _file(
+        self,
+        number: int,
+        name: str,
+    ) -> None:
         key = key_of(name)
         model = Model(name, number)
         if not name or (key in self.models and not key.endswith(".dat")):
@@ -371,7 +421,11 @@ class Document:
         self.models.setdefault(key, model)
         self.begin(model)
 
-    def _own_comment(self, number: int, words: list[str]) -> None:
+    def _own_comment(
+        self,
+        number: int,
+        words: list[str],
+    ) -> None:
         # All others speak of the part that follows.
         if words[:1] not in (["ROBOT"], ["PARTS"]):
             self._marks_line = number
@@ -392,7 +446,12 @@ class Document:
                 # Several comments may stand before one part.
                 self._marks |= marks
 
-    def _reference(self, number: int, words: list[str], is_ghost: bool = False) -> None:
+    def _reference(
+        self,
+        number: int,
+        words: list[str],
+        is_ghost: bool = False,
+    ) -> None:
         drawn = colour_and_numbers(words, _PLACE_NUMBERS, _MAX_COORDINATE)
         name = unquoted(words[2 + _PLACE_NUMBERS :])
         if not self._is_no_part(name):
@@ -403,7 +462,14 @@ class Document:
                 colour, numbers = drawn
                 offset = np.array(numbers[:3])
                 matrix = np.array(numbers[3:]).reshape(3, 3)
-                self._place(number, colour, matrix, offset, name, is_ghost)
+                self._place(
+                    number,
+                    colour,
+                    matrix,
+                    offset,
+                    name,
+                    is_ghost,
+                )
         # What was said before this line was said of it, also if it is left out.
         self._marks = {}
 
@@ -433,11 +499,24 @@ class Document:
         stretch = np.abs(matrix @ matrix.T - np.eye(3))  # [3, 3]
         is_stretched = bool(stretch.max() > _STRETCH_TOLERANCE)
         reference = Reference(
-            colour, matrix, offset, name, model.step, number, is_stretched, is_ghost, **self._marks
+            colour,
+            matrix,
+            offset,
+            name,
+            model.step,
+            number,
+            is_stretched,
+            is_ghost,
+            **self._marks,
         )
         (self._range or model).references.append(reference)
 
-    def _error(self, number: int, fault: str, remedy: str) -> PlanError:
+    def _error(
+        self,
+        number: int,
+        fault: str,
+        remedy: str,
+    ) -> PlanError:
         return PlanError(f"{self.path}, line {number}: {fault}; {remedy}")
 
 
@@ -469,7 +548,9 @@ def _pair(words: Sequence[str]) -> str:
 
 
 def colour_and_numbers(
-    words: list[str], count: int, limit: float = math.inf
+    words: list[str],
+    count: int,
+    limit: float = math.inf,
 ) -> tuple[int, tuple[float, ...]] | None:
     """Colour and ``count`` numbers, all finite and below a limit, of a line that draws something;
     ``None`` if one is invalid.

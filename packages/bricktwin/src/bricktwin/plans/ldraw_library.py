@@ -101,7 +101,12 @@ def _triangles_of(root: Path, name: str) -> Triangles:
     return {colour: np.concatenate(triangles) for colour, triangles in pieces.items()}
 
 
-def _placed(inner: Triangles, numbers: Sequence[float], *, inverted: bool) -> Triangles:
+def _placed(
+    inner: Triangles,
+    numbers: Sequence[float],
+    *,
+    inverted: bool,
+) -> Triangles:
     """Triangles of a file in the frame of the file that places it. ``numbers``: offset and matrix
     of the line that does."""
     offset = np.array(numbers[:3])
@@ -115,7 +120,12 @@ def _placed(inner: Triangles, numbers: Sequence[float], *, inverted: bool) -> Tr
     return placed
 
 
-def _faces(numbers: Sequence[float], *, clockwise: bool, certified: bool) -> Floats:
+def _faces(
+    numbers: Sequence[float],
+    *,
+    clockwise: bool,
+    certified: bool,
+) -> Floats:
     """Triangles [n, 3, 3] of a triangle or a quadrilateral."""
     corners = np.array(numbers).reshape(-1, 3)
     faces = corners[None, :]

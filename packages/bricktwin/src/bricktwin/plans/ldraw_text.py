@@ -98,7 +98,11 @@ class Beside:
         self._folder = plan.parent
         self._listings: dict[Path, dict[str, Path]] = {}
 
-    def find(self, name: str, user: Path) -> Path | None:
+    def find(
+        self,
+        name: str,
+        user: Path,
+    ) -> Path | None:
         """The file of that name beside the file that uses it, or beside the plan; ``None`` if there
         is none."""
         steps = PurePosixPath(name.replace("\\", "/")).parts
@@ -112,7 +116,11 @@ class Beside:
                 return path
         return None
 
-    def _walked(self, folder: Path, steps: Sequence[str]) -> Path | None:
+    def _walked(
+        self,
+        folder: Path,
+        steps: Sequence[str],
+    ) -> Path | None:
         """Where steps lead from a folder; ``None`` if one of them is not there."""
         path = folder
         for step in steps:
@@ -127,7 +135,11 @@ class Beside:
         # Resolved, as the steps may go up, and links lead anywhere.
         return path.resolve().is_relative_to(self._folder.resolve())
 
-    def _member(self, folder: Path, name: str) -> Path | None:
+    def _member(
+        self,
+        folder: Path,
+        name: str,
+    ) -> Path | None:
         """A member of a folder; the exact name counts before one in other letters."""
         if name == "..":
             # The parent of `.` or of `..` is not what is left without its last name.

@@ -184,7 +184,11 @@ class Part:
         """The female sites."""
         return tuple(site for site in self.sites if site.fit in (Fit.HOLE, Fit.AXLE_HOLE))
 
-    def contains(self, points: Floats, margin: float) -> Bools:
+    def contains(
+        self,
+        points: Floats,
+        margin: float,
+    ) -> Bools:
         """Whether points [n, 3], in the part's frame, are deeper than ``margin`` in the solids, and
         in no hole [n]."""
         inside = np.zeros(len(points), dtype=bool)
@@ -194,7 +198,12 @@ class Part:
         inside[inside] = ~_in_holes(points[inside], self.holes, 0.0)
         return inside
 
-    def blocks(self, points: Floats, margin: float, open_holes: Iterable[Site]) -> Bools:
+    def blocks(
+        self,
+        points: Floats,
+        margin: float,
+        open_holes: Iterable[Site],
+    ) -> Bools:
         """Whether points [n, 3] are deeper than ``margin`` in the material [n]. Only the holes that
         are open for them are empty: nothing else fits into a hole."""
         inside = np.zeros(len(points), dtype=bool)
@@ -203,10 +212,20 @@ class Part:
             is_in_notch = self._in_notch(points[within], number, margin)
             # Solid by solid: where one has its notch, another may have material.
             inside[within[~is_in_notch]] = True
-        inside[inside] = ~_in_holes(points[inside], open_holes, margin, _RECESS)
+        inside[inside] = ~_in_holes(
+            points[inside],
+            open_holes,
+            margin,
+            _RECESS,
+        )
         return inside
 
-    def _in_notch(self, points: Floats, number: int, margin: float) -> Bools:
+    def _in_notch(
+        self,
+        points: Floats,
+        number: int,
+        margin: float,
+    ) -> Bools:
         """Whether points [n, 3] are in a notch of a solid, or less than ``margin`` from one [n]."""
         inside = np.zeros(len(points), dtype=bool)
         for count, notch in self.notches:
@@ -275,7 +294,12 @@ class Part:
             is_in_notch = self._in_notch(samples, number, _SAMPLE_DEPTH)
             points.append(samples[~is_in_notch])
         samples = np.concatenate(points)
-        is_in_hole = _in_holes(samples, self.holes, _SAMPLE_DEPTH, _RECESS)
+        is_in_hole = _in_holes(
+            samples,
+            self.holes,
+            _SAMPLE_DEPTH,
+            _RECESS,
+        )
         return samples[~is_in_hole]
 
     @functools.cached_property
@@ -284,7 +308,12 @@ class Part:
         return self.corners.min(axis=0), self.corners.max(axis=0)
 
 
-def _in_holes(points: Floats, holes: Iterable[Site], margin: float, recess: float = 0.0) -> Bools:
+def _in_holes(
+    points: Floats,
+    holes: Iterable[Site],
+    margin: float,
+    recess: float = 0.0,
+) -> Bools:
     """Whether points [n, 3] are in a hole, or less than ``margin`` from one [n]. ``recess``: of a
     pin hole's ends."""
     inside = np.zeros(len(points), dtype=bool)

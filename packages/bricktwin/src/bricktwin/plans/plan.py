@@ -207,7 +207,15 @@ def make_plan(document: Document, path: Path | None = None) -> Plan:
     read."""
     builder = _Builder(document, SubModels(document, path))
     # The robot itself stands where the plan's origin is.
-    at_origin = Reference(_MAIN_COLOUR, np.eye(3), np.zeros(3), "", 0, 0, False)
+    at_origin = Reference(
+        _MAIN_COLOUR,
+        np.eye(3),
+        np.zeros(3),
+        "",
+        0,
+        0,
+        False,
+    )
     builder.build(document.main, at_origin, ())
     builder.join_pieces()
     unknown = []
@@ -243,7 +251,11 @@ class SubModels:
         path: of its file; ``None`` if there is nothing beside it.
     """
 
-    def __init__(self, document: Document, path: Path | None) -> None:
+    def __init__(
+        self,
+        document: Document,
+        path: Path | None,
+    ) -> None:
         self._document = document
         self._path = path
         self._beside = None if path is None else ldraw_text.Beside(path)
@@ -253,7 +265,11 @@ class SubModels:
         """Of each model in another file than the plan, by its identity: the document and the
         file."""
 
-    def find(self, name: str, user: Model) -> Model | None:
+    def find(
+        self,
+        name: str,
+        user: Model,
+    ) -> Model | None:
         """The model of that name, as a line of the model ``user`` places it; ``None`` if there is
         none."""
         document, file = self._owners.get(id(user), (self._document, self._path))
@@ -310,7 +326,11 @@ class SubModels:
 class _Builder:
     """Recursive expansion of a document's models."""
 
-    def __init__(self, document: Document, models: SubModels) -> None:
+    def __init__(
+        self,
+        document: Document,
+        models: SubModels,
+    ) -> None:
         self.document = document
         self.models = models
         self.parts: list[Placed] = []
@@ -326,7 +346,12 @@ class _Builder:
         self._open: list[Model] = []
         """The models that are being built, each placed by the one before it."""
 
-    def build(self, model: Model, place: Reference, assembly: tuple[str, ...]) -> tuple[int, ...]:
+    def build(
+        self,
+        model: Model,
+        place: Reference,
+        assembly: tuple[str, ...],
+    ) -> tuple[int, ...]:
         """Add the parts and steps of a model at its place. Returns the indices of its parts."""
         if len(assembly) > MAX_DEPTH:
             raise PlanError(
@@ -338,13 +363,21 @@ class _Builder:
         lines = self._located_lines(model, place, assembly)
         self._add_faults(self.models.file_of(model), place.line)
         for number, lines_of_step in itertools.groupby(lines, lambda line: line[1].step):
-            self._build_step(model, number, list(lines_of_step), assembly)
+            self._build_step(
+                model,
+                number,
+                list(lines_of_step),
+                assembly,
+            )
         self._open.pop()
         # What sub-models have added lies in between: they are built before the next line.
         return tuple(range(first, len(self.parts)))
 
     def _located_lines(
-        self, model: Model, place: Reference, assembly: tuple[str, ...]
+        self,
+        model: Model,
+        place: Reference,
+        assembly: tuple[str, ...],
     ) -> list[tuple[int, Reference]]:
         """The lines of a model at its place, each with its number in its own file."""
         # MLCad shows a ghost only where its own model is the main one.
@@ -374,7 +407,12 @@ class _Builder:
         # All lines first: a cycle would not end, and its error names the line that closes it.
         for (own_line, reference), inner in zip(lines, inner_models, strict=True):
             if inner is not None:
-                self._refuse_cycle(inner, model, own_line, reference.name)
+                self._refuse_cycle(
+                    inner,
+                    model,
+                    own_line,
+                    reference.name,
+                )
         # Sub-models are built before the step that puts them in place.
         joined: list[tuple[int, ...]] = []
         for (own_line, reference), inner in zip(lines, inner_models, strict=True):
@@ -385,7 +423,12 @@ class _Builder:
         new: list[int] = []
         for (_, reference), inner in zip(lines, inner_models, strict=True):
             if inner is None:
-                placed = self._place(reference, step, assembly, model)
+                placed = self._place(
+                    reference,
+                    step,
+                    assembly,
+                    model,
+                )
                 if placed is not None:
                     new.append(placed.index)
         groups: list[tuple[int, ...]] = []
@@ -399,7 +442,16 @@ class _Builder:
                 new.append(part)
         if new or groups:
             note = " ".join(model.notes.get(number, ()))
-            self.steps.append(Step(step, tuple(new), tuple(groups), assembly, number, note))
+            self.steps.append(
+                Step(
+                    step,
+                    tuple(new),
+                    tuple(groups),
+                    assembly,
+                    number,
+                    note,
+                )
+            )
 
     def join_pieces(self) -> None:
         """Join the pieces of parts that are in other models than their parts, such as a battery in
@@ -426,7 +478,13 @@ class _Builder:
             else:
                 del self.unknown[number]
 
-    def _refuse_cycle(self, inner: Model, user: Model, line: int, name: str) -> None:
+    def _refuse_cycle(
+        self,
+        inner: Model,
+        user: Model,
+        line: int,
+        name: str,
+    ) -> None:
         """Raise PlanError where a line of the model ``user`` places a model that it is part of."""
         if any(model is inner for model in self._open):
             file = self.models.file_of(user) or self.document.path
@@ -444,7 +502,11 @@ class _Builder:
             else:
                 yield reference
 
-    def _add_faults(self, file: str, line: int) -> None:
+    def _add_faults(
+        self,
+        file: str,
+        line: int,
+    ) -> None:
         """Add the lines of another file that are left out, once, with the line that places the
         file."""
         if file and file not in self._files:
@@ -454,7 +516,11 @@ class _Builder:
                 LineFault(line, f"in {file}, line {fault.line}: {fault.text}") for fault in faults
             ]
 
-    def _assembly(self, reference: Reference, user: Model) -> Model | None:
+    def _assembly(
+        self,
+        reference: Reference,
+        user: Model,
+    ) -> Model | None:
         """The sub-model that a line of the model ``user`` places, or ``None`` for a part."""
         model = self.models.find(reference.name, user)
         if model is None or model.is_shape:
@@ -495,7 +561,10 @@ class _Builder:
         return False
 
     def _join(
-        self, reference: Reference, model: Model, assembly: tuple[str, ...]
+        self,
+        reference: Reference,
+        model: Model,
+        assembly: tuple[str, ...],
     ) -> tuple[int, ...]:
         """Build a sub-model that a line places. Returns the indices of its parts."""
         self._count(reference)
@@ -522,7 +591,11 @@ class _Builder:
             self.parts[device.index] = device.with_marks_of(reference)
         return parts
 
-    def _only_device(self, reference: Reference, parts: tuple[int, ...]) -> Placed:
+    def _only_device(
+        self,
+        reference: Reference,
+        parts: tuple[int, ...],
+    ) -> Placed:
         """The motor or sensor in a sub-model. Raises PlanError if there is none, or more than
         one."""
         placed_parts = [self.parts[part] for part in parts]
@@ -537,7 +610,11 @@ class _Builder:
         return devices[0]
 
     def _place(
-        self, reference: Reference, step: int, assembly: tuple[str, ...], model: Model
+        self,
+        reference: Reference,
+        step: int,
+        assembly: tuple[str, ...],
+        model: Model,
     ) -> Placed | None:
         """Add the part that a line places; ``None`` if it is unknown, drawn or left out."""
         self._count(reference)
@@ -591,7 +668,11 @@ class _Builder:
         if self._visits > MAX_PARTS:
             raise self._fault(reference, f"more than {MAX_PARTS} parts; split the plan")
 
-    def _fault(self, reference: Reference, text: str) -> PlanError:
+    def _fault(
+        self,
+        reference: Reference,
+        text: str,
+    ) -> PlanError:
         return PlanError(f"{self.document.path}, line {reference.line}: {text}")
 
 
@@ -600,4 +681,9 @@ def _located(reference: Reference, place: Reference) -> Reference:
     colour = place.colour if reference.colour == _MAIN_COLOUR else reference.colour
     matrix = place.matrix @ reference.matrix
     offset = place.matrix @ reference.offset + place.offset
-    return replace(reference, colour=colour, matrix=matrix, offset=offset)
+    return replace(
+        reference,
+        colour=colour,
+        matrix=matrix,
+        offset=offset,
+    )

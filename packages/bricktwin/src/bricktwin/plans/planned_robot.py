@@ -99,7 +99,12 @@ _LEAST_WAY_DEG = 5.0
 
 
 @functools.lru_cache(maxsize=64)
-def free_deg(planned: PlannedRobot, port: str, low: float, high: float) -> tuple[float, float]:
+def free_deg(
+    planned: PlannedRobot,
+    port: str,
+    low: float,
+    high: float,
+) -> tuple[float, float]:
     """Collision-free range of a motor's angle within ``low`` and ``high``, degrees; other motors as
     in the plan.
 
@@ -127,7 +132,12 @@ def stops_deg(planned: PlannedRobot, port: str) -> tuple[float, float] | None:
         return None
     start = planned.device(port).angle_deg
     turn = 360.0 * abs(drive.gear)
-    low, high = free_deg(planned, port, start - turn, start + turn)
+    low, high = free_deg(
+        planned,
+        port,
+        start - turn,
+        start + turn,
+    )
     is_all_around = low <= start - turn or high >= start + turn
     # What can hardly move is drawn too closely: real parts have more room.
     is_locked = high - low < _LEAST_WAY_DEG * abs(drive.gear)
@@ -146,7 +156,11 @@ def carried_by(articulation: Articulation, drive: Drive) -> set[int]:
 class _Sweep:
     """Collision test of the parts that a motor moves."""
 
-    def __init__(self, planned: PlannedRobot, drive: Drive) -> None:
+    def __init__(
+        self,
+        planned: PlannedRobot,
+        drive: Drive,
+    ) -> None:
         articulation = planned.articulation
         motor = planned.device(drive.port)
         sites = tuple(site for site in motor.part.sites if not site.turns)

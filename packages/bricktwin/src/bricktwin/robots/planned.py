@@ -140,7 +140,14 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
         stops_deg = placed.stops_deg or ()
         driven = (gears, ratio, *wheels.get(port, ()))
         return DeviceFacts(
-            name, part, placed.line, port, placed.device, tuple(sides), stops_deg, *driven
+            name,
+            part,
+            placed.line,
+            port,
+            placed.device,
+            tuple(sides),
+            stops_deg,
+            *driven,
         )
 
     hubs, motors, sensors = (
@@ -160,7 +167,9 @@ def _device(row: Sequence[Any]) -> DeviceFacts:
     facts = DeviceFacts(*row)
     # JSON has lists only; facts that were kept equal those that were just made.
     return facts._replace(
-        sides=tuple(facts.sides), stops_deg=tuple(facts.stops_deg), gears=tuple(facts.gears)
+        sides=tuple(facts.sides),
+        stops_deg=tuple(facts.stops_deg),
+        gears=tuple(facts.gears),
     )
 
 
@@ -309,7 +318,11 @@ def _name_of(path: Path) -> str:
     return stem if stem.isidentifier() else f"robot_{stem}"
 
 
-def _completed(robot: _Description, design: PlanFacts, path: Path) -> _Description:
+def _completed(
+    robot: _Description,
+    design: PlanFacts,
+    path: Path,
+) -> _Description:
     """A description with what only its plan says. Raises DescriptionError if the plan contradicts
     it."""
     kinds = {kind.value for kind in (*MotorKind, *SensorKind)}
@@ -326,19 +339,34 @@ def _completed(robot: _Description, design: PlanFacts, path: Path) -> _Descripti
     # After the motors, which have their ports now, by which the plan knows their wheels.
     base = robot.drive_base
     if base is not None and not (base.wheel_diameter_mm and base.axle_track_mm):
-        base = _with_wheels(base, robot.name, motors, design, path)
+        base = _with_wheels(
+            base,
+            robot.name,
+            motors,
+            design,
+            path,
+        )
     sides = robot.hub_sides
     # Only what reads the hub's IMU must know how the hub lies.
     if robot.needs_imu and not sides:
         sides = design.hub_sides
-    completed = robot._replace(motors=motors, sensors=sensors, drive_base=base, hub_sides=sides)
+    completed = robot._replace(
+        motors=motors,
+        sensors=sensors,
+        drive_base=base,
+        hub_sides=sides,
+    )
     # What the plan has filled in agrees with it; what the description said itself may not.
     _raise_first(disagreements(completed, design), path)
     return completed
 
 
 def _with_wheels(
-    base: DriveBase, name: str, motors: tuple[Motor, ...], design: PlanFacts, path: Path
+    base: DriveBase,
+    name: str,
+    motors: tuple[Motor, ...],
+    design: PlanFacts,
+    path: Path,
 ) -> DriveBase:
     """A drive base with the wheel diameter and axle track of the plan, where it says none."""
     # A drive base names its motors, a plan knows them by their ports.
@@ -362,11 +390,20 @@ def _with_wheels(
     )
 
 
-def _motors(robot: _Description, design: PlanFacts, path: Path) -> tuple[Motor, ...]:
+def _motors(
+    robot: _Description,
+    design: PlanFacts,
+    path: Path,
+) -> tuple[Motor, ...]:
     """Motors of the description, then those that only the plan has."""
     motors: list[Motor] = []
     for motor in robot.motors:
-        port = motor.port or _port_of(motor.name, design.motors, robot.name, path)
+        port = motor.port or _port_of(
+            motor.name,
+            design.motors,
+            robot.name,
+            path,
+        )
         motors.append(replace(motor, port=port))
     described = {motor.port for motor in motors}
     for part in design.motors:
@@ -374,7 +411,14 @@ def _motors(robot: _Description, design: PlanFacts, path: Path) -> tuple[Motor, 
             # Motors that only the plan has count up when the robot rolls forward.
             direction = Direction.CLOCKWISE if part.is_forward else Direction.COUNTERCLOCKWISE
             name = part.label or f"motor_{part.port.lower()}"
-            motors.append(Motor(name, part.port, MotorKind(part.name), direction))
+            motors.append(
+                Motor(
+                    name,
+                    part.port,
+                    MotorKind(part.name),
+                    direction,
+                )
+            )
     gears = {part.port: part.gears for part in design.motors}
     stops = {part.port: part.stops_deg for part in design.motors if part.stops_deg}
     completed_motors: list[Motor] = []
@@ -395,11 +439,20 @@ def _with_stops(motor: Motor, stops_deg: tuple[float, ...] | None) -> Motor:
     return replace(motor, end_stops_deg=(low, high))
 
 
-def _sensors(robot: _Description, design: PlanFacts, path: Path) -> tuple[Sensor, ...]:
+def _sensors(
+    robot: _Description,
+    design: PlanFacts,
+    path: Path,
+) -> tuple[Sensor, ...]:
     """Sensors of the description, then those that only the plan has."""
     sensors: list[Sensor] = []
     for sensor in robot.sensors:
-        port = sensor.port or _port_of(sensor.name, design.sensors, robot.name, path)
+        port = sensor.port or _port_of(
+            sensor.name,
+            design.sensors,
+            robot.name,
+            path,
+        )
         sensors.append(replace(sensor, port=port))
     described = {sensor.port for sensor in sensors}
     others = [part for part in design.sensors if part.port not in described]
@@ -409,7 +462,12 @@ def _sensors(robot: _Description, design: PlanFacts, path: Path) -> tuple[Sensor
     return tuple(sensors)
 
 
-def _port_of(name: str, parts: Sequence[DeviceFacts], robot: str, path: Path) -> str:
+def _port_of(
+    name: str,
+    parts: Sequence[DeviceFacts],
+    robot: str,
+    path: Path,
+) -> str:
     """Port of a named device in the plan."""
     for part in parts:
         if part.label == name:
@@ -464,7 +522,11 @@ def disagreements(robot: Robot | _Description, design: PlanFacts) -> Iterator[_M
         yield design.hubs[0].line, "wiring", _wrong_mount(name, sides, design.hub_sides)
 
 
-def _wrong_mount(name: str, sides: tuple[str, ...], planned_sides: tuple[str, ...]) -> str:
+def _wrong_mount(
+    name: str,
+    sides: tuple[str, ...],
+    planned_sides: tuple[str, ...],
+) -> str:
     """What is wrong with how the hub lies in a plan, and what to do. ``sides``: of its top and its
     front in the description."""
     # Pybricks is told which of the hub's axes point up and forwards: it cannot lie in between.
@@ -477,7 +539,11 @@ def _wrong_mount(name: str, sides: tuple[str, ...], planned_sides: tuple[str, ..
     )
 
 
-def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Iterator[_Mistake]:
+def _check_device(
+    name: str,
+    device: Motor | Sensor,
+    part: DeviceFacts,
+) -> Iterator[_Mistake]:
     """Contradictions in name, kind and gears of a motor or sensor."""
     kind = device.kind.value
     label = f"port {device.port} has {part.part} '{part.label or ''}'"
@@ -508,7 +574,10 @@ def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Itera
 
 
 def _check_wheels(
-    name: str, base: DriveBase, left: DeviceFacts | None, right: DeviceFacts | None
+    name: str,
+    base: DriveBase,
+    left: DeviceFacts | None,
+    right: DeviceFacts | None,
 ) -> Iterator[_Mistake]:
     """Contradictions in a drive base: wheel diameter and axle track."""
     positions_m = []

@@ -60,7 +60,12 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
     (temporal ensemble of Zhao et al., 2023). ``network``: features ``[*batch, f]`` of the
     ``encoder`` to a chunk ``[*batch, k, m]``."""
 
-    def __init__(self, encoder: nn.Module, network: nn.Module, settings: ChunkSettings) -> None:
+    def __init__(
+        self,
+        encoder: nn.Module,
+        network: nn.Module,
+        settings: ChunkSettings,
+    ) -> None:
         super().__init__()
         self.in_keys = encoder_keys(encoder)
         self.out_keys = ["action"]
@@ -104,12 +109,21 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
 
 
 def chunk_learner(
-    policy: ChunkPolicy, loss: LossModule, settings: ChunkSettings, **options: Any
+    policy: ChunkPolicy,
+    loss: LossModule,
+    settings: ChunkSettings,
+    **options: Any,
 ) -> Learner:
     """The learner of a chunk policy: imitates a dataset, acts without dropout."""
     optimizer = adam(loss.parameters(), settings, settings.weight_decay)
     options |= {"updates_per_step": settings.updates_per_step, "chunk": settings.chunk}
-    return Learner(policy, loss, optimizer, imitates=True, **options)
+    return Learner(
+        policy,
+        loss,
+        optimizer,
+        imitates=True,
+        **options,
+    )
 
 
 @dataclass(frozen=True)
@@ -174,7 +188,12 @@ PRESETS = {
 class EncodedACTLoss(ACTLoss):  # type: ignore[misc]
     """TorchRL's loss on encoded features."""
 
-    def __init__(self, actor: TensorDictModule, encoder: nn.Module, **kwargs: Any) -> None:
+    def __init__(
+        self,
+        actor: TensorDictModule,
+        encoder: nn.Module,
+        **kwargs: Any,
+    ) -> None:
         super().__init__(actor, **kwargs)
         self.encoder = encoder
         self.set_keys(action_chunk="action")
@@ -199,7 +218,11 @@ class PredictedChunk(nn.Module):
         return chunk
 
 
-def build(env: EnvBase, settings: ACTSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: ACTSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """ACT for an environment. Initialized from torch's global generator."""
     encoder = make_encoder(env, settings)
     model = ACTModel(
@@ -220,4 +243,9 @@ def build(env: EnvBase, settings: ACTSettings, device: torch.device | str = "cpu
     loss = EncodedACTLoss(actor, encoder, kl_weight=settings.kl_weight).to(device)
     policy = ChunkPolicy(encoder, PredictedChunk(model), settings).to(device)
     # the sum: TorchRL reports its two parts under names that begin with "loss" too
-    return chunk_learner(policy, loss, settings, descend=("loss_act",))
+    return chunk_learner(
+        policy,
+        loss,
+        settings,
+        descend=("loss_act",),
+    )

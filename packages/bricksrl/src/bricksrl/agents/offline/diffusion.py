@@ -44,7 +44,11 @@ PRESETS = {
 class EncodedChunks(DiffusionBCLoss):  # type: ignore[misc]
     """TorchRL's loss on encoded features and action chunks."""
 
-    def __init__(self, actor: DiffusionActor, encoder: nn.Module) -> None:
+    def __init__(
+        self,
+        actor: DiffusionActor,
+        encoder: nn.Module,
+    ) -> None:
         super().__init__(actor)
         self.encoder = encoder
 
@@ -56,7 +60,11 @@ class EncodedChunks(DiffusionBCLoss):  # type: ignore[misc]
         return super().forward(encoded)
 
 
-def build(env: EnvBase, settings: DiffusionSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: DiffusionSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """The diffusion policy for an environment. Initialized from torch's global generator."""
     encoder = make_encoder(env, settings)
     m = action_size(env)

@@ -48,7 +48,11 @@ PRESETS = {
     "iql": Presets(
         default=IQLSettings(),
         images=IQLSettings(**IMAGES_TARGETS),
-        paper=IQLSettings(**PAPER_TARGETS, expectile=0.5, temperature=1.0),
+        paper=IQLSettings(
+            **PAPER_TARGETS,
+            expectile=0.5,
+            temperature=1.0,
+        ),
     )
 }
 
@@ -67,7 +71,11 @@ class StateIndependentScale(nn.Module):
         return mean, scale.expand_as(mean)
 
 
-def build(env: EnvBase, settings: IQLSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: IQLSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """IQL for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)
@@ -81,9 +89,19 @@ def build(env: EnvBase, settings: IQLSettings, device: torch.device | str = "cpu
         distribution_class=IndependentNormal,
         spec=Composite(action=action_spec(env)),
     ).to(device)
-    critic_body = make_body(settings, encoder.size + m, 1, norm=settings.critic_norm)
+    critic_body = make_body(
+        settings,
+        encoder.size + m,
+        1,
+        norm=settings.critic_norm,
+    )
     critic = critic_operator(encoder, critic_body).to(device)
-    value_body = make_body(settings, encoder.size, 1, norm=settings.critic_norm)
+    value_body = make_body(
+        settings,
+        encoder.size,
+        1,
+        norm=settings.critic_norm,
+    )
     value = value_operator(encoder, value_body).to(device)
     loss = IQLLoss(
         actor,
@@ -102,4 +120,10 @@ def build(env: EnvBase, settings: IQLSettings, device: torch.device | str = "cpu
     bounded = TensorDictModule(nn.Hardtanh(), in_keys=["action"], out_keys=["action"])
     policy = TensorDictSequential(actor, bounded)
     target = SoftUpdate(loss, tau=settings.tau)
-    return off_policy_learner(env, settings, policy, loss, target)
+    return off_policy_learner(
+        env,
+        settings,
+        policy,
+        loss,
+        target,
+    )

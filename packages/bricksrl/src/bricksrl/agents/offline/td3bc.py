@@ -44,16 +44,33 @@ PRESETS = {
 }
 
 
-def build(env: EnvBase, settings: TD3BCSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: TD3BCSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """TD3+BC for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)
-    body = make_body(settings, encoder.size, m, norm=settings.actor_norm)
+    body = make_body(
+        settings,
+        encoder.size,
+        m,
+        norm=settings.actor_norm,
+    )
     actor, policy = deterministic_policy(
-        encoder, body, action_spec(env), noise=settings.exploration_noise
+        encoder,
+        body,
+        action_spec(env),
+        noise=settings.exploration_noise,
     )
     # TorchRL makes the second critic from this one, with weights of its own
-    critic_body = make_body(settings, encoder.size + m, 1, norm=settings.critic_norm)
+    critic_body = make_body(
+        settings,
+        encoder.size + m,
+        1,
+        norm=settings.critic_norm,
+    )
     critic = critic_operator(encoder, critic_body)
     loss = TD3BCLoss(
         actor.to(device),
@@ -69,5 +86,10 @@ def build(env: EnvBase, settings: TD3BCSettings, device: torch.device | str = "c
     loss.make_value_estimator(gamma=settings.gamma)
     target = SoftUpdate(loss, tau=settings.tau)
     return off_policy_learner(
-        env, settings, policy.to(device), loss, target, target_delay=settings.actor_delay
+        env,
+        settings,
+        policy.to(device),
+        loss,
+        target,
+        target_delay=settings.actor_delay,
     )

@@ -24,7 +24,11 @@ class GoalRelabelling:
     hindsight: float
     new_goals: float
 
-    def draw(self, *batch: int, device: torch.device) -> Tensor:
+    def draw(
+        self,
+        *batch: int,
+        device: torch.device,
+    ) -> Tensor:
         """Uniformly random goals ``[*batch, g]``."""
         goals = [goal for goal, _ in self.layout.goals]
         low = torch.tensor([self.layout.low[goal] for goal in goals], device=device)
@@ -32,7 +36,11 @@ class GoalRelabelling:
         shares = torch.rand(*batch, len(goals), device=device)
         return low + shares * (high - low)
 
-    def relabel(self, rows: TensorDictBase, goals: Tensor) -> None:
+    def relabel(
+        self,
+        rows: TensorDictBase,
+        goals: Tensor,
+    ) -> None:
         """Write goals ``[*batch, g]`` into rows ``[n, *batch]`` and update their rewards and
         ends."""
         goal_index = [goal for goal, _ in self.layout.goals]
@@ -48,7 +56,11 @@ class GoalRelabelling:
         after["terminated"].copy_(self.task.terminated(after_observed))
 
 
-def relabelling(env: EnvBase, hindsight: float, new_goals: float) -> GoalRelabelling | None:
+def relabelling(
+    env: EnvBase,
+    hindsight: float,
+    new_goals: float,
+) -> GoalRelabelling | None:
     """Relabelling of shares of a batch; ``None`` if there is none, if not all goals can be reached,
     and behind transforms of observation or reward, which the task's functions know nothing of."""
     task = interface_of(env).task
@@ -63,4 +75,9 @@ def relabelling(env: EnvBase, hindsight: float, new_goals: float) -> GoalRelabel
     goal_names = [name for name in layout.names if name.endswith("_goal")]
     if len(layout.goals) != len(goal_names):
         return None
-    return GoalRelabelling(task, layout, hindsight, new_goals)
+    return GoalRelabelling(
+        task,
+        layout,
+        hindsight,
+        new_goals,
+    )

@@ -92,7 +92,12 @@ class Posterior:
     SPREAD = 0.5
     """Standard deviation of their logarithms."""
 
-    def __init__(self, points: Tensor, scores: Tensor, worlds: Tensor) -> None:
+    def __init__(
+        self,
+        points: Tensor,
+        scores: Tensor,
+        worlds: Tensor,
+    ) -> None:
         # in double precision: points close together make a matrix that is nearly singular
         scores = scores.double()
         self.points = points
@@ -133,7 +138,13 @@ class Posterior:
         with torch.no_grad():
             self._factorise()
 
-    def _kernel(self, a: Tensor, b: Tensor, a_world: Tensor, b_world: Tensor) -> Tensor:
+    def _kernel(
+        self,
+        a: Tensor,
+        b: Tensor,
+        a_world: Tensor,
+        b_world: Tensor,
+    ) -> Tensor:
         """Covariance of points in their worlds."""
         *_, peculiar, amplitude, _ = self.scales.exp()
         lengths = self.scales[:-3].exp()[:, None]
@@ -152,7 +163,12 @@ class Posterior:
     def _factorise(self) -> None:
         # a trial that is repeated makes equal rows, which only some noise keeps apart
         noise = (2 * self.scales[-1]).exp() + 1e-8
-        kernel = self._kernel(self.points, self.points, self.worlds, self.worlds)
+        kernel = self._kernel(
+            self.points,
+            self.points,
+            self.worlds,
+            self.worlds,
+        )
         noisy_kernel = kernel + noise * torch.eye(len(kernel))
         self._root = torch.linalg.cholesky(noisy_kernel)
         weights = torch.cholesky_solve(self._values[:, None], self._root)  # [k, 1]
@@ -169,11 +185,21 @@ class Posterior:
         """Mean and standard deviation ``[c]`` of the score in the present world at points ``[c, p,
         2]``, without noise."""
         here = self.worlds[-1:]
-        kernel = self._kernel(points, self.points, here, self.worlds)
+        kernel = self._kernel(
+            points,
+            self.points,
+            here,
+            self.worlds,
+        )
         half = torch.linalg.solve_triangular(self._root, kernel.T, upper=False)
         known = half.square().sum(0)
         # all points have the same variance beforehand, so that the first stands for them
-        beforehand = self._kernel(points[:1], points[:1], here, here)  # [1, 1]
+        beforehand = self._kernel(
+            points[:1],
+            points[:1],
+            here,
+            here,
+        )  # [1, 1]
         # rounded, the difference may fall below 0 at a point that was tried
         variance = (beforehand - known).clamp_min(1e-12)
         deviation = variance.sqrt()[0]
@@ -181,12 +207,21 @@ class Posterior:
         return self.mean + self.unit * mean, self.unit * deviation
 
     @torch.no_grad()
-    def gain(self, point: Tensor, other: Tensor) -> tuple[float, float]:
+    def gain(
+        self,
+        point: Tensor,
+        other: Tensor,
+    ) -> tuple[float, float]:
         """Mean and standard deviation of the score of ``point`` ``[p, 2]`` less that of the
         ``other``."""
         both = torch.stack((point, other))
         here = self.worlds[-1:]
-        kernel = self._kernel(both, self.points, here, self.worlds)
+        kernel = self._kernel(
+            both,
+            self.points,
+            here,
+            self.worlds,
+        )
         half = torch.linalg.solve_triangular(self._root, kernel.T, upper=False)
         # of both together: near each other they rise and fall as one, and the difference is known
         # better than either
@@ -230,7 +265,11 @@ class PolicySearch(Learner):
         self.worlds = self.start[:0, 0].long()
         self.actor.trial.copy_(self.start[0])
 
-    def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
+    def remember(
+        self,
+        frames: TensorDictBase,
+        robot: int = 0,
+    ) -> None:
         """Add frames ``[time]`` or ``[copies, time]`` to the trial; the reward is the mean over the
         copies."""
         # a trial with a gap has no score: nobody knows what the robot did meanwhile
@@ -309,7 +348,11 @@ class PolicySearch(Learner):
         best, _ = posterior.at(embedded(self.actor.best[None], entries))
         return {"trial_reward": self.scores[-1], "best_reward": best[0], "noise": posterior.noise}
 
-    def _candidates(self, entries: tuple[Entry, ...], near: Tensor) -> Tensor:
+    def _candidates(
+        self,
+        entries: tuple[Entry, ...],
+        near: Tensor,
+    ) -> Tensor:
         """Numbers ``[2 CANDIDATES, p]``, anywhere and near some."""
         low, high = bounds(entries)
         span = high - low
@@ -371,7 +414,11 @@ def embedded(numbers: Tensor, entries: tuple[Entry, ...]) -> Tensor:
     return torch.where(wraps[:, None], circle, line)
 
 
-def build(env: EnvBase, settings: GaitSettings, device: torch.device | str = "cpu") -> PolicySearch:
+def build(
+    env: EnvBase,
+    settings: GaitSettings,
+    device: torch.device | str = "cpu",
+) -> PolicySearch:
     """Policy search for an environment. The first trials are drawn from torch's global
     generator."""
     structure = make_structure(env, settings.structure)

@@ -33,7 +33,11 @@ class Structure(Protocol):
 
     numbers: tuple[Entry, ...]
 
-    def __call__(self, observation: Tensor, numbers: Tensor) -> Tensor:
+    def __call__(
+        self,
+        observation: Tensor,
+        numbers: Tensor,
+    ) -> Tensor:
         """Actions ``[*batch, m]`` on observations ``[*batch, n]`` by numbers ``[*batch, p]`` in
         their units."""
 
@@ -75,7 +79,11 @@ class Oscillators(nn.Module):
         self.lags = nn.Buffer(lags, persistent=False)
         self.gains = nn.Buffer(actions_per_deg, persistent=False)
 
-    def forward(self, observation: Tensor, numbers: Tensor) -> Tensor:
+    def forward(
+        self,
+        observation: Tensor,
+        numbers: Tensor,
+    ) -> Tensor:
         # what is called an error holds the common rotation too: [*batch, legs]
         angles_deg = observation[..., self.angles] * self.signs
         error_rad = (angles_deg - self._phases(numbers)).deg2rad()
@@ -168,9 +176,24 @@ def oscillators(env: EnvBase) -> Oscillators:
             # that of half turns, which are written last for that reason.
             lags[index, number] = 1.0
             lags[index, 0] = place * TURN_DEG / 2
-    phases = [Entry(f"{group[0]}_phase", 0.0, TURN_DEG, "deg", wraps=True) for group in groups[1:]]
+    phases = [
+        Entry(
+            f"{group[0]}_phase",
+            0.0,
+            TURN_DEG,
+            "deg",
+            wraps=True,
+        )
+        for group in groups[1:]
+    ]
     numbers = (Entry("speed", -1.0, 1.0), *phases)
-    return Oscillators(rows, numbers, lags, torch.tensor(gains), action_size(env))
+    return Oscillators(
+        rows,
+        numbers,
+        lags,
+        torch.tensor(gains),
+        action_size(env),
+    )
 
 
 def _turning_legs(env: EnvBase, task: Task) -> dict[str, tuple[int, int, float]]:
@@ -201,7 +224,11 @@ class Linear(nn.Module):
     """Linear feedback: actions are a matrix, row by row, and an offset times the scaled
     observation."""
 
-    def __init__(self, encoder: Any, size: int) -> None:
+    def __init__(
+        self,
+        encoder: Any,
+        size: int,
+    ) -> None:
         super().__init__()
         self.encoder = encoder
         self.size = size
@@ -209,7 +236,11 @@ class Linear(nn.Module):
         places = itertools.product(range(size), range(encoder.size + 1))
         self.numbers = tuple(Entry(f"weight_{row}_{column}", -1.0, 1.0) for row, column in places)
 
-    def forward(self, observation: Tensor, numbers: Tensor) -> Tensor:
+    def forward(
+        self,
+        observation: Tensor,
+        numbers: Tensor,
+    ) -> Tensor:
         features = self.encoder(observation)
         # a feature that is always 1, so that one product gives the offset too: [*batch, f + 1, 1]
         column = nn.functional.pad(features, (0, 1), value=1.0).unsqueeze(-1)
@@ -263,7 +294,11 @@ class StructuredActor(nn.Module):
     trial: Tensor
     best: Tensor
 
-    def __init__(self, structure: Structure, start: Tensor) -> None:
+    def __init__(
+        self,
+        structure: Structure,
+        start: Tensor,
+    ) -> None:
         super().__init__()
         self.structure = structure
         self.register_buffer("trial", start.clone())

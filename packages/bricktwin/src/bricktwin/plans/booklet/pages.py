@@ -136,7 +136,16 @@ def pages_of(plan: Plan) -> Iterator[Page]:
         f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(steps)} steps · "
         f"{plan.mass_g:.0f} g"
     )
-    yield Page(plan.title, text, _fitted(studio, everything, VIEWS[0], (7.4, 4.3)))
+    yield Page(
+        plan.title,
+        text,
+        _fitted(
+            studio,
+            everything,
+            VIEWS[0],
+            (7.4, 4.3),
+        ),
+    )
     samples = {(placed.part, placed.colour): placed for placed in plan.parts}
     items = []
     for entry in entries:
@@ -155,9 +164,20 @@ def pages_of(plan: Plan) -> Iterator[Page]:
         note = "Plug in the cables last, and keep them away from moving parts."
         # The more lines of text, the less room there is above them.
         height = 4.55 - 0.22 * len(cables)
-        picture = _fitted(studio, everything, VIEWS[3], (7.6, height))
+        picture = _fitted(
+            studio,
+            everything,
+            VIEWS[3],
+            (7.6, height),
+        )
         lines = tuple(cable.text for cable in cables)
-        yield Page("Cables", note, picture, lines=lines, cables=cables)
+        yield Page(
+            "Cables",
+            note,
+            picture,
+            lines=lines,
+            cables=cables,
+        )
 
 
 def _at_rest(parts: Iterable[Placed]) -> list[Shown]:
@@ -181,12 +201,27 @@ def _fitted(
     return studio.picture(shown, view, zoom)
 
 
-def _part_picture(studio: Studio, parts: Sequence[Placed], inches: tuple[float, float]) -> Picture:
+def _part_picture(
+    studio: Studio,
+    parts: Sequence[Placed],
+    inches: tuple[float, float],
+) -> Picture:
     """Picture of a part as it lies in the model, or of a sub-assembly."""
-    return _fitted(studio, _at_rest(parts), VIEWS[0], inches, 0.87)
+    return _fitted(
+        studio,
+        _at_rest(parts),
+        VIEWS[0],
+        inches,
+        0.87,
+    )
 
 
-def _step_page(plan: Plan, studio: Studio, step: Instruction, number: int) -> Page:
+def _step_page(
+    plan: Plan,
+    studio: Studio,
+    step: Instruction,
+    number: int,
+) -> Page:
     """The page of a step."""
     items = []
     for kind, group in placed_items(plan, step).items():
@@ -196,17 +231,41 @@ def _step_page(plan: Plan, studio: Studio, step: Instruction, number: int) -> Pa
         is_part = len(parts[0].assembly) == len(step.assembly)
         if is_part:
             bar = parts[0] if _modules(parts[0]) else None
-            items.append(Item(picture, len(group), parts[0].part.name, bar))
+            items.append(
+                Item(
+                    picture,
+                    len(group),
+                    parts[0].part.name,
+                    bar,
+                )
+            )
         else:
             items.append(Item(picture, len(group), _title(str(kind[0]))))
     # What stands below the picture takes room from it: bars in life size, and a note.
     bars = sum(item.bar is not None for item in items)
     height = 4.7 - 0.36 * bars - (0.25 if step.note else 0.0)
-    picture = _fitted(studio, step.scene.shown, step.scene.view, (5.7, height))
+    picture = _fitted(
+        studio,
+        step.scene.shown,
+        step.scene.view,
+        (5.7, height),
+    )
     inset = None
     if step.inset is not None:
-        inset = _fitted(studio, step.inset.shown, step.inset.view, (1.7, 1.5))
-    return Page(str(number), step.note, picture, tuple(items), step, inset)
+        inset = _fitted(
+            studio,
+            step.inset.shown,
+            step.inset.view,
+            (1.7, 1.5),
+        )
+    return Page(
+        str(number),
+        step.note,
+        picture,
+        tuple(items),
+        step,
+        inset,
+    )
 
 
 def _title(name: str) -> str:
@@ -306,13 +365,40 @@ def _figure(page: Page, number: int) -> Figure:
     step = page.instruction
     paper = _SUB_ASSEMBLY if step is not None and step.assembly else _PAPER
     if step is not None and step.assembly:
-        _box(figure, (0.12, 0.12, _WIDTH - 0.24, _HEIGHT - 0.24), paper, "#b08900")
+        _box(
+            figure,
+            (0.12, 0.12, _WIDTH - 0.24, _HEIGHT - 0.24),
+            paper,
+            "#b08900",
+        )
         title = _title(step.assembly[-1].rpartition(":")[0])
         if step.times > 1:
             title += f"  ·  build it {step.times} times"
-        _text(figure, 2.35, _HEIGHT - 0.38, title, 12, weight="bold")
-    _text(figure, 0.32, _HEIGHT - 0.48, page.head, 30 if step else 22, weight="bold")
-    _text(figure, _WIDTH - 0.28, 0.3, f"{number}", 8, ha="right", color="0.45")
+        _text(
+            figure,
+            2.35,
+            _HEIGHT - 0.38,
+            title,
+            12,
+            weight="bold",
+        )
+    _text(
+        figure,
+        0.32,
+        _HEIGHT - 0.48,
+        page.head,
+        30 if step else 22,
+        weight="bold",
+    )
+    _text(
+        figure,
+        _WIDTH - 0.28,
+        0.3,
+        f"{number}",
+        8,
+        ha="right",
+        color="0.45",
+    )
     note = textwrap.fill(page.note, _NOTE_WIDTH)
     _text(figure, 0.32, 0.3, note, 9)
     if step is None and page.items:
@@ -327,44 +413,99 @@ def _figure(page: Page, number: int) -> Figure:
     if page.picture is not None and step is None:
         floor = 0.55 + 0.22 * len(page.lines)
         middle = (_WIDTH / 2, floor + (_HEIGHT - 0.75 - floor) / 2)
-        corner = _put(figure, page.picture, None, _PAPER, middle)
+        corner = _put(
+            figure,
+            page.picture,
+            None,
+            _PAPER,
+            middle,
+        )
         _compass(figure, page.picture.view, (_WIDTH - 0.85, floor + 0.3))
         for row, line in enumerate(reversed(page.lines)):
-            _text(figure, 0.4, 0.6 + 0.22 * row, line, 9)
+            _text(
+                figure,
+                0.4,
+                0.6 + 0.22 * row,
+                line,
+                9,
+            )
         for cable in page.cables:
             _cable(figure, page.picture, corner, cable)
     return figure
 
 
 def _scene(
-    figure: Figure, page: Page, step: Instruction, floor: float, paper: tuple[float, float, float]
+    figure: Figure,
+    page: Page,
+    step: Instruction,
+    floor: float,
+    paper: tuple[float, float, float],
 ) -> None:
     """The picture of a step with its arrows, the inset, the compass and the mark of a turned
     view."""
     assert page.picture is not None  # noqa: S101
     middle = (2.3 + (_WIDTH - 2.3 - 0.3) / 2, floor + (_HEIGHT - 0.8 - floor) / 2)
-    corner = _put(figure, page.picture, set(step.scene.bright), paper, middle)
-    _arrows(figure, page.picture, corner, step.scene)
+    corner = _put(
+        figure,
+        page.picture,
+        set(step.scene.bright),
+        paper,
+        middle,
+    )
+    _arrows(
+        figure,
+        page.picture,
+        corner,
+        step.scene,
+    )
     # Over the picture, as all that comes later is.
     if page.inset is not None and step.inset is not None:
-        _inset(figure, page.inset, step.inset, floor)
+        _inset(
+            figure,
+            page.inset,
+            step.inset,
+            floor,
+        )
     _compass(figure, step.scene.view, (_WIDTH - 0.85, _HEIGHT - 0.5))
     if step.is_turned:
         _turn_mark(figure, step.scene.view, (_WIDTH - 2.7, _HEIGHT - 0.36))
 
 
-def _inset(figure: Figure, picture: Picture, scene: Scene, floor: float) -> None:
+def _inset(
+    figure: Figure,
+    picture: Picture,
+    scene: Scene,
+    floor: float,
+) -> None:
     """A small picture of what the large one hides, in a box at the lower right, above ``floor``."""
     width, height = (side / DPI for side in picture.size)
     left = _WIDTH - 0.45 - width
     bottom = floor + 0.15
-    _box(figure, (left - 0.1, bottom - 0.1, width + 0.2, height + 0.2), _PAPER, "0.35")
+    _box(
+        figure,
+        (left - 0.1, bottom - 0.1, width + 0.2, height + 0.2),
+        _PAPER,
+        "0.35",
+    )
     middle = (left + width / 2, bottom + height / 2)
-    corner = _put(figure, picture, set(scene.bright), _PAPER, middle)
+    corner = _put(
+        figure,
+        picture,
+        set(scene.bright),
+        _PAPER,
+        middle,
+    )
     _arrows(figure, picture, corner, scene)
 
 
-def _text(figure: Figure, x: float, y: float, text: str, size: float, **style: Any) -> None:
+def _text(
+    figure: Figure,
+    x: float,
+    y: float,
+    text: str,
+    size: float,
+    **style: Any,
+) -> None:
     """Text at a position in inches."""
     # Matplotlib draws all texts after all lines and boxes, unless it is told an order.
     above = len(figure.get_children())
@@ -391,7 +532,13 @@ def _box(
     left, bottom, width, height = rectangle
     style = "round,pad=0,rounding_size=0.09"
     patch = FancyBboxPatch(
-        (left, bottom), width, height, style, facecolor=face, edgecolor=edge, linewidth=0.8
+        (left, bottom),
+        width,
+        height,
+        style,
+        facecolor=face,
+        edgecolor=edge,
+        linewidth=0.8,
     )
     _add(figure, patch)
 
@@ -403,7 +550,12 @@ def _add(figure: Figure, artist: Artist) -> None:
     figure.add_artist(artist)
 
 
-def _line(figure: Figure, points: Sequence[tuple[float, float]], colour: str, width: float) -> None:
+def _line(
+    figure: Figure,
+    points: Sequence[tuple[float, float]],
+    colour: str,
+    width: float,
+) -> None:
     """A line through points in inches."""
     from matplotlib.lines import Line2D
 
@@ -470,13 +622,22 @@ def _indexed(pixels: Pixels, paper: tuple[float, float, float]) -> Pixels:
     return few
 
 
-def _inches(picture: Picture, corner: tuple[float, float], point: Floats) -> tuple[float, float]:
+def _inches(
+    picture: Picture,
+    corner: tuple[float, float],
+    point: Floats,
+) -> tuple[float, float]:
     """Where a point [3] of the plan is on the page."""
     x, y = picture.pixel_of(point)
     return corner[0] + x / DPI, corner[1] - y / DPI
 
 
-def _cable(figure: Figure, picture: Picture, corner: tuple[float, float], cable: Cable) -> None:
+def _cable(
+    figure: Figure,
+    picture: Picture,
+    corner: tuple[float, float],
+    cable: Cable,
+) -> None:
     """A cable with the letter of its port at both ends."""
     ends = [_inches(picture, corner, end) for end in cable.ends]
     _line(figure, ends, "white", 3.0)
@@ -488,10 +649,24 @@ def _cable(figure: Figure, picture: Picture, corner: tuple[float, float], cable:
         "linewidth": 0.9,
     }
     for x, y in ends:
-        _text(figure, x, y, cable.port, 7, weight="bold", ha="center", bbox=badge)
+        _text(
+            figure,
+            x,
+            y,
+            cable.port,
+            7,
+            weight="bold",
+            ha="center",
+            bbox=badge,
+        )
 
 
-def _arrows(figure: Figure, picture: Picture, corner: tuple[float, float], scene: Scene) -> None:
+def _arrows(
+    figure: Figure,
+    picture: Picture,
+    corner: tuple[float, float],
+    scene: Scene,
+) -> None:
     """The arrows of a scene: dashed and grey where they run behind parts."""
     for start, end in scene.arrows:
         # Without the last tenth, which is at the part where the arrow ends.
@@ -500,12 +675,23 @@ def _arrows(figure: Figure, picture: Picture, corner: tuple[float, float], scene
         tail = _inches(picture, corner, start)
         tip = _inches(picture, corner, end)
         if hidden_share > 0.5:
-            _arrow(figure, tail, tip, "0.4", 0.9, style="--")
+            _arrow(
+                figure,
+                tail,
+                tip,
+                "0.4",
+                0.9,
+                style="--",
+            )
         else:
             _arrow(figure, tail, tip, _ARROW, 1.6)
 
 
-def _compass(figure: Figure, view: View, middle: tuple[float, float]) -> None:
+def _compass(
+    figure: Figure,
+    view: View,
+    middle: tuple[float, float],
+) -> None:
     """The robot's front and right in a view; in a plan they are z and x."""
     centre = np.array(middle)
     # In a picture y points down, on a page up.
@@ -516,22 +702,60 @@ def _compass(figure: Figure, view: View, middle: tuple[float, float]) -> None:
         centre + (across * right + along * front) * 0.45
         for across, along in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
     ]
-    _line(figure, [(float(x), float(y)) for x, y in corners], "0.6", 0.8)
+    _line(
+        figure,
+        [(float(x), float(y)) for x, y in corners],
+        "0.6",
+        0.8,
+    )
     for direction, name, colour in ((right, "right", "#1864ab"), (front, "front", "0.3")):
         tip_x, tip_y = (centre + direction).tolist()
-        _arrow(figure, middle, (tip_x, tip_y), colour, 1.2)
+        _arrow(
+            figure,
+            middle,
+            (tip_x, tip_y),
+            colour,
+            1.2,
+        )
         # The label is beyond the tip, clear of its head.
         clearance = np.array([0.03 * np.sign(direction[0]), 0.05 * np.sign(direction[1])])
         x, y = (centre + direction * 1.12 + clearance).tolist()
         align = "left" if direction[0] > 0 else "right"
-        _text(figure, x, y, name, 7, ha=align, color=colour, weight="bold")
+        _text(
+            figure,
+            x,
+            y,
+            name,
+            7,
+            ha=align,
+            color=colour,
+            weight="bold",
+        )
 
 
-def _turn_mark(figure: Figure, view: View, middle: tuple[float, float]) -> None:
+def _turn_mark(
+    figure: Figure,
+    view: View,
+    middle: tuple[float, float],
+) -> None:
     """Two arrows in a circle, and from where the robot is seen now."""
     x, y = middle
-    _arrow(figure, (x - 0.16, y - 0.05), (x + 0.16, y - 0.05), "0.2", 1.4, 0.6)
-    _arrow(figure, (x + 0.16, y + 0.05), (x - 0.16, y + 0.05), "0.2", 1.4, 0.6)
+    _arrow(
+        figure,
+        (x - 0.16, y - 0.05),
+        (x + 0.16, y - 0.05),
+        "0.2",
+        1.4,
+        0.6,
+    )
+    _arrow(
+        figure,
+        (x + 0.16, y + 0.05),
+        (x - 0.16, y + 0.05),
+        "0.2",
+        1.4,
+        0.6,
+    )
     words = [
         "from behind" if abs(view.turn_deg) > 90 else "from the front",
         "left" if view.turn_deg > 0 else "right",
@@ -539,7 +763,15 @@ def _turn_mark(figure: Figure, view: View, middle: tuple[float, float]) -> None:
     # From above is the usual view, and not said.
     if view.tilt_deg < 0:
         words.append("below")
-    _text(figure, x, y - 0.3, ", ".join(words), 7, ha="center", color="0.2")
+    _text(
+        figure,
+        x,
+        y - 0.3,
+        ", ".join(words),
+        7,
+        ha="center",
+        color="0.2",
+    )
 
 
 def _item_column(figure: Figure, items: Sequence[Item]) -> None:
@@ -549,14 +781,38 @@ def _item_column(figure: Figure, items: Sequence[Item]) -> None:
     top = _HEIGHT - 0.85
     bottom = top - row_height * len(items) - 0.06
     height = row_height * len(items) + 0.06
-    _box(figure, (0.28, bottom, 1.85, height), _BOX, _BOX_EDGE)
+    _box(
+        figure,
+        (0.28, bottom, 1.85, height),
+        _BOX,
+        _BOX_EDGE,
+    )
     for row, item in enumerate(items):
         y = top - row_height * (row + 1)
-        _put(figure, item.picture, None, _BOX, (1.2, y + 0.6))
-        _text(figure, 0.4, y + 0.13, f"{item.count}x", 11, weight="bold")
+        _put(
+            figure,
+            item.picture,
+            None,
+            _BOX,
+            (1.2, y + 0.6),
+        )
+        _text(
+            figure,
+            0.4,
+            y + 0.13,
+            f"{item.count}x",
+            11,
+            weight="bold",
+        )
         # The name begins after the count, however many digits that has.
         name_x = 0.55 + 0.1 * len(str(item.count))
-        _text(figure, name_x, y + 0.13, textwrap.shorten(item.text, 27), 7.5)
+        _text(
+            figure,
+            name_x,
+            y + 0.13,
+            textwrap.shorten(item.text, 27),
+            7.5,
+        )
 
 
 def _part_list(figure: Figure, items: Sequence[Item]) -> None:
@@ -567,13 +823,42 @@ def _part_list(figure: Figure, items: Sequence[Item]) -> None:
         row, column = divmod(index, _LIST_COLUMNS)
         x = 0.32 + width * column
         y = _HEIGHT - 0.8 - height * (row + 1)
-        _box(figure, (x, y + 0.04, width - 0.1, height - 0.1), _BOX, _BOX_EDGE)
-        _put(figure, item.picture, None, _BOX, (x + width / 2 - 0.05, y + 1.0))
-        _text(figure, x + 0.08, y + height - 0.2, f"{item.count}x", 12, weight="bold")
-        _text(figure, x + 0.08, y + 0.1, item.text, 7, va="bottom")
+        _box(
+            figure,
+            (x, y + 0.04, width - 0.1, height - 0.1),
+            _BOX,
+            _BOX_EDGE,
+        )
+        _put(
+            figure,
+            item.picture,
+            None,
+            _BOX,
+            (x + width / 2 - 0.05, y + 1.0),
+        )
+        _text(
+            figure,
+            x + 0.08,
+            y + height - 0.2,
+            f"{item.count}x",
+            12,
+            weight="bold",
+        )
+        _text(
+            figure,
+            x + 0.08,
+            y + 0.1,
+            item.text,
+            7,
+            va="bottom",
+        )
 
 
-def _life_size(figure: Figure, placed: Placed, y: float) -> None:
+def _life_size(
+    figure: Figure,
+    placed: Placed,
+    y: float,
+) -> None:
     """An axle or a straight beam at its real length, its modules marked."""
     from matplotlib.patches import Circle
 
@@ -588,12 +873,22 @@ def _life_size(figure: Figure, placed: Placed, y: float) -> None:
     left = 2.35
     if left + length > _WIDTH - 0.3:
         left = 0.3
-    _box(figure, (left, y - width / 2, length, width), (0.93, 0.93, 0.93), "0.2")
+    _box(
+        figure,
+        (left, y - width / 2, length, width),
+        (0.93, 0.93, 0.93),
+        "0.2",
+    )
     for module in range(modules):
         # An axle has marks between its modules, a beam a hole in the middle of each.
         if is_axle and module:
             x = left + module * pitch
-            _line(figure, [(x, y - width / 2), (x, y + width / 2)], "0.55", 0.6)
+            _line(
+                figure,
+                [(x, y - width / 2), (x, y + width / 2)],
+                "0.55",
+                0.6,
+            )
         elif not is_axle and has_holes:
             hole = Circle(
                 (left + (module + 0.5) * pitch, y),
@@ -603,4 +898,11 @@ def _life_size(figure: Figure, placed: Placed, y: float) -> None:
                 linewidth=0.7,
             )
             _add(figure, hole)
-    _text(figure, left + length + 0.08, y, f"{modules}   1:1", 8, weight="bold")
+    _text(
+        figure,
+        left + length + 0.08,
+        y,
+        f"{modules}   1:1",
+        8,
+        weight="bold",
+    )

@@ -244,7 +244,9 @@ def still_needed(entries: Iterable[Entry], missing: Counter[str]) -> list[Entry]
 
 
 def _purchase(
-    lego_sets: tuple[LegoSet, ...], needed: Counter[str], unknown: Counter[str]
+    lego_sets: tuple[LegoSet, ...],
+    needed: Counter[str],
+    unknown: Counter[str],
 ) -> Purchase:
     """What sets have of a plan's parts, and what is missing. ``unknown``: the plan's parts that the
     catalogue does not have."""
@@ -254,10 +256,20 @@ def _purchase(
     missing = needed - available
     present = needed.total() - missing.total()
     if all(lego_set.is_listed for lego_set in lego_sets):
-        return Purchase(lego_sets, present, missing, unknown)
+        return Purchase(
+            lego_sets,
+            present,
+            missing,
+            unknown,
+        )
     # Of an inventory of electronics only, nobody knows whether it has the other parts.
     uncompared = Counter({part: count for part, count in missing.items() if part not in _devices()})
-    return Purchase(lego_sets, present, missing - uncompared, uncompared + unknown)
+    return Purchase(
+        lego_sets,
+        present,
+        missing - uncompared,
+        uncompared + unknown,
+    )
 
 
 def _key(part: Part) -> str:

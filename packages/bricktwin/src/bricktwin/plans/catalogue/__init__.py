@@ -134,4 +134,9 @@ def colour_of(code: int) -> Colour:
         unknown = (f"#{code & 0xFFFFFF:06x}", f"{code & 0xFFFFFF:06x}", 0)
     name, rgb, bricklink = _colours().get(code, unknown)
     red, green, blue = (component / 255 for component in bytes.fromhex(rgb))
-    return Colour(code, name, (red, green, blue), bricklink)
+    return Colour(
+        code,
+        name,
+        (red, green, blue),
+        bricklink,
+    )

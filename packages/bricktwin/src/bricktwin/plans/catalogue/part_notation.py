@@ -84,7 +84,11 @@ def _coordinates(text: str) -> list[float]:
     return values
 
 
-def _range(first: float, last: float, step: float) -> list[float]:
+def _range(
+    first: float,
+    last: float,
+    step: float,
+) -> list[float]:
     """Values from the first one to the last one, both included."""
     span = last - first
     # It may run downwards, as from 60 to 0: the order of a beam's holes is that of its kinds.
@@ -105,7 +109,15 @@ def sites(text: str, *, turns: bool = False) -> tuple[Site, ...]:
         tilted_axis = _tilted(axis, tilt_deg)
         for centre in points(centres):
             tilted_centre = _tilted(centre, tilt_deg)
-            found.append(Site(_FITS[fit], tilted_centre, tilted_axis, length, turns))
+            found.append(
+                Site(
+                    _FITS[fit],
+                    tilted_centre,
+                    tilted_axis,
+                    length,
+                    turns,
+                )
+            )
     return tuple(found)
 
 
@@ -130,7 +142,15 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
         centres = points(places)
         # A bar between each two holes; the tubes around the holes make its ends round.
         for start, end in itertools.pairwise(centres):
-            bars.append(bar(start, end, axis, 2 * _WALL_RADIUS, thickness))
+            bars.append(
+                bar(
+                    start,
+                    end,
+                    axis,
+                    2 * _WALL_RADIUS,
+                    thickness,
+                )
+            )
         for index, (kind, centre) in enumerate(zip(kinds, centres, strict=True)):
             if kind == "-":
                 continue
@@ -138,7 +158,13 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
             neighbour = index - 1 if index else min(1, len(centres) - 1)
             arm = np.array(centre) - np.array(centres[neighbour])
             arm /= max(float(np.linalg.norm(arm)), 1e-9)
-            hole = Site(_FITS[kind], centre, axis, thickness, arm=triple(arm))
+            hole = Site(
+                _FITS[kind],
+                centre,
+                axis,
+                thickness,
+                arm=triple(arm),
+            )
             # Of chains that meet, the first one says how the cross lies.
             found.setdefault(centre, hole)
     holes = tuple(found.values())
@@ -174,7 +200,15 @@ def _solids(words: list[str], part_sites: Iterable[Site]) -> Iterable[Solid]:
             return [ball(point(centre), float(radius))]
         case ["cylinder", along, centres, radius]:
             axis, length = _axis(along)
-            return [cylinder(centre, axis, length, float(radius)) for centre in points(centres)]
+            return [
+                cylinder(
+                    centre,
+                    axis,
+                    length,
+                    float(radius),
+                )
+                for centre in points(centres)
+            ]
         case ["ring", along, centres, outer, inner]:
             axis, length = _axis(along)
             radii = (float(outer), float(inner))
@@ -188,7 +222,14 @@ def _tubes(part_sites: Iterable[Site]) -> list[Solid]:
     for site in part_sites:
         if site.fit not in _WITHOUT_SOLIDS:
             radius = _PIN_RADIUS if site.fit.is_male else _WALL_RADIUS
-            found.append(cylinder(site.centre, site.axis, site.length, radius))
+            found.append(
+                cylinder(
+                    site.centre,
+                    site.axis,
+                    site.length,
+                    radius,
+                )
+            )
     return found
 
 
@@ -198,7 +239,13 @@ def gears(text: str) -> tuple[Gear, ...]:
     for group in _groups(text):
         form, teeth, along, centre, *further = group.split()
         axis, width = _axis(along)
-        gear = Gear(GearForm[form.upper()], int(teeth), point(centre), axis, width)
+        gear = Gear(
+            GearForm[form.upper()],
+            int(teeth),
+            point(centre),
+            axis,
+            width,
+        )
         for word in further:
             name, _, value = word.partition("=")
             if name == "up":

@@ -63,15 +63,32 @@ def looks_of(
     can_hide = ldraw_library.folder() is None
     for placed in placed_parts:
         near = _touching(placed, placed_parts) if can_hide else []
-        shapes += _moved(placed, near, frame, shift_mm, only_turning=False)
+        shapes += _moved(
+            placed,
+            near,
+            frame,
+            shift_mm,
+            only_turning=False,
+        )
     # A shaft turns: what hides it now will not hide it later.
     for motor in motors:
-        shapes += _moved(motor, [], frame, shift_mm, only_turning=True)
+        shapes += _moved(
+            motor,
+            [],
+            frame,
+            shift_mm,
+            only_turning=True,
+        )
     return Piece(tuple(shapes))
 
 
 def _moved(
-    placed: Placed, others: list[Placed], frame: Floats, shift_mm: Floats, *, only_turning: bool
+    placed: Placed,
+    others: list[Placed],
+    frame: Floats,
+    shift_mm: Floats,
+    *,
+    only_turning: bool,
 ) -> Iterator[tuple[str, Shape]]:
     """Coloured shapes of a part, mm, without what other parts hide. ``frame``: from the plan to the
     body [3, 3]."""
@@ -95,7 +112,11 @@ def _touching(placed: Placed, parts: Iterable[Placed]) -> list[Placed]:
     return found
 
 
-def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
+def _uncovered(
+    placed: Placed,
+    shape: Shape,
+    others: list[Placed],
+) -> Shape:
     """A shape of a part without the triangles that other parts hide, which have material just
     outside."""
     samples = offset_points(placed.to_plan(shape.points)[shape.faces], _CLEARANCE)
@@ -217,7 +238,11 @@ def _of_library(part: Part, root: Path) -> tuple[tuple[str, Shape], ...]:
     return tuple(shapes)
 
 
-def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[Piece]:
+def cables_of(
+    plan: Plan,
+    parts: Iterable[int],
+    origin_m: Floats,
+) -> list[Piece]:
     """Cables between the hub and the motors and sensors on the same body, in that body's frame,
     mm."""
     devices = [plan.parts[part] for part in parts if plan.parts[part].part.device is not None]

@@ -132,7 +132,11 @@ def articulation(mechanism: Mechanism, trains: tuple[Train, ...]) -> Articulatio
 class _Simplifier:
     """Stepwise simplification of a mechanism."""
 
-    def __init__(self, mechanism: Mechanism, trains: tuple[Train, ...]) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        trains: tuple[Train, ...],
+    ) -> None:
         self.mechanism = mechanism
         self.trains = trains
         self.merged_into = np.arange(len(mechanism.links))
@@ -146,7 +150,11 @@ class _Simplifier:
         self.preserved = {wheel.link for wheel in mechanism.wheels} | set(mechanism.devices)
         self.preserved.add(mechanism.fixed or 0)
 
-    def _merge(self, link: int, other: int) -> None:
+    def _merge(
+        self,
+        link: int,
+        other: int,
+    ) -> None:
         """Merge a link into another one."""
         # With all that has been merged into it before.
         self.merged_into[self.merged_into == link] = self.merged_into[other]
@@ -172,7 +180,12 @@ class _Simplifier:
                 is_alone = len(self._hinges_of(link)) == 1 and link not in self.preserved
                 if not is_alone or hinge is output:
                     continue
-                if not is_balanced(self.mechanism, hinge, link, _BALANCED_KG_M):
+                if not is_balanced(
+                    self.mechanism,
+                    hinge,
+                    link,
+                    _BALANCED_KG_M,
+                ):
                     continue
                 inertia = float(hinge.axis @ self.mechanism.links[link].inertia @ hinge.axis)
                 sign = 1.0 if link == hinge.child else -1.0
@@ -188,7 +201,12 @@ class _Simplifier:
         for link, numbers in self._light_links():
             hinges = [self.hinges[number] for number in numbers]
             is_shaft = bool(hinges) and all(share_axis(hinges[0], hinge) for hinge in hinges)
-            if is_shaft and is_balanced(self.mechanism, hinges[0], link, _BALANCED_KG_M):
+            if is_shaft and is_balanced(
+                self.mechanism,
+                hinges[0],
+                link,
+                _BALANCED_KG_M,
+            ):
                 self._merge(link, self._other_end(hinges[0], link))
                 del self.hinges[numbers[0]]
         # Two links have one hinge about an axis: of several, one that a motor turns, or the first.
@@ -230,7 +248,11 @@ class _Simplifier:
                 for number in numbers:
                     del self.hinges[number]
 
-    def _is_in_loop(self, link: int, numbers: list[int]) -> bool:
+    def _is_in_loop(
+        self,
+        link: int,
+        numbers: list[int],
+    ) -> bool:
         """Whether the link's neighbours are connected without it."""
         others = self.hinges.keys() - set(numbers)
         neighbours = graph_of(self._ends(self.hinges[number]) for number in others)
@@ -239,7 +261,11 @@ class _Simplifier:
         end = self._other_end(second, link)
         return end in reached([start], neighbours)
 
-    def _other_end(self, hinge: Hinge, link: int) -> int:
+    def _other_end(
+        self,
+        hinge: Hinge,
+        link: int,
+    ) -> int:
         """The first link of a hinge that is not this one."""
         return next(other for other in self._ends(hinge) if other != link)
 
@@ -265,7 +291,15 @@ class _Simplifier:
         for train in self.trains:
             armature = self.armature[train.port]
             joint = flipped[train.output]
-            drives.append(Drive(train.port, joint, 1.0 / train.ratio, armature, train.teeth))
+            drives.append(
+                Drive(
+                    train.port,
+                    joint,
+                    1.0 / train.ratio,
+                    armature,
+                    train.teeth,
+                )
+            )
             for number, ratio in train.others:
                 # Those that are no joints any more have become followers.
                 if number in joints:
@@ -274,9 +308,24 @@ class _Simplifier:
         for link, hinge, port, ratio in self.followers:
             parts = mechanism.links[link].parts
             point_m = hinge.point_m
-            followers.append(Follower(body_of[link], parts, point_m, hinge.axis, port, ratio))
+            followers.append(
+                Follower(
+                    body_of[link],
+                    parts,
+                    point_m,
+                    hinge.axis,
+                    port,
+                    ratio,
+                )
+            )
         rods = tuple(
-            _rod(mechanism.links[link], first, second, link, body_of)
+            _rod(
+                mechanism.links[link],
+                first,
+                second,
+                link,
+                body_of,
+            )
             for link, first, second in self.rods
         )
         return Articulation(
@@ -313,7 +362,11 @@ class _Simplifier:
         ]
         return order, tree, loops
 
-    def _next_hinge(self, remaining: list[int], order: list[int]) -> int | None:
+    def _next_hinge(
+        self,
+        remaining: list[int],
+        order: list[int],
+    ) -> int | None:
         """The first hinge between a link that is in the tree and one that is not."""
         for number in remaining:
             first, second = self._ends(self.hinges[number])
@@ -322,7 +375,10 @@ class _Simplifier:
         return None
 
     def _bodies(
-        self, count: int, body_of: dict[int, int], rods: tuple[Rod, ...]
+        self,
+        count: int,
+        body_of: dict[int, int],
+        rods: tuple[Rod, ...],
     ) -> tuple[Link, ...]:
         """The bodies: their links, and half of the mass of each rod at either of its ends."""
         links = self.mechanism.links
@@ -343,11 +399,20 @@ def _joint(hinge: Hinge, body_of: dict[int, int]) -> Hinge:
     child = body_of[hinge.child]
     sign = 1 if parent < child else -1
     return replace(
-        hinge, parent=min(parent, child), child=max(parent, child), axis=sign * hinge.axis
+        hinge,
+        parent=min(parent, child),
+        child=max(parent, child),
+        axis=sign * hinge.axis,
     )
 
 
-def _rod(link: Link, first: Hinge, second: Hinge, number: int, body_of: dict[int, int]) -> Rod:
+def _rod(
+    link: Link,
+    first: Hinge,
+    second: Hinge,
+    number: int,
+    body_of: dict[int, int],
+) -> Rod:
     """A link as a rod; two pins are moved to the plane of the first one."""
     near = first.parent if first.child == number else first.child
     far = second.parent if second.child == number else second.child
@@ -355,4 +420,10 @@ def _rod(link: Link, first: Hinge, second: Hinge, number: int, body_of: dict[int
     if not first.is_ball:
         shift = float((second.point_m - first.point_m) @ first.axis)
     far_m = second.point_m - shift * first.axis
-    return Rod(body_of[near], first.point_m, body_of[far], far_m, link.parts)
+    return Rod(
+        body_of[near],
+        first.point_m,
+        body_of[far],
+        far_m,
+        link.parts,
+    )
