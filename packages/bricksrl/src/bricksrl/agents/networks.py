@@ -86,9 +86,6 @@ def make_body(
     it learns. Raises DescriptionError if that cannot be loaded, raises, or returns no network of
     these sizes."""
     reference = settings.network
-    # as agents of users say
-    if kwargs.pop("layer_norm", False):
-        kwargs["norm"] = "layer"
     if kwargs.get("norm") == "batch" and settings.batch_size < 2:
         raise DescriptionError(
             "a batch of 1 has no statistics; give a batch_size of 2 or more, or another norm"

@@ -410,12 +410,13 @@ def _open_serial(device: str) -> SerialPort:
     import serial
 
     # The hub sends only while the port is open (DTR, which pyserial sets).
-    return serial.Serial(
+    port: SerialPort = serial.Serial(
         device,
         timeout=_READ_S,
         write_timeout=1.0,
         exclusive=True,
-    )  # type: ignore[no-any-return]
+    )
+    return port
 
 
 @contextlib.contextmanager
